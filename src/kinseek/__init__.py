@@ -1,0 +1,57 @@
+"""Inverse kinematics of serial robot arms by search.
+
+>>> import kinseek
+>>> arm = kinseek.load("panda")
+>>> target = kinseek.pose([0.4, 0.1, 0.5], rpy=[3.14, 0.0, 0.0])
+>>> solution = arm.ik(target)
+>>> solution.q, solution.success, solution.position_error  # doctest: +SKIP
+"""
+
+from .arm import Arm, load
+from .errors import (
+    InvalidGoal,
+    InvalidProblem,
+    InvalidRobot,
+    InvalidSolver,
+    KinseekError,
+    MissingExtra,
+    NotReached,
+)
+from .goal import Goal, pose
+from .problem import Problem
+from .solution import Solution, Status
+from .solvers import (
+    ALL_SOLVERS,
+    BlindSearch,
+    BruteForce,
+    CoordinateDescent,
+    DivideAndConquer,
+    Polished,
+    Solver,
+)
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "ALL_SOLVERS",
+    "Arm",
+    "BlindSearch",
+    "BruteForce",
+    "CoordinateDescent",
+    "DivideAndConquer",
+    "Goal",
+    "InvalidGoal",
+    "InvalidProblem",
+    "InvalidRobot",
+    "InvalidSolver",
+    "KinseekError",
+    "MissingExtra",
+    "NotReached",
+    "Polished",
+    "Problem",
+    "Solution",
+    "Solver",
+    "Status",
+    "load",
+    "pose",
+]

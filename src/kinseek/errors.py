@@ -1,0 +1,64 @@
+"""Every error kinseek raises.
+
+    KinseekError
+    ├── InvalidRobot(ValueError)     the arm: file, links, joints, limits
+    ├── InvalidGoal(ValueError)      the target: pose, tolerances, weights
+    ├── InvalidProblem(ValueError)   the call: joint vectors, start, budget
+    ├── InvalidSolver(ValueError)    the search's own parameters
+    ├── MissingExtra(ImportError)    an optional dependency is not installed
+    └── NotReached(RuntimeError)     raised only by Solution.require(); carries the solution
+
+Missing a tolerance is a status of the solution, never an exception.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from typing import Any
+
+
+class KinseekError(Exception):
+    """The base of every error of this package."""
+
+
+class InvalidRobot(KinseekError, ValueError):
+    """The description of an arm cannot be used; the message says which part, and what would be valid."""
+
+
+class InvalidGoal(KinseekError, ValueError):
+    """The target, a tolerance or a weight cannot be used."""
+
+
+class InvalidProblem(KinseekError, ValueError):
+    """A joint vector, start or budget does not fit the arm."""
+
+
+class InvalidSolver(KinseekError, ValueError):
+    """A parameter of a search is out of its range, or the search would not fit into memory."""
+
+
+class MissingExtra(KinseekError, ImportError):
+    """A feature needs an optional dependency; the message says how to install it."""
+
+    def __init__(self, feature: str, extra: str) -> None:
+        """Name the feature and the extra that brings it."""
+        super().__init__(f"{feature} needs an optional dependency: pip install 'kinseek[{extra}]'")
+        self.extra = extra
+
+
+class NotReached(KinseekError, RuntimeError):
+    """An answer misses a tolerance and the caller asked to be told by an exception."""
+
+    def __init__(self, message: str, solution: Any) -> None:
+        """Carry the whole solution, so that nothing found is lost."""
+        super().__init__(message)
+        self.solution = solution
+
+
+def suggest(got: str, valid: Iterable[str], noun: str) -> str:
+    """Return ``unknown <noun> 'got'``, the near matches and the valid choices, as one sentence."""
+    choices = sorted(valid)
+    near = difflib.get_close_matches(got, choices, n=3, cutoff=0.5)
+    hint = f"; did you mean {' or '.join(repr(name) for name in near)}?" if near else "."
+    return f"unknown {noun} {got!r}{hint} Valid: {', '.join(choices) or 'none'}"

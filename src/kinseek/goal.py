@@ -1,0 +1,320 @@
+"""What is asked: a `Goal`, and `pose()` to write one down without guessing a quaternion's order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import InvalidGoal
+from .kernels.arrays import GoalArrays
+
+Array = NDArray[np.float64]
+
+_REPAIRABLE = 1e-6
+"""A matrix closer than this to a rotation is brought onto one; farther away it is refused."""
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """What of the hand's pose matters, how exactly, and how position and orientation are weighed.
+
+    Build one with `Goal.pose`, `Goal.position` or `Goal.pointing`.
+
+    Two measures live side by side. The *tolerances*, in [m] and [rad], decide success. The *weights* are the
+    paper's K_P and K_A (Sec. 2.2): they steer the searches, and they say what "nearest" means when the goal is
+    out of reach.
+    """
+
+    target: Array
+    """Wanted pose of the tip in the base, (..., 4, 4), lengths in [m]. Leading dimensions make a batch."""
+    kind: str = "pose"
+    """``"pose"``, ``"position"`` (orientation is free) or ``"pointing"`` (the turn about the tool axis is free)."""
+    tool_axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """The axis of the tip that a pointing goal aligns, in tip coordinates."""
+    position_tolerance: float = 1e-6
+    """[m]"""
+    orientation_tolerance: float = 1e-6
+    """[rad]"""
+    position_weight: float = 1.0
+    """The paper's K_P, per [m]."""
+    orientation_weight: float = 1.0
+    """The paper's K_A, per unit of 1 - cos φ."""
+
+    def __post_init__(self) -> None:
+        """Check every number.
+
+        Raises:
+            InvalidGoal: A tolerance is negative or not finite, a weight not positive, the target not a pose.
+        """
+        for name in ("position_tolerance", "orientation_tolerance"):
+            value = getattr(self, name)
+            if not (np.isscalar(value) and np.isfinite(value) and value >= 0):
+                raise InvalidGoal(f"{name} must be a finite number >= 0, got {value!r}")
+        for name in ("position_weight", "orientation_weight"):
+            value = getattr(self, name)
+            if not (np.isscalar(value) and np.isfinite(value) and value > 0):
+                raise InvalidGoal(f"{name} must be a finite number > 0, got {value!r}")
+        if self.kind not in ("pose", "position", "pointing"):
+            raise InvalidGoal(f"kind must be 'pose', 'position' or 'pointing', got {self.kind!r}")
+        object.__setattr__(self, "target", as_pose(self.target))
+
+    @classmethod
+    def pose(cls, target: Any, **options: float) -> Self:
+        """Ask for the whole pose.
+
+        Args:
+            target: (..., 4, 4), or an object that carries a 4x4 (SciPy, pinocchio, spatialmath).
+            options: Tolerances and weights, as named in `Goal`.
+
+        Raises:
+            InvalidGoal: Not a pose, or an option out of its range.
+        """
+        return cls(target, **options)  # type: ignore[arg-type]
+
+    @classmethod
+    def position(cls, position: ArrayLike, **options: float) -> Self:
+        """Ask for the tip's position [m], (..., 3), and leave its orientation free.
+
+        Raises:
+            InvalidGoal: Wrong shape, NaN or infinity, or an option out of its range.
+        """
+        return cls(_at(position, np.eye(3)), kind="position", **options)  # type: ignore[arg-type]
+
+    @classmethod
+    def pointing(
+        cls,
+        position: ArrayLike,
+        direction: ArrayLike,
+        tool_axis: Sequence[float] = (0.0, 0.0, 1.0),
+        **options: float,
+    ) -> Self:
+        """Ask for a position and for a tool axis along a direction; the turn about it is free.
+
+        Args:
+            position: Of the tip in the base [m], (..., 3).
+            direction: Where the tool axis shall point, in base coordinates, (3,); any length but zero.
+            tool_axis: The axis in tip coordinates, (3,); any length but zero.
+            options: Tolerances and weights, as named in `Goal`.
+
+        Raises:
+            InvalidGoal: Wrong shape, NaN or infinity, a zero vector, or an option out of its range.
+        """
+        axis = _unit(tool_axis, "tool_axis")
+        turn = _rotation_onto(axis, _unit(direction, "direction"))
+        return cls(_at(position, turn), kind="pointing", tool_axis=tuple(axis), **options)  # type: ignore[arg-type]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the batch; () for one pose."""
+        return self.target.shape[:-2]
+
+    def at(self, target: Array) -> Goal:
+        """The same goal with another target."""
+        return replace(self, target=target)
+
+    @cached_property
+    def tip_rotation(self) -> Array:
+        """Turns the tip so that a pointing goal's tool axis becomes x, the axis that kernels align, (3, 3)."""
+        if self.kind != "pointing":
+            return np.eye(3)
+        return _rotation_onto(np.array([1.0, 0.0, 0.0]), np.array(self.tool_axis))
+
+    @cached_property
+    def targets(self) -> Array:
+        """Targets as kernels take them, tip rotation included, (k, 3, 4)."""
+        flat = np.ascontiguousarray(self.target.reshape(-1, 4, 4)[:, :3])
+        if self.kind == "pointing":
+            flat[..., :3] = flat[..., :3] @ self.tip_rotation
+        return flat
+
+    @cached_property
+    def arrays(self) -> GoalArrays:
+        """The first target with the paper's weights: x and y columns count for a pose (Sec. 2.2)."""
+        columns = {"pose": (1, 1, 0), "pointing": (1, 0, 0), "position": (0, 0, 0)}[self.kind]
+        return GoalArrays(
+            self.targets[0] if len(self.targets) else np.eye(4)[:3].copy(),
+            float(self.position_weight),
+            self.orientation_weight * np.array(columns, dtype=float),
+        )
+
+
+def pose(
+    position: ArrayLike,
+    *,
+    quat_wxyz: ArrayLike | None = None,
+    quat_xyzw: ArrayLike | None = None,
+    rpy: ArrayLike | None = None,
+    rotvec: ArrayLike | None = None,
+) -> Array:
+    """Write a pose down; at most one rotation, none means no turn.
+
+    Args:
+        position: [m], (..., 3).
+        quat_wxyz: Quaternion with its real part first, (..., 4); need not be of unit length.
+        quat_xyzw: Quaternion with its real part last, (..., 4); need not be of unit length.
+        rpy: Roll, pitch, yaw [rad] about the fixed axes x, y, z in this order, as in URDF, (..., 3).
+        rotvec: Rotation vector, axis times angle [rad], (..., 3).
+
+    Returns:
+        Transform, (..., 4, 4).
+
+    Raises:
+        InvalidGoal: Wrong shapes, NaN or infinity, a zero quaternion, more than one rotation.
+    """
+    given = {"quat_wxyz": quat_wxyz, "quat_xyzw": quat_xyzw, "rpy": rpy, "rotvec": rotvec}
+    named = {name: value for name, value in given.items() if value is not None}
+    if len(named) > 1:
+        raise InvalidGoal(f"give one rotation, got {' and '.join(named)}")
+    turn = np.eye(3)
+    for name, value in named.items():
+        turn = _rotation_matrix(name, value)
+    return _at(position, turn)
+
+
+def as_pose(target: Any) -> Array:
+    """Read a pose, or a batch of them, from an array or from an object that carries a 4x4.
+
+    Args:
+        target: (..., 4, 4), lengths in [m]; or an object with ``.homogeneous``, ``.A`` or ``.as_matrix()``; or a
+            list of such objects.
+
+    Returns:
+        (..., 4, 4), every rotation orthonormal to rounding.
+
+    Raises:
+        InvalidGoal: Wrong shape, NaN or infinity, or farther than 1e-6 from a rigid transform.
+    """
+    matrix = _matrix_of(target)
+    if matrix.ndim < 2 or matrix.shape[-2:] != (4, 4):
+        raise InvalidGoal(f"a pose must have shape (4, 4) or (..., 4, 4), got {matrix.shape}{_hint(matrix)}")
+    if not np.isfinite(matrix).all():
+        bad = np.argwhere(~np.isfinite(matrix).all(axis=(-2, -1)))
+        where = f" at index {_index(bad[0])} of the batch ({len(bad)} such poses)" if matrix.ndim > 2 else ""
+        raise InvalidGoal(f"a pose contains NaN or infinity{where}")
+    turn = matrix[..., :3, :3]
+    off = np.abs(np.swapaxes(turn, -1, -2) @ turn - np.eye(3)).max(axis=(-2, -1))
+    row = np.abs(matrix[..., 3, :] - [0, 0, 0, 1]).max(axis=-1)
+    mirrored = np.linalg.det(turn) < 0
+    wrong = (off > _REPAIRABLE) | (row > _REPAIRABLE) | mirrored
+    if wrong.any():
+        first = np.argwhere(wrong)[0]
+        where = f" at index {_index(first)} of the batch" if matrix.ndim > 2 else ""
+        raise InvalidGoal(_why_not_rigid(off[tuple(first)], row[tuple(first)], mirrored[tuple(first)], where))
+    if (off > 1e-14).any() or (row > 0).any():
+        left, _, right = np.linalg.svd(turn)
+        matrix = matrix.copy()
+        matrix[..., :3, :3] = left @ right
+        matrix[..., 3, :] = [0, 0, 0, 1]
+    return matrix
+
+
+def _matrix_of(target: Any) -> Array:
+    for attribute in ("homogeneous", "A", "as_matrix"):
+        carried = None if isinstance(target, np.ndarray) else getattr(target, attribute, None)
+        if carried is not None:
+            target = carried() if callable(carried) else carried
+            break
+    if isinstance(target, list | tuple) and target and not np.isscalar(target[0]):
+        first = target[0]
+        if any(hasattr(first, name) for name in ("homogeneous", "A", "as_matrix")):
+            target = [_matrix_of(each) for each in target]
+    try:
+        return np.array(target, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidGoal(
+            f"a pose must be a (..., 4, 4) array or an object with .homogeneous, .A or .as_matrix(), "
+            f"got {type(target).__name__}: {error}"
+        ) from error
+
+
+def _hint(matrix: Array) -> str:
+    if matrix.shape[-1:] == (7,) or matrix.shape[-1:] == (6,):
+        return "; write kinseek.pose(position, quat_wxyz=... | quat_xyzw=... | rpy=...) so that the order is named"
+    if matrix.shape[-2:] == (3, 3):
+        return "; this is a rotation alone, the position is missing"
+    if matrix.shape[-1:] == (3,):
+        return "; for a position alone use Goal.position"
+    return ""
+
+
+def _why_not_rigid(off: float, row: float, mirrored: bool, where: str) -> str:
+    if off > _REPAIRABLE:
+        reason = f"RᵀR differs from the identity by {off:.3g}"
+    elif mirrored:
+        reason = "its determinant is -1, a reflection"
+    else:
+        reason = f"its last row differs from [0, 0, 0, 1] by {row:.3g}"
+    return f"not a rigid transform{where}: {reason} (repaired up to {_REPAIRABLE:g}, refused above)"
+
+
+def _rotation_matrix(name: str, value: ArrayLike) -> Array:
+    from scipy.spatial.transform import Rotation
+
+    numbers = _finite(value, name, 4 if name.startswith("quat") else 3)
+    if name == "rpy":
+        return np.asarray(Rotation.from_euler("xyz", numbers.reshape(-1, 3)).as_matrix()).reshape(
+            *numbers.shape[:-1], 3, 3
+        )
+    if name == "rotvec":
+        return np.asarray(Rotation.from_rotvec(numbers.reshape(-1, 3)).as_matrix()).reshape(
+            *numbers.shape[:-1], 3, 3
+        )
+    length = np.linalg.norm(numbers, axis=-1)
+    if (length < 1e-9).any():
+        raise InvalidGoal(f"{name} has length {length.min():.3g}: a zero quaternion is no rotation")
+    xyzw = numbers if name == "quat_xyzw" else np.roll(numbers, -1, axis=-1)
+    return np.asarray(Rotation.from_quat(xyzw.reshape(-1, 4)).as_matrix()).reshape(*numbers.shape[:-1], 3, 3)
+
+
+def _at(position: ArrayLike, turn: Array) -> Array:
+    point = _finite(position, "position", 3)
+    try:
+        batch = np.broadcast_shapes(point.shape[:-1], turn.shape[:-2])
+    except ValueError as error:
+        raise InvalidGoal(
+            f"position of shape {point.shape} and rotation of batch shape {turn.shape[:-2]} do not broadcast"
+        ) from error
+    result = np.zeros((*batch, 4, 4))
+    result[..., :3, :3] = turn
+    result[..., :3, 3] = point
+    result[..., 3, 3] = 1.0
+    return result
+
+
+def _finite(value: ArrayLike, name: str, size: int) -> Array:
+    try:
+        numbers = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidGoal(f"{name} must be numbers of shape (..., {size}): {error}") from error
+    if numbers.ndim == 0 or numbers.shape[-1] != size:
+        raise InvalidGoal(f"{name} must have shape ({size},) or (..., {size}), got {numbers.shape}")
+    if not np.isfinite(numbers).all():
+        raise InvalidGoal(f"{name} contains NaN or infinity: {numbers}")
+    return numbers
+
+
+def _unit(value: ArrayLike, name: str) -> Array:
+    vector = _finite(value, name, 3)
+    if vector.ndim != 1 or np.linalg.norm(vector) < 1e-9:
+        raise InvalidGoal(f"{name} must be one vector (3,) longer than zero, got {vector}")
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _rotation_onto(start: Array, end: Array) -> Array:
+    """Return a rotation that takes the unit vector `start` onto `end`, (3, 3)."""
+    frames = []
+    for axis in (start, end):
+        other = np.eye(3)[np.argmin(np.abs(axis))]
+        second = np.cross(axis, other)
+        second /= np.linalg.norm(second)
+        frames.append(np.stack([axis, second, np.cross(axis, second)], axis=1))
+    return np.asarray(frames[1] @ frames[0].T)
+
+
+def _index(where: NDArray[np.int64]) -> str:
+    return str(int(where[0])) if len(where) == 1 else str(tuple(int(i) for i in where))

@@ -1,0 +1,1 @@
+"""Compiled numerics: plain arrays in, plain arrays out. Imports nothing of kinseek but itself."""

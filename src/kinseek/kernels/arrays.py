@@ -1,0 +1,59 @@
+"""Bundles of arrays that kernels take: a frozen dataclass cannot enter a kernel, a NamedTuple can."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+class ChainArrays(NamedTuple):
+    """A serial chain: m physical joints moved by n variables."""
+
+    fixed: Array
+    """``A_1 … A_m, A_tip``, (m+1, 3, 4), lengths in [m]."""
+    prismatic: NDArray[np.bool_]
+    """(m,)"""
+    leader: Indices
+    """Variable that moves each physical joint, (m,)."""
+    multiplier: Array
+    """(m,)"""
+    offset: Array
+    """[rad] or [m], (m,)"""
+    start: Indices
+    """Physical joints ``start[d] … start[d+1]-1`` are known once variables 0 … d are, (n+1,)."""
+    lower: Array
+    """[rad] or [m], (n,)"""
+    upper: Array
+    """[rad] or [m], (n,)"""
+
+
+def chain_arrays(
+    fixed: Array,
+    prismatic: NDArray[np.bool_],
+    leader: Indices,
+    multiplier: Array,
+    offset: Array,
+    lower: Array,
+    upper: Array,
+) -> ChainArrays:
+    """Bundle a chain and cut it into the segments that each variable completes."""
+    known_after = np.maximum.accumulate(leader)
+    start = np.searchsorted(known_after, np.arange(len(lower) + 1)).astype(np.int64)
+    contiguous = [np.ascontiguousarray(a) for a in (fixed, prismatic, leader, multiplier, offset)]
+    return ChainArrays(*contiguous, start, np.ascontiguousarray(lower), np.ascontiguousarray(upper))
+
+
+class GoalArrays(NamedTuple):
+    """What of a pose matters, and how much."""
+
+    target: Array
+    """Columns x, y, z, p of the wanted pose, (3, 4), lengths in [m]."""
+    position_weight: float
+    """K_P of the paper, per [m]."""
+    axis_weights: Array
+    """K_A for the x, y and z columns, (3,): a pose (1, 1, 0)·K_A, a direction (1, 0, 0)·K_A."""

@@ -1,0 +1,303 @@
+"""Exhaustive search of a small grid of joint values: the inner loop of every tree search.
+
+The tree is searched depth first, last joint fastest, as in the paper. Two things make it fast and change
+nothing: the pose of a prefix q_1 … q_s is computed once for all leaves below it, and the last joints are
+tabulated once, so that a leaf is a few products in SIMD lanes. With P the prefix's pose, the goal is brought into
+its frame, G' = P⁻¹ G, and compared with each tabulated pose of the tip seen from there.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .arrays import Array, ChainArrays, GoalArrays, Indices
+from .forward import advance, advance_segment, identity
+from .jit import kernel
+
+MOST_LANES = 4096
+"""Leaves tabulated at most; nine doubles each, so the table stays in a core's second-level cache."""
+
+
+class Window(NamedTuple):
+    """The grid to search: for each joint some values, in order."""
+
+    values: Array
+    """Joint values [rad] or [m], (n, most values of any joint)."""
+    nodes: Indices
+    """What the caller calls these values, same shape."""
+    counts: Indices
+    """How many of them each joint has, (n,)."""
+
+
+class Beam(NamedTuple):
+    """The K best leaves so far, in no order."""
+
+    errors: Array
+    """Weighted errors, (K,); infinity where a place is empty."""
+    nodes: Indices
+    """Their nodes, (K, n)."""
+    q: Array
+    """Their joint values, (K, n)."""
+
+
+class Scratch(NamedTuple):
+    """Memory of one call."""
+
+    lanes: Array
+    """Columns x, y, z and p of the tabulated tips without z, (9, MOST_LANES)."""
+    errors: Array
+    """(MOST_LANES,)"""
+    poses: Array
+    """Poses along the current path, (n+1, 3, 4)."""
+    path: Indices
+    """Which value of each joint is on the current path, (n,)."""
+    q: Array
+    """(n,)"""
+
+
+@kernel
+def make_scratch(dof: int) -> Scratch:
+    """Allocate the memory that one call of `search_window` needs."""
+    return Scratch(
+        np.empty((9, MOST_LANES)),
+        np.empty(MOST_LANES),
+        np.empty((dof + 1, 3, 4)),
+        np.zeros(dof, dtype=np.int64),
+        np.zeros(dof),
+    )
+
+
+@kernel
+def make_beam(size: int, dof: int) -> Beam:
+    """Allocate an empty beam."""
+    return Beam(np.full(size, np.inf), np.full((size, dof), -1, dtype=np.int64), np.zeros((size, dof)))
+
+
+@kernel
+def split_depth(chain: ChainArrays, counts: Indices) -> tuple[int, bool]:
+    """Choose how many joints s form the prefix, and say whether the table is the same for every prefix.
+
+    It is, unless a joint of the suffix mimics one of the prefix. The cost is the inner nodes above and below.
+    """
+    dof = len(counts)
+    above = np.zeros(dof + 1)
+    nodes = 1.0
+    for d in range(dof):
+        nodes *= counts[d]
+        above[d + 1] = above[d] + nodes
+    best, best_cost = -1, np.inf
+    lanes, below = 1.0, 0.0
+    for s in range(dof - 1, -1, -1):
+        below = counts[s] * (1.0 + below)
+        lanes *= counts[s]
+        if lanes > MOST_LANES:
+            break
+        pure = True
+        for k in range(chain.start[s], len(chain.leader)):
+            pure = pure and chain.leader[k] >= s
+        if pure and above[s] + below < best_cost:
+            best, best_cost = s, above[s] + below
+    if best >= 0:
+        return best, True
+    return dof - 1, False
+
+
+@kernel
+def tabulate(chain: ChainArrays, window: Window, s: int, scratch: Scratch) -> int:
+    """Fill the lanes with the tip's pose for every combination of joints s … n-1; return how many."""
+    dof, joints = len(window.counts), len(chain.prismatic)
+    path, q, poses = scratch.path, scratch.q, scratch.poses
+    identity(poses[s])
+    path[s:] = 0
+    lane, d = 0, s
+    T = np.empty((3, 4))
+    while True:
+        while d < dof:
+            q[d] = window.values[d, path[d]]
+            poses[d + 1] = poses[d]
+            advance_segment(chain, chain.start[d], chain.start[d + 1], q, poses[d + 1])
+            d += 1
+        T[:] = poses[dof]
+        advance(chain.fixed[joints], True, 0.0, T)
+        for r in range(3):
+            scratch.lanes[r, lane] = T[r, 0]
+            scratch.lanes[3 + r, lane] = T[r, 1]
+            scratch.lanes[6 + r, lane] = T[r, 3]
+        lane += 1
+        d = dof - 1
+        while d >= s and path[d] + 1 == window.counts[d]:
+            path[d] = 0
+            d -= 1
+        if d < s:
+            return lane
+        path[d] += 1
+
+
+@kernel
+def lane_errors(P: Array, goal: GoalArrays, lanes: Array, count: int, errors: Array) -> float:
+    """Write the weighted error of every tabulated leaf below the prefix pose P; return the smallest."""
+    G = goal.target
+    dx, dy, dz = G[0, 3] - P[0, 3], G[1, 3] - P[1, 3], G[2, 3] - P[2, 3]
+    px = P[0, 0] * dx + P[1, 0] * dy + P[2, 0] * dz
+    py = P[0, 1] * dx + P[1, 1] * dy + P[2, 1] * dz
+    pz = P[0, 2] * dx + P[1, 2] * dy + P[2, 2] * dz
+    kp, kx, ky = goal.position_weight, goal.axis_weights[0], goal.axis_weights[1]
+    xx = kx * (P[0, 0] * G[0, 0] + P[1, 0] * G[1, 0] + P[2, 0] * G[2, 0])
+    xy = kx * (P[0, 1] * G[0, 0] + P[1, 1] * G[1, 0] + P[2, 1] * G[2, 0])
+    xz = kx * (P[0, 2] * G[0, 0] + P[1, 2] * G[1, 0] + P[2, 2] * G[2, 0])
+    yx = ky * (P[0, 0] * G[0, 1] + P[1, 0] * G[1, 1] + P[2, 0] * G[2, 1])
+    yy = ky * (P[0, 1] * G[0, 1] + P[1, 1] * G[1, 1] + P[2, 1] * G[2, 1])
+    yz = ky * (P[0, 2] * G[0, 1] + P[1, 2] * G[1, 1] + P[2, 2] * G[2, 1])
+    smallest = np.inf
+    for j in range(count):
+        ex, ey, ez = lanes[6, j] - px, lanes[7, j] - py, lanes[8, j] - pz
+        x_dot = lanes[0, j] * xx + lanes[1, j] * xy + lanes[2, j] * xz
+        y_dot = lanes[3, j] * yx + lanes[4, j] * yy + lanes[5, j] * yz
+        error = kp * math.sqrt(ex * ex + ey * ey + ez * ez) + ((kx - x_dot) + (ky - y_dot))
+        errors[j] = error
+        smallest = min(smallest, error)
+    return smallest
+
+
+@kernel
+def offer(beam: Beam, error: float, nodes: Indices, q: Array) -> float:
+    """Put a leaf into the beam unless it is there already; return the error to beat from now on."""
+    worst = 0
+    for k in range(len(beam.errors)):
+        if abs(beam.errors[k] - error) <= 1e-12 * (1.0 + error) and np.all(beam.nodes[k] == nodes):
+            return beam.errors.max()
+        if beam.errors[k] > beam.errors[worst]:
+            worst = k
+    if error < beam.errors[worst]:
+        beam.errors[worst] = error
+        beam.nodes[worst] = nodes
+        beam.q[worst] = q
+    return beam.errors.max()
+
+
+@kernel
+def merge(litter: Beam, beam: Beam) -> None:
+    """Offer every leaf of one beam to another."""
+    for k in range(len(litter.errors)):
+        if np.isfinite(litter.errors[k]):
+            offer(beam, litter.errors[k], litter.nodes[k], litter.q[k])
+
+
+@kernel
+def choose_lane(window: Window, s: int, lane: int, scratch: Scratch, nodes: Indices) -> None:
+    """Complete the current prefix by the suffix that a lane stands for: nodes into `nodes`, values into scratch.q."""
+    for d in range(len(window.counts)):
+        nodes[d] = window.nodes[d, scratch.path[d]]
+        scratch.q[d] = window.values[d, scratch.path[d]]
+    for d in range(len(window.counts) - 1, s - 1, -1):
+        value = lane % window.counts[d]
+        lane //= window.counts[d]
+        nodes[d] = window.nodes[d, value]
+        scratch.q[d] = window.values[d, value]
+
+
+@kernel
+def nodes_until(counts: Indices, leaf: int) -> int:
+    """Nodes that a depth-first search has expanded once it comes to leaf number `leaf`, that leaf included."""
+    total, below = 0, 1
+    for d in range(len(counts) - 1, -1, -1):
+        total += leaf // below + 1
+        below *= counts[d]
+    return total
+
+
+@kernel
+def search_window(
+    chain: ChainArrays,
+    goal: GoalArrays,
+    window: Window,
+    stop_below: float,
+    budget: int,
+    beam: Beam,
+    scratch: Scratch,
+) -> tuple[int, bool]:
+    """Search the whole window, last joint fastest, and keep the best leaves.
+
+    Args:
+        chain: The arm.
+        goal: What is wanted.
+        window: The values of each joint.
+        stop_below: Stop at the first leaf in order whose error is below this.
+        budget: Leaves that may be evaluated; a prefix whose leaves do not all fit is not begun.
+        beam: The best leaves so far; a leaf replaces the worst only if it is strictly better.
+        scratch: Memory from `make_scratch`.
+
+    Returns:
+        Leaves evaluated in order up to the stop, and whether the search ended early.
+    """
+    dof = len(window.counts)
+    s, same_table = split_depth(chain, window.counts)
+    lanes = tabulate(chain, window, s, scratch) if same_table else int(window.counts[dof - 1])
+    nodes = np.empty(dof, dtype=np.int64)
+    to_beat = beam.errors.max()
+    path, poses = scratch.path, scratch.poses
+    identity(poses[0])
+    path[:] = 0
+    leaves, d = 0, 0
+    while leaves + lanes <= budget:
+        while d < s:
+            scratch.q[d] = window.values[d, path[d]]
+            poses[d + 1] = poses[d]
+            advance_segment(chain, chain.start[d], chain.start[d + 1], scratch.q, poses[d + 1])
+            d += 1
+        if same_table:
+            smallest = lane_errors(poses[s], goal, scratch.lanes, lanes, scratch.errors)
+        else:
+            smallest = mixed_errors(chain, goal, window, s, scratch)
+        if smallest < to_beat or smallest < stop_below:
+            for lane in range(lanes):
+                error = scratch.errors[lane]
+                if error < to_beat:
+                    choose_lane(window, s, lane, scratch, nodes)
+                    to_beat = offer(beam, error, nodes, scratch.q)
+                if error < stop_below:
+                    return leaves + lane + 1, True
+        leaves += lanes
+        d = s - 1
+        while d >= 0 and path[d] + 1 == window.counts[d]:
+            path[d] = 0
+            d -= 1
+        if d < 0:
+            return leaves, False
+        path[d] += 1
+    return leaves, True
+
+
+@kernel
+def mixed_errors(chain: ChainArrays, goal: GoalArrays, window: Window, s: int, scratch: Scratch) -> float:
+    """Errors of the last joint's values where it drags along a follower of an earlier one: no table holds."""
+    prefix = scratch.poses[s].copy()
+    lanes = tabulate(chain, window, s, scratch)
+    scratch.poses[s] = prefix
+    return lane_errors(prefix, goal, scratch.lanes, lanes, scratch.errors)
+
+
+@kernel
+def window_nodes(counts: Indices) -> int:
+    """Nodes of the full tree over a window: Σ_d Π_{i ≤ d} counts_i, Eq. 1 of the paper where all are B."""
+    total, level = 0, 1
+    for d in range(len(counts)):
+        level *= counts[d]
+        total += level
+    return total
+
+
+def equation_1(branching_factor: int, dof: int) -> int:
+    """Nodes that brute force expands: Σ_{i=1}^{DOF} B^i (the paper, Eq. 1)."""
+    return sum(branching_factor**i for i in range(1, dof + 1))
+
+
+def best_first(beam: Beam) -> NDArray[np.int64]:
+    """Order of the filled places of a beam, best first, ties by node."""
+    filled = np.flatnonzero(np.isfinite(beam.errors))
+    keys = (*beam.nodes[filled].T[::-1], beam.errors[filled])
+    return np.asarray(filled[np.lexsort(keys)])

@@ -1,0 +1,103 @@
+"""How far a pose is from a goal: the paper's weighted error, and the errors in [m] and [rad] that decide."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .arrays import Array, ChainArrays, GoalArrays
+from .forward import forward
+from .jit import kernel
+
+
+@kernel
+def distance(T: Array, target: Array) -> float:
+    """Distance between the origins of two poses, (3, 4) or (4, 4), in [m]."""
+    x, y, z = T[0, 3] - target[0, 3], T[1, 3] - target[1, 3], T[2, 3] - target[2, 3]
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@kernel
+def axis_dot(T: Array, target: Array, c: int) -> float:
+    """Dot product of column c of two rotations."""
+    return T[0, c] * target[0, c] + T[1, c] * target[1, c] + T[2, c] * target[2, c]
+
+
+@kernel
+def rotation_angle(T: Array, target: Array) -> float:
+    """Angle of the rotation between two poses, in [rad], accurate at 0 and at π alike."""
+    xx, yy, zz = axis_dot(T, target, 0), axis_dot(T, target, 1), axis_dot(T, target, 2)
+    sx = sy = sz = 0.0  # Twice the sine times the axis: sum of the cross products of the columns.
+    for c in range(3):
+        sx += T[1, c] * target[2, c] - T[2, c] * target[1, c]
+        sy += T[2, c] * target[0, c] - T[0, c] * target[2, c]
+        sz += T[0, c] * target[1, c] - T[1, c] * target[0, c]
+    return math.atan2(math.sqrt(sx * sx + sy * sy + sz * sz), xx + yy + zz - 1.0)
+
+
+@kernel
+def axis_angle(T: Array, target: Array) -> float:
+    """Angle between the x columns of two poses, in [rad]."""
+    ax, ay, az = T[0, 0], T[1, 0], T[2, 0]
+    bx, by, bz = target[0, 0], target[1, 0], target[2, 0]
+    cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    return math.atan2(math.sqrt(cx * cx + cy * cy + cz * cz), ax * bx + ay * by + az * bz)
+
+
+@kernel
+def weighted_error(T: Array, goal: GoalArrays) -> float:
+    """``K_P |p - p_g| + Σ K_c (1 - c·c_g)`` over the columns c that matter (the paper, Sec. 2.2)."""
+    error = goal.position_weight * distance(T, goal.target)
+    for c in range(3):
+        error += goal.axis_weights[c] * (1.0 - axis_dot(T, goal.target, c))
+    return error
+
+
+@kernel
+def chordal_error(T: Array, goal: GoalArrays) -> float:
+    """``K_P |p - p_g|² + Σ K_c |c - c_g|²``: along one joint an exact sinusoid or parabola."""
+    error = 0.0
+    for c in range(4):
+        weight = goal.position_weight if c == 3 else goal.axis_weights[c]
+        x, y, z = (
+            T[0, c] - goal.target[0, c],
+            T[1, c] - goal.target[1, c],
+            T[2, c] - goal.target[2, c],
+        )
+        error += weight * (x * x + y * y + z * z)
+    return error
+
+
+@kernel
+def errors(T: Array, goal: GoalArrays) -> tuple[float, float]:
+    """Position error [m] and orientation error [rad], each zero where the goal does not ask for it."""
+    position = distance(T, goal.target) if goal.position_weight > 0.0 else 0.0
+    if goal.axis_weights[1] > 0.0:
+        return position, rotation_angle(T, goal.target)
+    if goal.axis_weights[0] > 0.0:
+        return position, axis_angle(T, goal.target)
+    return position, 0.0
+
+
+@kernel
+def judge(chain: ChainArrays, q: Array, targets: Array, goal: GoalArrays) -> Array:
+    """Recompute what joint values reach, from nothing but plain FK.
+
+    Args:
+        chain: The arm.
+        q: Joint values, (k, n).
+        targets: Wanted poses, (k, 3, 4), lengths in [m].
+        goal: The weights, which also say what of a pose matters.
+
+    Returns:
+        Position error [m], orientation error [rad] and weighted error of each, (k, 3).
+    """
+    result = np.empty((len(q), 3))
+    T = np.empty((3, 4))
+    for k in range(len(q)):
+        forward(chain, q[k], T)
+        this = GoalArrays(targets[k], goal.position_weight, goal.axis_weights)
+        result[k, 0], result[k, 1] = errors(T, this)
+        result[k, 2] = weighted_error(T, this)
+    return result

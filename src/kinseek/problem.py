@@ -1,0 +1,104 @@
+"""What a solver is given: an arm, a goal, where to start, and how much work it may spend."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InvalidProblem
+from .goal import Goal
+from .kernels.arrays import ChainArrays
+from .robots.chain import SerialChain
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """One inverse-kinematics question, or a batch of them that differ in their targets.
+
+    Raises:
+        InvalidProblem: `near` of a wrong shape or not finite, a budget below one.
+    """
+
+    chain: SerialChain
+    goal: Goal
+    near: Array | None = None
+    """Joint values to start from and to stay close to, (n,) or (..., n), [rad] or [m]; may lie outside the limits."""
+    budget: int | None = None
+    """FK evaluations a search may spend per target; None leaves it to the search's own parameters."""
+
+    def __post_init__(self) -> None:
+        """Check the start against the arm."""
+        if self.near is not None:
+            object.__setattr__(self, "near", as_joints(self.chain, self.near, "near"))
+        if self.budget is not None and self.budget < 1:
+            raise InvalidProblem(f"budget must be at least 1 FK evaluation, got {self.budget}")
+
+    @cached_property
+    def arrays(self) -> ChainArrays:
+        """The chain as kernels take it, its tip turned the way the goal needs."""
+        arrays = self.chain.arrays
+        if self.goal.kind != "pointing":
+            return arrays
+        fixed = arrays.fixed.copy()
+        fixed[-1, :, :3] = fixed[-1, :, :3] @ self.goal.tip_rotation
+        return arrays._replace(fixed=fixed)
+
+    @property
+    def start(self) -> Array:
+        """`near` inside the limits, else the middle of every range, (n,), [rad] or [m]."""
+        chain = self.chain
+        if self.near is None:
+            return np.asarray((chain.lower + chain.upper) / 2)
+        return within_limits(chain, self.near)
+
+    def each(self) -> Iterator[Problem]:
+        """One problem a target, in order."""
+        if not self.goal.shape:
+            yield self
+            return
+        nears = None if self.near is None else np.broadcast_to(self.near, (*self.goal.shape, self.chain.dof))
+        for index in np.ndindex(self.goal.shape):
+            near = None if nears is None else nears[index]
+            yield replace(self, goal=self.goal.at(self.goal.target[index]), near=near)
+
+
+def as_joints(chain: SerialChain, q: object, name: str = "q") -> Array:
+    """Read joint values, (..., n), [rad] or [m].
+
+    Raises:
+        InvalidProblem: Not numbers, a wrong shape, NaN or infinity.
+    """
+    try:
+        joints = np.array(q, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidProblem(f"{name} must be numbers of shape (..., {chain.dof}): {error}") from error
+    if joints.ndim == 0 or joints.shape[-1] != chain.dof:
+        raise InvalidProblem(
+            f"{name} must have shape ({chain.dof},) or (..., {chain.dof}), got {joints.shape}. "
+            f"Joints: {', '.join(chain.joint_names)}"
+        )
+    if not np.isfinite(joints).all():
+        bad = np.argwhere(~np.isfinite(joints))[0]
+        raise InvalidProblem(
+            f"{name} contains NaN or infinity at index {tuple(int(i) for i in bad)} "
+            f"(joint {chain.joint_names[bad[-1]]!r})"
+        )
+    return joints
+
+
+def within_limits(chain: SerialChain, q: Array) -> Array:
+    """The joint values inside the limits nearest to `q`, full turns taken off where that costs nothing, (..., n)."""
+    turns = np.where([kind != "prismatic" for kind in chain.kinds], 2 * np.pi, np.inf)
+    below, above = q < chain.lower, q > chain.upper
+    up = np.where(below, np.ceil((chain.lower - q) / turns), 0.0)
+    down = np.where(above, np.ceil((q - chain.upper) / turns), 0.0)
+    with np.errstate(invalid="ignore"):
+        turned = q + np.nan_to_num((up - down) * turns, nan=0.0, posinf=0.0, neginf=0.0)
+    fits = (turned >= chain.lower) & (turned <= chain.upper)
+    return np.clip(np.where(fits, turned, q), chain.lower, chain.upper)

@@ -1,0 +1,83 @@
+"""The bundled arms: one URDF file each in ``catalog/``, all that is known of the arm in its first comment.
+
+    <!--
+    Franka Emika Panda
+    Kinematic data only.
+    source: moveit/moveit_resources panda_description/urdf/panda.urdf @ ef5836d…
+    licence: Apache-2.0
+    base: panda_link0
+    tip: panda_link8
+    -->
+
+Adding an arm is adding its file.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+from kinseek.errors import InvalidRobot, suggest
+
+_COMMENT = re.compile(r"<!--(.*?)-->", re.DOTALL)
+_MOVING = re.compile(r'<joint\b[^>]*type="(?:revolute|continuous|prismatic)"')
+
+
+@dataclass(frozen=True)
+class CatalogEntry:
+    """What is known of a bundled arm."""
+
+    name: str
+    description: str
+    source: str
+    """Repository, path and commit the numbers come from."""
+    licence: str
+    base: str
+    """Name of the link that stays."""
+    tip: str
+    """Name of the link that the pose is of."""
+    dof: int
+    """Number of joint variables."""
+
+
+def catalog_names() -> tuple[str, ...]:
+    """Names of all bundled arms, sorted."""
+    return tuple(sorted(path.stem for path in _folder().glob("*.urdf")))
+
+
+def catalog_path(name: str) -> Path:
+    """Path of the URDF file of a bundled arm.
+
+    Raises:
+        InvalidRobot: There is no such arm.
+    """
+    if name not in (names := catalog_names()):
+        raise InvalidRobot(suggest(name, names, "robot"))
+    return _folder() / f"{name}.urdf"
+
+
+def catalog_entry(name: str) -> CatalogEntry:
+    """What is known of a bundled arm.
+
+    Raises:
+        InvalidRobot: There is no such arm.
+    """
+    text = catalog_path(name).read_text(encoding="utf-8")
+    comment = _COMMENT.search(text)
+    lines = comment[1].strip().splitlines() if comment else []
+    facts = {key: value for key, _, value in (line.partition(": ") for line in lines)}
+    return CatalogEntry(
+        name=name,
+        description=lines[0],
+        source=facts["source"],
+        licence=facts["licence"],
+        base=facts["base"],
+        tip=facts["tip"],
+        dof=len(_MOVING.findall(text)) - text.count("<mimic "),
+    )
+
+
+def _folder() -> Path:
+    return Path(str(resources.files(__package__) / "catalog"))

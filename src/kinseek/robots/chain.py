@@ -1,0 +1,274 @@
+"""One serial chain: what every reader returns and every kernel runs on.
+
+``T_base_tip(q) = A_1 J_1 A_2 J_2 … A_m J_m A_tip``: each ``A_k`` is fixed and each ``J_k`` a rotation about,
+or a slide along, its own z axis. So no kernel ever branches on an axis. A joint that mimics another is one
+more ``J_k`` driven by the same variable: ``J_k = J(multiplier · q[leader] + offset)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidRobot
+from kinseek.kernels.arrays import ChainArrays, chain_arrays
+
+Array = NDArray[np.float64]
+
+REVOLUTE, CONTINUOUS, PRISMATIC = "revolute", "continuous", "prismatic"
+
+_AXIS_ROUNDING = 1e-3
+"""How far an axis may be from unit length to pass as a rounded unit vector."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One moving joint of a chain, mimic joints included, in base-to-tip order."""
+
+    name: str
+    kind: str
+    """``"revolute"``, ``"continuous"`` or ``"prismatic"``."""
+    origin: Array
+    """Pose of the joint frame in the frame before it, (4, 4), lengths in [m]."""
+    axis: Array
+    """Axis of motion in the joint frame, (3,)."""
+    lower: float
+    """[rad] or [m]; ignored for continuous joints. Those of a mimic narrow the range of its leader."""
+    upper: float
+    mimic: str | None = None
+    """Name of the joint this one follows; ``multiplier`` and ``offset`` then say how."""
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class SerialChain:
+    """A serial arm from base to tip. Build one with `serial_chain`, which checks everything."""
+
+    name: str
+    base: str
+    tip: str
+    joint_names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    """Of each variable: revolute, continuous or prismatic."""
+    lower: Array
+    """(n,), [rad] or [m]; a continuous joint is kept in [-π, π]."""
+    upper: Array
+    fixed: Array
+    """``A_1 … A_m, A_tip``, (m+1, 3, 4)."""
+    prismatic: NDArray[np.bool_]
+    """Of each physical joint, (m,)."""
+    leader: NDArray[np.int64]
+    """Index of the variable that drives each physical joint, (m,)."""
+    multiplier: Array
+    offset: Array
+    source: str = field(default="", compare=False)
+    """Where the description came from, for people."""
+
+    @property
+    def dof(self) -> int:
+        """Number of joint variables n."""
+        return len(self.joint_names)
+
+    @cached_property
+    def wraps(self) -> NDArray[np.bool_]:
+        """Of each variable, (n,): do both ends of its range give the same pose of every link?"""
+        turns = (self.upper - self.lower) / (2 * np.pi)
+        whole = (turns > 0.5) & (np.abs(turns - np.round(turns)) < 1e-6)
+        for k, i in enumerate(self.leader):
+            whole[i] &= not self.prismatic[k] and float(self.multiplier[k]).is_integer()
+        return whole
+
+    @cached_property
+    def arrays(self) -> ChainArrays:
+        """The chain as the kernels take it."""
+        return chain_arrays(
+            self.fixed, self.prismatic, self.leader, self.multiplier, self.offset, self.lower, self.upper
+        )
+
+
+def serial_chain(
+    joints: Sequence[Joint], tip_pose: Array, *, name: str, base: str, tip: str, source: str = ""
+) -> SerialChain:
+    """Check the joints and bring them into the kernels' form.
+
+    Args:
+        joints: The moving joints from base to tip, fixed joints already folded into the origins.
+        tip_pose: Pose of the tip in the last joint's frame, (4, 4), lengths in [m].
+        name: Name of the arm.
+        base: Name of the base link.
+        tip: Name of the tip link.
+        source: Where the description came from.
+
+    Raises:
+        InvalidRobot: No movable joint, a limit missing or inverted, a bad axis, a mimic without its leader.
+    """
+    variables = [joint for joint in joints if joint.mimic is None]
+    if not joints:
+        raise InvalidRobot(f"{name}: no movable joint between base {base!r} and tip {tip!r}")
+    names = [joint.name for joint in joints]
+    if twice := {joint for joint in names if names.count(joint) > 1}:
+        raise InvalidRobot(f"{name}: joint names must be unique, these are not: {', '.join(sorted(twice))}")
+    drive = _drive(joints, {joint.name: i for i, joint in enumerate(variables)})
+    leader, multiplier, offset = zip(*drive, strict=True)
+    variables = _narrowed(variables, joints, drive)
+    lower, upper = np.array([_limits(joint) for joint in variables]).T
+
+    fixed = np.empty((len(joints) + 1, 3, 4))
+    undo = np.eye(4)
+    for k, joint in enumerate(joints):
+        align = np.eye(4)
+        align[:3, :3] = _z_to(_unit_axis(joint))
+        fixed[k] = (undo @ _finite_pose(joint.origin, f"origin of joint {joint.name!r}") @ align)[:3]
+        undo = align.T
+    fixed[-1] = (undo @ _finite_pose(tip_pose, "tip pose"))[:3]
+
+    return SerialChain(
+        name=name,
+        base=base,
+        tip=tip,
+        joint_names=tuple(joint.name for joint in variables),
+        kinds=tuple(joint.kind for joint in variables),
+        lower=np.ascontiguousarray(lower),
+        upper=np.ascontiguousarray(upper),
+        fixed=fixed,
+        prismatic=np.array([joint.kind == PRISMATIC for joint in joints]),
+        leader=np.array(leader, dtype=np.int64),
+        multiplier=np.array(multiplier, dtype=float),
+        offset=np.array(offset, dtype=float),
+        source=source,
+    )
+
+
+def rotation(axis: Array, angle: float) -> Array:
+    """Rotation by `angle` [rad] about the unit vector `axis`, (3, 3), by Rodrigues' formula."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross))
+
+
+def transform(rotation_matrix: Array, translation: Sequence[float] | Array) -> Array:
+    """Put a rotation and a translation [m] together, (4, 4)."""
+    pose = np.eye(4)
+    pose[:3, :3] = rotation_matrix
+    pose[:3, 3] = translation
+    return pose
+
+
+def follow_mimics(joint: str, mimics: Mapping[str, tuple[str, float, float]]) -> tuple[str, float, float]:
+    """Follow a chain of mimics to the joint that drives it: its name, and the composed multiplier and offset.
+
+    Args:
+        joint: Name of the joint to start from.
+        mimics: Of each mimic joint: the joint it follows, multiplier, offset [rad] or [m].
+
+    Raises:
+        InvalidRobot: The mimics form a loop.
+    """
+    multiplier, offset, seen = 1.0, 0.0, [joint]
+    while seen[-1] in mimics:
+        leader, factor, shift = mimics[seen[-1]]
+        multiplier, offset = multiplier * factor, offset + multiplier * shift
+        if leader in seen:
+            raise InvalidRobot(f"mimic joints form a loop: {' -> '.join([*seen, leader])}")
+        seen.append(leader)
+    return seen[-1], multiplier, offset
+
+
+def _drive(joints: Sequence[Joint], index: Mapping[str, int]) -> list[tuple[int, float, float]]:
+    """Of each physical joint: index of its variable, multiplier, offset."""
+    mimics = {j.name: (j.mimic, j.multiplier, j.offset) for j in joints if j.mimic is not None}
+    drive = []
+    for joint in joints:
+        leader, multiplier, offset = follow_mimics(joint.name, mimics)
+        if leader not in index:
+            raise InvalidRobot(
+                f"joint {joint.name!r} mimics {leader!r}, which does not move between base and tip. "
+                f"Joints there: {', '.join(index) or 'none'}"
+            )
+        if not (np.isfinite(multiplier) and np.isfinite(offset)):
+            raise InvalidRobot(f"mimic joint {joint.name!r}: multiplier and offset must be finite")
+        drive.append((index[leader], multiplier, offset))
+    return drive
+
+
+def _narrowed(
+    variables: Sequence[Joint], joints: Sequence[Joint], drive: Sequence[tuple[int, float, float]]
+) -> list[Joint]:
+    """Cut the range of each variable to where the joints that follow it stay inside their own limits."""
+    cut = list(variables)
+    for joint, (leader, multiplier, offset) in zip(joints, drive, strict=True):
+        # Files write 0 0 where nobody cared, so equal limits of a follower say nothing.
+        limited = joint.kind != CONTINUOUS and np.isfinite([joint.lower, joint.upper]).all()
+        if joint.mimic is None or not limited or joint.lower >= joint.upper or multiplier == 0:
+            continue
+        ends = sorted((bound - offset) / multiplier for bound in (joint.lower, joint.upper))
+        old = cut[leader]
+        if old.kind == CONTINUOUS:  # It turns freely by itself, but its follower does not let it.
+            cut[leader] = replace(old, kind=REVOLUTE, lower=ends[0], upper=ends[1])
+            continue
+        lower, upper = max(old.lower, ends[0]), min(old.upper, ends[1])
+        if old.lower <= old.upper and lower > upper:
+            raise InvalidRobot(
+                f"mimic joint {joint.name!r} with limits [{joint.lower}, {joint.upper}] leaves no value for "
+                f"joint {old.name!r} in [{old.lower}, {old.upper}]"
+            )
+        cut[leader] = replace(old, lower=lower, upper=upper)
+    return cut
+
+
+def _limits(joint: Joint) -> tuple[float, float]:
+    if joint.kind == CONTINUOUS:
+        return -np.pi, np.pi
+    if not (np.isfinite(joint.lower) and np.isfinite(joint.upper)):
+        raise InvalidRobot(
+            f"joint {joint.name!r}: lower and upper limits must be finite, got [{joint.lower}, {joint.upper}]"
+        )
+    if joint.lower > joint.upper:
+        raise InvalidRobot(
+            f"joint {joint.name!r}: lower limit {joint.lower} is above upper limit {joint.upper}"
+        )
+    return joint.lower, joint.upper
+
+
+def _unit_axis(joint: Joint) -> Array:
+    axis = np.asarray(joint.axis, dtype=float)
+    length = float(np.linalg.norm(axis)) if np.isfinite(axis).all() else float("nan")
+    if abs(length - 1.0) <= _AXIS_ROUNDING:
+        return np.asarray(axis / length)
+    meant = (
+        f"write {' '.join(f'{value:.9g}' for value in axis / length)}"
+        if length > 0
+        else "write a unit vector"
+    )
+    raise InvalidRobot(
+        f"joint {joint.name!r}: axis {' '.join(f'{v:g}' for v in axis)} has length {length:g}, expected 1; {meant}"
+    )
+
+
+def _z_to(axis: Array) -> Array:
+    """Rotate z onto `axis` by the shortest way, (3, 3)."""
+    x, y, z = axis
+    if z < 0:  # Through the other hemisphere, so that the formula never divides by almost zero.
+        half_turn = np.diag([-1.0, 1.0, -1.0])
+        return np.asarray(half_turn @ _z_to(half_turn @ axis))
+    return np.array(
+        [
+            [1 - x * x / (1 + z), -x * y / (1 + z), x],
+            [-x * y / (1 + z), 1 - y * y / (1 + z), y],
+            [-x, -y, z],
+        ]
+    )
+
+
+def _finite_pose(pose: Array, what: str) -> Array:
+    pose = np.asarray(pose, dtype=float)
+    if pose.shape != (4, 4):
+        raise InvalidRobot(f"{what}: expected shape (4, 4), got {pose.shape}")
+    if not np.isfinite(pose).all():
+        raise InvalidRobot(f"{what}: contains NaN or infinity")
+    return pose

@@ -1,0 +1,164 @@
+"""Build a serial arm from a table of Denavit-Hartenberg parameters.
+
+A row is ``(a, alpha, d, theta)``, lengths in [m] and angles in [rad], or a mapping with these four names.
+
+    standard            A_i = Rz(theta) Tz(d) Tx(a) Rx(alpha)
+    modified (Craig)    A_i = Rx(alpha) Tx(a) Rz(theta) Tz(d)
+
+In the modified convention row i holds Craig's ``a_{i-1}, alpha_{i-1}, d_i, theta_i``. The joint variable is
+added to theta where the joint turns, and to d where it slides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kinseek.errors import InvalidRobot, suggest
+
+from .chain import (
+    CONTINUOUS,
+    PRISMATIC,
+    REVOLUTE,
+    Array,
+    Joint,
+    SerialChain,
+    rotation,
+    serial_chain,
+    transform,
+)
+
+_COLUMNS = ("a", "alpha", "d", "theta")
+_X, _Z = np.eye(3)[0], np.eye(3)[2]
+
+Row = Sequence[float] | Mapping[str, float]
+
+
+def read_dh(
+    rows: Sequence[Row] | Array,
+    lower: ArrayLike,
+    upper: ArrayLike,
+    *,
+    convention: str = "standard",
+    kinds: str | None = None,
+    names: Sequence[str] | None = None,
+    base: ArrayLike | None = None,
+    tool: ArrayLike | None = None,
+    name: str = "dh arm",
+) -> SerialChain:
+    """Build the arm that a table of Denavit-Hartenberg parameters describes.
+
+    Args:
+        rows: The table, (n, 4), or n mappings; see the head of this file.
+        lower: Lower limits, (n,), [rad] or [m]; a revolute joint with two infinite limits is continuous.
+        upper: Upper limits, (n,).
+        convention: ``"standard"`` or ``"modified"``.
+        kinds: One letter per joint, R or P, such as ``"RRPR"``; all R unless given.
+        names: Names of the joints; ``joint1``, ``joint2``, … unless given.
+        base: Pose of the first row's frame in the base, (4, 4), lengths in [m]; the identity unless given.
+        tool: Pose of the tip in the last row's frame, (4, 4), lengths in [m]; the identity unless given.
+        name: Name of the arm.
+
+    Raises:
+        InvalidRobot: A wrong shape or length, a number that is not finite, an unknown convention or kind.
+    """
+    if convention not in ("standard", "modified"):
+        raise InvalidRobot(suggest(str(convention), ("standard", "modified"), "DH convention"))
+    table = _table(rows)
+    count = len(table)
+    letters = "R" * count if kinds is None else kinds
+    if unknown := sorted(set(letters) - set("RP")):
+        raise InvalidRobot(
+            f"unknown joint kind {unknown[0]!r} in kinds={letters!r}. Valid: R (turns), P (slides)"
+        )
+    names = [f"joint{i + 1}" for i in range(count)] if names is None else list(names)
+    for what, values in (("kinds", letters), ("names", names)):
+        if len(values) != count:
+            raise InvalidRobot(f"{what} has {len(values)} entries, expected {count}: one per DH row")
+    lowers, uppers = _limits(lower, "lower", count), _limits(upper, "upper", count)
+
+    joints, pose = [], _rigid(base, "base")
+    for i, (a, alpha, d, theta) in enumerate(table):
+        along_x = transform(rotation(_X, alpha), (a, 0.0, 0.0))
+        along_z = transform(rotation(_Z, theta), (0.0, 0.0, d))
+        # The variable moves about the same z axis as theta and d, so it may stand before or after them.
+        origin, pose = (
+            (pose, along_z @ along_x) if convention == "standard" else (pose @ along_x @ along_z, np.eye(4))
+        )
+        joints.append(
+            Joint(names[i], _kind(letters[i], lowers[i], uppers[i]), origin, _Z, lowers[i], uppers[i])
+        )
+    return serial_chain(
+        joints,
+        pose @ _rigid(tool, "tool"),
+        name=name,
+        base="base",
+        tip="tool",
+        source=f"{convention} DH table",
+    )
+
+
+def _kind(letter: str, lower: float, upper: float) -> str:
+    if letter == "P":
+        return PRISMATIC
+    return CONTINUOUS if lower == -np.inf and upper == np.inf else REVOLUTE
+
+
+def _table(rows: Sequence[Row] | Array) -> Array:
+    listed = []
+    for i, row in enumerate(rows):
+        if isinstance(row, Mapping):
+            if set(row) != set(_COLUMNS):
+                raise InvalidRobot(
+                    f"DH row {i}: expected the names {', '.join(_COLUMNS)}, got {', '.join(row)}"
+                )
+            listed.append([row[column] for column in _COLUMNS])
+        else:
+            listed.append(list(np.atleast_1d(row)))
+        if len(listed[-1]) != len(_COLUMNS):
+            raise InvalidRobot(
+                f"DH row {i}: {len(listed[-1])} values, expected 4: {', '.join(_COLUMNS)} in [m] and [rad]"
+            )
+    if not listed:
+        raise InvalidRobot("the DH table is empty, expected one row per joint")
+    table = _numbers(listed, "DH table")
+    if not np.isfinite(table).all():
+        raise InvalidRobot(
+            f"DH row {int(np.argmin(np.isfinite(table).all(axis=1)))}: contains NaN or infinity"
+        )
+    return table
+
+
+def _limits(values: ArrayLike, what: str, count: int) -> list[float]:
+    limits = _numbers(values, f"{what} limits")
+    if limits.shape != (count,):
+        raise InvalidRobot(f"{what} limits: expected shape ({count},), one per DH row, got {limits.shape}")
+    if np.isnan(limits).any():
+        raise InvalidRobot(f"{what} limits: contain NaN")
+    return [float(value) for value in limits]
+
+
+def _rigid(pose: ArrayLike | None, what: str) -> Array:
+    if pose is None:
+        return np.eye(4)
+    matrix = _numbers(pose, f"{what} pose")
+    if matrix.shape != (4, 4):
+        raise InvalidRobot(f"{what} pose: expected shape (4, 4), got {matrix.shape}")
+    turn = matrix[:3, :3]
+    if not (
+        np.isfinite(matrix).all()
+        and np.allclose(turn @ turn.T, np.eye(3), rtol=0, atol=1e-6)
+        and np.linalg.det(turn) > 0
+        and np.array_equal(matrix[3], (0, 0, 0, 1))
+    ):
+        raise InvalidRobot(f"{what} pose: expected a rotation, a translation and the last row 0 0 0 1")
+    return matrix
+
+
+def _numbers(values: object, what: str) -> Array:
+    try:
+        return np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InvalidRobot(f"{what}: expected numbers: {error}") from error

@@ -1,0 +1,155 @@
+"""Read a serial arm from a MuJoCo XML file (MJCF).
+
+MuJoCo itself reads the file, so defaults, frames, includes, angle units and automatic limits mean what they
+mean there. Everything with a size or a surface is dropped before it compiles: no mesh or texture has to be
+there. Bodies and sites are the frames; a body comes first where a site has the same name.
+
+Joint values are MuJoCo's ``qpos``: a joint's ``ref`` is the value it has in the pose the file draws. Equality
+constraints are not followed: each joint of the file is a variable of its own.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kinseek.errors import InvalidRobot, MissingExtra
+
+from .chain import (
+    CONTINUOUS,
+    PRISMATIC,
+    REVOLUTE,
+    Array,
+    Joint,
+    SerialChain,
+    rotation,
+    serial_chain,
+    transform,
+)
+from .tree import frame_path
+from .urdf_xml import file_bytes
+
+_DROPPED = (
+    "keys", "sensors", "actuators", "equalities", "tendons", "pairs", "excludes", "tuples", "flexes",
+    "skins", "plugins", "geoms", "cameras", "lights", "meshes", "hfields", "materials", "textures",
+    "numerics", "texts",
+)  # fmt: skip
+"""What a model holds beside bodies, sites and joints; whatever refers to others comes first."""
+
+
+def read_mjcf(path: str | Path, base: str | None = None, tip: str | None = None) -> SerialChain:
+    """Read the arm between two frames of an MJCF file.
+
+    Args:
+        path: The file.
+        base: Name of the body or site that stays; ``world`` unless given.
+        tip: Name of the body or site that the pose is of; the only body without a child unless given.
+
+    Raises:
+        InvalidRobot: MuJoCo refuses the file, or a joint between base and tip cannot be used.
+        MissingExtra: MuJoCo is not installed.
+    """
+    path = Path(path)
+    file_bytes(path)
+    model = _compile(path)
+
+    bodies = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
+    above: dict[str, str | None] = {
+        name: bodies[model.body_parentid[i]] if i else None for i, name in enumerate(bodies)
+    }
+    leaves = above.keys() - set(above.values())
+    sites = {}
+    for i in range(model.nsite):
+        name = model.site(i).name
+        if name and name not in above:
+            sites[name] = i
+            above[name] = bodies[model.site_bodyid[i]]
+
+    moving: list[Joint] = []
+    pose = np.eye(4)
+    start = base
+    if base is not None and base in sites:  # Nothing hangs on a site: start from the body that carries it.
+        start = above[base]
+        site_pose = _pose(model.site_pos[sites[base]], model.site_quat[sites[base]])
+        pose[:] = np.linalg.inv(site_pose)
+    frames = frame_path(above, start, tip, ends=leaves, noun="body or site")
+    for frame in frames[1:]:
+        if frame in sites:
+            pose = pose @ _pose(model.site_pos[sites[frame]], model.site_quat[sites[frame]])
+            continue
+        body = bodies.index(frame)
+        pose = pose @ _pose(model.body_pos[body], model.body_quat[body])
+        first = model.body_jntadr[body]
+        for joint in range(first, first + model.body_jntnum[body]):
+            moving.append(_moving_joint(model, joint, pose, frame))
+            # The joint turns about a point of the body: go there, turn, and come back.
+            pose = transform(np.eye(3), -model.jnt_pos[joint])
+    return serial_chain(
+        moving, pose, name=_name(model, path), base=base or frames[0], tip=frames[-1], source=str(path)
+    )
+
+
+def _compile(path: Path) -> Any:
+    try:
+        import mujoco
+    except ImportError as error:
+        raise MissingExtra("reading MJCF", "mjcf") from error
+
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        for kind in _DROPPED:
+            for element in list(getattr(spec, kind, ())):
+                spec.delete(element)
+        spec.compiler.fusestatic = False  # A body without a joint is still a frame someone may ask for.
+        for body in spec.bodies[1:]:
+            # Bodies had their masses from their geoms, which are gone; kinematics does not look at them.
+            body.explicitinertial = True
+            body.mass, body.inertia, body.fullinertia = 1.0, np.ones(3), np.full(6, np.nan)
+        return spec.compile()
+    except Exception as error:  # MuJoCo raises plain ValueError and its own FatalError.
+        raise InvalidRobot(f"{path}: MuJoCo says: {error}") from error
+
+
+def _moving_joint(model: Any, joint: int, body_pose: Array, body: str) -> Joint:
+    from mujoco import mjtJoint
+
+    kind = mjtJoint(model.jnt_type[joint])
+    name = model.joint(joint).name or f"joint {joint}"
+    if kind not in (mjtJoint.mjJNT_HINGE, mjtJoint.mjJNT_SLIDE):
+        what = {mjtJoint.mjJNT_FREE: "free", mjtJoint.mjJNT_BALL: "ball"}[kind]
+        raise InvalidRobot(
+            f"joint {name!r} is a {what} joint: between base and tip only hinge and slide joints can be "
+            f"used. Choose base={body!r} to leave it out"
+        )
+    axis = model.jnt_axis[joint].copy()
+    hinge, limited = kind == mjtJoint.mjJNT_HINGE, bool(model.jnt_limited[joint])
+    if not hinge and not limited:
+        raise InvalidRobot(f"slide joint {name!r} has no range, and a search needs one")
+    ref = float(model.qpos0[model.jnt_qposadr[joint]])
+    back = transform(rotation(axis, -ref), np.zeros(3)) if hinge else transform(np.eye(3), -ref * axis)
+    lower, upper = (float(bound) for bound in model.jnt_range[joint])
+    return Joint(
+        name=name,
+        kind=PRISMATIC if not hinge else REVOLUTE if limited else CONTINUOUS,
+        origin=body_pose @ transform(np.eye(3), model.jnt_pos[joint]) @ back,
+        axis=axis,
+        lower=lower,
+        upper=upper,
+    )
+
+
+def _pose(position: Array, quaternion: Array) -> Array:
+    """Pose from a position [m], (3,), and a quaternion (w, x, y, z), (4,), as (4, 4)."""
+    w, vector = quaternion[0], quaternion[1:]
+    sine = float(np.linalg.norm(vector))
+    if sine == 0.0:
+        return transform(np.eye(3), position)
+    return transform(rotation(vector / sine, 2 * float(np.arctan2(sine, w))), position)
+
+
+def _name(model: Any, path: Path) -> str:
+    """Return the model's name: the first string of MuJoCo's name table."""
+    name = bytes(model.names).split(b"\0", 1)[0].decode()
+    return name if name and name != "MuJoCo Model" else path.stem

@@ -1,0 +1,163 @@
+"""Read a serial arm from a URDF or xacro file.
+
+Fixed joints are folded into the joints after them. Meshes, masses, transmissions and simulator tags are never
+looked at, so no ROS package has to be there.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kinseek.errors import InvalidRobot
+
+from .chain import (
+    CONTINUOUS,
+    PRISMATIC,
+    REVOLUTE,
+    Array,
+    Joint,
+    SerialChain,
+    follow_mimics,
+    rotation,
+    serial_chain,
+    transform,
+)
+from .tree import frame_path
+from .urdf_xml import expand_xacro, file_bytes, kinematic_part, root_element
+
+_MOVES = (REVOLUTE, CONTINUOUS, PRISMATIC)
+
+
+def read_urdf(path: str | Path, base: str | None = None, tip: str | None = None) -> SerialChain:
+    """Read the arm between two links of a ``.urdf`` or ``.xacro`` file.
+
+    Args:
+        path: The file; a name that ends in ``.xacro`` is expanded first.
+        base: Name of the link that stays; the root of the tree unless given.
+        tip: Name of the link that the pose is of; the only leaf of the tree unless given.
+
+    Raises:
+        InvalidRobot: The file, the tree of links, or a joint between base and tip cannot be used.
+    """
+    path = Path(path)
+    text = expand_xacro(path) if path.suffix.lower() == ".xacro" else file_bytes(path)
+    robot = _parse(
+        kinematic_part(root_element(text, str(path)), path.name.split(".")[0], str(path)), str(path)
+    )
+
+    parents = _link_tree(robot, str(path))
+    leaves = parents.keys() - {parent for parent in parents.values() if parent}
+    links = frame_path(parents, base, tip, ends=leaves, noun="link")
+
+    mimics = {
+        joint.name: (
+            joint.mimic.joint,
+            1.0 if joint.mimic.multiplier is None else joint.mimic.multiplier,
+            0.0 if joint.mimic.offset is None else joint.mimic.offset,
+        )
+        for joint in robot.joints
+        if joint.mimic is not None and joint.type in _MOVES
+    }
+    joint_above = {joint.child: joint for joint in robot.joints}
+    moving, pose = [], np.eye(4)
+    for joint in (joint_above[link] for link in links[1:]):
+        pose = pose @ _origin(joint)
+        if joint.type == "fixed":
+            continue
+        moving.append(_moving_joint(joint, pose, mimics))
+        pose = np.eye(4)
+    return serial_chain(moving, pose, name=robot.name, base=links[0], tip=links[-1], source=str(path))
+
+
+def _parse(kinematics: Any, where: str) -> Any:
+    from lxml import etree
+    from urdf_parser_py.urdf import URDF
+
+    try:
+        return URDF.from_xml_string(etree.tostring(kinematics))
+    except Exception as error:  # The parser raises whatever its conversions raise.
+        raise InvalidRobot(f"{where}: {error}") from error
+
+
+def _link_tree(robot: Any, where: str) -> dict[str, str | None]:
+    """Of each link: the link above it, None for the root. Makes sure that this is a tree."""
+    for noun, names in (
+        ("link", [link.name for link in robot.links]),
+        ("joint", [joint.name for joint in robot.joints]),
+    ):
+        if twice := [name for name, count in Counter(names).items() if count > 1]:
+            raise InvalidRobot(f"{where}: duplicate {noun} names: {', '.join(twice)}")
+    if not robot.links:
+        raise InvalidRobot(f"{where}: the robot has no links")
+
+    parents: dict[str, str | None] = {link.name: None for link in robot.links}
+    for joint in robot.joints:
+        for link in (joint.parent, joint.child):
+            if link not in parents:
+                raise InvalidRobot(
+                    f"{where}: joint {joint.name!r} refers to link {link!r}, which does not exist"
+                )
+        if parents[joint.child] is not None:
+            raise InvalidRobot(
+                f"{where}: link {joint.child!r} has two parents, "
+                f"{parents[joint.child]!r} and {joint.parent!r}"
+            )
+        parents[joint.child] = joint.parent
+    _check_loops(parents, where)
+    if len(roots := [link for link, parent in parents.items() if parent is None]) > 1:
+        raise InvalidRobot(f"{where}: several root links, expected one: {', '.join(roots)}")
+    return parents
+
+
+def _check_loops(parents: dict[str, str | None], where: str) -> None:
+    rooted: set[str | None] = {None}
+    for start in parents:
+        path: list[str] = []
+        link: str | None = start
+        while link is not None and link not in rooted:
+            if link in path:
+                loop = [*path[path.index(link) :], link]
+                raise InvalidRobot(f"{where}: the links form a loop: {' -> '.join(reversed(loop))}")
+            path.append(link)
+            link = parents[link]
+        rooted.update(path)
+
+
+def _origin(joint: Any) -> Array:
+    """Pose of the joint frame in the parent link, (4, 4): ``Rz(yaw) Ry(pitch) Rx(roll)``, lengths in [m]."""
+    if joint.origin is None:
+        return np.eye(4)
+    turn = np.eye(3)
+    for axis, angle in zip(np.eye(3), joint.origin.rpy, strict=True):
+        turn = rotation(axis, angle) @ turn
+    return transform(turn, joint.origin.xyz)
+
+
+def _moving_joint(joint: Any, origin: Array, mimics: dict[str, tuple[str, float, float]]) -> Joint:
+    if joint.type not in _MOVES:
+        raise InvalidRobot(
+            f"joint {joint.name!r} is {joint.type}: between base and tip only fixed, {', '.join(_MOVES)} "
+            f"joints can be used. Choose base={joint.child!r} to leave it out"
+        )
+    leader, multiplier, offset = follow_mimics(joint.name, mimics)
+    follows = joint.name in mimics
+    lower, upper = (joint.limit.lower, joint.limit.upper) if joint.limit else (-np.inf, np.inf)
+    if joint.limit is None and joint.type != CONTINUOUS and not follows:
+        raise InvalidRobot(
+            f"joint {joint.name!r} is {joint.type} and needs a <limit> with both lower and upper"
+        )
+    return Joint(
+        name=joint.name,
+        kind=joint.type,
+        origin=origin,
+        axis=np.array([1.0, 0.0, 0.0] if joint.axis is None else joint.axis),
+        lower=lower,
+        upper=upper,
+        mimic=leader if follows else None,
+        multiplier=multiplier,
+        offset=offset,
+    )

@@ -1,0 +1,110 @@
+"""What comes back: joint values, and an honest account of what they reach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import NotReached
+from .kernels.pose_error import judge
+from .problem import Problem
+
+Array = NDArray[np.float64]
+
+
+class Status(Enum):
+    """How a search ended; the value is the sentence to show."""
+
+    SOLVED = "Solved: both errors are within their tolerances."
+    BEST_EFFORT = "Best effort: the nearest pose found; a tolerance is missed."
+    PROVED_UNREACHABLE = "Proved unreachable: no joint values within the limits meet the tolerances."
+
+    def __str__(self) -> str:
+        """The sentence."""
+        return self.value
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The answer to one target, or to a batch of them; then every field has the batch's leading shape.
+
+    Errors are recomputed from `q` by plain forward kinematics, never taken from a search's own residual.
+    """
+
+    q: Array
+    """Joint values inside the limits, (..., n), [rad] or [m]."""
+    success: Any
+    """Are both tolerances met? bool, or (...) bool."""
+    position_error: Any
+    """[m], float or (...)."""
+    orientation_error: Any
+    """[rad], float or (...)."""
+    weighted_error: Any
+    """The paper's K_P |p - p_g| + K_A [(1 - x·x_g) + (1 - y·y_g)] (Sec. 2.2), float or (...)."""
+    evaluations: Any
+    """FK evaluations spent, the deterministic measure of work, int or (...)."""
+    nodes_created: Any
+    """Nodes of the search tree that were made, int or (...); 0 where the search grows no tree."""
+    nodes_expanded: Any
+    """Nodes of the search tree that were visited, int or (...); 0 where the search grows no tree."""
+    problem: Problem
+    """What was asked."""
+
+    @property
+    def status(self) -> Any:
+        """`Status`, or an object array of them, (...)."""
+        if isinstance(self.success, bool):
+            return Status.SOLVED if self.success else Status.BEST_EFFORT
+        codes = np.array([Status.BEST_EFFORT, Status.SOLVED], dtype=object)
+        return codes[self.success.astype(np.int64)]
+
+    def require(self) -> Self:
+        """Return self if every target is reached.
+
+        Raises:
+            NotReached: A tolerance is missed; the error carries this solution.
+        """
+        if np.all(self.success):
+            return self
+        goal = self.problem.goal
+        missed = np.atleast_1d(~np.asarray(self.success))
+        worst = f"{np.max(self.position_error):.3g} m, {np.max(self.orientation_error):.3g} rad"
+        count = "" if missed.size == 1 else f"{missed.sum()} of {missed.size} targets not reached; "
+        raise NotReached(
+            f"{count}errors up to {worst}, tolerances {goal.position_tolerance:g} m, "
+            f"{goal.orientation_tolerance:g} rad",
+            self,
+        )
+
+    def __repr__(self) -> str:
+        """Short enough to print in a shell."""
+        if isinstance(self.success, bool):
+            return (
+                f"Solution({self.status.name}, q={np.array2string(self.q, precision=4, separator=', ')}, "
+                f"position_error={self.position_error:.2e} m, orientation_error={self.orientation_error:.2e} rad, "
+                f"evaluations={self.evaluations})"
+            )
+        return f"Solution({int(self.success.sum())} of {self.success.size} solved, q{self.q.shape})"
+
+
+def conclude(problem: Problem, q: Array, work: NDArray[np.int64]) -> Solution:
+    """Judge joint values by plain FK.
+
+    Args:
+        problem: What was asked, a batch of k targets.
+        q: What was found, (k, n).
+        work: Evaluations, nodes created and nodes expanded of each, (k, 3).
+    """
+    goal, shape = problem.goal, problem.goal.shape
+    measured = judge(problem.arrays, np.ascontiguousarray(q), goal.targets, goal.arrays)
+    success = (measured[:, 0] <= goal.position_tolerance) & (measured[:, 1] <= goal.orientation_tolerance)
+    columns = [success, *measured.T, *work.T]
+    if shape:
+        fields = [column.reshape(shape).copy() for column in columns]
+    else:
+        fields = [column[0].item() for column in columns]
+    return Solution(q.reshape(*shape, problem.chain.dof), *fields, problem)

@@ -1,0 +1,248 @@
+"""Exact coordinate descent: forward kinematics only, no derivative, no step size, never worse.
+
+Along one joint the squared chordal error is a sinusoid or a parabola, so three FK evaluations give its exact
+minimiser within the limits; along two joints nine give a bilinear form (see `kernels.sinusoid`). A joint that drags
+mimics along has no such form: there a coarse scan and a golden-section search stand in.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InvalidSolver
+from ..kernels.arrays import Array, ChainArrays, GoalArrays
+from ..kernels.forward import forward
+from ..kernels.jit import kernel
+from ..kernels.pose_error import chordal_error, errors
+from ..kernels.sinusoid import TURN, coefficients, minimise_pair, minimiser
+from ..problem import Problem
+from ..solution import Solution
+from .base import Found, solve_each
+
+
+@dataclass(frozen=True)
+class CoordinateDescent:
+    """Minimise along single joints and pairs of joints, in turn, from `problem.start`.
+
+    Linear convergence: it narrows in on an answer in tens to hundreds of sweeps, and it may stay in a local minimum.
+
+    Raises:
+        InvalidSolver: A parameter out of its range.
+    """
+
+    most_sweeps: int = 200
+    """Sweeps over all joints and pairs."""
+    pairs: bool = True
+    """Minimise over pairs of joints too: dearer sweeps, far fewer of them."""
+    stall: float = 1e-6
+    """Stop when a sweep lowers the squared error by less than this part of it."""
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        if self.most_sweeps < 1:
+            raise InvalidSolver(f"most_sweeps must be at least 1, got {self.most_sweeps}")
+        if not 0 <= self.stall < 1:
+            raise InvalidSolver(f"stall must be in [0, 1), got {self.stall}")
+
+    def solve(self, problem: Problem) -> Solution:
+        """Answer by the lowest point of the descent from `problem.start`."""
+        return solve_each(problem, self._search)
+
+    def _search(self, problem: Problem) -> Found:
+        goal = problem.goal
+        # Squared weights, and half of K_A², so that near the goal the sum is (K_P |Δp|)² + (K_A Δφ)².
+        turn_weight = goal.orientation_weight**2 / 2
+        columns = {"pose": (1.0, 1.0, 1.0), "pointing": (1.0, 0.0, 0.0), "position": (0.0, 0.0, 0.0)}[
+            goal.kind
+        ]
+        squared = GoalArrays(goal.targets[0], goal.position_weight**2, turn_weight * np.array(columns))
+        limits = np.array(
+            [goal.position_tolerance, goal.orientation_tolerance, float(self.most_sweeps), self.stall]
+        )
+        q = problem.start.copy()
+        budget = np.iinfo(np.int64).max if problem.budget is None else problem.budget
+        evaluations = sweep_down(problem.arrays, squared, goal.arrays, limits, self.pairs, int(budget), q)
+        return Found(q, evaluations)
+
+
+@kernel
+def error_at(chain: ChainArrays, squared: GoalArrays, q: Array, T: Array) -> float:
+    """Chordal error at q; T, (3, 4), receives the pose."""
+    forward(chain, q, T)
+    return chordal_error(T, squared)
+
+
+@kernel
+def samples(chain: ChainArrays, i: int, kinds: Array) -> tuple[float, float]:
+    """Return how far to step a joint for its samples, and 0 or that step as its `slide`."""
+    if kinds[i] == 1:
+        step = max(0.5 * (chain.upper[i] - chain.lower[i]), 1e-3)
+        return step, step
+    return TURN / 3.0, 0.0
+
+
+@kernel
+def joint_kinds(chain: ChainArrays) -> Array:
+    """Of each variable: 0 revolute, 1 prismatic, 2 neither, for it drives more than one joint, (n,)."""
+    kinds = np.full(len(chain.lower), -1.0)
+    for k in range(len(chain.leader)):
+        i = chain.leader[k]
+        single = kinds[i] == -1.0 and abs(chain.multiplier[k]) == 1.0
+        kinds[i] = (1.0 if chain.prismatic[k] else 0.0) if single else 2.0
+    return kinds
+
+
+@kernel
+def sweep_down(
+    chain: ChainArrays,
+    squared: GoalArrays,
+    goal: GoalArrays,
+    limits: Array,
+    pairs: bool,
+    budget: int,
+    q: Array,
+) -> int:
+    """Descend in place; return the FK evaluations spent.
+
+    Args:
+        chain: The arm.
+        squared: The goal with the weights of the chordal error.
+        goal: The goal as it is judged.
+        limits: Position tolerance [m], orientation tolerance [rad], most sweeps, stall, (4,).
+        pairs: Minimise over pairs of joints too.
+        budget: FK evaluations to stay within.
+        q: Start inside the limits, and then the answer, (n,).
+    """
+    dof, T, kinds = len(q), np.empty((3, 4)), joint_kinds(chain)
+    error = error_at(chain, squared, q, T)
+    spent, sweeps = 1, 0
+    while sweeps < limits[2]:
+        position, orientation = errors(T, goal)
+        if position <= limits[0] and orientation <= limits[1]:
+            break
+        before = error
+        for i in range(dof):
+            if spent + 60 > budget:
+                return spent
+            cost, error = descend_one(chain, squared, kinds, i, error, q, T)
+            spent += cost
+        if pairs:
+            for i in range(dof - 1):
+                for j in range(i + 1, dof):
+                    if spent + 10 > budget:
+                        return spent
+                    if kinds[i] < 2 and kinds[j] < 2:
+                        error = descend_two(chain, squared, kinds, i, j, error, q, T)
+                        spent += 9
+        error = error_at(chain, squared, q, T)
+        spent += 1
+        sweeps += 1
+        if before - error <= limits[3] * before:
+            break
+    return spent
+
+
+@kernel
+def descend_one(
+    chain: ChainArrays, squared: GoalArrays, kinds: Array, i: int, error: float, q: Array, T: Array
+) -> tuple[int, float]:
+    """Minimise along joint i in place; return the FK evaluations spent and the error there."""
+    if kinds[i] == 2:
+        return scan_one(chain, squared, i, error, q, T)
+    here = q[i]
+    step, slide = samples(chain, i, kinds)
+    q[i] = here + step
+    f1 = error_at(chain, squared, q, T)
+    q[i] = here - step
+    f2 = error_at(chain, squared, q, T)
+    a, b, c = coefficients(error, f1, f2, slide)
+    delta = minimiser(a, b, c, chain.lower[i] - here, chain.upper[i] - here, kinds[i] == 0)
+    return 3, accept(chain, squared, i, here, here + delta, error, q, T)
+
+
+@kernel
+def accept(
+    chain: ChainArrays,
+    squared: GoalArrays,
+    i: int,
+    old: float,
+    new: float,
+    error: float,
+    q: Array,
+    T: Array,
+) -> float:
+    """Put a new value of joint i, held inside the limits, if FK says it is better; else the old one."""
+    q[i] = min(max(new, chain.lower[i]), chain.upper[i])
+    value = error_at(chain, squared, q, T)
+    if value < error:
+        return value
+    q[i] = old
+    return error
+
+
+@kernel
+def scan_one(
+    chain: ChainArrays, squared: GoalArrays, i: int, error: float, q: Array, T: Array
+) -> tuple[int, float]:
+    """Minimise along a joint whose error is no single sinusoid: scan its range, then golden sections."""
+    scans, sections = 24, 30
+    old, low, span = q[i], chain.lower[i], chain.upper[i] - chain.lower[i]
+    best, best_value = old, error
+    for k in range(scans):
+        q[i] = low + span * (k + 0.5) / scans
+        value = error_at(chain, squared, q, T)
+        if value < best_value:
+            best, best_value = q[i], value
+    left, right = max(best - span / scans, low), min(best + span / scans, chain.upper[i])
+    ratio = (math.sqrt(5.0) - 1.0) / 2.0
+    for _ in range(sections):
+        first, second = right - ratio * (right - left), left + ratio * (right - left)
+        q[i] = first
+        f1 = error_at(chain, squared, q, T)
+        q[i] = second
+        f2 = error_at(chain, squared, q, T)
+        if f1 < f2:
+            right = second
+        else:
+            left = first
+    q[i] = old
+    middle = 0.5 * (left + right)
+    value = accept(chain, squared, i, old, middle, error, q, T)
+    if best_value < value:
+        q[i] = best
+        value = best_value
+    return scans + 2 * sections + 1, value
+
+
+@kernel
+def descend_two(
+    chain: ChainArrays, squared: GoalArrays, kinds: Array, i: int, j: int, error: float, q: Array, T: Array
+) -> float:
+    """Minimise over joints i and j at once, in place; return the error there."""
+    here_i, here_j = q[i], q[j]
+    step_i, slide_i = samples(chain, i, kinds)
+    step_j, slide_j = samples(chain, j, kinds)
+    rows, M = np.empty((3, 3)), np.empty((3, 3))
+    for v in range(3):
+        q[j] = here_j + (0.0, step_j, -step_j)[v]
+        q[i] = here_i
+        f0 = error if v == 0 else error_at(chain, squared, q, T)
+        q[i] = here_i + step_i
+        f1 = error_at(chain, squared, q, T)
+        q[i] = here_i - step_i
+        f2 = error_at(chain, squared, q, T)
+        rows[0, v], rows[1, v], rows[2, v] = coefficients(f0, f1, f2, slide_i)
+    for u in range(3):
+        M[u, 0], M[u, 1], M[u, 2] = coefficients(rows[u, 0], rows[u, 1], rows[u, 2], slide_j)
+    low = np.array([chain.lower[i] - here_i, chain.lower[j] - here_j])
+    high = np.array([chain.upper[i] - here_i, chain.upper[j] - here_j])
+    delta = np.zeros(2)
+    minimise_pair(M, low, high, np.array([kinds[i] == 0, kinds[j] == 0]), delta)
+    q[j] = min(max(here_j + delta[1], chain.lower[j]), chain.upper[j])
+    value = accept(chain, squared, i, here_i, here_i + delta[0], error, q, T)
+    if value >= error:
+        q[j] = here_j
+    return value

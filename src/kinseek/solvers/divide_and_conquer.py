@@ -1,0 +1,274 @@
+"""Divide and conquer with the paper's heuristics, and with the beam that cures its diving (Sec. 3.1, 3.2).
+
+A coarse grid over every joint first; then, pass by pass, a finer grid around the best so far, until the spacing
+is one node. ``breadth`` is the paper's constant breadth (one number) or breadth tuning (one a joint), ``tree``
+its dynamically-created tree. The paper notes that the error is not sorted along any joint, so that the search may
+dive into a local minimum: ``beam`` follows the K best cells of each pass instead of one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InvalidSolver
+from ..kernels.arrays import Array, ChainArrays, GoalArrays, Indices
+from ..kernels.forward import forward
+from ..kernels.grid import Beam, Window, make_beam, make_scratch, merge, search_window, window_nodes
+from ..kernels.jit import kernel
+from ..problem import Problem
+from ..robots.chain import SerialChain
+from ..solution import Solution
+from .base import Found, solve_each
+from .nodes import Grid, joint_grid
+
+_MOST_NODES = 2**62
+_PROBES = 64
+
+
+@dataclass(frozen=True)
+class DivideAndConquer:
+    """Refine a grid around the best node, pass by pass (the paper, Alg. 1 and 2).
+
+    The answers of the static and of the dynamic tree are the same bits; only memory and counts differ.
+
+    Raises:
+        InvalidSolver: A parameter out of its range, or a static tree too large for memory.
+    """
+
+    branching_factor: int = 7200
+    """B: nodes a joint; the last pass has a spacing of one node."""
+    divisions: int = 3
+    """D: values a joint in the first pass; each later pass divides the spacing by D."""
+    breadth: int | tuple[int, ...] | str = 1
+    """Br: a later pass tries 2(⌊D/2⌋ + Br) - 1 values a joint. One number (CB), one a joint (BT), or ``"tuned"``."""
+    tree: str = "dynamic"
+    """``"static"`` makes all nodes first; ``"dynamic"`` makes them when needed (DT)."""
+    beam: int = 1
+    """K: cells a pass leaves to the next; the paper has 1."""
+    children: int | None = None
+    """Cells that one cell may leave to the next pass; fewer keep the beam spread out. None sets no limit."""
+    node_budget: int = 20_000
+    """Leaves a pass and cell that ``breadth="tuned"`` may spend."""
+    wrap: bool = True
+    """May the neighbourhood of a joint that turns fully cross from its last node to its first?"""
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        if not 1 <= self.branching_factor <= _MOST_NODES:
+            raise InvalidSolver(f"branching_factor must be in 1 ... 2^62, got {self.branching_factor}")
+        if self.divisions < 2:
+            raise InvalidSolver(f"divisions must be at least 2, got {self.divisions}")
+        if self.tree not in ("static", "dynamic"):
+            raise InvalidSolver(f"tree must be 'static' or 'dynamic', got {self.tree!r}")
+        if self.beam < 1:
+            raise InvalidSolver(f"beam must be at least 1, got {self.beam}")
+        if self.children is not None and self.children < 1:
+            raise InvalidSolver(f"children must be at least 1 or None, got {self.children}")
+        if self.node_budget < 1:
+            raise InvalidSolver(f"node_budget must be at least 1, got {self.node_budget}")
+        if isinstance(self.breadth, str):
+            if self.breadth != "tuned":
+                raise InvalidSolver(
+                    f"breadth must be a number, one number a joint, or 'tuned'; got {self.breadth!r}"
+                )
+        elif isinstance(self.breadth, Sequence):
+            object.__setattr__(self, "breadth", tuple(int(b) for b in self.breadth))
+        for breadth in self.breadth if isinstance(self.breadth, tuple) else ():
+            if breadth < 1:
+                raise InvalidSolver(f"every breadth must be at least 1, got {self.breadth}")
+        if isinstance(self.breadth, int) and self.breadth < 1:
+            raise InvalidSolver(f"breadth must be at least 1, got {self.breadth}")
+
+    def solve(self, problem: Problem) -> Solution:
+        """Answer by the best node found."""
+        plan = self._plan(problem.chain)
+        return solve_each(problem, lambda one: self._search(one, plan))
+
+    def breadths(self, chain: SerialChain) -> tuple[int, ...]:
+        """The breadth of every joint, (n,), whichever way it was given.
+
+        Raises:
+            InvalidSolver: The number of breadths is not the number of joints.
+        """
+        if self.breadth == "tuned":
+            return tuned_breadth(chain, self.divisions, self.node_budget)
+        if isinstance(self.breadth, int):
+            return (self.breadth,) * chain.dof
+        if len(self.breadth) != chain.dof:
+            raise InvalidSolver(
+                f"breadth must be one number or {chain.dof}, one a joint "
+                f"({', '.join(chain.joint_names)}); got {len(self.breadth)}: {self.breadth}"
+            )
+        return tuple(int(b) for b in self.breadth)
+
+    def _plan(self, chain: SerialChain) -> tuple[Grid, Indices, Indices]:
+        """The grid, the spacing of every pass, and the nodes each joint has in a later pass."""
+        count = self.branching_factor
+        grid = joint_grid(chain, count, static=self.tree == "static", wrap=self.wrap)
+        spacings = [max(count // self.divisions, 1)]
+        while spacings[-1] > 1:
+            # Departs from the paper: with B = 10, D = 4 its spacing goes 2, 0; here the last one is always 1.
+            spacings.append(max(spacings[-1] // self.divisions, 1))
+        later = [min(2 * (self.divisions // 2 + b) - 1, count) for b in self.breadths(chain)]
+        return grid, np.array(spacings, dtype=np.int64), np.array(later, dtype=np.int64)
+
+    def _search(self, problem: Problem, plan: tuple[Grid, Indices, Indices]) -> Found:
+        grid, spacings, later = plan
+        budget = np.iinfo(np.int64).max if problem.budget is None else problem.budget
+        beam, leaves, expanded = descend(
+            problem.arrays,
+            problem.goal.arrays,
+            grid,
+            Passes(spacings, later, self.divisions, self.beam, min(self.children or self.beam, self.beam)),
+            int(budget),
+        )
+        created = problem.chain.dof * self.branching_factor if self.tree == "static" else expanded
+        q = beam.q[np.argmin(beam.errors)] if leaves else problem.start
+        return Found(q, leaves, created, expanded)
+
+
+class Passes(NamedTuple):
+    """The plan of a descent."""
+
+    spacings: Indices
+    """In nodes, one a pass, falling to 1."""
+    later: Indices
+    """Nodes each joint has in the passes after the first, (n,)."""
+    divisions: int
+    beam: int
+    children: int
+
+
+@kernel
+def node_value(grid: Grid, d: int, node: int) -> float:
+    """Value of a node [rad] or [m]: looked up in the static tree, made anew in the dynamic one."""
+    if grid.table.shape[1] > 0:
+        return grid.table[d, node]
+    return min(grid.lower[d] + grid.step[d] * node, grid.upper[d])
+
+
+@kernel
+def first_window(grid: Grid, divisions: int, window: Window) -> None:
+    """Spread D nodes over each joint's range."""
+    count = min(divisions, grid.count)
+    for d in range(len(grid.lower)):
+        window.counts[d] = count
+        for i in range(count):
+            node = i * grid.count // count
+            if not grid.wraps[d]:
+                # Departs from the paper, which starts at the lower limit for every joint: the middles of D equal
+                # cells leave no end of a limited range out of reach of the later, ever smaller windows.
+                node = ((2 * i + 1) * grid.count) // (2 * count)
+            window.nodes[d, i] = node
+            window.values[d, i] = node_value(grid, d, node)
+
+
+@kernel
+def later_window(grid: Grid, centre: Indices, spacing: int, counts: Indices, window: Window) -> None:
+    """Take the nodes around a centre: the centre and as many on either side."""
+    for d in range(len(centre)):
+        count = min(counts[d], (grid.count - 1) // spacing + 1)
+        first = centre[d] - (count // 2) * spacing
+        if not grid.wraps[d]:
+            # The window slides inward at a limit, so that the number of nodes stays what the paper's formula says.
+            while first < 0:
+                first += spacing
+            while first + (count - 1) * spacing >= grid.count and first >= spacing:
+                first -= spacing
+        kept = 0
+        for i in range(count):
+            node = first + i * spacing
+            if grid.wraps[d]:
+                node %= grid.count
+            elif node >= grid.count:
+                break
+            window.nodes[d, kept] = node
+            window.values[d, kept] = node_value(grid, d, node)
+            kept += 1
+        window.counts[d] = kept
+
+
+@kernel
+def descend(
+    chain: ChainArrays, goal: GoalArrays, grid: Grid, passes: Passes, budget: int
+) -> tuple[Beam, int, int]:
+    """Run every pass; return the last beam, the leaves evaluated and the nodes expanded."""
+    dof = len(grid.lower)
+    most = max(min(passes.divisions, grid.count), passes.later.max())
+    window = Window(
+        np.empty((dof, most)), np.empty((dof, most), dtype=np.int64), np.empty(dof, dtype=np.int64)
+    )
+    scratch = make_scratch(dof)
+    beam = make_beam(passes.beam, dof)
+    first_window(grid, passes.divisions, window)
+    leaves, _ = search_window(chain, goal, window, -1.0, budget, beam, scratch)
+    expanded = window_nodes(window.counts)
+    for k in range(1, len(passes.spacings)):
+        cells = beam
+        beam = make_beam(passes.beam, dof)
+        best = np.argmin(cells.errors)  # The best so far is kept; it is also a node of its own window.
+        beam.errors[0], beam.nodes[0], beam.q[0] = cells.errors[best], cells.nodes[best], cells.q[best]
+        for cell in range(passes.beam):
+            if np.isfinite(cells.errors[cell]) and leaves < budget:
+                later_window(grid, cells.nodes[cell], passes.spacings[k], passes.later, window)
+                litter = beam
+                if passes.children < passes.beam:
+                    litter = make_beam(passes.children, dof)
+                more, _ = search_window(chain, goal, window, -1.0, budget - leaves, litter, scratch)
+                if passes.children < passes.beam:
+                    merge(litter, beam)
+                leaves += more
+                expanded += window_nodes(window.counts)
+    return beam, leaves, expanded
+
+
+def tuned_breadth(chain: SerialChain, divisions: int, node_budget: int) -> tuple[int, ...]:
+    """Choose a breadth for each joint from the arm itself, under a budget of leaves a window (Sec. 3.2).
+
+    The paper does it by hand: more breadth to the joints that move the hand farthest. Here the mean motion of
+    the tip over a joint's full range is measured at fixed probe poses; then the joint with the most motion per
+    breadth it has already is widened, again and again, while the window fits the budget.
+    """
+    motion = _mean_motion(chain.arrays, _probes(chain))
+    breadth = [1] * chain.dof
+    open_joints = set(range(chain.dof))
+    while open_joints:
+        joint = max(sorted(open_joints), key=lambda i: motion[i] / breadth[i])
+        wider = [b + (i == joint) for i, b in enumerate(breadth)]
+        leaves = np.prod([2.0 * (divisions // 2 + b) - 1 for b in wider])
+        if leaves <= node_budget:
+            breadth = wider
+        else:
+            open_joints.discard(joint)
+    return tuple(breadth)
+
+
+def _probes(chain: SerialChain) -> Array:
+    """Joint vectors spread over the limits by Weyl's sequence with square roots of primes, (k, n)."""
+    primes = [p for p in range(2, 400) if all(p % i for i in range(2, int(p**0.5) + 1))][: chain.dof]
+    steps = np.sqrt(np.resize(np.array(primes, dtype=float), chain.dof))
+    spread = (np.arange(1, _PROBES + 1)[:, None] * steps) % 1.0
+    return np.asarray(chain.lower + spread * (chain.upper - chain.lower))
+
+
+@kernel
+def _mean_motion(chain: ChainArrays, probes: Array) -> NDArray[np.float64]:
+    """Mean path of the tip [m] for one full range of each joint, (n,), by small central differences."""
+    dof, step = len(chain.lower), 1e-4
+    motion = np.zeros(dof)
+    before, after, q = np.empty((3, 4)), np.empty((3, 4)), np.empty(dof)
+    for k in range(len(probes)):
+        for i in range(dof):
+            q[:] = probes[k]
+            q[i] -= step
+            forward(chain, q, before)
+            q[i] += 2 * step
+            forward(chain, q, after)
+            moved = np.sqrt(np.sum((after[:, 3] - before[:, 3]) ** 2)) / (2 * step)
+            motion[i] += moved * (chain.upper[i] - chain.lower[i]) / len(probes)
+    return motion

@@ -1,0 +1,87 @@
+"""The bundled arms: complete, honest about where they come from, and right."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kinseek.errors import InvalidRobot
+from kinseek.kernels.forward import forward_many
+from kinseek.robots import catalog_entry, catalog_names, catalog_path, read
+
+SHARED = Path(__file__).parents[2] / "shared" / "robots"
+FLEET = json.loads((SHARED / "robots.json").read_text()) if SHARED.is_dir() else {}
+PAPER = ("planar2", "cylindrical3", "scara4", "elbow6")
+
+
+@pytest.mark.parametrize("name", catalog_names())
+def test_every_arm_says_what_it_is(name: str) -> None:
+    entry, chain = catalog_entry(name), read(name)
+    assert (chain.name, chain.base, chain.tip, chain.dof) == (name, entry.base, entry.tip, entry.dof)
+    assert all((entry.description, entry.source, entry.licence))
+    assert "kinematic data only" in catalog_path(name).read_text().lower()
+
+
+@pytest.mark.skipif(not FLEET, reason="the shared robots are not here")
+@pytest.mark.parametrize("name", FLEET)
+def test_fleet_agrees_with_stored_poses(name: str) -> None:
+    stored = np.load(SHARED / "fk" / f"{name}.npz")
+    chain = read(name)
+    assert chain.joint_names == tuple(stored["joint_names"])
+    assert (chain.base, chain.tip) == (FLEET[name]["base"], FLEET[name]["tip"])
+    poses = forward_many(chain.arrays, np.ascontiguousarray(stored["q"]))
+    assert np.abs(poses - stored["T"]).max() < 1e-12
+
+
+@pytest.mark.parametrize("name", catalog_names())
+def test_pinocchio_agrees(name: str) -> None:
+    pinocchio = pytest.importorskip("pinocchio")
+    chain = read(name)
+    # The URDF parser behind pinocchio insists on effort and velocity, which kinematics does not have.
+    text = catalog_path(name).read_text().replace("<limit ", '<limit effort="0" velocity="0" ')
+    model = pinocchio.buildModelFromXML(text, mimic=True)
+    data = model.createData()
+    rng = np.random.default_rng(1)
+    q = rng.uniform(chain.lower, chain.upper, (10, chain.dof))
+    for values, pose in zip(q, forward_many(chain.arrays, q), strict=True):
+        configuration = np.zeros(model.nq)
+        for joint, value in zip(chain.joint_names, values, strict=True):
+            at = model.joints[model.getJointId(joint)]
+            configuration[at.idx_q : at.idx_q + at.nq] = (
+                value if at.nq == 1 else (np.cos(value), np.sin(value))
+            )
+        pinocchio.framesForwardKinematics(model, data, configuration)
+        base, tip = (
+            data.oMf[model.getFrameId(link, pinocchio.FrameType.BODY)].homogeneous
+            for link in (chain.base, chain.tip)
+        )
+        np.testing.assert_allclose(pose, np.linalg.inv(base) @ tip, rtol=0, atol=1e-12)
+
+
+def test_the_papers_arms() -> None:
+    assert [catalog_entry(name).dof for name in PAPER] == [2, 3, 4, 6]
+    tips = [forward_many(read(name).arrays, np.zeros((1, read(name).dof)))[0, :3, 3] for name in PAPER]
+    expected = np.array([(0.75, 0.0, 0.0), (0.0, 0.0, 0.0), (0.75, 0.0, 0.0), (0.8, 0.0, 0.25)])
+    np.testing.assert_allclose(np.array(tips), expected, rtol=0, atol=1e-15)
+    for name in PAPER:
+        chain = read(name)
+        turning = np.array([kind == "revolute" for kind in chain.kinds])
+        assert chain.wraps[turning].all()
+        np.testing.assert_array_equal(chain.lower[turning], 0.0)
+
+
+def test_base_and_tip_can_be_chosen() -> None:
+    assert read("panda", tip="panda_link4").dof == 4
+    assert read("panda", base="panda_link2").dof == 5
+
+
+def test_unknown_names_get_near_matches() -> None:
+    with pytest.raises(InvalidRobot, match=r"unknown robot 'pnada'; did you mean 'panda'"):
+        catalog_path("pnada")
+    with pytest.raises(InvalidRobot, match=r"did you mean 'panda'.*A path must end in .urdf, .xacro or .xml"):
+        read("pandas")
+    with pytest.raises(InvalidRobot, match=r"A path must end in"):
+        read(Path("arm.sdf"))
