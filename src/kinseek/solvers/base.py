@@ -8,8 +8,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..problem import Problem
-from ..solution import Solution, conclude
+from kinseek.problem import Problem
+from kinseek.solution import Solution, conclude
 
 
 class Solver(Protocol):

@@ -6,14 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InvalidSolver
-from ..kernels.arrays import Array, ChainArrays, GoalArrays
-from ..kernels.forward import forward
-from ..kernels.grid import Window, make_beam, make_scratch, search_window, window_nodes
-from ..kernels.jit import kernel
-from ..kernels.pose_error import errors, weighted_error
-from ..problem import Problem
-from ..solution import Solution
+from kinseek.errors import InvalidSolver
+from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays
+from kinseek.kernels.forward import forward
+from kinseek.kernels.grid import Window, make_beam, make_scratch, search_window, window_nodes
+from kinseek.kernels.jit import kernel
+from kinseek.kernels.pose_error import errors, weighted_error
+from kinseek.problem import Problem
+from kinseek.solution import Solution
+
 from .base import Found, solve_each
 from .nodes import require_memory
 

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InvalidSolver
-from ..kernels.arrays import ChainArrays, GoalArrays
-from ..kernels.grid import Beam, Window, make_beam, make_scratch, nodes_until, search_window
-from ..kernels.jit import kernel
-from ..problem import Problem
-from ..solution import Solution
+from kinseek.errors import InvalidSolver
+from kinseek.kernels.arrays import ChainArrays, GoalArrays
+from kinseek.kernels.grid import Beam, Window, make_beam, make_scratch, nodes_until, search_window
+from kinseek.kernels.jit import kernel
+from kinseek.problem import Problem
+from kinseek.solution import Solution
+
 from .base import Found, solve_each
 from .nodes import joint_grid, require_memory
 

@@ -12,14 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InvalidSolver
-from ..kernels.arrays import Array, ChainArrays, GoalArrays
-from ..kernels.forward import forward
-from ..kernels.jit import kernel
-from ..kernels.pose_error import chordal_error, errors
-from ..kernels.sinusoid import TURN, coefficients, minimise_pair, minimiser
-from ..problem import Problem
-from ..solution import Solution
+from kinseek.errors import InvalidSolver
+from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays
+from kinseek.kernels.forward import forward
+from kinseek.kernels.jit import kernel
+from kinseek.kernels.pose_error import chordal_error, errors
+from kinseek.kernels.sinusoid import TURN, coefficients, minimise_pair, minimiser
+from kinseek.problem import Problem
+from kinseek.solution import Solution
+
 from .base import Found, solve_each
 
 

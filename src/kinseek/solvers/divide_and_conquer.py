@@ -15,14 +15,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InvalidSolver
-from ..kernels.arrays import Array, ChainArrays, GoalArrays, Indices
-from ..kernels.forward import forward
-from ..kernels.grid import Beam, Window, make_beam, make_scratch, merge, search_window, window_nodes
-from ..kernels.jit import kernel
-from ..problem import Problem
-from ..robots.chain import SerialChain
-from ..solution import Solution
+from kinseek.errors import InvalidSolver
+from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
+from kinseek.kernels.forward import forward
+from kinseek.kernels.grid import Beam, Window, make_beam, make_scratch, merge, search_window, window_nodes
+from kinseek.kernels.jit import kernel
+from kinseek.problem import Problem
+from kinseek.robots.chain import SerialChain
+from kinseek.solution import Solution
+
 from .base import Found, solve_each
 from .nodes import Grid, joint_grid
 

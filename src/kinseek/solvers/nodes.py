@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InvalidSolver
-from ..kernels.arrays import Array, Indices
-from ..robots.chain import SerialChain
+from kinseek.errors import InvalidSolver
+from kinseek.kernels.arrays import Array, Indices
+from kinseek.robots.chain import SerialChain
 
 
 class Grid(NamedTuple):

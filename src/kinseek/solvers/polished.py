@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..problem import Problem
-from ..solution import Solution
+from kinseek.problem import Problem
+from kinseek.solution import Solution
+
 from .base import Solver
 from .coordinate_descent import CoordinateDescent
 from .divide_and_conquer import DivideAndConquer
