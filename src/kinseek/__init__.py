@@ -22,6 +22,7 @@ from .problem import Problem
 from .solution import Solution, Status
 from .solvers import (
     ALL_SOLVERS,
+    Atlas,
     BlindSearch,
     BruteForce,
     CoordinateDescent,
@@ -35,6 +36,7 @@ __version__ = "0.1.0"
 __all__ = [
     "ALL_SOLVERS",
     "Arm",
+    "Atlas",
     "BlindSearch",
     "BruteForce",
     "CoordinateDescent",

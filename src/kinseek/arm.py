@@ -11,13 +11,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from .goal import Goal
 from .kernels.forward import forward_many
+from .kernels.lanes import LANES
+from .kernels.refine import solve_pose
 from .problem import Problem, as_joints
 from .robots import read, read_dh
 from .robots.chain import SerialChain
-from .solution import Solution
-from .solvers import Polished, Solver
+from .solution import Solution, quick_solution
+from .solvers import Atlas, Solver
+from .solvers.atlas import AtlasIndex, atlas_of, wanted_of
 
 Array = NDArray[np.float64]
+
+
+_DEFAULT = wanted_of(Goal.pose(np.eye(4)))
+"""Tolerances and weights of a goal that is just a pose."""
 
 
 class Arm:
@@ -26,6 +33,11 @@ class Arm:
     def __init__(self, chain: SerialChain) -> None:
         """Wrap a chain that a reader made."""
         self.chain = chain
+        self._index: AtlasIndex | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle the chain; the atlas is rebuilt where it is needed."""
+        return {"chain": self.chain, "_index": None}
 
     @classmethod
     def from_dh(
@@ -41,8 +53,8 @@ class Arm:
             rows: One a joint, (n, 4), or mappings with the names a, alpha, d and theta.
             lower: Lower limits, (n,), [rad] or [m].
             upper: Upper limits, (n,), [rad] or [m]; infinite limits make a continuous joint.
-            options: ``convention="standard" | "modified"``, ``kinds="RRP…"``, ``names``, ``base`` and ``tool``
-                (4, 4), ``name``; see `kinseek.robots.read_dh`.
+            options: ``convention="standard" | "modified"``, ``kinds="RRP…"``, ``names``, ``base`` and
+                ``tool`` (4, 4), ``name``; see `kinseek.robots.read_dh`.
 
         Raises:
             InvalidRobot: Wrong shapes, NaN, unknown convention or kind, lower above upper.
@@ -90,26 +102,52 @@ class Arm:
         flat = np.ascontiguousarray(joints.reshape(-1, self.dof))
         return forward_many(self.chain.arrays, flat).reshape(*joints.shape[:-1], 4, 4)
 
-    def ik(self, goal: Any, *, near: ArrayLike | None = None, solver: Solver | None = None) -> Solution:
+    @property
+    def atlas(self) -> AtlasIndex:
+        """The sorted samples that `ik` looks poses up in: built once, at the first call."""
+        if self._index is None:
+            self._index = atlas_of(self.chain)
+        return self._index
+
+    def ik(
+        self,
+        goal: Any,
+        *,
+        near: ArrayLike | None = None,
+        solver: Solver | None = None,
+        threads: int | None = None,
+        progress: bool = False,
+    ) -> Solution:
         """Find joint values that reach a goal, or come as near to it as the search can.
 
         Args:
-            goal: A pose, (4, 4) or (..., 4, 4); an object that carries one (SciPy, pinocchio, spatialmath); or a
-                `Goal`.
-            near: Joint values to start from, (n,) or (..., n), [rad] or [m].
-            solver: One of `kinseek.solvers`; by default a beam divide and conquer finished by coordinate descent.
+            goal: A pose, (4, 4) or (..., 4, 4); an object that carries one (SciPy, pinocchio, spatialmath);
+                or a `Goal`.
+            near: Joint values that the answer shall be near to, (n,) or (..., n), [rad] or [m]; they may lie
+                outside the limits.
+            solver: One of `kinseek.solvers`; by default the `Atlas`.
+            threads: Threads for a batch, of the default solver; every core unless given.
+            progress: Show a progress bar for a batch, of the default solver.
 
         Returns:
-            Joint values inside the limits, their errors recomputed by FK, and whether they meet the tolerances.
+            Joint values inside the limits, their errors recomputed by FK, and whether these meet the
+            tolerances.
 
         Raises:
             InvalidGoal: Not a pose.
             InvalidProblem: `near` does not fit the arm.
             InvalidSolver: The solver's parameters do not fit the arm.
         """
+        if type(goal) is np.ndarray and near is None and solver is None:
+            # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform.
+            if goal.shape == (4, 4) and goal.dtype == np.float64 and goal.flags.c_contiguous:
+                row = solve_pose(self.atlas.handle, _DEFAULT, goal, LANES)
+                if row[-1] >= 0:
+                    return quick_solution(self.chain, goal, row)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
-        problem = Problem(self.chain, asked, None if near is None else np.asarray(near, dtype=float))
-        return (solver or Polished()).solve(problem)
+        start = None if near is None else as_joints(self.chain, near, "near")
+        problem = Problem(self.chain, asked, start)
+        return (solver or Atlas(threads=threads, progress=progress)).solve(problem)
 
     def __repr__(self) -> str:
         """Name, joints and frames."""
@@ -120,7 +158,8 @@ def load(source: str | Path, base: str | None = None, tip: str | None = None) ->
     """Load an arm.
 
     Args:
-        source: name of a bundled arm (`kinseek robots` lists them), or a path to a .urdf, .xacro or MJCF .xml file.
+        source: Name of a bundled arm (`kinseek robots` lists them), or a path to a .urdf, .xacro or MJCF .xml
+            file.
         base: Link that stays; the root of the file unless given.
         tip: Link whose pose is meant; the only leaf of the file unless given.
 

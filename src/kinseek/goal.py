@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from numbers import Real
+from typing import Any, Self, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,19 @@ _REPAIRABLE = 1e-6
 """A matrix closer than this to a rotation is brought onto one; farther away it is refused."""
 
 
+class GoalOptions(TypedDict, total=False):
+    """The fields of a `Goal` that say how exactly, and how position and orientation are weighed."""
+
+    position_tolerance: float
+    orientation_tolerance: float
+    position_weight: float
+    orientation_weight: float
+
+
+DEFAULT_TOLERANCE = 1e-6
+"""[m] and [rad]"""
+
+
 @dataclass(frozen=True, eq=False)
 class Goal:
     """What of the hand's pose matters, how exactly, and how position and orientation are weighed.
@@ -26,19 +40,19 @@ class Goal:
     Build one with `Goal.pose`, `Goal.position` or `Goal.pointing`.
 
     Two measures live side by side. The *tolerances*, in [m] and [rad], decide success. The *weights* are the
-    paper's K_P and K_A (Sec. 2.2): they steer the searches, and they say what "nearest" means when the goal is
-    out of reach.
+    paper's K_P and K_A (Sec. 2.2): they steer the searches, and they say what "nearest" means when the goal
+    is out of reach.
     """
 
     target: Array
     """Wanted pose of the tip in the base, (..., 4, 4), lengths in [m]. Leading dimensions make a batch."""
     kind: str = "pose"
-    """``"pose"``, ``"position"`` (orientation is free) or ``"pointing"`` (the turn about the tool axis is free)."""
+    """``"pose"``, ``"position"`` (any orientation) or ``"pointing"`` (any turn about the tool axis)."""
     tool_axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     """The axis of the tip that a pointing goal aligns, in tip coordinates."""
-    position_tolerance: float = 1e-6
+    position_tolerance: float = DEFAULT_TOLERANCE
     """[m]"""
-    orientation_tolerance: float = 1e-6
+    orientation_tolerance: float = DEFAULT_TOLERANCE
     """[rad]"""
     position_weight: float = 1.0
     """The paper's K_P, per [m]."""
@@ -53,18 +67,18 @@ class Goal:
         """
         for name in ("position_tolerance", "orientation_tolerance"):
             value = getattr(self, name)
-            if not (np.isscalar(value) and np.isfinite(value) and value >= 0):
+            if not (isinstance(value, Real) and np.isfinite(float(value)) and float(value) >= 0):
                 raise InvalidGoal(f"{name} must be a finite number >= 0, got {value!r}")
         for name in ("position_weight", "orientation_weight"):
             value = getattr(self, name)
-            if not (np.isscalar(value) and np.isfinite(value) and value > 0):
+            if not (isinstance(value, Real) and np.isfinite(float(value)) and float(value) > 0):
                 raise InvalidGoal(f"{name} must be a finite number > 0, got {value!r}")
         if self.kind not in ("pose", "position", "pointing"):
             raise InvalidGoal(f"kind must be 'pose', 'position' or 'pointing', got {self.kind!r}")
         object.__setattr__(self, "target", as_pose(self.target))
 
     @classmethod
-    def pose(cls, target: Any, **options: float) -> Self:
+    def pose(cls, target: Any, **options: Unpack[GoalOptions]) -> Self:
         """Ask for the whole pose.
 
         Args:
@@ -74,16 +88,16 @@ class Goal:
         Raises:
             InvalidGoal: Not a pose, or an option out of its range.
         """
-        return cls(target, **options)  # type: ignore[arg-type]
+        return cls(target, **options)
 
     @classmethod
-    def position(cls, position: ArrayLike, **options: float) -> Self:
+    def position(cls, position: ArrayLike, **options: Unpack[GoalOptions]) -> Self:
         """Ask for the tip's position [m], (..., 3), and leave its orientation free.
 
         Raises:
             InvalidGoal: Wrong shape, NaN or infinity, or an option out of its range.
         """
-        return cls(_at(position, np.eye(3)), kind="position", **options)  # type: ignore[arg-type]
+        return cls(_at(position, np.eye(3)), kind="position", **options)
 
     @classmethod
     def pointing(
@@ -91,7 +105,7 @@ class Goal:
         position: ArrayLike,
         direction: ArrayLike,
         tool_axis: Sequence[float] = (0.0, 0.0, 1.0),
-        **options: float,
+        **options: Unpack[GoalOptions],
     ) -> Self:
         """Ask for a position and for a tool axis along a direction; the turn about it is free.
 
@@ -106,7 +120,7 @@ class Goal:
         """
         axis = _unit(tool_axis, "tool_axis")
         turn = _rotation_onto(axis, _unit(direction, "direction"))
-        return cls(_at(position, turn), kind="pointing", tool_axis=tuple(axis), **options)  # type: ignore[arg-type]
+        return cls(_at(position, turn), kind="pointing", tool_axis=(axis[0], axis[1], axis[2]), **options)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -119,7 +133,7 @@ class Goal:
 
     @cached_property
     def tip_rotation(self) -> Array:
-        """Turns the tip so that a pointing goal's tool axis becomes x, the axis that kernels align, (3, 3)."""
+        """Turns the tip so that a pointing goal's tool axis becomes x, which kernels align, (3, 3)."""
         if self.kind != "pointing":
             return np.eye(3)
         return _rotation_onto(np.array([1.0, 0.0, 0.0]), np.array(self.tool_axis))
@@ -127,7 +141,7 @@ class Goal:
     @cached_property
     def targets(self) -> Array:
         """Targets as kernels take them, tip rotation included, (k, 3, 4)."""
-        flat = np.ascontiguousarray(self.target.reshape(-1, 4, 4)[:, :3])
+        flat = self.target.reshape(-1, 4, 4)[:, :3].copy()
         if self.kind == "pointing":
             flat[..., :3] = flat[..., :3] @ self.tip_rotation
         return flat
@@ -180,8 +194,8 @@ def as_pose(target: Any) -> Array:
     """Read a pose, or a batch of them, from an array or from an object that carries a 4x4.
 
     Args:
-        target: (..., 4, 4), lengths in [m]; or an object with ``.homogeneous``, ``.A`` or ``.as_matrix()``; or a
-            list of such objects.
+        target: (..., 4, 4), lengths in [m]; or an object with ``.homogeneous``, ``.A`` or ``.as_matrix()``;
+            or a list of such objects.
 
     Returns:
         (..., 4, 4), every rotation orthonormal to rounding.
@@ -234,7 +248,7 @@ def _matrix_of(target: Any) -> Array:
 
 def _hint(matrix: Array) -> str:
     if matrix.shape[-1:] == (7,) or matrix.shape[-1:] == (6,):
-        return "; write kinseek.pose(position, quat_wxyz=... | quat_xyzw=... | rpy=...) so that the order is named"
+        return "; write kinseek.pose(position, quat_wxyz=... | quat_xyzw=... | rpy=...): names say the order"
     if matrix.shape[-2:] == (3, 3):
         return "; this is a rotation alone, the position is missing"
     if matrix.shape[-1:] == (3,):

@@ -28,14 +28,22 @@ class Problem:
     chain: SerialChain
     goal: Goal
     near: Array | None = None
-    """Joint values to start from and to stay close to, (n,) or (..., n), [rad] or [m]; may lie outside the limits."""
+    """Joint values to start from and to stay close to, (n,) or (..., n), [rad] or [m]; any limits."""
     budget: int | None = None
     """FK evaluations a search may spend per target; None leaves it to the search's own parameters."""
 
     def __post_init__(self) -> None:
         """Check the start against the arm."""
         if self.near is not None:
-            object.__setattr__(self, "near", as_joints(self.chain, self.near, "near"))
+            near, batch = as_joints(self.chain, self.near, "near"), self.goal.shape
+            fits = near.ndim - 1 <= len(batch) and all(
+                have in (1, want) for have, want in zip(near.shape[-2::-1], batch[::-1], strict=False)
+            )
+            if not fits:
+                raise InvalidProblem(
+                    f"near must have shape ({self.chain.dof},) or {(*batch, self.chain.dof)}, got {near.shape}"
+                )
+            object.__setattr__(self, "near", near)
         if self.budget is not None and self.budget < 1:
             raise InvalidProblem(f"budget must be at least 1 FK evaluation, got {self.budget}")
 
@@ -93,7 +101,7 @@ def as_joints(chain: SerialChain, q: object, name: str = "q") -> Array:
 
 
 def within_limits(chain: SerialChain, q: Array) -> Array:
-    """The joint values inside the limits nearest to `q`, full turns taken off where that costs nothing, (..., n)."""
+    """Joint values inside the limits nearest to `q`, full turns taken off where that helps, (..., n)."""
     turns = np.where([kind != "prismatic" for kind in chain.kinds], 2 * np.pi, np.inf)
     below, above = q < chain.lower, q > chain.upper
     up = np.where(below, np.ceil((chain.lower - q) / turns), 0.0)

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from .errors import NotReached
 from .kernels.pose_error import judge
+from .goal import DEFAULT_TOLERANCE, Goal
 from .problem import Problem
+from .robots.chain import SerialChain
 
 Array = NDArray[np.float64]
 
@@ -54,6 +56,16 @@ class Solution:
     problem: Problem
     """What was asked."""
 
+    def __getattr__(self, name: str) -> Any:
+        """Make `problem` when it is first asked for: the fast way of `Arm.ik` leaves it out."""
+        question = self.__dict__.get("_question")
+        if name != "problem" or question is None:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        chain, target = question
+        problem = Problem(chain, Goal.pose(target))
+        self.__dict__["problem"] = problem
+        return problem
+
     @property
     def status(self) -> Any:
         """`Status`, or an object array of them, (...)."""
@@ -85,8 +97,8 @@ class Solution:
         if isinstance(self.success, bool):
             return (
                 f"Solution({self.status.name}, q={np.array2string(self.q, precision=4, separator=', ')}, "
-                f"position_error={self.position_error:.2e} m, orientation_error={self.orientation_error:.2e} rad, "
-                f"evaluations={self.evaluations})"
+                f"position_error={self.position_error:.2e} m, "
+                f"orientation_error={self.orientation_error:.2e} rad, evaluations={self.evaluations})"
             )
         return f"Solution({int(self.success.sum())} of {self.success.size} solved, q{self.q.shape})"
 
@@ -102,9 +114,43 @@ def conclude(problem: Problem, q: Array, work: NDArray[np.int64]) -> Solution:
     goal, shape = problem.goal, problem.goal.shape
     measured = judge(problem.arrays, np.ascontiguousarray(q), goal.targets, goal.arrays)
     success = (measured[:, 0] <= goal.position_tolerance) & (measured[:, 1] <= goal.orientation_tolerance)
-    columns = [success, *measured.T, *work.T]
-    if shape:
-        fields = [column.reshape(shape).copy() for column in columns]
-    else:
-        fields = [column[0].item() for column in columns]
-    return Solution(q.reshape(*shape, problem.chain.dof), *fields, problem)
+
+    def field(column: NDArray[Any]) -> Any:
+        return column.reshape(shape).copy() if shape else column[0].item()
+
+    return Solution(
+        q=q.reshape(*shape, problem.chain.dof),
+        success=field(success),
+        position_error=field(measured[:, 0]),
+        orientation_error=field(measured[:, 1]),
+        weighted_error=field(measured[:, 2]),
+        evaluations=field(work[:, 0]),
+        nodes_created=field(work[:, 1]),
+        nodes_expanded=field(work[:, 2]),
+        problem=problem,
+    )
+
+
+def quick_solution(chain: SerialChain, target: Array, row: Array) -> Solution:
+    """Make a solution of one pose under the default tolerances as fast as Python can.
+
+    Args:
+        chain: The arm.
+        target: (4, 4).
+        row: Joint values, position error [m], orientation error [rad], weighted error, evaluations, (n + 4,).
+    """
+    dof = len(row) - 4
+    position, orientation, weighted, spent = row[dof:].tolist()
+    solution = object.__new__(Solution)
+    solution.__dict__.update(
+        q=row[:dof],
+        success=position <= DEFAULT_TOLERANCE and orientation <= DEFAULT_TOLERANCE,
+        position_error=position,
+        orientation_error=orientation,
+        weighted_error=weighted,
+        evaluations=int(spent),
+        nodes_created=0,
+        nodes_expanded=0,
+        _question=(chain, target),
+    )
+    return solution

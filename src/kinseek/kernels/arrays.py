@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 
 class ChainArrays(NamedTuple):
@@ -16,7 +17,7 @@ class ChainArrays(NamedTuple):
 
     fixed: Array
     """``A_1 … A_m, A_tip``, (m+1, 3, 4), lengths in [m]."""
-    prismatic: NDArray[np.bool_]
+    prismatic: Flags
     """(m,)"""
     leader: Indices
     """Variable that moves each physical joint, (m,)."""
@@ -34,7 +35,7 @@ class ChainArrays(NamedTuple):
 
 def chain_arrays(
     fixed: Array,
-    prismatic: NDArray[np.bool_],
+    prismatic: Flags,
     leader: Indices,
     multiplier: Array,
     offset: Array,
@@ -44,8 +45,16 @@ def chain_arrays(
     """Bundle a chain and cut it into the segments that each variable completes."""
     known_after = np.maximum.accumulate(leader)
     start = np.searchsorted(known_after, np.arange(len(lower) + 1)).astype(np.int64)
-    contiguous = [np.ascontiguousarray(a) for a in (fixed, prismatic, leader, multiplier, offset)]
-    return ChainArrays(*contiguous, start, np.ascontiguousarray(lower), np.ascontiguousarray(upper))
+    return ChainArrays(
+        np.ascontiguousarray(fixed),
+        np.ascontiguousarray(prismatic),
+        np.ascontiguousarray(leader),
+        np.ascontiguousarray(multiplier),
+        np.ascontiguousarray(offset),
+        start,
+        np.ascontiguousarray(lower),
+        np.ascontiguousarray(upper),
+    )
 
 
 class GoalArrays(NamedTuple):

@@ -7,17 +7,21 @@ import math
 import numpy as np
 
 from .arrays import Array, ChainArrays
-from .jit import kernel
+from .jit import inner, kernel
+from .trigonometry import sine_cosine
 
 
-@kernel
+@inner
 def advance(A: Array, prismatic: bool, value: float, T: Array) -> None:
     """Multiply T, (3, 4), in place by the fixed transform A and a joint at `value` [rad] or [m]."""
     cosine, sine, slide = 1.0, 0.0, 0.0
     if prismatic:
         slide = value
     else:
-        cosine, sine = math.cos(value), math.sin(value)
+        if abs(value) < 1e4:
+            sine, cosine = sine_cosine(value)
+        else:
+            cosine, sine = math.cos(value), math.sin(value)
     for r in range(3):
         t0, t1, t2 = T[r, 0], T[r, 1], T[r, 2]
         x = t0 * A[0, 0] + t1 * A[1, 0] + t2 * A[2, 0]
@@ -30,14 +34,23 @@ def advance(A: Array, prismatic: bool, value: float, T: Array) -> None:
         T[r, 3] = p + z * slide
 
 
-@kernel
+@inner
 def identity(T: Array) -> None:
     """Set T, (3, 4), to the identity."""
-    T[:] = 0.0
-    T[0, 0] = T[1, 1] = T[2, 2] = 1.0
+    for r in range(3):
+        for c in range(4):
+            T[r, c] = 1.0 if r == c else 0.0
 
 
-@kernel
+@inner
+def copy_pose(source: Array, T: Array) -> None:
+    """Copy a pose, (3, 4) or (4, 4), into T, (3, 4)."""
+    for r in range(3):
+        for c in range(4):
+            T[r, c] = source[r, c]
+
+
+@inner
 def advance_segment(chain: ChainArrays, first: int, last: int, q: Array, T: Array) -> None:
     """Multiply T in place by physical joints first … last-1 at the variables q, (n,)."""
     for k in range(first, last):
@@ -45,7 +58,7 @@ def advance_segment(chain: ChainArrays, first: int, last: int, q: Array, T: Arra
         advance(chain.fixed[k], chain.prismatic[k], value, T)
 
 
-@kernel
+@inner
 def forward(chain: ChainArrays, q: Array, T: Array) -> None:
     """Write the pose of the tip in the base at joint values q, (n,), into T, (3, 4), lengths in [m]."""
     joints = len(chain.prismatic)
@@ -57,8 +70,10 @@ def forward(chain: ChainArrays, q: Array, T: Array) -> None:
 @kernel
 def forward_many(chain: ChainArrays, q: Array) -> Array:
     """Poses of the tip at many joint vectors, (k, n) -> (k, 4, 4), lengths in [m]."""
-    poses = np.zeros((len(q), 4, 4))
+    poses, T = np.empty((len(q), 4, 4)), np.empty((3, 4))
     for k in range(len(q)):
-        forward(chain, q[k], poses[k, :3])
-        poses[k, 3, 3] = 1.0
+        forward(chain, q[k], T)
+        copy_pose(T, poses[k])
+        for c in range(4):
+            poses[k, 3, c] = 1.0 if c == 3 else 0.0
     return poses

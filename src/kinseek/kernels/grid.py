@@ -2,8 +2,11 @@
 
 The tree is searched depth first, last joint fastest, as in the paper. Two things make it fast and change
 nothing: the pose of a prefix q_1 … q_s is computed once for all leaves below it, and the last joints are
-tabulated once, so that a leaf is a few products in SIMD lanes. With P the prefix's pose, the goal is brought into
-its frame, G' = P⁻¹ G, and compared with each tabulated pose of the tip seen from there.
+tabulated once, so that a leaf is a few products in SIMD lanes. With P the prefix's pose, the goal is
+brought into its frame, G' = P⁻¹ G, and compared with each tabulated pose of the tip seen from there.
+
+Plain loops stand where NumPy has a shorter word (`a == b`, `.max()`, `a[i] = b[j]`): each of those costs the
+first run up to four seconds of compiling.
 """
 
 from __future__ import annotations
@@ -15,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import Array, ChainArrays, GoalArrays, Indices
-from .forward import advance, advance_segment, identity
-from .jit import kernel
+from .forward import advance, advance_segment, copy_pose, identity
+from .jit import inner, kernel
 
-MOST_LANES = 4096
-"""Leaves tabulated at most; nine doubles each, so the table stays in a core's second-level cache."""
+MOST_LANES = 8000
+"""Leaves tabulated at most; ten doubles each, so the table stays in a core's second-level cache."""
 
 
 class Window(NamedTuple):
@@ -66,62 +69,69 @@ def make_scratch(dof: int) -> Scratch:
         np.empty((9, MOST_LANES)),
         np.empty(MOST_LANES),
         np.empty((dof + 1, 3, 4)),
-        np.zeros(dof, dtype=np.int64),
-        np.zeros(dof),
+        np.empty(dof, dtype=np.int64),
+        np.empty(dof),
     )
 
 
 @kernel
 def make_beam(size: int, dof: int) -> Beam:
     """Allocate an empty beam."""
-    return Beam(np.full(size, np.inf), np.full((size, dof), -1, dtype=np.int64), np.zeros((size, dof)))
+    beam = Beam(np.empty(size), np.empty((size, dof), dtype=np.int64), np.empty((size, dof)))
+    clear(beam)
+    return beam
 
 
-@kernel
-def split_depth(chain: ChainArrays, counts: Indices) -> tuple[int, bool]:
-    """Choose how many joints s form the prefix, and say whether the table is the same for every prefix.
+@inner
+def clear(beam: Beam) -> None:
+    """Empty a beam."""
+    for k in range(len(beam.errors)):
+        beam.errors[k] = np.inf
 
-    It is, unless a joint of the suffix mimics one of the prefix. The cost is the inner nodes above and below.
+
+@inner
+def split_depth(chain: ChainArrays, counts: Indices) -> int:
+    """Choose how many joints s form the prefix; the other n - s are tabulated.
+
+    The cost is the inner nodes above and below. The table must fit, and must be the same for every prefix: no
+    joint of the suffix may mimic one of the prefix. Where nothing can be tabulated s is n, with one lane.
     """
     dof = len(counts)
-    above = np.zeros(dof + 1)
-    nodes = 1.0
+    nodes, above, below, lanes = 1.0, 0.0, 0.0, 1.0
     for d in range(dof):
         nodes *= counts[d]
-        above[d + 1] = above[d] + nodes
-    best, best_cost = -1, np.inf
-    lanes, below = 1.0, 0.0
+        above += nodes
+    best, best_cost = dof, np.inf
     for s in range(dof - 1, -1, -1):
+        above -= nodes
+        nodes /= counts[s]
         below = counts[s] * (1.0 + below)
         lanes *= counts[s]
-        if lanes > MOST_LANES:
-            break
-        pure = True
+        pure = lanes <= MOST_LANES
         for k in range(chain.start[s], len(chain.leader)):
             pure = pure and chain.leader[k] >= s
-        if pure and above[s] + below < best_cost:
-            best, best_cost = s, above[s] + below
-    if best >= 0:
-        return best, True
-    return dof - 1, False
+        if pure and above + below < best_cost:
+            best, best_cost = s, above + below
+    return best
 
 
 @kernel
 def tabulate(chain: ChainArrays, window: Window, s: int, scratch: Scratch) -> int:
     """Fill the lanes with the tip's pose for every combination of joints s … n-1; return how many."""
     dof, joints = len(window.counts), len(chain.prismatic)
-    path, q, poses = scratch.path, scratch.q, scratch.poses
+    path, q, poses, T = scratch.path, scratch.q, scratch.poses, np.empty((3, 4))
+    for d in range(s, dof):
+        path[d] = 0
     identity(poses[s])
-    path[s:] = 0
-    lane, d = 0, s
-    T = np.empty((3, 4))
+    lane = 0
+    d = s
     while True:
         while d < dof:
             q[d] = window.values[d, path[d]]
-            poses[d + 1] = poses[d]
+            copy_pose(poses[d], poses[d + 1])
             advance_segment(chain, chain.start[d], chain.start[d + 1], q, poses[d + 1])
             d += 1
-        T[:] = poses[dof]
+        copy_pose(poses[dof], T)
         advance(chain.fixed[joints], True, 0.0, T)
         for r in range(3):
             scratch.lanes[r, lane] = T[r, 0]
@@ -137,7 +147,7 @@ def tabulate(chain: ChainArrays, window: Window, s: int, scratch: Scratch) -> in
         path[d] += 1
 
 
-@kernel
+@inner
 def lane_errors(P: Array, goal: GoalArrays, lanes: Array, count: int, errors: Array) -> float:
     """Write the weighted error of every tabulated leaf below the prefix pose P; return the smallest."""
     G = goal.target
@@ -163,33 +173,52 @@ def lane_errors(P: Array, goal: GoalArrays, lanes: Array, count: int, errors: Ar
     return smallest
 
 
-@kernel
+@inner
 def offer(beam: Beam, error: float, nodes: Indices, q: Array) -> float:
     """Put a leaf into the beam unless it is there already; return the error to beat from now on."""
-    worst = 0
+    worst, twin = 0, False
     for k in range(len(beam.errors)):
-        if abs(beam.errors[k] - error) <= 1e-12 * (1.0 + error) and np.all(beam.nodes[k] == nodes):
-            return beam.errors.max()
+        if abs(beam.errors[k] - error) <= 1e-12 * (1.0 + error):
+            twin = twin or same_nodes(beam, k, nodes)
         if beam.errors[k] > beam.errors[worst]:
             worst = k
-    if error < beam.errors[worst]:
+    if not twin and error < beam.errors[worst]:
         beam.errors[worst] = error
-        beam.nodes[worst] = nodes
-        beam.q[worst] = q
-    return beam.errors.max()
+        for d in range(len(nodes)):
+            beam.nodes[worst, d] = nodes[d]
+            beam.q[worst, d] = q[d]
+    return worst_error(beam)
 
 
-@kernel
+@inner
+def worst_error(beam: Beam) -> float:
+    """Return the error a leaf must beat to enter a beam."""
+    worst: float = beam.errors[0]
+    for k in range(1, len(beam.errors)):
+        worst = max(worst, beam.errors[k])
+    return worst
+
+
+@inner
+def same_nodes(beam: Beam, k: int, nodes: Indices) -> bool:
+    """Return whether place k of a beam holds these nodes."""
+    same = True
+    for d in range(len(nodes)):
+        same = same and beam.nodes[k, d] == nodes[d]
+    return same
+
+
+@inner
 def merge(litter: Beam, beam: Beam) -> None:
     """Offer every leaf of one beam to another."""
     for k in range(len(litter.errors)):
-        if np.isfinite(litter.errors[k]):
+        if litter.errors[k] < np.inf:
             offer(beam, litter.errors[k], litter.nodes[k], litter.q[k])
 
 
-@kernel
+@inner
 def choose_lane(window: Window, s: int, lane: int, scratch: Scratch, nodes: Indices) -> None:
-    """Complete the current prefix by the suffix that a lane stands for: nodes into `nodes`, values into scratch.q."""
+    """Write the leaf that a lane stands for below the current prefix: nodes and, in scratch.q, values."""
     for d in range(len(window.counts)):
         nodes[d] = window.nodes[d, scratch.path[d]]
         scratch.q[d] = window.values[d, scratch.path[d]]
@@ -200,9 +229,9 @@ def choose_lane(window: Window, s: int, lane: int, scratch: Scratch, nodes: Indi
         scratch.q[d] = window.values[d, value]
 
 
-@kernel
+@inner
 def nodes_until(counts: Indices, leaf: int) -> int:
-    """Nodes that a depth-first search has expanded once it comes to leaf number `leaf`, that leaf included."""
+    """Nodes that a depth-first search has expanded once it comes to leaf number `leaf`, itself included."""
     total, below = 0, 1
     for d in range(len(counts) - 1, -1, -1):
         total += leaf // below + 1
@@ -227,61 +256,50 @@ def search_window(
         goal: What is wanted.
         window: The values of each joint.
         stop_below: Stop at the first leaf in order whose error is below this.
-        budget: Leaves that may be evaluated; a prefix whose leaves do not all fit is not begun.
+        budget: Leaves that may be evaluated; the search stops short of the next.
         beam: The best leaves so far; a leaf replaces the worst only if it is strictly better.
         scratch: Memory from `make_scratch`.
 
     Returns:
         Leaves evaluated in order up to the stop, and whether the search ended early.
     """
-    dof = len(window.counts)
-    s, same_table = split_depth(chain, window.counts)
-    lanes = tabulate(chain, window, s, scratch) if same_table else int(window.counts[dof - 1])
+    dof, path, q, poses = len(window.counts), scratch.path, scratch.q, scratch.poses
+    s = split_depth(chain, window.counts)
+    lanes = tabulate(chain, window, s, scratch)
     nodes = np.empty(dof, dtype=np.int64)
-    to_beat = beam.errors.max()
-    path, poses = scratch.path, scratch.poses
+    to_beat = worst_error(beam)
+    for i in range(dof):
+        path[i] = 0
     identity(poses[0])
-    path[:] = 0
-    leaves, d = 0, 0
-    while leaves + lanes <= budget:
+    leaves = d = 0
+    while leaves < budget:
         while d < s:
-            scratch.q[d] = window.values[d, path[d]]
-            poses[d + 1] = poses[d]
-            advance_segment(chain, chain.start[d], chain.start[d + 1], scratch.q, poses[d + 1])
+            q[d] = window.values[d, path[d]]
+            copy_pose(poses[d], poses[d + 1])
+            advance_segment(chain, chain.start[d], chain.start[d + 1], q, poses[d + 1])
             d += 1
-        if same_table:
-            smallest = lane_errors(poses[s], goal, scratch.lanes, lanes, scratch.errors)
-        else:
-            smallest = mixed_errors(chain, goal, window, s, scratch)
+        count = min(lanes, budget - leaves)
+        smallest = lane_errors(poses[s], goal, scratch.lanes, count, scratch.errors)
         if smallest < to_beat or smallest < stop_below:
-            for lane in range(lanes):
+            for lane in range(count):
                 error = scratch.errors[lane]
                 if error < to_beat:
                     choose_lane(window, s, lane, scratch, nodes)
-                    to_beat = offer(beam, error, nodes, scratch.q)
+                    to_beat = offer(beam, error, nodes, q)
                 if error < stop_below:
                     return leaves + lane + 1, True
-        leaves += lanes
+        leaves += count
         d = s - 1
         while d >= 0 and path[d] + 1 == window.counts[d]:
             path[d] = 0
             d -= 1
         if d < 0:
-            return leaves, False
+            return leaves, count < lanes
         path[d] += 1
     return leaves, True
 
 
-@kernel
-def mixed_errors(chain: ChainArrays, goal: GoalArrays, window: Window, s: int, scratch: Scratch) -> float:
-    """Errors of the last joint's values where it drags along a follower of an earlier one: no table holds."""
-    prefix = scratch.poses[s].copy()
-    lanes = tabulate(chain, window, s, scratch)
-    scratch.poses[s] = prefix
-    return lane_errors(prefix, goal, scratch.lanes, lanes, scratch.errors)
-
-
-@kernel
+@inner
 def window_nodes(counts: Indices) -> int:
     """Nodes of the full tree over a window: Σ_d Π_{i ≤ d} counts_i, Eq. 1 of the paper where all are B."""
     total, level = 0, 1

@@ -1,8 +1,8 @@
 """Exact minimisation of the chordal error along one joint, and along two.
 
-With everything else still, ``K_P |p - p_g|² + Σ K_c |c - c_g|²`` is ``a + b cos δ + c sin δ`` in the turn δ of one
-revolute joint and ``a + b δ + c δ²`` in the slide δ of one prismatic joint. So three FK evaluations give it exactly,
-and nine give the bilinear form of two joints.
+With everything else still, ``K_P |p - p_g|² + Σ K_c |c - c_g|²`` is ``a + b cos δ + c sin δ`` in the turn δ
+of one revolute joint and ``a + b δ + c δ²`` in the slide δ of one prismatic joint. So three FK evaluations
+give it exactly, and nine give the bilinear form of two joints.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ import math
 
 import numpy as np
 
-from .arrays import Array
-from .jit import kernel
+from .arrays import Array, Flags
+from .jit import inner, kernel
 
 TURN = 2.0 * math.pi
 
 
-@kernel
+@inner
 def coefficients(f0: float, f1: float, f2: float, slide: float) -> tuple[float, float, float]:
     """Fit the error along one joint.
 
@@ -33,7 +33,7 @@ def coefficients(f0: float, f1: float, f2: float, slide: float) -> tuple[float, 
     return a, f0 - a, (f1 - f2) / math.sqrt(3.0)
 
 
-@kernel
+@inner
 def value_at(a: float, b: float, c: float, delta: float, revolute: bool) -> float:
     """Evaluate the fit."""
     if revolute:
@@ -60,7 +60,7 @@ def minimiser(a: float, b: float, c: float, low: float, high: float, revolute: b
     return high
 
 
-@kernel
+@inner
 def basis(delta: float, revolute: bool, phi: Array) -> None:
     """Write (1, cos δ, sin δ) or (1, δ, δ²) into phi, (3,)."""
     phi[0] = 1.0
@@ -69,7 +69,7 @@ def basis(delta: float, revolute: bool, phi: Array) -> None:
 
 
 @kernel
-def minimise_pair(M: Array, low: Array, high: Array, revolute: Array, delta: Array) -> None:
+def minimise_pair(M: Array, low: Array, high: Array, revolute: Flags, delta: Array) -> None:
     """Minimise φ(δ_1)ᵀ M φ(δ_2) over a box; write the minimiser into delta, (2,).
 
     For every δ_2 the best δ_1 is exact; δ_2 is scanned over its range and then both are polished in turn.
@@ -94,27 +94,24 @@ def minimise_pair(M: Array, low: Array, high: Array, revolute: Array, delta: Arr
         if value < best:
             best, delta[0], delta[1] = value, first, second
     for _ in range(20):
-        before = best
+        before, old = best, delta[1]
         basis(delta[0], revolute[0], phi)
         a = M[0, 0] * phi[0] + M[1, 0] * phi[1] + M[2, 0] * phi[2]
         b = M[0, 1] * phi[0] + M[1, 1] * phi[1] + M[2, 1] * phi[2]
         c = M[0, 2] * phi[0] + M[1, 2] * phi[1] + M[2, 2] * phi[2]
-        second = minimiser(a, b, c, low[1], high[1], revolute[1])
-        first, value = _best_first(M, second, low, high, revolute, phi)
-        # Extrapolate the zigzag of one-at-a-time steps, and keep the guess only if it is better.
-        ahead = min(max(delta[1] + 2.0 * (second - delta[1]), low[1]), high[1])
-        ahead_first, ahead_value = _best_first(M, ahead, low, high, revolute, phi)
-        if ahead_value < value:
-            first, second, value = ahead_first, ahead, ahead_value
-        if value < best:
-            best, delta[0], delta[1] = value, first, second
+        step = minimiser(a, b, c, low[1], high[1], revolute[1]) - old
+        for stretch in range(1, 3):  # One-at-a-time steps zigzag; twice the step is tried too.
+            second = min(max(old + stretch * step, low[1]), high[1])
+            first, value = _best_first(M, second, low, high, revolute, phi)
+            if value < best:
+                best, delta[0], delta[1] = value, first, second
         if before - best <= 1e-16 * abs(before):
             break
 
 
 @kernel
 def _best_first(
-    M: Array, second: float, low: Array, high: Array, revolute: Array, phi: Array
+    M: Array, second: float, low: Array, high: Array, revolute: Flags, phi: Array
 ) -> tuple[float, float]:
     """Return the best δ_1 for a given δ_2, and the value there."""
     basis(second, revolute[1], phi)

@@ -246,7 +246,8 @@ def _unit_axis(joint: Joint) -> Array:
         else "write a unit vector"
     )
     raise InvalidRobot(
-        f"joint {joint.name!r}: axis {' '.join(f'{v:g}' for v in axis)} has length {length:g}, expected 1; {meant}"
+        f"joint {joint.name!r}: axis {' '.join(f'{v:g}' for v in axis)} has length {length:g}, expected 1; "
+        f"{meant}"
     )
 
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from kinseek.errors import InvalidSolver
-from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays
+from kinseek.kernels.arrays import Array, ChainArrays, Flags, GoalArrays
 from kinseek.kernels.forward import forward
 from kinseek.kernels.grid import Window, make_beam, make_scratch, search_window, window_nodes
-from kinseek.kernels.jit import kernel
+from kinseek.kernels.jit import inner, kernel
 from kinseek.kernels.pose_error import errors, weighted_error
 from kinseek.problem import Problem
 from kinseek.solution import Solution
@@ -68,7 +68,7 @@ class BlindSearch:
 
 @kernel
 def walk(
-    chain: ChainArrays, goal: GoalArrays, wraps: Array, tolerances: Array, parameters: Array, q: Array
+    chain: ChainArrays, goal: GoalArrays, wraps: Flags, tolerances: Array, parameters: Array, q: Array
 ) -> tuple[int, int]:
     """Walk q downhill in place; return leaves evaluated and nodes expanded.
 
@@ -82,10 +82,8 @@ def walk(
     """
     dof = len(q)
     step, shrink, smallest, most = parameters[0], parameters[1], parameters[2], parameters[3]
-    nodes = np.zeros((dof, 3), dtype=np.int64)
-    nodes[:, 0], nodes[:, 2] = -1, 1
-    window = Window(np.empty((dof, 3)), nodes, np.full(dof, 3, dtype=np.int64))
-    scratch, T = make_scratch(dof), np.empty((3, 4))
+    window = Window(np.empty((dof, 3)), np.empty((dof, 3), dtype=np.int64), np.empty(dof, dtype=np.int64))
+    scratch, beam, T = make_scratch(dof), make_beam(1, dof), np.empty((3, 4))
     forward(chain, q, T)
     best = weighted_error(T, goal)
     leaves, expanded, steps = 1, 0, 0
@@ -93,15 +91,7 @@ def walk(
         position, orientation = errors(T, goal)
         if position <= tolerances[0] and orientation <= tolerances[1]:
             break
-        for d in range(dof):
-            for i in range(3):
-                value = q[d] + (i - 1) * step
-                if wraps[d] and value > chain.upper[d]:
-                    value -= chain.upper[d] - chain.lower[d]
-                if wraps[d] and value < chain.lower[d]:
-                    value += chain.upper[d] - chain.lower[d]
-                window.values[d, i] = min(max(value, chain.lower[d]), chain.upper[d])
-        beam = make_beam(1, dof)
+        combinations(chain, wraps, q, step, window)
         beam.errors[0] = best
         more, _ = search_window(chain, goal, window, -1.0, 1 << 62, beam, scratch)
         leaves += more
@@ -109,8 +99,25 @@ def walk(
         steps += 1
         if beam.errors[0] < best * (1.0 - 1e-15):
             best = beam.errors[0]
-            q[:] = beam.q[0]
+            for d in range(dof):
+                q[d] = beam.q[0, d]
             forward(chain, q, T)
         else:
             step *= shrink
     return leaves, expanded
+
+
+@inner
+def combinations(chain: ChainArrays, wraps: Flags, q: Array, step: float, window: Window) -> None:
+    """Put q - Δ, q and q + Δ, held inside the limits, into the window."""
+    for d in range(len(q)):
+        window.counts[d] = 3
+        turn = chain.upper[d] - chain.lower[d]
+        for i in range(3):
+            value = q[d] + (i - 1) * step
+            if wraps[d] and value > chain.upper[d]:
+                value -= turn
+            if wraps[d] and value < chain.lower[d]:
+                value += turn
+            window.nodes[d, i] = i - 1
+            window.values[d, i] = min(max(value, chain.lower[d]), chain.upper[d])

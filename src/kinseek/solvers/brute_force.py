@@ -35,7 +35,8 @@ class BruteForce:
     stop_below: float = 0.0
     """Stop at the first node whose weighted error is below this; 0 searches everything."""
     order: str = "paper"
-    """``"paper"``: from the lower limit up; ``"low-discrepancy"``: golden-ratio steps; ``"random"``: shuffled by `seed`."""
+    """Of a joint's values. ``"paper"``: from the lower limit up; ``"low-discrepancy"``: in steps of the
+    golden ratio; ``"random"``: shuffled by `seed`."""
     seed: int = 0
 
     def __post_init__(self) -> None:

@@ -1,8 +1,8 @@
 """Exact coordinate descent: forward kinematics only, no derivative, no step size, never worse.
 
 Along one joint the squared chordal error is a sinusoid or a parabola, so three FK evaluations give its exact
-minimiser within the limits; along two joints nine give a bilinear form (see `kernels.sinusoid`). A joint that drags
-mimics along has no such form: there a coarse scan and a golden-section search stand in.
+minimiser within the limits; along two joints nine give a bilinear form (see `kernels.sinusoid`). A joint that
+drags mimics along has no such form: there a coarse scan and a golden-section search stand in.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays
 from kinseek.kernels.forward import forward
-from kinseek.kernels.jit import kernel
+from kinseek.kernels.jit import inner, kernel
 from kinseek.kernels.pose_error import chordal_error, errors
 from kinseek.kernels.sinusoid import TURN, coefficients, minimise_pair, minimiser
 from kinseek.problem import Problem
@@ -23,12 +23,16 @@ from kinseek.solution import Solution
 
 from .base import Found, solve_each
 
+SCANS, SECTIONS = 24, 30
+"""Samples of a range, and golden sections after them, where a joint has no closed form."""
+
 
 @dataclass(frozen=True)
 class CoordinateDescent:
     """Minimise along single joints and pairs of joints, in turn, from `problem.start`.
 
-    Linear convergence: it narrows in on an answer in tens to hundreds of sweeps, and it may stay in a local minimum.
+    Linear convergence: it narrows in on an answer in tens to hundreds of sweeps, and it may stay in a local
+    minimum.
 
     Raises:
         InvalidSolver: A parameter out of its range.
@@ -76,7 +80,7 @@ def error_at(chain: ChainArrays, squared: GoalArrays, q: Array, T: Array) -> flo
     return chordal_error(T, squared)
 
 
-@kernel
+@inner
 def samples(chain: ChainArrays, i: int, kinds: Array) -> tuple[float, float]:
     """Return how far to step a joint for its samples, and 0 or that step as its `slide`."""
     if kinds[i] == 1:
@@ -88,7 +92,7 @@ def samples(chain: ChainArrays, i: int, kinds: Array) -> tuple[float, float]:
 @kernel
 def joint_kinds(chain: ChainArrays) -> Array:
     """Of each variable: 0 revolute, 1 prismatic, 2 neither, for it drives more than one joint, (n,)."""
-    kinds = np.full(len(chain.lower), -1.0)
+    kinds = -np.ones(len(chain.lower))
     for k in range(len(chain.leader)):
         i = chain.leader[k]
         single = kinds[i] == -1.0 and abs(chain.multiplier[k]) == 1.0
@@ -126,18 +130,20 @@ def sweep_down(
             break
         before = error
         for i in range(dof):
-            if spent + 60 > budget:
+            if spent + (3 if kinds[i] < 2 else SCANS + 2 * SECTIONS + 1) > budget:
                 return spent
             cost, error = descend_one(chain, squared, kinds, i, error, q, T)
             spent += cost
         if pairs:
             for i in range(dof - 1):
                 for j in range(i + 1, dof):
-                    if spent + 10 > budget:
+                    if spent + 9 > budget:
                         return spent
                     if kinds[i] < 2 and kinds[j] < 2:
                         error = descend_two(chain, squared, kinds, i, j, error, q, T)
                         spent += 9
+        if spent >= budget:
+            return spent
         error = error_at(chain, squared, q, T)
         spent += 1
         sweeps += 1
@@ -189,17 +195,16 @@ def scan_one(
     chain: ChainArrays, squared: GoalArrays, i: int, error: float, q: Array, T: Array
 ) -> tuple[int, float]:
     """Minimise along a joint whose error is no single sinusoid: scan its range, then golden sections."""
-    scans, sections = 24, 30
     old, low, span = q[i], chain.lower[i], chain.upper[i] - chain.lower[i]
     best, best_value = old, error
-    for k in range(scans):
-        q[i] = low + span * (k + 0.5) / scans
+    for k in range(SCANS):
+        q[i] = low + span * (k + 0.5) / SCANS
         value = error_at(chain, squared, q, T)
         if value < best_value:
             best, best_value = q[i], value
-    left, right = max(best - span / scans, low), min(best + span / scans, chain.upper[i])
+    left, right = max(best - span / SCANS, low), min(best + span / SCANS, chain.upper[i])
     ratio = (math.sqrt(5.0) - 1.0) / 2.0
-    for _ in range(sections):
+    for _ in range(SECTIONS):
         first, second = right - ratio * (right - left), left + ratio * (right - left)
         q[i] = first
         f1 = error_at(chain, squared, q, T)
@@ -215,7 +220,7 @@ def scan_one(
     if best_value < value:
         q[i] = best
         value = best_value
-    return scans + 2 * sections + 1, value
+    return SCANS + 2 * SECTIONS + 1, value
 
 
 @kernel
@@ -238,10 +243,11 @@ def descend_two(
         rows[0, v], rows[1, v], rows[2, v] = coefficients(f0, f1, f2, slide_i)
     for u in range(3):
         M[u, 0], M[u, 1], M[u, 2] = coefficients(rows[u, 0], rows[u, 1], rows[u, 2], slide_j)
-    low = np.array([chain.lower[i] - here_i, chain.lower[j] - here_j])
-    high = np.array([chain.upper[i] - here_i, chain.upper[j] - here_j])
-    delta = np.zeros(2)
-    minimise_pair(M, low, high, np.array([kinds[i] == 0, kinds[j] == 0]), delta)
+    low, high, delta, revolute = np.empty(2), np.empty(2), np.zeros(2), np.empty(2, dtype=np.bool_)
+    low[0], low[1] = chain.lower[i] - here_i, chain.lower[j] - here_j
+    high[0], high[1] = chain.upper[i] - here_i, chain.upper[j] - here_j
+    revolute[0], revolute[1] = kinds[i] == 0, kinds[j] == 0
+    minimise_pair(M, low, high, revolute, delta)
     q[j] = min(max(here_j + delta[1], chain.lower[j]), chain.upper[j])
     value = accept(chain, squared, i, here_i, here_i + delta[0], error, q, T)
     if value >= error:

@@ -1,34 +1,47 @@
 """Divide and conquer with the paper's heuristics, and with the beam that cures its diving (Sec. 3.1, 3.2).
 
-A coarse grid over every joint first; then, pass by pass, a finer grid around the best so far, until the spacing
-is one node. ``breadth`` is the paper's constant breadth (one number) or breadth tuning (one a joint), ``tree``
-its dynamically-created tree. The paper notes that the error is not sorted along any joint, so that the search may
-dive into a local minimum: ``beam`` follows the K best cells of each pass instead of one.
+A coarse grid over every joint first; then, pass by pass, a finer grid around the best so far, until the
+spacing is one node. ``breadth`` is the paper's constant breadth (one number) or breadth tuning (one a joint),
+``tree`` its dynamically-created tree. The paper notes that the error is not sorted along any joint, so that
+the search may dive into a local minimum: ``beam`` follows the K best cells of each pass instead of one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidSolver
+from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
-from kinseek.kernels.forward import forward
-from kinseek.kernels.grid import Beam, Window, make_beam, make_scratch, merge, search_window, window_nodes
-from kinseek.kernels.jit import kernel
+from kinseek.kernels.forward import forward_many
+from kinseek.kernels.grid import (
+    Beam,
+    Window,
+    clear,
+    make_beam,
+    make_scratch,
+    merge,
+    nodes_until,
+    offer,
+    search_window,
+    window_nodes,
+)
+from kinseek.kernels.jit import exact, inner, kernel
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
 
 from .base import Found, solve_each
+from .breadth_tuning import probe_joints, widen_by_trial, window_leaves
 from .nodes import Grid, joint_grid
 
 _MOST_NODES = 2**62
-_PROBES = 64
 
 
 @dataclass(frozen=True)
@@ -46,7 +59,7 @@ class DivideAndConquer:
     divisions: int = 3
     """D: values a joint in the first pass; each later pass divides the spacing by D."""
     breadth: int | tuple[int, ...] | str = 1
-    """Br: a later pass tries 2(⌊D/2⌋ + Br) - 1 values a joint. One number (CB), one a joint (BT), or ``"tuned"``."""
+    """Br, for 2(⌊D/2⌋ + Br) - 1 values a joint in later passes: one number (CB), one a joint or "tuned" (BT)."""
     tree: str = "dynamic"
     """``"static"`` makes all nodes first; ``"dynamic"`` makes them when needed (DT)."""
     beam: int = 1
@@ -87,17 +100,18 @@ class DivideAndConquer:
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by the best node found."""
-        plan = self._plan(problem.chain)
+        plan = self._plan(problem)
         return solve_each(problem, lambda one: self._search(one, plan))
 
-    def breadths(self, chain: SerialChain) -> tuple[int, ...]:
+    def breadths(self, problem: Problem) -> tuple[int, ...]:
         """The breadth of every joint, (n,), whichever way it was given.
 
         Raises:
             InvalidSolver: The number of breadths is not the number of joints.
         """
-        if self.breadth == "tuned":
-            return tuned_breadth(chain, self.divisions, self.node_budget)
+        chain = problem.chain
+        if isinstance(self.breadth, str):
+            return tuned_breadth(chain, problem.goal, self.divisions, self.node_budget)
         if isinstance(self.breadth, int):
             return (self.breadth,) * chain.dof
         if len(self.breadth) != chain.dof:
@@ -105,17 +119,17 @@ class DivideAndConquer:
                 f"breadth must be one number or {chain.dof}, one a joint "
                 f"({', '.join(chain.joint_names)}); got {len(self.breadth)}: {self.breadth}"
             )
-        return tuple(int(b) for b in self.breadth)
+        return self.breadth
 
-    def _plan(self, chain: SerialChain) -> tuple[Grid, Indices, Indices]:
+    def _plan(self, problem: Problem) -> tuple[Grid, Indices, Indices]:
         """The grid, the spacing of every pass, and the nodes each joint has in a later pass."""
         count = self.branching_factor
-        grid = joint_grid(chain, count, static=self.tree == "static", wrap=self.wrap)
+        grid = joint_grid(problem.chain, count, static=self.tree == "static", wrap=self.wrap)
         spacings = [max(count // self.divisions, 1)]
         while spacings[-1] > 1:
             # Departs from the paper: with B = 10, D = 4 its spacing goes 2, 0; here the last one is always 1.
             spacings.append(max(spacings[-1] // self.divisions, 1))
-        later = [min(2 * (self.divisions // 2 + b) - 1, count) for b in self.breadths(chain)]
+        later = [min(2 * (self.divisions // 2 + b) - 1, count) for b in self.breadths(problem)]
         return grid, np.array(spacings, dtype=np.int64), np.array(later, dtype=np.int64)
 
     def _search(self, problem: Problem, plan: tuple[Grid, Indices, Indices]) -> Found:
@@ -145,48 +159,48 @@ class Passes(NamedTuple):
     children: int
 
 
-@kernel
+@exact
 def node_value(grid: Grid, d: int, node: int) -> float:
-    """Value of a node [rad] or [m]: looked up in the static tree, made anew in the dynamic one."""
-    if grid.table.shape[1] > 0:
-        return grid.table[d, node]
-    return min(grid.lower[d] + grid.step[d] * node, grid.upper[d])
+    """Value of a node [rad] or [m]: looked up in the static tree, made anew, to the same bits, in the dynamic."""
+    stored = grid.table.shape[1] > 0
+    value: float = grid.table[d, node] if stored else min(grid.lower[d] + grid.step[d] * node, grid.upper[d])
+    return value
 
 
-@kernel
+@inner
 def first_window(grid: Grid, divisions: int, window: Window) -> None:
     """Spread D nodes over each joint's range."""
-    count = min(divisions, grid.count)
+    count = min(divisions, grid.size)
     for d in range(len(grid.lower)):
         window.counts[d] = count
         for i in range(count):
-            node = i * grid.count // count
+            node = i * grid.size // count
             if not grid.wraps[d]:
-                # Departs from the paper, which starts at the lower limit for every joint: the middles of D equal
-                # cells leave no end of a limited range out of reach of the later, ever smaller windows.
-                node = ((2 * i + 1) * grid.count) // (2 * count)
+                # Departs from the paper, which starts at the lower limit for every joint: the middles of D
+                # equal cells leave no end of a range out of reach of the later, ever smaller windows.
+                node = ((2 * i + 1) * grid.size) // (2 * count)
             window.nodes[d, i] = node
             window.values[d, i] = node_value(grid, d, node)
 
 
-@kernel
+@inner
 def later_window(grid: Grid, centre: Indices, spacing: int, counts: Indices, window: Window) -> None:
     """Take the nodes around a centre: the centre and as many on either side."""
     for d in range(len(centre)):
-        count = min(counts[d], (grid.count - 1) // spacing + 1)
+        count = min(counts[d], (grid.size - 1) // spacing + 1)
         first = centre[d] - (count // 2) * spacing
         if not grid.wraps[d]:
-            # The window slides inward at a limit, so that the number of nodes stays what the paper's formula says.
+            # The window slides inward at a limit, so that the nodes stay as many as the paper's formula says.
             while first < 0:
                 first += spacing
-            while first + (count - 1) * spacing >= grid.count and first >= spacing:
+            while first + (count - 1) * spacing >= grid.size and first >= spacing:
                 first -= spacing
         kept = 0
         for i in range(count):
             node = first + i * spacing
             if grid.wraps[d]:
-                node %= grid.count
-            elif node >= grid.count:
+                node %= grid.size
+            elif node >= grid.size:
                 break
             window.nodes[d, kept] = node
             window.values[d, kept] = node_value(grid, d, node)
@@ -200,76 +214,73 @@ def descend(
 ) -> tuple[Beam, int, int]:
     """Run every pass; return the last beam, the leaves evaluated and the nodes expanded."""
     dof = len(grid.lower)
-    most = max(min(passes.divisions, grid.count), passes.later.max())
+    most = min(passes.divisions, grid.size)
+    for d in range(dof):
+        most = max(most, passes.later[d])
     window = Window(
         np.empty((dof, most)), np.empty((dof, most), dtype=np.int64), np.empty(dof, dtype=np.int64)
     )
     scratch = make_scratch(dof)
-    beam = make_beam(passes.beam, dof)
-    first_window(grid, passes.divisions, window)
-    leaves, _ = search_window(chain, goal, window, -1.0, budget, beam, scratch)
-    expanded = window_nodes(window.counts)
-    for k in range(1, len(passes.spacings)):
-        cells = beam
-        beam = make_beam(passes.beam, dof)
-        best = np.argmin(cells.errors)  # The best so far is kept; it is also a node of its own window.
-        beam.errors[0], beam.nodes[0], beam.q[0] = cells.errors[best], cells.nodes[best], cells.q[best]
-        for cell in range(passes.beam):
-            if np.isfinite(cells.errors[cell]) and leaves < budget:
+    cells, beam = make_beam(passes.beam, dof), make_beam(passes.beam, dof)
+    own, litter = passes.children < passes.beam, make_beam(passes.children, dof)
+    leaves = expanded = 0
+    for k in range(len(passes.spacings)):
+        cells, beam = beam, cells
+        keep_best(cells, beam)
+        for cell in range(1 if k == 0 else passes.beam):
+            if k == 0:
+                first_window(grid, passes.divisions, window)
+            elif cells.errors[cell] < np.inf and leaves < budget:
                 later_window(grid, cells.nodes[cell], passes.spacings[k], passes.later, window)
-                litter = beam
-                if passes.children < passes.beam:
-                    litter = make_beam(passes.children, dof)
-                more, _ = search_window(chain, goal, window, -1.0, budget - leaves, litter, scratch)
-                if passes.children < passes.beam:
-                    merge(litter, beam)
-                leaves += more
-                expanded += window_nodes(window.counts)
+            else:
+                continue
+            limited = own and k > 0
+            clear(litter)
+            more, early = search_window(
+                chain, goal, window, -1.0, budget - leaves, litter if limited else beam, scratch
+            )
+            if limited:
+                merge(litter, beam)
+            leaves += more
+            expanded += nodes_until(window.counts, more - 1) if early else window_nodes(window.counts)
     return beam, leaves, expanded
 
 
-def tuned_breadth(chain: SerialChain, divisions: int, node_budget: int) -> tuple[int, ...]:
-    """Choose a breadth for each joint from the arm itself, under a budget of leaves a window (Sec. 3.2).
+@inner
+def keep_best(cells: Beam, beam: Beam) -> None:
+    """Start a pass with the best so far, which is also a node of its own window."""
+    clear(beam)
+    best = 0
+    for k in range(1, len(cells.errors)):
+        if cells.errors[k] < cells.errors[best]:
+            best = k
+    if cells.errors[best] < np.inf:
+        offer(beam, cells.errors[best], cells.nodes[best], cells.q[best])
 
-    The paper does it by hand: more breadth to the joints that move the hand farthest. Here the mean motion of
-    the tip over a joint's full range is measured at fixed probe poses; then the joint with the most motion per
-    breadth it has already is widened, again and again, while the window fits the budget.
+
+def tuned_breadth(chain: SerialChain, goal: Goal, divisions: int, node_budget: int) -> tuple[int, ...]:
+    """Choose a breadth for each joint by trial, for goals of this kind and these weights (Sec. 3.2).
+
+    Takes up to some seconds for six joints, once: the answer is kept for the chain.
     """
-    motion = _mean_motion(chain.arrays, _probes(chain))
-    breadth = [1] * chain.dof
-    open_joints = set(range(chain.dof))
-    while open_joints:
-        joint = max(sorted(open_joints), key=lambda i: motion[i] / breadth[i])
-        wider = [b + (i == joint) for i, b in enumerate(breadth)]
-        leaves = np.prod([2.0 * (divisions // 2 + b) - 1 for b in wider])
-        if leaves <= node_budget:
-            breadth = wider
-        else:
-            open_joints.discard(joint)
-    return tuple(breadth)
+    scale = goal.position_weight / goal.orientation_weight
+    return _tuned(chain, goal.kind, goal.tool_axis, scale, divisions, node_budget)
 
 
-def _probes(chain: SerialChain) -> Array:
-    """Joint vectors spread over the limits by Weyl's sequence with square roots of primes, (k, n)."""
-    primes = [p for p in range(2, 400) if all(p % i for i in range(2, int(p**0.5) + 1))][: chain.dof]
-    steps = np.sqrt(np.resize(np.array(primes, dtype=float), chain.dof))
-    spread = (np.arange(1, _PROBES + 1)[:, None] * steps) % 1.0
-    return np.asarray(chain.lower + spread * (chain.upper - chain.lower))
+@lru_cache(maxsize=64)
+def _tuned(
+    chain: SerialChain,
+    kind: str,
+    tool_axis: tuple[float, float, float],
+    scale: float,
+    divisions: int,
+    budget: int,
+) -> tuple[int, ...]:
+    targets = forward_many(chain.arrays, probe_joints(chain))
+    problem = Problem(chain, Goal(targets, kind, tool_axis, position_weight=scale))
 
+    def mean_error(breadth: tuple[int, ...]) -> float:
+        solution = DivideAndConquer(divisions=divisions, breadth=breadth).solve(problem)
+        return float(np.mean(solution.weighted_error))
 
-@kernel
-def _mean_motion(chain: ChainArrays, probes: Array) -> NDArray[np.float64]:
-    """Mean path of the tip [m] for one full range of each joint, (n,), by small central differences."""
-    dof, step = len(chain.lower), 1e-4
-    motion = np.zeros(dof)
-    before, after, q = np.empty((3, 4)), np.empty((3, 4)), np.empty(dof)
-    for k in range(len(probes)):
-        for i in range(dof):
-            q[:] = probes[k]
-            q[i] -= step
-            forward(chain, q, before)
-            q[i] += 2 * step
-            forward(chain, q, after)
-            moved = np.sqrt(np.sum((after[:, 3] - before[:, 3]) ** 2)) / (2 * step)
-            motion[i] += moved * (chain.upper[i] - chain.lower[i]) / len(probes)
-    return motion
+    return widen_by_trial(chain.dof, lambda b: window_leaves(b, divisions), budget, mean_error)

@@ -24,7 +24,7 @@ class Grid(NamedTuple):
     """[rad] or [m], (n,)"""
     wraps: NDArray[np.bool_]
     """Is node B node 0 again? (n,)"""
-    count: int
+    size: int
     """B"""
     table: Array
     """All values made beforehand, (n, B): the static tree; or (n, 0): made when needed, the dynamic tree."""
@@ -38,9 +38,10 @@ class Grid(NamedTuple):
 def joint_grid(chain: SerialChain, count: int, *, static: bool = False, wrap: bool = True) -> Grid:
     """Spread `count` nodes over each joint's range.
 
-    A joint whose ends are the same pose gets ``lower + i · range / B``, as the paper's 360/B · i: its last node
-    is one step short of its first. Any other joint gets both of its limits, ``lower + i · range / (B - 1)``.
-    Departs from the paper, which uses the first rule for all: a goal at an upper limit would lie off the grid.
+    A joint whose ends are the same pose gets ``lower + i · range / B``, as the paper's 360/B · i: its last
+    node is one step short of its first. Any other joint gets both of its limits,
+    ``lower + i · range / (B - 1)``. Departs from the paper, which uses the first rule for all: a goal at an
+    upper limit would lie off the grid.
     """
     wraps = chain.wraps & wrap
     reach = chain.upper - chain.lower
@@ -62,7 +63,8 @@ def require_memory(nodes: int, why: str) -> None:
     needed, there = nodes * 24, physical_memory()  # A value, its number and a temporary.
     if needed > there / 2:
         raise InvalidSolver(
-            f"{why}: {nodes:,} nodes need {needed / 2**30:,.1f} GiB, this machine has {there / 2**30:,.1f} GiB. "
+            f"{why}: {nodes:,} nodes need {needed / 2**30:,.1f} GiB, "
+            f"this machine has {there / 2**30:,.1f} GiB. "
             f"Choose a smaller branching_factor, or tree='dynamic' in DivideAndConquer"
         )
 

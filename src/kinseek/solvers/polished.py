@@ -16,17 +16,24 @@ from .divide_and_conquer import DivideAndConquer
 
 @dataclass(frozen=True)
 class Polished:
-    """Start the second search where the first one ends; the better of the two answers counts."""
+    """Start the second search where the first one ends; the better of the two answers counts.
+
+    Each may spend half of a problem's budget.
+    """
 
     search: Solver = field(
         default_factory=lambda: DivideAndConquer(branching_factor=10**6, breadth=2, beam=16, children=2)
     )
-    finish: Solver = CoordinateDescent()
+    finish: Solver = field(default_factory=CoordinateDescent)
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by both searches in turn."""
-        first = self.search.solve(problem)
-        last = self.finish.solve(replace(problem, near=first.q))
+        budget = problem.budget
+        first = self.search.solve(problem if budget is None else replace(problem, budget=(budget + 1) // 2))
+        if budget == 1:
+            return replace(first, problem=problem)
+        half = None if budget is None else budget // 2
+        last = self.finish.solve(replace(problem, near=first.q, budget=half))
         better = first.success | (last.weighted_error > first.weighted_error) & ~np.asarray(last.success)
         pick = np.asarray(better)
         merged = {
@@ -39,4 +46,5 @@ class Polished:
         }
         if not problem.goal.shape:
             merged = {name: value.item() for name, value in merged.items()}
-        return replace(last, q=np.where(pick[..., None], first.q, last.q), **merged)
+        q = np.where(pick[..., None], first.q, last.q)
+        return replace(last, q=q, problem=problem, **merged)

@@ -1,0 +1,27 @@
+"""The command line: ``kinseek robots | show | fk | solve``. It computes nothing itself.
+
+Exit codes: 0 done or reached, 1 not reached, 2 misuse.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from kinseek.errors import MissingExtra
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and exit.
+
+    Args:
+        arguments: The words after the program's name; those of the process unless given.
+    """
+    try:
+        from .commands import run
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in ("typer", "rich"):
+            raise
+        print(f"kinseek: {MissingExtra('the command line', 'cli')}", file=sys.stderr)
+        sys.exit(2)
+    sys.exit(run(sys.argv[1:] if arguments is None else arguments))

@@ -1,0 +1,185 @@
+"""The commands; what they print is made in `report`."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek.arm import load
+from kinseek.errors import InvalidGoal, KinseekError
+from kinseek.goal import Goal, pose
+
+from . import report
+from .searches import make_search, searches, with_search_options
+from .words import LENGTHS, gather, joint_values, numbers
+
+app = typer.Typer(
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="Inverse kinematics of serial robot arms by search. "
+    "Exit codes: 0 done or reached, 1 not reached, 2 misuse.",
+)
+
+ArmName = Annotated[
+    str,
+    typer.Argument(
+        metavar="ARM", help="A bundled arm (see: kinseek robots), or a .urdf, .xacro or MJCF .xml file."
+    ),
+]
+Base = Annotated[str | None, typer.Option(help="Link that stays; the root of the file unless given.")]
+Tip = Annotated[str | None, typer.Option(help="Link whose pose is meant; the only leaf unless given.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command line and return its exit code; a mistake becomes one line on stderr."""
+    try:
+        words = gather(list(arguments)) or ["--help"]
+        return int(app(words, prog_name="kinseek", standalone_mode=False) or 0)
+    except typer.Abort:
+        return 130
+    except Exception as error:
+        # Typer's own usage errors have no public base class, but one method in common.
+        explain = str if isinstance(error, KinseekError) else getattr(error, "format_message", None)
+        if explain is None:
+            raise
+        message = str(error) if isinstance(error, KinseekError) else explain()
+        print(f"kinseek: {' '.join(message.split())}", file=sys.stderr)
+        return 2
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(kinseek.__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def top(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    """Hold the options that belong to no command."""
+
+
+@app.command()
+def robots() -> int:
+    """List the bundled arms."""
+    report.print_robots()
+    return 0
+
+
+@app.command()
+def show(arm: ArmName, base: Base = None, tip: Tip = None) -> int:
+    """Show the joints, limits and reach of an arm."""
+    report.print_arm(load(arm, base, tip))
+    return 0
+
+
+@app.command()
+def fk(
+    arm: ArmName,
+    q: Annotated[
+        list[str] | None, typer.Argument(metavar="Q...", help="One value a joint, base to tip, rad or m.")
+    ] = None,
+    base: Base = None,
+    tip: Tip = None,
+    deg: Annotated[bool, typer.Option("--deg", help="Angles are in degrees.")] = False,
+    json: Json = False,
+) -> int:
+    """Print the pose of the tip in the base at given joint values."""
+    loaded = load(arm, base, tip)
+    values = joint_values(loaded, numbers(" ".join(q or []), "fk"), "fk", deg)
+    report.print_pose(loaded, values, loaded.fk(values), json)
+    return 0
+
+
+@app.command()
+@with_search_options
+def solve(
+    arm: ArmName,
+    at: Annotated[
+        str | None, typer.Option(metavar="X Y Z", help="Wanted position of the tip in the base, m.")
+    ] = None,
+    rpy: Annotated[
+        str | None,
+        typer.Option(metavar="R P Y", help="Roll, pitch, yaw about fixed x, y, z, as in URDF, rad."),
+    ] = None,
+    quat_wxyz: Annotated[
+        str | None, typer.Option(metavar="W X Y Z", help="Quaternion, real part first.")
+    ] = None,
+    quat_xyzw: Annotated[
+        str | None, typer.Option(metavar="X Y Z W", help="Quaternion, real part last.")
+    ] = None,
+    rotvec: Annotated[str | None, typer.Option(metavar="X Y Z", help="Axis times angle, rad.")] = None,
+    position_only: Annotated[bool, typer.Option("--position-only", help="Any orientation will do.")] = False,
+    near: Annotated[
+        str | None,
+        typer.Option(metavar="Q...", help="Joint values to start from, rad or m, any number a joint."),
+    ] = None,
+    deg: Annotated[bool, typer.Option("--deg", help="--rpy, --rotvec and --near are in degrees.")] = False,
+    base: Base = None,
+    tip: Tip = None,
+    position_tolerance: Annotated[
+        float, typer.Option(help="Largest position error that counts as reached, m.")
+    ] = 1e-6,
+    orientation_tolerance: Annotated[
+        float, typer.Option(help="Largest orientation error that counts as reached, rad.")
+    ] = 1e-6,
+    position_weight: Annotated[float, typer.Option(help="K_P of the weighted error, per m.")] = 1.0,
+    orientation_weight: Annotated[float, typer.Option(help="K_A of the weighted error.")] = 1.0,
+    solver: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help=f"{', '.join(searches())}; kinseek's default unless given."),
+    ] = None,
+    json: Json = False,
+    **search_options: Any,
+) -> int:
+    """Find joint values that reach a pose. Exit code 0: reached, 1: not reached."""
+    loaded = load(arm, base, tip)
+    turns = {"--rpy": rpy, "--quat-wxyz": quat_wxyz, "--quat-xyzw": quat_xyzw, "--rotvec": rotvec}
+    target = _target(at, {name: text for name, text in turns.items() if text is not None}, position_only, deg)
+    goal = Goal(
+        target,
+        kind="position" if position_only else "pose",
+        position_tolerance=position_tolerance,
+        orientation_tolerance=orientation_tolerance,
+        position_weight=position_weight,
+        orientation_weight=orientation_weight,
+    )
+    start = None if near is None else joint_values(loaded, numbers(near, "--near"), "--near", deg)
+    search = make_search(solver, search_options)
+    clock = time.perf_counter()
+    solution = loaded.ik(goal, near=start, solver=search)
+    report.print_solution(loaded, solution, search, time.perf_counter() - clock, json)
+    return 0 if solution.success else 1
+
+
+def _target(at: str | None, turns: dict[str, str], position_only: bool, deg: bool) -> NDArray[np.float64]:
+    """Read the wanted pose, (4, 4).
+
+    Raises:
+        InvalidGoal: No position, no rotation, or more than one.
+    """
+    if at is None:
+        raise InvalidGoal("solve needs --at X Y Z, the wanted position in metres")
+    chosen = [*turns, *(["--position-only"] if position_only else [])]
+    if len(chosen) != 1:
+        options = "--rpy, --quat-wxyz, --quat-xyzw, --rotvec or --position-only"
+        raise InvalidGoal(f"solve needs exactly one of {options}; got {' and '.join(chosen) or 'none'}")
+    position = numbers(at, "--at", LENGTHS["--at"])
+    turn: dict[str, Any] = {}
+    for option, text in turns.items():
+        values = np.array(numbers(text, option, LENGTHS[option]))
+        name = option[2:].replace("-", "_")
+        turn[name] = np.deg2rad(values) if deg and name in ("rpy", "rotvec") else values
+    return pose(position, **turn)

@@ -1,0 +1,156 @@
+"""``--solver`` and its options, made from the fields of the searches: nothing is written twice."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import textwrap
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, fields
+from functools import cache
+from types import NoneType, UnionType
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+import typer
+from rich.markup import escape
+
+from kinseek.errors import InvalidSolver, suggest
+from kinseek.solvers import ALL_SOLVERS, Solver
+
+READABLE = (bool, int, float, str, NoneType)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A field of a search that can be given on a command line."""
+
+    name: str
+    types: tuple[Any, ...]
+    """What it may be, the members of a union apart."""
+    default: object
+    help: str
+
+    @property
+    def option(self) -> str:
+        """As it is written on a command line."""
+        return option_of(self.name)
+
+
+def option_of(field: str) -> str:
+    """A field's name as an option."""
+    return "--" + field.replace("_", "-")
+
+
+@cache
+def searches() -> dict[str, type[Solver]]:
+    """The searches under their names on the command line."""
+    return {re.sub(r"(?<=[a-z])(?=[A-Z])", "-", cls.__name__).lower(): cls for cls in ALL_SOLVERS}
+
+
+@cache
+def parameters(search: str) -> dict[str, Parameter]:
+    """The fields of a search that a command line can give; a search inside a search is none of them."""
+    cls: Any = searches()[search]
+    hints, notes = get_type_hints(cls), _docstrings(cls)
+    found = {}
+    for item in fields(cls):
+        hint = hints[item.name]
+        types = get_args(hint) if isinstance(hint, UnionType) else (hint,)
+        if item.default is not MISSING and all(t in READABLE or get_origin(t) is tuple for t in types):
+            found[item.name] = Parameter(item.name, types, item.default, notes.get(item.name, ""))
+    return found
+
+
+def with_search_options(command: Callable[..., int]) -> Callable[..., int]:
+    """Give a command one option for every field of every search; they arrive as keyword arguments."""
+    signature = inspect.signature(command, eval_str=True)
+    kept = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+    owners: dict[str, list[str]] = {}
+    for search in searches():
+        for name in parameters(search):
+            owners.setdefault(name, []).append(search)
+    made = [
+        _option([parameters(search)[name] for search in owning], owning) for name, owning in owners.items()
+    ]
+    command.__dict__["__signature__"] = signature.replace(parameters=[*kept, *made])
+    return command
+
+
+def make_search(search: str | None, given: Mapping[str, object]) -> Solver | None:
+    """Build the search that was asked for; None when none was, and the arm then takes its own.
+
+    Args:
+        search: Name of the search.
+        given: Values of the options as Typer hands them over, None where an option was not given.
+
+    Raises:
+        InvalidSolver: An unknown search, an option of another search, or a value out of its range.
+    """
+    named = {name: value for name, value in given.items() if value is not None}
+    if search is None:
+        if not named:
+            return None
+        first = next(iter(named))
+        owners = [name for name in searches() if first in parameters(name)]
+        raise InvalidSolver(f"{option_of(first)} needs --solver {' or '.join(owners)}")
+    if search not in searches():
+        raise InvalidSolver(suggest(search, searches(), "solver"))
+    own = parameters(search)
+    for name in named:
+        if name not in own:
+            valid = ", ".join(parameter.option for parameter in own.values()) or "none"
+            raise InvalidSolver(f"{search} has no option {option_of(name)}. Its options: {valid}")
+    return searches()[search](**{name: _read(own[name], value) for name, value in named.items()})
+
+
+def _option(same: list[Parameter], owners: list[str]) -> inspect.Parameter:
+    first = same[0]
+    notes = dict.fromkeys(parameter.help for parameter in same)
+    defaults = dict.fromkeys(str(parameter.default) for parameter in same)
+    text = f"{' / '.join(filter(None, notes))} Default: {' / '.join(defaults)}."
+    flag = first.types == (bool,)
+    decl = f"{first.option}/--no-{first.option[2:]}" if flag else first.option
+    info = typer.Option(
+        decl,
+        help=escape(text.strip().replace("`", "")),
+        metavar=None if flag else _shape(first),
+        rich_help_panel=f"Options of --solver {' and '.join(owners)}",
+    )
+    kind = bool | None if flag else str | None
+    return inspect.Parameter(
+        first.name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind, info]
+    )
+
+
+def _shape(parameter: Parameter) -> str:
+    names = {int: "N", float: "X", str: "WORD", NoneType: "none"}
+    return "|".join(names.get(t, "N,N,…") for t in parameter.types)
+
+
+def _read(parameter: Parameter, value: object) -> object:
+    if not isinstance(value, str):
+        return value
+    for kind in sorted(parameter.types, key=lambda t: t is str):  # A word only where nothing else fits.
+        try:
+            if kind is NoneType and value.lower() == "none":
+                return None
+            if kind in (int, float, str):
+                return kind(value)
+            if get_origin(kind) is tuple and "," in value:
+                return tuple(get_args(kind)[0](part) for part in value.split(","))
+        except ValueError:
+            continue
+    raise InvalidSolver(f"{parameter.option} takes {_shape(parameter)}, got {value!r}")
+
+
+def _docstrings(cls: type) -> dict[str, str]:
+    """Docstrings that stand below the fields of a class, by field."""
+    (tree,) = ast.parse(textwrap.dedent(inspect.getsource(cls))).body
+    assert isinstance(tree, ast.ClassDef)
+    notes = {}
+    for field, note in zip(tree.body, tree.body[1:], strict=False):
+        match field, note:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
+                notes[name] = " ".join(text.replace("``", "").split())
+    return notes

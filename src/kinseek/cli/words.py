@@ -1,0 +1,85 @@
+"""From the words of a command line to numbers: lists after an option, negative numbers, joint values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.arm import Arm
+from kinseek.errors import InvalidProblem
+
+LENGTHS = {"--at": 3, "--rpy": 3, "--quat-wxyz": 4, "--quat-xyzw": 4, "--rotvec": 3, "--near": None}
+"""Options that take a list, and how many numbers; None is as many as follow."""
+
+
+def gather(words: Sequence[str]) -> list[str]:
+    """Join the numbers after an option of `LENGTHS` into one word, and protect the numbers of ``fk``.
+
+    So a list may be written ``--at -0.3 0 0.4`` or ``--at -0.3,0,0.4``, and a minus sign starts no option.
+    """
+    if words[:1] == ["fk"]:
+        return _numbers_last(words)
+    gathered: list[str] = []
+    rest = list(words)
+    while rest:
+        word = rest.pop(0)
+        if word not in LENGTHS:
+            gathered.append(word)
+            continue
+        most, taken = LENGTHS[word], list[str]()
+        while rest and (is_number(rest[0]) or _belongs(rest[0], most, taken)):
+            taken.append(rest.pop(0))
+        gathered.append(f"{word}={' '.join(taken)}")
+    return gathered
+
+
+def is_number(word: str) -> bool:
+    """Is every part of the word between commas a number, NaN and infinity included?"""
+    try:
+        return bool([float(part) for part in word.split(",")])
+    except ValueError:
+        return False
+
+
+def numbers(text: str, option: str, count: int | None = None) -> list[float]:
+    """Read numbers apart by blanks or commas.
+
+    Raises:
+        InvalidProblem: Another number of them than `count`, or words that are no numbers.
+    """
+    words = text.replace(",", " ").split()
+    for word in words:
+        if not is_number(word):
+            raise InvalidProblem(f"{option}: {word!r} is not a number")
+    if count is not None and len(words) != count:
+        raise InvalidProblem(f"{option} needs {count} numbers, got {len(words)}: {text or 'none'}")
+    return [float(word) for word in words]
+
+
+def joint_values(arm: Arm, values: Sequence[float], option: str, degrees: bool) -> NDArray[np.float64]:
+    """Read one number a joint, (n,), [m] of a prismatic joint, else [rad] or degrees.
+
+    Raises:
+        InvalidProblem: Not one number a joint.
+    """
+    if len(values) != arm.dof:
+        names = ", ".join(arm.joint_names)
+        raise InvalidProblem(f"{option} needs {arm.dof} numbers, got {len(values)}. Joints: {names}")
+    q = np.array(values, dtype=np.float64)
+    turns = np.array([kind != "prismatic" for kind in arm.chain.kinds])
+    return np.where(turns & degrees, np.deg2rad(q), q)
+
+
+def _belongs(word: str, most: int | None, taken: Sequence[str]) -> bool:
+    """Is a word that is no number still meant for the list before it? Then its error can say so."""
+    return most is not None and len(taken) < most and not word.startswith("--") and "," not in "".join(taken)
+
+
+def _numbers_last(words: Sequence[str]) -> list[str]:
+    options, values = list[str](), list[str]()
+    for before, word in zip(("", *words), words, strict=False):
+        named = before in ("--base", "--tip")  # A link may be called 1.
+        (values if is_number(word) and not named else options).append(word)
+    return [*(word for word in options if word != "--"), "--", *values]

@@ -1,0 +1,141 @@
+"""Nearest neighbours in a balanced k-d tree whose leaves are scanned eight points at a time."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .arrays import Array, Indices
+from .jit import inner, kernel
+
+LEAF = 8
+
+SLACK = 4.0
+"""A branch is left out unless it may hold a point this many times closer (squared) than the worst one kept."""
+
+
+class Tree(NamedTuple):
+    """A complete binary tree over ``LEAF · 2^depth`` points: node i has the children 2i+1 and 2i+2."""
+
+    points: Array
+    """Points leaf by leaf, (leaves, dimensions, LEAF)."""
+    axis: Indices
+    """Dimension that each inner node splits, (leaves - 1,); at least one entry."""
+    split: Array
+    """Where it splits it, same shape."""
+
+
+@kernel
+def build_tree(points: Array, order: Indices) -> Tree:
+    """Build a tree.
+
+    Args:
+        points: (k, dimensions), k = LEAF · 2^depth.
+        order: Receives which point stands at each place of the leaves, (k,).
+    """
+    count, dimensions = points.shape
+    leaves = count // LEAF
+    axis = np.zeros(max(leaves - 1, 1), dtype=np.int64)
+    split = np.zeros(max(leaves - 1, 1))
+    for i in range(count):
+        order[i] = i
+    size, level, node = count, 1, 0
+    while size > LEAF:
+        for j in range(level):
+            first = j * size
+            widest, width = 0, -1.0
+            for d in range(dimensions):
+                low, high = np.inf, -np.inf
+                for i in range(first, first + size):
+                    value = points[order[i], d]
+                    low, high = min(low, value), max(high, value)
+                if high - low > width:
+                    widest, width = d, high - low
+            middle = first + size // 2
+            _select(points, widest, order, first, first + size - 1, middle)
+            axis[node], split[node] = widest, points[order[middle], widest]
+            node += 1
+        size //= 2
+        level *= 2
+    packed = np.empty((leaves, dimensions, LEAF))
+    for i in range(count):
+        for d in range(dimensions):
+            packed[i // LEAF, d, i % LEAF] = points[order[i], d]
+    return Tree(packed, axis, split)
+
+
+@kernel
+def _select(points: Array, d: int, order: Indices, first: int, last: int, middle: int) -> None:
+    """Rearrange order[first … last] so that place `middle` holds what sorting by dimension d would put there."""
+    while first < last:
+        pivot = points[order[(first + last) // 2], d]
+        i, j = first, last
+        while i <= j:
+            while points[order[i], d] < pivot:
+                i += 1
+            while points[order[j], d] > pivot:
+                j -= 1
+            if i <= j:
+                order[i], order[j] = order[j], order[i]
+                i += 1
+                j -= 1
+        if middle <= j:
+            last = j
+        elif middle >= i:
+            first = i
+        else:
+            return
+
+
+@inner
+def nearest(
+    tree: Tree, point: Array, wanted: int, distance: Array, index: Indices, stack: Indices, bound: Array
+) -> int:
+    """Find the nearest points, nearest first.
+
+    Args:
+        tree: Where to look.
+        point: (dimensions,)
+        wanted: How many.
+        distance: Receives squared distances, at least (wanted,).
+        index: Receives places in the leaves, at least (wanted,).
+        stack: Memory, (64,).
+        bound: Memory, (64 + LEAF,).
+
+    Returns:
+        How many were found.
+    """
+    leaves, dimensions = tree.points.shape[0], tree.points.shape[1]
+    found, top = 0, 1
+    stack[0], bound[0] = 0, 0.0
+    while top > 0:
+        top -= 1
+        node, low = stack[top], bound[top]
+        if found == wanted and SLACK * low >= distance[found - 1]:
+            continue
+        while node < leaves - 1:
+            gap = point[tree.axis[node]] - tree.split[node]
+            near = 2 * node + 1 if gap < 0.0 else 2 * node + 2
+            stack[top], bound[top] = 4 * node + 3 - near, max(low, gap * gap)
+            top += 1
+            node = near
+        leaf = node - (leaves - 1)
+        for j in range(LEAF):
+            bound[64 + j] = 0.0
+        for d in range(dimensions):
+            x = point[d]
+            for j in range(LEAF):
+                gap = tree.points[leaf, d, j] - x
+                bound[64 + j] += gap * gap
+        for j in range(LEAF):
+            value = bound[64 + j]
+            if found == wanted and value >= distance[found - 1]:
+                continue
+            at = found if found < wanted else found - 1
+            found = min(found + 1, wanted)
+            while at > 0 and distance[at - 1] > value:
+                distance[at], index[at] = distance[at - 1], index[at - 1]
+                at -= 1
+            distance[at], index[at] = value, leaf * LEAF + j
+    return found

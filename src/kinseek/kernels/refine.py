@@ -1,0 +1,771 @@
+"""From the atlas to an answer: take the nearest samples, refine eight at a time, judge by plain forward kinematics.
+
+The answer to a goal is what its nearest sample converges to; where that one fails, the next nearest, and so on. So the
+answer depends on the goal alone, not on how many are solved beside it. A goal that no sample leads to gets deeper
+lookups and low-discrepancy restarts; what is then still missed is out of reach, or as good as, and gets the best pose
+found, polished under the goal's weights.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .arrays import Array, ChainArrays, GoalArrays, Indices
+from .atlas import NONE, Atlas, Division, complete_seed, coordinates, nearest_copy, product
+from .forward import copy_pose, forward
+from .jit import inner, kernel, view
+from .lanes import (
+    LANES,
+    Lanes,
+    lanes_forward,
+    lanes_gram,
+    lanes_jacobian,
+    lanes_move,
+    lanes_residual,
+    lanes_size,
+    lanes_solve,
+    make_lanes,
+)
+from .neighbours import LEAF, Tree, nearest
+from .pointers import flags, floats1, floats2, floats3, integer_part, integers, part1, part2
+from .pose_error import errors, weighted_error
+
+FIRST, DEEP, RESTARTS = 8, 40, 64
+FIRST_STEPS, DEEP_STEPS, RESTART_STEPS, POLISH_STEPS = 10, 20, 30, 60
+MARGIN = 0.5
+DAMPING = 0.1
+LONGEST = 0.8
+
+CLOSE = 0.5
+"""An answer this close to where the user wants it [rad or m] ends the search for a closer one."""
+
+
+class Task(NamedTuple):
+    """What every goal of a call has in common."""
+
+    chain: ChainArrays
+    atlas: Atlas
+    division: Division
+    lower: Array
+    """Limits of the refinement, (n,): infinite for a joint that turns fully, for it can always go on."""
+    upper: Array
+    columns: Array
+    """Weights of the columns in the refinement, (3,): ½ each for a pose, (1, 0, 0) for a direction, 0 for a position."""
+    length: float
+    """Length that a radian counts as while refining, [m]."""
+    wanted: Array
+    """Position tolerance [m], orientation tolerance [rad], K_P, most FK evaluations, (4,)."""
+    axis_weights: Array
+    """K_A of the x, y and z columns, (3,), see `GoalArrays`."""
+
+
+def task_arrays(
+    chain: ChainArrays, atlas: Atlas, division: Division, lower: Array, upper: Array, columns: Array, length: float
+) -> list[NDArray[Any]]:
+    """The arrays of a task in the order in which `task_of` reads them."""
+    numbers = np.array([division.head, division.tail, division.columns], dtype=np.int64)
+    lengths = np.array([division.length, length])
+    sorted_samples = [*atlas.tree, *atlas[1:]]
+    return [np.ascontiguousarray(a) for a in (*chain, *sorted_samples, lower, upper, columns, numbers, lengths)]
+
+
+@view
+def task_of(handle: Indices, wanted: Array) -> Task:
+    """View a task by its handle.
+
+    Args:
+        handle: From `pointers.handle_of` of `task_arrays`.
+        wanted: Position tolerance [m], orientation tolerance [rad], K_P, most FK evaluations, and K_A of the three
+            columns, (7,).
+    """
+    chain = ChainArrays(
+        floats3(handle, 0),
+        flags(handle, 1),
+        integers(handle, 2),
+        floats1(handle, 3),
+        floats1(handle, 4),
+        integers(handle, 5),
+        floats1(handle, 6),
+        floats1(handle, 7),
+    )
+    tree = Tree(floats3(handle, 8), integers(handle, 9), floats1(handle, 10))
+    atlas = Atlas(tree, floats2(handle, 11), floats3(handle, 12), floats2(handle, 13), floats2(handle, 14))
+    numbers, lengths = integers(handle, 18), floats1(handle, 19)
+    division = Division(numbers[0], numbers[1], numbers[2], lengths[0])
+    address = wanted.ctypes.data
+    return Task(
+        chain,
+        atlas,
+        division,
+        floats1(handle, 15),
+        floats1(handle, 16),
+        floats1(handle, 17),
+        lengths[1],
+        part1(address, 0, 4),
+        part1(address, 4, 3),
+    )
+
+
+class Desk(NamedTuple):
+    """Memory of one call."""
+
+    lanes: Lanes
+    seen: Array
+    """The goal as the atlas sees it, (3, 4)."""
+    spare: Array
+    """(3, 4)"""
+    between: Array
+    """(3, 4)"""
+    point: Array
+    """Its coordinates, (9,)."""
+    distance: Array
+    """(DEEP,)"""
+    index: Indices
+    """(DEEP,)"""
+    stack: Indices
+    """(64,)"""
+    bound: Array
+    """(64 + LEAF,)"""
+    seed: Array
+    """(n,)"""
+    found: Array
+    """Where each lane converged, (LANES, n)."""
+    state: Indices
+    """Of each lane: 0 on its way, 1 converged, 2 empty, (LANES,)."""
+    best: Array
+    """The best of every lane so far, (LANES, n)."""
+    best_error: Array
+    """Their weighted errors, (LANES,)."""
+    floor: Array
+    """Least damping of each lane, (LANES,)."""
+    mode: Array
+    """Weights of the columns, and the damping, (4,)."""
+
+
+class Job(NamedTuple):
+    """The same by address, for kernels that are called and not inlined."""
+
+    handle: Indices
+    wanted: Array
+    memory: Array
+
+
+class Queue(NamedTuple):
+    """What each lane of a batch is at."""
+
+    target: Indices
+    """Number of its target; -1 before the first, -2 when there are no more, (LANES,)."""
+    next: Indices
+    """Which of its samples comes next, (LANES,)."""
+    found: Indices
+    """How many samples it has, (LANES,)."""
+    steps: Indices
+    """Steps made from the current sample, (LANES,)."""
+    spent: Indices
+    """FK evaluations spent on the target, (LANES,)."""
+    index: Indices
+    """Its samples, (LANES · FIRST,)."""
+
+
+@inner
+def desk_size(dof: int, joints: int) -> int:
+    """Numbers that a desk takes in memory."""
+    return lanes_size(dof, joints) + 12 + 12 + 12 + 9 + 2 * DEEP + 64 + 64 + LEAF + dof + 2 * LANES * dof + 3 * LANES + 4
+
+
+@view
+def make_desk(memory: Array, dof: int, joints: int) -> Desk:
+    """Lay a desk out in a memory of `desk_size` numbers."""
+    address = memory.ctypes.data
+    o = lanes_size(dof, joints)
+    rest = o + 45 + 2 * DEEP + 128 + LEAF
+    return Desk(
+        make_lanes(address, dof, joints),
+        part2(address, o, 3, 4),
+        part2(address, o + 12, 3, 4),
+        part2(address, o + 24, 3, 4),
+        part1(address, o + 36, 9),
+        part1(address, o + 45, DEEP),
+        integer_part(address, o + 45 + DEEP, DEEP),
+        integer_part(address, o + 45 + 2 * DEEP, 64),
+        part1(address, o + 45 + 2 * DEEP + 64, 64 + LEAF),
+        part1(address, rest, dof),
+        part2(address, rest + dof, LANES, dof),
+        integer_part(address, rest + dof * (1 + LANES), LANES),
+        part2(address, rest + dof * (1 + LANES) + LANES, LANES, dof),
+        part1(address, rest + dof * (1 + 2 * LANES) + LANES, LANES),
+        part1(address, rest + dof * (1 + 2 * LANES) + 2 * LANES, LANES),
+        part1(address, rest + dof * (1 + 2 * LANES) + 3 * LANES, 4),
+    )
+
+
+@inner
+def copy_joints(rows: Array, row: int, q: Array) -> None:
+    """Copy one row of joint values."""
+    for i in range(len(q)):
+        q[i] = rows[row, i]
+
+
+@inner
+def load_target(lanes: Lanes, lane: int, target: Array) -> None:
+    """Give one lane its target, (3, 4)."""
+    for r in range(3):
+        for c in range(4):
+            lanes.target[(4 * r + c) * LANES + lane] = target[r, c]
+
+
+@inner
+def load_seed(lanes: Lanes, lane: int, seed: Array) -> None:
+    """Put one lane at a start, (n,)."""
+    for i in range(len(seed)):
+        lanes.q[i, lane] = seed[i]
+
+
+@inner
+def load_seed_row(lanes: Lanes, lane: int, rows: Array) -> None:
+    """Put one lane at the start in its row, (LANES, n)."""
+    for i in range(rows.shape[1]):
+        lanes.q[i, lane] = rows[lane, i]
+
+
+@inner
+def reset_weights(task: Task, desk: Desk) -> None:
+    """Scale residuals so that metres and radians compare."""
+    lanes = desk.lanes
+    for c in range(3):
+        desk.mode[c] = task.columns[c]
+    desk.mode[3] = DAMPING
+    for l in range(LANES):
+        desk.floor[l] = 1e-11
+        lanes.weight[l] = 1.0 / task.length
+        lanes.weight[LANES + l] = 1.0 if task.columns[0] > 0.0 else 0.0
+
+
+@inner
+def free_turn(task: Task) -> float:
+    """Return 1 if a turn about the tool's x axis does not count, else 0."""
+    return 1.0 if task.columns[0] > 0.0 and task.columns[1] == 0.0 else 0.0
+
+
+@kernel
+def iterate(handle: Indices, wanted: Array, memory: Array, move: bool, w: int) -> None:
+    """One damped step of every lane, if `move`, and the poses, residuals and errors where it ends.
+
+    Compiled once and called, not inlined: it is long, and three walks need it.
+    """
+    task = task_of(handle, wanted)
+    desk = make_desk(memory, len(task.lower), len(task.chain.leader))
+    walk(task, desk.lanes, desk.floor, desk.mode, move, w)
+
+
+@inner
+def walk(task: Task, lanes: Lanes, floor: Array, mode: Array, move: bool, w: int) -> None:
+    """Do what `iterate` says, on views; `mode` holds the columns' weights and the damping."""
+    if move:
+        lanes_jacobian(task.chain, lanes, free_turn(task), w)
+        lanes_gram(task.lower, task.upper, mode[3], floor, lanes, w)
+        lanes_solve(lanes, w)
+        lanes_move(task.lower, task.upper, LONGEST, lanes, w)
+    lanes_forward(task.chain, lanes, w)
+    lanes_residual(lanes, mode, w)
+
+
+@inner
+def within(task: Task, lanes: Lanes, l: int) -> bool:
+    """Is lane l inside both tolerances?"""
+    position, orientation = task.wanted[0], task.wanted[1]
+    if lanes.error[l] > position * position:
+        return False
+    if task.columns[0] == 0.0:
+        return True
+    # The weighted cosine of a pose is (1 + 2 cos φ)/2, of a direction cos φ.
+    cosine = lanes.error[2 * LANES + l]
+    ahead = cosine > 0.5 if task.columns[1] > 0.0 else cosine > 0.0
+    # sin φ ≤ sin t where φ < t < π/2; for small t the sine is t less t³/6, on the safe side.
+    bound = min(orientation, 1.5)
+    bound -= bound * bound * bound / 6.0
+    return ahead and lanes.error[LANES + l] <= bound * bound
+
+
+@inner
+def see(task: Task, desk: Desk, target: Array) -> None:
+    """Write a target, (3, 4), as the atlas sees it into the desk."""
+    if task.division.head == NONE and task.division.tail == NONE:
+        copy_pose(target, desk.seen)
+        return
+    product(task.atlas.inverse_head, target, desk.between)
+    product(desk.between, task.atlas.inverse_tip, desk.seen)
+
+
+@inner
+def look_up(task: Task, desk: Desk, target: Array, wanted: int) -> int:
+    """Find the samples nearest to a target, (3, 4); return how many."""
+    see(task, desk, target)
+    coordinates(desk.seen, task.division, desk.point)
+    return nearest(task.atlas.tree, desk.point, wanted, desk.distance, desk.index, desk.stack, desk.bound)
+
+
+@inner
+def descend_lanes(job: Job, task: Task, desk: Desk, steps: int, everyone: bool, w: int) -> tuple[int, int]:
+    """Refine the eight lanes; return the first lane that converged, or -1, and the steps made.
+
+    The nearest seed has the first say: a later lane's answer counts only once all before it have had their steps. With
+    `everyone`, every lane gets its steps.
+    """
+    lanes, dof = desk.lanes, len(task.lower)
+    made = 0
+    while True:
+        iterate(job.handle, job.wanted, job.memory, made > 0, w)
+        waiting, first = 0, -1
+        for l in range(LANES):
+            if desk.state[l] == 0 and within(task, lanes, l):
+                desk.state[l] = 1
+                for i in range(dof):
+                    desk.found[l, i] = lanes.q[i, l]
+            if desk.state[l] == 0:
+                waiting += 1
+            elif desk.state[l] == 1 and first < 0:
+                first = l
+                if waiting == 0 and not everyone:
+                    return first, made
+        if waiting == 0 or made == steps:
+            return first, made
+        made += 1
+
+
+@inner
+def keep_best(task: Task, desk: Desk, goal: GoalArrays) -> None:
+    """Remember the eight best configurations seen, for a goal that may be out of reach."""
+    dof = len(task.lower)
+    for l in range(LANES):
+        if desk.state[l] == 2:
+            continue
+        for i in range(dof):
+            desk.seed[i] = desk.lanes.q[i, l]
+        forward(task.chain, desk.seed, desk.spare)
+        error = weighted_error(desk.spare, goal)
+        worst = 0
+        for k in range(1, LANES):
+            if desk.best_error[k] > desk.best_error[worst]:
+                worst = k
+        if error < desk.best_error[worst]:
+            desk.best_error[worst] = error
+            for i in range(dof):
+                desk.best[worst, i] = desk.seed[i]
+
+
+@inner
+def fill_from_lookup(task: Task, desk: Desk, begin: int, found: int) -> tuple[int, int]:
+    """Put neighbours into the lanes from number `begin` on; return the next number and the lanes filled."""
+    filled = 0
+    while begin < found and filled < LANES:
+        i = desk.index[begin]
+        begin += 1
+        if complete_seed(task.atlas, task.division, desk.seen, i, task.chain.lower, task.chain.upper, MARGIN, desk.seed):
+            load_seed(desk.lanes, filled, desk.seed)
+            desk.state[filled] = 0
+            filled += 1
+    for l in range(filled, LANES):
+        desk.state[l] = 2
+    return begin, filled
+
+
+@inner
+def into_limits(task: Task, q: Array, near: Array) -> None:
+    """Bring every joint that turns fully inside its limits by whole turns, near `near`, (n,)."""
+    for i in range(len(q)):
+        low, high = task.chain.lower[i], task.chain.upper[i]
+        if math.isinf(task.lower[i]):
+            q[i] = nearest_copy(q[i], low, high, near[i])
+        q[i] = min(max(q[i], low), high)
+
+
+@inner
+def middle(task: Task, q: Array) -> None:
+    """Write the middle of every range into q, (n,)."""
+    for i in range(len(q)):
+        q[i] = 0.5 * (task.chain.lower[i] + task.chain.upper[i])
+
+
+@inner
+def restart(task: Task, number: int, q: Array) -> None:
+    """Write start `number` of a low-discrepancy sequence over the limits (Roberts 2018, R_d)."""
+    dof = len(q)
+    g = 2.0
+    for _ in range(30):
+        g = (1.0 + g) ** (1.0 / (dof + 1))
+    step = 1.0
+    for i in range(dof):
+        step /= g
+        low, high = task.chain.lower[i], task.chain.upper[i]
+        q[i] = low + ((0.5 + (number + 1) * step) % 1.0) * (high - low)
+
+
+@inner
+def start(task: Task, desk: Desk, target: Array) -> None:
+    """Clear the desk for a target, (3, 4)."""
+    for l in range(LANES):
+        load_target(desk.lanes, l, target)
+        desk.best_error[l] = np.inf
+    reset_weights(task, desk)
+
+
+@inner
+def solve_target(job: Job, task: Task, desk: Desk, target: Array, q: Array, w: int) -> int:
+    """Answer one target, (3, 4); write q, (n,), and return the FK evaluations spent."""
+    lanes, dof = desk.lanes, len(task.lower)
+    start(task, desk, target)
+    goal = GoalArrays(target, task.wanted[2], task.axis_weights)
+    spent, rounds, wanted, begin, found, number = 0, 0, 0, 0, 0, 0
+    while True:
+        if begin == found and wanted < DEEP:
+            wanted = FIRST if wanted == 0 else DEEP
+            found = look_up(task, desk, target, wanted)
+        if begin < found:
+            begin, filled = fill_from_lookup(task, desk, begin, found)
+            if filled == 0:
+                continue
+            steps = FIRST_STEPS if rounds == 0 else DEEP_STEPS
+        elif number < RESTARTS:
+            for l in range(LANES):
+                restart(task, number + l, desk.seed)
+                load_seed(lanes, l, desk.seed)
+                desk.state[l] = 0
+            number += LANES
+            steps = RESTART_STEPS
+        else:
+            break
+        if spent + (steps + 1) * LANES > task.wanted[3]:
+            break
+        lane, made = descend_lanes(job, task, desk, steps, False, w)
+        spent += (made + 1) * LANES
+        if lane >= 0:
+            copy_joints(desk.found, lane, q)
+            return spent
+        keep_best(task, desk, goal)
+        rounds += 1
+    if rounds == 0:
+        middle(task, q)
+        return spent
+    if spent + POLISH_STEPS * LANES <= task.wanted[3]:
+        spent += polish(job, task, desk, goal, w)
+    best = 0
+    for k in range(1, LANES):
+        if desk.best_error[k] < desk.best_error[best]:
+            best = k
+    copy_joints(desk.best, best, q)
+    return spent
+
+
+@inner
+def polish(job: Job, task: Task, desk: Desk, goal: GoalArrays, w: int) -> int:
+    """Minimise the weighted error itself from the eight best, by reweighted steps; return FK evaluations.
+
+    ``K_P |Δp| + ½ Σ K_c |c - c_g|²`` has in |Δp| a kink that least squares lacks: the squared distance is weighted by
+    K_P/|Δp|, anew in every step (Weiszfeld 1937). A lane whose step does not help goes back and damps more.
+    """
+    lanes, dof, floor = desk.lanes, len(task.lower), desk.floor
+    largest = max(goal.axis_weights[0], max(goal.axis_weights[1], goal.axis_weights[2]))
+    for l in range(LANES):
+        floor[l] = 0.1 * (goal.position_weight * task.length + largest)
+        load_seed_row(lanes, l, desk.best)
+        lanes.weight[LANES + l] = math.sqrt(largest)
+    for c in range(3):
+        desk.mode[c] = goal.axis_weights[c]
+    desk.mode[3] = 0.0
+    for step in range(POLISH_STEPS):
+        iterate(job.handle, job.wanted, job.memory, step > 0, w)
+        for l in range(LANES):
+            for r in range(3):
+                for c in range(4):
+                    desk.spare[r, c] = lanes.pose[(4 * r + c) * LANES + l]
+            error = weighted_error(desk.spare, goal)
+            far = math.sqrt(goal.position_weight / max(math.sqrt(lanes.error[l]), 1e-9))
+            # Rows are scaled by the roots of the weights. The orientation rows hold K_A times √K_A by now.
+            scale_p, scale_o = far / lanes.weight[l], 1.0 / largest if largest > 0.0 else 0.0
+            lanes.weight[l] = far
+            if error <= desk.best_error[l]:
+                floor[l] = max(0.3 * floor[l], 1e-9)
+                desk.best_error[l] = error
+                for i in range(dof):
+                    desk.best[l, i] = lanes.q[i, l]
+            else:
+                floor[l] *= 4.0
+                load_seed_row(lanes, l, desk.best)
+                scale_p, scale_o = 0.0, 0.0  # This lane stands still once, and steps anew from its best.
+            for r in range(3):
+                lanes.residual[r * LANES + l] *= scale_p
+                lanes.residual[(3 + r) * LANES + l] *= scale_o
+    return POLISH_STEPS * LANES
+
+
+@inner
+def finish(task: Task, desk: Desk, goal: GoalArrays, near: Array, q: Array, report: Array) -> None:
+    """Bring q inside the limits and judge it by plain FK: errors [m], [rad] and weighted into `report`, (4,)."""
+    into_limits(task, q, near)
+    forward(task.chain, q, desk.spare)
+    report[0], report[1] = errors(desk.spare, goal)
+    report[2] = weighted_error(desk.spare, goal)
+
+
+@inner
+def is_rigid(T: Array) -> bool:
+    """Is T, (4, 4), finite and a rigid transform to rounding?"""
+    for r in range(4):
+        for c in range(4):
+            if not abs(T[r, c]) < 1e300:
+                return False
+    if T[3, 0] != 0.0 or T[3, 1] != 0.0 or T[3, 2] != 0.0 or T[3, 3] != 1.0:
+        return False
+    for c in range(3):
+        for d in range(c + 1):
+            dot = T[0, c] * T[0, d] + T[1, c] * T[1, d] + T[2, c] * T[2, d]
+            if abs(dot - (1.0 if c == d else 0.0)) > 2e-14:
+                return False
+    volume = T[0, 0] * (T[1, 1] * T[2, 2] - T[1, 2] * T[2, 1])
+    volume += T[0, 1] * (T[1, 2] * T[2, 0] - T[1, 0] * T[2, 2])
+    volume += T[0, 2] * (T[1, 0] * T[2, 1] - T[1, 1] * T[2, 0])
+    return volume > 0.0
+
+
+@kernel
+def solve_pose(handle: Indices, wanted: Array, target: Array, w: int) -> Array:
+    """Answer one target.
+
+    Args:
+        handle: The task, see `task_of`.
+        wanted: See `task_of`.
+        target: (4, 4), lengths in [m].
+        w: LANES.
+
+    Returns:
+        Joint values, position error [m], orientation error [rad], weighted error, and FK evaluations; or evaluations -1
+        where the target is no rigid transform, and nothing else holds. (n + 4,)
+    """
+    task = task_of(handle, wanted)
+    dof, joints = len(task.lower), len(task.chain.leader)
+    result = np.empty(dof + 4)
+    if not is_rigid(target):
+        result[dof + 3] = -1.0
+        return result
+    memory = np.empty(desk_size(dof, joints))
+    desk = make_desk(memory, dof, joints)
+    job = Job(handle, wanted, memory)
+    address = result.ctypes.data
+    q, report = part1(address, 0, dof), part1(address, dof, 4)
+    report[3] = solve_target(job, task, desk, target, q, w)
+    middle(task, desk.seed)
+    finish(task, desk, GoalArrays(target, task.wanted[2], task.axis_weights), desk.seed, q, report)
+    return result
+
+
+@inner
+def joint_distance(task: Task, q: Array, near: Array) -> float:
+    """Squared distance of two joint vectors, a joint that turns fully measured the short way round."""
+    total = 0.0
+    for i in range(len(q)):
+        gap = q[i] - near[i]
+        if math.isinf(task.lower[i]):
+            gap -= 2.0 * math.pi * np.round(gap / (2.0 * math.pi))
+        total += gap * gap
+    return total
+
+
+@kernel
+def solve_near(handle: Indices, wanted: Array, target: Array, near: Array, w: int) -> Array:
+    """Answer one target by what is nearest to `near`, (n,), among all that is found; else as `solve_pose`.
+
+    First a walk from `near` itself: if it ends close by, there is no lookup at all.
+    """
+    task = task_of(handle, wanted)
+    dof, joints = len(task.lower), len(task.chain.leader)
+    result, memory = np.empty(dof + 4), np.empty(desk_size(dof, joints))
+    desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
+    address = result.ctypes.data
+    q, report = part1(address, 0, dof), part1(address, dof, 4)
+    start(task, desk, target)
+    for i in range(dof):
+        low, high = task.chain.lower[i], task.chain.upper[i]
+        desk.seed[i] = near[i] if math.isinf(task.lower[i]) else min(max(near[i], low), high)
+    load_seed(desk.lanes, 0, desk.seed)
+    for l in range(LANES):
+        desk.state[l] = 0 if l == 0 else 2
+    closest, spent, begin, found, looked_up = np.inf, 0, 0, 0, False
+    while True:
+        if spent + (DEEP_STEPS + 1) * LANES > wanted[3]:
+            break
+        _, made = descend_lanes(job, task, desk, DEEP_STEPS, True, w)
+        spent += (made + 1) * LANES
+        for l in range(LANES):
+            if desk.state[l] == 1:
+                copy_joints(desk.found, l, desk.seed)
+                far = joint_distance(task, desk.seed, near)
+                if far < closest:
+                    closest = far
+                    copy_joints(desk.found, l, q)
+        if not looked_up:
+            if closest < CLOSE * CLOSE:
+                break
+            looked_up = True
+            found = look_up(task, desk, target, DEEP)
+        if begin == found:
+            break
+        begin, _ = fill_from_lookup(task, desk, begin, found)
+    if closest == np.inf:
+        spent += solve_target(job, task, desk, target, q, w)
+    report[3] = spent
+    finish(task, desk, GoalArrays(target, task.wanted[2], task.axis_weights), near, q, report)
+    return result
+
+
+@kernel
+def solve_many_near(
+    handle: Indices, wanted: Array, targets: Array, near: Array, results: Array, begin: int, end: int, w: int
+) -> None:
+    """`solve_near` for targets begin … end-1, each with its row of near, (k, n)."""
+    for i in range(begin, end):
+        results[i] = solve_near(handle, wanted, targets[i], near[i], w)
+
+
+@inner
+def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int) -> bool:
+    """Put lane l at the next sample of its target that is worth a try; say whether there was one."""
+    for r in range(3):
+        for c in range(4):
+            desk.spare[r, c] = targets[queue.target[l], r, c]
+    see(task, desk, desk.spare)
+    while queue.next[l] < queue.found[l]:
+        i = queue.index[l * FIRST + queue.next[l]]
+        queue.next[l] += 1
+        if complete_seed(task.atlas, task.division, desk.seen, i, task.chain.lower, task.chain.upper, MARGIN, desk.seed):
+            load_seed(desk.lanes, l, desk.seed)
+            queue.steps[l] = 0
+            for r in range(6):
+                desk.lanes.residual[r * LANES + l] = 0.0  # Stands still until its first evaluation.
+            return True
+    return False
+
+
+@inner
+def next_target(task: Task, desk: Desk, queue: Queue, targets: Array, number: int, l: int) -> bool:
+    """Give lane l a target and its nearest samples; say whether one of them is worth a try."""
+    queue.target[l], queue.next[l], queue.spent[l] = number, 0, 0
+    for r in range(3):
+        for c in range(4):
+            desk.spare[r, c] = targets[number, r, c]
+            desk.lanes.target[(4 * r + c) * LANES + l] = targets[number, r, c]
+    queue.found[l] = look_up(task, desk, desk.spare, FIRST)
+    for k in range(queue.found[l]):
+        queue.index[l * FIRST + k] = desk.index[k]
+    return next_seed(task, desk, queue, targets, l)
+
+
+@kernel
+def solve_many(handle: Indices, wanted: Array, targets: Array, results: Array, begin: int, end: int, w: int) -> None:
+    """Answer targets begin … end-1, one in each lane, a lane that is done taking the next.
+
+    A target's lane walks exactly as lane after lane does in `solve_pose`: the same bits come out. What its first eight
+    samples do not solve is left to `solve_pose`'s own way afterwards.
+
+    Args:
+        handle: The task, see `task_of`.
+        wanted: See `task_of`.
+        targets: Rigid transforms, (k, 4, 4), lengths in [m].
+        results: Receives what `solve_pose` returns, (k, n + 4).
+        begin: First target.
+        end: One past the last target.
+        w: LANES.
+    """
+    task = task_of(handle, wanted)
+    dof, joints = len(task.lower), len(task.chain.leader)
+    memory = np.empty(desk_size(dof, joints))
+    desk = make_desk(memory, dof, joints)
+    lanes, numbers = desk.lanes, np.zeros((5 + FIRST) * LANES, dtype=np.int64)
+    at = numbers.ctypes.data
+    queue = Queue(
+        integer_part(at, 0, LANES),
+        integer_part(at, LANES, LANES),
+        integer_part(at, 2 * LANES, LANES),
+        integer_part(at, 3 * LANES, LANES),
+        integer_part(at, 4 * LANES, LANES),
+        integer_part(at, 5 * LANES, FIRST * LANES),
+    )
+    left = np.empty(end - begin, dtype=np.int64)
+    run_lanes(Job(handle, wanted, memory), task, desk, queue, targets, results, left, begin, end, w)
+    count = 0
+    while count < end - begin and left[count] >= 0:
+        i = left[count]
+        results[i] = solve_pose(handle, wanted, targets[i], w)
+        count += 1
+
+
+@inner
+def run_lanes(
+    job: Job,
+    task: Task,
+    desk: Desk,
+    queue: Queue,
+    targets: Array,
+    results: Array,
+    left: Indices,
+    begin: int,
+    end: int,
+    w: int,
+) -> None:
+    """Work the queue off; numbers of the targets left over go into `left`, closed by -1 if there is room."""
+    lanes, dof = desk.lanes, len(task.lower)
+    reset_weights(task, desk)
+    leftover, number, active = 0, begin, LANES
+    for l in range(LANES):
+        queue.target[l] = -1
+        for r in range(6):
+            lanes.residual[r * LANES + l] = 0.0
+    first = True
+    while active > 0:
+        if not first:
+            iterate(job.handle, job.wanted, job.memory, True, w)
+        for l in range(LANES):
+            if queue.target[l] == -2:
+                continue
+            busy = queue.target[l] >= 0
+            if busy:
+                queue.spent[l] += 1
+                done = within(task, lanes, l)
+                if done:
+                    write_result(task, desk, queue, targets, results, l)
+                busy = not done
+                if busy and queue.steps[l] == FIRST_STEPS:
+                    busy = next_seed(task, desk, queue, targets, l)
+                    if not busy:
+                        left[leftover] = queue.target[l]
+                        leftover += 1
+                else:
+                    queue.steps[l] += 1
+            while not busy and number < end:
+                busy = next_target(task, desk, queue, targets, number, l)
+                if not busy:
+                    left[leftover] = number
+                    leftover += 1
+                number += 1
+            if not busy:
+                queue.target[l] = -2
+                active -= 1
+        first = False
+    if leftover < end - begin:
+        left[leftover] = -1
+
+
+@inner
+def write_result(task: Task, desk: Desk, queue: Queue, targets: Array, results: Array, l: int) -> None:
+    """Judge lane l by plain FK and write its row."""
+    i, dof = queue.target[l], len(task.lower)
+    for j in range(dof):
+        results[i, j] = desk.lanes.q[j, l]
+    goal = GoalArrays(targets[i], task.wanted[2], task.axis_weights)
+    middle(task, desk.seed)
+    finish(task, desk, goal, desk.seed, results[i, :dof], results[i, dof:])
+    results[i, dof + 3] = queue.spent[l]

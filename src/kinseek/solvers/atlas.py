@@ -1,0 +1,261 @@
+"""The atlas: sort the search space once, then one answer takes microseconds (the default).
+
+The paper's divide and conquer assumes that what it searches is sorted, and forward kinematics is not. So it is
+sorted: see `kernels.atlas` for the idea, and `kernels.refine` for what happens to one goal.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+import time
+import weakref
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kinseek.errors import InvalidSolver, MissingExtra
+from kinseek.goal import Goal
+from kinseek.kernels import refine
+from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.atlas import NONE, SLIDE, TURN, Division, build_atlas
+from kinseek.kernels.lanes import LANES
+from kinseek.kernels.neighbours import LEAF
+from kinseek.kernels.pointers import handle_of
+from kinseek.problem import Problem
+from kinseek.robots.chain import SerialChain
+from kinseek.solution import Solution
+
+SAMPLES = 16_384
+
+_CHUNK = 1024
+"""Targets that a thread takes at a time: some milliseconds, so that Ctrl-C is heard."""
+
+
+@dataclass(frozen=True)
+class Atlas:
+    """Look the goal up among sorted samples of the arm, and refine the nearest.
+
+    Raises:
+        InvalidSolver: A parameter out of its range.
+    """
+
+    samples: int = SAMPLES
+    """Samples of the middle joints; more cost memory and time to build, and start closer."""
+    threads: int | None = None
+    """Threads for a batch; None takes every core. The answers are the same bits."""
+    progress: bool = False
+    """Show a progress bar while a batch is solved."""
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        if not 8 <= self.samples <= 2**24:
+            raise InvalidSolver(f"samples must be in 8 ... 2^24, got {self.samples}")
+        if self.threads is not None and self.threads < 1:
+            raise InvalidSolver(f"threads must be at least 1, got {self.threads}")
+
+    def solve(self, problem: Problem) -> Solution:
+        """Answer by what the nearest sample leads to, else the next nearest; else by the best pose found."""
+        goal, chain = problem.goal, problem.chain
+        index = atlas_of(chain, goal, self.samples)
+        wanted = wanted_of(goal, problem.budget)
+        targets = np.zeros((len(goal.targets), 4, 4))
+        targets[:, :3], targets[:, 3, 3] = goal.targets, 1.0
+        near = None
+        if problem.near is not None:
+            near = np.ascontiguousarray(np.broadcast_to(problem.near, (*goal.shape, chain.dof))).reshape(-1, chain.dof)
+        results = np.empty((len(targets), chain.dof + 4))
+        if problem.budget is not None and near is None:
+            for i, target in enumerate(targets):
+                results[i] = refine.solve_pose(index.handle, wanted, target, LANES)
+        else:
+            self._run(index, wanted, targets, near, results)
+        return batch_solution(problem, results)
+
+    def _run(
+        self, index: AtlasIndex, wanted: Array, targets: Array, near: Array | None, results: Array
+    ) -> None:
+        def work(begin: int) -> int:
+            end = min(begin + _CHUNK, len(targets))
+            if near is None:
+                refine.solve_many(index.handle, wanted, targets, results, begin, end, LANES)
+            else:
+                refine.solve_many_near(index.handle, wanted, targets, near, results, begin, end, LANES)
+            return end - begin
+
+        chunks = range(0, len(targets), _CHUNK)
+        threads = min(self.threads or os.cpu_count() or 1, len(chunks))
+        with _progress_bar(self.progress, len(targets)) as advance:
+            if threads <= 1:
+                for begin in chunks:
+                    advance(work(begin))
+                return
+            pool = ThreadPoolExecutor(threads)
+            try:
+                pending = {pool.submit(work, begin) for begin in chunks}
+                while pending:
+                    done, pending = wait(pending, return_when=FIRST_COMPLETED)
+                    advance(sum(future.result() for future in done))
+            finally:
+                pool.shutdown(wait=True, cancel_futures=True)
+
+
+class AtlasIndex:
+    """The atlas of one arm for one kind of goal: immutable, shared by threads."""
+
+    def __init__(self, chain: SerialChain, kind: str, arrays: Any, samples: int) -> None:
+        """Sample the middle joints and sort the samples."""
+        began = time.perf_counter()
+        division = divide(chain, kind)
+        points, first = middle_samples(chain, division, samples)
+        head = inverse(chain.fixed[0]) if division.head != NONE else np.eye(4)[:3]
+        tip = inverse(arrays.fixed[-1]) if division.tail != NONE else np.eye(4)[:3]
+        atlas = build_atlas(arrays, division, points, first, head.copy(), tip.copy())
+        lower, upper = open_limits(chain)
+        columns = {"pose": [0.5, 0.5, 0.5], "pointing": [1.0, 0.0, 0.0], "position": [0.0, 0.0, 0.0]}[kind]
+        self._arrays = refine.task_arrays(
+            arrays, atlas, division, lower, upper, np.array(columns), arm_length(chain) / 3
+        )
+        self.handle: Indices = handle_of(self._arrays)
+        """Addresses of the arrays, for kernels."""
+        self.samples = len(points)
+        """Number of samples."""
+        self.memory = sum(array.nbytes for array in self._arrays)
+        """[bytes]"""
+        self.build_time = time.perf_counter() - began
+        """[s]; the first in a process includes loading or compiling the kernels."""
+
+    def __repr__(self) -> str:
+        """Size and cost."""
+        return (
+            f"AtlasIndex({self.samples} samples, {self.memory / 2**20:.1f} MiB, "
+            f"built in {self.build_time * 1e3:.0f} ms)"
+        )
+
+
+_indices: weakref.WeakKeyDictionary[SerialChain, dict[Any, AtlasIndex]] = weakref.WeakKeyDictionary()
+_building = threading.Lock()
+
+
+def atlas_of(chain: SerialChain, goal: Goal | None = None, samples: int = SAMPLES) -> AtlasIndex:
+    """The atlas of an arm for a kind of goal: built at the first call, dropped with the arm."""
+    kind = "pose" if goal is None else goal.kind
+    key = (kind, samples, goal.tool_axis if goal is not None and kind == "pointing" else None)
+    with _building:
+        mine = _indices.setdefault(chain, {})
+        if key not in mine:
+            arrays = chain.arrays if goal is None else Problem(chain, goal).arrays
+            mine[key] = AtlasIndex(chain, kind, arrays, samples)
+        return mine[key]
+
+
+def wanted_of(goal: Goal, budget: int | None = None) -> Array:
+    """A goal's tolerances and weights as the kernels take them, (7,)."""
+    most = np.inf if budget is None else float(budget)
+    weights = goal.arrays.axis_weights
+    return np.array(
+        [goal.position_tolerance, goal.orientation_tolerance, goal.position_weight, most, *weights], dtype=float
+    )
+
+
+def batch_solution(problem: Problem, results: Array) -> Solution:
+    """Make a solution of the rows that the kernels write, (k, n + 4)."""
+    goal, dof, shape = problem.goal, problem.chain.dof, problem.goal.shape
+    position, orientation, weighted, spent = (results[:, dof + i] for i in range(4))
+    success = (position <= goal.position_tolerance) & (orientation <= goal.orientation_tolerance)
+
+    def field(column: Any) -> Any:
+        return column.reshape(shape).copy() if shape else column[0].item()
+
+    nothing = np.zeros(len(results), dtype=np.int64)
+    return Solution(
+        q=results[:, :dof].reshape(*shape, dof).copy(),
+        success=field(success),
+        position_error=field(position),
+        orientation_error=field(orientation),
+        weighted_error=field(weighted),
+        evaluations=field(spent.astype(np.int64)),
+        nodes_created=field(nothing),
+        nodes_expanded=field(nothing),
+        problem=problem,
+    )
+
+
+def middle_samples(chain: SerialChain, division: Division, samples: int) -> tuple[Array, int]:
+    """Spread samples over the joints that are not divided out; return them and the first such joint."""
+    first, last = int(division.head != NONE), chain.dof - int(division.tail != NONE)
+    wanted = min(samples, 64 ** max(last - first, 0))
+    count = LEAF * 2 ** max(math.ceil(math.log2(max(wanted, LEAF) / LEAF)), 0)
+    lower, upper = chain.lower[first:last].copy(), chain.upper[first:last].copy()
+    turns = np.array([kind != "prismatic" for kind in chain.kinds[first:last]], dtype=bool)
+    wide = turns & (upper - lower > 2 * np.pi)  # One turn has them all.
+    middle = (lower + upper) / 2
+    lower[wide], upper[wide] = middle[wide] - np.pi, middle[wide] + np.pi
+    points = lower + low_discrepancy(count, last - first) * (upper - lower)
+    return np.ascontiguousarray(points), first
+
+
+def open_limits(chain: SerialChain) -> tuple[Array, Array]:
+    """Limits for refining: none for a joint whose range holds a full turn, since it can always go on."""
+    free = (chain.upper - chain.lower >= 2 * np.pi - 1e-9) & (np.array(chain.kinds) != "prismatic")
+    for k, i in enumerate(chain.leader):
+        free[i] &= float(chain.multiplier[k]).is_integer() and not chain.prismatic[k]
+    return np.where(free, -np.inf, chain.lower), np.where(free, np.inf, chain.upper)
+
+
+def divide(chain: SerialChain, kind: str) -> Division:
+    """Choose what can be divided out of an arm for a kind of goal."""
+    dof, joints = chain.dof, len(chain.leader)
+    alone = np.bincount(chain.leader, minlength=dof) == 1
+    head = NONE
+    if dof > 1 and chain.leader[0] == 0 and alone[0]:
+        head = SLIDE if chain.prismatic[0] else TURN
+    tail = NONE
+    if kind == "pose" and dof > 1 and chain.leader[-1] == dof - 1 and alone[-1] and not chain.prismatic[-1]:
+        tail = TURN
+    columns = {"pose": 1 if tail == TURN else 2, "pointing": 1, "position": 0}[kind]
+    return Division(head, tail, columns, arm_length(chain) / 3)
+
+
+def arm_length(chain: SerialChain) -> float:
+    """Length of the stretched arm from its first axis on [m]: links, and the longer half of each slide."""
+    links = float(np.linalg.norm(chain.fixed[1:, :, 3], axis=1).sum())
+    for k in np.flatnonzero(chain.prismatic):
+        i = chain.leader[k]
+        links += max(abs(chain.lower[i]), abs(chain.upper[i])) * abs(float(chain.multiplier[k])) / 2
+    return max(links, 1e-3)
+
+
+def low_discrepancy(count: int, dimensions: int) -> Array:
+    """Well-spread points of the unit cube, (count, dimensions) (Roberts 2018, the R_d sequence)."""
+    g = 2.0
+    for _ in range(40):
+        g = (1 + g) ** (1 / (dimensions + 1))
+    steps = g ** -np.arange(1.0, dimensions + 1)
+    return np.asarray((0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0)
+
+
+def inverse(A: Array) -> Array:
+    """Inverse of a rigid transform, (3, 4)."""
+    turn = A[:, :3].T
+    return np.hstack([turn, -turn @ A[:, 3:]])
+
+
+@contextmanager
+def _progress_bar(wanted: bool, total: int) -> Iterator[Callable[[int], object]]:
+    """Give a function that is told how many more targets are done."""
+    if not wanted:
+        yield lambda count: None
+        return
+    try:
+        from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
+    except ImportError:
+        raise MissingExtra("A progress bar", "cli") from None
+    with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(), TimeRemainingColumn()) as bar:
+        task = bar.add_task("solving", total=total)
+        yield lambda count: bar.advance(task, count)

@@ -1,0 +1,67 @@
+"""Breadth tuning by trial (the paper, Sec. 3.2): which joints deserve more breadth, and how much.
+
+The paper examines the arm by hand and widens the joints that move the hand farthest. Motion turned out to be the
+wrong measure: an error of the shoulder is seen, and mended, in the next pass, while the elbow and the wrist's
+roll trade against other joints and get lost. So this module asks the search itself. It solves a fixed set of
+reachable probe targets, widens the joint that lowers the mean weighted error most for the leaves it costs, and
+goes on while the window fits the budget.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from kinseek.kernels.arrays import Array
+from kinseek.robots.chain import SerialChain
+
+Breadth = tuple[int, ...]
+
+_PROBES = 64
+_PATIENCE = 3
+"""Rounds that may bring no gain before tuning ends: joints that need each other gain only together."""
+
+
+def probe_joints(chain: SerialChain) -> Array:
+    """Joint vectors spread over the limits by Weyl's sequence with square roots of primes, (k, n)."""
+    primes = [p for p in range(2, 400) if all(p % i for i in range(2, int(p**0.5) + 1))]
+    steps = np.sqrt(np.resize(np.array(primes, dtype=float), chain.dof))
+    spread = (np.arange(1, _PROBES + 1)[:, None] * steps) % 1.0
+    return np.asarray(chain.lower + spread * (chain.upper - chain.lower))
+
+
+def window_leaves(breadth: Breadth, divisions: int) -> float:
+    """Leaves of a later pass: Π (2(⌊D/2⌋ + Br_i) - 1)."""
+    return float(np.prod([2.0 * (divisions // 2 + b) - 1 for b in breadth]))
+
+
+def widen_by_trial(
+    dof: int, leaves: Callable[[Breadth], float], most_leaves: int, mean_error: Callable[[Breadth], float]
+) -> Breadth:
+    """Widen joint after joint from breadth 1.
+
+    Args:
+        dof: Number of joints n.
+        leaves: What a breadth costs a pass.
+        most_leaves: The budget for that.
+        mean_error: How well a breadth does on the probe targets.
+
+    Returns:
+        The breadth that did best on the way, (n,).
+    """
+    breadth: Breadth = (1,) * dof
+    best, stale = breadth, 0
+    error = least = mean_error(breadth) if leaves(breadth) < most_leaves else 0.0
+    while stale < _PATIENCE:
+        wider = [tuple(b + (i == joint) for i, b in enumerate(breadth)) for joint in range(dof)]
+        wider = [each for each in wider if leaves(each) <= most_leaves]
+        if not wider or least == 0.0:
+            break
+        trials = [(mean_error(each), each) for each in wider]
+        gains = [(e - error) / np.log(leaves(each) / leaves(breadth)) for e, each in trials]
+        error, breadth = trials[int(np.argmin(gains))]
+        stale += 1
+        if error < 0.99 * least:
+            best, least, stale = breadth, error, 0
+    return best
