@@ -55,6 +55,10 @@ class NotReached(KinseekError, RuntimeError):
         super().__init__(message)
         self.solution = solution
 
+    def __reduce__(self) -> tuple[type[NotReached], tuple[str, Any]]:
+        """Pickle with the solution, so that worker processes may raise it."""
+        return type(self), (str(self), self.solution)
+
 
 def suggest(got: str, valid: Iterable[str], noun: str) -> str:
     """Return ``unknown <noun> 'got'``, the near matches and the valid choices, as one sentence."""

@@ -28,7 +28,7 @@ class Problem:
     chain: SerialChain
     goal: Goal
     near: Array | None = None
-    """Joint values to start from and to stay close to, (n,) or (..., n), [rad] or [m]; any limits."""
+    """Joint values to start from and to stay close to, (n,) or (..., n), [rad] or [m]."""
     budget: int | None = None
     """FK evaluations a search may spend per target; None leaves it to the search's own parameters."""
 
@@ -40,9 +40,8 @@ class Problem:
                 have in (1, want) for have, want in zip(near.shape[-2::-1], batch[::-1], strict=False)
             )
             if not fits:
-                raise InvalidProblem(
-                    f"near must have shape ({self.chain.dof},) or {(*batch, self.chain.dof)}, got {near.shape}"
-                )
+                one, many = (self.chain.dof,), (*batch, self.chain.dof)
+                raise InvalidProblem(f"near must have shape {one} or {many}, got {near.shape}")
             object.__setattr__(self, "near", near)
         if self.budget is not None and self.budget < 1:
             raise InvalidProblem(f"budget must be at least 1 FK evaluation, got {self.budget}")

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import NotReached
-from .kernels.pose_error import judge
 from .goal import DEFAULT_TOLERANCE, Goal
+from .kernels.pose_error import judge
 from .problem import Problem
 from .robots.chain import SerialChain
 

@@ -17,11 +17,10 @@ def advance(A: Array, prismatic: bool, value: float, T: Array) -> None:
     cosine, sine, slide = 1.0, 0.0, 0.0
     if prismatic:
         slide = value
+    elif abs(value) < 1e4:
+        sine, cosine = sine_cosine(value)
     else:
-        if abs(value) < 1e4:
-            sine, cosine = sine_cosine(value)
-        else:
-            cosine, sine = math.cos(value), math.sin(value)
+        cosine, sine = math.cos(value), math.sin(value)
     for r in range(3):
         t0, t1, t2 = T[r, 0], T[r, 1], T[r, 2]
         x = t0 * A[0, 0] + t1 * A[1, 0] + t2 * A[2, 0]

@@ -36,6 +36,13 @@ from .pose_error import errors, weighted_error
 
 FIRST, DEEP, RESTARTS = 8, 40, 64
 FIRST_STEPS, DEEP_STEPS, RESTART_STEPS, POLISH_STEPS = 10, 20, 30, 60
+PERSIST_STEPS = 100
+"""At a singular answer every step only halves the joint error, and a joint at its limit slows it down further."""
+
+PROMISING = 0.02
+"""Goals with a smaller error left, relative to the arm, are worth that many steps, and more restarts."""
+
+MORE_RESTARTS = 256
 MARGIN = 0.5
 DAMPING = 0.1
 LONGEST = 0.8
@@ -226,6 +233,15 @@ def load_seed(lanes: Lanes, lane: int, seed: Array) -> None:
 
 
 @inner
+def lowest(values: Array) -> float:
+    """The least of some values."""
+    least = values[0]
+    for i in range(1, len(values)):
+        least = min(least, values[i])
+    return least
+
+
+@inner
 def load_seed_row(lanes: Lanes, lane: int, rows: Array) -> None:
     """Put one lane at the start in its row, (LANES, n)."""
     for i in range(rows.shape[1]):
@@ -406,6 +422,18 @@ def restart(task: Task, number: int, q: Array) -> None:
 
 
 @inner
+def kick(task: Task, rows: Array, row: int, size: float, q: Array) -> None:
+    """Turn a start that is spread over the limits, (n,), into one around a row, brought back to the limits.
+
+    Answers hide in the corners of the limits, where a start inside leads past them; here many starts lie in one.
+    """
+    for i in range(len(q)):
+        low, high = task.chain.lower[i], task.chain.upper[i]
+        share = (q[i] - low) / max(high - low, 1e-12) - 0.5
+        q[i] = min(max(rows[row, i] + size * share * min(high - low, 1.0), low), high)
+
+
+@inner
 def start(task: Task, desk: Desk, target: Array) -> None:
     """Clear the desk for a target, (3, 4)."""
     for l in range(LANES):
@@ -420,7 +448,8 @@ def solve_target(job: Job, task: Task, desk: Desk, target: Array, q: Array, w: i
     lanes, dof = desk.lanes, len(task.lower)
     start(task, desk, target)
     goal = GoalArrays(target, task.wanted[2], task.axis_weights)
-    spent, rounds, wanted, begin, found, number = 0, 0, 0, 0, 0, 0
+    spent, rounds, wanted, begin, found, persisted, number = 0, 0, 0, 0, 0, 0, 0
+    restarts, patience = RESTARTS, DEEP_STEPS
     while True:
         if begin == found and wanted < DEEP:
             wanted = FIRST if wanted == 0 else DEEP
@@ -429,10 +458,26 @@ def solve_target(job: Job, task: Task, desk: Desk, target: Array, q: Array, w: i
             begin, filled = fill_from_lookup(task, desk, begin, found)
             if filled == 0:
                 continue
-            steps = FIRST_STEPS if rounds == 0 else DEEP_STEPS
-        elif number < RESTARTS:
+            steps = FIRST_STEPS if rounds == 0 else patience
+        elif persisted == 0 or (persisted == 1 and number >= restarts):
+            persisted += 1
+            if persisted == 2 and spent + POLISH_STEPS * LANES <= task.wanted[3]:
+                spent += polish(job, task, desk, goal, w)
+                reset_weights(task, desk)
+            if lowest(desk.best_error) > PROMISING * (task.wanted[2] * task.length + 1.0):
+                continue
+            if persisted == 1:
+                # What looked promising may be a mirror image of the answer; this time nobody is called back early.
+                restarts, begin, patience = MORE_RESTARTS, 0, PERSIST_STEPS
+            for l in range(LANES):
+                desk.state[l] = 0 if desk.best_error[l] < np.inf else 2
+                load_seed_row(lanes, l, desk.best)
+            steps = PERSIST_STEPS
+        elif number < restarts:
             for l in range(LANES):
                 restart(task, number + l, desk.seed)
+                if restarts == MORE_RESTARTS and number % (2 * LANES) == 0:
+                    kick(task, desk.best, l, 0.5 if number % (4 * LANES) == 0 else 1.5, desk.seed)
                 load_seed(lanes, l, desk.seed)
                 desk.state[l] = 0
             number += LANES
@@ -451,12 +496,9 @@ def solve_target(job: Job, task: Task, desk: Desk, target: Array, q: Array, w: i
     if rounds == 0:
         middle(task, q)
         return spent
-    if spent + POLISH_STEPS * LANES <= task.wanted[3]:
-        spent += polish(job, task, desk, goal, w)
     best = 0
-    for k in range(1, LANES):
-        if desk.best_error[k] < desk.best_error[best]:
-            best = k
+    while desk.best_error[best] > lowest(desk.best_error):
+        best += 1
     copy_joints(desk.best, best, q)
     return spent
 

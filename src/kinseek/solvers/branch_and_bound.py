@@ -102,7 +102,9 @@ def widest(form: Form, wanted: Wanted, desk: Desk) -> int:
     for i in range(len(desk.c)):
         desk.delta[i] = 0.0
     for k in range(len(form.leader)):
-        turn = 0.0 if form.prismatic[k] else wanted.scalars[LENGTH] * (desk.s[k] if form.columns == 1 else 1.0)
+        turn = (
+            0.0 if form.prismatic[k] else wanted.scalars[LENGTH] * (desk.s[k] if form.columns == 1 else 1.0)
+        )
         if form.columns == 0:
             turn = 0.0
         i = form.leader[k]
@@ -146,7 +148,9 @@ def complete(form: Form, roll: Roll, chain: ChainArrays, desk: Desk, q: Array) -
     for i in range(len(q)):
         value = desk.u[2] if roll.present and i == len(q) - 1 else desk.c[i]
         if i == 0 and form.head == TURN:
-            value = nearest_copy(value, chain.lower[0], chain.upper[0], 0.5 * (chain.lower[0] + chain.upper[0]))
+            value = nearest_copy(
+                value, chain.lower[0], chain.upper[0], 0.5 * (chain.lower[0] + chain.upper[0])
+            )
         q[i] = min(max(value, chain.lower[i]), chain.upper[i])
 
 

@@ -1,10 +1,10 @@
 """Breadth tuning by trial (the paper, Sec. 3.2): which joints deserve more breadth, and how much.
 
-The paper examines the arm by hand and widens the joints that move the hand farthest. Motion turned out to be the
-wrong measure: an error of the shoulder is seen, and mended, in the next pass, while the elbow and the wrist's
-roll trade against other joints and get lost. So this module asks the search itself. It solves a fixed set of
-reachable probe targets, widens the joint that lowers the mean weighted error most for the leaves it costs, and
-goes on while the window fits the budget.
+The paper examines the arm by hand and widens the joints that move the hand farthest. Measured, that is worse
+than the same breadth for all: it widens the shoulder, while the breadth that pays is at the joints whose
+errors others hide, such as the elbow and the wrist of a SCARA arm. So this module asks the search itself. It
+solves a fixed set of reachable probe targets, widens the joint that lowers the mean weighted error most for
+the leaves it costs, and goes on while the window fits the budget.
 """
 
 from __future__ import annotations

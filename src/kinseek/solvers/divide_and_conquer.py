@@ -14,11 +14,10 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kinseek.errors import InvalidSolver
 from kinseek.goal import Goal
-from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
+from kinseek.kernels.arrays import ChainArrays, GoalArrays, Indices
 from kinseek.kernels.forward import forward_many
 from kinseek.kernels.grid import (
     Beam,
@@ -59,7 +58,8 @@ class DivideAndConquer:
     divisions: int = 3
     """D: values a joint in the first pass; each later pass divides the spacing by D."""
     breadth: int | tuple[int, ...] | str = 1
-    """Br, for 2(⌊D/2⌋ + Br) - 1 values a joint in later passes: one number (CB), one a joint or "tuned" (BT)."""
+    """Br: later passes try 2(⌊D/2⌋ + Br) - 1 values a joint. One number is the paper's constant breadth (CB),
+    one a joint its breadth tuning (BT), and ``"tuned"`` chooses those by trial."""
     tree: str = "dynamic"
     """``"static"`` makes all nodes first; ``"dynamic"`` makes them when needed (DT)."""
     beam: int = 1
@@ -161,7 +161,7 @@ class Passes(NamedTuple):
 
 @exact
 def node_value(grid: Grid, d: int, node: int) -> float:
-    """Value of a node [rad] or [m]: looked up in the static tree, made anew, to the same bits, in the dynamic."""
+    """Value of a node [rad] or [m]: looked up in the static tree, made anew, bit for bit, in the dynamic."""
     stored = grid.table.shape[1] > 0
     value: float = grid.table[d, node] if stored else min(grid.lower[d] + grid.step[d] * node, grid.upper[d])
     return value

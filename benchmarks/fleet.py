@@ -1,0 +1,277 @@
+"""The whole fleet: how many reachable targets are solved, and what one costs.
+
+Every arm gets 100,000 targets from joint values uniform inside its limits, and 5,000 near singularities and limits
+(each joint one of {0, lower, upper, ±π/2, random}), in batches, without a seed. An answer counts only if plain NumPy
+forward kinematics finds it within 1e-6 m and 1e-6 rad, and every joint inside its limits. Times are medians of several
+runs. Every miss is listed by name.
+
+    python -m benchmarks.fleet                 # writes fleet.md and fleet_misses.csv beside this file
+    python -m benchmarks.fleet panda ur5e --random 10000
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import statistics
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek.solvers.atlas import SAMPLES, AtlasIndex
+
+from .targets import fleet_arm, fleet_names, machine, plain_fk, random_joints, singular_joints, strict
+
+Array = NDArray[np.float64]
+
+HERE = Path(__file__).parent
+
+REPEATS = 5
+
+BAND = {
+    "solved": 100.0,
+    "one_median": 10.0,
+    "one_p99": 60.0,
+    "batch": 1.5,
+    "two_cores": 1.7,
+    "build": 50.0,
+    "memory": 10.0,
+}
+"""What is aimed at: percent, [µs], [µs], [µs], times, [ms], [MB]."""
+
+
+@dataclass(frozen=True)
+class Miss:
+    """A reachable target that was not reached."""
+
+    arm: str
+    kind: str
+    seed: int
+    index: int
+    position_error: float
+    orientation_error: float
+    q: Array
+    """Joint values that the target was made from."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One arm of the table."""
+
+    arm: str
+    dof: int
+    random: int
+    random_solved: int
+    singular: int
+    singular_solved: int
+    one_median: float
+    """[µs]"""
+    one_p99: float
+    """[µs]"""
+    batch: float
+    """[µs] a pose, one thread"""
+    singular_batch: float
+    """[µs] a pose, one thread"""
+    two_cores: float
+    """One thread's time over two threads' time."""
+    build: float
+    """[ms]"""
+    memory: float
+    """[MB]"""
+
+
+def batch_time(arm: kinseek.Arm, targets: Array, threads: int, repeats: int = REPEATS) -> float:
+    """Median time of one pose in a batch [µs]."""
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        arm.ik(targets, threads=threads)
+        times.append(time.perf_counter() - began)
+    return statistics.median(times) / len(targets) * 1e6
+
+
+def speedup(arm: kinseek.Arm, targets: Array, repeats: int = REPEATS) -> float:
+    """Time on one thread over time on two, median of pairs taken one after the other."""
+    return statistics.median(
+        batch_time(arm, targets, 1, 1) / batch_time(arm, targets, 2, 1) for _ in range(repeats)
+    )
+
+
+def single_times(arm: kinseek.Arm, targets: Array) -> Array:
+    """Times of single calls [µs], (k,)."""
+    times = np.empty(len(targets))
+    for i, target in enumerate(targets):
+        began = time.perf_counter_ns()
+        arm.ik(target)
+        times[i] = (time.perf_counter_ns() - began) / 1e3
+    return times
+
+
+def misses_of(name: str, arm: kinseek.Arm, kind: str, seed: int, q: Array) -> list[Miss]:
+    """Solve the targets of joint values, (k, n), and list those that are not reached."""
+    targets = plain_fk(arm.chain, q)
+    solution = arm.ik(targets)
+    good = strict(arm.chain, solution.q, targets)
+    if not np.array_equal(good, solution.success):
+        false = int((solution.success & ~good).sum())
+        print(
+            f"  {name}: {false} answers claim what outside FK denies, {int((good & ~solution.success).sum())} deny it"
+        )
+    return [
+        Miss(name, kind, seed, int(i), solution.position_error[i], solution.orientation_error[i], q[i])
+        for i in np.flatnonzero(~good)
+    ]
+
+
+def measure(name: str, random: int, singular: int, seed: int) -> tuple[Row, list[Miss]]:
+    """Measure one arm."""
+    arm = fleet_arm(name)
+    loose, tight = random_joints(arm.chain, random, seed), singular_joints(arm.chain, singular, seed)
+    arm.ik(plain_fk(arm.chain, loose[:100]))  # Whatever compiles or loads does so before the clock runs.
+    built = [AtlasIndex(arm.chain, "pose", arm.chain.arrays, SAMPLES) for _ in range(3)]
+    random_misses = misses_of(name, arm, "random", seed, loose)
+    singular_misses = misses_of(name, arm, "singular", seed, tight)
+    targets = plain_fk(arm.chain, loose)
+    single_times(arm, targets[:200])
+    one = single_times(arm, targets[:5000])
+    row = Row(
+        arm=name,
+        dof=arm.dof,
+        random=random,
+        random_solved=random - len(random_misses),
+        singular=singular,
+        singular_solved=singular - len(singular_misses),
+        one_median=float(np.median(one)),
+        one_p99=float(np.percentile(one, 99)),
+        batch=batch_time(arm, targets, 1),
+        singular_batch=batch_time(arm, plain_fk(arm.chain, tight), 1),
+        two_cores=speedup(arm, targets),
+        build=statistics.median(index.build_time for index in built) * 1e3,
+        memory=built[0].memory / 1e6,
+    )
+    return row, random_misses + singular_misses
+
+
+def percent(solved: int, count: int) -> str:
+    """Percent to three digits; 100.000 only if it is all of them."""
+    return f"{np.floor(1e5 * solved / count) / 1e3:.3f}"
+
+
+def table(rows: list[Row], misses: list[Miss]) -> str:
+    """The page as Markdown."""
+    first = rows[0]
+    lines = [
+        "# The fleet",
+        "",
+        "Made by `python -m benchmarks.fleet`. " + machine() + ".",
+        "",
+        f"{first.random:,} targets from joint values uniform inside the limits and {first.singular:,} near singularities and",
+        "limits, an arm; no seed. Solved: within 1e-6 m and 1e-6 rad by plain NumPy FK, and inside the limits. One pose:",
+        "`arm.ik(T)` from Python, 5,000 calls. Batch: one thread. Medians.",
+        "",
+        "| arm | joints | solved, random % | solved, near singular % | one pose µs | p99 µs | batch µs a pose | "
+        "near singular µs a pose | two cores | build ms | memory MB |",
+        "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        lines.append(
+            f"| {row.arm} | {row.dof} | {percent(row.random_solved, row.random)} | "
+            f"{percent(row.singular_solved, row.singular)} | {row.one_median:.1f} | {row.one_p99:.1f} | {row.batch:.2f} | "
+            f"{row.singular_batch:.2f} | {row.two_cores:.2f} × | {row.build:.0f} | {row.memory:.1f} |"
+        )
+    lines += ["", "## Aimed at, and met", "", "| what | aimed at | worst arm | met by |", "|---|---|---|---|"]
+    lines += verdicts(rows)
+    lines += ["", f"## Misses: {len(misses)}", ""]
+    lines += [
+        f"- {miss.arm}, {miss.kind}, seed {miss.seed}, number {miss.index}: {miss.position_error:.1e} m, "
+        f"{miss.orientation_error:.1e} rad; made from q = {np.array2string(miss.q, precision=6, max_line_width=200)}"
+        for miss in misses
+    ] or ["None."]
+    return "\n".join(lines) + "\n"
+
+
+def verdicts(rows: list[Row]) -> list[str]:
+    """One row a target: what is aimed at, the worst arm, and how many arms meet it."""
+
+    def line(
+        what: str, aim: str, values: list[float], good: list[bool], unit: str, largest: bool = True
+    ) -> str:
+        worst = max(range(len(rows)), key=lambda i: values[i] if largest else -values[i])
+        return (
+            f"| {what} | {aim} | {values[worst]:.3g}{unit}, {rows[worst].arm} | {sum(good)} of {len(rows)} |"
+        )
+
+    best: dict[int, float] = {}
+    for row in rows:
+        best[row.dof] = min(best.get(row.dof, np.inf), row.one_median)
+    solved = [100 * row.random_solved / row.random for row in rows]
+    tight = [100 * row.singular_solved / row.singular for row in rows]
+    six = [row for row in rows if row.dof in (6, 7)]
+    spread = [row.one_median / best[row.dof] for row in rows]
+    lines = [
+        line("random solved", "100.000 %", solved, [value == 100 for value in solved], " %", False),
+        line("near singular solved", "100 %", tight, [value == 100 for value in tight], " %", False),
+    ]
+    for what, aim, field, limit, unit, largest in (
+        ("one pose, median", "≤ 10 µs", "one_median", BAND["one_median"], " µs", True),
+        ("one pose, p99", "≤ 60 µs", "one_p99", BAND["one_p99"], " µs", True),
+        ("batch, one core", "≤ 1.5 µs", "batch", BAND["batch"], " µs", True),
+        ("batch, two cores", "≥ 1.7 ×", "two_cores", -BAND["two_cores"], " ×", False),
+        ("build", "≤ 50 ms", "build", BAND["build"], " ms", True),
+        ("memory", "≤ 10 MB", "memory", BAND["memory"], " MB", True),
+    ):
+        values = [float(getattr(row, field)) for row in rows]
+        good = [value <= limit if largest else value >= -limit for value in values]
+        lines.append(line(what, aim, values, good, unit, largest))
+    lines.append(
+        line("against the best of as many joints", "≤ 5 ×", spread, [value <= 5 for value in spread], " ×")
+    )
+    if six:
+        fast = sum(row.one_median <= BAND["one_median"] for row in six)
+        lines.append(f"| one pose, median, 6 and 7 joints | ≤ 10 µs | | {fast} of {len(six)} |")
+    return lines
+
+
+def write_misses(path: Path, misses: list[Miss]) -> None:
+    """Write every miss with all digits of its joint values."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["arm", "kind", "seed", "index", "position_error_m", "orientation_error_rad", "q"])
+        for miss in misses:
+            numbers = " ".join(repr(float(value)) for value in miss.q)
+            errors = [f"{miss.position_error:.3e}", f"{miss.orientation_error:.3e}"]
+            writer.writerow([miss.arm, miss.kind, miss.seed, miss.index, *errors, numbers])
+
+
+def main() -> None:
+    """Measure, print as it goes, write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("arms", nargs="*", help="names; all of them by default")
+    parser.add_argument("--random", type=int, default=100_000, help="random targets an arm")
+    parser.add_argument("--singular", type=int, default=5_000, help="near-singular targets an arm")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--output", type=Path, default=HERE / "fleet.md", help="page to write")
+    options = parser.parse_args()
+    rows, misses = [], []
+    for name in options.arms or fleet_names():
+        row, missed = measure(name, options.random, options.singular, options.seed)
+        rows.append(row)
+        misses += missed
+        print(
+            f"{name:18s} {row.dof:2d} joints  missed {row.random - row.random_solved} + "
+            f"{row.singular - row.singular_solved}  one {row.one_median:.1f} / {row.one_p99:.1f} µs  "
+            f"batch {row.batch:.2f} / {row.singular_batch:.2f} µs  two cores {row.two_cores:.2f}  "
+            f"build {row.build:.0f} ms  {row.memory:.1f} MB",
+            flush=True,
+        )
+    options.output.write_text(table(rows, misses), encoding="utf-8")
+    write_misses(options.output.with_name(options.output.stem + "_misses.csv"), misses)
+    print(f"{len(misses)} misses; wrote {options.output}")
+
+
+if __name__ == "__main__":
+    main()

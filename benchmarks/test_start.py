@@ -1,0 +1,46 @@
+"""A user's first seconds: import, a second process's first answer, and a first run that compiles.
+
+Each figure is one of fresh processes, started with a cache folder of their own.
+Run: pytest benchmarks/test_start.py --benchmark-only
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+FIRST = (
+    "import kinseek; arm = kinseek.load('elbow6');arm.ik(arm.fk(arm.lower + 0.3), solver=kinseek.Polished())"
+)
+
+
+def fresh(benchmark: Any, call: Callable[[], None], rounds: int, warmup: int = 1) -> None:
+    """Time a call that starts a process."""
+    benchmark.pedantic(call, rounds=rounds, warmup_rounds=warmup)
+
+
+def python(code: str, cache: Path) -> None:
+    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    environment["XDG_CACHE_HOME"] = str(cache)
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True, capture_output=True)
+
+
+@pytest.mark.parametrize("code", ["pass", "import numpy, numba", "import numpy, numba, kinseek"])
+def test_import(benchmark: BenchmarkFixture, code: str, tmp_path: Path) -> None:
+    fresh(benchmark, lambda: python(code, tmp_path), 9)
+
+
+def test_first_answer_of_a_second_process(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
+    fresh(benchmark, lambda: python(FIRST, tmp_path), 9)
+
+
+def test_first_run_compiles(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
+    folders = iter(range(100))
+    fresh(benchmark, lambda: python(FIRST, tmp_path / str(next(folders))), 3, warmup=0)

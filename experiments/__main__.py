@@ -1,0 +1,144 @@
+"""Run the experiments: ``python -m experiments [NAME ...] [--quick] [--out FOLDER] [--force]``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from .effort import EXPERIMENTS, Effort, Experiment, Row, experiment
+from .store import ExperimentError, Store, key_of, unwritable
+
+HERE = Path(__file__).parent
+RESULTS = HERE / "results"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run what was asked for; return 0, or 2 for a mistake in the call, or 130 when interrupted."""
+    asked = parser().parse_args(arguments)
+    try:
+        names = chosen(asked.names)
+        if names == ["claims"]:
+            from .claims import rewrite
+
+            rewrite(asked.out or RESULTS, HERE / "README.md")
+            print("README.md: tables rewritten")
+            return 0
+        effort = Effort(quick=asked.quick, seed=asked.seed)
+        # A quick run must not replace the full results that the repository keeps.
+        folder = asked.out or (HERE / "results-quick" if asked.quick else RESULTS)
+        require_extra()
+        run_all(names, effort, folder, force=asked.force, redraw=asked.redraw)
+    except ExperimentError as error:
+        print(f"experiments: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(
+            "\nexperiments: interrupted. Finished rows are kept; the same command goes on from there.",
+            file=sys.stderr,
+        )
+        return 130
+    return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    made = argparse.ArgumentParser("python -m experiments", description="Run the paper's Section 4 again.")
+    made.add_argument(
+        "names", nargs="*", metavar="NAME", help=f"{', '.join(EXPERIMENTS)}; or claims; default all"
+    )
+    made.add_argument(
+        "--quick", action="store_true", help="few points and cases: under 2 minutes for everything"
+    )
+    made.add_argument("--out", type=Path, help="folder for the results")
+    made.add_argument("--seed", type=int, default=0, help="seed of the random points")
+    made.add_argument("--force", action="store_true", help="run finished experiments again")
+    made.add_argument("--redraw", action="store_true", help="only draw the pictures again, from the CSVs")
+    return made
+
+
+def chosen(names: Sequence[str]) -> list[str]:
+    """The experiments to run.
+
+    Raises:
+        ExperimentError: A name that is none.
+    """
+    if list(names) == ["claims"]:
+        return ["claims"]
+    unknown = [name for name in names if name not in EXPERIMENTS]
+    if unknown:
+        raise ExperimentError(
+            f"unknown experiment {', '.join(unknown)}. Valid: {', '.join(EXPERIMENTS)}; or claims alone"
+        )
+    return [name for name in EXPERIMENTS if not names or name in names]
+
+
+def require_extra() -> None:
+    """Ask for the optional packages before hours are spent.
+
+    Raises:
+        ExperimentError: matplotlib or rich is missing.
+    """
+    try:
+        import matplotlib  # noqa: F401
+        import rich  # noqa: F401
+    except ImportError as error:
+        raise ExperimentError(f"{error.name} is missing: pip install 'kinseek[experiments]'") from error
+
+
+def run_all(
+    names: Sequence[str], effort: Effort, folder: Path, *, force: bool = False, redraw: bool = False
+) -> None:
+    """Run experiments one after the other, with a progress bar, each into its own three files."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description:<12}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns) as progress:
+        for name in names:
+            module = experiment(name)
+            store = Store(folder, name, module.COLUMNS)
+            if redraw:
+                draw(module, store)
+                continue
+            if store.finished(effort) and not force:
+                progress.console.print(f"{name}: finished already (--force runs it again)")
+                if not store.picture.exists():
+                    draw(module, store)
+                continue
+            run(module, store, effort, lambda steps: progress.track(steps, description=name))  # noqa: B023
+            draw(module, store)
+
+
+def run(
+    module: Experiment, store: Store, effort: Effort, track: Callable[[list[Row]], Iterable[Row]] = iter
+) -> None:
+    """Measure what is missing, row by row, and give the rows their final name once all are there."""
+    cases = list(module.cases(effort))
+    keys = tuple(cases[0])
+    done = {key_of(row, keys) for row in store.begin(effort)}
+    start = time.perf_counter()
+    for case in track([case for case in cases if key_of(case, keys) not in done]):
+        store.append({**case, **module.measure(case, effort)})
+    store.finish(effort, cases, time.perf_counter() - start)
+
+
+def draw(module: Experiment, store: Store) -> None:
+    """Draw the picture from the CSV.
+
+    Raises:
+        ExperimentError: There is no CSV yet, or the folder cannot be written.
+    """
+    if not store.csv.exists():
+        raise ExperimentError(
+            f"{store.name} has not been run: there is no {store.csv.name} in {store.folder}"
+        )
+    try:
+        module.draw(store.rows(), store.picture)
+    except OSError as error:
+        raise unwritable(store.folder, error) from error
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,31 @@
+"""Figure 7: mean position error against D, B = 7200, two to four degrees of freedom."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import kinseek
+
+from . import sweep
+from .arms import ERRORS, error_columns, random_goals
+from .effort import Effort, Row
+from .sweep import cases
+
+__all__ = ["COLUMNS", "cases", "draw", "measure"]
+
+COLUMNS = ("dof", "arm", "breadth", "divisions", "points", *ERRORS)
+
+
+def measure(case: Row, effort: Effort) -> Row:
+    """Errors of a batch."""
+    arm = kinseek.load(str(case["arm"]))
+    points = effort.pick(1000 if arm.dof < 4 else 100, 5)
+    solution = arm.ik(random_goals(arm, points, effort.seed), solver=sweep.solver(case))
+    return {"points": points, **error_columns(solution.position_error, solution.orientation_error)}
+
+
+def draw(rows: Sequence[Row], path: Path) -> None:
+    """Mean position error against D."""
+    labels = {"position_mean_mm": "mean position error [mm]"}
+    sweep.draw(rows, path, labels, "Fig. 7: mean position error against D, B = 7200")

@@ -1,0 +1,223 @@
+"""Results on disk: a CSV that grows row by row, a manifest beside it, and the picture drawn from the two."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import platform
+import subprocess
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from .effort import Effort, Row, Value
+
+PACKAGES = ("kinseek", "numpy", "numba", "scipy", "matplotlib")
+
+
+class ExperimentError(Exception):
+    """Something that the caller can put right; the message says how."""
+
+
+@dataclass(frozen=True)
+class Store:
+    """The files of one experiment in one folder."""
+
+    folder: Path
+    name: str
+    columns: tuple[str, ...]
+
+    @property
+    def csv(self) -> Path:
+        """Finished rows."""
+        return self.folder / f"{self.name}.csv"
+
+    @property
+    def picture(self) -> Path:
+        """The drawing."""
+        return self.folder / f"{self.name}.png"
+
+    @property
+    def manifest(self) -> Path:
+        """How the rows came to be."""
+        return self.folder / f"{self.name}.json"
+
+    @property
+    def partial(self) -> Path:
+        """Rows of a run that is not finished."""
+        return self.folder / f"{self.name}.csv.part"
+
+    @property
+    def partial_manifest(self) -> Path:
+        """The arguments of a run that is not finished."""
+        return self.folder / f"{self.name}.json.part"
+
+    def finished(self, effort: Effort) -> bool:
+        """Are the rows of these very arguments there, whole?"""
+        return self.csv.exists() and _arguments(self.manifest) == asdict(effort)
+
+    def begin(self, effort: Effort) -> list[Row]:
+        """Open a run; return the whole rows that an interrupted one with the same arguments left behind."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            rows: list[Row] = []
+            if self.partial.exists() and _arguments(self.partial_manifest) == asdict(effort):
+                rows = read_rows(self.partial, self.columns, torn=True)
+            self._rewrite(rows)
+            self.partial_manifest.write_text(json.dumps({"arguments": asdict(effort)}))
+        except OSError as error:
+            raise unwritable(self.folder, error) from error
+        return rows
+
+    def append(self, row: Row) -> None:
+        """Write one row so that it survives whatever comes next."""
+        try:
+            with self.partial.open("a", newline="") as file:
+                csv.writer(file, lineterminator="\n").writerow(self._fields(row))
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise unwritable(self.folder, error) from error
+
+    def finish(self, effort: Effort, cases: Sequence[Row], seconds: float) -> None:
+        """Put the rows in the order of the cases and give them their final name, all at once."""
+        keys = tuple(cases[0])
+        place = {key_of(case, keys): number for number, case in enumerate(cases)}
+        rows = read_rows(self.partial, self.columns)
+        self._rewrite(sorted(rows, key=lambda row: place[key_of(row, keys)]))
+        described = describe(self.name, effort, len(rows), seconds)
+        self.partial_manifest.write_text(json.dumps(described, indent=2) + "\n")
+        # Without a manifest nothing counts as finished, so a stop between these steps costs a run, no truth.
+        self.manifest.unlink(missing_ok=True)
+        self.partial.replace(self.csv)
+        self.partial_manifest.replace(self.manifest)
+
+    def rows(self) -> list[Row]:
+        """The finished rows."""
+        return read_rows(self.csv, self.columns)
+
+    def _rewrite(self, rows: Sequence[Row]) -> None:
+        fresh = self.partial.with_suffix(".new")
+        with fresh.open("w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(self.columns)
+            writer.writerows(self._fields(row) for row in rows)
+        fresh.replace(self.partial)
+
+    def _fields(self, row: Row) -> list[Value]:
+        return [_short(row[name]) for name in self.columns]
+
+
+def key_of(row: Row, keys: Sequence[str]) -> tuple[str, ...]:
+    """What tells a row from the others, as the CSV spells it."""
+    return tuple(str(_short(row[key])) for key in keys)
+
+
+def read_rows(path: Path, columns: tuple[str, ...], torn: bool = False) -> list[Row]:
+    """Read a CSV; numbers come back as numbers.
+
+    Args:
+        path: The CSV.
+        columns: The header it must have.
+        torn: Leave out a last line that was cut short, instead of refusing it.
+
+    Raises:
+        ExperimentError: The header or a row does not fit.
+    """
+    text = path.read_text()
+    if torn and not text.endswith("\n"):
+        text = text[: text.rfind("\n") + 1]
+    lines = list(csv.reader(text.splitlines()))
+    if torn and (not lines or tuple(lines[0]) != columns):
+        return []
+    if not lines or tuple(lines[0]) != columns:
+        raise ExperimentError(
+            f"{path.name} has other columns than this version writes; run again with --force"
+        )
+    rows: list[Row] = []
+    for number, line in enumerate(lines[1:], start=2):
+        if len(line) != len(columns):
+            raise ExperimentError(f"{path.name}, line {number}: {len(line)} fields, expected {len(columns)}")
+        rows.append({name: _value(field) for name, field in zip(columns, line, strict=True)})
+    return rows
+
+
+def describe(name: str, effort: Effort, rows: int, seconds: float) -> dict[str, Any]:
+    """What a reader needs in order to judge the numbers, or to get them again."""
+    versions = {"python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            versions[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            versions[package] = "not installed"
+    return {
+        "experiment": name,
+        "command": f"python -m experiments {name}" + (" --quick" if effort.quick else ""),
+        "arguments": asdict(effort),
+        "rows": rows,
+        "seconds": round(seconds, 1),
+        "finished": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "versions": versions,
+        "processor": processor(),
+        "cores": os.cpu_count(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "commit": commit(),
+    }
+
+
+def processor() -> str:
+    """The processor's name, as far as the system tells it."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def commit() -> str:
+    """The commit that ran, with a mark if the tree differs from it."""
+    here = Path(__file__).parent
+
+    def git(*words: str) -> str:
+        done = subprocess.run(["git", *words], cwd=here, capture_output=True, text=True, check=True)
+        return done.stdout.strip()
+
+    try:
+        changed = git("status", "--porcelain", "--", "../src", ".")
+        return git("rev-parse", "HEAD") + (" with changes" if changed else "")
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
+def unwritable(folder: Path, error: OSError) -> ExperimentError:
+    """The error for a folder that cannot be written."""
+    return ExperimentError(
+        f"cannot write to {folder}: {error.strerror or error}. Choose another folder with --out"
+    )
+
+
+def _arguments(manifest: Path) -> Any:
+    try:
+        return json.loads(manifest.read_text())["arguments"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _short(value: Value) -> Value:
+    """Six significant digits: more would only show the noise of a clock."""
+    return float(f"{value:.6g}") if isinstance(value, float) else value
+
+
+def _value(field: str) -> Value:
+    for kind in (int, float):
+        try:
+            return kind(field)
+        except ValueError:
+            continue
+    return field

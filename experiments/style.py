@@ -1,0 +1,59 @@
+"""One look for every picture: colours, dashes and markers that stay apart in grey."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from .effort import Row
+
+LOOKS: tuple[dict[str, Any], ...] = (
+    {"color": "#000000", "marker": "o", "linestyle": "-"},
+    {"color": "#c23b00", "marker": "s", "linestyle": "--"},
+    {"color": "#0072b2", "marker": "^", "linestyle": "-."},
+    {"color": "#e69f00", "marker": "D", "linestyle": ":"},
+    {"color": "#56b4e9", "marker": "v", "linestyle": (0, (5, 1))},
+    {"color": "#7a4e8f", "marker": "P", "linestyle": (0, (1, 1))},
+    {"color": "#009e73", "marker": "X", "linestyle": (0, (3, 1, 1, 1))},
+    {"color": "#999999", "marker": "*", "linestyle": "-"},
+)
+NAMES = {2: "2 DOF (planar)", 3: "3 DOF (cylindrical)", 4: "4 DOF (SCARA)", 6: "6 DOF (elbow)"}
+
+
+def canvas(rows: int = 1, columns: int = 1, size: tuple[float, float] = (6.4, 4.4), **options: Any) -> Any:
+    """A figure and its axes, drawn without a screen."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    pyplot.rcParams.update({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "lines.markersize": 5})
+    return pyplot.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False, **options)
+
+
+def save(figure: Any, path: Path) -> None:
+    """Write the PNG and forget the figure."""
+    from matplotlib import pyplot
+
+    figure.savefig(path, dpi=130, metadata={"Software": None})
+    pyplot.close(figure)
+
+
+def where(rows: Sequence[Row], **wanted: Any) -> list[Row]:
+    """The rows whose columns have the wanted values."""
+    return [row for row in rows if all(row[key] == value for key, value in wanted.items())]
+
+
+def column(rows: Sequence[Row], name: str) -> list[Any]:
+    """One column."""
+    return [row[name] for row in rows]
+
+
+def plain_ticks(axis: Any, values: Sequence[float]) -> None:
+    """Label a logarithmic axis at given values, in plain numbers."""
+    from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
+
+    axis.set_major_locator(FixedLocator(list(values)))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))

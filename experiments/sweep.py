@@ -1,0 +1,53 @@
+"""What Figures 6 and 7 share: divide and conquer against D."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import kinseek
+
+from .arms import BRANCHING_FACTOR
+from .effort import Effort, Row
+from .style import LOOKS, NAMES, canvas, column, plain_ticks, save, where
+
+ARMS = {2: "planar2", 3: "cylindrical3", 4: "scara4"}
+BREADTHS = (1, 2, 3)
+"""The paper does not say which breadth these two figures have, so all three run."""
+
+
+def cases(effort: Effort) -> list[Row]:
+    """Every D from 3 to 32 for every arm, and 180 and 360 for the two-link arm."""
+    divisions = effort.pick(list(range(3, 33)), [3, 4, 8])
+    far = effort.pick([180, 360], [180])
+    return [
+        {"dof": dof, "arm": arm, "breadth": breadth, "divisions": d}
+        for dof, arm in ARMS.items()
+        for breadth in BREADTHS
+        for d in (divisions + far if dof == 2 else divisions)
+    ]
+
+
+def solver(case: Row) -> kinseek.DivideAndConquer:
+    """Divide and conquer with constant breadth."""
+    return kinseek.DivideAndConquer(BRANCHING_FACTOR, int(case["divisions"]), int(case["breadth"]), "dynamic")
+
+
+def draw(rows: Sequence[Row], path: Path, quantities: dict[str, str], title: str) -> None:
+    """One row of panels a quantity, one panel a breadth, one line an arm."""
+    figure, axes = canvas(len(quantities), 3, (11, 0.8 + 3.4 * len(quantities)), sharex=True, sharey="row")
+    for line, (quantity, label) in zip(axes, quantities.items(), strict=True):
+        line[0].set_ylabel(label)
+        for axis, breadth in zip(line, BREADTHS, strict=True):
+            for look, dof in zip(LOOKS, ARMS, strict=False):
+                some = where(rows, dof=dof, breadth=breadth)
+                axis.plot(column(some, "divisions"), column(some, quantity), label=NAMES[dof], **look)
+            axis.set(xscale="log", yscale="log")
+            plain_ticks(axis.xaxis, (3, 4, 6, 10, 16, 32, 100, 360))
+    for axis, breadth in zip(axes[0], BREADTHS, strict=True):
+        axis.set_title(f"CB({breadth})")
+    for axis in axes[-1]:
+        axis.set_xlabel("D, joint space divisions per pass")
+    axes[0, 0].legend()
+    figure.suptitle(title)
+    save(figure, path)

@@ -1,0 +1,55 @@
+"""Random serial chains for hypothesis: revolute, continuous, prismatic and mimic joints about any axis."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from kinseek.robots.chain import Joint, SerialChain, rotation, serial_chain, transform
+
+Array = NDArray[np.float64]
+
+NUMBER = st.floats(-1, 1, allow_subnormal=False)
+
+
+@st.composite
+def unit_vectors(draw: st.DrawFn) -> Array:
+    vector = np.array([draw(NUMBER), draw(NUMBER), draw(NUMBER)])
+    length = float(np.linalg.norm(vector))
+    return vector / length if length > 0.1 else np.array([0.0, 0.0, 1.0])
+
+
+@st.composite
+def poses(draw: st.DrawFn) -> Array:
+    place = np.array([draw(NUMBER), draw(NUMBER), draw(NUMBER)])
+    return transform(rotation(draw(unit_vectors()), 3 * draw(NUMBER)), place)
+
+
+@st.composite
+def serial_chains(draw: st.DrawFn, most: int = 5) -> SerialChain:
+    """Up to `most` variables, some of them with a follower."""
+    joints = []
+    for i in range(draw(st.integers(1, most))):
+        kind = draw(st.sampled_from(["revolute", "continuous", "prismatic"]))
+        lower = draw(st.floats(-4, 2))
+        width = draw(st.floats(0, 6))
+        joints.append(Joint(f"j{i}", kind, draw(poses()), draw(unit_vectors()), lower, lower + width))
+    for follower in range(draw(st.integers(0, 2))):
+        leader = draw(st.sampled_from([joint.name for joint in joints if joint.mimic is None]))
+        where = draw(st.integers(0, len(joints)))
+        kind = draw(st.sampled_from(["revolute", "prismatic"]))
+        multiplier = draw(st.sampled_from([-2.0, -1.0, -0.3, 0.5, 1.0]))
+        joint = Joint(
+            f"m{follower}",
+            kind,
+            draw(poses()),
+            draw(unit_vectors()),
+            0.0,
+            0.0,
+            leader,
+            multiplier,
+            draw(NUMBER),
+        )
+        joints.insert(where, joint)
+    return serial_chain(joints, draw(poses()), name="random", base="base", tip="tip")

@@ -1,0 +1,315 @@
+"""The command line: what it prints, what it returns, and one clear line for every mistake."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import kinseek
+from kinseek.cli import main
+from kinseek.cli.searches import make_search, option_of, parameters, searches
+from kinseek.cli.words import gather
+
+REACHABLE = ("--at", "-0.3", "0.4", "0")
+
+
+class Result(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Result]
+
+
+@pytest.fixture
+def run(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
+    monkeypatch.setenv("COLUMNS", "100")
+
+    def run_one(*words: str) -> Result:
+        with pytest.raises(SystemExit) as ended:
+            main(words)
+        captured = capfd.readouterr()
+        assert isinstance(ended.value.code, int)
+        return Result(ended.value.code, captured.out, captured.err)
+
+    return run_one
+
+
+def test_version(run: Run) -> None:
+    assert run("--version")[:2] == (0, f"{kinseek.__version__}\n")
+
+
+@pytest.mark.parametrize("words", [(), ("--help",)])
+def test_help_lists_the_commands(run: Run, words: tuple[str, ...]) -> None:
+    code, out, _ = run(*words)
+    assert code == 0
+    assert all(command in out for command in ("robots", "show", "fk", "solve"))
+
+
+def test_robots_lists_every_arm(run: Run) -> None:
+    code, out, _ = run("robots")
+    assert code == 0
+    lines = {line.split()[0]: line for line in out.splitlines() if line[:1].isalnum()}
+    assert lines["panda"].split()[1:] == ["7", "Franka", "Emika", "Panda"]
+    assert {"planar2", "cylindrical3", "scara4", "elbow6", "ur5e"} <= set(lines)
+
+
+def test_show_gives_limits_in_both_units(run: Run) -> None:
+    code, out, _ = run("show", "scara4")
+    assert code == 0
+    assert re.search(r"quill +prismatic +0.000000 m +0.250000 m +0.000 mm +250.000 mm", out)
+    assert re.search(r"wrist +revolute +0.000000 rad +6.283185 rad +0.000 deg +360.000 deg", out)
+
+
+def test_show_knows_joints_without_limits(run: Run) -> None:
+    assert re.search(r"joint_1 +continuous +none", run("show", "gen3").out)
+
+
+def test_reach_of_two_links_lies_between_its_bounds(run: Run) -> None:
+    out = run("show", "planar2").out
+    least, most = (float(re.search(rf"at {which} +(\d\.\d+) m", out)[1]) for which in ("least", "most"))  # type: ignore[index]
+    assert 0.74 < least <= 0.75 <= most < 0.7501
+
+
+def test_show_part_of_an_arm(run: Run) -> None:
+    out = run("show", "panda", "--base", "panda_link2", "--tip", "panda_link5").out
+    assert "3 joints, base panda_link2, tip panda_link5" in out
+
+
+def test_fk_agrees_with_the_library(run: Run) -> None:
+    q = [-0.1, 0.2, -0.3, -1.5, 0.5, 1.6, -0.7]
+    code, out, _ = run("fk", "panda", *map(str, q), "--json")
+    facts = json.loads(out)
+    arm = kinseek.load("panda")
+    assert code == 0
+    assert np.allclose(facts["matrix"], arm.fk(q), atol=1e-15)
+    for order in ("quat_wxyz", "quat_xyzw"):
+        assert np.allclose(kinseek.pose(facts["position"], **{order: facts[order]}), arm.fk(q), atol=1e-12)
+
+
+def test_fk_in_degrees_leaves_metres_alone(run: Run) -> None:
+    words = ("fk", "scara4", "90", "-90", "0.1", "45", "--deg", "--json")
+    expected = kinseek.load("scara4").fk(np.array([np.pi / 2, -np.pi / 2, 0.1, np.pi / 4]))
+    assert np.allclose(json.loads(run(*words).out)["matrix"], expected, atol=1e-12)
+
+
+def test_fk_table(run: Run) -> None:
+    out = run("fk", "planar2", "0", "0").out
+    assert re.search(r"position +x y z in m +0.750000000 +0.000000000 +0.000000000", out)
+    assert re.search(r"quaternion +w x y z +1.000000000", out)
+    assert "-0.000000000" not in out
+
+
+def test_solve_prints_a_readable_table(run: Run) -> None:
+    code, out, err = run("solve", "planar2", *REACHABLE, "--position-only")
+    assert (code, err) == (0, "")
+    assert re.search(r"joint1 +-?\d\.\d{6} rad +-?\d+\.\d{3} deg +\d\.\d{6} rad = \d+\.\d{3} deg", out)
+    assert str(kinseek.Status.SOLVED) in out
+    assert re.search(r"[\d,]+ FK evaluations", out)
+
+
+def test_prismatic_joints_are_in_metres(run: Run) -> None:
+    out = run("solve", "scara4", "--at", "0.4", "0.2", "0.1", "--position-only").out
+    assert re.search(r"quill +0\.\d{6} m +\d+\.\d{3} mm +0\.\d{6} m = \d+\.\d{3} mm", out)
+
+
+def test_json_holds_everything(run: Run) -> None:
+    words = ("solve", "gen3", "--at", "0.4", "0.1", "0.5", "--rpy", "3.14", "0", "0")
+    code, out, _ = run(*words, "--orientation-tolerance", "0.01", "--position-tolerance", "0.001", "--json")
+    facts: dict[str, Any] = json.loads(out)
+    arm = kinseek.load("gen3")
+    assert set(facts) == {
+        *("arm", "base", "tip", "joint_names", "goal", "solver", "success", "status", "sentence"),
+        *("q", "joints", "position_error", "orientation_error", "weighted_error", "evaluations"),
+        *("nodes_created", "nodes_expanded", "seconds"),
+    }
+    assert facts["joint_names"] == list(arm.joint_names)
+    assert facts["success"] is (code == 0) is True
+    assert facts["status"] == "SOLVED"
+    assert facts["sentence"] == str(kinseek.Status.SOLVED)
+    reached = arm.fk(facts["q"])
+    target = np.array(facts["goal"]["target"])
+    assert np.linalg.norm(reached[:3, 3] - target[:3, 3]) == pytest.approx(facts["position_error"], abs=1e-12)
+    first, second = facts["joints"][:2]
+    assert (first["kind"], first["lower"], first["to_limit"]) == ("continuous", None, None)
+    assert second["to_limit"] == pytest.approx(
+        min(second["value"] - second["lower"], second["upper"] - second["value"])
+    )
+
+
+def test_out_of_reach_is_exit_code_1(run: Run) -> None:
+    code, out, err = run("solve", "planar2", "--at", "5", "0", "0", "--position-only", "--json")
+    facts = json.loads(out)
+    assert (code, facts["success"], err) == (1, False, "")
+    assert facts["position_error"] == pytest.approx(4.25, abs=1e-3)
+    assert facts["orientation_error"] is None
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--quat-wxyz", "0.9", "0.1", "-0.2", "0.3"),
+        ("--quat-xyzw", "0.1", "-0.2", "0.3", "0.9"),
+    ],
+)
+def test_quaternion_orders(run: Run, words: tuple[str, ...]) -> None:
+    facts = json.loads(run("solve", "planar2", *REACHABLE, *words, "--json").out)
+    expected = kinseek.pose([-0.3, 0.4, 0.0], quat_wxyz=[0.9, 0.1, -0.2, 0.3])
+    assert np.allclose(facts["goal"]["target"], expected, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("words", "turn"),
+    [
+        (("--rpy", "0.1", "-0.2", "0.3"), {"rpy": [0.1, -0.2, 0.3]}),
+        (("--rpy=0.1,-0.2,0.3",), {"rpy": [0.1, -0.2, 0.3]}),
+        (("--rpy", "10", "-20", "30", "--deg"), {"rpy": np.deg2rad([10, -20, 30])}),
+        (("--rotvec", "-1e-1", "-.2", "0"), {"rotvec": [-0.1, -0.2, 0.0]}),
+    ],
+)
+def test_other_rotations(run: Run, words: tuple[str, ...], turn: dict[str, Any]) -> None:
+    facts = json.loads(run("solve", "planar2", *REACHABLE, *words, "--json").out)
+    assert np.allclose(facts["goal"]["target"], kinseek.pose([-0.3, 0.4, 0.0], **turn), atol=1e-15)
+
+
+def test_near_reaches_the_search(run: Run) -> None:
+    arm = kinseek.load("planar2")
+    near = [1.0, 2.0]
+    at = [f"{value}" for value in arm.fk(near)[:3, 3]]
+    words = ("solve", "planar2", "--at", *at, "--position-only", "--json", "--solver", "coordinate-descent")
+    assert np.allclose(json.loads(run(*words, "--near", "1", "2").out)["q"], near, atol=1e-6)
+    degrees = [f"{value}" for value in np.rad2deg(near)]
+    assert np.allclose(json.loads(run(*words, "--near", *degrees, "--deg").out)["q"], near, atol=1e-6)
+
+
+def test_search_options_reach_the_search(run: Run) -> None:
+    words = ("--solver", "divide-and-conquer", "--branching-factor", "100", "--breadth", "3,2", "--no-wrap")
+    facts = json.loads(run("solve", "planar2", *REACHABLE, "--position-only", *words, "--json").out)
+    expected = kinseek.DivideAndConquer(branching_factor=100, breadth=(3, 2), wrap=False)
+    assert facts["solver"] == repr(expected)
+    assert facts["nodes_expanded"] > 0
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"), [("2", 2), ("3,3,1", (3, 3, 1)), ("tuned", "tuned")], ids=["CB", "BT", "tuned"]
+)
+def test_the_three_ways_to_give_breadth(given: str, expected: object) -> None:
+    search = make_search("divide-and-conquer", {"breadth": given, "children": "none"})
+    assert isinstance(search, kinseek.DivideAndConquer)
+    assert search.breadth == expected
+
+
+@pytest.mark.parametrize("search", searches())
+def test_every_plain_field_is_an_option_with_help(run: Run, search: str) -> None:
+    out = run("solve", "--help").out
+    own = parameters(search)
+    assert all(parameter.option in out for parameter in own.values())
+    plain = [f for f in fields(searches()[search]) if isinstance(f.default, (int, float, str))]  # type: ignore[arg-type]
+    assert {field.name for field in plain} <= set(own)
+
+
+def test_help_comes_from_the_docstrings_below_the_fields() -> None:
+    assert parameters("blind-search")["shrink"].help == "Factor on Δ when no combination helps."
+
+
+@pytest.mark.parametrize("search", searches())
+def test_every_search_runs_from_the_command_line(run: Run, search: str) -> None:
+    code, out, err = run("solve", "planar2", *REACHABLE, "--position-only", "--solver", search, "--json")
+    assert code in (0, 1), err
+    assert json.loads(out)["solver"].startswith(searches()[search].__name__)
+
+
+MISUSE = {
+    "no such command": (("frob",), "frob"),
+    "no arm": (("solve",), "ARM"),
+    "unknown robot": (("show", "pandda"), "did you mean 'panda'"),
+    "missing file": (("show", "nowhere.urdf"), "nowhere.urdf"),
+    "unknown link": (("show", "panda", "--tip", "hand"), "unknown link 'hand'"),
+    "no such option": (("show", "panda", "--frob", "1"), "--frob"),
+    "fk: too few": (("fk", "panda", "1", "2"), "needs 7 numbers, got 2"),
+    "fk: a word": (("fk", "planar2", "1", "x"), "'x' is not a number"),
+    "fk: NaN": (("fk", "planar2", "1", "nan"), "NaN"),
+    "no position": (("solve", "planar2", "--position-only"), "--at"),
+    "no rotation": (("solve", "planar2", *REACHABLE), "exactly one of --rpy"),
+    "two rotations": (
+        ("solve", "planar2", *REACHABLE, "--rpy", "0", "0", "0", "--position-only"),
+        "--rpy and",
+    ),
+    "two numbers": (("solve", "planar2", "--at", "0.3", "0.4", "--position-only"), "needs 3 numbers, got 2"),
+    "four numbers": (("solve", "planar2", *REACHABLE, "7", "--position-only"), "needs 3 numbers, got 4"),
+    "a word": (("solve", "planar2", "--at", "0.3", "up", "0", "--position-only"), "'up' is not a number"),
+    "NaN": (("solve", "planar2", "--at", "nan", "0", "0", "--position-only"), "NaN"),
+    "zero quaternion": (
+        ("solve", "planar2", *REACHABLE, "--quat-wxyz", "0", "0", "0", "0"),
+        "zero quaternion",
+    ),
+    "near": (("solve", "planar2", *REACHABLE, "--position-only", "--near", "1"), "needs 2 numbers, got 1"),
+    "tolerance": (("solve", "planar2", *REACHABLE, "--position-only", "--position-tolerance", "-1"), ">= 0"),
+}
+
+
+@pytest.mark.parametrize(("words", "said"), MISUSE.values(), ids=MISUSE)
+def test_misuse_is_one_line_and_exit_code_2(run: Run, words: tuple[str, ...], said: str) -> None:
+    check_misuse(run(*words), said)
+
+
+SEARCH_MISUSE = {
+    "unknown": (("--solver", "brut-force"), "did you mean 'brute-force'"),
+    "foreign option": (("--solver", "brute-force", "--divisions", "3"), "Its options: --branching-factor"),
+    "no search": (("--divisions", "3"), "--divisions needs --solver divide-and-conquer"),
+    "no number": (("--solver", "divide-and-conquer", "--divisions", "x"), "--divisions takes N, got 'x'"),
+    "range": (("--solver", "divide-and-conquer", "--divisions", "1"), "at least 2"),
+    "breadths": (("--solver", "divide-and-conquer", "--breadth", "1,2,3"), "got 3"),
+    "memory": (
+        ("--solver", "divide-and-conquer", "--tree", "static", "--branching-factor", "9" * 15),
+        "this machine has",
+    ),
+}
+
+
+@pytest.mark.parametrize(("words", "said"), SEARCH_MISUSE.values(), ids=SEARCH_MISUSE)
+def test_misuse_of_searches(run: Run, words: tuple[str, ...], said: str) -> None:
+    check_misuse(run("solve", "planar2", *REACHABLE, "--position-only", *words), said)
+
+
+def check_misuse(result: Result, said: str) -> None:
+    assert result.code == 2
+    assert result.out == ""
+    assert said in result.err
+    assert result.err.startswith("kinseek: ")
+    assert result.err.count("\n") == 1
+
+
+def test_without_the_extra_it_says_how_to_install_it(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("kinseek.cli.commands", "kinseek.cli.report", "kinseek.cli.searches"):
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    monkeypatch.setitem(sys.modules, "typer", None)
+    result = run("robots")
+    assert (result.code, result.out) == (2, "")
+    assert "pip install 'kinseek[cli]'" in result.err
+
+
+def test_gather_leaves_other_words_alone() -> None:
+    words = ["solve", "--at", "-1", "2", "-3e-1", "panda", "--near", "0", "-1", "--json"]
+    assert gather(words) == ["solve", "--at=-1 2 -3e-1", "panda", "--near=0 -1", "--json"]
+
+
+def test_options_are_named_after_fields() -> None:
+    assert option_of("branching_factor") == "--branching-factor"
+
+
+def test_as_a_program() -> None:
+    words = [sys.executable, "-c", "from kinseek.cli import main; main()"]
+    words += ["solve", "planar2", *REACHABLE, "--position-only", "--json"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["success"] is True

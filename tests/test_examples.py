@@ -1,0 +1,70 @@
+"""Every example, and every Python block in the documentation, runs; the README has its two commands."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+import kinseek
+from kinseek.cli.words import is_number
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    text = page.read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)\n```$", text, re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_example_runs(
+    example: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", [str(example)])
+    runpy.run_path(str(example), run_name="__main__")
+    assert len(capsys.readouterr().out.splitlines()) > 5
+
+
+def test_examples_are_found() -> None:
+    assert [path.name[:2] for path in EXAMPLES[:2]] == ["01", "02"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_python_in_the_documentation_runs(page: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    names: dict[str, object] = {}
+    for block in blocks(page, "python"):
+        exec(compile(block, str(page), "exec"), names)
+
+
+def test_ten_lines_of_python() -> None:
+    assert len(blocks(ROOT / "README.md", "python")[0].splitlines()) <= 10
+
+
+def test_the_two_commands() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    section = text.split("\n## Two commands\n")[1].split("\n## ")[0]
+    commands = re.findall(r"^```sh\n(.*?)\n```$", section, re.MULTILINE | re.DOTALL)
+    assert len(commands) == 2 == section.count("```") / 2
+    assert all("\n" not in command and "python3 -m venv .venv" in command for command in commands)
+
+
+def test_the_pose_of_the_first_command_is_reached(capsys: pytest.CaptureFixture[str]) -> None:
+    from kinseek.cli import main
+
+    words = blocks(ROOT / "README.md", "sh")[0].partition("bin/kinseek ")[2].split()
+    assert words[:2] == ["solve", "panda"]
+    assert any(is_number(word) for word in words)
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 0
+
+
+def test_the_readme_names_every_search() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert [cls.__name__ for cls in kinseek.ALL_SOLVERS if f"`{cls.__name__}`" not in text] == []

@@ -1,0 +1,92 @@
+"""The kernels' disk cache: never stale, never needed, and a first run says that it compiles."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import kinseek
+from kinseek.kernels.jit import source_digest
+
+PACKAGE = Path(kinseek.__file__).parent
+
+CALL = """
+import numpy as np
+from kinseek.kernels.arrays import chain_arrays
+from kinseek.kernels.pose_error import judge
+from kinseek.kernels.arrays import GoalArrays
+rigid = np.eye(4)[None, :3].repeat(2, axis=0)
+one, flag, zero = np.ones(1), np.array([True]), np.zeros(1, dtype=np.int64)
+chain = chain_arrays(rigid, flag, zero, one, np.zeros(1), np.zeros(1), one)
+goal = GoalArrays(np.array(rigid[0] + np.eye(3, 4, 3)[[2, 1, 0]]), 1.0, np.zeros(3))
+print(judge(chain, np.array([[0.25]]), goal.target[None], goal)[0, 0])
+"""
+"""How far a slide of 0.25 m along z is from 1 m up: 0.75 m; if FK slid the other way, 1.25 m."""
+
+
+@pytest.fixture(name="copy")
+def _copy(tmp_path: Path) -> Path:
+    shutil.copytree(PACKAGE, tmp_path / "site" / "kinseek", ignore=shutil.ignore_patterns("__pycache__"))
+    return tmp_path
+
+
+def run(folder: Path, before: str = "", cache: str | None = None) -> tuple[float, str]:
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
+    environment |= {"PYTHONPATH": str(folder / "site"), "XDG_CACHE_HOME": cache or str(folder / "cache")}
+    done = subprocess.run(
+        [sys.executable, "-c", before + CALL], env=environment, capture_output=True, text=True, check=True
+    )
+    return float(done.stdout), done.stderr
+
+
+def test_an_upgrade_in_place_never_runs_stale_kernels(copy: Path) -> None:
+    caller, callee = (
+        copy / "site" / "kinseek" / "kernels" / name for name in ("pose_error.py", "forward.py")
+    )
+    result, notice = run(copy)
+    assert result == pytest.approx(0.75)
+    assert notice.count("\n") == 1
+    assert "compiling kernels" in notice
+    assert run(copy) == (result, "")
+
+    stamp, text = caller.stat(), callee.read_text(encoding="utf-8")
+    assert text.count("= p + z * slide") == 1
+    callee.write_text(text.replace("= p + z * slide", "= p - z * slide"), encoding="utf-8")
+    assert (caller.stat().st_mtime_ns, caller.stat().st_size) == (stamp.st_mtime_ns, stamp.st_size)
+    result, notice = run(copy)
+    assert result == pytest.approx(1.25)
+    assert "compiling kernels" in notice
+
+
+def test_without_any_writable_folder_it_compiles_each_time(copy: Path) -> None:
+    nowhere = "import tempfile; tempfile.tempdir = '/proc/nowhere'\n"
+    for _ in range(2):
+        result, notice = run(copy, nowhere, cache="/proc/nowhere")
+        assert result == pytest.approx(0.75)
+        assert "compiling kernels" in notice
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs POSIX permissions")
+def test_a_folder_that_others_may_write_to_is_not_trusted(copy: Path) -> None:
+    shared = copy / "shared" / "kinseek"
+    shared.mkdir(parents=True)
+    shared.chmod(0o777)
+    private = copy / "tmp"
+    private.mkdir()
+    run(copy, f"import tempfile; tempfile.tempdir = {str(private)!r}\n", cache=str(shared.parent))
+    assert not list(shared.rglob("*.nbi"))
+    assert list(private.rglob("*.nbi"))
+
+
+def test_the_digest_sees_every_source_file(copy: Path) -> None:
+    package = copy / "site" / "kinseek"
+    before = source_digest(package)
+    assert before == source_digest(PACKAGE)
+    with (package / "solvers" / "base.py").open("a", encoding="utf-8") as file:
+        file.write("\n")
+    assert source_digest(package) != before

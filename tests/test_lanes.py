@@ -1,0 +1,156 @@
+"""The lanes against plain twins: forward kinematics, residual, Jacobian and one damped step at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from chains import serial_chains
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from reference import fk
+from scipy.spatial.transform import Rotation
+
+import kinseek
+from kinseek.kernels.lanes import (
+    LANES,
+    Lanes,
+    lanes_forward,
+    lanes_gram,
+    lanes_jacobian,
+    lanes_move,
+    lanes_residual,
+    lanes_solve,
+)
+from kinseek.kernels.trigonometry import sine_cosine
+from kinseek.robots.chain import SerialChain
+
+Array = NDArray[np.float64]
+
+POSE = np.array([0.5, 0.5, 0.5])
+DIRECTION = np.array([1.0, 0.0, 0.0])
+
+
+def lanes_at(chain: SerialChain, q: Array, goals: Array, weight: Array) -> Lanes:
+    """Lanes at q, (LANES, n), for goals, (LANES, 3, 4), with a scale for positions and one for orientations."""
+    n, m = chain.dof, len(chain.leader)
+    lanes = Lanes(
+        q=np.ascontiguousarray(q.T),
+        target=np.ascontiguousarray(goals.reshape(LANES, 12).T).ravel(),
+        pose=np.zeros(12 * LANES),
+        axes=np.zeros((m + 1, 6 * LANES)),
+        jacobian=np.zeros((n, 6 * LANES)),
+        gram=np.zeros(21 * LANES),
+        residual=np.zeros(6 * LANES),
+        step=np.zeros((n, LANES)),
+        work=np.zeros(4 * LANES),
+        error=np.zeros(4 * LANES),
+        weight=np.repeat(weight, LANES),
+    )
+    return lanes
+
+
+def poses_of(lanes: Lanes) -> Array:
+    return lanes.pose.reshape(12, LANES).T.reshape(LANES, 3, 4)
+
+
+def plain_jacobian(chain: SerialChain, q: Array, weight: Array) -> Array:
+    """Central differences of position and of the turn seen from the base, scaled, (6, n)."""
+    J, h, R = np.empty((6, chain.dof)), 1e-6, fk(chain, q)[:3, :3]
+    for i in range(chain.dof):
+        ahead, behind = q.copy(), q.copy()
+        ahead[i] += h
+        behind[i] -= h
+        A, B = fk(chain, ahead), fk(chain, behind)
+        J[:3, i] = weight[0] * (A[:3, 3] - B[:3, 3]) / (2 * h)
+        turned = Rotation.from_matrix(A[:3, :3] @ R.T).as_rotvec() - Rotation.from_matrix(B[:3, :3] @ R.T).as_rotvec()
+        J[3:, i] = weight[1] * turned / (2 * h)
+    return J
+
+
+@given(serial_chains(), st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_forward_kinematics_agrees_with_the_twin(chain: SerialChain, seed: int) -> None:
+    q = np.random.default_rng(seed).uniform(-4, 4, (LANES, chain.dof))
+    lanes = lanes_at(chain, q, np.zeros((LANES, 3, 4)), np.ones(2))
+    lanes_forward(chain.arrays, lanes, LANES)
+    np.testing.assert_allclose(poses_of(lanes), [fk(chain, each)[:3] for each in q], atol=1e-11)
+
+
+@given(serial_chains(), st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_the_jacobian_agrees_with_finite_differences(chain: SerialChain, seed: int) -> None:
+    q, weight = np.random.default_rng(seed).uniform(-3, 3, (LANES, chain.dof)), np.array([2.0, 0.7])
+    lanes = lanes_at(chain, q, np.zeros((LANES, 3, 4)), weight)
+    lanes_forward(chain.arrays, lanes, LANES)
+    lanes_jacobian(chain.arrays, lanes, 0.0, LANES)
+    J = lanes.jacobian.reshape(chain.dof, 6, LANES)
+    for l in range(LANES):  # noqa: E741
+        np.testing.assert_allclose(J[:, :, l].T, plain_jacobian(chain, q[l], weight), atol=1e-6)
+
+
+@pytest.mark.parametrize("columns", [POSE, DIRECTION], ids=["pose", "direction"])
+def test_the_residual_agrees_with_the_twin(columns: Array) -> None:
+    chain, rng = kinseek.load("panda").chain, np.random.default_rng(3)
+    q, other = (rng.uniform(chain.lower, chain.upper, (LANES, chain.dof)) for _ in range(2))
+    goals = np.array([fk(chain, each)[:3] for each in other])
+    lanes = lanes_at(chain, q, goals, np.array([2.0, 0.7]))
+    lanes_forward(chain.arrays, lanes, LANES)
+    lanes_residual(lanes, columns, LANES)
+    residual, error = lanes.residual.reshape(6, LANES), lanes.error.reshape(4, LANES)
+    for k in range(LANES):
+        T, G = fk(chain, q[k]), goals[k]
+        turn = sum(columns[c] * np.cross(T[:3, c], G[:, c]) for c in range(3))
+        np.testing.assert_allclose(residual[:, k], [*2 * (G[:, 3] - T[:3, 3]), *0.7 * turn], atol=1e-12)
+        assert error[0, k] == pytest.approx(((G[:, 3] - T[:3, 3]) ** 2).sum())
+        assert error[1, k] == pytest.approx((turn**2).sum())
+        assert error[3, k] == pytest.approx((residual[:, k] ** 2).sum())
+        if columns is POSE:
+            angle = Rotation.from_matrix(T[:3, :3].T @ G[:, :3]).magnitude()
+            assert error[1, k] == pytest.approx(np.sin(angle) ** 2, abs=1e-12)
+
+
+@pytest.mark.parametrize("at_limits", [False, True])
+@pytest.mark.parametrize("name", ["panda", "ur10e_rail", "scara4", "planar5"])
+def test_a_damped_step_agrees_with_the_twin(name: str, at_limits: bool) -> None:
+    chain, rng = kinseek.load(name).chain, np.random.default_rng(4)
+    q = rng.uniform(chain.lower, chain.upper, (LANES, chain.dof))
+    if at_limits:
+        q = np.where(rng.random(q.shape) < 0.5, np.where(rng.random(q.shape) < 0.5, chain.lower, chain.upper), q)
+    goals = np.array([fk(chain, each)[:3] for each in rng.uniform(chain.lower, chain.upper, q.shape)])
+    lanes = lanes_at(chain, q, goals, np.array([2.0, 1.0]))
+    floor, damping, longest = np.full(LANES, 1e-3), 0.1, 0.8
+    lanes_forward(chain.arrays, lanes, LANES)
+    lanes_residual(lanes, POSE, LANES)
+    e = lanes.residual.reshape(6, LANES).T.copy()
+    lanes_jacobian(chain.arrays, lanes, 0.0, LANES)
+    J = lanes.jacobian.reshape(chain.dof, 6, LANES).copy()
+    lanes_gram(chain.lower, chain.upper, damping, floor, lanes, LANES)
+    lanes_solve(lanes, LANES)
+    lanes_move(chain.lower, chain.upper, longest, lanes, LANES)
+    for k in range(LANES):
+        columns = J[:, :, k].T.copy()
+        push = columns.T @ e[k]
+        held = ((q[k] >= chain.upper) & (push > 0)) | ((q[k] <= chain.lower) & (push < 0))
+        assert at_limits or not held.any()
+        columns[:, held] = 0.0
+        system = columns @ columns.T + (damping * (e[k] ** 2).sum() + floor[k]) * np.eye(6)
+        step = columns.T @ np.linalg.solve(system, e[k])
+        step *= longest / max(longest, np.abs(step).max())
+        np.testing.assert_allclose(lanes.q[:, k], np.clip(q[k] + step, chain.lower, chain.upper), atol=1e-9)
+
+
+def test_a_lane_does_not_look_at_the_others() -> None:
+    chain, rng = kinseek.load("panda").chain, np.random.default_rng(5)
+    q = rng.uniform(chain.lower, chain.upper, (LANES, chain.dof))
+    alone = lanes_at(chain, np.repeat(q[:1], LANES, axis=0), np.zeros((LANES, 3, 4)), np.ones(2))
+    lanes = lanes_at(chain, q, np.zeros((LANES, 3, 4)), np.ones(2))
+    for each in (alone, lanes):
+        lanes_forward(chain.arrays, each, LANES)
+    np.testing.assert_array_equal(poses_of(alone), np.repeat(poses_of(lanes)[:1], LANES, axis=0))
+
+
+def test_sine_and_cosine() -> None:
+    x = np.concatenate([np.linspace(-100, 100, 5001), np.arange(-20, 21) * np.pi / 4, [0.0, 1e-300, 9e4, -9e4]])
+    pairs = np.array([sine_cosine(each) for each in x])
+    np.testing.assert_allclose(pairs, np.stack([np.sin(x), np.cos(x)], axis=1), atol=3e-16)

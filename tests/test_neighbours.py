@@ -1,0 +1,70 @@
+"""The k-d tree against brute force."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from kinseek.kernels.neighbours import LEAF, SLACK, Tree, build_tree, nearest
+
+Array = NDArray[np.float64]
+
+
+def look_up(tree: Tree, point: Array, wanted: int) -> tuple[Array, NDArray[np.int64]]:
+    """Squared distances and places in the leaves."""
+    distance, index = np.empty(wanted), np.empty(wanted, dtype=np.int64)
+    stack, bound = np.empty(64, dtype=np.int64), np.empty(64 + LEAF)
+    found = nearest(tree, point, wanted, distance, index, stack, bound)
+    return distance[:found], index[:found]
+
+
+def clouds(dimensions: int) -> dict[str, Array]:
+    rng = np.random.default_rng(dimensions)
+    size = (LEAF * 2**7, dimensions)
+    return {
+        "uniform": rng.uniform(-1, 1, size),
+        "clustered": rng.normal(size=size) ** 3,
+        "flat": np.hstack([rng.uniform(-1, 1, (size[0], 1)), np.zeros((size[0], dimensions - 1))]),
+        "equal": np.ones(size),
+        "few values": rng.integers(0, 3, size).astype(float),
+    }
+
+
+@pytest.mark.parametrize("dimensions", [1, 2, 5, 9])
+@pytest.mark.parametrize("wanted", [1, 8, 40])
+def test_neighbours_against_brute_force(dimensions: int, wanted: int) -> None:
+    rng = np.random.default_rng(7)
+    for name, points in clouds(dimensions).items():
+        order = np.empty(len(points), dtype=np.int64)
+        tree = build_tree(points, order)
+        assert sorted(order) == list(range(len(points))), name
+        first = []
+        for point in rng.uniform(-1.5, 1.5, (50, dimensions)):
+            distance, index = look_up(tree, point, wanted)
+            true = np.sort(((points - point) ** 2).sum(axis=1))[:wanted]
+            assert len(set(index)) == wanted, name
+            assert (np.diff(distance) >= 0).all(), name
+            np.testing.assert_allclose(distance, ((points[order[index]] - point) ** 2).sum(axis=1), atol=1e-12)
+            assert (distance >= true - 1e-12).all(), name
+            assert (distance <= SLACK * true + 1e-12).all(), name
+            first.append(distance[0] <= true[0] + 1e-12)
+        assert np.mean(first) >= 0.6, name  # SLACK trades a few for speed.
+
+
+@pytest.mark.parametrize("leaves", [1, 2, 64])
+def test_a_point_of_the_tree_is_its_own_neighbour(leaves: int) -> None:
+    points = np.random.default_rng(leaves).uniform(-1, 1, (LEAF * leaves, 4))
+    order = np.empty(len(points), dtype=np.int64)
+    tree = build_tree(points, order)
+    for i in range(0, len(points), 5):
+        distance, index = look_up(tree, points[i], 3)
+        assert (order[index[0]], distance[0]) == (i, 0.0)
+
+
+def test_fewer_points_than_wanted() -> None:
+    points = np.random.default_rng(0).uniform(-1, 1, (LEAF, 3))
+    tree = build_tree(points, np.empty(LEAF, dtype=np.int64))
+    distance, index = look_up(tree, np.zeros(3), 40)
+    assert sorted(index) == list(range(LEAF))
+    np.testing.assert_allclose(distance, np.sort((points**2).sum(axis=1)), atol=1e-15)
