@@ -17,11 +17,12 @@ postures = np.random.default_rng(1).uniform(arm.lower, arm.upper, (count, arm.do
 targets = arm.fk(postures)
 
 searches = {
-    "default": None,
+    "atlas, the default": kinseek.Atlas(),
     "brute force, B = 8": kinseek.BruteForce(branching_factor=8),
     "divide and conquer, CB(1)": kinseek.DivideAndConquer(breadth=1),
     "divide and conquer, CB(2)": kinseek.DivideAndConquer(breadth=2),
     "divide and conquer, CB(2), beam 16": kinseek.DivideAndConquer(breadth=2, beam=16, children=2),
+    "divide and conquer, then descent": kinseek.Polished(),
     "blind search": kinseek.BlindSearch(),
     "coordinate descent": kinseek.CoordinateDescent(),
 }

@@ -21,9 +21,9 @@ BRANCHING_FACTOR = 7200
 DIVISIONS = 3
 
 BY_HAND = {2: (4, 4), 3: (3, 2, 2), 4: (3, 3, 2, 1), 6: (3, 3, 3, 1, 1, 1)}
-"""Breadth tuning (Sec. 3.2) is by hand there, and its numbers are not printed. These follow its
-words and were fixed before any result was seen: high on the joints that move the hand, low on the others, and
-with two joints high on both.
+"""Breadth tuning (Sec. 3.2) is by hand there, and its numbers are not printed. These follow its words, and
+were fixed before any result of BT was seen: high on the joints that move the hand, low on the others.
+With two joints high on both, above the 2 and 3 that its Figure 8 shows to fail there.
 """
 
 METHODS = ("CB(1)", "CB(2)", "CB(3)", "BT", "DT + BT", "tuned")

@@ -54,5 +54,5 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     axis.set_xlabel(f"time for {rows[0]['points']} points of a 7-DOF arm (Panda) [s]")
     axis.set_yticks(places, [str(row["search"]) for row in rows])
     axis.invert_yaxis()
-    axis.legend(loc="lower right")
+    axis.legend(loc="center right")
     save(figure, path)

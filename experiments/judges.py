@@ -65,12 +65,14 @@ def claim_1(results: Results) -> Verdict:
     """Steps of the work per factor of three in B, and how often the best node is found."""
     nodes = [int(row["nodes_expanded"]) for row in results("figure_11", tree="dynamic")]
     steps = set(np.diff(nodes[1:]).tolist())
+    times = [float(row["ms_per_point"]) for row in results("figure_11", tree="dynamic")]
     found = {m: [float(r["best_found"]) for r in results("claim_01", method=m)] for m in ("CB(1)", "CB(3)")}
     logarithmic = len(steps) == 1
     text = (
         f"time: each factor of 3 in B adds {'exactly ' if logarithmic else 'up to '}{max(steps):,} nodes; "
-        f"best solution: found for {span(found['CB(3)'])} % of the points with CB(3), "
-        f"{span(found['CB(1)'])} % with CB(1)"
+        f"from B = 9 to 3^16, 4.8 million times as many, ×{nodes[14] / nodes[0]:.2g} nodes and "
+        f"×{times[14] / times[0]:.2g} time (the paper: ×7); best solution: found for "
+        f"{span(found['CB(3)'])} % of the points with CB(3), {span(found['CB(1)'])} % with CB(1)"
     )
     return text, judged(int(logarithmic) + int(min(found["CB(3)"]) > 0.995), 2)
 
@@ -104,7 +106,7 @@ def claim_4(results: Results) -> Verdict:
 
 def claim_5(results: Results) -> Verdict:
     """The rank correlation of D and mean error in 3 … 32, and where the least error is."""
-    rising, best, parts = 0, 0, []
+    rising, higher, best, parts = 0, 0, 0, []
     for breadth in (1, 2, 3):
         for dof in (2, 3, 4):
             rows = [r for r in results("figure_07", dof=dof, breadth=breadth) if int(r["divisions"]) <= 32]
@@ -112,14 +114,16 @@ def claim_5(results: Results) -> Verdict:
             ranks = np.argsort(np.argsort(errors)).astype(float)
             trend = float(np.corrcoef(np.arange(len(rows), dtype=float), ranks)[0, 1])
             rising += trend > 0.3
+            higher += errors[-1] > errors[0]
             best += int(rows[int(errors.argmin())]["divisions"]) == 3
             if dof == 2:
                 parts.append(f"{trend:+.2f} with CB({breadth})")
     text = (
-        f"rises in {rising} of 9 curves (3 arms × 3 breadths), D = 3 is the best in {best}; two-link arm, "
+        f"of 9 curves (3 arms × 3 breadths) {rising} rise throughout (rank correlation above 0.3), {higher} "
+        f"are higher at D = 32 than at D = 3, and {best} are best at D = 3; two-link arm, "
         f"rank correlation of error and D: {', '.join(parts)}"
     )
-    return text, HOLDS if rising == best == 9 else IN_PART if rising or best else FAILS
+    return text, HOLDS if rising == best == 9 else IN_PART if higher or best else FAILS
 
 
 def claim_6(results: Results) -> Verdict:
@@ -270,7 +274,8 @@ def claim_13(results: Results) -> Verdict:
         if row["branching_factor"] in static
     ]
     low, middle, high = np.percentile(ratios, [25, 50, 75])
-    text = f"time with DT over time without, 6 DOF: median {middle:.2f}, quartiles {low:.2f} to {high:.2f}"
+    text = f"time with DT over time without, 6 DOF: median {middle:.2f}, quartiles {low:.2f} to {high:.2f}; "
+    text += "in compiled code a node made anew costs one multiplication, no more than looking it up"
     return text, HOLDS if low > 1.02 else FAILS
 
 

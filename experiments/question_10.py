@@ -95,6 +95,6 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         axes[0, 3].plot(column(some, "breadth"), column(some, "position_mean_mm"), label=reading, **look)
     axes[0, 3].set(title="two-link arm", xlabel="Br, breadth of both joints")
     axes[0, 3].legend(fontsize=8)
-    axes[0, 0].set_ylabel("mean position error [mm]")
+    axes[0, 0].set(ylabel="mean position error [mm]", ylim=(0.05, 1500))
     figure.suptitle("Question 10: constant breadth, with and without wrapping, D = 3, B = 7200")
     save(figure, path)

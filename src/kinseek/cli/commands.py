@@ -124,7 +124,7 @@ def solve(
     position_only: Annotated[bool, typer.Option("--position-only", help="Any orientation will do.")] = False,
     near: Annotated[
         str | None,
-        typer.Option(metavar="Q...", help="Joint values to start from, rad or m, any number a joint."),
+        typer.Option(metavar="Q...", help="Joint values to be near to, or to start from; rad or m."),
     ] = None,
     deg: Annotated[bool, typer.Option("--deg", help="--rpy, --rotvec and --near are in degrees.")] = False,
     base: Base = None,

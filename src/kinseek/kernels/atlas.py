@@ -157,22 +157,22 @@ def complete_seed(
             dot += weight * (K[0, c] * G[0, c] + K[1, c] * G[1, c])
             cross += weight * (K[0, c] * G[1, c] - K[1, c] * G[0, c])
         q[0] = nearest_copy(math.atan2(cross, dot), lower[0], upper[0], 0.5 * (lower[0] + upper[0]))
-        cosine, sine = math.cos(q[0]), math.sin(q[0])
+        far = math.sqrt(dot * dot + cross * cross)
+        if far > 0.0:
+            cosine, sine = dot / far, cross / far
     elif division.head == SLIDE:
         q[0] = G[2, 3] - K[2, 3]
     if division.tail == TURN:
         # M = (J_1 K)ᵀ G: the turn about z that is closest to it.
-        m00 = m01 = m10 = m11 = 0.0
-        for r in range(3):
-            kx = K[2, 0] if r == 2 else (cosine * K[0, 0] - sine * K[1, 0] if r == 0 else sine * K[0, 0] + cosine * K[1, 0])
-            ky = K[2, 1] if r == 2 else (cosine * K[0, 1] - sine * K[1, 1] if r == 0 else sine * K[0, 1] + cosine * K[1, 1])
-            m00 += kx * G[r, 0]
-            m01 += kx * G[r, 1]
-            m10 += ky * G[r, 0]
-            m11 += ky * G[r, 1]
+        gx, gy, gz = cosine * G[0, 0] + sine * G[1, 0], cosine * G[1, 0] - sine * G[0, 0], G[2, 0]
+        along = K[0, 0] * gx + K[1, 0] * gy + K[2, 0] * gz
+        across = K[0, 1] * gx + K[1, 1] * gy + K[2, 1] * gz
+        gx, gy, gz = cosine * G[0, 1] + sine * G[1, 1], cosine * G[1, 1] - sine * G[0, 1], G[2, 1]
+        along += K[0, 1] * gx + K[1, 1] * gy + K[2, 1] * gz
+        across -= K[0, 0] * gx + K[1, 0] * gy + K[2, 0] * gz
         last = dof - 1
         q[last] = nearest_copy(
-            math.atan2(m10 - m01, m00 + m11), lower[last], upper[last], 0.5 * (lower[last] + upper[last])
+            math.atan2(across, along), lower[last], upper[last], 0.5 * (lower[last] + upper[last])
         )
     for j in (0, dof - 1):
         if q[j] < lower[j] - margin or q[j] > upper[j] + margin:

@@ -18,7 +18,7 @@ from kinseek.robots.chain import SerialChain
 
 Breadth = tuple[int, ...]
 
-_PROBES = 64
+_PROBES = 128
 _PATIENCE = 3
 """Rounds that may bring no gain before tuning ends: joints that need each other gain only together."""
 
