@@ -16,7 +16,7 @@ count = int(sys.argv[2]) if len(sys.argv) > 2 else 20
 postures = np.random.default_rng(1).uniform(arm.lower, arm.upper, (count, arm.dof))
 targets = arm.fk(postures)
 
-searches = {
+searches: dict[str, kinseek.Solver] = {
     "atlas, the default": kinseek.Atlas(),
     "brute force, B = 8": kinseek.BruteForce(branching_factor=8),
     "divide and conquer, CB(1)": kinseek.DivideAndConquer(breadth=1),

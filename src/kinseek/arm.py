@@ -138,12 +138,12 @@ class Arm:
             InvalidProblem: `near` does not fit the arm.
             InvalidSolver: The solver's parameters do not fit the arm.
         """
-        if type(goal) is np.ndarray and near is None and solver is None:
+        plain = type(goal) is np.ndarray and near is None and solver is None
+        if plain and goal.shape == (4, 4) and goal.dtype == np.float64 and goal.flags.c_contiguous:
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform.
-            if goal.shape == (4, 4) and goal.dtype == np.float64 and goal.flags.c_contiguous:
-                row = solve_pose(self.atlas.handle, _DEFAULT, goal, LANES)
-                if row[-1] >= 0:
-                    return quick_solution(self.chain, goal, row)
+            row = solve_pose(self.atlas.handle, _DEFAULT, goal, LANES)
+            if row[-1] >= 0:
+                return quick_solution(self.chain, goal, row)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self.chain, near, "near")
         problem = Problem(self.chain, asked, start)

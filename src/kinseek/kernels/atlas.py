@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .arrays import Array, ChainArrays, Indices
+from .arrays import Array, ChainArrays
 from .forward import advance, advance_segment, identity
 from .jit import inner, kernel
-from .neighbours import LEAF, Tree, build_tree
+from .neighbours import Tree, build_tree
 
 NONE, TURN, SLIDE = 0, 1, 2
 

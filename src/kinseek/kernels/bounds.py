@@ -220,7 +220,9 @@ def cut_arc(desk: Desk, middle: float, psi: float) -> bool:
     off -= turn * math.floor(off / turn + 0.5)
     if abs(off) > h + psi:
         return False
-    if abs(off) > turn - h - psi:  # Two pieces. A full turn becomes the arc; limits stay until the arc is smaller.
+    if (
+        abs(off) > turn - h - psi
+    ):  # Two pieces. A full turn becomes the arc; limits stay until the arc is smaller.
         if h > 3.14159:
             desk.c[0], desk.h[0] = c + off, psi
         return True
@@ -355,7 +357,9 @@ def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
             return False
         if form.columns > 0:
             psi = arc(ra, a2, rb, b2, sigma)
-            if psi < 0.0 or not (psi >= math.pi or cut_arc(desk, math.atan2(b1, b0) - math.atan2(a1, a0), psi)):
+            if psi < 0.0 or not (
+                psi >= math.pi or cut_arc(desk, math.atan2(b1, b0) - math.atan2(a1, a0), psi)
+            ):
                 return False
     elif form.head == SLIDE:
         reach = math.sqrt(max(rho * rho - far * far, 0.0))
@@ -417,7 +421,10 @@ def second_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float, passes:
     desk.out[0] = K_P * far + 0.5 * K_A * turned
     desk.u[0], desk.u[1] = far, math.sqrt(turned)
     if tolerances:
-        slack_p, slack_c = wanted.scalars[POSITION] + wanted.scalars[MARGIN], wanted.scalars[CHORD] + wanted.scalars[MARGIN_A]
+        slack_p, slack_c = (
+            wanted.scalars[POSITION] + wanted.scalars[MARGIN],
+            wanted.scalars[CHORD] + wanted.scalars[MARGIN_A],
+        )
         weight_p = 1.0 / ((two_p * 0.5 + slack_p) * (two_p * 0.5 + slack_p))
         weight_c = 1.0 / ((two_c * 0.5 + slack_c) * (two_c * 0.5 + slack_c))
         for i in range(dof):

@@ -13,10 +13,7 @@ out of J; it is never clamped behind the solver's back.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
-
-import numpy as np
 
 from .arrays import Array, ChainArrays
 from .jit import inner, view
@@ -289,7 +286,11 @@ def lanes_move(lower: Array, upper: Array, longest: float, lanes: Lanes, w: int)
     for i in range(len(lower)):
         for l in range(w):
             d = J[i, l] * x[l] + J[i, W + l] * x[W + l] + J[i, 2 * W + l] * x[2 * W + l]
-            d += J[i, 3 * W + l] * x[3 * W + l] + J[i, 4 * W + l] * x[4 * W + l] + J[i, 5 * W + l] * x[5 * W + l]
+            d += (
+                J[i, 3 * W + l] * x[3 * W + l]
+                + J[i, 4 * W + l] * x[4 * W + l]
+                + J[i, 5 * W + l] * x[5 * W + l]
+            )
             step[i, l] = d
             work[l] = max(work[l], abs(d))
     for l in range(w):

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numba
 import numpy as np
-from numba import carray, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
@@ -19,6 +19,10 @@ from .jit import view
 
 ROW = 4
 """Numbers a row of a handle holds: address and three dimensions."""
+
+
+types: Any = numba.types  # Untyped in Numba itself.
+carray: Any = vars(numba)["carray"]
 
 
 def _pointer_to(dtype: Any) -> Any:
@@ -47,47 +51,55 @@ def handle_of(arrays: list[NDArray[Any]]) -> Indices:
 @view
 def floats1(handle: Indices, k: int) -> Array:
     """View array k, one-dimensional."""
-    return carray(_floats(handle[ROW * k]), (handle[ROW * k + 1],))
+    seen: Array = carray(_floats(handle[ROW * k]), (handle[ROW * k + 1],))
+    return seen
 
 
 @view
 def floats2(handle: Indices, k: int) -> Array:
     """View array k, two-dimensional."""
-    return carray(_floats(handle[ROW * k]), (handle[ROW * k + 1], handle[ROW * k + 2]))
+    seen: Array = carray(_floats(handle[ROW * k]), (handle[ROW * k + 1], handle[ROW * k + 2]))
+    return seen
 
 
 @view
 def floats3(handle: Indices, k: int) -> Array:
     """View array k, three-dimensional."""
     o = ROW * k
-    return carray(_floats(handle[o]), (handle[o + 1], handle[o + 2], handle[o + 3]))
+    seen: Array = carray(_floats(handle[o]), (handle[o + 1], handle[o + 2], handle[o + 3]))
+    return seen
 
 
 @view
 def integers(handle: Indices, k: int) -> Indices:
     """View array k, one-dimensional, of integers."""
-    return carray(_integers(handle[ROW * k]), (handle[ROW * k + 1],))
+    seen: Indices = carray(_integers(handle[ROW * k]), (handle[ROW * k + 1],))
+    return seen
 
 
 @view
 def flags(handle: Indices, k: int) -> NDArray[np.bool_]:
     """View array k, one-dimensional, of truth values."""
-    return carray(_bools(handle[ROW * k]), (handle[ROW * k + 1],))
+    seen: NDArray[np.bool_] = carray(_bools(handle[ROW * k]), (handle[ROW * k + 1],))
+    return seen
 
 
 @view
 def part1(address: int, first: int, count: int) -> Array:
     """View `count` floats of a memory from number `first` on."""
-    return carray(_floats(address + 8 * first), (count,))
+    seen: Array = carray(_floats(address + 8 * first), (count,))
+    return seen
 
 
 @view
 def part2(address: int, first: int, rows: int, columns: int) -> Array:
     """View a table of floats in a memory from number `first` on."""
-    return carray(_floats(address + 8 * first), (rows, columns))
+    seen: Array = carray(_floats(address + 8 * first), (rows, columns))
+    return seen
 
 
 @view
 def integer_part(address: int, first: int, count: int) -> Indices:
     """View `count` integers in a memory of 8-byte numbers from number `first` on."""
-    return carray(_integers(address + 8 * first), (count,))
+    seen: Indices = carray(_integers(address + 8 * first), (count,))
+    return seen

@@ -71,13 +71,21 @@ class Task(NamedTuple):
 
 
 def task_arrays(
-    chain: ChainArrays, atlas: Atlas, division: Division, lower: Array, upper: Array, columns: Array, length: float
+    chain: ChainArrays,
+    atlas: Atlas,
+    division: Division,
+    lower: Array,
+    upper: Array,
+    columns: Array,
+    length: float,
 ) -> list[NDArray[Any]]:
     """The arrays of a task in the order in which `task_of` reads them."""
     numbers = np.array([division.head, division.tail, division.columns], dtype=np.int64)
     lengths = np.array([division.length, length])
     sorted_samples = [*atlas.tree, *atlas[1:]]
-    return [np.ascontiguousarray(a) for a in (*chain, *sorted_samples, lower, upper, columns, numbers, lengths)]
+    return [
+        np.ascontiguousarray(a) for a in (*chain, *sorted_samples, lower, upper, columns, numbers, lengths)
+    ]
 
 
 @view
@@ -131,7 +139,7 @@ class Desk(NamedTuple):
     """Its coordinates, (9,)."""
     distance: Array
     """(DEEP,)"""
-    index: Indices
+    neighbour: Indices
     """(DEEP,)"""
     stack: Indices
     """(64,)"""
@@ -174,14 +182,28 @@ class Queue(NamedTuple):
     """Steps made from the current sample, (LANES,)."""
     spent: Indices
     """FK evaluations spent on the target, (LANES,)."""
-    index: Indices
+    neighbour: Indices
     """Its samples, (LANES · FIRST,)."""
 
 
 @inner
 def desk_size(dof: int, joints: int) -> int:
     """Numbers that a desk takes in memory."""
-    return lanes_size(dof, joints) + 12 + 12 + 12 + 9 + 2 * DEEP + 64 + 64 + LEAF + dof + 2 * LANES * dof + 3 * LANES + 4
+    return (
+        lanes_size(dof, joints)
+        + 12
+        + 12
+        + 12
+        + 9
+        + 2 * DEEP
+        + 64
+        + 64
+        + LEAF
+        + dof
+        + 2 * LANES * dof
+        + 3 * LANES
+        + 4
+    )
 
 
 @view
@@ -235,7 +257,7 @@ def load_seed(lanes: Lanes, lane: int, seed: Array) -> None:
 @inner
 def lowest(values: Array) -> float:
     """The least of some values."""
-    least = values[0]
+    least: float = values[0]
     for i in range(1, len(values)):
         least = min(least, values[i])
     return least
@@ -304,7 +326,8 @@ def within(task: Task, lanes: Lanes, l: int) -> bool:
     # sin φ ≤ sin t where φ < t < π/2; for small t the sine is t less t³/6, on the safe side.
     bound = min(orientation, 1.5)
     bound -= bound * bound * bound / 6.0
-    return ahead and lanes.error[LANES + l] <= bound * bound
+    small: bool = lanes.error[LANES + l] <= bound * bound
+    return ahead and small
 
 
 @inner
@@ -322,7 +345,7 @@ def look_up(task: Task, desk: Desk, target: Array, wanted: int) -> int:
     """Find the samples nearest to a target, (3, 4); return how many."""
     see(task, desk, target)
     coordinates(desk.seen, task.division, desk.point)
-    return nearest(task.atlas.tree, desk.point, wanted, desk.distance, desk.index, desk.stack, desk.bound)
+    return nearest(task.atlas.tree, desk.point, wanted, desk.distance, desk.neighbour, desk.stack, desk.bound)
 
 
 @inner
@@ -379,9 +402,11 @@ def fill_from_lookup(task: Task, desk: Desk, begin: int, found: int) -> tuple[in
     """Put neighbours into the lanes from number `begin` on; return the next number and the lanes filled."""
     filled = 0
     while begin < found and filled < LANES:
-        i = desk.index[begin]
+        i = desk.neighbour[begin]
         begin += 1
-        if complete_seed(task.atlas, task.division, desk.seen, i, task.chain.lower, task.chain.upper, MARGIN, desk.seed):
+        if complete_seed(
+            task.atlas, task.division, desk.seen, i, task.chain.lower, task.chain.upper, MARGIN, desk.seed
+        ):
             load_seed(desk.lanes, filled, desk.seed)
             desk.state[filled] = 0
             filled += 1
@@ -445,7 +470,7 @@ def start(task: Task, desk: Desk, target: Array) -> None:
 @inner
 def solve_target(job: Job, task: Task, desk: Desk, target: Array, q: Array, w: int) -> int:
     """Answer one target, (3, 4); write q, (n,), and return the FK evaluations spent."""
-    lanes, dof = desk.lanes, len(task.lower)
+    lanes, _dof = desk.lanes, len(task.lower)
     start(task, desk, target)
     goal = GoalArrays(target, task.wanted[2], task.axis_weights)
     spent, rounds, wanted, begin, found, persisted, number = 0, 0, 0, 0, 0, 0, 0
@@ -511,7 +536,7 @@ def polish(job: Job, task: Task, desk: Desk, goal: GoalArrays, w: int) -> int:
     K_P/|Δp|, anew in every step (Weiszfeld 1937). A lane whose step does not help goes back and damps more.
     """
     lanes, dof, floor = desk.lanes, len(task.lower), desk.floor
-    largest = max(goal.axis_weights[0], max(goal.axis_weights[1], goal.axis_weights[2]))
+    largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
     for l in range(LANES):
         floor[l] = 0.1 * (goal.position_weight * task.length + largest)
         load_seed_row(lanes, l, desk.best)
@@ -571,7 +596,8 @@ def is_rigid(T: Array) -> bool:
     volume = T[0, 0] * (T[1, 1] * T[2, 2] - T[1, 2] * T[2, 1])
     volume += T[0, 1] * (T[1, 2] * T[2, 0] - T[1, 0] * T[2, 2])
     volume += T[0, 2] * (T[1, 0] * T[2, 1] - T[1, 1] * T[2, 0])
-    return volume > 0.0
+    upright: bool = volume > 0.0
+    return upright
 
 
 @kernel
@@ -681,9 +707,11 @@ def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int) -> b
             desk.spare[r, c] = targets[queue.target[l], r, c]
     see(task, desk, desk.spare)
     while queue.next[l] < queue.found[l]:
-        i = queue.index[l * FIRST + queue.next[l]]
+        i = queue.neighbour[l * FIRST + queue.next[l]]
         queue.next[l] += 1
-        if complete_seed(task.atlas, task.division, desk.seen, i, task.chain.lower, task.chain.upper, MARGIN, desk.seed):
+        if complete_seed(
+            task.atlas, task.division, desk.seen, i, task.chain.lower, task.chain.upper, MARGIN, desk.seed
+        ):
             load_seed(desk.lanes, l, desk.seed)
             queue.steps[l] = 0
             for r in range(6):
@@ -702,12 +730,14 @@ def next_target(task: Task, desk: Desk, queue: Queue, targets: Array, number: in
             desk.lanes.target[(4 * r + c) * LANES + l] = targets[number, r, c]
     queue.found[l] = look_up(task, desk, desk.spare, FIRST)
     for k in range(queue.found[l]):
-        queue.index[l * FIRST + k] = desk.index[k]
+        queue.neighbour[l * FIRST + k] = desk.neighbour[k]
     return next_seed(task, desk, queue, targets, l)
 
 
 @kernel
-def solve_many(handle: Indices, wanted: Array, targets: Array, results: Array, begin: int, end: int, w: int) -> None:
+def solve_many(
+    handle: Indices, wanted: Array, targets: Array, results: Array, begin: int, end: int, w: int
+) -> None:
     """Answer targets begin … end-1, one in each lane, a lane that is done taking the next.
 
     A target's lane walks exactly as lane after lane does in `solve_pose`: the same bits come out. What its first eight
@@ -726,7 +756,7 @@ def solve_many(handle: Indices, wanted: Array, targets: Array, results: Array, b
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = np.empty(desk_size(dof, joints))
     desk = make_desk(memory, dof, joints)
-    lanes, numbers = desk.lanes, np.zeros((5 + FIRST) * LANES, dtype=np.int64)
+    _lanes, numbers = desk.lanes, np.zeros((5 + FIRST) * LANES, dtype=np.int64)
     at = numbers.ctypes.data
     queue = Queue(
         integer_part(at, 0, LANES),
@@ -759,7 +789,7 @@ def run_lanes(
     w: int,
 ) -> None:
     """Work the queue off; numbers of the targets left over go into `left`, closed by -1 if there is room."""
-    lanes, dof = desk.lanes, len(task.lower)
+    lanes, _dof = desk.lanes, len(task.lower)
     reset_weights(task, desk)
     leftover, number, active = 0, begin, LANES
     for l in range(LANES):

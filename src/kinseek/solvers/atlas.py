@@ -217,7 +217,7 @@ def open_limits(chain: SerialChain) -> tuple[Array, Array]:
 
 def divide(chain: SerialChain, kind: str) -> Division:
     """Choose what can be divided out of an arm for a kind of goal."""
-    dof, joints = chain.dof, len(chain.leader)
+    dof, _joints = chain.dof, len(chain.leader)
     alone = np.bincount(chain.leader, minlength=dof) == 1
     head = NONE
     if dof > 1 and chain.leader[0] == 0 and alone[0]:
