@@ -50,11 +50,11 @@ def test_any_table_is_the_product_of_its_rows(
     base, tool = turn_x(0.3) @ slide(1, 2), slide(0.1, -0.2) @ turn_z(0.4)
     expected = base
     for kind, (a, alpha, d, theta), q in table:
-        theta, d = (theta + q, d) if kind == "R" else (theta, d + q)
+        turned, slid = (theta + q, d) if kind == "R" else (theta, d + q)
         if standard:
-            expected = expected @ turn_z(theta) @ slide(z=d) @ slide(x=a) @ turn_x(alpha)
+            expected = expected @ turn_z(turned) @ slide(z=slid) @ slide(x=a) @ turn_x(alpha)
         else:
-            expected = expected @ turn_x(alpha) @ slide(x=a) @ turn_z(theta) @ slide(z=d)
+            expected = expected @ turn_x(alpha) @ slide(x=a) @ turn_z(turned) @ slide(z=slid)
     chain = read_dh(
         [row for _, row, _ in table],
         [-3] * len(table),

@@ -35,10 +35,8 @@ def print_arm(arm: Arm) -> None:
     _print(f"{arm.name}: {arm.dof} joints, base {arm.chain.base}, tip {arm.chain.tip}")
     table = _table("joint", "kind", ">lower", ">upper", ">lower", ">upper")
     for name, kind, lower, upper in zip(arm.joint_names, arm.chain.kinds, arm.lower, arm.upper, strict=True):
-        if kind == "continuous":
-            limits = ["none", "none", "none", "none"]
-        else:
-            limits = [*_both(kind, lower), *_both(kind, upper)]
+        free = kind == "continuous"
+        limits = ["none"] * 4 if free else [*_both(kind, lower), *_both(kind, upper)]
         table.add_row(name, kind, limits[0], limits[2], limits[1], limits[3])
     _print(table)
     least, most = reach(arm)

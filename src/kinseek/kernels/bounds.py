@@ -114,6 +114,8 @@ class Desk(NamedTuple):
     """(n,)"""
     D: Array
     """Weights of the box in the normal matrix, (n,)."""
+    v: Array
+    """(n,)"""
     y: Array
     """The form: columns x, y, z, p as in a pose, (3, 4)."""
     u: Array
@@ -140,6 +142,7 @@ def make_desk(joints: int, dof: int) -> Desk:
         np.zeros(dof),
         np.zeros((dof, dof)),
         np.zeros((dof, dof)),
+        np.zeros(dof),
         np.zeros(dof),
         np.zeros(dof),
         np.zeros(dof),
@@ -294,7 +297,8 @@ def least_error(wanted: Wanted, far: float, tilt: float) -> float:
     far, sigma = max(far, 0.0), max(tilt, 0.0)
     if K_A > 0.0 and b > 0.0:
         sigma = min(max(sigma, min(K_P * b / K_A, far / b)), 2.0)
-    return K_P * max(far - b * sigma, 0.0) + 0.5 * K_A * sigma * sigma
+    error: float = K_P * max(far - b * sigma, 0.0) + 0.5 * K_A * sigma * sigma
+    return error
 
 
 @inner
@@ -421,10 +425,8 @@ def second_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float, passes:
     desk.out[0] = K_P * far + 0.5 * K_A * turned
     desk.u[0], desk.u[1] = far, math.sqrt(turned)
     if tolerances:
-        slack_p, slack_c = (
-            wanted.scalars[POSITION] + wanted.scalars[MARGIN],
-            wanted.scalars[CHORD] + wanted.scalars[MARGIN_A],
-        )
+        slack_p = wanted.scalars[POSITION] + wanted.scalars[MARGIN]
+        slack_c = wanted.scalars[CHORD] + wanted.scalars[MARGIN_A]
         weight_p = 1.0 / ((two_p * 0.5 + slack_p) * (two_p * 0.5 + slack_p))
         weight_c = 1.0 / ((two_c * 0.5 + slack_c) * (two_c * 0.5 + slack_c))
         for i in range(dof):
@@ -486,12 +488,20 @@ def second_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float, passes:
             m2 += x0 * c1 - x1 * c0
         derivatives(form, desk, m0, m1, m2, trace, columns)
         # The least value of the polynomial in the box, one variable at a time.
+        bent = curvature(desk)
+        straight = 0.0
+        for i in range(dof):
+            straight -= abs(desk.g[i]) * desk.h[i]
         lost = 0.0
         for i in range(dof):
             for j in range(dof):
                 if j != i:
                     desk.H[i, i] -= abs(desk.H[i, j]) * desk.h[j] / desk.h[i]
             lost += least(desk.g[i], desk.H[i, i], desk.h[i])
+        if straight + bent > lost:
+            lost = straight + bent
+            for i in range(dof):
+                desk.H[i, i] = 0.0
         length_c = math.sqrt(size_c)
         rest = trust * (size_p * three_p + length_c * three_c)
         rest += size_p * slack_p + length_c * slack_c + 1e-14 * (abs(value) - lost)
@@ -618,6 +628,44 @@ def derivatives(form: Form, desk: Desk, m0: float, m1: float, m2: float, trace: 
             desk.H[a, b] += second
             if l != k:
                 desk.H[b, a] += second
+
+
+@inner
+def curvature(desk: Desk) -> float:
+    """A lower bound of ½ δᵀHδ in the box, by completing squares: those with a positive weight are dropped.
+
+    After each square what remains is a form in the remaining variables, bounded by its entries' magnitudes.
+    """
+    dof, S = len(desk.h), desk.N
+    for i in range(dof):
+        for j in range(dof):
+            S[i, j] = desk.H[i, j] * desk.h[i] * desk.h[j]
+        desk.v[i] = 1.0
+    best = -np.inf
+    for _ in range(dof + 1):
+        total, pivot, top = 0.0, -1, 0.0
+        for i in range(dof):
+            if desk.v[i] == 0.0:
+                continue
+            row = S[i, i]
+            if row > top:
+                top, pivot = row, i
+            for j in range(dof):
+                if j != i and desk.v[j] != 0.0:
+                    row -= abs(S[i, j])
+            total += min(row, 0.0)
+        best = max(best, total)
+        if pivot < 0 or total == 0.0:
+            break
+        inverse = 1.0 / top
+        desk.v[pivot] = 0.0
+        for i in range(dof):
+            if desk.v[i] != 0.0:
+                factor = S[i, pivot] * inverse
+                for j in range(dof):
+                    if desk.v[j] != 0.0:
+                        S[i, j] -= factor * S[pivot, j]
+    return 0.5 * best
 
 
 @inner

@@ -21,12 +21,15 @@ import numpy as np
 
 from kinseek.errors import InvalidSolver, MissingExtra
 from kinseek.goal import Goal
-from kinseek.kernels import refine
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas import NONE, SLIDE, TURN, Division, build_atlas
+from kinseek.kernels.batch import solve_many
+from kinseek.kernels.desk import task_arrays
 from kinseek.kernels.lanes import LANES
+from kinseek.kernels.nearby import solve_many_near
 from kinseek.kernels.neighbours import LEAF
 from kinseek.kernels.pointers import handle_of
+from kinseek.kernels.refine import solve_pose
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
@@ -72,9 +75,9 @@ class Atlas:
                 -1, chain.dof
             )
         results = np.empty((len(targets), chain.dof + 4))
-        if problem.budget is not None and near is None:
+        if near is None and (problem.budget is not None or len(targets) == 1):
             for i, target in enumerate(targets):
-                results[i] = refine.solve_pose(index.handle, wanted, target, LANES)
+                results[i] = solve_pose(index.handle, wanted, target, LANES)
         else:
             self._run(index, wanted, targets, near, results)
         return batch_solution(problem, results)
@@ -85,9 +88,9 @@ class Atlas:
         def work(begin: int) -> int:
             end = min(begin + _CHUNK, len(targets))
             if near is None:
-                refine.solve_many(index.handle, wanted, targets, results, begin, end, LANES)
+                solve_many(index.handle, wanted, targets, results, begin, end, LANES)
             else:
-                refine.solve_many_near(index.handle, wanted, targets, near, results, begin, end, LANES)
+                solve_many_near(index.handle, wanted, targets, near, results, begin, end, LANES)
             return end - begin
 
         chunks = range(0, len(targets), _CHUNK)
@@ -120,7 +123,7 @@ class AtlasIndex:
         atlas = build_atlas(arrays, division, points, first, head.copy(), tip.copy())
         lower, upper = open_limits(chain)
         columns = {"pose": [0.5, 0.5, 0.5], "pointing": [1.0, 0.0, 0.0], "position": [0.0, 0.0, 0.0]}[kind]
-        self._arrays = refine.task_arrays(
+        self._arrays = task_arrays(
             arrays, atlas, division, lower, upper, np.array(columns), arm_length(chain) / 3
         )
         self.handle: Indices = handle_of(self._arrays)

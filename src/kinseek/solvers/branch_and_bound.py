@@ -9,29 +9,49 @@ boxes gone: nothing inside the limits reaches the goal. Best box first, the same
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays
-from kinseek.kernels.atlas import TURN, nearest_copy
+from kinseek.certificate import Certificate, Verdict
+from kinseek.errors import InvalidProblem
+from kinseek.goal import Goal
+from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
+from kinseek.kernels.atlas import NONE, TURN, nearest_copy
 from kinseek.kernels.bounds import (
     CHORD,
+    LEAST,
     LENGTH,
+    MARGIN,
     MARGIN_A,
+    OFFSET,
     POSITION,
+    SCALARS,
+    TRUST,
+    WEIGHT_A,
+    WEIGHT_P,
     Desk,
     Form,
     Wanted,
     first_order,
     make_desk,
+    motion,
+    normal_matrix,
     place,
     second_order,
+    solve,
+    turn_goal,
     widths,
 )
-from kinseek.kernels.forward import forward
+from kinseek.kernels.forward import forward, forward_many
 from kinseek.kernels.jit import inner, kernel
 from kinseek.kernels.pose_error import errors, weighted_error
+from kinseek.problem import Problem
+from kinseek.robots.chain import SerialChain
+from kinseek.solution import Solution, conclude
+
+from .atlas import Atlas, arm_length, divide, inverse
 
 ENDED, FOUND, STOPPED = 0, 1, 2
 
@@ -59,6 +79,273 @@ class Search(NamedTuple):
     """Lower bound on the weighted error."""
     upper: float
     """Weighted error of `q`."""
+
+
+BUDGET = 2_000_000
+"""Boxes, unless told otherwise: some seconds."""
+
+_SPREAD, _SHRINK = 2.5, 0.5
+_ROUNDING = 1e-12
+_TRIAL = 16
+"""Every so many boxes that are kept, steps from the middle of one look for an answer."""
+_AXIS_COUNTS = 0.2
+"""A direction counts, when a box is split, as this part of the arm's length."""
+
+
+def prove(
+    problem: Problem, *, gap: float | None = None, budget: int = BUDGET, answer: Solution | None = None
+) -> Certificate:
+    """Prove that a goal is out of reach, or find joint values that reach it.
+
+    Args:
+        problem: One target.
+        gap: If the goal is not reached: go on until the bounds on the least weighted error are this close, relative to the
+            upper one, > 0; None leaves out this second search.
+        budget: Boxes to examine at most, over both searches, >= 0; the bounds hold whenever the search stops.
+        answer: A solution of the same problem, if there is one already; else the atlas is asked.
+
+    Raises:
+        InvalidProblem: A batch, an empty one included; a gap or budget out of its range.
+    """
+    if problem.goal.shape:
+        raise InvalidProblem(f"a proof is about one target, got a batch of shape {problem.goal.shape}")
+    if gap is not None and not 0.0 < gap < 1.0:
+        raise InvalidProblem(f"gap must be in (0, 1), got {gap}")
+    if budget < 0:
+        raise InvalidProblem(f"budget must be at least 0 boxes, got {budget}")
+    best = answer or Atlas().solve(replace(problem, budget=None))
+    if best.success:
+        return _certificate(problem, Verdict.REACHABLE, best.q, 0.0, 0, 0.0)
+    search = excluded(problem, budget)
+    if search.outcome == FOUND:
+        return _certificate(problem, Verdict.REACHABLE, search.q, 0.0, search.boxes, 0.0)
+    q = search.q if search.upper < best.weighted_error else best.q
+    verdict, boxes, lower, largest = Verdict.UNDECIDED, search.boxes, 0.0, search.largest
+    if search.outcome == ENDED:
+        verdict, lower = Verdict.UNREACHABLE, least_outside(problem.goal)
+    if gap is not None:
+        nearest = enclosed(problem, q, gap, budget - boxes)
+        q, boxes, largest = nearest.q, boxes + nearest.boxes, nearest.largest
+        lower = max(lower, nearest.lower)
+    certificate = _certificate(problem, verdict, q, lower, boxes, largest)
+    goal = problem.goal
+    met = certificate.position_error <= goal.position_tolerance
+    if met and certificate.orientation_error <= goal.orientation_tolerance:
+        return replace(certificate, verdict=Verdict.REACHABLE, lower_bound=0.0)
+    if lower > _ROUNDING and lower > most_inside(goal):
+        return replace(certificate, verdict=Verdict.UNREACHABLE)
+    return certificate
+
+
+def least_outside(goal: Goal) -> float:
+    """The least weighted error that misses a tolerance."""
+    position = goal.position_weight * goal.position_tolerance
+    angle = min(goal.orientation_tolerance, math.pi)
+    turn = goal.orientation_weight * 2.0 * math.sin(angle / 2) ** 2
+    return (position if goal.kind == "position" else min(position, turn)) * (1.0 - _ROUNDING)
+
+
+def most_inside(goal: Goal) -> float:
+    """The largest weighted error within both tolerances."""
+    position = goal.position_weight * goal.position_tolerance
+    axes = {"pose": 2, "pointing": 1, "position": 0}[goal.kind]
+    angle = min(goal.orientation_tolerance, math.pi)
+    return (position + axes * goal.orientation_weight * 2.0 * math.sin(angle / 2) ** 2) * (1.0 + _ROUNDING)
+
+
+def excluded(problem: Problem, budget: int, trust: float = 1.0) -> Search:
+    """Look in every box for joint values within both tolerances; see `exclude`."""
+    goal = problem.goal
+    form, wanted, roll = question(problem, trust)
+    tuning = np.array([_SPREAD, 2, _SHRINK, goal.position_tolerance, goal.orientation_tolerance])
+    boxes = start_boxes(problem.chain, roll.present)
+    return exclude(form, wanted, roll, problem.arrays, goal.arrays, boxes, tuning, budget)
+
+
+def enclosed(problem: Problem, q: Array, gap: float, budget: int, trust: float = 1.0) -> Search:
+    """Enclose the least weighted error, starting from joint values q, (n,); see `enclose`."""
+    form, wanted, roll = error_question(problem, q, gap, trust)
+    boxes = start_boxes(problem.chain, roll.present)
+    tuning = np.array([_SPREAD, 1, _SHRINK, gap])
+    q = np.ascontiguousarray(q)
+    return enclose(form, wanted, roll, problem.arrays, problem.goal.arrays, boxes, q, tuning, budget)
+
+
+def question(problem: Problem, trust: float = 1.0) -> tuple[Form, Wanted, Roll]:
+    """Put the question of the tolerances into the kernels' form.
+
+    A last joint that turns is divided out: its axis shall lie along the goal's, and the point of it that the axis before
+    moves least shall be where the goal wants it. That point may miss by the tolerance of the tip and by what the tolerated
+    turn moves it.
+    """
+    goal, chain = problem.goal, problem.chain
+    fixed, target, head, tail = _divided(problem)
+    angle = min(goal.orientation_tolerance, math.pi)
+    chord = 2.0 * math.sin(angle / 2)
+    slack, columns = goal.position_tolerance, {"pose": 3, "pointing": 1, "position": 0}[goal.kind]
+    if tail:
+        foot = _foot(fixed, chain)
+        slack += chord * float(np.linalg.norm(fixed[-1, :, 3] - [0.0, 0.0, foot]))
+        fixed, target = _cut(fixed, target, foot)
+        columns = 1
+    if columns == 3:
+        chord *= math.sqrt(2.0)
+    scalars = _scalars(problem, target, columns, trust)
+    scalars[POSITION], scalars[CHORD] = slack, chord if columns else 0.0
+    return (
+        _form(chain, fixed, head, columns, 0, 0.0),
+        Wanted(target, np.zeros((3, 4)), scalars),
+        _roll(chain, tail),
+    )
+
+
+def error_question(problem: Problem, q: Array, gap: float, trust: float = 1.0) -> tuple[Form, Wanted, Roll]:
+    """Put the question of the least weighted error into the kernels' form.
+
+    Where the tip lies on the axis of the last joint, that joint changes nothing but the turn about it. Leaving it out
+    gives a lower bound: the error itself where the last joint turns freely and its axis is the tip's z. Elsewhere it is
+    used if at q it loses less than half the gap.
+    """
+    chain, goal = problem.chain, problem.goal
+    fixed, target, head, tail = _divided(problem)
+    if tail and np.hypot(*fixed[-1, :2, 3]) < _ROUNDING:
+        cut, axis = _cut(fixed, target, float(fixed[-1, 2, 3]))
+        T = forward_pose(problem.arrays, q)
+        whole = Problem(chain, goal)
+        back = inverse(whole.arrays.fixed[-1])[:, 2]
+        wanted_axis = goal.targets[0][:, :3] @ back
+        miss = goal.position_weight * float(np.linalg.norm(T[:, 3] - goal.targets[0][:, 3]))
+        loose = miss + goal.orientation_weight * 0.5 * float(np.sum((T[:, :3] @ back - wanted_axis) ** 2))
+        exact = miss + goal.orientation_weight * 0.5 * float(np.sum((T[:, :2] - goal.targets[0][:, :2]) ** 2))
+        if loose >= (1.0 - 0.5 * gap) * exact:
+            wanted = Wanted(axis, np.zeros((3, 4)), _scalars(problem, axis, 1, trust))
+            return _form(chain, cut, head, 1, 0, 0.0), wanted, _roll(chain, True)
+    columns = {"pose": 2, "pointing": 1, "position": 0}[goal.kind]
+    scalars, last, foot = _scalars(problem, target, columns, trust), np.zeros((3, 4)), 0.0
+    if tail and len(fixed) > 2:
+        foot = _foot(fixed, chain)
+        place_of_foot = np.eye(4)
+        place_of_foot[2, 3] = foot
+        last = np.ascontiguousarray((_square(target) @ _square(inverse(fixed[-1])) @ place_of_foot)[:3])
+        scalars[OFFSET] = np.linalg.norm(fixed[-1, :, 3] - [0.0, 0.0, foot])
+    else:
+        tail = False
+    return (
+        _form(chain, fixed, head, columns, int(tail), foot),
+        Wanted(target, last, scalars),
+        Roll(False, 0.0, 0.0),
+    )
+
+
+def start_boxes(chain: SerialChain, without_last: bool) -> Array:
+    """The whole range of the joints as one box, (1, 2 dof); a joint that turns more than once turns once."""
+    lower, upper = chain.lower.copy(), chain.upper.copy()
+    for i in range(chain.dof):
+        followers = np.flatnonzero(chain.leader == i)
+        repeats = not chain.prismatic[followers].any() and (chain.multiplier[followers] % 1 == 0).all()
+        if repeats and upper[i] - lower[i] > 2 * np.pi:
+            middle = (lower[i] + upper[i]) / 2
+            lower[i], upper[i] = middle - np.pi, middle + np.pi
+    count = chain.dof - int(without_last)
+    half = (upper - lower) / 2
+    half += LEAST + 1e-15 * np.abs(lower + upper)
+    return np.concatenate([(lower + upper)[:count] / 2, half[:count]])[None]
+
+
+def forward_pose(chain: ChainArrays, q: Array) -> Array:
+    """Pose of the tip, (3, 4)."""
+    return forward_many(chain, np.ascontiguousarray(q)[None])[0, :3]
+
+
+def _divided(problem: Problem) -> tuple[Array, Array, int, bool]:
+    """Fixed transforms and target with the first joint's place divided out; first joint's kind; is the last one a turn?"""
+    division = divide(problem.chain, problem.goal.kind)
+    fixed, target = problem.arrays.fixed.copy(), problem.goal.targets[0].copy()
+    if division.head != NONE:
+        target = (_square(inverse(fixed[0])) @ _square(target))[:3]
+        fixed[0] = np.eye(4)[:3]
+    return fixed, np.ascontiguousarray(target), division.head, division.tail == TURN
+
+
+def _foot(fixed: Array, chain: SerialChain) -> float:
+    """Where along the last axis the axis before it is nearest [m]; where they are parallel, the tip."""
+    tip = float(fixed[-1, 2, 3])
+    if len(fixed) < 3 or chain.prismatic[-2]:
+        return tip
+    back = inverse(fixed[-2])
+    axis, point = back[:, 2], back[:, 3]
+    apart = 1.0 - axis[2] ** 2
+    return float((point[2] - axis[2] * (axis @ point)) / apart) if apart > 1e-6 else tip
+
+
+def _cut(fixed: Array, target: Array, along: float) -> tuple[Array, Array]:
+    """Leave the last joint out: the tip becomes the point `along` its axis, its columns axis, x and y."""
+    turned = np.array(
+        [[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, along], [0.0, 0.0, 0.0, 1.0]]
+    )
+    short = fixed[:-1].copy()
+    short[-1] = (_square(short[-1]) @ turned)[:3]
+    wanted = _square(target) @ _square(inverse(fixed[-1])) @ turned
+    return short, np.ascontiguousarray(wanted[:3])
+
+
+def _form(chain: SerialChain, fixed: Array, head: int, columns: int, tail: int, foot: float) -> Form:
+    joints = len(fixed) - 1
+    return Form(
+        np.ascontiguousarray(fixed),
+        np.ascontiguousarray(chain.prismatic[:joints]),
+        np.ascontiguousarray(chain.leader[:joints]),
+        np.ascontiguousarray(chain.multiplier[:joints]),
+        np.ascontiguousarray(chain.offset[:joints]),
+        head,
+        columns,
+        tail,
+        foot,
+    )
+
+
+def _roll(chain: SerialChain, present: bool) -> Roll:
+    return Roll(present, float(chain.lower[-1]), float(chain.upper[-1]))
+
+
+def _scalars(problem: Problem, target: Array, columns: int, trust: float) -> Array:
+    """Weights and margins: 1e-12 of all lengths involved, a thousand times what rounding takes."""
+    chain, goal, scalars = problem.chain, problem.goal, np.zeros(SCALARS)
+    length = arm_length(chain)
+    slides = sum(
+        max(abs(chain.lower[i]), abs(chain.upper[i])) * abs(chain.multiplier[k]) + abs(chain.offset[k])
+        for k, i in enumerate(chain.leader)
+        if chain.prismatic[k]
+    )
+    reach = (
+        length + slides + float(np.linalg.norm(target[:, 3])) + float(np.linalg.norm(chain.fixed[0, :, 3]))
+    )
+    scalars[MARGIN], scalars[MARGIN_A] = _ROUNDING * (1.0 + reach), _ROUNDING
+    scalars[TRUST], scalars[WEIGHT_P] = trust, goal.position_weight
+    scalars[WEIGHT_A] = goal.orientation_weight if columns else 0.0
+    scalars[LENGTH] = _AXIS_COUNTS * length if columns else 0.0
+    return scalars
+
+
+def _square(A: Array) -> Array:
+    return np.vstack([A, [0.0, 0.0, 0.0, 1.0]])
+
+
+def _certificate(
+    problem: Problem, verdict: Verdict, q: Array, lower: float, boxes: int, largest: float
+) -> Certificate:
+    judged = conclude(problem, q[None], np.zeros((1, 3), dtype=np.int64))
+    return Certificate(
+        verdict=verdict,
+        q=judged.q,
+        lower_bound=float(min(lower, judged.weighted_error)),
+        upper_bound=float(judged.weighted_error),
+        position_error=float(judged.position_error),
+        orientation_error=float(judged.orientation_error),
+        boxes=int(boxes),
+        largest_box=float(largest),
+        problem=problem,
+    )
 
 
 @inner
@@ -154,6 +441,43 @@ def complete(form: Form, roll: Roll, chain: ChainArrays, desk: Desk, q: Array) -
         q[i] = min(max(value, chain.lower[i]), chain.upper[i])
 
 
+@inner
+def approach(form: Form, wanted: Wanted, roll: Roll, chain: ChainArrays, desk: Desk, q: Array) -> None:
+    """Gauss-Newton steps from the middle of the box; the joint values they lead to, (n,), inside the limits."""
+    scale = 1.0 / (wanted.scalars[LENGTH] * wanted.scalars[LENGTH] + LEAST)
+    weight = 1.0 if form.columns > 0 else 0.0
+    T, goal = desk.T, desk.goal
+    for _ in range(8):
+        place(form, desk)
+        turn_goal(form, wanted, desk)
+        motion(form, desk, 0, len(form.leader), T[0, 3], T[1, 3], T[2, 3])
+        normal_matrix(form, desk, scale, weight, form.columns)
+        t0 = t1 = t2 = 0.0
+        for i in range(form.columns):
+            t0 += T[1, i] * goal[2, i] - T[2, i] * goal[1, i]
+            t1 += T[2, i] * goal[0, i] - T[0, i] * goal[2, i]
+            t2 += T[0, i] * goal[1, i] - T[1, i] * goal[0, i]
+        for i in range(len(desk.c)):
+            desk.delta[i], desk.D[i] = 0.0, 1e-9
+        for k in range(len(form.leader)):
+            rhs = 0.0
+            for r in range(3):
+                rhs += scale * desk.velocity[k, r] * (T[r, 3] - goal[r, 3])
+            if not form.prismatic[k]:
+                rhs -= weight * (desk.z[k, 0] * t0 + desk.z[k, 1] * t1 + desk.z[k, 2] * t2)
+            desk.delta[form.leader[k]] -= form.multiplier[k] * rhs
+        solve(desk.N, desk.D, desk.delta)
+        for i in range(len(desk.c)):
+            desk.c[i] += desk.delta[i]
+            if i > 0 or form.head != TURN:
+                desk.c[i] = min(max(desk.c[i], chain.lower[i]), chain.upper[i])
+    place(form, desk)
+    turn_goal(form, wanted, desk)
+    if roll.present:
+        roll_fits(form, wanted, roll, desk)
+    complete(form, roll, chain, desk, q)
+
+
 @kernel
 def exclude(
     form: Form,
@@ -177,7 +501,7 @@ def exclude(
         tuning: Largest spread for the second order [rad], passes, shrink that earns another look.
         budget: Boxes to examine.
     """
-    dof, count, seen = len(form_dof(boxes)), len(boxes), 0
+    dof, count, seen = boxes.shape[1] // 2, len(boxes), 0
     desk = make_desk(len(form.leader), dof)
     stack = np.empty((count + 64 * dof + 64, 2 * dof))
     for i in range(count):
@@ -185,7 +509,7 @@ def exclude(
             stack[i, j] = boxes[i, j]
     q, T, best = np.zeros(len(chain.lower)), np.empty((3, 4)), np.inf
     trial = np.zeros(len(chain.lower))
-    stuck = 0.0
+    stuck, kept = 0.0, 0
     while count > 0 and seen < budget:
         count -= 1
         load_box(stack, count, desk)
@@ -204,17 +528,6 @@ def exclude(
             desk.u[2] = 0.0
             if roll.present and not roll_fits(form, wanted, roll, desk):
                 continue
-            if desk.u[0] <= wanted.scalars[POSITION] and desk.u[1] <= wanted.scalars[CHORD]:
-                complete(form, roll, chain, desk, trial)
-                forward(chain, trial, T)
-                position, orientation = errors(T, goal)
-                error = weighted_error(T, goal)
-                if error < best:
-                    best = error
-                    for i in range(len(q)):
-                        q[i] = trial[i]
-                if position <= tuning[3] and orientation <= tuning[4]:
-                    return Search(FOUND, seen, 0.0, trial, 0.0, error)
             if volume(desk) < tuning[2] * before:
                 store_box(stack, count, desk)
                 count += 1
@@ -231,6 +544,18 @@ def exclude(
         desk.c[i] = centre + half
         store_box(stack, count + 1, desk)
         count += 2
+        kept += 1
+        if spread < 1.5 and kept % _TRIAL == 0:
+            approach(form, wanted, roll, chain, desk, trial)
+            forward(chain, trial, T)
+            position, orientation = errors(T, goal)
+            error = weighted_error(T, goal)
+            if error < best:
+                best = error
+                for j in range(len(q)):
+                    q[j] = trial[j]
+            if position <= tuning[3] and orientation <= tuning[4]:
+                return Search(FOUND, seen, 0.0, trial, 0.0, error)
     largest = stuck
     for k in range(count):
         for i in range(dof):
@@ -239,7 +564,190 @@ def exclude(
     return Search(ENDED if ended else STOPPED, seen, largest, q, 0.0, best)
 
 
+@kernel
+def examine(form: Form, wanted: Wanted, roll: Roll, boxes: Array, ceiling: float, passes: int) -> Array:
+    """Test boxes one by one, without cutting them in half; for tests and pictures.
+
+    Args:
+        form: The part of the arm that the boxes are about.
+        wanted: What is asked of it.
+        roll: The last joint, where it is divided out.
+        boxes: (k, 2 dof): centres and half widths.
+        ceiling: Weighted error to stay below, or negative: the tolerances decide.
+        passes: Forms tried to second order; 0 leaves it at first order.
+
+    Returns:
+        Of each: 1 if anything may be left, else 0; lower bound of the weighted error; the box that is left, (k, 2 + 2 dof).
+    """
+    dof = boxes.shape[1] // 2
+    desk = make_desk(len(form.leader), dof)
+    result = np.empty((len(boxes), 2 + 2 * dof))
+    for row in range(len(boxes)):
+        load_box(boxes, row, desk)
+        desk.out[1] = 0.0
+        place(form, desk)
+        widths(form, desk)
+        kept = first_order(form, wanted, desk, ceiling)
+        if kept and passes > 0:
+            kept = second_order(form, wanted, desk, ceiling, passes)
+            if kept and roll.present and ceiling < 0.0:
+                kept = roll_fits(form, wanted, roll, desk)
+        result[row, 0] = 1.0 if kept else 0.0
+        result[row, 1] = desk.out[1]
+        for i in range(dof):
+            result[row, 2 + i] = desk.c[i]
+            result[row, 2 + dof + i] = desk.h[i]
+    return result
+
+
 @inner
-def form_dof(boxes: Array) -> Array:
-    """A view as long as the boxes have variables."""
-    return boxes[0, : boxes.shape[1] // 2]
+def sift_up(heap: Array, order: Indices, at: int) -> None:
+    """Bring the entry at `at` up to its place; `heap` holds the bound of each row, `order` the rows."""
+    while at > 0:
+        parent = (at - 1) // 2
+        if heap[order[parent]] <= heap[order[at]]:
+            return
+        order[parent], order[at] = order[at], order[parent]
+        at = parent
+
+
+@inner
+def sift_down(heap: Array, order: Indices, size: int) -> None:
+    """Bring the entry at the top down to its place."""
+    at = 0
+    while True:
+        child = 2 * at + 1
+        if child >= size:
+            return
+        if child + 1 < size and heap[order[child + 1]] < heap[order[child]]:
+            child += 1
+        if heap[order[at]] <= heap[order[child]]:
+            return
+        order[child], order[at] = order[at], order[child]
+        at = child
+
+
+@kernel
+def enclose(
+    form: Form,
+    wanted: Wanted,
+    roll: Roll,
+    chain: ChainArrays,
+    goal: GoalArrays,
+    boxes: Array,
+    q: Array,
+    tuning: Array,
+    budget: int,
+) -> Search:
+    """Enclose the least weighted error inside the limits, best box first.
+
+    Args:
+        form: The part of the arm that the boxes are about.
+        wanted: What is asked of it.
+        roll: The last joint, where it is divided out.
+        chain: The arm again, to judge joint values by plain forward kinematics.
+        goal: The goal as it was asked.
+        boxes: Boxes to start with, (k, 2 dof): centres and half widths.
+        q: The best joint values known, (n,).
+        tuning: Largest spread for the second order [rad], passes, shrink that earns another look, relative gap.
+        budget: Boxes to examine.
+    """
+    dof, count, seen = boxes.shape[1] // 2, len(boxes), 0
+    desk = make_desk(len(form.leader), dof)
+    capacity = 1024 + count
+    rows, bound, order = np.empty((capacity, 2 * dof)), np.zeros(capacity), np.empty(capacity, dtype=np.int64)
+    rows[:count] = boxes
+    for i in range(count):
+        order[i] = i
+    used = count
+    best, trial, T = q.copy(), q.copy(), np.empty((3, 4))
+    forward(chain, q, T)
+    upper = weighted_error(T, goal)
+    ceiling = (1.0 - tuning[3]) * upper
+    stuck_bound, stuck_width = np.inf, 0.0
+    while count > 0 and seen < budget:
+        row = order[0]
+        if bound[row] >= ceiling:
+            break
+        load_box(rows, row, desk)
+        desk.out[1] = bound[row]
+        kept = True
+        while True:
+            seen += 1
+            place(form, desk)
+            widths(form, desk)
+            kept = first_order(form, wanted, desk, ceiling)
+            spread = 0.0
+            for k in range(len(form.leader)):
+                spread += 0.0 if form.prismatic[k] else desk.half[k]
+            if not kept or spread >= tuning[0]:
+                break
+            before = volume(desk)
+            if roll.present:
+                turn_goal(form, wanted, desk)
+                roll_fits(form, wanted, roll, desk)
+            complete(form, roll, chain, desk, trial)
+            kept = second_order(form, wanted, desk, ceiling, int(tuning[1]))
+            if desk.out[0] < upper:
+                forward(chain, trial, T)
+                error = weighted_error(T, goal)
+                if error < upper:
+                    upper = error
+                    ceiling = (1.0 - tuning[3]) * upper
+                    for i in range(len(q)):
+                        best[i] = trial[i]
+            if not kept or volume(desk) > tuning[2] * before or seen >= budget:
+                break
+        below = desk.out[1]
+        if kept and below < ceiling:
+            i = widest(form, wanted, desk)
+            if desk.h[i] < 1e-10 * (1.0 + abs(desk.c[i])):
+                stuck_bound, stuck_width = min(stuck_bound, below), max(stuck_width, desk.h[i])
+                kept = False
+        if not kept or below >= ceiling:
+            count -= 1
+            order[0], order[count] = order[count], order[0]
+            sift_down(bound, order, count)
+            continue
+        if count + 1 > used and used == capacity:
+            rows, bound, order = grown(rows, bound, order)
+            capacity = len(bound)
+        centre, half = desk.c[i], 0.5 * desk.h[i]
+        desk.h[i] = half + LEAST
+        desk.c[i] = centre - half
+        store_box(rows, row, desk)
+        bound[row] = below
+        sift_down(bound, order, count)
+        if count == used:
+            order[count] = used
+            used += 1
+        desk.c[i] = centre + half
+        store_box(rows, order[count], desk)
+        bound[order[count]] = below
+        sift_up(bound, order, count)
+        count += 1
+    lower, largest, outcome = ceiling, stuck_width, ENDED
+    for k in range(count):
+        if bound[order[k]] < ceiling:
+            outcome = STOPPED
+            lower = min(lower, bound[order[k]])
+            for i in range(dof):
+                largest = max(largest, rows[order[k], dof + i])
+    if stuck_bound < ceiling:
+        lower, outcome = min(lower, stuck_bound), STOPPED
+    return Search(outcome, seen, largest, best, lower, upper)
+
+
+@kernel
+def grown(rows: Array, bound: Array, order: Indices) -> tuple[Array, Array, Indices]:
+    """Twice the room for boxes."""
+    more = 2 * len(bound)
+    new_rows, new_bound, new_order = (
+        np.empty((more, rows.shape[1])),
+        np.zeros(more),
+        np.empty(more, dtype=np.int64),
+    )
+    new_rows[: len(bound)] = rows
+    new_bound[: len(bound)] = bound
+    new_order[: len(bound)] = order
+    return new_rows, new_bound, new_order

@@ -1,0 +1,1 @@
+"""Other inverse kinematics on the same targets, each from its wheel."""

@@ -1,0 +1,209 @@
+"""One peer on one arm, in its own environment: reads targets, writes answers and the time of every call.
+
+Imports NumPy and the peer, nothing of kinseek. Settings are the best that were found: restarts on, tolerances brought to
+1e-6, limits on. A peer is never seeded from the answer; one that wants a start gets the middle of the ranges.
+
+    python worker.py PEER INPUT.npz OUTPUT.npz
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+Solve = Callable[[Any], Any]
+"""A (4, 4) target to joint values, (n,), or None."""
+
+DISTRIBUTIONS = {
+    "EAIK": "EAIK",
+    "ssik": "ssik",
+    "OptIK": "optik-py",
+    "TRAC-IK": "pytracik",
+    "Robotics Toolbox": "roboticstoolbox-python",
+    "pinocchio loop": "pin",
+}
+
+
+def eaik(arm: Any) -> Solve:
+    """Every branch in closed form, then the first inside the limits; exact ones before least-squares ones."""
+    from eaik.IK_HP import HPRobot
+
+    if len(arm["lower"]) != 6:
+        raise RuntimeError("six joints only")
+    robot = HPRobot(arm["axes"], arm["offsets"])
+    if not robot.hasKnownDecomposition():
+        raise RuntimeError("no closed form known")
+    lower, upper, turn = arm["lower"], arm["upper"], arm["turn"]
+    middle = (lower + upper) / 2
+    two_pi = 2 * np.pi
+
+    def solve(T: Any) -> Any:
+        turned = T.copy()
+        turned[:3, :3] = T[:3, :3] @ turn
+        found = robot.IK(turned)
+        q = np.asarray(found.Q)
+        if not len(q):
+            return None
+        q = middle + (q - middle + np.pi) % two_pi - np.pi
+        inside = ((q >= lower) & (q <= upper)).all(axis=1)
+        exact = inside & ~np.asarray(found.is_LS, dtype=bool)
+        first = int((exact if exact.any() else inside).argmax())
+        return q[first] if inside[first] else None
+
+    return solve
+
+
+def ssik(arm: Any) -> Solve:
+    """The artifact that ``ssik build`` writes for an arm, asked for one answer."""
+    folder = Path(str(arm["folder"]))
+    path = folder / f"{arm['name']}_ssik.py"
+    if len(arm["lower"]) != 6:
+        raise RuntimeError("built for six joints only here")
+    if not path.is_file():
+        command = [str(Path(sys.executable).with_name("ssik")), "build", str(arm["urdf"]), "--no-validate"]
+        links = ["--base", str(arm["base"]), "--ee", str(arm["tip"]), "--out", str(path)]
+        done = subprocess.run([*command, *links], capture_output=True, text=True, timeout=180, check=False)
+        if done.returncode or not path.is_file():
+            raise RuntimeError(f"artifact did not build: {done.stderr.strip().splitlines()[-1:]}")
+    specification = importlib.util.spec_from_file_location(path.stem, path)
+    if specification is None or specification.loader is None:
+        raise RuntimeError(f"cannot import {path.name}")
+    artifact = importlib.util.module_from_spec(specification)
+    sys.modules[path.stem] = artifact
+    specification.loader.exec_module(artifact)
+
+    def solve(T: Any) -> Any:
+        found = artifact.solve(T, max_solutions=1, enumerate_windings=False)
+        return found[0].q if found else None
+
+    return solve
+
+
+def optik(arm: Any) -> Solve:
+    """Random restarts of an SQP solver, one thread."""
+    from optik import Robot, SolverConfig
+
+    robot = Robot.from_urdf_file(str(arm["urdf"]), str(arm["base"]), str(arm["tip"]))
+    robot.set_parallelism(1)
+    config, start = SolverConfig("speed", max_time=0.1, tol_f=2.5e-13), (arm["lower"] + arm["upper"]) / 2
+
+    def solve(T: Any) -> Any:
+        found = robot.ik(config, T, start)
+        return None if found is None else found[0]
+
+    return solve
+
+
+def trac_ik(arm: Any) -> Solve:
+    """KDL with restarts beside an SQP solver."""
+    from trac_ik import TracIK
+
+    solver = TracIK(str(arm["base"]), str(arm["tip"]), str(arm["urdf"]), timeout=0.05, epsilon=5e-7)
+    start = (arm["lower"] + arm["upper"]) / 2
+
+    def solve(T: Any) -> Any:
+        return solver.ik(T[:3, 3], T[:3, :3], start)
+
+    return solve
+
+
+def robotics_toolbox(arm: Any) -> Solve:
+    """Levenberg-Marquardt in C++ with restarts, tuned: by default its tolerance is on the squared error."""
+    from roboticstoolbox import ET, ETS
+
+    chain, lower, upper = [], arm["lower"], arm["upper"]
+    for i, A in enumerate(arm["fixed"]):
+        square = np.vstack([A, [0.0, 0.0, 0.0, 1.0]])
+        chain.append(ET.SE3(square))
+        if i < len(lower):
+            chain.append(ET.Rz(qlim=np.array([lower[i], upper[i]])))
+    ets, start = ETS(chain), (lower + upper) / 2
+
+    def solve(T: Any) -> Any:
+        found = ets.ik_LM(T, q0=start, method="chan", k=0.1, tol=1e-13, ilimit=30, slimit=100, joint_limits=True)
+        return found[0]
+
+    return solve
+
+
+def pinocchio_loop(arm: Any) -> Solve:
+    """The loop of pinocchio's manual, with clamping and up to 100 random restarts."""
+    import pinocchio as pin
+
+    model = pin.buildModelFromUrdf(str(arm["urdf"]))
+    others = [joint for joint in model.names[1:] if joint not in set(arm["joints"].tolist())]
+    locked = [model.getJointId(joint) for joint in others]
+    model = pin.buildReducedModel(model, locked, pin.neutral(model))
+    if model.nq != len(arm["lower"]):
+        raise RuntimeError("continuous joints are two numbers in pinocchio: left out")
+    data, frame, base = model.createData(), model.getFrameId(str(arm["tip"])), model.getFrameId(str(arm["base"]))
+    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    root, lower, upper = data.oMf[base].copy(), arm["lower"], arm["upper"]
+    rng = np.random.default_rng(0)
+
+    def solve(T: Any) -> Any:
+        target, q = root * pin.SE3(T), (lower + upper) / 2
+        for _ in range(100):
+            for _ in range(100):
+                pin.framesForwardKinematics(model, data, q)
+                error = data.oMf[frame].actInv(target)
+                twist = pin.log6(error).vector
+                if np.linalg.norm(twist[:3]) < 5e-7 and np.linalg.norm(twist[3:]) < 5e-7:
+                    return q
+                J = pin.computeFrameJacobian(model, data, q, frame)
+                J = pin.Jlog6(error.inverse()) @ J
+                step = J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(6), twist)
+                q = np.clip(q + step, lower, upper)
+            q = rng.uniform(lower, upper)
+        return None
+
+    return solve
+
+
+PEERS: dict[str, Callable[[Any], Solve]] = {
+    "EAIK": eaik,
+    "ssik": ssik,
+    "OptIK": optik,
+    "TRAC-IK": trac_ik,
+    "Robotics Toolbox": robotics_toolbox,
+    "pinocchio loop": pinocchio_loop,
+}
+
+
+def limit_memory(gigabytes: int) -> None:
+    """Keep a peer that runs away from taking the machine with it."""
+    try:
+        import resource
+    except ImportError:
+        return
+    resource.setrlimit(resource.RLIMIT_AS, (gigabytes << 30, gigabytes << 30))
+
+
+def main() -> None:
+    """Solve every target once, after some to warm up."""
+    name, source, destination = sys.argv[1:]
+    limit_memory(8)
+    arm = dict(np.load(source, allow_pickle=False))
+    solve, targets = PEERS[name](arm), arm["targets"]
+    for T in targets[:20]:
+        solve(T)
+    answers, times = np.full((len(targets), len(arm["lower"])), np.nan), np.empty(len(targets))
+    for i, T in enumerate(targets):
+        began = time.perf_counter_ns()
+        q = solve(T)
+        times[i] = (time.perf_counter_ns() - began) / 1e3
+        if q is not None:
+            answers[i] = q
+    np.savez(destination, q=answers, times=times, version=version(DISTRIBUTIONS[name]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,189 @@
+"""Many goals at once: each lane refines a goal of its own, and takes the next when it is done."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .arrays import Array, GoalArrays, Indices
+from .atlas import complete_seed
+from .desk import Desk, Job, Task, desk_size, make_desk, task_of
+from .jit import inner, kernel
+from .lanes import LANES
+from .pointers import integer_part
+from .refine import (
+    FIRST,
+    FIRST_STEPS,
+    MARGIN,
+    finish,
+    iterate,
+    load_seed,
+    look_up,
+    middle,
+    reset_weights,
+    see,
+    solve_pose,
+    within,
+)
+
+
+class Queue(NamedTuple):
+    """What each lane of a batch is at."""
+
+    target: Indices
+    """Number of its target; -1 before the first, -2 when there are no more, (LANES,)."""
+    next: Indices
+    """Which of its samples comes next, (LANES,)."""
+    found: Indices
+    """How many samples it has, (LANES,)."""
+    steps: Indices
+    """Steps made from the current sample, (LANES,)."""
+    spent: Indices
+    """FK evaluations spent on the target, (LANES,)."""
+    neighbour: Indices
+    """Its samples, (LANES · FIRST,)."""
+
+
+@inner
+def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int) -> bool:
+    """Put lane l at the next sample of its target that is worth a try; say whether there was one."""
+    for r in range(3):
+        for c in range(4):
+            desk.spare[r, c] = targets[queue.target[l], r, c]
+    see(task, desk, desk.spare)
+    while queue.next[l] < queue.found[l]:
+        i = queue.neighbour[l * FIRST + queue.next[l]]
+        queue.next[l] += 1
+        if complete_seed(
+            task.atlas, task.division, desk.seen, i, task.chain.lower, task.chain.upper, MARGIN, desk.seed
+        ):
+            load_seed(desk.lanes, l, desk.seed)
+            queue.steps[l] = 0
+            for r in range(6):
+                desk.lanes.residual[r * LANES + l] = 0.0  # Stands still until its first evaluation.
+            return True
+    return False
+
+
+@inner
+def next_target(task: Task, desk: Desk, queue: Queue, targets: Array, number: int, l: int) -> bool:
+    """Give lane l a target and its nearest samples; say whether one of them is worth a try."""
+    queue.target[l], queue.next[l], queue.spent[l] = number, 0, 0
+    for r in range(3):
+        for c in range(4):
+            desk.spare[r, c] = targets[number, r, c]
+            desk.lanes.target[(4 * r + c) * LANES + l] = targets[number, r, c]
+    queue.found[l] = look_up(task, desk, desk.spare, FIRST)
+    for k in range(queue.found[l]):
+        queue.neighbour[l * FIRST + k] = desk.neighbour[k]
+    return next_seed(task, desk, queue, targets, l)
+
+
+@kernel
+def solve_many(
+    handle: Indices, wanted: Array, targets: Array, results: Array, begin: int, end: int, w: int
+) -> None:
+    """Answer targets begin … end-1, one in each lane, a lane that is done taking the next.
+
+    A target's lane walks exactly as lane after lane does in `solve_pose`: the same bits come out. What its first eight
+    samples do not solve is left to `solve_pose`'s own way afterwards.
+
+    Args:
+        handle: The task, see `task_of`.
+        wanted: See `task_of`.
+        targets: Rigid transforms, (k, 4, 4), lengths in [m].
+        results: Receives what `solve_pose` returns, (k, n + 4).
+        begin: First target.
+        end: One past the last target.
+        w: LANES.
+    """
+    task = task_of(handle, wanted)
+    dof, joints = len(task.lower), len(task.chain.leader)
+    memory = np.empty(desk_size(dof, joints))
+    desk = make_desk(memory, dof, joints)
+    _lanes, numbers = desk.lanes, np.zeros((5 + FIRST) * LANES, dtype=np.int64)
+    at = numbers.ctypes.data
+    queue = Queue(
+        integer_part(at, 0, LANES),
+        integer_part(at, LANES, LANES),
+        integer_part(at, 2 * LANES, LANES),
+        integer_part(at, 3 * LANES, LANES),
+        integer_part(at, 4 * LANES, LANES),
+        integer_part(at, 5 * LANES, FIRST * LANES),
+    )
+    left = np.empty(end - begin, dtype=np.int64)
+    run_lanes(Job(handle, wanted, memory), task, desk, queue, targets, results, left, begin, end, w)
+    count = 0
+    while count < end - begin and left[count] >= 0:
+        i = left[count]
+        results[i] = solve_pose(handle, wanted, targets[i], w)
+        count += 1
+
+
+@inner
+def run_lanes(
+    job: Job,
+    task: Task,
+    desk: Desk,
+    queue: Queue,
+    targets: Array,
+    results: Array,
+    left: Indices,
+    begin: int,
+    end: int,
+    w: int,
+) -> None:
+    """Work the queue off; numbers of the targets left over go into `left`, closed by -1 if there is room."""
+    lanes, _dof = desk.lanes, len(task.lower)
+    reset_weights(task, desk)
+    leftover, number, active = 0, begin, LANES
+    for l in range(LANES):
+        queue.target[l] = -1
+        for r in range(6):
+            lanes.residual[r * LANES + l] = 0.0
+    first = True
+    while active > 0:
+        if not first:
+            iterate(job.handle, job.wanted, job.memory, True, w)
+        for l in range(LANES):
+            if queue.target[l] == -2:
+                continue
+            busy = queue.target[l] >= 0
+            if busy:
+                queue.spent[l] += 1
+                done = within(task, lanes, l)
+                if done:
+                    write_result(task, desk, queue, targets, results, l)
+                busy = not done
+                if busy and queue.steps[l] == FIRST_STEPS:
+                    busy = next_seed(task, desk, queue, targets, l)
+                    if not busy:
+                        left[leftover] = queue.target[l]
+                        leftover += 1
+                else:
+                    queue.steps[l] += 1
+            while not busy and number < end:
+                busy = next_target(task, desk, queue, targets, number, l)
+                if not busy:
+                    left[leftover] = number
+                    leftover += 1
+                number += 1
+            if not busy:
+                queue.target[l] = -2
+                active -= 1
+        first = False
+    if leftover < end - begin:
+        left[leftover] = -1
+
+
+@inner
+def write_result(task: Task, desk: Desk, queue: Queue, targets: Array, results: Array, l: int) -> None:
+    """Judge lane l by plain FK and write its row."""
+    i, dof = queue.target[l], len(task.lower)
+    for j in range(dof):
+        results[i, j] = desk.lanes.q[j, l]
+    goal = GoalArrays(targets[i], task.wanted[2], task.axis_weights)
+    middle(task, desk.seed)
+    finish(task, desk, goal, desk.seed, results[i, :dof], results[i, dof:])
+    results[i, dof + 3] = queue.spent[l]

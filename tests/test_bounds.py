@@ -1,0 +1,137 @@
+"""The bounds of branch and bound: no joint vector of a box may escape them, and a bound too small must be noticed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from chains import serial_chains
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from reference import fk, weighted_error
+from scipy.spatial.transform import Rotation
+
+import kinseek
+from kinseek import Goal, Problem
+from kinseek.kernels.bounds import chord_of
+from kinseek.robots.chain import SerialChain
+from kinseek.solvers.branch_and_bound import Form, error_question, examine, question, start_boxes
+
+Array = NDArray[np.float64]
+
+ARMS = ("planar2", "scara4", "cylindrical3", "panda", "ur5e", "jaco2_6", "ur10e_rail", "pr2_left")
+BOXES = 60
+TURN = 2 * np.pi
+
+
+def awkward_joints(chain: SerialChain, rng: np.random.Generator) -> Array:
+    """Random, often at a limit, often at a multiple of a quarter turn, where arms are singular."""
+    q = rng.uniform(chain.lower, chain.upper)
+    choice = rng.random(chain.dof)
+    q = np.where(choice < 0.1, chain.lower, np.where(choice < 0.2, chain.upper, q))
+    if rng.random() < 0.3:
+        quarter = np.clip(np.round(q / (np.pi / 2)) * np.pi / 2, chain.lower, chain.upper)
+        q = np.where(rng.random(chain.dof) < 0.5, quarter, q)
+    return np.asarray(q)
+
+
+def boxes_around(chain: SerialChain, q: Array, start: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Boxes of all sizes that hold q, some at a face or a corner: boxes, (k, 2 dof), and q as they see it."""
+    count = len(start) // 2
+    middle, half = start[:count], start[count:]
+    away = q[:count] - middle
+    away -= np.where(np.abs(away) > half, np.round(away / TURN) * TURN, 0.0)
+    inside = middle + away
+    narrow = 10.0 ** (-rng.uniform(0, 7, (BOXES, 1)) * (rng.random((BOXES, count)) < 0.8))
+    h = half * narrow
+    off = rng.uniform(-1, 1, (BOXES, count))
+    off = np.where(rng.random((BOXES, count)) < 0.3, np.sign(off), off)
+    c = inside - off * h
+    return np.ascontiguousarray(np.hstack([c, h + 2e-15 * (1 + np.abs(c))])), inside
+
+
+def lost(form: Form, result: Array, q: Array) -> int:
+    """Boxes that were given up though they hold q, or cut so that they no longer do."""
+    count = len(q)
+    away = q - result[:, 2 : 2 + count]
+    half = result[:, 2 + count :]
+    if form.head == 1 and count:  # An angle: any whole turn will do.
+        beyond = np.abs(away[:, 0]) > half[:, 0] + 1e-9
+        away[:, 0] -= np.where(beyond, np.round(away[:, 0] / TURN) * TURN, 0.0)
+    gone = result[:, 0] == 0.0
+    cut = (np.abs(away) > half + 1e-13).any(axis=1)
+    return int((gone | cut).sum())
+
+
+def moved(T: Array, rng: np.random.Generator, place: float, angle: float) -> Array:
+    """A pose `place` [m] and `angle` [rad] away."""
+    result = T.copy()
+    shift, axis = rng.normal(size=(2, 3))
+    result[:3, 3] += place * shift / np.linalg.norm(shift)
+    result[:3, :3] = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix() @ result[:3, :3]
+    return result
+
+
+def goal_near(T: Array, rng: np.random.Generator, place: float, angle: float, **tolerances: float) -> Goal:
+    """A goal of a random kind that a hand at T misses by no more than `place` and `angle`."""
+    G = moved(T, rng, place, angle)
+    kind = rng.choice(["pose", "pose", "pointing", "position"])
+    if kind == "pose":
+        return Goal.pose(G, **tolerances)  # type: ignore[arg-type]
+    if kind == "position":
+        return Goal.position(G[:3, 3], **tolerances)  # type: ignore[arg-type]
+    axis = rng.normal(size=3)
+    return Goal.pointing(G[:3, 3], G[:3, :3] @ axis, tuple(axis), **tolerances)  # type: ignore[arg-type]
+
+
+def reachable_lost(chain: SerialChain, rng: np.random.Generator, trust: float = 1.0) -> int:
+    """Ask for what a joint vector reaches, at the edge of the tolerances; count boxes that lose it."""
+    q = awkward_joints(chain, rng)
+    place, angle = 10.0 ** rng.uniform(-6, -2, 2)
+    edge = 0.999999 * rng.integers(0, 2)
+    goal = goal_near(
+        fk(chain, q), rng, edge * place, edge * angle, position_tolerance=place, orientation_tolerance=angle
+    )
+    form, wanted, roll = question(Problem(chain, goal), trust)
+    boxes, inside = boxes_around(chain, q, start_boxes(chain, roll.present)[0], rng)
+    return lost(form, examine(form, wanted, roll, boxes, -1.0, 2), inside)
+
+
+def nearest_lost(chain: SerialChain, rng: np.random.Generator, trust: float = 1.0) -> int:
+    """Ask for any pose, with the error of a joint vector as the ceiling; count boxes that lose it."""
+    q = awkward_joints(chain, rng)
+    T = fk(chain, q)
+    goal = goal_near(T, rng, 10.0 ** rng.uniform(-3, 0), 10.0 ** rng.uniform(-3, 0.3))
+    error = weighted_error(T, goal)
+    form, wanted, roll = error_question(Problem(chain, goal), q, rng.choice([0.01, 0.99]), trust)
+    boxes, inside = boxes_around(chain, q, start_boxes(chain, roll.present)[0], rng)
+    result = examine(form, wanted, roll, boxes, error * (1 + 1e-12) + 1e-12, int(rng.integers(0, 3)))
+    return lost(form, result, inside) + int((result[:, 1] > error + 1e-11).sum())
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_no_box_loses_what_it_holds(name: str) -> None:
+    chain, rng = kinseek.load(name).chain, np.random.default_rng(0)
+    assert sum(reachable_lost(chain, rng) for _ in range(100)) == 0
+    assert sum(nearest_lost(chain, rng) for _ in range(100)) == 0
+
+
+@settings(max_examples=60, deadline=None)
+@given(chain=serial_chains(), seed=st.integers(0, 2**32 - 1))
+def test_no_box_loses_what_it_holds_on_any_chain(chain: SerialChain, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    assert sum(reachable_lost(chain, rng) for _ in range(3)) == 0
+    assert sum(nearest_lost(chain, rng) for _ in range(3)) == 0
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_bounds_one_percent_too_small_are_caught(name: str) -> None:
+    chain, rng = kinseek.load(name).chain, np.random.default_rng(0)
+    assert sum(reachable_lost(chain, rng, trust=0.99) for _ in range(100)) > 0
+    assert sum(nearest_lost(chain, rng, trust=0.99) for _ in range(100)) > 0
+
+
+def test_the_chord_is_an_upper_bound_and_tight() -> None:
+    for angle in np.linspace(0, 4, 4001):
+        chord = 2 * np.sin(min(angle, np.pi) / 2)
+        assert chord - 1e-15 <= chord_of(float(angle)) <= chord * 1.01 + 1e-15

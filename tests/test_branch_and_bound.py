@@ -1,0 +1,176 @@
+"""Proofs: checked by grids, sound where a goal is in reach, valid however early they stop."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from reference import errors, fk, weighted_error
+from scipy.spatial.transform import Rotation
+
+import kinseek
+from kinseek import Goal, Problem
+from kinseek.certificate import Certificate, Verdict
+from kinseek.errors import InvalidGoal, InvalidProblem
+from kinseek.robots.chain import SerialChain
+from kinseek.solvers.branch_and_bound import ENDED, excluded, prove
+
+Array = NDArray[np.float64]
+
+FLEET = (
+    "panda",
+    "iiwa14",
+    "ur5e",
+    "puma560",
+    "jaco2_6",
+    "ur10e_rail",
+    "so101",
+    "scara4",
+    "planar2",
+    "cylindrical3",
+)
+
+
+def certificate(arm: kinseek.Arm, goal: Goal, **options: float) -> Certificate:
+    return prove(Problem(arm.chain, goal), **options)  # type: ignore[arg-type]
+
+
+def grid_errors(chain: SerialChain, goal: Goal, steps: int) -> tuple[float, float]:
+    """Least weighted error over a grid, and how much less it could be between the nodes."""
+    axes = [np.linspace(low, high, steps) for low, high in zip(chain.lower, chain.upper, strict=True)]
+    least = min(weighted_error(fk(chain, q), goal) for q in product(*axes))
+    half = (chain.upper - chain.lower) / (steps - 1) / 2
+    lengths = np.linalg.norm(chain.fixed[1:, :, 3], axis=1).sum() + np.abs(chain.upper[chain.prismatic]).sum()
+    slope = goal.position_weight * max(lengths, 1.0) + 2 * goal.orientation_weight
+    return least, float(slope * half.sum())
+
+
+@pytest.mark.parametrize(("name", "steps"), [("planar2", 61), ("cylindrical3", 17)])
+def test_lower_bounds_hold_against_a_grid(name: str, steps: int) -> None:
+    arm, rng = kinseek.load(name), np.random.default_rng(0)
+    for _ in range(12):
+        T = arm.fk(rng.uniform(arm.lower, arm.upper))
+        T[:3, 3] += rng.normal(size=3) * 0.3
+        T[:3, :3] = Rotation.from_rotvec(rng.normal(size=3) * 0.5).as_matrix() @ T[:3, :3]
+        goal = Goal.pose(T)
+        found = certificate(arm, goal, gap=0.01)
+        least, between = grid_errors(arm.chain, goal, steps)
+        assert found.verdict is Verdict.UNREACHABLE
+        assert found.lower_bound <= least
+        assert found.upper_bound >= least - between
+        assert found.gap <= 0.01 + 1e-9
+        assert found.upper_bound == pytest.approx(weighted_error(fk(arm.chain, found.q), goal), abs=1e-12)
+
+
+@pytest.mark.parametrize("name", FLEET)
+def test_what_is_in_reach_is_never_called_unreachable(name: str) -> None:
+    arm, rng = kinseek.load(name), np.random.default_rng(1)
+    for trial in range(25):
+        q = rng.uniform(arm.lower, arm.upper)
+        choice = rng.random(arm.dof)
+        q = np.where(choice < 0.15, arm.lower, np.where(choice < 0.3, arm.upper, q))
+        if trial % 3 == 0:
+            q = np.clip(np.round(q / (np.pi / 2)) * np.pi / 2, arm.lower, arm.upper)
+        place, angle = 10.0 ** rng.uniform(-6, -2, 2)
+        goal = Goal.pose(arm.fk(q), position_tolerance=place, orientation_tolerance=angle)
+        search = excluded(Problem(arm.chain, goal), 3000)
+        assert search.outcome != ENDED, q
+
+
+@pytest.mark.parametrize("name", FLEET)
+def test_the_verdict_in_reach_comes_with_a_witness(name: str) -> None:
+    arm, rng = kinseek.load(name), np.random.default_rng(2)
+    for _ in range(5):
+        goal = Goal.pose(arm.fk(rng.uniform(arm.lower, arm.upper)))
+        found = certificate(arm, goal)
+        assert found.verdict is Verdict.REACHABLE
+        place, angle = errors(fk(arm.chain, found.q), goal)
+        assert place <= 1e-6 + 1e-12
+        assert angle <= 1e-6 + 1e-9
+        assert (found.q >= arm.lower).all()
+        assert (found.q <= arm.upper).all()
+        assert found.lower_bound <= found.upper_bound
+
+
+@pytest.mark.parametrize("name", FLEET)
+def test_far_goals_are_proved_unreachable(name: str) -> None:
+    arm, rng = kinseek.load(name), np.random.default_rng(3)
+    for _ in range(3):
+        T = arm.fk(rng.uniform(arm.lower, arm.upper))
+        T[:3, 3] += 5.0 * T[:3, 0]
+        for goal in (Goal.pose(T), Goal.position(T[:3, 3]), Goal.pointing(T[:3, 3], [1, 2, 3])):
+            found = certificate(arm, goal)
+            assert found.verdict is Verdict.UNREACHABLE
+            assert 0.0 < found.lower_bound <= found.upper_bound
+            assert found.largest_box == 0.0
+            assert "Unreachable" in str(found)
+
+
+def test_goals_beyond_the_limits_of_the_last_joint() -> None:
+    arm = kinseek.load("puma560")
+    narrow = arm.chain.upper.copy()
+    narrow[-1] = 0.5
+    chain = SerialChain(**{**vars_of(arm.chain), "upper": narrow})
+    q = np.array([0.4, -0.7, 0.6, 0.8, 0.9, 0.8])
+    assert prove(Problem(arm.chain, Goal.pose(arm.fk(q)))).verdict is Verdict.REACHABLE
+    answers = prove(Problem(chain, Goal.pose(arm.fk(q))))
+    assert answers.q[-1] <= 0.5
+    if answers.verdict is Verdict.REACHABLE:
+        assert answers.position_error <= 1e-6
+    q[-1] = 0.5
+    assert prove(Problem(chain, Goal.pose(arm.fk(q)))).verdict is Verdict.REACHABLE
+
+
+def vars_of(chain: SerialChain) -> dict[str, object]:
+    names = ("name", "base", "tip", "joint_names", "kinds", "lower", "upper", "fixed", "prismatic", "leader")
+    return {name: getattr(chain, name) for name in (*names, "multiplier", "offset", "source")}
+
+
+@pytest.mark.parametrize("budget", [0, 1, 10, 100, 1000, 10000])
+def test_any_budget_gives_valid_bounds(budget: int) -> None:
+    arm = kinseek.load("puma560")
+    T = arm.fk(np.full(6, 0.3))
+    T[:3, 3] *= 1.3
+    goal = Goal.pose(T)
+    full = certificate(arm, goal, gap=0.02)
+    early = certificate(arm, goal, gap=0.02, budget=budget)
+    assert early.boxes <= budget
+    assert early.lower_bound <= full.upper_bound
+    assert full.lower_bound <= early.upper_bound
+    assert early.verdict is not Verdict.REACHABLE
+    assert (early.verdict is Verdict.UNDECIDED) == (early.lower_bound == 0.0)
+    if budget == 0:
+        assert early.verdict is Verdict.UNDECIDED
+        assert early.largest_box > 1.0
+
+
+def test_the_same_call_gives_the_same_certificate() -> None:
+    arm = kinseek.load("ur5e")
+    T = arm.fk(np.full(6, 0.5))
+    T[:3, 3] *= 1.4
+    first, second = (certificate(arm, Goal.pose(T), gap=0.1) for _ in range(2))
+    assert (first.lower_bound, first.upper_bound, first.boxes) == (
+        second.lower_bound,
+        second.upper_bound,
+        second.boxes,
+    )
+    np.testing.assert_array_equal(first.q, second.q)
+
+
+def test_what_is_no_question_is_an_error() -> None:
+    arm = kinseek.load("planar2")
+    goal = Goal.pose(arm.fk([0.1, 0.2]))
+    with pytest.raises(InvalidProblem, match="one target"):
+        certificate(arm, Goal.pose(np.zeros((0, 4, 4))))
+    with pytest.raises(InvalidProblem, match="one target"):
+        certificate(arm, Goal.pose(goal.target[None]))
+    with pytest.raises(InvalidProblem, match="gap"):
+        certificate(arm, goal, gap=0.0)
+    with pytest.raises(InvalidProblem, match="gap"):
+        certificate(arm, goal, gap=np.nan)
+    with pytest.raises(InvalidProblem, match="budget"):
+        certificate(arm, goal, budget=-1)
+    with pytest.raises(InvalidGoal, match="tolerance"):
+        Goal.pose(goal.target, position_tolerance=-1.0)
