@@ -169,9 +169,9 @@ def table(rows: list[Row], misses: list[Miss]) -> str:
         "",
         "Made by `python -m benchmarks.fleet`. " + machine() + ".",
         "",
-        f"{first.random:,} targets from joint values uniform inside the limits and {first.singular:,} near singularities and",
-        "limits, an arm; no seed. Solved: within 1e-6 m and 1e-6 rad by plain NumPy FK, and inside the limits. One pose:",
-        "`arm.ik(T)` from Python, 5,000 calls. Batch: one thread. Medians.",
+        f"{first.random:,} targets from joint values uniform inside the limits and {first.singular:,} near singularities",
+        "and limits, an arm; no seed. Solved: within 1e-6 m and 1e-6 rad by plain NumPy FK, and inside the limits.",
+        "One pose: `arm.ik(T)` from Python, 5,000 calls. Batch: one thread. Medians.",
         "",
         "| arm | joints | solved, random % | solved, near singular % | one pose µs | p99 µs | batch µs a pose | "
         "near singular µs a pose | two cores | build ms | memory MB |",

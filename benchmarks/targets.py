@@ -57,7 +57,7 @@ def pose_errors(T: Array, targets: Array) -> tuple[Array, Array]:
 
 def strict(chain: SerialChain, q: Array, targets: Array, tolerance: float = STRICT) -> NDArray[np.bool_]:
     """Which joint vectors, (k, n), reach their targets, (k, 4, 4), inside the limits."""
-    away, angle = pose_errors(plain_fk(chain, q), targets)
+    away, angle = pose_errors(plain_fk(chain, np.nan_to_num(q)), targets)
     inside = ((q >= chain.lower) & (q <= chain.upper)).all(axis=1)
     return np.asarray(inside & (away <= tolerance) & (angle <= tolerance))
 

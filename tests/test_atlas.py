@@ -11,13 +11,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from benchmarks.targets import plain_fk, pose_errors, random_joints
 from numpy.typing import NDArray
-from reference import errors, weighted_error
 
 import kinseek
-from benchmarks.targets import plain_fk, pose_errors, random_joints
 from kinseek.robots.chain import Joint, rotation, serial_chain, transform
 from kinseek.solvers.atlas import AtlasIndex
+from reference import errors, weighted_error
 
 Array = NDArray[np.float64]
 
@@ -146,7 +146,9 @@ def far_targets(arm: kinseek.Arm, count: int, seed: int) -> Array:
     targets = targets_of(arm, count, seed)
     length = np.linalg.norm(arm.chain.fixed[:, :, 3], axis=1).sum()
     out = rng.normal(size=(count, 3))
-    targets[:, :3, 3] = rng.uniform(1.0, 2.0, (count, 1)) * length * out / np.linalg.norm(out, axis=1)[:, None]
+    targets[:, :3, 3] = (
+        rng.uniform(1.0, 2.0, (count, 1)) * length * out / np.linalg.norm(out, axis=1)[:, None]
+    )
     return targets
 
 
@@ -205,13 +207,22 @@ def test_goals_in_odd_places_are_solved_or_honestly_not(name: str) -> None:
     length = float(np.linalg.norm(arm.chain.fixed[:, :, 3], axis=1).sum())
     first = arm.chain.fixed[0]
     turns = [np.eye(3), np.diag([1.0, -1.0, -1.0]), rotation(np.array([0.0, 1.0, 0.0]), np.pi / 2)[:3, :3]]
-    places = [np.zeros(3), first[:, 3], first[:, 3] + 0.3 * length * first[:, 2], first[:, 3] + length * first[:, 0]]
+    places = [
+        np.zeros(3),
+        first[:, 3],
+        first[:, 3] + 0.3 * length * first[:, 2],
+        first[:, 3] + length * first[:, 0],
+    ]
     targets = np.array([transform(turn, place) for turn in turns for place in places])
     solution = arm.ik(targets)
     away, angle = pose_errors(plain_fk(arm.chain, solution.q), targets)
     np.testing.assert_allclose(solution.position_error, away, atol=1e-12)
-    np.testing.assert_allclose(solution.orientation_error, angle, atol=1e-7)  # Near π the plain formula is rough.
-    np.testing.assert_array_equal(solution.success, (solution.position_error <= 1e-6) & (solution.orientation_error <= 1e-6))
+    np.testing.assert_allclose(
+        solution.orientation_error, angle, atol=1e-7
+    )  # Near π the plain formula is rough.
+    np.testing.assert_array_equal(
+        solution.success, (solution.position_error <= 1e-6) & (solution.orientation_error <= 1e-6)
+    )
 
 
 def test_a_reachable_pose_on_the_first_axis_is_solved() -> None:
@@ -227,7 +238,13 @@ def test_a_reachable_pose_on_the_first_axis_is_solved() -> None:
 @pytest.mark.parametrize("name", ["planar2", "elbow6", "panda", "ur5e", "irb120"])
 def test_stretched_and_folded_arms_are_solved(name: str) -> None:
     arm = kinseek.load(name)
-    for q in (np.zeros(arm.dof), arm.lower, arm.upper, np.full(arm.dof, np.pi / 2), np.full(arm.dof, -np.pi / 2)):
+    for q in (
+        np.zeros(arm.dof),
+        arm.lower,
+        arm.upper,
+        np.full(arm.dof, np.pi / 2),
+        np.full(arm.dof, -np.pi / 2),
+    ):
         assert arm.ik(arm.fk(np.clip(q, arm.lower, arm.upper))).success
 
 
@@ -325,7 +342,10 @@ def random_arm(kinds: str, seed: int, limit: float | None = None, follower: str 
 ODD_ARMS = [
     *(random_arm("R" * n, n) for n in range(1, 21)),
     *(random_arm("P" * n, 30 + n) for n in range(1, 5)),
-    *(random_arm(kinds, 40) for kinds in ("PRRRRR", "RRRRRP", "PRRRRRP", "PP" + "R" * 5, "RRPRR", "PRP", "C", "CCCCCC", "RCRCRCR")),
+    *(
+        random_arm(kinds, 40)
+        for kinds in ("PRRRRR", "RRRRRP", "PRRRRRP", "PP" + "R" * 5, "RRPRR", "PRP", "C", "CCCCCC", "RCRCRCR")
+    ),
     *(random_arm("R" * 6, 50, follower=where) for where in ("first", "last")),
     *(random_arm("R" * n, 60, follower=where) for n in (1, 3, 7) for where in ("first", "last")),
     *(random_arm("R" * n, 70 + n, limit=turns * np.pi) for n in (3, 6, 7) for turns in (2, 4)),
@@ -361,7 +381,7 @@ def test_the_atlas_is_built_once_and_knows_its_cost() -> None:
     assert isinstance(atlas, AtlasIndex)
     assert arm.atlas is atlas
     assert 0 < atlas.memory <= 10e6
-    assert 0 < atlas.build_time
+    assert atlas.build_time > 0
     assert "samples" in repr(atlas)
 
 

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks.targets import plain_fk, pose_errors, random_joints, singular_joints
 from numpy.typing import NDArray
-from reference import fk
 
 import kinseek
-from benchmarks.targets import plain_fk, pose_errors, random_joints, singular_joints
 from kinseek.robots import catalog_names
+from reference import fk
 
 Array = NDArray[np.float64]
 

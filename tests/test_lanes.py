@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from chains import serial_chains
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from reference import fk
 from scipy.spatial.transform import Rotation
 
 import kinseek
+from chains import serial_chains
 from kinseek.kernels.lanes import (
     LANES,
     Lanes,
@@ -24,6 +23,7 @@ from kinseek.kernels.lanes import (
 )
 from kinseek.kernels.trigonometry import sine_cosine
 from kinseek.robots.chain import SerialChain
+from reference import fk
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,10 @@ def plain_jacobian(chain: SerialChain, q: Array, weight: Array) -> Array:
         behind[i] -= h
         A, B = fk(chain, ahead), fk(chain, behind)
         J[:3, i] = weight[0] * (A[:3, 3] - B[:3, 3]) / (2 * h)
-        turned = Rotation.from_matrix(A[:3, :3] @ R.T).as_rotvec() - Rotation.from_matrix(B[:3, :3] @ R.T).as_rotvec()
+        turned = (
+            Rotation.from_matrix(A[:3, :3] @ R.T).as_rotvec()
+            - Rotation.from_matrix(B[:3, :3] @ R.T).as_rotvec()
+        )
         J[3:, i] = weight[1] * turned / (2 * h)
     return J
 
@@ -85,7 +88,7 @@ def test_the_jacobian_agrees_with_finite_differences(chain: SerialChain, seed: i
     lanes_forward(chain.arrays, lanes, LANES)
     lanes_jacobian(chain.arrays, lanes, 0.0, LANES)
     J = lanes.jacobian.reshape(chain.dof, 6, LANES)
-    for l in range(LANES):  # noqa: E741
+    for l in range(LANES):
         np.testing.assert_allclose(J[:, :, l].T, plain_jacobian(chain, q[l], weight), atol=1e-6)
 
 
@@ -116,7 +119,9 @@ def test_a_damped_step_agrees_with_the_twin(name: str, at_limits: bool) -> None:
     chain, rng = kinseek.load(name).chain, np.random.default_rng(4)
     q = rng.uniform(chain.lower, chain.upper, (LANES, chain.dof))
     if at_limits:
-        q = np.where(rng.random(q.shape) < 0.5, np.where(rng.random(q.shape) < 0.5, chain.lower, chain.upper), q)
+        q = np.where(
+            rng.random(q.shape) < 0.5, np.where(rng.random(q.shape) < 0.5, chain.lower, chain.upper), q
+        )
     goals = np.array([fk(chain, each)[:3] for each in rng.uniform(chain.lower, chain.upper, q.shape)])
     lanes = lanes_at(chain, q, goals, np.array([2.0, 1.0]))
     floor, damping, longest = np.full(LANES, 1e-3), 0.1, 0.8
@@ -151,6 +156,8 @@ def test_a_lane_does_not_look_at_the_others() -> None:
 
 
 def test_sine_and_cosine() -> None:
-    x = np.concatenate([np.linspace(-100, 100, 5001), np.arange(-20, 21) * np.pi / 4, [0.0, 1e-300, 9e4, -9e4]])
+    x = np.concatenate(
+        [np.linspace(-100, 100, 5001), np.arange(-20, 21) * np.pi / 4, [0.0, 1e-300, 9e4, -9e4]]
+    )
     pairs = np.array([sine_cosine(each) for each in x])
     np.testing.assert_allclose(pairs, np.stack([np.sin(x), np.cos(x)], axis=1), atol=3e-16)

@@ -45,7 +45,9 @@ def test_neighbours_against_brute_force(dimensions: int, wanted: int) -> None:
             true = np.sort(((points - point) ** 2).sum(axis=1))[:wanted]
             assert len(set(index)) == wanted, name
             assert (np.diff(distance) >= 0).all(), name
-            np.testing.assert_allclose(distance, ((points[order[index]] - point) ** 2).sum(axis=1), atol=1e-12)
+            np.testing.assert_allclose(
+                distance, ((points[order[index]] - point) ** 2).sum(axis=1), atol=1e-12
+            )
             assert (distance >= true - 1e-12).all(), name
             assert (distance <= SLACK * true + 1e-12).all(), name
             first.append(distance[0] <= true[0] + 1e-12)

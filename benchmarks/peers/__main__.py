@@ -78,7 +78,9 @@ def environment(name: str) -> Path | None:
     print(f"making {folder.name}: {', '.join(ENVIRONMENTS[name])}", flush=True)
     try:
         subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
-        subprocess.run([str(python), "-m", "pip", "install", "--quiet", *ENVIRONMENTS[name]], check=True, timeout=900)
+        subprocess.run(
+            [str(python), "-m", "pip", "install", "--quiet", *ENVIRONMENTS[name]], check=True, timeout=900
+        )
     except (subprocess.SubprocessError, OSError) as error:
         print(f"  cannot: {error}")
         return None
@@ -115,7 +117,7 @@ def write_arm(name: str, arm: kinseek.Arm, targets: Array, path: Path) -> None:
 
 def summary(arm: kinseek.Arm, q: Array, times: Array, targets: Array, random: int) -> Result:
     """Judge answers, (k, n), the first `random` of them to random targets, by plain FK."""
-    good = strict(arm.chain, np.nan_to_num(q, nan=np.inf), targets)
+    good = strict(arm.chain, q, targets)
     loose = times[:random]
     return Result(
         float(np.median(loose)),
@@ -149,7 +151,9 @@ def measure_peer(
             return "stopped after 300 s", ""
         if done.returncode or not destination.is_file():
             lines = [line for line in done.stderr.strip().splitlines() if line.strip()]
-            return (lines[-1].removeprefix("RuntimeError: ") if lines else f"ended with {done.returncode}")[:60], ""
+            return (lines[-1].removeprefix("RuntimeError: ") if lines else f"ended with {done.returncode}")[
+                :60
+            ], ""
         with np.load(destination) as found:
             return summary(arm, found["q"], found["times"], targets, random), str(found["version"])
 
@@ -159,13 +163,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--arms", nargs="+", default=ARMS)
     parser.add_argument("--peers", nargs="+", default=list(PEERS), choices=list(PEERS))
-    parser.add_argument("--targets", type=int, default=1000, help="random targets an arm; half as many near singular")
+    parser.add_argument(
+        "--targets", type=int, default=1000, help="random targets an arm; half as many near singular"
+    )
     parser.add_argument("--output", type=Path, default=HERE.parent / "peers.md")
     options = parser.parse_args()
     VENVS.mkdir(exist_ok=True)
     pythons = {name: environment(name) for name in {PEERS[peer][0] for peer in options.peers}}
     began, random = time.perf_counter(), options.targets
-    rows, versions, ratios = [], {}, {peer: [] for peer in options.peers}
+    rows: list[str] = []
+    versions: dict[str, str] = {}
+    ratios: dict[str, list[tuple[float, str]]] = {peer: [] for peer in options.peers}
     for name in options.arms:
         arm = fleet_arm(name)
         q = np.concatenate([random_joints(arm.chain, random, 0), singular_joints(arm.chain, random // 2, 0)])
@@ -247,7 +255,11 @@ def page(
             continue
         least, where = min(found)
         middle = statistics.median(ratio for ratio, _ in found)
-        verdict = "" if aim is None else ("met" if least >= aim else "met by the median" if middle >= aim else "missed")
+        verdict = (
+            ""
+            if aim is None
+            else ("met" if least >= aim else "met by the median" if middle >= aim else "missed")
+        )
         goal = "" if aim is None else f"{aim:g} ×"
         lines.append(f"| {peer} | {goal} | {middle:.1f} × | {least:.1f} × ({where}) | {verdict} |")
     return "\n".join(lines) + "\n"

@@ -8,6 +8,7 @@ Imports NumPy and the peer, nothing of kinseek. Settings are the best that were 
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import subprocess
 import sys
@@ -34,11 +35,11 @@ DISTRIBUTIONS = {
 
 def eaik(arm: Any) -> Solve:
     """Every branch in closed form, then the first inside the limits; exact ones before least-squares ones."""
-    from eaik.IK_HP import HPRobot
+    module = importlib.import_module("eaik.IK_HP")
 
     if len(arm["lower"]) != 6:
         raise RuntimeError("six joints only")
-    robot = HPRobot(arm["axes"], arm["offsets"])
+    robot = module.HPRobot(arm["axes"], arm["offsets"])
     if not robot.hasKnownDecomposition():
         raise RuntimeError("no closed form known")
     lower, upper, turn = arm["lower"], arm["upper"], arm["turn"]
@@ -89,11 +90,14 @@ def ssik(arm: Any) -> Solve:
 
 def optik(arm: Any) -> Solve:
     """Random restarts of an SQP solver, one thread."""
-    from optik import Robot, SolverConfig
+    module = importlib.import_module("optik")
 
-    robot = Robot.from_urdf_file(str(arm["urdf"]), str(arm["base"]), str(arm["tip"]))
+    robot = module.Robot.from_urdf_file(str(arm["urdf"]), str(arm["base"]), str(arm["tip"]))
     robot.set_parallelism(1)
-    config, start = SolverConfig("speed", max_time=0.1, tol_f=2.5e-13), (arm["lower"] + arm["upper"]) / 2
+    config, start = (
+        module.SolverConfig("speed", max_time=0.1, tol_f=2.5e-13),
+        (arm["lower"] + arm["upper"]) / 2,
+    )
 
     def solve(T: Any) -> Any:
         found = robot.ik(config, T, start)
@@ -104,9 +108,9 @@ def optik(arm: Any) -> Solve:
 
 def trac_ik(arm: Any) -> Solve:
     """KDL with restarts beside an SQP solver."""
-    from trac_ik import TracIK
+    module = importlib.import_module("trac_ik")
 
-    solver = TracIK(str(arm["base"]), str(arm["tip"]), str(arm["urdf"]), timeout=0.05, epsilon=5e-7)
+    solver = module.TracIK(str(arm["base"]), str(arm["tip"]), str(arm["urdf"]), timeout=0.05, epsilon=5e-7)
     start = (arm["lower"] + arm["upper"]) / 2
 
     def solve(T: Any) -> Any:
@@ -117,18 +121,20 @@ def trac_ik(arm: Any) -> Solve:
 
 def robotics_toolbox(arm: Any) -> Solve:
     """Levenberg-Marquardt in C++ with restarts, tuned: by default its tolerance is on the squared error."""
-    from roboticstoolbox import ET, ETS
+    module = importlib.import_module("roboticstoolbox")
 
     chain, lower, upper = [], arm["lower"], arm["upper"]
     for i, A in enumerate(arm["fixed"]):
         square = np.vstack([A, [0.0, 0.0, 0.0, 1.0]])
-        chain.append(ET.SE3(square))
+        chain.append(module.ET.SE3(square))
         if i < len(lower):
-            chain.append(ET.Rz(qlim=np.array([lower[i], upper[i]])))
-    ets, start = ETS(chain), (lower + upper) / 2
+            chain.append(module.ET.Rz(qlim=np.array([lower[i], upper[i]])))
+    ets, start = module.ETS(chain), (lower + upper) / 2
 
     def solve(T: Any) -> Any:
-        found = ets.ik_LM(T, q0=start, method="chan", k=0.1, tol=1e-13, ilimit=30, slimit=100, joint_limits=True)
+        found = ets.ik_LM(
+            T, q0=start, method="chan", k=0.1, tol=1e-13, ilimit=30, slimit=100, joint_limits=True
+        )
         return found[0]
 
     return solve
@@ -144,7 +150,11 @@ def pinocchio_loop(arm: Any) -> Solve:
     model = pin.buildReducedModel(model, locked, pin.neutral(model))
     if model.nq != len(arm["lower"]):
         raise RuntimeError("continuous joints are two numbers in pinocchio: left out")
-    data, frame, base = model.createData(), model.getFrameId(str(arm["tip"])), model.getFrameId(str(arm["base"]))
+    data, frame, base = (
+        model.createData(),
+        model.getFrameId(str(arm["tip"])),
+        model.getFrameId(str(arm["base"])),
+    )
     pin.framesForwardKinematics(model, data, pin.neutral(model))
     root, lower, upper = data.oMf[base].copy(), arm["lower"], arm["upper"]
     rng = np.random.default_rng(0)

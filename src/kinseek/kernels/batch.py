@@ -9,7 +9,7 @@ import numpy as np
 from .arrays import Array, GoalArrays, Indices
 from .atlas import complete_seed
 from .desk import Desk, Job, Task, desk_size, make_desk, task_of
-from .jit import inner, kernel
+from .jit import hidden, kernel
 from .lanes import LANES
 from .pointers import integer_part
 from .refine import (
@@ -45,7 +45,7 @@ class Queue(NamedTuple):
     """Its samples, (LANES · FIRST,)."""
 
 
-@inner
+@hidden
 def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int) -> bool:
     """Put lane l at the next sample of its target that is worth a try; say whether there was one."""
     for r in range(3):
@@ -66,7 +66,7 @@ def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int) -> b
     return False
 
 
-@inner
+@hidden
 def next_target(task: Task, desk: Desk, queue: Queue, targets: Array, number: int, l: int) -> bool:
     """Give lane l a target and its nearest samples; say whether one of them is worth a try."""
     queue.target[l], queue.next[l], queue.spent[l] = number, 0, 0
@@ -121,7 +121,7 @@ def solve_many(
         count += 1
 
 
-@inner
+@hidden
 def run_lanes(
     job: Job,
     task: Task,
@@ -177,7 +177,7 @@ def run_lanes(
         left[leftover] = -1
 
 
-@inner
+@hidden
 def write_result(task: Task, desk: Desk, queue: Queue, targets: Array, results: Array, l: int) -> None:
     """Judge lane l by plain FK and write its row."""
     i, dof = queue.target[l], len(task.lower)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .arrays import Array, ChainArrays, Indices
 from .atlas import Atlas, Division
-from .jit import inner, view
+from .jit import hidden, view
 from .lanes import LANES, Lanes, lanes_size, make_lanes
 from .neighbours import LEAF, Tree
 from .pointers import flags, floats1, floats2, floats3, integer_part, integers, part1, part2
@@ -136,7 +136,7 @@ class Job(NamedTuple):
     memory: Array
 
 
-@inner
+@hidden
 def desk_size(dof: int, joints: int) -> int:
     """Numbers that a desk takes in memory."""
     return (

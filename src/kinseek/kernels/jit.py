@@ -87,9 +87,19 @@ def inner(function: Callable[P, R]) -> Callable[P, R]:
     return _compile(function, forceinline=True, _nrt=False)
 
 
+def hidden(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile an inner kernel that Python never calls: without the wrapper, which takes longer than the kernel."""
+    return _compile(function, forceinline=True, _nrt=False, no_cpython_wrapper=True)
+
+
+def called(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a hidden kernel that is long and called once: inlining it would compile it twice."""
+    return _compile(function, _nrt=False, no_cpython_wrapper=True)
+
+
 def view(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile an inner kernel that makes views of memory somebody else owns: always inlined."""
-    return _compile(function, forceinline=True)
+    """Compile a hidden kernel that makes views of memory somebody else owns."""
+    return _compile(function, forceinline=True, no_cpython_wrapper=True)
 
 
 def exact(function: Callable[P, R]) -> Callable[P, R]:

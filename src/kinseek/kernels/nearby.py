@@ -8,7 +8,7 @@ import numpy as np
 
 from .arrays import Array, GoalArrays, Indices
 from .desk import DEEP, Job, Task, desk_size, make_desk, task_of
-from .jit import inner, kernel
+from .jit import hidden, kernel
 from .lanes import LANES
 from .pointers import part1
 from .refine import (
@@ -27,7 +27,7 @@ CLOSE = 0.5
 """An answer this close to where the user wants it [rad or m] ends the search for a closer one."""
 
 
-@inner
+@hidden
 def joint_distance(task: Task, q: Array, near: Array) -> float:
     """Squared distance of two joint vectors, a joint that turns fully measured the short way round."""
     total = 0.0

@@ -16,7 +16,7 @@ from .arrays import Array, GoalArrays, Indices
 from .atlas import NONE, complete_seed, coordinates, nearest_copy, product
 from .desk import DEEP, Desk, Job, Task, desk_size, make_desk, task_of
 from .forward import copy_pose, forward
-from .jit import inner, kernel
+from .jit import called, hidden, kernel
 from .lanes import (
     LANES,
     Lanes,
@@ -45,14 +45,14 @@ DAMPING = 0.1
 LONGEST = 0.8
 
 
-@inner
+@hidden
 def copy_joints(rows: Array, row: int, q: Array) -> None:
     """Copy one row of joint values."""
     for i in range(len(q)):
         q[i] = rows[row, i]
 
 
-@inner
+@hidden
 def load_target(lanes: Lanes, lane: int, target: Array) -> None:
     """Give one lane its target, (3, 4)."""
     for r in range(3):
@@ -60,14 +60,14 @@ def load_target(lanes: Lanes, lane: int, target: Array) -> None:
             lanes.target[(4 * r + c) * LANES + lane] = target[r, c]
 
 
-@inner
+@hidden
 def load_seed(lanes: Lanes, lane: int, seed: Array) -> None:
     """Put one lane at a start, (n,)."""
     for i in range(len(seed)):
         lanes.q[i, lane] = seed[i]
 
 
-@inner
+@hidden
 def lowest(values: Array) -> float:
     """The least of some values."""
     least: float = values[0]
@@ -76,14 +76,14 @@ def lowest(values: Array) -> float:
     return least
 
 
-@inner
+@hidden
 def load_seed_row(lanes: Lanes, lane: int, rows: Array) -> None:
     """Put one lane at the start in its row, (LANES, n)."""
     for i in range(rows.shape[1]):
         lanes.q[i, lane] = rows[lane, i]
 
 
-@inner
+@hidden
 def reset_weights(task: Task, desk: Desk) -> None:
     """Scale residuals so that metres and radians compare."""
     lanes = desk.lanes
@@ -96,7 +96,7 @@ def reset_weights(task: Task, desk: Desk) -> None:
         lanes.weight[LANES + l] = 1.0 if task.columns[0] > 0.0 else 0.0
 
 
-@inner
+@hidden
 def free_turn(task: Task) -> float:
     """Return 1 if a turn about the tool's x axis does not count, else 0."""
     return 1.0 if task.columns[0] > 0.0 and task.columns[1] == 0.0 else 0.0
@@ -110,22 +110,17 @@ def iterate(handle: Indices, wanted: Array, memory: Array, move: bool, w: int) -
     """
     task = task_of(handle, wanted)
     desk = make_desk(memory, len(task.lower), len(task.chain.leader))
-    walk(task, desk.lanes, desk.floor, desk.mode, move, w)
-
-
-@inner
-def walk(task: Task, lanes: Lanes, floor: Array, mode: Array, move: bool, w: int) -> None:
-    """Do what `iterate` says, on views; `mode` holds the columns' weights and the damping."""
+    lanes, mode = desk.lanes, desk.mode  # The columns' weights and the damping.
     if move:
         lanes_jacobian(task.chain, lanes, free_turn(task), w)
-        lanes_gram(task.lower, task.upper, mode[3], floor, lanes, w)
+        lanes_gram(task.lower, task.upper, mode[3], desk.floor, lanes, w)
         lanes_solve(lanes, w)
         lanes_move(task.lower, task.upper, LONGEST, lanes, w)
     lanes_forward(task.chain, lanes, w)
     lanes_residual(lanes, mode, w)
 
 
-@inner
+@hidden
 def within(task: Task, lanes: Lanes, l: int) -> bool:
     """Is lane l inside both tolerances?"""
     position, orientation = task.wanted[0], task.wanted[1]
@@ -143,7 +138,7 @@ def within(task: Task, lanes: Lanes, l: int) -> bool:
     return ahead and small
 
 
-@inner
+@hidden
 def see(task: Task, desk: Desk, target: Array) -> None:
     """Write a target, (3, 4), as the atlas sees it into the desk."""
     if task.division.head == NONE and task.division.tail == NONE:
@@ -153,7 +148,7 @@ def see(task: Task, desk: Desk, target: Array) -> None:
     product(desk.between, task.atlas.inverse_tip, desk.seen)
 
 
-@inner
+@hidden
 def look_up(task: Task, desk: Desk, target: Array, wanted: int) -> int:
     """Find the samples nearest to a target, (3, 4); return how many."""
     see(task, desk, target)
@@ -161,7 +156,7 @@ def look_up(task: Task, desk: Desk, target: Array, wanted: int) -> int:
     return nearest(task.atlas.tree, desk.point, wanted, desk.distance, desk.neighbour, desk.stack, desk.bound)
 
 
-@inner
+@hidden
 def descend_lanes(job: Job, task: Task, desk: Desk, steps: int, everyone: bool, w: int) -> tuple[int, int]:
     """Refine the eight lanes; return the first lane that converged, or -1, and the steps made.
 
@@ -189,7 +184,7 @@ def descend_lanes(job: Job, task: Task, desk: Desk, steps: int, everyone: bool, 
         made += 1
 
 
-@inner
+@called
 def keep_best(task: Task, desk: Desk, goal: GoalArrays) -> None:
     """Remember the eight best configurations seen, for a goal that may be out of reach."""
     dof = len(task.lower)
@@ -210,7 +205,7 @@ def keep_best(task: Task, desk: Desk, goal: GoalArrays) -> None:
                 desk.best[worst, i] = desk.seed[i]
 
 
-@inner
+@hidden
 def fill_from_lookup(task: Task, desk: Desk, begin: int, found: int) -> tuple[int, int]:
     """Put neighbours into the lanes from number `begin` on; return the next number and the lanes filled."""
     filled = 0
@@ -228,7 +223,7 @@ def fill_from_lookup(task: Task, desk: Desk, begin: int, found: int) -> tuple[in
     return begin, filled
 
 
-@inner
+@hidden
 def into_limits(task: Task, q: Array, near: Array) -> None:
     """Bring every joint that turns fully inside its limits by whole turns, near `near`, (n,)."""
     for i in range(len(q)):
@@ -238,14 +233,14 @@ def into_limits(task: Task, q: Array, near: Array) -> None:
         q[i] = min(max(q[i], low), high)
 
 
-@inner
+@hidden
 def middle(task: Task, q: Array) -> None:
     """Write the middle of every range into q, (n,)."""
     for i in range(len(q)):
         q[i] = 0.5 * (task.chain.lower[i] + task.chain.upper[i])
 
 
-@inner
+@hidden
 def restart(task: Task, number: int, q: Array) -> None:
     """Write start `number` of a low-discrepancy sequence over the limits (Roberts 2018, R_d)."""
     dof = len(q)
@@ -259,7 +254,7 @@ def restart(task: Task, number: int, q: Array) -> None:
         q[i] = low + ((0.5 + (number + 1) * step) % 1.0) * (high - low)
 
 
-@inner
+@hidden
 def kick(task: Task, rows: Array, row: int, size: float, q: Array) -> None:
     """Turn a start that is spread over the limits, (n,), into one around a row, brought back to the limits.
 
@@ -271,7 +266,7 @@ def kick(task: Task, rows: Array, row: int, size: float, q: Array) -> None:
         q[i] = min(max(rows[row, i] + size * share * min(high - low, 1.0), low), high)
 
 
-@inner
+@hidden
 def start(task: Task, desk: Desk, target: Array) -> None:
     """Clear the desk for a target, (3, 4)."""
     for l in range(LANES):
@@ -280,7 +275,7 @@ def start(task: Task, desk: Desk, target: Array) -> None:
     reset_weights(task, desk)
 
 
-@inner
+@called
 def solve_target(job: Job, task: Task, desk: Desk, target: Array, q: Array, w: int) -> int:
     """Answer one target, (3, 4); write q, (n,), and return the FK evaluations spent."""
     lanes, _dof = desk.lanes, len(task.lower)
@@ -341,7 +336,7 @@ def solve_target(job: Job, task: Task, desk: Desk, target: Array, q: Array, w: i
     return spent
 
 
-@inner
+@called
 def polish(job: Job, task: Task, desk: Desk, goal: GoalArrays, w: int) -> int:
     """Minimise the weighted error itself from the eight best, by reweighted steps; return FK evaluations.
 
@@ -383,7 +378,7 @@ def polish(job: Job, task: Task, desk: Desk, goal: GoalArrays, w: int) -> int:
     return POLISH_STEPS * LANES
 
 
-@inner
+@hidden
 def finish(task: Task, desk: Desk, goal: GoalArrays, near: Array, q: Array, report: Array) -> None:
     """Bring q inside the limits and judge it by plain FK: errors [m], [rad] and weighted into `report`, (4,)."""
     into_limits(task, q, near)
@@ -392,7 +387,7 @@ def finish(task: Task, desk: Desk, goal: GoalArrays, near: Array, q: Array, repo
     report[2] = weighted_error(desk.spare, goal)
 
 
-@inner
+@hidden
 def is_rigid(T: Array) -> bool:
     """Is T, (4, 4), finite and a rigid transform to rounding?"""
     for r in range(4):

@@ -1,0 +1,132 @@
+"""Cost against the number of joints, 3 to 20, and against the tolerance, 1e-3 to 1e-10; two pictures.
+
+    python -m benchmarks.atlas_cost            # writes docs/pictures/atlas_joints.png and atlas_tolerance.png
+
+Arms of n turning joints about random axes, 1 m long, three of each n, ±2 rad. One pose: `arm.ik`, median of 1,000 calls.
+Batch: 20,000 poses on one thread, processor time.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek.robots.chain import Joint, rotation, serial_chain, transform
+
+from .fleet import single_times
+from .targets import machine, plain_fk, pose_errors, random_joints
+
+Array = NDArray[np.float64]
+
+PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"
+
+TOLERANCES = tuple(10.0**-k for k in range(3, 11))
+
+
+def random_arm(joints: int, seed: int) -> kinseek.Arm:
+    """Build an arm of turning joints about random axes, 1 m long."""
+    rng = np.random.default_rng((joints, seed))
+
+    def unit() -> Array:
+        vector = rng.normal(size=3)
+        return np.asarray(vector / np.linalg.norm(vector))
+
+    chain = [
+        Joint(
+            f"j{i}",
+            "revolute",
+            transform(rotation(unit(), rng.uniform(0, 3)), unit() / joints),
+            unit(),
+            -2.0,
+            2.0,
+        )
+        for i in range(joints)
+    ]
+    return kinseek.Arm(serial_chain(chain, np.eye(4), name=f"random{joints}", base="base", tip="tip"))
+
+
+def batch_cost(arm: kinseek.Arm, goal: kinseek.Goal | Array, repeats: int = 3) -> float:
+    """Processor time of one pose in a batch on one thread [µs]."""
+    count = len(goal) if isinstance(goal, np.ndarray) else goal.shape[0]
+    times = []
+    for _ in range(repeats):
+        began = time.thread_time()
+        arm.ik(goal, threads=1)
+        times.append(time.thread_time() - began)
+    return statistics.median(times) / count * 1e6
+
+
+def by_joints() -> list[tuple[int, float, float, float]]:
+    """Joints, one pose [µs], batch [µs a pose], solved [%]: medians of three arms, and the least of the last."""
+    rows = []
+    for joints in range(3, 21):
+        one, batch, solved = [], [], []
+        for seed in range(3):
+            arm = random_arm(joints, seed)
+            targets = plain_fk(arm.chain, random_joints(arm.chain, 20_000, seed))
+            solution = arm.ik(targets)
+            away, angle = pose_errors(plain_fk(arm.chain, solution.q), targets)
+            solved.append(100 * float(np.mean((away <= 1e-6) & (angle <= 1e-6))))
+            one.append(float(np.median(single_times(arm, targets[:1000]))))
+            batch.append(batch_cost(arm, targets))
+        rows.append((joints, statistics.median(one), statistics.median(batch), min(solved)))
+        print(
+            f"{joints:3d} joints  one {rows[-1][1]:6.1f} µs  batch {rows[-1][2]:6.2f} µs  solved {rows[-1][3]:.3f} %"
+        )
+    return rows
+
+
+def by_tolerance(
+    names: tuple[str, ...] = ("panda", "ur5e", "iiwa14"),
+) -> dict[str, list[tuple[float, float, float]]]:
+    """Tolerance [m and rad], batch [µs a pose], solved [%], an arm."""
+    result: dict[str, list[tuple[float, float, float]]] = {}
+    for name in names:
+        arm = kinseek.load(name)
+        targets = plain_fk(arm.chain, random_joints(arm.chain, 20_000, 0))
+        for tolerance in TOLERANCES:
+            goal = kinseek.Goal.pose(targets, position_tolerance=tolerance, orientation_tolerance=tolerance)
+            solved = 100 * float(arm.ik(goal).success.mean())
+            result.setdefault(name, []).append((tolerance, batch_cost(arm, goal), solved))
+            print(f"{name:8s} {tolerance:.0e}  batch {result[name][-1][1]:6.2f} µs  solved {solved:.3f} %")
+    return result
+
+
+def main() -> None:
+    """Measure and draw."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    print(machine())
+    joints = np.array(by_joints())
+    figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
+    axes.plot(joints[:, 0], joints[:, 1], "o-", label="one pose, arm.ik(T)")
+    axes.plot(joints[:, 0], joints[:, 2], "s-", label="batch, one core")
+    axes.set(xlabel="joints", ylabel="time of a pose [µs]", ylim=(0, None), xticks=range(3, 21))
+    axes.set_title("Random arms, 1e-6 m and 1e-6 rad", fontsize=10)
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False)
+    figure.savefig(PICTURES / "atlas_joints.png", dpi=150)
+    figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
+    for name, rows in by_tolerance().items():
+        axes.plot([row[0] for row in rows], [row[1] for row in rows], "o-", label=name)
+    axes.set(
+        xlabel="tolerance [m and rad]", ylabel="time of a pose in a batch [µs]", xscale="log", ylim=(0, None)
+    )
+    axes.invert_xaxis()
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False)
+    figure.savefig(PICTURES / "atlas_tolerance.png", dpi=150)
+    print(f"wrote {PICTURES / 'atlas_joints.png'} and {PICTURES / 'atlas_tolerance.png'}")
+
+
+if __name__ == "__main__":
+    main()

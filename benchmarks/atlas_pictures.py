@@ -1,0 +1,183 @@
+"""The two pictures of docs/atlas.md: where the samples lie in hand space, and the path of one query.
+
+python -m benchmarks.atlas_pictures        # writes docs/pictures/atlas_samples.png and atlas_query.png
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek.kernels.atlas import Atlas, Division, build_atlas, complete_seed, coordinates
+from kinseek.kernels.lanes import (
+    LANES,
+    Lanes,
+    lanes_forward,
+    lanes_gram,
+    lanes_jacobian,
+    lanes_move,
+    lanes_residual,
+    lanes_solve,
+)
+from kinseek.kernels.neighbours import LEAF, nearest
+from kinseek.kernels.refine import DAMPING, LONGEST, MARGIN
+from kinseek.solvers.atlas import SAMPLES, divide, inverse, middle_samples, open_limits
+
+Array = NDArray[np.float64]
+
+PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"
+
+ARM = "ur5e"
+
+STEPS = 8
+
+
+class Query:
+    """An atlas of an arm, and one goal looked up and refined with every step kept."""
+
+    def __init__(self, arm: kinseek.Arm, target: Array) -> None:
+        """Look up and refine."""
+        self.arm, chain = arm, arm.chain
+        self.division: Division = divide(chain, "pose")
+        middle, first = middle_samples(chain, self.division, SAMPLES)
+        head, tip = inverse(chain.fixed[0]), inverse(chain.fixed[-1])
+        self.atlas: Atlas = build_atlas(chain.arrays, self.division, middle, first, head.copy(), tip.copy())
+        self.samples = self.seen(self.atlas.poses)
+        square = [np.vstack([A, [0.0, 0.0, 0.0, 1.0]]) for A in (head, tip)]
+        self.frames = square[0], square[1]
+        G = np.ascontiguousarray((square[0] @ target @ square[1])[:3])
+        self.goal = self.seen(G[None])[0]
+        point, distance, index = np.empty(9), np.empty(64), np.empty(64, dtype=np.int64)
+        used = coordinates(G, self.division, point)
+        found = nearest(
+            self.atlas.tree,
+            point[:used],
+            64,
+            distance,
+            index,
+            np.empty(64, dtype=np.int64),
+            np.empty(64 + LEAF),
+        )
+        seeds: list[Array] = []
+        for i in index[:found]:
+            q = np.empty(arm.dof)
+            if len(seeds) < LANES and complete_seed(
+                self.atlas, self.division, G, i, chain.lower, chain.upper, MARGIN, q
+            ):
+                seeds.append(q)
+        self.walk(np.array(seeds), target)
+
+    def seen(self, poses: Array) -> Array:
+        """Radius, height [m] and how far the last axis leans from the first [deg], of poses (k, 3, 4), (k, 3)."""
+        lean = np.degrees(np.arccos(np.clip(poses[:, 2, 2], -1, 1)))
+        return np.stack([np.hypot(poses[:, 0, 3], poses[:, 1, 3]), poses[:, 2, 3], lean], axis=1)
+
+    def walk(self, seeds: Array, target: Array) -> None:
+        """Refine the seeds, (LANES, n), and keep joint values, errors and hand coordinates of every step."""
+        chain, n = self.arm.chain, self.arm.dof
+        lower, upper = open_limits(chain)
+        length, W = self.division.length, LANES
+        lanes = Lanes(
+            q=np.ascontiguousarray(seeds.T),
+            target=np.repeat(target[:3].ravel(), W),
+            pose=np.zeros(12 * W),
+            axes=np.zeros((len(chain.leader) + 1, 6 * W)),
+            jacobian=np.zeros((n, 6 * W)),
+            gram=np.zeros(21 * W),
+            residual=np.zeros(6 * W),
+            step=np.zeros((n, W)),
+            work=np.zeros(4 * W),
+            error=np.zeros(4 * W),
+            weight=np.repeat([1.0 / length, 1.0], W),
+        )
+        errors, points = [], []
+        for step in range(STEPS + 1):
+            if step:
+                lanes_jacobian(chain.arrays, lanes, 0.0, W)
+                lanes_gram(lower, upper, DAMPING, np.full(W, 1e-11), lanes, W)
+                lanes_solve(lanes, W)
+                lanes_move(lower, upper, LONGEST, lanes, W)
+            lanes_forward(chain.arrays, lanes, W)
+            lanes_residual(lanes, np.full(3, 0.5), W)
+            errors.append(np.sqrt(lanes.error[:W]))
+            poses = np.tile(np.eye(4), (W, 1, 1))
+            poses[:, :3] = lanes.pose.reshape(12, W).T.reshape(W, 3, 4)
+            points.append(self.seen((self.frames[0] @ poses @ self.frames[1])[:, :3]))
+        self.errors, self.points = np.array(errors), np.array(points)
+
+
+def draw_samples(plt: Any, query: Query) -> None:
+    """Radius and height of every sample, coloured by the lean of the last axis, and by the branch of the tree."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.4, 6.0), layout="constrained", sharey=True)
+    r, z, lean = query.samples.T
+    dots = left.scatter(r, z, c=lean, s=4, cmap="viridis", vmin=0, vmax=180, linewidths=0)
+    figure.colorbar(dots, ax=left, label="lean of the last axis from the first [deg]")
+    branch = np.arange(len(r)) * 16 // len(r)
+    right.scatter(r, z, c=branch, s=4, cmap="tab20", vmin=-0.5, vmax=19.5, linewidths=0)
+    for axes in (left, right):
+        axes.set(xlabel="radius r from the first axis [m]", aspect="equal", xlim=(0, None))
+    left.set_ylabel("height z along it [m]")
+    left.set_title(f"{query.arm.name}: {len(r):,} samples of the middle joints", fontsize=10)
+    right.set_title("The same in the order of the tree: its first 16 branches", fontsize=10)
+    figure.savefig(PICTURES / "atlas_samples.png", dpi=130)
+
+
+def draw_query(plt: Any, query: Query) -> None:
+    """Left: the neighbourhood of the goal and every lane's way. Right: errors step by step."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.4), layout="constrained")
+    colours = plt.get_cmap("viridis")(np.linspace(0, 0.9, LANES))
+    left.scatter(query.samples[:, 0], query.samples[:, 1], s=5, color="0.8", linewidths=0, label="samples")
+    for lane in range(LANES):
+        way = query.points[:, lane]
+        left.plot(way[:, 0], way[:, 1], "-", color=colours[lane], lw=1.2)
+        left.plot(
+            way[0, 0],
+            way[0, 1],
+            "o",
+            color=colours[lane],
+            ms=6,
+            label="nearest samples" if lane == 0 else None,
+        )
+        right.semilogy(np.maximum(query.errors[:, lane], 1e-17), "o-", color=colours[lane], ms=4, lw=1.2)
+    left.plot(*query.goal[:2], "*", color="crimson", ms=16, label="goal", zorder=5)
+    spread = 1.6 * np.abs(query.points[:, :, :2] - query.goal[:2]).max()
+    left.set(
+        xlim=(query.goal[0] - spread, query.goal[0] + spread),
+        ylim=(query.goal[1] - spread, query.goal[1] + spread),
+        xlabel="radius r [m]",
+        ylabel="height z [m]",
+        aspect="equal",
+    )
+    left.set_title("The goal, its nearest samples, and their ways", fontsize=10)
+    left.legend(frameon=True, fontsize=8, loc="upper left")
+    right.axhline(1e-6, color="crimson", lw=1, ls="--")
+    right.text(STEPS, 1.6e-6, "1e-6 m", color="crimson", ha="right", fontsize=8)
+    right.set(
+        xlabel="damped Newton steps", ylabel="distance of the hand from the goal [m]", xticks=range(STEPS + 1)
+    )
+    right.set_title("Eight refinements side by side", fontsize=10)
+    right.grid(alpha=0.3)
+    figure.savefig(PICTURES / "atlas_query.png", dpi=130)
+
+
+def main() -> None:
+    """Draw both."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    arm = kinseek.load(ARM)
+    query = Query(arm, arm.fk(np.array([0.4, -1.1, 1.3, -0.9, 1.2, 0.5])))
+    draw_samples(plt, query)
+    draw_query(plt, query)
+    print(f"wrote {PICTURES / 'atlas_samples.png'} and {PICTURES / 'atlas_query.png'}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,130 @@
+"""Proofs: how often, how fast, and are they ever wrong?
+
+Unreachable goals come from reachable poses by one of three changes in turn: a random orientation, a position pushed out by
+30 %, and a shift of about 0.15 m with a turn of about 0.5 rad. A goal counts if the nearest pose that the atlas finds misses
+it by at least 1 cm or 1°. Times are of `prove` alone, the atlas' answer handed in, one thread, after a first call. With
+``--sound N`` every arm instead gets N goals that are in reach, random, singular and at limits, at tolerances from 1e-6 to
+1e-2, and the search of boxes, without the atlas' help, must not call one unreachable.
+
+    python -m benchmarks.proof                       # every arm of the catalog
+    python -m benchmarks.proof ur5e panda --goals 300 --gap 0.01
+    python -m benchmarks.proof --sound 3000
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import kinseek
+from kinseek import Goal, Problem
+from kinseek.robots.catalog import catalog_names
+from kinseek.solution import Solution
+from kinseek.solvers.atlas import Atlas
+from kinseek.solvers.branch_and_bound import ENDED, FOUND, excluded, prove
+
+Array = NDArray[np.float64]
+
+
+def changed_poses(arm: kinseek.Arm, count: int, seed: int = 0) -> Iterator[Array]:
+    """Poses of which many are out of reach, (4, 4) each."""
+    rng = np.random.default_rng(seed)
+    for i in range(count):
+        T = arm.fk(rng.uniform(arm.lower, arm.upper))
+        if i % 3 == 0:
+            T[:3, :3] = Rotation.from_quat(rng.normal(size=4)).as_matrix()
+        elif i % 3 == 1:
+            T[:3, 3] *= 1.3
+        else:
+            T[:3, 3] += rng.normal(size=3) * 0.1
+            T[:3, :3] = T[:3, :3] @ Rotation.from_rotvec(rng.normal(size=3) * 0.3).as_matrix()
+        yield T
+
+
+def unreachable(arm: kinseek.Arm, count: int) -> list[tuple[Problem, Solution]]:
+    """Problems that the atlas misses by 1 cm or 1°, with its best effort."""
+    found = []
+    for T in changed_poses(arm, count):
+        problem = Problem(arm.chain, Goal.pose(T))
+        answer = Atlas().solve(problem)
+        if answer.position_error >= 0.01 or answer.orientation_error >= np.radians(1):
+            found.append((problem, answer))
+    return found
+
+
+def measure(arm: kinseek.Arm, count: int, gap: float | None, budget: int) -> str:
+    """One row of the table."""
+    problems = unreachable(arm, count)
+    if not problems:
+        return f"{arm.name:24}{arm.dof:4}   no goal out of reach"
+    prove(problems[0][0], gap=gap, answer=problems[0][1], budget=100)
+    times, boxes, proved = [], [], 0
+    for problem, answer in problems:
+        start = time.perf_counter()
+        certificate = prove(problem, gap=gap, answer=answer, budget=budget)
+        times.append(1e3 * (time.perf_counter() - start))
+        boxes.append(certificate.boxes)
+        done = certificate.verdict.name == "UNREACHABLE" if gap is None else certificate.gap <= gap * 1.001
+        proved += done
+    return (
+        f"{arm.name:24}{arm.dof:4}{len(problems):7}{100 * proved / len(problems):9.2f}"
+        f"{np.median(times):11.3f}{np.quantile(times, 0.99):11.2f}{np.median(boxes):11.0f}{np.max(boxes):11.0f}"
+    )
+
+
+def sound(arm: kinseek.Arm, count: int, budget: int, seed: int = 0) -> tuple[int, int]:
+    """Goals in reach: how many were called unreachable, and how many got a witness."""
+    rng, wrong, found = np.random.default_rng(seed), 0, 0
+    for trial in range(count):
+        q = rng.uniform(arm.lower, arm.upper)
+        choice = rng.random(arm.dof)
+        q = np.where(choice < 0.1, arm.lower, np.where(choice < 0.2, arm.upper, q))
+        if trial % 3 == 0:
+            quarter = np.clip(np.round(q / (np.pi / 2)) * np.pi / 2, arm.lower, arm.upper)
+            q = np.where(rng.random(arm.dof) < 0.7, quarter, q)
+        place, angle = 10.0 ** rng.uniform(-6, -2, 2)
+        goal = Goal.pose(arm.fk(q), position_tolerance=place, orientation_tolerance=angle)
+        outcome = excluded(Problem(arm.chain, goal), budget).outcome
+        wrong += outcome == ENDED
+        found += outcome == FOUND
+    return wrong, found
+
+
+def main() -> None:
+    """Print a row an arm."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("arms", nargs="*")
+    parser.add_argument("--goals", type=int, default=300)
+    parser.add_argument("--gap", type=float)
+    parser.add_argument("--budget", type=int, default=5_000_000)
+    parser.add_argument("--sound", type=int)
+    options = parser.parse_args()
+    names = options.arms or catalog_names()
+    if options.sound:
+        wrong = found = 0
+        for name in names:
+            result = sound(kinseek.load(name), options.sound, min(options.budget, 20_000))
+            print(
+                f"{name:24} called unreachable {result[0]}, witness {result[1]} of {options.sound}",
+                flush=True,
+            )
+            wrong, found = wrong + result[0], found + result[1]
+        print(f"all: {wrong} of {options.sound * len(names)} called unreachable, witness for {found}")
+        return
+    done = "proved %" if options.gap is None else "closed %"
+    print(
+        f"{'arm':24}{'dof':>4}{'goals':>7}{done:>9}{'median ms':>11}{'p99 ms':>11}{'boxes':>11}{'most':>11}"
+    )
+    for name in names:
+        print(measure(kinseek.load(name), options.goals, options.gap, options.budget), flush=True)
+
+
+if __name__ == "__main__":
+    main()
