@@ -9,7 +9,6 @@ Batch: 20,000 poses on one thread, processor time.
 from __future__ import annotations
 
 import statistics
-import time
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek.robots.chain import Joint, rotation, serial_chain, transform
 
-from .fleet import single_times
+from .fleet import batch_cost, single_times
 from .targets import machine, plain_fk, pose_errors, random_joints
 
 Array = NDArray[np.float64]
@@ -48,17 +47,6 @@ def random_arm(joints: int, seed: int) -> kinseek.Arm:
         for i in range(joints)
     ]
     return kinseek.Arm(serial_chain(chain, np.eye(4), name=f"random{joints}", base="base", tip="tip"))
-
-
-def batch_cost(arm: kinseek.Arm, goal: kinseek.Goal | Array, repeats: int = 3) -> float:
-    """Processor time of one pose in a batch on one thread [µs]."""
-    count = len(goal) if isinstance(goal, np.ndarray) else goal.shape[0]
-    times = []
-    for _ in range(repeats):
-        began = time.thread_time()
-        arm.ik(goal, threads=1)
-        times.append(time.thread_time() - began)
-    return statistics.median(times) / count * 1e6
 
 
 def by_joints() -> list[tuple[int, float, float, float]]:

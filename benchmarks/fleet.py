@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek.solvers.atlas import SAMPLES, AtlasIndex
 
-from .targets import fleet_arm, fleet_names, machine, plain_fk, random_joints, singular_joints, strict
+from .targets import fleet_arm, fleet_names, load, machine, plain_fk, random_joints, singular_joints, strict
 
 Array = NDArray[np.float64]
 
@@ -84,21 +84,26 @@ class Row:
     """[MB]"""
 
 
-def batch_time(arm: kinseek.Arm, targets: Array, threads: int, repeats: int = REPEATS) -> float:
-    """Median time of one pose in a batch [µs]."""
+def batch_cost(arm: kinseek.Arm, goal: kinseek.Goal | Array, repeats: int = REPEATS) -> float:
+    """Processor time of one pose in a batch on one thread [µs], median: others on the machine count for little."""
+    count = len(goal) if isinstance(goal, np.ndarray) else goal.shape[0]
     times = []
     for _ in range(repeats):
-        began = time.perf_counter()
-        arm.ik(targets, threads=threads)
-        times.append(time.perf_counter() - began)
-    return statistics.median(times) / len(targets) * 1e6
+        began = time.thread_time()
+        arm.ik(goal, threads=1)
+        times.append(time.thread_time() - began)
+    return statistics.median(times) / count * 1e6
 
 
 def speedup(arm: kinseek.Arm, targets: Array, repeats: int = REPEATS) -> float:
-    """Time on one thread over time on two, median of pairs taken one after the other."""
-    return statistics.median(
-        batch_time(arm, targets, 1, 1) / batch_time(arm, targets, 2, 1) for _ in range(repeats)
-    )
+    """Wall time on one thread over wall time on two, median of pairs taken one after the other."""
+
+    def wall(threads: int) -> float:
+        began = time.perf_counter()
+        arm.ik(targets, threads=threads)
+        return time.perf_counter() - began
+
+    return statistics.median(wall(1) / wall(2) for _ in range(repeats))
 
 
 def single_times(arm: kinseek.Arm, targets: Array) -> Array:
@@ -147,8 +152,8 @@ def measure(name: str, random: int, singular: int, seed: int) -> tuple[Row, list
         singular_solved=singular - len(singular_misses),
         one_median=float(np.median(one)),
         one_p99=float(np.percentile(one, 99)),
-        batch=batch_time(arm, targets, 1),
-        singular_batch=batch_time(arm, plain_fk(arm.chain, tight), 1),
+        batch=batch_cost(arm, targets),
+        singular_batch=batch_cost(arm, plain_fk(arm.chain, tight)),
         two_cores=speedup(arm, targets),
         build=statistics.median(index.build_time for index in built) * 1e3,
         memory=built[0].memory / 1e6,
@@ -171,7 +176,8 @@ def table(rows: list[Row], misses: list[Miss]) -> str:
         "",
         f"{first.random:,} targets from joint values uniform inside the limits and {first.singular:,} near singularities",
         "and limits, an arm; no seed. Solved: within 1e-6 m and 1e-6 rad by plain NumPy FK, and inside the limits.",
-        "One pose: `arm.ik(T)` from Python, 5,000 calls. Batch: one thread. Medians.",
+        "One pose: `arm.ik(T)` from Python, 5,000 calls, wall time. Batch: one thread, processor time. Two cores: wall time against one",
+        f"thread. Medians. Load of the machine over the last fifteen minutes: {load()}.",
         "",
         "| arm | joints | solved, random % | solved, near singular % | one pose µs | p99 µs | batch µs a pose | "
         "near singular µs a pose | two cores | build ms | memory MB |",

@@ -1,6 +1,6 @@
 """The pictures of docs/proof.md: boxes of a two-link arm, tightness of the bounds, cost against the gap and the joints.
 
-python -m benchmarks.proof_pictures            # writes docs/proof_*.png; needs matplotlib
+python -m benchmarks.proof_pictures            # writes docs/proof_*.png
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from .proof import unreachable
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
+from matplotlib.patches import Rectangle
 
 Array = NDArray[np.float64]
 
@@ -43,7 +44,8 @@ def undivided(problem: Problem) -> tuple[Any, Any, Any, Array]:
 def two_link_boxes(problem: Problem, largest: int) -> list[tuple[Array, bool]]:
     """Boxes in the order examined, as they are before they are cut: the box, (4,), and whether it was kept."""
     form, wanted, roll, boxes = undivided(problem)
-    queue, seen = [boxes[0]], []
+    queue: list[Array] = [boxes[0]]
+    seen: list[tuple[Array, bool]] = []
     while queue and len(seen) < largest:
         box = queue.pop(0)
         result = examine(form, wanted, roll, box[None].copy(), -1.0, 0)[0]
@@ -71,9 +73,11 @@ def draw_boxes() -> None:
             if kept and tuple(box) not in smallest:
                 continue
             colour = "#c33" if kept else plt.cm.Blues(0.15 + 0.6 * min(1.0, 0.05 / box[2:].max()))
-            corner = box[:2] - box[2:]
+            left, bottom = box[:2] - box[2:]
             axis.add_patch(
-                plt.Rectangle(corner, *(2 * box[2:]), facecolor=colour, edgecolor="white", linewidth=0.3)
+                Rectangle(
+                    (left, bottom), 2 * box[2], 2 * box[3], facecolor=colour, edgecolor="white", linewidth=0.3
+                )
             )
         axis.set(xlabel="q₁ [rad]", ylabel="q₂ [rad]", aspect="equal", title=f"{title}: {len(seen)} boxes")
         axis.autoscale_view()
@@ -135,10 +139,7 @@ def draw_cost() -> None:
         problems = unreachable(kinseek.load(name), 24)[:6]
         boxes = [np.median([enclosed(p, a.q, g, 500_000).boxes for p, a in problems]) for g in gaps]
         axes[0].loglog(gaps, boxes, "o-", label=name)
-    for order, style in ((1, "--"), (3, ":")):
-        axes[0].loglog(
-            gaps, 300 * gaps ** (-5.0 / (2 * order)), style, color="grey", label=f"gap^(-5/{2 * order})"
-        )
+    axes[0].loglog(gaps, 300 * gaps**-2.5, "--", color="grey", label="bounds of order 1: gap^(-n/2), n = 5")
     axes[0].set(xlabel="relative gap", ylabel="boxes, median", title="nearest pose", ylim=(1, 1e6))
     axes[0].legend()
     names = (
@@ -156,9 +157,9 @@ def draw_cost() -> None:
     for name in names:
         arm = kinseek.load(name)
         problems = unreachable(arm, 40)
-        boxes = float(np.median([excluded(p, 1_000_000).boxes for p, _ in problems]))
-        axes[1].semilogy(arm.dof, boxes, "o")
-        axes[1].annotate(name, (arm.dof, boxes), fontsize=7, xytext=(4, 0), textcoords="offset points")
+        count = float(np.median([excluded(p, 1_000_000).boxes for p, _ in problems]))
+        axes[1].semilogy(arm.dof, count, "o")
+        axes[1].annotate(name, (arm.dof, count), fontsize=7, xytext=(4, 0), textcoords="offset points")
     axes[1].set(xlabel="joints", ylabel="boxes, median", title="proof that there is no answer", xlim=(1.5, 8))
     figure.tight_layout()
     figure.savefig(DOCS / "proof_cost.png", dpi=110)

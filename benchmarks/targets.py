@@ -112,3 +112,8 @@ def machine() -> str:
     """One line that every table starts with: processor, system, versions."""
     packages = ", ".join(f"{name} {version(name)}" for name in ("kinseek", "numba", "numpy"))
     return f"{processor()}; {platform.system()}, Python {platform.python_version()}, {packages}"
+
+
+def load() -> str:
+    """Load of the machine over the last fifteen minutes, where the system tells."""
+    return f"{os.getloadavg()[2]:.1f}" if hasattr(os, "getloadavg") else "unknown"

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from chains import serial_chains
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from reference import fk, weighted_error
 from scipy.spatial.transform import Rotation
 
 import kinseek
+from chains import serial_chains
 from kinseek import Goal, Problem
-from kinseek.kernels.bounds import chord_of
+from kinseek.kernels.bounds import Form, chord_of
 from kinseek.robots.chain import SerialChain
-from kinseek.solvers.branch_and_bound import Form, error_question, examine, question, start_boxes
+from kinseek.solvers.branch_and_bound import error_question, examine, question, start_boxes
+from reference import fk, weighted_error
 
 Array = NDArray[np.float64]
 
@@ -75,13 +75,13 @@ def moved(T: Array, rng: np.random.Generator, place: float, angle: float) -> Arr
 def goal_near(T: Array, rng: np.random.Generator, place: float, angle: float, **tolerances: float) -> Goal:
     """A goal of a random kind that a hand at T misses by no more than `place` and `angle`."""
     G = moved(T, rng, place, angle)
-    kind = rng.choice(["pose", "pose", "pointing", "position"])
+    kind = str(rng.choice(["pose", "pose", "pointing", "position"]))
     if kind == "pose":
-        return Goal.pose(G, **tolerances)  # type: ignore[arg-type]
+        return Goal.pose(G, **tolerances)
     if kind == "position":
-        return Goal.position(G[:3, 3], **tolerances)  # type: ignore[arg-type]
+        return Goal.position(G[:3, 3], **tolerances)
     axis = rng.normal(size=3)
-    return Goal.pointing(G[:3, 3], G[:3, :3] @ axis, tuple(axis), **tolerances)  # type: ignore[arg-type]
+    return Goal.pointing(G[:3, 3], G[:3, :3] @ axis, tuple(axis), **tolerances)
 
 
 def reachable_lost(chain: SerialChain, rng: np.random.Generator, trust: float = 1.0) -> int:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from reference import errors, fk, weighted_error
 from scipy.spatial.transform import Rotation
 
 import kinseek
@@ -16,6 +16,7 @@ from kinseek.certificate import Certificate, Verdict
 from kinseek.errors import InvalidGoal, InvalidProblem
 from kinseek.robots.chain import SerialChain
 from kinseek.solvers.branch_and_bound import ENDED, excluded, prove
+from reference import errors, fk, weighted_error
 
 Array = NDArray[np.float64]
 
@@ -112,7 +113,7 @@ def test_goals_beyond_the_limits_of_the_last_joint() -> None:
     arm = kinseek.load("puma560")
     narrow = arm.chain.upper.copy()
     narrow[-1] = 0.5
-    chain = SerialChain(**{**vars_of(arm.chain), "upper": narrow})
+    chain = replace(arm.chain, upper=narrow)
     q = np.array([0.4, -0.7, 0.6, 0.8, 0.9, 0.8])
     assert prove(Problem(arm.chain, Goal.pose(arm.fk(q)))).verdict is Verdict.REACHABLE
     answers = prove(Problem(chain, Goal.pose(arm.fk(q))))
@@ -121,11 +122,6 @@ def test_goals_beyond_the_limits_of_the_last_joint() -> None:
         assert answers.position_error <= 1e-6
     q[-1] = 0.5
     assert prove(Problem(chain, Goal.pose(arm.fk(q)))).verdict is Verdict.REACHABLE
-
-
-def vars_of(chain: SerialChain) -> dict[str, object]:
-    names = ("name", "base", "tip", "joint_names", "kinds", "lower", "upper", "fixed", "prismatic", "leader")
-    return {name: getattr(chain, name) for name in (*names, "multiplier", "offset", "source")}
 
 
 @pytest.mark.parametrize("budget", [0, 1, 10, 100, 1000, 10000])

@@ -235,10 +235,12 @@ def test_a_budget_is_kept_and_the_best_so_far_counts(budget: int) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"branching_factor": 0}, "branching_factor must be in 1 ... 2^62, got 0"),
+        ({"branching_factor": 0}, "branching_factor must be at least 1, got 0"),
         ({"branching_factor": 2**62 + 1}, "branching_factor"),
         ({"divisions": 1}, "divisions must be at least 2, got 1"),
         ({"breadth": 0}, "breadth must be at least 1, got 0"),
+        ({"breadth": 2.5}, "breadth must be a whole number, got 2.5"),
+        ({"beam": 10**12}, "beam must be at most"),
         ({"breadth": (1, 0)}, "every breadth must be at least 1"),
         ({"breadth": "wide"}, "'tuned'; got 'wide'"),
         ({"tree": "both"}, "tree must be 'static' or 'dynamic', got 'both'"),

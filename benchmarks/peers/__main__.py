@@ -25,7 +25,16 @@ from numpy.typing import NDArray
 
 import kinseek
 from benchmarks.fleet import single_times
-from benchmarks.targets import ROBOTS, fleet_arm, machine, plain_fk, random_joints, singular_joints, strict
+from benchmarks.targets import (
+    ROBOTS,
+    fleet_arm,
+    load,
+    machine,
+    plain_fk,
+    random_joints,
+    singular_joints,
+    strict,
+)
 from kinseek.robots import catalog_entry
 from kinseek.robots.catalog import catalog_path
 
@@ -229,12 +238,11 @@ def page(
 ) -> str:
     """The page as Markdown."""
     used = ", ".join(f"{peer} {release}" for peer, release in versions.items() if release)
-    load = f"{os.getloadavg()[1]:.1f}" if hasattr(os, "getloadavg") else "unknown"
     lines = [
         "# Against peers",
         "",
         f"Made by `python -m benchmarks.peers` in {minutes:.0f} minutes. {machine()}. Peers: {used}.",
-        f"Load of the machine over the last five minutes: {load}.",
+        f"Load of the machine over the last fifteen minutes: {load()}.",
         "",
         f"{random:,} random reachable targets and {random // 2:,} near singularities and limits, an arm; one pose at a",
         "time, one thread, wall time of the call as made from Python; no seed from the answer. Strict: within 1e-6 m and",

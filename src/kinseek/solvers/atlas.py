@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from kinseek.errors import InvalidSolver, MissingExtra
+from kinseek.errors import MissingExtra
 from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas import NONE, SLIDE, TURN, Division, build_atlas
@@ -33,6 +33,8 @@ from kinseek.kernels.refine import solve_pose
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
+
+from .base import whole
 
 SAMPLES = 16_384
 
@@ -57,10 +59,9 @@ class Atlas:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        if not 8 <= self.samples <= 2**24:
-            raise InvalidSolver(f"samples must be in 8 ... 2^24, got {self.samples}")
-        if self.threads is not None and self.threads < 1:
-            raise InvalidSolver(f"threads must be at least 1, got {self.threads}")
+        whole("samples", self.samples, 8, 2**24)
+        if self.threads is not None:
+            whole("threads", self.threads, 1)
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by what the nearest sample leads to, else the next nearest; else by the best pose found."""

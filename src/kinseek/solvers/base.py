@@ -3,13 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from operator import index
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.errors import InvalidSolver
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
+
+
+def whole(name: str, value: object, least: int, most: int = 2**62) -> int:
+    """Read a whole number in a range.
+
+    Raises:
+        InvalidSolver: Not a whole number, or out of its range.
+    """
+    try:
+        number = index(value)  # type: ignore[arg-type]
+    except TypeError:
+        raise InvalidSolver(f"{name} must be a whole number, got {value!r}") from None
+    if least <= number <= most:
+        return number
+    bound = f"at least {least}" if number < least else f"at most {most}"
+    raise InvalidSolver(f"{name} must be {bound}, got {value}")
 
 
 class Solver(Protocol):

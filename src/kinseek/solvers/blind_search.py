@@ -15,7 +15,7 @@ from kinseek.kernels.pose_error import errors, weighted_error
 from kinseek.problem import Problem
 from kinseek.solution import Solution
 
-from .base import Found, solve_each
+from .base import Found, solve_each, whole
 from .nodes import require_memory
 
 
@@ -43,10 +43,11 @@ class BlindSearch:
             raise InvalidSolver(f"step must be a finite number > 0, got {self.step}")
         if not 0 < self.shrink < 1:
             raise InvalidSolver(f"shrink must be between 0 and 1, got {self.shrink}")
-        if not self.smallest_step > 0:
-            raise InvalidSolver(f"smallest_step must be > 0, got {self.smallest_step}")
-        if self.most_steps < 1:
-            raise InvalidSolver(f"most_steps must be at least 1, got {self.most_steps}")
+        if not 0 < self.smallest_step <= self.step:
+            raise InvalidSolver(
+                f"smallest_step must be > 0 and at most step {self.step}, got {self.smallest_step}"
+            )
+        whole("most_steps", self.most_steps, 1)
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by the best configuration on the way from `problem.start`."""

@@ -63,6 +63,8 @@ class Roll(NamedTuple):
     lower: float
     upper: float
     """Limits [rad]; at least a full turn apart where they do not matter."""
+    weight: float
+    """K_A where the joint's axis is the z axis of the tip, so that a twist costs ``K_A (1 + cos τ)(1 - cos β)``, else 0."""
 
 
 class Search(NamedTuple):
@@ -203,23 +205,20 @@ def error_question(problem: Problem, q: Array, gap: float, trust: float = 1.0) -
     """Put the question of the least weighted error into the kernels' form.
 
     Where the tip lies on the axis of the last joint, that joint changes nothing but the turn about it. Leaving it out
-    gives a lower bound: the error itself where the last joint turns freely and its axis is the tip's z. Elsewhere it is
-    used if at q it loses less than half the gap.
+    gives a lower bound: the error itself where its axis is the tip's z and its limits allow the best twist (what they cost
+    is added by `twist_cost`). Elsewhere it is left out if at q that loses less than half the gap.
     """
     chain, goal = problem.chain, problem.goal
     fixed, target, head, tail = _divided(problem)
-    if tail and np.hypot(*fixed[-1, :2, 3]) < _ROUNDING:
+    off_axis = float(np.hypot(*fixed[-1, :2, 3]))
+    if tail and off_axis < 1e-6:
         cut, axis = _cut(fixed, target, float(fixed[-1, 2, 3]))
-        T = forward_pose(problem.arrays, q)
-        whole = Problem(chain, goal)
-        back = inverse(whole.arrays.fixed[-1])[:, 2]
-        wanted_axis = goal.targets[0][:, :3] @ back
-        miss = goal.position_weight * float(np.linalg.norm(T[:, 3] - goal.targets[0][:, 3]))
-        loose = miss + goal.orientation_weight * 0.5 * float(np.sum((T[:, :3] @ back - wanted_axis) ** 2))
-        exact = miss + goal.orientation_weight * 0.5 * float(np.sum((T[:, :2] - goal.targets[0][:, :2]) ** 2))
-        if loose >= (1.0 - 0.5 * gap) * exact:
-            wanted = Wanted(axis, np.zeros((3, 4)), _scalars(problem, axis, 1, trust))
-            return _form(chain, cut, head, 1, 0, 0.0), wanted, _roll(chain, True)
+        wanted = Wanted(axis, np.zeros((3, 4)), _scalars(problem, axis, 1, trust))
+        wanted.scalars[MARGIN] += 2.0 * off_axis
+        aligned = np.hypot(*fixed[-1, :2, 2]) < _ROUNDING
+        if aligned or _loss_of_last(problem, q) < 0.5 * gap:
+            roll = _roll(chain, True, goal.orientation_weight if aligned else 0.0)
+            return _form(chain, cut, head, 1, 0, 0.0), wanted, roll
     columns = {"pose": 2, "pointing": 1, "position": 0}[goal.kind]
     scalars, last, foot = _scalars(problem, target, columns, trust), np.zeros((3, 4)), 0.0
     if tail and len(fixed) > 2:
@@ -233,8 +232,20 @@ def error_question(problem: Problem, q: Array, gap: float, trust: float = 1.0) -
     return (
         _form(chain, fixed, head, columns, int(tail), foot),
         Wanted(target, last, scalars),
-        Roll(False, 0.0, 0.0),
+        Roll(False, 0.0, 0.0, 0.0),
     )
+
+
+def _loss_of_last(problem: Problem, q: Array) -> float:
+    """Part of the weighted error at q, (n,), that is lost when the columns are compared by the last joint's axis alone."""
+    goal, target = problem.goal, problem.goal.targets[0]
+    T = forward_pose(problem.arrays, q)
+    axis = inverse(problem.arrays.fixed[-1])[:, 2]
+    miss = goal.position_weight * float(np.linalg.norm(T[:, 3] - target[:, 3]))
+    half = 0.5 * goal.orientation_weight
+    tilted = half * float(np.sum(((T - target)[:, :3] @ axis) ** 2))
+    turned = half * float(np.sum((T - target)[:, :2] ** 2))
+    return 1.0 - (miss + tilted) / max(miss + turned, 1e-300)
 
 
 def start_boxes(chain: SerialChain, without_last: bool) -> Array:
@@ -304,8 +315,8 @@ def _form(chain: SerialChain, fixed: Array, head: int, columns: int, tail: int, 
     )
 
 
-def _roll(chain: SerialChain, present: bool) -> Roll:
-    return Roll(present, float(chain.lower[-1]), float(chain.upper[-1]))
+def _roll(chain: SerialChain, present: bool, weight: float = 0.0) -> Roll:
+    return Roll(present, float(chain.lower[-1]), float(chain.upper[-1]), weight)
 
 
 def _scalars(problem: Problem, target: Array, columns: int, trust: float) -> Array:
@@ -380,6 +391,38 @@ def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
     off = best - middle
     off -= 2.0 * math.pi * math.floor(off / (2.0 * math.pi) + 0.5)
     return abs(off) <= half + miss
+
+
+@inner
+def twist_cost(form: Form, wanted: Wanted, roll: Roll, desk: Desk, ceiling: float) -> float:
+    """What the limits of the last joint add to the weighted error at least, where nothing above `ceiling` matters.
+
+    With tilt τ and a twist β short of the best one the columns cost ``K_A [(1 - cos τ) + (1 + cos τ)(1 - cos β)]``. The twist
+    part of a unit quaternion is cos(τ/2) long and moves by no more than the quaternion does, 2 sin(Ω/4).
+    """
+    middle, half = 0.5 * (roll.lower + roll.upper), 0.5 * (roll.upper - roll.lower)
+    if half >= math.pi or roll.weight == 0.0:
+        return 0.0
+    T, goal = desk.T, desk.goal
+    m00 = m01 = m10 = m11 = dot = omega = 0.0
+    for r in range(3):
+        m00 += T[r, 1] * goal[r, 1]
+        m01 += T[r, 1] * goal[r, 2]
+        m10 += T[r, 2] * goal[r, 1]
+        m11 += T[r, 2] * goal[r, 2]
+        dot += T[r, 0] * goal[r, 0]
+    for k in range(len(form.leader)):
+        omega += 0.0 if form.prismatic[k] else desk.half[k]
+    moved = 2.0 * math.sin(0.25 * min(omega, math.pi)) * wanted.scalars[TRUST]
+    length = math.sqrt(max(0.5 * (1.0 + dot), 0.0)) - wanted.scalars[MARGIN_A]
+    if omega >= math.pi or moved >= length:
+        return 0.0
+    off = math.atan2(m10 - m01, m00 + m11) - middle
+    off -= 2.0 * math.pi * math.floor(off / (2.0 * math.pi) + 0.5)
+    beta = abs(off) - half - 2.0 * math.asin(moved / length) - 1e-9
+    if beta <= 0.0:
+        return 0.0
+    return max(2.0 * roll.weight - ceiling, 0.0) * 2.0 * math.sin(0.5 * beta) ** 2
 
 
 @inner
@@ -589,7 +632,13 @@ def examine(form: Form, wanted: Wanted, roll: Roll, boxes: Array, ceiling: float
         widths(form, desk)
         kept = first_order(form, wanted, desk, ceiling)
         if kept and passes > 0:
-            kept = second_order(form, wanted, desk, ceiling, passes)
+            extra = 0.0
+            if roll.present and ceiling >= 0.0:
+                turn_goal(form, wanted, desk)
+                widths(form, desk)
+                extra = twist_cost(form, wanted, roll, desk, ceiling)
+            kept = extra <= max(ceiling, 0.0) and second_order(form, wanted, desk, ceiling - extra, passes)
+            desk.out[1] += extra
             if kept and roll.present and ceiling < 0.0:
                 kept = roll_fits(form, wanted, roll, desk)
         result[row, 0] = 1.0 if kept else 0.0
@@ -670,24 +719,32 @@ def enclose(
         if bound[row] >= ceiling:
             break
         load_box(rows, row, desk)
-        desk.out[1] = bound[row]
-        kept = True
+        below = bound[row]
         while True:
+            desk.out[1] = 0.0
             seen += 1
             place(form, desk)
             widths(form, desk)
             kept = first_order(form, wanted, desk, ceiling)
+            below = max(below, desk.out[1])
             spread = 0.0
             for k in range(len(form.leader)):
                 spread += 0.0 if form.prismatic[k] else desk.half[k]
             if not kept or spread >= tuning[0]:
                 break
+            extra = 0.0
             before = volume(desk)
             if roll.present:
                 turn_goal(form, wanted, desk)
                 roll_fits(form, wanted, roll, desk)
+                widths(form, desk)
+                extra = twist_cost(form, wanted, roll, desk, ceiling)
+            if extra >= ceiling:
+                kept, below = False, max(below, extra)
+                break
             complete(form, roll, chain, desk, trial)
-            kept = second_order(form, wanted, desk, ceiling, int(tuning[1]))
+            kept = second_order(form, wanted, desk, ceiling - extra, int(tuning[1]))
+            below = max(below, desk.out[1] + extra)
             if desk.out[0] < upper:
                 forward(chain, trial, T)
                 error = weighted_error(T, goal)
@@ -698,7 +755,6 @@ def enclose(
                         best[i] = trial[i]
             if not kept or volume(desk) > tuning[2] * before or seen >= budget:
                 break
-        below = desk.out[1]
         if kept and below < ceiling:
             i = widest(form, wanted, desk)
             if desk.h[i] < 1e-10 * (1.0 + abs(desk.c[i])):

@@ -13,7 +13,7 @@ from kinseek.kernels.jit import kernel
 from kinseek.problem import Problem
 from kinseek.solution import Solution
 
-from .base import Found, solve_each
+from .base import Found, solve_each, whole
 from .nodes import joint_grid, require_memory
 
 ORDERS = ("paper", "low-discrepancy", "random")
@@ -41,8 +41,8 @@ class BruteForce:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        if self.branching_factor < 1:
-            raise InvalidSolver(f"branching_factor must be at least 1, got {self.branching_factor}")
+        whole("branching_factor", self.branching_factor, 1)
+        whole("seed", self.seed, 0)
         if not self.stop_below >= 0:
             raise InvalidSolver(f"stop_below must be a number >= 0, got {self.stop_below}")
         if self.order not in ORDERS:

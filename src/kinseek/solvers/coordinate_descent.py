@@ -21,7 +21,7 @@ from kinseek.kernels.sinusoid import TURN, coefficients, minimise_pair, minimise
 from kinseek.problem import Problem
 from kinseek.solution import Solution
 
-from .base import Found, solve_each
+from .base import Found, solve_each, whole
 
 SCANS, SECTIONS = 24, 30
 """Samples of a range, and golden sections after them, where a joint has no closed form."""
@@ -47,8 +47,7 @@ class CoordinateDescent:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        if self.most_sweeps < 1:
-            raise InvalidSolver(f"most_sweeps must be at least 1, got {self.most_sweeps}")
+        whole("most_sweeps", self.most_sweeps, 1)
         if not 0 <= self.stall < 1:
             raise InvalidSolver(f"stall must be in [0, 1), got {self.stall}")
 

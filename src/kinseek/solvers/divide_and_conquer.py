@@ -36,11 +36,12 @@ from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
 
-from .base import Found, solve_each
+from .base import Found, solve_each, whole
 from .breadth_tuning import probe_joints, widen_by_trial, window_leaves
 from .nodes import Grid, joint_grid
 
-_MOST_NODES = 2**62
+_MOST_CELLS = 10**6
+"""Of a beam, and of a breadth: more would not fit into memory, or never end."""
 
 
 @dataclass(frozen=True)
@@ -73,30 +74,24 @@ class DivideAndConquer:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        if not 1 <= self.branching_factor <= _MOST_NODES:
-            raise InvalidSolver(f"branching_factor must be in 1 ... 2^62, got {self.branching_factor}")
-        if self.divisions < 2:
-            raise InvalidSolver(f"divisions must be at least 2, got {self.divisions}")
+        whole("branching_factor", self.branching_factor, 1)
+        whole("divisions", self.divisions, 2)
+        whole("beam", self.beam, 1, _MOST_CELLS)
+        whole("node_budget", self.node_budget, 1)
+        if self.children is not None:
+            whole("children", self.children, 1)
         if self.tree not in ("static", "dynamic"):
             raise InvalidSolver(f"tree must be 'static' or 'dynamic', got {self.tree!r}")
-        if self.beam < 1:
-            raise InvalidSolver(f"beam must be at least 1, got {self.beam}")
-        if self.children is not None and self.children < 1:
-            raise InvalidSolver(f"children must be at least 1 or None, got {self.children}")
-        if self.node_budget < 1:
-            raise InvalidSolver(f"node_budget must be at least 1, got {self.node_budget}")
         if isinstance(self.breadth, str):
             if self.breadth != "tuned":
                 raise InvalidSolver(
                     f"breadth must be a number, one number a joint, or 'tuned'; got {self.breadth!r}"
                 )
-        elif isinstance(self.breadth, Sequence):
-            object.__setattr__(self, "breadth", tuple(int(b) for b in self.breadth))
-        for breadth in self.breadth if isinstance(self.breadth, tuple) else ():
-            if breadth < 1:
-                raise InvalidSolver(f"every breadth must be at least 1, got {self.breadth}")
-        if isinstance(self.breadth, int) and self.breadth < 1:
-            raise InvalidSolver(f"breadth must be at least 1, got {self.breadth}")
+        elif isinstance(self.breadth, Sequence | np.ndarray):
+            each = tuple(whole("every breadth", b, 1, _MOST_CELLS) for b in self.breadth)
+            object.__setattr__(self, "breadth", each)
+        else:
+            whole("breadth", self.breadth, 1, _MOST_CELLS)
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by the best node found."""
