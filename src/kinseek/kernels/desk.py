@@ -14,7 +14,7 @@ from .lanes import LANES, Lanes, lanes_size, make_lanes
 from .neighbours import LEAF, Tree
 from .pointers import flags, floats1, floats2, floats3, integer_part, integers, part1, part2
 
-DEEP = 40
+DEEP = 160
 """Samples looked up at most for one goal."""
 
 

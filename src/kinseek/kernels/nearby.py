@@ -7,12 +7,13 @@ import math
 import numpy as np
 
 from .arrays import Array, GoalArrays, Indices
-from .desk import DEEP, Job, Task, desk_size, make_desk, task_of
+from .desk import Job, Task, desk_size, make_desk, task_of
 from .jit import hidden, kernel
 from .lanes import LANES
 from .pointers import part1
 from .refine import (
     DEEP_STEPS,
+    MORE,
     copy_joints,
     descend_lanes,
     fill_from_lookup,
@@ -75,7 +76,7 @@ def solve_near(handle: Indices, wanted: Array, target: Array, near: Array, w: in
             if closest < CLOSE * CLOSE:
                 break
             looked_up = True
-            found = look_up(task, desk, target, DEEP)
+            found = look_up(task, desk, target, MORE)
         if begin == found:
             break
         begin, _ = fill_from_lookup(task, desk, begin, found)

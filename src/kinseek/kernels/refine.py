@@ -31,7 +31,7 @@ from .neighbours import nearest
 from .pointers import part1
 from .pose_error import errors, weighted_error
 
-FIRST, RESTARTS = 8, 64
+FIRST, MORE, RESTARTS = 8, 40, 64
 FIRST_STEPS, DEEP_STEPS, RESTART_STEPS, POLISH_STEPS = 10, 20, 30, 60
 PERSIST_STEPS = 100
 """At a singular answer every step only halves the joint error, and a joint at its limit slows it down further."""
@@ -282,10 +282,10 @@ def solve_target(job: Job, task: Task, desk: Desk, target: Array, q: Array, w: i
     start(task, desk, target)
     goal = GoalArrays(target, task.wanted[2], task.axis_weights)
     spent, rounds, wanted, begin, found, persisted, number = 0, 0, 0, 0, 0, 0, 0
-    restarts, patience = RESTARTS, DEEP_STEPS
+    restarts, patience, most = RESTARTS, DEEP_STEPS, MORE
     while True:
-        if begin == found and wanted < DEEP:
-            wanted = FIRST if wanted == 0 else DEEP
+        if begin == found and wanted < most:
+            wanted = FIRST if wanted == 0 else most
             found = look_up(task, desk, target, wanted)
         if begin < found:
             begin, filled = fill_from_lookup(task, desk, begin, found)
@@ -301,7 +301,7 @@ def solve_target(job: Job, task: Task, desk: Desk, target: Array, q: Array, w: i
                 continue
             if persisted == 1:
                 # What looked promising may be a mirror image of the answer; this time nobody is called back early.
-                restarts, begin, patience = MORE_RESTARTS, 0, PERSIST_STEPS
+                restarts, patience, most, begin, found = MORE_RESTARTS, PERSIST_STEPS, DEEP, 0, 0
             for l in range(LANES):
                 desk.state[l] = 0 if desk.best_error[l] < np.inf else 2
                 load_seed_row(lanes, l, desk.best)

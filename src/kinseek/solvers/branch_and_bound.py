@@ -397,8 +397,8 @@ def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
 def twist_cost(form: Form, wanted: Wanted, roll: Roll, desk: Desk, ceiling: float) -> float:
     """What the limits of the last joint add to the weighted error at least, where nothing above `ceiling` matters.
 
-    With tilt τ and a twist β short of the best one the columns cost ``K_A [(1 - cos τ) + (1 + cos τ)(1 - cos β)]``. The twist
-    part of a unit quaternion is cos(τ/2) long and moves by no more than the quaternion does, 2 sin(Ω/4).
+    With tilt τ and a twist β short of the best one the columns cost ``K_A [(1 - cos τ) + (1 + cos τ)(1 - cos β)]``. The
+    twist part of a unit quaternion is cos(τ/2) long and moves by no more than the quaternion does, 2 sin(Ω/4).
     """
     middle, half = 0.5 * (roll.lower + roll.upper), 0.5 * (roll.upper - roll.lower)
     if half >= math.pi or roll.weight == 0.0:
