@@ -176,8 +176,8 @@ def table(rows: list[Row], misses: list[Miss]) -> str:
         "",
         f"{first.random:,} targets from joint values uniform inside the limits and {first.singular:,} near singularities",
         "and limits, an arm; no seed. Solved: within 1e-6 m and 1e-6 rad by plain NumPy FK, and inside the limits.",
-        "One pose: `arm.ik(T)` from Python, 5,000 calls, wall time. Batch: one thread, processor time. Two cores: wall time against one",
-        f"thread. Medians. Load of the machine over the last fifteen minutes: {load()}.",
+        "One pose: `arm.ik(T)` from Python, 5,000 calls, wall time. Batch: one thread, processor time. Two cores: wall",
+        f"time against one thread. Medians. Load of the machine over the last fifteen minutes: {load()}.",
         "",
         "| arm | joints | solved, random % | solved, near singular % | one pose µs | p99 µs | batch µs a pose | "
         "near singular µs a pose | two cores | build ms | memory MB |",
