@@ -55,11 +55,11 @@ def pose_errors(T: Array, targets: Array) -> tuple[Array, Array]:
     return away, np.arctan2(np.linalg.norm(sine, axis=1), np.trace(R, axis1=1, axis2=2) - 1.0)
 
 
-def strict(chain: SerialChain, q: Array, targets: Array, tolerance: float = STRICT) -> NDArray[np.bool_]:
-    """Which joint vectors, (k, n), reach their targets, (k, 4, 4), inside the limits."""
+def strict(chain: SerialChain, q: Array, targets: Array, slack: float = 0.0) -> NDArray[np.bool_]:
+    """Which joint vectors, (k, n), reach their targets, (k, 4, 4), inside the limits, or outside by at most `slack`."""
     away, angle = pose_errors(plain_fk(chain, np.nan_to_num(q)), targets)
-    inside = ((q >= chain.lower) & (q <= chain.upper)).all(axis=1)
-    return np.asarray(inside & (away <= tolerance) & (angle <= tolerance))
+    inside = ((q >= chain.lower - slack) & (q <= chain.upper + slack)).all(axis=1)
+    return np.asarray(inside & (away <= STRICT) & (angle <= STRICT))
 
 
 def random_joints(chain: SerialChain, count: int, seed: int) -> Array:

@@ -42,7 +42,7 @@ def eaik(arm: Any) -> Solve:
     robot = module.HPRobot(arm["axes"], arm["offsets"])
     if not robot.hasKnownDecomposition():
         raise RuntimeError("no closed form known")
-    lower, upper, turn = arm["lower"], arm["upper"], arm["turn"]
+    lower, upper, turn = arm["lower"] - 1e-9, arm["upper"] + 1e-9, arm["turn"]
     middle = (lower + upper) / 2
     two_pi = 2 * np.pi
 
