@@ -50,7 +50,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         text = f" {row['seconds']:.2g} s; {100 * float(row['solved']):.3g} % within 1 µm and 1 µrad"
         axis.text(float(row["seconds"]), place, text, va="center", backgroundcolor="#ffffffc0")
     axis.axvline(10, color="#c23b00", linestyle="--", zorder=0, label="MATLAB, in the paper")
-    axis.set(xscale="log", xlim=(0.01, 3000))
+    axis.set(xscale="log", xlim=(1e-4, 3000))
     axis.set_xlabel(f"time for {rows[0]['points']} points of a 7-DOF arm (Panda) [s]")
     axis.set_yticks(places, [str(row["search"]) for row in rows])
     axis.invert_yaxis()
