@@ -8,6 +8,7 @@
 """
 
 from .arm import Arm, load
+from .certificate import Certificate, Verdict
 from .errors import (
     InvalidGoal,
     InvalidProblem,
@@ -39,6 +40,7 @@ __all__ = [
     "Atlas",
     "BlindSearch",
     "BruteForce",
+    "Certificate",
     "CoordinateDescent",
     "DivideAndConquer",
     "Goal",
@@ -54,6 +56,7 @@ __all__ = [
     "Solution",
     "Solver",
     "Status",
+    "Verdict",
     "load",
     "pose",
 ]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .certificate import Certificate, Verdict
 from .goal import Goal
 from .kernels.forward import forward_many
 from .kernels.lanes import LANES
@@ -117,6 +119,7 @@ class Arm:
         solver: Solver | None = None,
         threads: int | None = None,
         progress: bool = False,
+        prove: bool = False,
     ) -> Solution:
         """Find joint values that reach a goal, or come as near to it as the search can.
 
@@ -128,6 +131,7 @@ class Arm:
             solver: One of `kinseek.solvers`; by default the `Atlas`.
             threads: Threads for a batch, of the default solver; every core unless given.
             progress: Show a progress bar for a batch, of the default solver.
+            prove: Try to prove of every missed pose that it is out of reach; see `Arm.prove`.
 
         Returns:
             Joint values inside the limits, their errors recomputed by FK, and whether these meet the
@@ -138,7 +142,7 @@ class Arm:
             InvalidProblem: `near` does not fit the arm.
             InvalidSolver: The solver's parameters do not fit the arm.
         """
-        plain = type(goal) is np.ndarray and near is None and solver is None
+        plain = type(goal) is np.ndarray and near is None and solver is None and not prove
         if plain and goal.shape == (4, 4) and goal.dtype == np.float64 and goal.flags.c_contiguous:
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform.
             row = solve_pose(self.atlas.handle, _DEFAULT, goal, LANES)
@@ -147,7 +151,39 @@ class Arm:
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self.chain, near, "near")
         problem = Problem(self.chain, asked, start)
-        return (solver or Atlas(threads=threads, progress=progress)).solve(problem)
+        solution = (solver or Atlas(threads=threads, progress=progress)).solve(problem)
+        return self._with_proofs(solution) if prove else solution
+
+    def prove(self, goal: Any, *, gap: float | None = None, budget: int = 2_000_000) -> Certificate:
+        """Decide by branch and bound whether any joint values inside the limits reach a goal.
+
+        Args:
+            goal: One pose, or an object that carries one, or a `Goal`.
+            gap: Unless None, go on until the bounds on the least weighted error are this close, relative to
+                the upper one.
+            budget: Boxes of joint values to examine; 0 gives valid, wide bounds.
+
+        Returns:
+            The verdict, a witness or the best pose found, and bounds on the error of every pose.
+
+        Raises:
+            InvalidGoal: Not a pose.
+            InvalidProblem: A batch, or a gap or budget out of its range.
+        """
+        from .solvers.branch_and_bound import prove
+
+        asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
+        return prove(Problem(self.chain, asked), gap=gap, budget=budget)
+
+    def _with_proofs(self, solution: Solution) -> Solution:
+        from .solvers.branch_and_bound import prove
+
+        missed = [
+            not success and prove(one).verdict is Verdict.UNREACHABLE
+            for one, success in zip(solution.problem.each(), np.ravel(solution.success), strict=True)
+        ]
+        shape = solution.problem.goal.shape
+        return replace(solution, proved_unreachable=np.reshape(missed, shape) if shape else bool(missed[0]))
 
     def __repr__(self) -> str:
         """Name, joints and frames."""

@@ -55,6 +55,8 @@ class Solution:
     """Nodes of the search tree that were visited, int or (...); 0 where the search grows no tree."""
     problem: Problem
     """What was asked."""
+    proved_unreachable: Any = False
+    """Is it proved that no joint values inside the limits reach the goal? bool or (...) bool."""
 
     def __getattr__(self, name: str) -> Any:
         """Make `problem` when it is first asked for: the fast way of `Arm.ik` leaves it out."""
@@ -70,9 +72,12 @@ class Solution:
     def status(self) -> Any:
         """`Status`, or an object array of them, (...)."""
         if isinstance(self.success, bool):
-            return Status.SOLVED if self.success else Status.BEST_EFFORT
-        codes = np.array([Status.BEST_EFFORT, Status.SOLVED], dtype=object)
-        return codes[self.success.astype(np.int64)]
+            if self.success:
+                return Status.SOLVED
+            return Status.PROVED_UNREACHABLE if self.proved_unreachable else Status.BEST_EFFORT
+        names = np.array([Status.BEST_EFFORT, Status.SOLVED, Status.PROVED_UNREACHABLE], dtype=object)
+        proved = np.broadcast_to(self.proved_unreachable, self.success.shape)
+        return names[np.where(self.success, 1, np.where(proved, 2, 0))]
 
     def require(self) -> Self:
         """Return self if every target is reached.

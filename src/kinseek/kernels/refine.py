@@ -347,6 +347,7 @@ def polish(job: Job, task: Task, desk: Desk, goal: GoalArrays, w: int) -> int:
     largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
     for l in range(LANES):
         floor[l] = 0.1 * (goal.position_weight * task.length + largest)
+        desk.state[l] = 0
         load_seed_row(lanes, l, desk.best)
         lanes.weight[LANES + l] = math.sqrt(largest)
     for c in range(3):
@@ -364,12 +365,15 @@ def polish(job: Job, task: Task, desk: Desk, goal: GoalArrays, w: int) -> int:
             scale_p, scale_o = far / lanes.weight[l], 1.0 / largest if largest > 0.0 else 0.0
             lanes.weight[l] = far
             if error <= desk.best_error[l]:
-                floor[l] = max(0.3 * floor[l], 1e-9)
+                if desk.state[l] == 0:
+                    floor[l] = max(0.3 * floor[l], 1e-9)
+                desk.state[l] = 0
                 desk.best_error[l] = error
                 for i in range(dof):
                     desk.best[l, i] = lanes.q[i, l]
             else:
                 floor[l] *= 4.0
+                desk.state[l] = 1
                 load_seed_row(lanes, l, desk.best)
                 scale_p, scale_o = 0.0, 0.0  # This lane stands still once, and steps anew from its best.
             for r in range(3):
