@@ -208,7 +208,7 @@ def verdicts(rows: list[Row]) -> list[str]:
     ) -> str:
         worst = max(range(len(rows)), key=lambda i: values[i] if largest else -values[i])
         return (
-            f"| {what} | {aim} | {values[worst]:.3g}{unit}, {rows[worst].arm} | {sum(good)} of {len(rows)} |"
+            f"| {what} | {aim} | {values[worst]:.5g}{unit}, {rows[worst].arm} | {sum(good)} of {len(rows)} |"
         )
 
     best: dict[int, float] = {}

@@ -114,6 +114,7 @@ def solve_many(
     )
     left = np.empty(end - begin, dtype=np.int64)
     run_lanes(Job(handle, wanted, memory), task, desk, queue, targets, results, left, begin, end, w)
+    memory[0], numbers[0] = 0.0, 0  # Their last use, see `solve_pose`.
     count = 0
     while count < end - begin and left[count] >= 0:
         i = left[count]

@@ -14,6 +14,9 @@ from .lanes import LANES, Lanes, lanes_size, make_lanes
 from .neighbours import LEAF, Tree
 from .pointers import flags, floats1, floats2, floats3, integer_part, integers, part1, part2
 
+OPEN = 1e300
+"""Limit of a joint that turns fully; infinite if it is continuous, for then both ways round count."""
+
 DEEP = 160
 """Samples looked up at most for one goal."""
 
@@ -25,7 +28,7 @@ class Task(NamedTuple):
     atlas: Atlas
     division: Division
     lower: Array
-    """Limits of the refinement, (n,): infinite for a joint that turns fully, for it can always go on."""
+    """Limits of the refinement, (n,): at least OPEN for a joint that turns fully, for it can always go on."""
     upper: Array
     columns: Array
     """Weights of the columns in the refinement, (3,): ½ each for a pose, (1, 0, 0) for a direction, 0 for a position."""

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from .arrays import Array, GoalArrays, Indices
+from .atlas import nearest_copy
 from .desk import Job, Task, desk_size, make_desk, task_of
 from .jit import hidden, kernel
 from .lanes import LANES
@@ -22,20 +23,23 @@ from .refine import (
     look_up,
     solve_pose,
     start,
+    turns_fully,
 )
 
-CLOSE = 0.5
+CLOSE = 0.1
 """An answer this close to where the user wants it [rad or m] ends the search for a closer one."""
 
 
 @hidden
 def joint_distance(task: Task, q: Array, near: Array) -> float:
-    """Squared distance of two joint vectors, a joint that turns fully measured the short way round."""
+    """Squared distance of two joint vectors, a continuous joint measured the short way round."""
     total = 0.0
     for i in range(len(q)):
         gap = q[i] - near[i]
         if math.isinf(task.lower[i]):
             gap -= 2.0 * math.pi * np.round(gap / (2.0 * math.pi))
+        elif turns_fully(task, i):
+            gap = nearest_copy(q[i], task.chain.lower[i], task.chain.upper[i], near[i]) - near[i]
         total += gap * gap
     return total
 
@@ -55,7 +59,7 @@ def solve_near(handle: Indices, wanted: Array, target: Array, near: Array, w: in
     start(task, desk, target)
     for i in range(dof):
         low, high = task.chain.lower[i], task.chain.upper[i]
-        desk.seed[i] = near[i] if math.isinf(task.lower[i]) else min(max(near[i], low), high)
+        desk.seed[i] = near[i] if turns_fully(task, i) else min(max(near[i], low), high)
     load_seed(desk.lanes, 0, desk.seed)
     for l in range(LANES):
         desk.state[l] = 0 if l == 0 else 2
@@ -89,6 +93,7 @@ def solve_near(handle: Indices, wanted: Array, target: Array, near: Array, w: in
         spent += int(other[dof + 3])
     report[3] = spent
     finish(task, desk, GoalArrays(target, task.wanted[2], task.axis_weights), near, q, report)
+    memory[0] = 0.0  # Its last use, see `solve_pose`.
     return result
 
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from .arrays import Array, GoalArrays, Indices
 from .atlas import NONE, complete_seed, coordinates, nearest_copy, product
-from .desk import DEEP, Desk, Job, Task, desk_size, make_desk, task_of
+from .desk import DEEP, OPEN, Desk, Job, Task, desk_size, make_desk, task_of
 from .forward import copy_pose, forward
-from .jit import called, hidden, kernel
+from .jit import called, exact, hidden, kernel
 from .lanes import (
     LANES,
     Lanes,
@@ -224,11 +224,18 @@ def fill_from_lookup(task: Task, desk: Desk, begin: int, found: int) -> tuple[in
 
 
 @hidden
+def turns_fully(task: Task, i: int) -> bool:
+    """Does the range of joint i hold a full turn? Then its limits are open, infinitely so where it never ends."""
+    full: bool = task.lower[i] <= -OPEN
+    return full
+
+
+@hidden
 def into_limits(task: Task, q: Array, near: Array) -> None:
     """Bring every joint that turns fully inside its limits by whole turns, near `near`, (n,)."""
     for i in range(len(q)):
         low, high = task.chain.lower[i], task.chain.upper[i]
-        if math.isinf(task.lower[i]):
+        if turns_fully(task, i):
             q[i] = nearest_copy(q[i], low, high, near[i])
         q[i] = min(max(q[i], low), high)
 
@@ -391,9 +398,9 @@ def finish(task: Task, desk: Desk, goal: GoalArrays, near: Array, q: Array, repo
     report[2] = weighted_error(desk.spare, goal)
 
 
-@hidden
+@exact
 def is_rigid(T: Array) -> bool:
-    """Is T, (4, 4), finite and a rigid transform to rounding?"""
+    """Is T, (4, 4), finite and a rigid transform to rounding? Exact: the other kernels may assume that no number is NaN."""
     for r in range(4):
         for c in range(4):
             if not abs(T[r, c]) < 1e300:
@@ -440,4 +447,5 @@ def solve_pose(handle: Indices, wanted: Array, target: Array, w: int) -> Array:
     report[3] = solve_target(job, task, desk, target, q, w)
     middle(task, desk.seed)
     finish(task, desk, GoalArrays(target, task.wanted[2], task.axis_weights), desk.seed, q, report)
+    memory[0] = 0.0  # Views do not keep it alive: without a last use Numba would have freed it by now.
     return result

@@ -24,7 +24,7 @@ from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas import NONE, SLIDE, TURN, Division, build_atlas
 from kinseek.kernels.batch import solve_many
-from kinseek.kernels.desk import task_arrays
+from kinseek.kernels.desk import OPEN, task_arrays
 from kinseek.kernels.lanes import LANES
 from kinseek.kernels.nearby import solve_many_near
 from kinseek.kernels.neighbours import LEAF
@@ -216,7 +216,8 @@ def open_limits(chain: SerialChain) -> tuple[Array, Array]:
     free = (chain.upper - chain.lower >= 2 * np.pi - 1e-9) & (np.array(chain.kinds) != "prismatic")
     for k, i in enumerate(chain.leader):
         free[i] &= float(chain.multiplier[k]).is_integer() and not chain.prismatic[k]
-    return np.where(free, -np.inf, chain.lower), np.where(free, np.inf, chain.upper)
+    far = np.where(np.array(chain.kinds) == "continuous", np.inf, OPEN)
+    return np.where(free, -far, chain.lower), np.where(free, far, chain.upper)
 
 
 def divide(chain: SerialChain, kind: str) -> Division:

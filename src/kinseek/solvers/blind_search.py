@@ -43,10 +43,8 @@ class BlindSearch:
             raise InvalidSolver(f"step must be a finite number > 0, got {self.step}")
         if not 0 < self.shrink < 1:
             raise InvalidSolver(f"shrink must be between 0 and 1, got {self.shrink}")
-        if not 0 < self.smallest_step <= self.step:
-            raise InvalidSolver(
-                f"smallest_step must be > 0 and at most step {self.step}, got {self.smallest_step}"
-            )
+        if not (np.isfinite(self.smallest_step) and self.smallest_step > 0):
+            raise InvalidSolver(f"smallest_step must be a finite number > 0, got {self.smallest_step}")
         whole("most_steps", self.most_steps, 1)
 
     def solve(self, problem: Problem) -> Solution:
