@@ -5,7 +5,7 @@
 
 Every peer answers one pose at a time, on one thread, as called from Python; it is given neither the answer nor anything
 near it. An answer counts if plain NumPy forward kinematics finds it within 1e-6 m and 1e-6 rad, and inside the limits.
-kinseek is measured again before every peer; the ratio is to the run just before it.
+kinseek is measured again before and after every peer, in several rounds; the ratio is to these.
 """
 
 from __future__ import annotations
@@ -160,9 +160,8 @@ def measure_peer(
             return "stopped after 300 s", ""
         if done.returncode or not destination.is_file():
             lines = [line for line in done.stderr.strip().splitlines() if line.strip()]
-            return (lines[-1].removeprefix("RuntimeError: ") if lines else f"ended with {done.returncode}")[
-                :60
-            ], ""
+            reason = lines[-1].removeprefix("RuntimeError: ") if lines else f"ended with {done.returncode}"
+            return reason[:60], ""
         with np.load(destination) as found:
             return summary(arm, found["q"], found["times"], targets, random), str(found["version"])
 
@@ -174,6 +173,9 @@ def main() -> None:
     parser.add_argument("--peers", nargs="+", default=list(PEERS), choices=list(PEERS))
     parser.add_argument(
         "--targets", type=int, default=1000, help="random targets an arm; half as many near singular"
+    )
+    parser.add_argument(
+        "--rounds", type=int, default=3, help="times that every peer is measured; medians count"
     )
     parser.add_argument("--output", type=Path, default=HERE.parent / "peers.md")
     options = parser.parse_args()
@@ -187,37 +189,48 @@ def main() -> None:
         arm = fleet_arm(name)
         q = np.concatenate([random_joints(arm.chain, random, 0), singular_joints(arm.chain, random // 2, 0)])
         targets = plain_fk(arm.chain, q)
-        ours = []
+        ours = [measure_kinseek(arm, targets, random)]
+        theirs: dict[str, list[tuple[Result, float]]] = {peer: [] for peer in options.peers}
+        reasons: dict[str, str] = {}
         with tempfile.TemporaryDirectory() as folder:
             source = Path(folder) / "arm.npz"
             write_arm(name, arm, targets, source)
-            theirs: dict[str, tuple[Result | str, float]] = {}
-            for peer in options.peers:
-                before = measure_kinseek(arm, targets, random)
-                ours.append(before)
-                python = pythons[PEERS[peer][0]]
-                if python is None:
-                    theirs[peer] = "could not be installed", np.nan
-                    continue
-                result, release = measure_peer(peer, python, arm, source, targets, random)
-                versions.setdefault(peer, release or "")
-                versions[peer] = release or versions[peer]
-                theirs[peer] = result, np.nan if isinstance(result, str) else result.median / before.median
-        middle = Result(*(statistics.median(column) for column in zip(*map(fields, ours), strict=True)))
-        rows.append(line(name, "**kinseek**", middle, np.nan))
-        for peer, (result, ratio) in theirs.items():
-            rows.append(line(name, peer, result, ratio))
-            if np.isfinite(ratio):
-                ratios[peer].append((ratio, name))
+            for turn in range(options.rounds):
+                for peer in options.peers:
+                    python = pythons[PEERS[peer][0]]
+                    if python is None:
+                        reasons[peer] = "could not be installed"
+                    if peer in reasons or (turn and PEERS[peer][1] is None):
+                        continue
+                    before = measure_kinseek(arm, targets, random)
+                    result, release = measure_peer(peer, python or Path(), arm, source, targets, random)
+                    if isinstance(result, str):
+                        reasons[peer] = result
+                        continue
+                    after = measure_kinseek(arm, targets, random)
+                    versions[peer] = release
+                    ours += [before, after]
+                    theirs[peer].append((result, 2 * result.median / (before.median + after.median)))
+        rows.append(line(name, "**kinseek**", typical(ours), np.nan))
+        for peer, found in theirs.items():
+            if not found:
+                rows.append(line(name, peer, reasons[peer], np.nan))
+                continue
+            ratio = statistics.median(each for _, each in found)
+            rows.append(line(name, peer, typical([result for result, _ in found]), ratio))
+            ratios[peer].append((ratio, name))
         print("\n".join(rows[-1 - len(theirs) :]), flush=True)
     minutes = (time.perf_counter() - began) / 60
-    options.output.write_text(page(rows, versions, ratios, random, minutes), encoding="utf-8")
+    options.output.write_text(page(rows, versions, ratios, random, options.rounds, minutes), encoding="utf-8")
     print(f"wrote {options.output}")
 
 
-def fields(result: Result) -> tuple[float, ...]:
-    """The numbers of a result, in order."""
-    return result.median, result.mean, result.p99, result.random, result.singular
+def typical(results: list[Result]) -> Result:
+    """Medians of every number."""
+    columns = zip(
+        *((each.median, each.mean, each.p99, each.random, each.singular) for each in results), strict=True
+    )
+    return Result(*(statistics.median(column) for column in columns))
 
 
 def line(name: str, who: str, result: Result | str, ratio: float) -> str:
@@ -234,6 +247,7 @@ def page(
     versions: dict[str, str],
     ratios: dict[str, list[tuple[float, str]]],
     random: int,
+    rounds: int,
     minutes: float,
 ) -> str:
     """The page as Markdown."""
@@ -247,7 +261,8 @@ def page(
         f"{random:,} random reachable targets and {random // 2:,} near singularities and limits, an arm; one pose at a",
         "time, one thread, wall time of the call as made from Python; no seed from the answer. Strict: within 1e-6 m and",
         "1e-6 rad by plain NumPy FK, and inside the limits but for 1e-9 of rounding. Times are of the random targets. The",
-        "last column is the peer's median over kinseek's, measured just before it. Settings: `benchmarks/peers/worker.py`.",
+        "last column is the peer's median over kinseek's, measured just before and after it; the median of "
+        f"{rounds} rounds. Settings: `benchmarks/peers/worker.py`.",
         "",
         "| arm | who | median µs | mean µs | p99 µs | strict % random | strict % near singular | kinseek is faster by |",
         "|---|---|--:|--:|--:|--:|--:|--:|",

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidGoal
 from .kernels.arrays import GoalArrays
+from .kernels.pose_error import all_rigid
 
 Array = NDArray[np.float64]
 
@@ -206,6 +207,8 @@ def as_pose(target: Any) -> Array:
     matrix = _matrix_of(target)
     if matrix.ndim < 2 or matrix.shape[-2:] != (4, 4):
         raise InvalidGoal(f"a pose must have shape (4, 4) or (..., 4, 4), got {matrix.shape}{_hint(matrix)}")
+    if matrix.ndim > 2 and all_rigid(np.ascontiguousarray(matrix.reshape(-1, 4, 4))):
+        return matrix
     if not np.isfinite(matrix).all():
         bad = np.argwhere(~np.isfinite(matrix).all(axis=(-2, -1)))
         where = f" at index {_index(bad[0])} of the batch ({len(bad)} such poses)" if matrix.ndim > 2 else ""
@@ -219,11 +222,11 @@ def as_pose(target: Any) -> Array:
         first = np.argwhere(wrong)[0]
         where = f" at index {_index(first)} of the batch" if matrix.ndim > 2 else ""
         raise InvalidGoal(_why_not_rigid(off[tuple(first)], row[tuple(first)], mirrored[tuple(first)], where))
-    if (off > 1e-14).any() or (row > 0).any():
-        left, _, right = np.linalg.svd(turn)
-        matrix = matrix.copy()
-        matrix[..., :3, :3] = left @ right
-        matrix[..., 3, :] = [0, 0, 0, 1]
+    loose = (off > 1e-14) | (row > 0)
+    if loose.any():  # Only these: what else is in a batch changes nothing.
+        left, _, right = np.linalg.svd(turn[loose])
+        matrix[loose, :3, :3] = left @ right
+        matrix[loose, 3, :] = [0, 0, 0, 1]
     return matrix
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from .arrays import Array, ChainArrays, GoalArrays
 from .forward import forward
-from .jit import inner, kernel
+from .jit import exact, inner, kernel
 
 
 @inner
@@ -102,3 +102,33 @@ def judge(chain: ChainArrays, q: Array, targets: Array, goal: GoalArrays) -> Arr
         result[k, 0], result[k, 1] = errors(T, this)
         result[k, 2] = weighted_error(T, this)
     return result
+
+
+@exact
+def is_rigid(T: Array) -> bool:
+    """Is T, (4, 4), finite and a rigid transform to rounding? Exact: the other kernels may assume that no number is NaN."""
+    for r in range(4):
+        for c in range(4):
+            if not abs(T[r, c]) < 1e300:
+                return False
+    if T[3, 0] != 0.0 or T[3, 1] != 0.0 or T[3, 2] != 0.0 or T[3, 3] != 1.0:
+        return False
+    for c in range(3):
+        for d in range(c + 1):
+            dot = T[0, c] * T[0, d] + T[1, c] * T[1, d] + T[2, c] * T[2, d]
+            if abs(dot - (1.0 if c == d else 0.0)) > 2e-14:
+                return False
+    volume = T[0, 0] * (T[1, 1] * T[2, 2] - T[1, 2] * T[2, 1])
+    volume += T[0, 1] * (T[1, 2] * T[2, 0] - T[1, 0] * T[2, 2])
+    volume += T[0, 2] * (T[1, 0] * T[2, 1] - T[1, 1] * T[2, 0])
+    upright: bool = volume > 0.0
+    return upright
+
+
+@kernel
+def all_rigid(poses: Array) -> bool:
+    """Are all poses, (k, 4, 4), finite and rigid transforms to rounding?"""
+    loose = 0
+    for k in range(len(poses)):
+        loose += 0 if is_rigid(poses[k]) else 1
+    return loose == 0

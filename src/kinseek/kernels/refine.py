@@ -16,7 +16,7 @@ from .arrays import Array, GoalArrays, Indices
 from .atlas import NONE, complete_seed, coordinates, nearest_copy, product
 from .desk import DEEP, OPEN, Desk, Job, Task, desk_size, make_desk, task_of
 from .forward import copy_pose, forward
-from .jit import called, exact, hidden, kernel
+from .jit import called, hidden, kernel
 from .lanes import (
     LANES,
     Lanes,
@@ -29,7 +29,7 @@ from .lanes import (
 )
 from .neighbours import nearest
 from .pointers import part1
-from .pose_error import errors, weighted_error
+from .pose_error import errors, is_rigid, weighted_error
 
 FIRST, MORE, RESTARTS = 8, 40, 64
 FIRST_STEPS, DEEP_STEPS, RESTART_STEPS, POLISH_STEPS = 10, 20, 30, 60
@@ -396,27 +396,6 @@ def finish(task: Task, desk: Desk, goal: GoalArrays, near: Array, q: Array, repo
     forward(task.chain, q, desk.spare)
     report[0], report[1] = errors(desk.spare, goal)
     report[2] = weighted_error(desk.spare, goal)
-
-
-@exact
-def is_rigid(T: Array) -> bool:
-    """Is T, (4, 4), finite and a rigid transform to rounding? Exact: the other kernels may assume that no number is NaN."""
-    for r in range(4):
-        for c in range(4):
-            if not abs(T[r, c]) < 1e300:
-                return False
-    if T[3, 0] != 0.0 or T[3, 1] != 0.0 or T[3, 2] != 0.0 or T[3, 3] != 1.0:
-        return False
-    for c in range(3):
-        for d in range(c + 1):
-            dot = T[0, c] * T[0, d] + T[1, c] * T[1, d] + T[2, c] * T[2, d]
-            if abs(dot - (1.0 if c == d else 0.0)) > 2e-14:
-                return False
-    volume = T[0, 0] * (T[1, 1] * T[2, 2] - T[1, 2] * T[2, 1])
-    volume += T[0, 1] * (T[1, 2] * T[2, 0] - T[1, 0] * T[2, 2])
-    volume += T[0, 2] * (T[1, 0] * T[2, 1] - T[1, 1] * T[2, 0])
-    upright: bool = volume > 0.0
-    return upright
 
 
 @kernel
