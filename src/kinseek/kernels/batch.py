@@ -10,7 +10,7 @@ from .arrays import Array, GoalArrays, Indices
 from .atlas import complete_seed
 from .desk import Desk, Job, Task, desk_size, make_desk, task_of
 from .jit import hidden, kernel
-from .lanes import LANES
+from .lanes import LANES, Lanes
 from .pointers import integer_part
 from .refine import (
     FIRST,
@@ -46,6 +46,20 @@ class Queue(NamedTuple):
 
 
 @hidden
+def stand_still(lanes: Lanes, l: int) -> None:
+    """Forget what lane l was at: with no pose, no axes and no error its next step is zero, whatever they were."""
+    for k in range(lanes.axes.shape[0]):
+        for r in range(6):
+            lanes.axes[k, r * LANES + l] = 0.0
+    for r in range(12):
+        lanes.pose[r * LANES + l] = 0.0
+    for r in range(6):
+        lanes.residual[r * LANES + l] = 0.0
+    for r in range(4):
+        lanes.error[r * LANES + l] = 0.0
+
+
+@hidden
 def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int) -> bool:
     """Put lane l at the next sample of its target that is worth a try; say whether there was one."""
     for r in range(3):
@@ -60,8 +74,7 @@ def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int) -> b
         ):
             load_seed(desk.lanes, l, desk.seed)
             queue.steps[l] = 0
-            for r in range(6):
-                desk.lanes.residual[r * LANES + l] = 0.0  # Stands still until its first evaluation.
+            stand_still(desk.lanes, l)
             return True
     return False
 
@@ -100,7 +113,7 @@ def solve_many(
     """
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
-    memory = np.empty(desk_size(dof, joints))
+    memory = np.zeros(desk_size(dof, joints))
     desk = make_desk(memory, dof, joints)
     _lanes, numbers = desk.lanes, np.zeros((5 + FIRST) * LANES, dtype=np.int64)
     at = numbers.ctypes.data
@@ -141,8 +154,7 @@ def run_lanes(
     leftover, number, active = 0, begin, LANES
     for l in range(LANES):
         queue.target[l] = -1
-        for r in range(6):
-            lanes.residual[r * LANES + l] = 0.0
+        stand_still(lanes, l)
     first = True
     while active > 0:
         if not first:

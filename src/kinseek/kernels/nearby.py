@@ -52,7 +52,7 @@ def solve_near(handle: Indices, wanted: Array, target: Array, near: Array, w: in
     """
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
-    result, memory = np.empty(dof + 4), np.empty(desk_size(dof, joints))
+    result, memory = np.empty(dof + 4), np.zeros(desk_size(dof, joints))
     desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
     address = result.ctypes.data
     q, report = part1(address, 0, dof), part1(address, dof, 4)

@@ -418,7 +418,7 @@ def solve_pose(handle: Indices, wanted: Array, target: Array, w: int) -> Array:
     if not is_rigid(target):
         result[dof + 3] = -1.0
         return result
-    memory = np.empty(desk_size(dof, joints))
+    memory = np.zeros(desk_size(dof, joints))
     desk = make_desk(memory, dof, joints)
     job = Job(handle, wanted, memory)
     address = result.ctypes.data
