@@ -83,3 +83,12 @@ def test_solutions_pickle() -> None:
 def test_errors_and_their_solution_pickle() -> None:
     error = NotReached("no", judged(Q))
     assert pickle.loads(pickle.dumps(error)).solution.success is True
+
+
+def test_the_question_is_the_one_that_was_asked() -> None:
+    arm = kinseek.load("planar2")
+    target = arm.fk([0.3, 0.5])
+    asked = target.copy()
+    solution = arm.ik(target)
+    target[:3, 3] = 9.0
+    np.testing.assert_array_equal(solution.problem.goal.target, asked)

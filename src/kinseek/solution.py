@@ -156,6 +156,6 @@ def quick_solution(chain: SerialChain, target: Array, row: Array) -> Solution:
         evaluations=int(spent),
         nodes_created=0,
         nodes_expanded=0,
-        _question=(chain, target),
+        _question=(chain, target.copy()),  # The caller may write the next target into the same array.
     )
     return solution

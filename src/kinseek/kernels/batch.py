@@ -115,7 +115,7 @@ def solve_many(
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = np.zeros(desk_size(dof, joints))
     desk = make_desk(memory, dof, joints)
-    _lanes, numbers = desk.lanes, np.zeros((5 + FIRST) * LANES, dtype=np.int64)
+    numbers = np.zeros((5 + FIRST) * LANES, dtype=np.int64)
     at = numbers.ctypes.data
     queue = Queue(
         integer_part(at, 0, LANES),
@@ -149,12 +149,11 @@ def run_lanes(
     w: int,
 ) -> None:
     """Work the queue off; numbers of the targets left over go into `left`, closed by -1 if there is room."""
-    lanes, _dof = desk.lanes, len(task.lower)
+    lanes = desk.lanes
     reset_weights(task, desk)
     leftover, number, active = 0, begin, LANES
     for l in range(LANES):
         queue.target[l] = -1
-        stand_still(lanes, l)
     first = True
     while active > 0:
         if not first:

@@ -285,7 +285,7 @@ def start(task: Task, desk: Desk, target: Array) -> None:
 @called
 def solve_target(job: Job, task: Task, desk: Desk, target: Array, q: Array, w: int) -> int:
     """Answer one target, (3, 4); write q, (n,), and return the FK evaluations spent."""
-    lanes, _dof = desk.lanes, len(task.lower)
+    lanes = desk.lanes
     start(task, desk, target)
     goal = GoalArrays(target, task.wanted[2], task.axis_weights)
     spent, rounds, wanted, begin, found, persisted, number = 0, 0, 0, 0, 0, 0, 0
