@@ -47,7 +47,9 @@ def joint_distance(task: Task, q: Array, near: Array) -> float:
 
 
 @called
-def walk_near(handle: Indices, wanted: Array, memory: Array, target: Array, near: Array, q: Array, w: int) -> int:
+def walk_near(
+    handle: Indices, wanted: Array, memory: Array, target: Array, near: Array, q: Array, w: int
+) -> int:
     """Find what is nearest to `near`, (n,), among all that is found, else what `solve_target` finds; write q, (n,).
 
     First a walk from `near` itself: if it ends close by, there is no lookup at all.

@@ -53,7 +53,7 @@ FIRST_STEPS, DEEP_STEPS, RESTART_STEPS, POLISH_STEPS = 10, 20, 30, 20
 STALL, NEARLY = 6, 0.03
 """A descent is given up when no lane has halved its squared error in so many steps, unless one is as near as that."""
 
-ENDGAME = 2 * (POLISH_STEPS + NEWTON_STEPS + 1) + (MORE // LANES + 1) * (FIRST_STEPS + 1)
+ENDGAME = 2 * (POLISH_STEPS + NEWTON_STEPS + 1) + (DEEP // LANES + 1) * (DEEP_STEPS + 1)
 """FK evaluations that the search for the nearest pose takes at most, a lane."""
 
 PERSIST_STEPS = 100
@@ -407,7 +407,7 @@ def solve_target(
                 spent += look_around(handle, wanted, memory, target, w)
                 spent += polish(handle, wanted, memory, target, w)
                 reset_weights(task, desk)
-            if lowest(desk.best_error) > PROMISING * (task.wanted[2] * task.length + 1.0):
+            if lowest(desk.best_error) > promise(task):
                 continue
             if persisted == 1:
                 # What looked promising may be a mirror image of the answer; this time nobody is called back early.
@@ -507,6 +507,13 @@ def polish(handle: Indices, wanted: Array, memory: Array, target: Array, w: int)
     return spent
 
 
+@hidden
+def promise(task: Task) -> float:
+    """A goal with a smaller weighted error left is worth more work."""
+    limit: float = PROMISING * (task.wanted[2] * task.length + 1.0)
+    return limit
+
+
 @called
 def look_around(handle: Indices, wanted: Array, memory: Array, target: Array, w: int) -> int:
     """Reach the best pose found by other ways, for one of them may lead on to a better; return FK evaluations.
@@ -523,11 +530,12 @@ def look_around(handle: Indices, wanted: Array, memory: Array, target: Array, w:
     reset_weights(task, desk)
     for l in range(LANES):
         load_target(desk.lanes, l, pose)
-    found = look_up(task, desk, pose, MORE)
+    promising = lowest(desk.best_error) <= promise(task)
+    found = look_up(task, desk, pose, DEEP if promising else MORE)
     while begin < found:
         begin, filled = fill_from_lookup(task, desk, begin, found)
         if filled > 0:
-            _, made = descend_lanes(job, task, desk, FIRST_STEPS, True, w)
+            _, made = descend_lanes(job, task, desk, DEEP_STEPS if promising else FIRST_STEPS, True, w)
             spent += (made + 1) * LANES
             keep_best(handle, wanted, memory, target)
     for l in range(LANES):
@@ -545,7 +553,9 @@ def finish(task: Task, desk: Desk, goal: GoalArrays, near: Array, q: Array, repo
 
 
 @view
-def answer(handle: Indices, wanted: Array, memory: Array, target: Array, q: Array, report: Array, w: int) -> None:
+def answer(
+    handle: Indices, wanted: Array, memory: Array, target: Array, q: Array, report: Array, w: int
+) -> None:
     """Answer one target: joint values into q, (n,), errors [m], [rad] and weighted and FK evaluations into report, (4,)."""
     task = task_of(handle, wanted)
     report[3] = solve_target(handle, wanted, memory, target, wanted[3], q, w)

@@ -24,6 +24,9 @@ STEPS = 40
 SMOOTH = 1e-9
 """|p - p_g| is rounded off this close to its kink [m]."""
 
+MOST = 1e6
+"""Where a damping so many times the largest entry of the Hessian does not help, rounding is all that is left."""
+
 LONGEST = 0.5
 """No joint moves farther in one step [rad or m]."""
 
@@ -117,7 +120,7 @@ def damped_step(H: Array, g: Array, held: Flags, damping: float, L: Array, step:
         for j in range(i + 1):
             value = H[i, j] + (damping if i == j else 0.0)
             if held[i] or held[j]:
-                value = 1.0 if i == j else 0.0
+                value = abs(H[i, i]) + damping if i == j else 0.0
             for k in range(j):
                 value -= L[i, k] * L[j, k]
             if i == j:
@@ -166,8 +169,10 @@ def settle(chain: ChainArrays, goal: GoalArrays, lower: Array, upper: Array, q: 
                 steepest = max(steepest, abs(g[i]))
         if steepest <= 1e-13 * largest or largest == 0.0:
             break
-        while not damped_step(H, g, held, damping, L, step):
+        while damping <= MOST * largest and not damped_step(H, g, held, damping, L, step):
             damping = max(4.0 * damping, 1e-4 * largest)
+        if damping > MOST * largest:
+            break
         farthest = LONGEST
         for i in range(n):
             farthest = max(farthest, abs(step[i]))
@@ -189,6 +194,4 @@ def settle(chain: ChainArrays, goal: GoalArrays, lower: Array, upper: Array, q: 
             error = now
         else:
             damping = max(8.0 * damping, 1e-6 * largest)
-            if damping > 1e8 * largest:
-                break
     return spent
