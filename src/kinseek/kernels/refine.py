@@ -13,9 +13,9 @@ import math
 import numpy as np
 
 from .arrays import Array, GoalArrays, Indices
-from .atlas import NONE, complete_seed, coordinates, nearest_copy, product
+from .atlas import complete_seed, coordinates, nearest_copy, product
 from .desk import DEEP, OPEN, Desk, Job, Task, desk_size, make_desk, task_of
-from .forward import copy_pose, forward
+from .forward import forward
 from .jit import called, hidden, kernel
 from .lanes import (
     LANES,
@@ -141,9 +141,6 @@ def within(task: Task, lanes: Lanes, l: int) -> bool:
 @hidden
 def see(task: Task, desk: Desk, target: Array) -> None:
     """Write a target, (3, 4), as the atlas sees it into the desk."""
-    if task.division.head == NONE and task.division.tail == NONE:
-        copy_pose(target, desk.seen)
-        return
     product(task.atlas.inverse_head, target, desk.between)
     product(desk.between, task.atlas.inverse_tip, desk.seen)
 

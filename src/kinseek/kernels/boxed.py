@@ -1,0 +1,433 @@
+"""Goals with free axes and ranges: steps that look only at what sticks out.
+
+The deviation of a pose from the wanted one has six components in a frame, see `kinseek.goal.Goal`. A component outside its
+range has a row in the Jacobian and the way to the range as residual; one inside has neither, so the step is free to move
+it. With D the rotation that deviates, seen in the frame, and w = log D, a turn ω of the hand changes w by ``J_l(w)⁻¹ ω``
+with ``J_l⁻¹ = I - [w]/2 + (1/θ² - cot(θ/2)/2θ) [w]²`` the inverse of SO(3)'s left Jacobian (Solà, Deray and Atchuthan 2018,
+Sec. 4): so the rows are exact however far the turn is.
+
+Seeds come from the atlas, looked up at poses spread over the ranges.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .arrays import Array, Indices
+from .atlas import complete_seed
+from .desk import Desk, Job, Task, desk_size, make_desk, task_of
+from .deviation import FRAME, HIGH, LOW, SWINGS, box_errors, box_weighted, deviation
+from .forward import forward
+from .jit import called, hidden, kernel
+from .lanes import LANES, Lanes, lanes_forward, lanes_gram, lanes_jacobian, lanes_move, lanes_solve
+from .nearby import joint_distance
+from .pointers import part1
+from .refine import (
+    DAMPING,
+    DEEP_STEPS,
+    LONGEST,
+    MORE,
+    MORE_RESTARTS,
+    PERSIST_STEPS,
+    POLISH_STEPS,
+    PROMISING,
+    RESTART_STEPS,
+    RESTARTS,
+    copy_joints,
+    into_limits,
+    kick,
+    load_seed,
+    load_seed_row,
+    look_up,
+    lowest,
+    middle,
+    restart,
+    turns_fully,
+)
+
+ROWS = 18 * LANES
+"""Numbers that the rows of all lanes take, and after them the deviation (6,) and room to work (27,)."""
+
+HOLD = 0.02
+"""Every other lane keeps the row of a component this close to the end of its range, relative to the range: it holds
+what it has reached while it mends the rest."""
+
+
+@hidden
+def judge_pose(task: Task, desk: Desk, question: Array, out: Array, q: Array) -> tuple[float, float]:
+    """Errors of q, (n,), by plain forward kinematics: [m] and [rad]."""
+    forward(task.chain, q, desk.spare)
+    deviation(desk.spare, question, out[:6], out[6:])
+    return box_errors(out[:6], question)
+
+
+@hidden
+def way_in(value: float, low: float, high: float, tolerance: float, hold: bool) -> tuple[float, float]:
+    """The way from a value into its range, and whether it has a row, 1 or 0.
+
+    It leads a little past the end, by a tolerance at most, so that rounding does not leave the answer outside.
+    """
+    width = high - low
+    margin = min(0.25 * width, tolerance)
+    band = max(HOLD * min(width, 1.0), margin) if hold else margin
+    if value < low + band:
+        return max(low + margin - value, 0.0) if width > 0.0 else low - value, 1.0
+    if value > high - band:
+        return min(high - margin - value, 0.0) if width > 0.0 else high - value, 1.0
+    return 0.0, 0.0
+
+
+@hidden
+def rows_of(task: Task, desk: Desk, question: Array, rows: Array, l: int) -> None:
+    """Residual, errors and rows of lane l at its pose."""
+    W, F, lanes, out, work = LANES, question[FRAME:LOW], desk.lanes, rows[ROWS : ROWS + 6], rows[ROWS + 6 :]
+    for r in range(3):
+        for c in range(4):
+            desk.spare[r, c] = lanes.pose[(4 * r + c) * W + l]
+    deviation(desk.spare, question, out, work)
+    place, turn = box_errors(out, question)
+    lanes.error[l], lanes.error[W + l], lanes.error[2 * W + l] = place * place, turn * turn, 0.0
+    total, hold, swings = 0.0, l % 2 == 1, question[SWINGS] != 0.0
+    for i in range(3):
+        way, has = way_in(out[i], question[LOW + i], question[HIGH + i], task.wanted[0], hold)
+        e = lanes.weight[l] * way
+        lanes.residual[i * W + l] = e
+        total += e * e
+        for c in range(3):
+            rows[(3 * i + c) * W + l] = has * F[3 * c + i]
+    x, y, z = out[3], out[4], out[5]
+    square = x * x + y * y + z * z
+    curve = 1.0 / 12.0
+    if square > 1e-6:
+        angle = math.sqrt(square)
+        curve = 1.0 / square - math.cos(0.5 * angle) / (2.0 * angle * math.sin(0.5 * angle))
+    for i in range(3):
+        way, has = -out[3 + i], 1.0
+        if swings:
+            a, b, c = -work[9 + i] * work[9], -work[9 + i] * work[10], -work[9 + i] * work[11]
+            diagonal = 1.0
+        else:
+            way, has = way_in(out[3 + i], question[LOW + 3 + i], question[HIGH + 3 + i], task.wanted[1], hold)
+            # Row i of I - [w]/2 + curve (w wᵀ - |w|² I).
+            own = out[3 + i]
+            a, b, c = curve * own * x, curve * own * y, curve * own * z
+            diagonal = 1.0 - curve * square
+            if i == 0:
+                b, c = b + 0.5 * z, c - 0.5 * y
+            elif i == 1:
+                a, c = a - 0.5 * z, c + 0.5 * x
+            else:
+                a, b = a + 0.5 * y, b - 0.5 * x
+        a, b, c = (
+            a + (diagonal if i == 0 else 0.0),
+            b + (diagonal if i == 1 else 0.0),
+            c + (diagonal if i == 2 else 0.0),
+        )
+        e = lanes.weight[W + l] * way
+        lanes.residual[(3 + i) * W + l] = e
+        total += e * e
+        for k in range(3):
+            rows[(9 + 3 * i + k) * W + l] = has * (a * F[3 * k] + b * F[3 * k + 1] + c * F[3 * k + 2])
+    lanes.error[3 * W + l] = total
+
+
+@hidden
+def turn_rows(lanes: Lanes, rows: Array, w: int) -> None:
+    """Multiply the rows of every lane's Jacobian by the lane's matrices."""
+    W, J = LANES, lanes.jacobian
+    for i in range(J.shape[0]):
+        for half in range(2):
+            o, m = 3 * half * W, 9 * half * W
+            for l in range(w):
+                a, b, c = J[i, o + l], J[i, o + W + l], J[i, o + 2 * W + l]
+                J[i, o + l] = rows[m + l] * a + rows[m + W + l] * b + rows[m + 2 * W + l] * c
+                J[i, o + W + l] = rows[m + 3 * W + l] * a + rows[m + 4 * W + l] * b + rows[m + 5 * W + l] * c
+                J[i, o + 2 * W + l] = (
+                    rows[m + 6 * W + l] * a + rows[m + 7 * W + l] * b + rows[m + 8 * W + l] * c
+                )
+
+
+@kernel
+def iterate_box(
+    handle: Indices, wanted: Array, memory: Array, question: Array, rows: Array, move: bool, w: int
+) -> None:
+    """One damped step of every lane, if `move`, and where it ends; as `refine.iterate`."""
+    task = task_of(handle, wanted)
+    desk = make_desk(memory, len(task.lower), len(task.chain.leader))
+    lanes = desk.lanes
+    if move:
+        lanes_jacobian(task.chain, lanes, 0.0, w)
+        turn_rows(lanes, rows, w)
+        lanes_gram(task.lower, task.upper, desk.mode[3], desk.floor, lanes, w)
+        lanes_solve(lanes, w)
+        lanes_move(task.lower, task.upper, LONGEST, lanes, w)
+    lanes_forward(task.chain, lanes, w)
+    for l in range(LANES):
+        rows_of(task, desk, question, rows, l)
+
+
+@hidden
+def reset_box(task: Task, desk: Desk) -> None:
+    """Scale residuals so that metres and radians compare."""
+    desk.mode[3] = DAMPING
+    for l in range(LANES):
+        desk.floor[l] = 1e-11
+        desk.lanes.weight[l] = 1.0 / task.length
+        desk.lanes.weight[LANES + l] = 1.0
+
+
+@hidden
+def descend_box(
+    job: Job, task: Task, desk: Desk, question: Array, rows: Array, steps: int, everyone: bool, w: int
+) -> tuple[int, int]:
+    """Refine the eight lanes; the first lane that converged, or -1, and the steps made; as `refine.descend_lanes`."""
+    lanes, dof = desk.lanes, len(task.lower)
+    position, orientation = task.wanted[0] ** 2, task.wanted[1] ** 2
+    made = 0
+    while True:
+        iterate_box(job.handle, job.wanted, job.memory, question, rows, made > 0, w)
+        waiting, first = 0, -1
+        for l in range(LANES):
+            if desk.state[l] == 0 and lanes.error[l] <= position and lanes.error[LANES + l] <= orientation:
+                desk.state[l] = 1
+                for i in range(dof):
+                    desk.found[l, i] = lanes.q[i, l]
+            if desk.state[l] == 0:
+                waiting += 1
+            elif desk.state[l] == 1 and first < 0:
+                first = l
+                if waiting == 0 and not everyone:
+                    return first, made
+        if waiting == 0 or made == steps:
+            return first, made
+        made += 1
+
+
+@called
+def keep_best_box(task: Task, desk: Desk, question: Array, rows: Array) -> None:
+    """Remember the eight best configurations seen; as `refine.keep_best`."""
+    dof = len(task.lower)
+    for l in range(LANES):
+        if desk.state[l] == 2:
+            continue
+        for i in range(dof):
+            desk.seed[i] = desk.lanes.q[i, l]
+        place, turn = judge_pose(task, desk, question, rows[ROWS:], desk.seed)
+        error = box_weighted(task.wanted[2], task.axis_weights[0], place, turn)
+        worst = 0
+        for k in range(1, LANES):
+            if desk.best_error[k] > desk.best_error[worst]:
+                worst = k
+        if error < desk.best_error[worst]:
+            desk.best_error[worst] = error
+            for i in range(dof):
+                desk.best[worst, i] = desk.seed[i]
+
+
+@called
+def fill_box(task: Task, desk: Desk, poses: Array, begin: int, first: int, used: Indices) -> int:
+    """Put the samples nearest to poses from number `begin` on into the lanes from `first` on; return the next number.
+
+    No sample is used twice: where the ranges are narrow, the next nearest stands in.
+    """
+    for l in range(first, LANES):
+        desk.state[l] = 2
+    for l in range(first, LANES):
+        if begin >= len(poses):
+            break
+        found, taken = look_up(task, desk, poses[begin], MORE), -1
+        for k in range(found):
+            i, fresh = desk.neighbour[k], True
+            for j in range(begin):
+                fresh = fresh and used[j] != i
+            if fresh and complete_seed(
+                task.atlas, task.division, desk.seen, i, task.chain.lower, task.chain.upper, 0.5, desk.seed
+            ):
+                taken = i
+                load_seed(desk.lanes, l, desk.seed)
+                desk.state[l] = 0
+                break
+        used[begin] = taken
+        begin += 1
+    return begin
+
+
+@called
+def polish_box(job: Job, task: Task, desk: Desk, question: Array, rows: Array, w: int) -> int:
+    """Minimise the weighted error itself from the eight best; FK evaluations spent; as `refine.polish`."""
+    lanes, dof, floor, W = desk.lanes, len(task.lower), desk.floor, LANES
+    weight_p, weight_o = task.wanted[2], task.axis_weights[0]
+    desk.mode[3] = 0.0
+    for l in range(LANES):
+        floor[l] = 0.1 * (weight_p * task.length + weight_o)
+        desk.state[l] = 0
+        load_seed_row(lanes, l, desk.best)
+        lanes.weight[W + l] = math.sqrt(weight_o)
+    for step in range(POLISH_STEPS):
+        iterate_box(job.handle, job.wanted, job.memory, question, rows, step > 0, w)
+        for l in range(LANES):
+            place, turn = math.sqrt(lanes.error[l]), math.sqrt(lanes.error[W + l])
+            error = box_weighted(task.wanted[2], task.axis_weights[0], place, turn)
+            far = math.sqrt(weight_p / max(place, 1e-9))
+            scale = far / lanes.weight[l]
+            lanes.weight[l] = far
+            turned = 1.0
+            if error <= desk.best_error[l]:
+                if desk.state[l] == 0:
+                    floor[l] = max(0.3 * floor[l], 1e-9)
+                desk.state[l] = 0
+                desk.best_error[l] = error
+                for i in range(dof):
+                    desk.best[l, i] = lanes.q[i, l]
+            else:
+                floor[l] *= 4.0
+                desk.state[l] = 1
+                load_seed_row(lanes, l, desk.best)
+                scale, turned = 0.0, 0.0  # This lane stands still once, and steps anew from its best.
+            for r in range(3):
+                lanes.residual[r * W + l] *= scale
+                lanes.residual[(3 + r) * W + l] *= turned
+    return POLISH_STEPS * LANES
+
+
+@called
+def load_near(task: Task, desk: Desk, near: Array) -> None:
+    """Put the first lane at joint values, (n,), brought into the limits where they bind."""
+    for i in range(len(near)):
+        low, high = task.chain.lower[i], task.chain.upper[i]
+        desk.seed[i] = near[i] if turns_fully(task, i) else min(max(near[i], low), high)
+    load_seed(desk.lanes, 0, desk.seed)
+
+
+@called
+def answer_box(
+    job: Job,
+    task: Task,
+    desk: Desk,
+    question: Array,
+    rows: Array,
+    poses: Array,
+    used: Indices,
+    near: Array,
+    close: bool,
+    q: Array,
+    w: int,
+) -> int:
+    """Answer one question; write q, (n,), and return the FK evaluations spent; as `refine.solve_target`."""
+    lanes = desk.lanes
+    reset_box(task, desk)
+    for l in range(LANES):
+        desk.best_error[l] = np.inf
+    spent, rounds, begin, persisted, number, restarts, closest = 0, 0, 0, 0, 0, RESTARTS, np.inf
+    while True:
+        if begin < len(poses):
+            first = 1 if close and begin == 0 else 0
+            begin = fill_box(task, desk, poses, begin, first, used)
+            if first == 1:
+                load_near(task, desk, near)
+                desk.state[0] = 0
+            steps = DEEP_STEPS
+        elif persisted == 0 or (persisted == 1 and number >= restarts):
+            persisted += 1
+            if persisted == 2 and spent + POLISH_STEPS * LANES <= task.wanted[3]:
+                spent += polish_box(job, task, desk, question, rows, w)
+                reset_box(task, desk)
+            if lowest(desk.best_error) > PROMISING * (task.wanted[2] * task.length + 1.0):
+                continue
+            if persisted == 1:
+                restarts = MORE_RESTARTS
+            for l in range(LANES):
+                desk.state[l] = 0 if desk.best_error[l] < np.inf else 2
+                load_seed_row(lanes, l, desk.best)
+            steps = PERSIST_STEPS
+        elif number < restarts:
+            for l in range(LANES):
+                restart(task, number + l, desk.seed)
+                if restarts == MORE_RESTARTS and number % (2 * LANES) == 0:
+                    kick(task, desk.best, l, 0.5 if number % (4 * LANES) == 0 else 1.5, desk.seed)
+                load_seed(lanes, l, desk.seed)
+                desk.state[l] = 0
+            number += LANES
+            steps = RESTART_STEPS
+        else:
+            break
+        if spent + (steps + 1) * LANES > task.wanted[3]:
+            break
+        lane, made = descend_box(job, task, desk, question, rows, steps, close, w)
+        spent += (made + 1) * LANES
+        rounds += 1
+        if lane >= 0 and not close:
+            copy_joints(desk.found, lane, q)
+            return spent
+        for l in range(LANES):
+            if desk.state[l] == 1:
+                copy_joints(desk.found, l, desk.seed)
+                far = joint_distance(task, desk.seed, near)
+                if far < closest:
+                    closest = far
+                    copy_joints(desk.found, l, q)
+        if closest < np.inf and begin >= len(poses):
+            return spent
+        keep_best_box(task, desk, question, rows)
+    if closest < np.inf:
+        return spent
+    if rounds == 0:
+        middle(task, q)
+        return spent
+    best = 0
+    while desk.best_error[best] > lowest(desk.best_error):
+        best += 1
+    copy_joints(desk.best, best, q)
+    return spent
+
+
+@kernel
+def solve_box(
+    handle: Indices, wanted: Array, question: Array, poses: Array, near: Array, close: bool, w: int
+) -> Array:
+    """Answer one goal with ranges.
+
+    Args:
+        handle: The task, see `task_of`.
+        wanted: See `task_of`; the first of the K_A counts.
+        question: See `deviation.QUESTION`, (37,).
+        poses: Where to look seeds up, (k, 3, 4), the first the most promising.
+        near: Joint values, (n,), that continuous joints are turned towards.
+        close: Shall the answer be the nearest to `near` of all that are found?
+        w: LANES.
+
+    Returns:
+        Joint values, position error [m], orientation error [rad], weighted error, and FK evaluations, (n + 4,).
+    """
+    task = task_of(handle, wanted)
+    dof, joints = len(task.lower), len(task.chain.leader)
+    result, memory, rows = np.empty(dof + 4), np.zeros(desk_size(dof, joints)), np.zeros(ROWS + 33)
+    desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
+    address = result.ctypes.data
+    q, report = part1(address, 0, dof), part1(address, dof, 4)
+    used = np.zeros(len(poses), dtype=np.int64)  # Samples that poses have taken.
+    report[3] = answer_box(job, task, desk, question, rows, poses, used, near, close, q, w)
+    into_limits(task, q, near)
+    report[0], report[1] = judge_pose(task, desk, question, rows[ROWS:], q)
+    report[2] = box_weighted(task.wanted[2], task.axis_weights[0], report[0], report[1])
+    memory[0] = 0.0  # Its last use, see `refine.solve_pose`.
+    return result
+
+
+@kernel
+def solve_boxes(
+    handle: Indices,
+    wanted: Array,
+    questions: Array,
+    poses: Array,
+    near: Array,
+    close: bool,
+    results: Array,
+    begin: int,
+    w: int,
+) -> None:
+    """`solve_box` for questions, (k, 37), poses, (k, m, 3, 4), and near, (k, n), into rows of results from `begin` on."""
+    for i in range(len(questions)):
+        results[begin + i] = solve_box(handle, wanted, questions[i], poses[i], near[i], close, w)
