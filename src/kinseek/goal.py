@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from numbers import Real
 from typing import Any, Self, TypedDict, Unpack
 
@@ -230,7 +230,7 @@ class Goal:
         """Turns the tip so that a pointing goal's tool axis becomes x, which kernels align, (3, 3)."""
         if self.kind != "pointing":
             return np.eye(3)
-        return _rotation_onto(np.array([1.0, 0.0, 0.0]), np.array(self.tool_axis))
+        return _x_onto(tuple(self.tool_axis))
 
     @property
     def columns(self) -> int:
@@ -483,6 +483,13 @@ def _rotation_onto(start: Array, end: Array) -> Array:
         second /= np.linalg.norm(second)
         frames.append(np.stack([axis, second, np.cross(axis, second)], axis=1))
     return np.asarray(frames[1] @ frames[0].T)
+
+
+@lru_cache(maxsize=64)
+def _x_onto(axis: tuple[float, ...]) -> Array:
+    turn = _rotation_onto(np.array([1.0, 0.0, 0.0]), np.array(axis))
+    turn.flags.writeable = False
+    return turn
 
 
 def _index(where: NDArray[np.int64]) -> str:

@@ -5,6 +5,7 @@ See `kernels.boxed`; `Atlas` hands such goals on to here.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,13 +40,14 @@ def solve_ranges(search: Atlas, problem: Problem) -> Solution:
     near = (chain.lower + chain.upper) / 2 if problem.near is None else problem.near
     nears = np.ascontiguousarray(np.broadcast_to(near, (*goal.shape, chain.dof))).reshape(-1, chain.dof)
     results = np.empty((count, chain.dof + 4))
-    asked, ways = goal.questions, deviations(goal)
+    assert goal.ranges is not None
+    asked, (spread, turns) = goal.questions, deviations(goal.ranges, goal.swing)
 
     def work(begin: int) -> int:
         end = min(begin + CHUNK, count)
         for first in range(begin, end, _GROUP):
             last = min(first + _GROUP, end)
-            poses = seed_poses(chain, goal, ways, slice(first, last))
+            poses = seed_poses(chain, goal, spread, turns, slice(first, last))
             solve_boxes(
                 index.handle,
                 wanted,
@@ -63,31 +65,27 @@ def solve_ranges(search: Atlas, problem: Problem) -> Solution:
     return batch_solution(problem, results)
 
 
-def deviations(goal: Goal) -> Array:
-    """Numbers in [0, 1] for the six axes, well spread over those with a range, (POSES, 6)."""
-    assert goal.ranges is not None
-    open_axes = [i for i, (low, high) in enumerate(goal.ranges) if low < high]
-    if goal.swing is not None:
+@lru_cache(maxsize=64)
+def deviations(ranges: Ranges, swing: tuple[float, float, float] | None) -> tuple[Array, Array]:
+    """Deviations spread over ranges: shares of x, y and z in [0, 1], (POSES, 3), and rotations, (POSES, 3, 3)."""
+    open_axes = [i for i, (low, high) in enumerate(ranges) if low < high]
+    if swing is not None:
         open_axes = [i for i in open_axes if i < 3] + [3]
     spread = np.zeros((POSES, 6))
     spread[:, open_axes] = low_discrepancy(POSES, len(open_axes)) if open_axes else 0.0
-    return spread
+    return spread[:, :3], rotations(turn_vectors(ranges, swing, spread))
 
 
-def seed_poses(chain: SerialChain, goal: Goal, spread: Array, targets: slice) -> Array:
+def seed_poses(chain: SerialChain, goal: Goal, spread: Array, turns: Array, targets: slice) -> Array:
     """Poses spread over the ranges about each target, the first as near to it as they allow, (k, POSES, 3, 4)."""
-    assert goal.ranges is not None
     wanted, frames = goal.targets[targets], goal.frames[targets]
-    k = len(wanted)
     low, high = place_ranges(chain, goal, wanted, frames)
-    place = low[:, None] + spread[None, :, :3] * (high - low)[:, None]
+    place = low[:, None] + spread[None] * (high - low)[:, None]
     place[:, 0] = np.clip(0.0, low, high)
-    turns = turn_vectors(goal.ranges, goal.swing, spread)
-    turn = rotations(turns)  # D, in the frame.
-    poses = np.empty((k, POSES, 3, 4))
+    poses = np.empty((len(wanted), POSES, 3, 4))
     poses[..., 3:] = wanted[:, None, :, 3:] + _product(frames[:, None], place[..., None])
     back = _product(np.swapaxes(frames, 1, 2), wanted[:, :, :3])
-    poses[..., :3] = _product(_product(frames[:, None], turn[None]), back[:, None])
+    poses[..., :3] = _product(_product(frames[:, None], turns[None]), back[:, None])
     return poses
 
 
