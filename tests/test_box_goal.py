@@ -213,6 +213,13 @@ def test_out_of_reach_gives_the_nearest_and_says_so() -> None:
     assert arm.ik(Goal.pose(far, free="x", frame="base")).success
 
 
+def test_the_nearest_is_where_geometry_puts_it() -> None:
+    arm = kinseek.load("planar2")  # Links of 0.5 m and 0.25 m.
+    solution = arm.ik(Goal.position([2.0, 0.0, 0.3], box={"x": (-0.1, 0.1), "z": (-0.2, 0.0)}))
+    assert solution.position_error == pytest.approx(np.hypot(1.9 - 0.75, 0.1), abs=1e-9)
+    np.testing.assert_allclose(arm.fk(solution.q)[:2, 3], [0.75, 0.0], atol=1e-5)
+
+
 def test_the_budget_is_kept() -> None:
     arm = kinseek.load("panda")
     goal = Goal.pose(kinseek.pose([3.0, 0.0, 0.0]), free=("x", "rz"), box={"y": (0.0, 0.1)})

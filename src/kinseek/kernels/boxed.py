@@ -55,12 +55,13 @@ HOLD = 0.02
 what it has reached while it mends the rest."""
 
 
-@hidden
-def judge_pose(task: Task, desk: Desk, question: Array, out: Array, q: Array) -> tuple[float, float]:
+@called
+def judge_pose(task: Task, desk: Desk, question: Array, rows: Array, q: Array) -> tuple[float, float]:
     """Errors of q, (n,), by plain forward kinematics: [m] and [rad]."""
     forward(task.chain, q, desk.spare)
-    deviation(desk.spare, question, out[:6], out[6:])
-    return box_errors(out[:6], question)
+    out = rows[ROWS : ROWS + 6]
+    deviation(desk.spare, question, out, rows[ROWS + 6 :])
+    return box_errors(out, question)
 
 
 @hidden
@@ -214,7 +215,7 @@ def keep_best_box(task: Task, desk: Desk, question: Array, rows: Array) -> None:
             continue
         for i in range(dof):
             desk.seed[i] = desk.lanes.q[i, l]
-        place, turn = judge_pose(task, desk, question, rows[ROWS:], desk.seed)
+        place, turn = judge_pose(task, desk, question, rows, desk.seed)
         error = box_weighted(task.wanted[2], task.axis_weights[0], place, turn)
         worst = 0
         for k in range(1, LANES):
@@ -384,39 +385,6 @@ def answer_box(
 
 
 @kernel
-def solve_box(
-    handle: Indices, wanted: Array, question: Array, poses: Array, near: Array, close: bool, w: int
-) -> Array:
-    """Answer one goal with ranges.
-
-    Args:
-        handle: The task, see `task_of`.
-        wanted: See `task_of`; the first of the K_A counts.
-        question: See `deviation.QUESTION`, (37,).
-        poses: Where to look seeds up, (k, 3, 4), the first the most promising.
-        near: Joint values, (n,), that continuous joints are turned towards.
-        close: Shall the answer be the nearest to `near` of all that are found?
-        w: LANES.
-
-    Returns:
-        Joint values, position error [m], orientation error [rad], weighted error, and FK evaluations, (n + 4,).
-    """
-    task = task_of(handle, wanted)
-    dof, joints = len(task.lower), len(task.chain.leader)
-    result, memory, rows = np.empty(dof + 4), np.zeros(desk_size(dof, joints)), np.zeros(ROWS + 33)
-    desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
-    address = result.ctypes.data
-    q, report = part1(address, 0, dof), part1(address, dof, 4)
-    used = np.zeros(len(poses), dtype=np.int64)  # Samples that poses have taken.
-    report[3] = answer_box(job, task, desk, question, rows, poses, used, near, close, q, w)
-    into_limits(task, q, near)
-    report[0], report[1] = judge_pose(task, desk, question, rows[ROWS:], q)
-    report[2] = box_weighted(task.wanted[2], task.axis_weights[0], report[0], report[1])
-    memory[0] = 0.0  # Its last use, see `refine.solve_pose`.
-    return result
-
-
-@kernel
 def solve_boxes(
     handle: Indices,
     wanted: Array,
@@ -428,6 +396,35 @@ def solve_boxes(
     begin: int,
     w: int,
 ) -> None:
-    """`solve_box` for questions, (k, 37), poses, (k, m, 3, 4), and near, (k, n), into rows of results from `begin` on."""
+    """Answer goals with ranges, one after the other.
+
+    Args:
+        handle: The task, see `task_of`.
+        wanted: See `task_of`; the first of the K_A counts.
+        questions: See `deviation.QUESTION`, (k, 37).
+        poses: Where to look seeds up, (k, m, 3, 4), the first of each goal the most promising.
+        near: Of each goal, joint values that continuous joints are turned towards, (k, n).
+        close: Shall answers be the nearest to `near` of all that are found?
+        results: Receives joint values, position error [m], orientation error [rad], weighted error and FK evaluations
+            from row `begin` on, (…, n + 4).
+        begin: Row of the first goal.
+        w: LANES.
+    """
+    task = task_of(handle, wanted)
+    dof, joints = len(task.lower), len(task.chain.leader)
+    memory, rows = np.zeros(desk_size(dof, joints)), np.zeros(ROWS + 33)
+    used = np.zeros(poses.shape[1], dtype=np.int64)  # Samples that poses have taken.
+    desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
+    address = results.ctypes.data
     for i in range(len(questions)):
-        results[begin + i] = solve_box(handle, wanted, questions[i], poses[i], near[i], close, w)
+        for k in range(len(memory)):
+            memory[k] = (
+                0.0  # Nothing of one goal is left for the next: the same bits whatever else is in the batch.
+            )
+        row, question = (begin + i) * (dof + 4), questions[i]
+        q, report = part1(address, row, dof), part1(address, row + dof, 4)
+        report[3] = answer_box(job, task, desk, question, rows, poses[i], used, near[i], close, q, w)
+        into_limits(task, q, near[i])
+        report[0], report[1] = judge_pose(task, desk, question, rows, q)
+        report[2] = box_weighted(task.wanted[2], task.axis_weights[0], report[0], report[1])
+    memory[0] = 0.0  # Its last use, see `refine.solve_pose`.

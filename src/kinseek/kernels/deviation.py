@@ -8,7 +8,7 @@ import numpy as np
 
 from .arrays import Array, ChainArrays
 from .forward import forward
-from .jit import hidden, kernel
+from .jit import called, hidden, kernel
 
 QUESTION = 37
 """Numbers of a question: target (3, 4), frame (3, 3), lower ends (6,), upper ends (6,), swing axis (3,), is there one?"""
@@ -35,7 +35,7 @@ def rotation_vector(D: Array, out: Array) -> None:
     out[3], out[4], out[5] = scale * x, scale * y, scale * z
 
 
-@hidden
+@called
 def deviation(T: Array, question: Array, out: Array, work: Array) -> None:
     """Write the six components of the deviation of T, (3, 4), into out, (6,), and what `rows_of` needs into work, (27,)."""
     F, target = question[FRAME:LOW], question[:FRAME]
