@@ -17,8 +17,8 @@ import numpy as np
 
 from .arrays import Array, Indices
 from .atlas import complete_seed
-from .desk import Desk, Job, Task, desk_size, make_desk, task_of
-from .deviation import FRAME, HIGH, LOW, SWINGS, box_errors, box_weighted, deviation
+from .desk import DEEP, Desk, Job, Task, desk_size, make_desk, task_of
+from .deviation import FRAME, HIGH, LOW, SWINGS, beyond, box_errors, box_weighted, deviation
 from .forward import forward
 from .jit import called, hidden, kernel
 from .lanes import LANES, Lanes, lanes_forward, lanes_gram, lanes_jacobian, lanes_move, lanes_solve
@@ -49,6 +49,9 @@ from .refine import (
 
 ROWS = 18 * LANES
 """Numbers that the rows of all lanes take, and after them the deviation (6,) and room to work (27,)."""
+
+WRAP = 0.5
+"""Turns that lack no more than this of π [rad] may be nearer to a range the other way round."""
 
 HOLD = 0.02
 """Every other lane keeps the row of a component this close to the end of its range, relative to the range: it holds
@@ -81,6 +84,28 @@ def way_in(value: float, low: float, high: float, tolerance: float, hold: bool) 
 
 
 @hidden
+def past_the_half_turn(out: Array, question: Array) -> None:
+    """Write the rotation vector in out[3:6], where it is long, as the turn the other way round if that is nearer.
+
+    A rotation a little more than π about an axis has a rotation vector that points the other way: far from a range that
+    ends at 3 rad, though the hand is close to it. So the way to such a range is measured past π.
+    """
+    angle = math.sqrt(out[3] * out[3] + out[4] * out[4] + out[5] * out[5])
+    if angle < math.pi - WRAP:
+        return
+    other = 1.0 - 2.0 * math.pi / angle
+    here, there = 0.0, 0.0
+    for i in range(3, 6):
+        gap = beyond(out[i], question[LOW + i], question[HIGH + i])
+        here += gap * gap
+        gap = beyond(other * out[i], question[LOW + i], question[HIGH + i])
+        there += gap * gap
+    if there < here:
+        for i in range(3, 6):
+            out[i] *= other
+
+
+@hidden
 def rows_of(task: Task, desk: Desk, question: Array, rows: Array, l: int) -> None:
     """Residual, errors and rows of lane l at its pose."""
     W, F, lanes, out, work = LANES, question[FRAME:LOW], desk.lanes, rows[ROWS : ROWS + 6], rows[ROWS + 6 :]
@@ -98,6 +123,8 @@ def rows_of(task: Task, desk: Desk, question: Array, rows: Array, l: int) -> Non
         total += e * e
         for c in range(3):
             rows[(3 * i + c) * W + l] = has * F[3 * c + i]
+    if not swings:
+        past_the_half_turn(out, question)
     x, y, z = out[3], out[4], out[5]
     square = x * x + y * y + z * z
     curve = 1.0 / 12.0
@@ -228,20 +255,20 @@ def keep_best_box(task: Task, desk: Desk, question: Array, rows: Array) -> None:
 
 
 @called
-def fill_box(task: Task, desk: Desk, poses: Array, begin: int, first: int, used: Indices) -> int:
+def fill_box(task: Task, desk: Desk, poses: Array, begin: int, first: int, most: int, used: Indices) -> int:
     """Put the samples nearest to poses from number `begin` on into the lanes from `first` on; return the next number.
 
-    No sample is used twice: where the ranges are narrow, the next nearest stands in.
+    No sample of the `most` nearest is used twice: where the ranges are narrow, the next nearest stands in.
     """
     for l in range(first, LANES):
         desk.state[l] = 2
     for l in range(first, LANES):
         if begin >= len(poses):
             break
-        found, taken = look_up(task, desk, poses[begin], MORE), -1
+        found, taken = look_up(task, desk, poses[begin], most), -1
         for k in range(found):
             i, fresh = desk.neighbour[k], True
-            for j in range(begin):
+            for j in range(len(used)):
                 fresh = fresh and used[j] != i
             if fresh and complete_seed(
                 task.atlas, task.division, desk.seen, i, task.chain.lower, task.chain.upper, 0.5, desk.seed
@@ -321,15 +348,17 @@ def answer_box(
     reset_box(task, desk)
     for l in range(LANES):
         desk.best_error[l] = np.inf
+    for k in range(len(used)):
+        used[k] = -1
     spent, rounds, begin, persisted, number, restarts, closest = 0, 0, 0, 0, 0, RESTARTS, np.inf
     while True:
         if begin < len(poses):
             first = 1 if close and begin == 0 else 0
-            begin = fill_box(task, desk, poses, begin, first, used)
+            begin = fill_box(task, desk, poses, begin, first, MORE if persisted == 0 else DEEP, used)
             if first == 1:
                 load_near(task, desk, near)
                 desk.state[0] = 0
-            steps = DEEP_STEPS
+            steps = DEEP_STEPS if persisted == 0 else PERSIST_STEPS
         elif persisted == 0 or (persisted == 1 and number >= restarts):
             persisted += 1
             if persisted == 2 and spent + POLISH_STEPS * LANES <= task.wanted[3]:
@@ -338,7 +367,10 @@ def answer_box(
             if lowest(desk.best_error) > PROMISING * (task.wanted[2] * task.length + 1.0):
                 continue
             if persisted == 1:
-                restarts = MORE_RESTARTS
+                restarts, begin = (
+                    MORE_RESTARTS,
+                    0,
+                )  # The next nearest samples, and this time nobody is called back early.
             for l in range(LANES):
                 desk.state[l] = 0 if desk.best_error[l] < np.inf else 2
                 load_seed_row(lanes, l, desk.best)
