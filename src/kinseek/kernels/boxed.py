@@ -277,7 +277,7 @@ def fill_box(task: Task, desk: Desk, poses: Array, begin: int, first: int, most:
                 load_seed(desk.lanes, l, desk.seed)
                 desk.state[l] = 0
                 break
-        used[begin] = taken
+        used[begin if most == MORE else len(poses) + begin] = taken
         begin += 1
     return begin
 
@@ -445,7 +445,9 @@ def solve_boxes(
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
     memory, rows = np.zeros(desk_size(dof, joints)), np.zeros(ROWS + 33)
-    used = np.zeros(poses.shape[1], dtype=np.int64)  # Samples that poses have taken.
+    used = np.zeros(
+        2 * poses.shape[1], dtype=np.int64
+    )  # Samples that poses have taken, the first time and the second.
     desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
     address = results.ctypes.data
     for i in range(len(questions)):
