@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks.targets import plain_fk, random_joints
+from benchmarks.targets import plain_fk, random_joints, singular_joints
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from kinseek import Goal
 from kinseek.errors import InvalidGoal, InvalidProblem
 from kinseek.kernels.deviation import judge_boxes
 from kinseek.ranges import AXES
+from kinseek.robots import catalog_entry, catalog_names
 from kinseek.solvers.atlas import KEPT, atlas_of
 
 Array = NDArray[np.float64]
@@ -169,6 +170,50 @@ def test_what_satisfies_the_tighter_goal_satisfies_the_looser(
         for goal in (tight, loose)
     )
     assert (other[:2] <= one[:2] + ROUNDING).all()
+
+
+@pytest.mark.parametrize("frame", ["tool", "base"])
+def test_what_only_turns_freely_may_also_tilt(frame: str) -> None:
+    arm = kinseek.load("ur5e")
+    T = plain_fk(arm.chain, random_joints(arm.chain, 100, seed=14))
+    answer = arm.ik(Goal.pose(T, free="rz", frame=frame))
+    tilted = Goal.pose(T, free="rz", box={"rx": (-1e-5, 1e-5), "ry": (-1e-5, 1e-5)}, frame=frame)
+    assert answer.success.all()
+    arrays = kinseek.Problem(arm.chain, tilted).arrays
+    assert (judge_boxes(arrays, answer.q, tilted.questions, 1.0, 1.0)[:, :2] <= 1e-6 + ROUNDING).all()
+
+
+@pytest.mark.parametrize("name", ["iiwa14", "panda", "irb5400"])
+def test_ranges_that_end_near_a_half_turn(name: str) -> None:
+    arm = kinseek.load(name)
+    T = plain_fk(arm.chain, singular_joints(arm.chain, 300, seed=15))
+    wanted = targets_from(T, np.c_[np.zeros((300, 5)), np.linspace(3.0, 3.1, 300)], "tool")
+    solution = arm.ik(Goal.pose(wanted, box={"rz": (3.0, 3.1)}))
+    errors = outside(deviation(plain_fk(arm.chain, solution.q), wanted, "tool"), {"rz": (3.0, 3.1)}, ())
+    assert (errors <= 1e-6 + ROUNDING).all()
+    assert solution.success.all()
+
+
+SMALL = [name for name in catalog_names() if 3 <= catalog_entry(name).dof <= 5]
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_arms_of_three_to_five_joints_reach_positions_and_directions(name: str) -> None:
+    """`python -m benchmarks.partial_goals` does the same with 12,000 targets each."""
+    arm = kinseek.load(name)
+    q = np.vstack([random_joints(arm.chain, 1000, seed=16), singular_joints(arm.chain, 200, seed=17)])
+    T = plain_fk(arm.chain, q)
+    for free in (("rx", "ry", "rz"), ("rx",), ("rz",)):
+        solution = arm.ik(Goal.pose(T, free=free))
+        off = plain_fk(arm.chain, solution.q)
+        assert (np.linalg.norm(off[:, :3, 3] - T[:, :3, 3], axis=1) <= 1e-6 + ROUNDING).all()
+        if len(free) == 1:
+            column = AXES.index(free[0]) - 3
+            cross = np.cross(off[:, :3, column], T[:, :3, column])
+            cosine = (off[:, :3, column] * T[:, :3, column]).sum(axis=1)
+            assert (np.arctan2(np.linalg.norm(cross, axis=1), cosine) <= 1e-6 + ROUNDING).all()
+        assert ((solution.q >= arm.lower) & (solution.q <= arm.upper)).all()
+        assert solution.success.all()
 
 
 def test_batches_threads_and_single_goals_give_the_same_bits() -> None:
