@@ -18,6 +18,7 @@ from kinseek.kernels.lanes import (
     Lanes,
     lanes_forward,
     lanes_gram,
+    lanes_hold,
     lanes_jacobian,
     lanes_move,
     lanes_residual,
@@ -98,7 +99,8 @@ class Query:
         errors, points = [], []
         for step in range(STEPS + 1):
             if step:
-                lanes_jacobian(chain.leader, links, lower, upper, lanes, 0.0, W)
+                lanes_jacobian(chain.leader, links, lanes, 0.0, W)
+                lanes_hold(lower, upper, lanes, W)
                 lanes_gram(DAMPING, np.full(W, 1e-11), lanes, W)
                 lanes_solve(lanes, W)
                 lanes_move(lower, upper, LONGEST, lanes, W)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -72,7 +74,7 @@ def moved(T: Array, rng: np.random.Generator, place: float, angle: float) -> Arr
     return result
 
 
-def goal_near(T: Array, rng: np.random.Generator, place: float, angle: float, **tolerances: float) -> Goal:
+def goal_near(T: Array, rng: np.random.Generator, place: float, angle: float, **tolerances: Any) -> Goal:
     """A goal of a random kind that a hand at T misses by no more than `place` and `angle`."""
     G = moved(T, rng, place, angle)
     kind = str(rng.choice(["pose", "pose", "pointing", "position"]))

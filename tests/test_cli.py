@@ -147,6 +147,17 @@ def test_json_holds_everything(run: Run) -> None:
     )
 
 
+def test_free_axes(run: Run) -> None:
+    words = ("solve", "ur5e", "--at", "0.4", "0.2", "0.3", "--rpy", "180", "0", "0", "--deg", "--json")
+    facts = json.loads(run(*words, "--free", "z,rz").out)
+    assert (facts["goal"]["kind"], facts["success"]) == ("box", True)
+    T = kinseek.load("ur5e").fk(facts["q"])
+    np.testing.assert_allclose(T[:2, 3], [0.4, 0.2], atol=2e-6)
+    np.testing.assert_allclose(T[:3, 2], [0, 0, -1], atol=2e-6)
+    code, _, err = run(*words, "--free", "rq")
+    assert (code, "unknown axis 'rq'" in err) == (2, True)
+
+
 def test_out_of_reach_is_exit_code_1(run: Run) -> None:
     code, out, err = run("solve", "planar2", "--at", "5", "0", "0", "--position-only", "--json")
     facts = json.loads(out)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -45,7 +47,7 @@ def test_fk_broadcasts(shape: tuple[int, ...]) -> None:
 
 def goals() -> list[kinseek.Goal]:
     target = kinseek.pose([0.3, -0.2, 0.4], rotvec=[0.5, -1.0, 2.0])
-    weights = {"position_weight": 3.0, "orientation_weight": 0.7}
+    weights: dict[str, Any] = {"position_weight": 3.0, "orientation_weight": 0.7}
     return [
         kinseek.Goal.pose(target, position_weight=3.0, orientation_weight=0.7),
         kinseek.Goal.position(target[:3, 3], **weights),

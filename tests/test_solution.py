@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ Q = np.array([1.0, 2.0])
 OFF = Q + np.array([1e-3, 0.0])
 
 
-def judged(q: np.ndarray, **options: float) -> kinseek.Solution:
+def judged(q: np.ndarray, **options: Any) -> kinseek.Solution:
     problem = Problem(ARM.chain, Goal.pose(ARM.fk(Q), **options))
     return conclude(problem, q[None], np.array([[1, 2, 3]]))
 

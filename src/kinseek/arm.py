@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .certificate import Certificate, Verdict
-from .goal import Goal
+from .goal import Goal, one_pose
 from .kernels.forward import forward_many
 from .kernels.nearby import solve_plain_near
 from .kernels.refine import solve_plain
 from .problem import Problem, as_joints
 from .robots import read, read_dh
 from .robots.chain import SerialChain
+from .robots.variants import with_limits, with_locked, with_tool
 from .solution import Solution, quick_solution
 from .solvers import Atlas, Solver
 from .solvers.atlas import AtlasIndex, atlas_of
@@ -103,6 +104,40 @@ class Arm:
         flat = np.ascontiguousarray(joints.reshape(-1, self.dof))
         return forward_many(self.chain.arrays, flat).reshape(*joints.shape[:-1], 4, 4)
 
+    def with_locked(self, values: Mapping[str, float]) -> Self:
+        """The arm with some joints locked; its `q` holds only the joints that are left.
+
+        Args:
+            values: Of each joint to lock, its value, [rad] or [m]. Joints that mimic it are locked with it.
+
+        Raises:
+            InvalidRobot: Unknown joints, values that are no numbers or outside the limits, or every joint locked.
+        """
+        return type(self)(with_locked(self.chain, values))
+
+    def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> Self:
+        """The arm with narrower limits.
+
+        Args:
+            limits: Of each joint to narrow, its lower and upper limit, [rad] or [m]. A continuous joint takes any up to
+                a full turn apart.
+
+        Raises:
+            InvalidRobot: Unknown joints, limits that are no numbers, inverted, or wider than those of the arm.
+        """
+        return type(self)(with_limits(self.chain, limits))
+
+    def with_tool(self, tool: Any) -> Self:
+        """The arm with its tip moved to a tool: `fk` and goals speak of it.
+
+        Args:
+            tool: T_tip_tool, (4, 4), or an object that carries one, lengths in [m].
+
+        Raises:
+            InvalidGoal: Not one pose.
+        """
+        return type(self)(with_tool(self.chain, one_pose(tool, "tool")))
+
     @property
     def atlas(self) -> AtlasIndex:
         """The sorted samples that `ik` looks poses up in: built once, at the first call."""
@@ -180,8 +215,9 @@ class Arm:
         return prove(Problem(self.chain, asked), gap=gap, budget=budget)
 
     def _with_proofs(self, solution: Solution) -> Solution:
-        from .solvers.branch_and_bound import prove
+        from .solvers.branch_and_bound import prove, refuse_ranges
 
+        refuse_ranges(solution.problem.goal)
         missed = [
             not success and prove(one).verdict is Verdict.UNREACHABLE
             for one, success in zip(solution.problem.each(), np.ravel(solution.success), strict=True)

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from numbers import Real
 from typing import Any, Self, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import InvalidGoal
+from .errors import InvalidGoal, InvalidProblem
 from .kernels.arrays import GoalArrays
+from .kernels.deviation import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS
 from .kernels.pose_error import all_rigid
+from .ranges import FRAMES, PINNED, Ranges, check_ranges, free_turns, inverse_pose, read_ranges, unit
 
 Array = NDArray[np.float64]
 
@@ -21,13 +23,19 @@ _REPAIRABLE = 1e-6
 """A matrix closer than this to a rotation is brought onto one; farther away it is refused."""
 
 
+KINDS = {"pose": 3, "pointing": 1, "position": 0}
+"""Kinds of goal, and how many columns of the rotation each fixes."""
+
+
 class GoalOptions(TypedDict, total=False):
-    """The fields of a `Goal` that say how exactly, and how position and orientation are weighed."""
+    """The fields of a `Goal` that say how exactly, of what tool, and how position and orientation are weighed."""
 
     position_tolerance: float
     orientation_tolerance: float
     position_weight: float
     orientation_weight: float
+    tool: Any
+    base: Any
 
 
 DEFAULT_TOLERANCE = 1e-6
@@ -43,12 +51,27 @@ class Goal:
     Two measures live side by side. The *tolerances*, in [m] and [rad], decide success. The *weights* are the
     paper's K_P and K_A (Sec. 2.2): they steer the searches, and they say what "nearest" means when the goal
     is out of reach.
+
+    A goal may leave axes *free*, or give them a *range* that is satisfied anywhere inside. Let T = (R, p) be the pose
+    reached and T_g = (R_g, p_g) the one wanted. The deviation has six components, along the axes of the `frame`:
+
+    - x, y, z: the components of p - p_g, [m];
+    - rx, ry, rz: the components of the rotation vector (axis times angle, at most π long) of R_gᵀ R with
+      ``frame="tool"``, the axes of the wanted pose, or of R R_gᵀ with ``frame="base"``, the axes of the frame in which
+      the goal is given.
+
+    What of x, y, z sticks out of their ranges is a vector, and its length is the position error; likewise rx, ry, rz
+    and the orientation error. A free axis has the range of all values. Where one rotation axis is free and the other
+    two have no range, the orientation error is the angle between that axis as reached and as wanted: exactly that of
+    a pointing goal, and in the tool frame, with nothing else free, it is one. Where all three are free and nothing
+    else is, it is a position goal. The weighted error of a goal with ranges is K_P times the position error plus
+    K_A (1 - cos of the orientation error).
     """
 
     target: Array
     """Wanted pose of the tip in the base, (..., 4, 4), lengths in [m]. Leading dimensions make a batch."""
     kind: str = "pose"
-    """``"pose"``, ``"position"`` (any orientation) or ``"pointing"`` (any turn about the tool axis)."""
+    """``"pose"``, ``"position"`` (any orientation), ``"pointing"`` (any turn about the tool axis) or ``"box"``."""
     tool_axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     """The axis of the tip that a pointing goal aligns, in tip coordinates."""
     position_tolerance: float = DEFAULT_TOLERANCE
@@ -59,6 +82,16 @@ class Goal:
     """The paper's K_P, per [m]."""
     orientation_weight: float = 1.0
     """The paper's K_A, per unit of 1 - cos φ."""
+    tool: Array | None = None
+    """T_tip_tool, (4, 4): the goal speaks of the tool, and errors are measured there; None: of the tip."""
+    base: Array | None = None
+    """T_reference_base, (4, 4): where the arm's base stands in the frame in which the goal is given; None: there."""
+    ranges: Ranges | None = None
+    """Of a box goal: lower and upper end of the deviation along x, y, z [m] and rx, ry, rz [rad]; see `Goal.pose`."""
+    frame: str = "tool"
+    """Of a box goal: ``"tool"`` or ``"base"``, whose axes the ranges are along."""
+    swing: tuple[float, float, float] | None = None
+    """Of a box goal: the axis in the frame of which only the direction counts; then rx, ry, rz have no ranges."""
 
     def __post_init__(self) -> None:
         """Check every number.
@@ -74,31 +107,83 @@ class Goal:
             value = getattr(self, name)
             if not (isinstance(value, Real) and np.isfinite(float(value)) and float(value) > 0):
                 raise InvalidGoal(f"{name} must be a finite number > 0, got {value!r}")
-        if self.kind not in ("pose", "position", "pointing"):
+        if self.kind not in (*KINDS, "box"):
             raise InvalidGoal(f"kind must be 'pose', 'position' or 'pointing', got {self.kind!r}")
+        if self.frame not in FRAMES:
+            raise InvalidGoal(f"frame must be 'tool' or 'base', got {self.frame!r}")
+        if (self.kind == "box") != (self.ranges is not None):
+            raise InvalidGoal(
+                "a goal has ranges if and only if its kind is 'box'; Goal.pose(..., box=...) makes one"
+            )
+        if self.ranges is not None:
+            object.__setattr__(self, "ranges", check_ranges(self.ranges))
+        for name in ("tool", "base"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, one_pose(getattr(self, name), name))
         object.__setattr__(self, "target", as_pose(self.target))
 
     @classmethod
-    def pose(cls, target: Any, **options: Unpack[GoalOptions]) -> Self:
-        """Ask for the whole pose.
+    def pose(
+        cls,
+        target: Any,
+        *,
+        free: str | Iterable[str] = (),
+        box: Mapping[str, Sequence[float]] | None = None,
+        frame: str = "tool",
+        **options: Unpack[GoalOptions],
+    ) -> Self:
+        """Ask for the whole pose, or for all of it but some axes; `Goal` says how deviations are measured.
 
         Args:
             target: (..., 4, 4), or an object that carries a 4x4 (SciPy, pinocchio, spatialmath).
-            options: Tolerances and weights, as named in `Goal`.
+            free: Axes among x, y, z, rx, ry, rz along and about which any deviation will do: a name, or several.
+            box: Of some axes, a range (lower, upper) in which any deviation will do, [m] or [rad]; a length may be
+                infinite, an angle lies in [-π, π].
+            frame: ``"tool"``: the axes are those of the wanted pose; ``"base"``: those in which the goal is given.
+            options: Tolerances, weights, ``tool=`` and ``base=``, as named in `Goal`.
 
         Raises:
-            InvalidGoal: Not a pose, or an option out of its range.
+            InvalidGoal: Not a pose, an option out of its range, an unknown axis, one that is both free and boxed, a
+                range that is none, or nothing left to reach.
         """
-        return cls(target, **options)
+        ranges = read_ranges(free, box)
+        if frame not in FRAMES:
+            raise InvalidGoal(f"frame must be 'tool' or 'base', got {frame!r}")
+        if ranges is None or all(pair == PINNED for pair in ranges):
+            return cls(target, **options)
+        turns = free_turns(ranges)
+        alone = len(turns) == 1 and ranges[3:].count(PINNED) == 2
+        if ranges[:3] == (PINNED,) * 3 and len(turns) == 3:
+            return cls(target, kind="position", **options)
+        if ranges[:3] == (PINNED,) * 3 and alone and frame == "tool":
+            return cls(target, kind="pointing", tool_axis=unit(turns[0]), **options)
+        swing = unit(turns[0]) if alone else None
+        return cls(target, kind="box", ranges=ranges, frame=frame, swing=swing, **options)
 
     @classmethod
-    def position(cls, position: ArrayLike, **options: Unpack[GoalOptions]) -> Self:
+    def position(
+        cls,
+        position: ArrayLike,
+        *,
+        free: str | Iterable[str] = (),
+        box: Mapping[str, Sequence[float]] | None = None,
+        **options: Unpack[GoalOptions],
+    ) -> Self:
         """Ask for the tip's position [m], (..., 3), and leave its orientation free.
 
+        Args:
+            position: Of the tip in the base [m], (..., 3).
+            free: Axes among x, y and z of the base along which any deviation will do.
+            box: Of some of these axes, a range (lower, upper) in which any deviation will do, [m].
+            options: Tolerances, weights, ``tool=`` and ``base=``, as named in `Goal`.
+
         Raises:
-            InvalidGoal: Wrong shape, NaN or infinity, or an option out of its range.
+            InvalidGoal: Wrong shape, NaN or infinity, an option out of its range, or axes as in `Goal.pose`.
         """
-        return cls(_at(position, np.eye(3)), kind="position", **options)
+        ranges, target = read_ranges(free, box, "position"), _at(position, np.eye(3))
+        if ranges is None:
+            return cls(target, kind="position", **options)
+        return cls(target, kind="box", ranges=ranges, frame="base", **options)
 
     @classmethod
     def pointing(
@@ -106,6 +191,9 @@ class Goal:
         position: ArrayLike,
         direction: ArrayLike,
         tool_axis: Sequence[float] = (0.0, 0.0, 1.0),
+        *,
+        free: str | Iterable[str] = (),
+        box: Mapping[str, Sequence[float]] | None = None,
         **options: Unpack[GoalOptions],
     ) -> Self:
         """Ask for a position and for a tool axis along a direction; the turn about it is free.
@@ -113,15 +201,20 @@ class Goal:
         Args:
             position: Of the tip in the base [m], (..., 3).
             direction: Where the tool axis shall point, in base coordinates, (3,); any length but zero.
-            tool_axis: The axis in tip coordinates, (3,); any length but zero.
-            options: Tolerances and weights, as named in `Goal`.
+            tool_axis: The axis in tip (or tool) coordinates, (3,); any length but zero.
+            free: Axes among x, y and z of the base along which any deviation will do.
+            box: Of some of these axes, a range (lower, upper) in which any deviation will do, [m].
+            options: Tolerances, weights, ``tool=`` and ``base=``, as named in `Goal`.
 
         Raises:
-            InvalidGoal: Wrong shape, NaN or infinity, a zero vector, or an option out of its range.
+            InvalidGoal: Wrong shape, NaN or infinity, a zero vector, an option out of its range, or axes as in `Goal.pose`.
         """
-        axis = _unit(tool_axis, "tool_axis")
-        turn = _rotation_onto(axis, _unit(direction, "direction"))
-        return cls(_at(position, turn), kind="pointing", tool_axis=(axis[0], axis[1], axis[2]), **options)
+        axis, onto = _unit(tool_axis, "tool_axis"), _unit(direction, "direction")
+        ranges, target = read_ranges(free, box, "pointing"), _at(position, _rotation_onto(axis, onto))
+        if ranges is None:
+            return cls(target, kind="pointing", tool_axis=(axis[0], axis[1], axis[2]), **options)
+        swing = (float(onto[0]), float(onto[1]), float(onto[2]))
+        return cls(target, kind="box", ranges=ranges, frame="base", swing=swing, **options)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -137,24 +230,72 @@ class Goal:
         """Turns the tip so that a pointing goal's tool axis becomes x, which kernels align, (3, 3)."""
         if self.kind != "pointing":
             return np.eye(3)
-        return _rotation_onto(np.array([1.0, 0.0, 0.0]), np.array(self.tool_axis))
+        return _x_onto(tuple(self.tool_axis))
+
+    @property
+    def columns(self) -> int:
+        """Columns of the rotation that count: 3 of a pose, 1 (the tool axis, turned to x) of a direction, else 0.
+
+        Raises:
+            InvalidProblem: The goal has ranges.
+        """
+        if self.kind == "box":
+            raise InvalidProblem(
+                "a goal with free axes or ranges is solved by Atlas, the default solver, alone; the other searches and "
+                "proofs take whole poses, positions and directions"
+            )
+        return KINDS[self.kind]
+
+    @property
+    def paper_columns(self) -> int:
+        """Columns of the rotation that the paper's error counts, x and y of a pose: 2, 1 or 0 (Sec. 2.2)."""
+        return min(self.columns, 2)
+
+    @cached_property
+    def tip(self) -> Array | None:
+        """What kernels append to the arm's tip, (4, 4): the tool, and the rotation of a pointing goal; None: nothing."""
+        if self.tool is None and self.kind != "pointing":
+            return None
+        end = np.eye(4) if self.tool is None else self.tool.copy()
+        end[:3, :3] = end[:3, :3] @ self.tip_rotation
+        return end
 
     @cached_property
     def targets(self) -> Array:
-        """Targets as kernels take them, tip rotation included, (k, 3, 4)."""
+        """Targets as kernels take them, in the arm's base, tip rotation included, (k, 3, 4)."""
         flat = self.target.reshape(-1, 4, 4)[:, :3].copy()
+        if self.base is not None:
+            flat = inverse_pose(self.base)[:3] @ self.target.reshape(-1, 4, 4)
         if self.kind == "pointing":
             flat[..., :3] = flat[..., :3] @ self.tip_rotation
         return flat
 
     @cached_property
+    def frames(self) -> Array:
+        """Axes of the frame along which a box goal's ranges are, in the arm's base, as columns, (k, 3, 3)."""
+        if self.frame == "tool":
+            return np.ascontiguousarray(self.targets[:, :, :3])
+        axes = np.eye(3) if self.base is None else self.base[:3, :3].T
+        return np.ascontiguousarray(np.broadcast_to(axes, (len(self.targets), 3, 3)))
+
+    @cached_property
+    def questions(self) -> Array:
+        """Targets, frames and ranges of a box goal as kernels take them, (k, `QUESTION`)."""
+        rows, ranges = np.zeros((len(self.targets), QUESTION)), np.array(self.ranges)
+        rows[:, :FRAME] = self.targets.reshape(-1, 12)
+        rows[:, FRAME:LOW] = self.frames.reshape(-1, 9)
+        rows[:, LOW:HIGH], rows[:, HIGH:SWING] = ranges[:, 0], ranges[:, 1]
+        if self.swing is not None:
+            rows[:, SWING:SWINGS], rows[:, SWINGS] = self.swing, 1.0
+        return rows
+
+    @cached_property
     def arrays(self) -> GoalArrays:
         """The first target with the paper's weights: x and y columns count for a pose (Sec. 2.2)."""
-        columns = {"pose": (1, 1, 0), "pointing": (1, 0, 0), "position": (0, 0, 0)}[self.kind]
         return GoalArrays(
             self.targets[0] if len(self.targets) else np.eye(4)[:3].copy(),
             float(self.position_weight),
-            self.orientation_weight * np.array(columns, dtype=float),
+            self.orientation_weight * (np.arange(3) < self.paper_columns).astype(float),
         )
 
 
@@ -227,6 +368,17 @@ def as_pose(target: Any) -> Array:
         left, _, right = np.linalg.svd(turn[loose])
         matrix[loose, :3, :3] = left @ right
         matrix[loose, 3, :] = [0, 0, 0, 1]
+    return matrix
+
+
+def one_pose(value: Any, name: str) -> Array:
+    """Read one pose, (4, 4), as `as_pose`; errors begin with its name."""
+    try:
+        matrix = as_pose(value)
+    except InvalidGoal as error:
+        raise InvalidGoal(f"{name}: {error}") from None
+    if matrix.shape != (4, 4):
+        raise InvalidGoal(f"{name} must be one pose, (4, 4), for the whole batch, got {matrix.shape}")
     return matrix
 
 
@@ -331,6 +483,13 @@ def _rotation_onto(start: Array, end: Array) -> Array:
         second /= np.linalg.norm(second)
         frames.append(np.stack([axis, second, np.cross(axis, second)], axis=1))
     return np.asarray(frames[1] @ frames[0].T)
+
+
+@lru_cache(maxsize=64)
+def _x_onto(axis: tuple[float, ...]) -> Array:
+    turn = _rotation_onto(np.array([1.0, 0.0, 0.0]), np.array(axis))
+    turn.flags.writeable = False
+    return turn
 
 
 def _index(where: NDArray[np.int64]) -> str:

@@ -48,12 +48,13 @@ class Problem:
 
     @cached_property
     def arrays(self) -> ChainArrays:
-        """The chain as kernels take it, its tip turned the way the goal needs."""
-        arrays = self.chain.arrays
-        if self.goal.kind != "pointing":
+        """The chain as kernels take it, its tip moved to the goal's tool and turned the way the goal needs."""
+        arrays, tip = self.chain.arrays, self.goal.tip
+        if tip is None:
             return arrays
         fixed = arrays.fixed.copy()
-        fixed[-1, :, :3] = fixed[-1, :, :3] @ self.goal.tip_rotation
+        fixed[-1, :, 3] += fixed[-1, :, :3] @ tip[:3, 3]
+        fixed[-1, :, :3] = fixed[-1, :, :3] @ tip[:3, :3]
         return arrays._replace(fixed=fixed)
 
     @property

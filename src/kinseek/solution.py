@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .errors import NotReached
 from .goal import Goal
+from .kernels.deviation import judge_boxes
 from .kernels.pose_error import judge
 from .problem import Problem
 from .robots.chain import SerialChain
@@ -117,7 +118,12 @@ def conclude(problem: Problem, q: Array, work: NDArray[np.int64]) -> Solution:
         work: Evaluations, nodes created and nodes expanded of each, (k, 3).
     """
     goal, shape = problem.goal, problem.goal.shape
-    measured = judge(problem.arrays, np.ascontiguousarray(q), goal.targets, goal.arrays)
+    joints = np.ascontiguousarray(q)
+    if goal.kind == "box":
+        weights = float(goal.position_weight), float(goal.orientation_weight)
+        measured = judge_boxes(problem.arrays, joints, goal.questions, *weights)
+    else:
+        measured = judge(problem.arrays, joints, goal.targets, goal.arrays)
     success = (measured[:, 0] <= goal.position_tolerance) & (measured[:, 1] <= goal.orientation_tolerance)
 
     def field(column: NDArray[Any]) -> Any:

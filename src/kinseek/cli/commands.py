@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek.arm import load
 from kinseek.errors import InvalidGoal, KinseekError
-from kinseek.goal import Goal, pose
+from kinseek.goal import Goal, GoalOptions, pose
 
 from . import report
 from .searches import make_search, searches, with_search_options
@@ -122,6 +122,13 @@ def solve(
     ] = None,
     rotvec: Annotated[str | None, typer.Option(metavar="X Y Z", help="Axis times angle, rad.")] = None,
     position_only: Annotated[bool, typer.Option("--position-only", help="Any orientation will do.")] = False,
+    free: Annotated[
+        str | None,
+        typer.Option(metavar="AXES", help="Axes whose deviation does not matter, such as rz or z,rx,ry."),
+    ] = None,
+    frame: Annotated[
+        str, typer.Option(help="Whose axes --free names: tool (those of the wanted pose) or base.")
+    ] = "tool",
     near: Annotated[
         str | None,
         typer.Option(metavar="Q...", help="Joint values to be near to, or to start from; rad or m."),
@@ -148,14 +155,17 @@ def solve(
     loaded = load(arm, base, tip)
     turns = {"--rpy": rpy, "--quat-wxyz": quat_wxyz, "--quat-xyzw": quat_xyzw, "--rotvec": rotvec}
     target = _target(at, {name: text for name, text in turns.items() if text is not None}, position_only, deg)
-    goal = Goal(
-        target,
-        kind="position" if position_only else "pose",
-        position_tolerance=position_tolerance,
-        orientation_tolerance=orientation_tolerance,
-        position_weight=position_weight,
-        orientation_weight=orientation_weight,
-    )
+    options: GoalOptions = {
+        "position_tolerance": position_tolerance,
+        "orientation_tolerance": orientation_tolerance,
+        "position_weight": position_weight,
+        "orientation_weight": orientation_weight,
+    }
+    axes = free.replace(",", " ").split() if free is not None else []
+    if position_only:
+        goal = Goal.position(target[:3, 3], free=axes, **options)
+    else:
+        goal = Goal.pose(target, free=axes, frame=frame, **options)
     start = None if near is None else joint_values(loaded, numbers(near, "--near"), "--near", deg)
     search = make_search(solver, search_options)
     clock = time.perf_counter()

@@ -47,7 +47,7 @@ class Atlas(NamedTuple):
     inverse_head: Array
     """A_1⁻¹ where the first joint is divided out, else the identity, (3, 4)."""
     inverse_tip: Array
-    """A_tip⁻¹ where the last joint is divided out, else the identity, (3, 4)."""
+    """A_tip⁻¹ where the last joint is divided out, else the inverse of a tool that the samples leave out, (3, 4)."""
 
 
 @inner

@@ -17,11 +17,14 @@ from typing import NamedTuple
 
 from .arrays import Array, Indices
 from .jit import inner, view
-from .links import ADDS, LAST, SLIDE, TURN
+from .links import ADDS, SLIDE, TURN
 from .pointers import part1, part2
 from .trigonometry import sine_cosine
 
 LANES = 8
+
+UNLIMITED = 1e300
+"""A joint with limits this wide has none."""
 
 
 class Lanes(NamedTuple):
@@ -162,26 +165,12 @@ def lanes_residual(lanes: Lanes, columns: Array, w: int) -> None:
 
 
 @inner
-def lanes_jacobian(
-    leader: Indices, links: Array, lower: Array, upper: Array, lanes: Lanes, free: float, w: int
-) -> None:
-    """Scaled geometric Jacobian of every lane over the joints that may move.
-
-    A joint that stands at a limit and is pushed outward gets a column of zeros. With `free` 1 a turn about the tool's x
-    axis does not count.
-    """
-    W, T, J, axes, weight, q, e = (
-        LANES,
-        lanes.pose,
-        lanes.jacobian,
-        lanes.axes,
-        lanes.weight,
-        lanes.q,
-        lanes.residual,
-    )
+def lanes_jacobian(leader: Indices, links: Array, lanes: Lanes, free: float, w: int) -> None:
+    """Scaled geometric Jacobian of every lane; with `free` 1 a turn about the tool's x axis does not count."""
+    W, T, J, axes, weight = LANES, lanes.pose, lanes.jacobian, lanes.axes, lanes.weight
     for k in range(len(leader)):
         i, turn, slide = leader[k], links[k, TURN], links[k, SLIDE]
-        adds, last, low, high = links[k, ADDS] > 0.0, links[k, LAST] > 0.0, lower[i], upper[i]
+        adds = links[k, ADDS] > 0.0
         for l in range(w):
             zx, zy, zz = axes[k, l], axes[k, W + l], axes[k, 2 * W + l]
             px = T[3 * W + l] - axes[k, 3 * W + l]
@@ -201,10 +190,25 @@ def lanes_jacobian(
             j3 += J[i, 3 * W + l] if adds else 0.0
             j4 += J[i, 4 * W + l] if adds else 0.0
             j5 += J[i, 5 * W + l] if adds else 0.0
+            J[i, l], J[i, W + l], J[i, 2 * W + l] = j0, j1, j2
+            J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l] = j3, j4, j5
+
+
+@inner
+def lanes_hold(lower: Array, upper: Array, lanes: Lanes, w: int) -> None:
+    """Take every joint that stands at a limit and is pushed outward out of the Jacobian."""
+    W, J, q, e = LANES, lanes.jacobian, lanes.q, lanes.residual
+    for i in range(len(lower)):
+        low, high = lower[i], upper[i]
+        if low <= -UNLIMITED:
+            continue
+        for l in range(w):
+            j0, j1, j2 = J[i, l], J[i, W + l], J[i, 2 * W + l]
+            j3, j4, j5 = J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l]
             push = j0 * e[l] + j1 * e[W + l] + j2 * e[2 * W + l]
             push += j3 * e[3 * W + l] + j4 * e[4 * W + l] + j5 * e[5 * W + l]
             held = (q[i, l] >= high and push > 0.0) or (q[i, l] <= low and push < 0.0)
-            move = 0.0 if held and last else 1.0
+            move = 0.0 if held else 1.0
             J[i, l], J[i, W + l], J[i, 2 * W + l] = move * j0, move * j1, move * j2
             J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l] = move * j3, move * j4, move * j5
 
@@ -322,7 +326,7 @@ def lanes_move(lower: Array, upper: Array, longest: float, lanes: Lanes, w: int)
             a += J[i, 3 * W + l] * x3 + J[i, 4 * W + l] * x4 + J[i, 5 * W + l] * x5
             b += J[k, 3 * W + l] * x3 + J[k, 4 * W + l] * x4 + J[k, 5 * W + l] * x5
             step[i, l], step[k, l] = a, b
-            work[l] = max(work[l], max(abs(a), abs(b)))
+            work[l] = max(work[l], abs(a), abs(b))
     for l in range(w):
         work[l] = longest / work[l]
     for i in range(dof):

@@ -14,9 +14,9 @@ import numpy as np
 
 from .arrays import Array, ChainArrays
 
-TWIST_SINE, TWIST_COSINE, U, V, TURN, TURN_OFFSET, SLIDE, SLIDE_OFFSET, ADDS, LAST = range(10)
+TWIST_SINE, TWIST_COSINE, U, V, TURN, TURN_OFFSET, SLIDE, SLIDE_OFFSET, ADDS = range(9)
 """What stands in the row of a joint: its angle is ``TURN · q + TURN_OFFSET`` [rad], its slide alike [m]. ADDS is 1 where
-an earlier joint is moved by the same variable, LAST is 1 where no later one is."""
+an earlier joint is moved by the same variable."""
 
 
 def links_of(chain: ChainArrays) -> Array:
@@ -40,7 +40,6 @@ def links_of(chain: ChainArrays) -> Array:
         row[SLIDE_OFFSET if chain.prismatic[k] else TURN_OFFSET] = chain.offset[k]
         row[TURN_OFFSET] += math.atan2(rest[1, 0], rest[0, 0])
         row[ADDS] = float(chain.leader[k] in chain.leader[:k])
-        row[LAST] = float(chain.leader[k] not in chain.leader[k + 1 :])
         if k > 0:
             links[k - 1, TURN_OFFSET] += before
             links[k - 1, SLIDE_OFFSET] += moved[2]

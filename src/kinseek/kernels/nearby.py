@@ -107,10 +107,10 @@ def answer_near(
 @exact
 def all_finite(values: Array) -> bool:
     """Are all values finite?"""
+    strange = 0
     for i in range(len(values)):
-        if not abs(values[i]) < 1e300:
-            return False
-    return True
+        strange += 0 if abs(values[i]) < 1e300 else 1
+    return strange == 0
 
 
 @kernel

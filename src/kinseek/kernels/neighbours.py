@@ -203,7 +203,7 @@ def scan_beside(tree: Tree, point: Array, distance: Array, least: Array) -> int:
     node = 0
     while node < leaves - 1:
         node = 2 * node + (1 if point[tree.axis[node]] < tree.split[node] else 2)
-    own = node - (leaves - 1)
+    own: int = node - (leaves - 1)
     for b in range(BESIDE):
         leaf, o = tree.beside[own * BESIDE + b], b * LEAF
         if leaf < 0:
@@ -241,4 +241,5 @@ def take_nearest(tree: Tree, own: int, distance: Array, least: Array) -> int:
     for j in range(LEAF):
         low = min(low, distance[o + j])
     least[which] = low
-    return tree.beside[own * BESIDE + which] * LEAF + place
+    found: int = tree.beside[own * BESIDE + which] * LEAF + place
+    return found

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from .arrays import Array, GoalArrays, Indices
-from .atlas import NONE, complete_seed, coordinates, nearest_copy, product
+from .atlas import complete_seed, coordinates, nearest_copy, product
 from .desk import (
     DEEP,
     OPEN,
@@ -27,13 +27,14 @@ from .desk import (
     plain_wanted,
     task_of,
 )
-from .forward import copy_pose, forward
+from .forward import forward
 from .jit import called, hidden, kernel, view
 from .lanes import (
     LANES,
     Lanes,
     lanes_forward,
     lanes_gram,
+    lanes_hold,
     lanes_jacobian,
     lanes_move,
     lanes_residual,
@@ -144,7 +145,8 @@ def iterate(handle: Indices, wanted: Array, memory: Array, move: bool, w: int) -
     desk = make_desk(memory, len(task.lower), len(task.chain.leader))
     lanes, mode = desk.lanes, desk.mode  # The columns' weights and the damping.
     if move:
-        lanes_jacobian(task.chain.leader, task.links, task.lower, task.upper, lanes, free_turn(task), w)
+        lanes_jacobian(task.chain.leader, task.links, lanes, free_turn(task), w)
+        lanes_hold(task.lower, task.upper, lanes, w)
         lanes_gram(mode[3], desk.floor, lanes, w)
         lanes_solve(lanes, w)
         lanes_move(task.lower, task.upper, LONGEST, lanes, w)
@@ -173,9 +175,6 @@ def within(task: Task, lanes: Lanes, l: int) -> bool:
 @hidden
 def see(task: Task, desk: Desk, target: Array) -> None:
     """Write a target, (3, 4), as the atlas sees it into the desk."""
-    if task.division.head == NONE and task.division.tail == NONE:
-        copy_pose(target, desk.seen)
-        return
     product(task.atlas.inverse_head, target, desk.between)
     product(desk.between, task.atlas.inverse_tip, desk.seen)
 
@@ -451,8 +450,8 @@ def polish(handle: Indices, wanted: Array, memory: Array, target: Array, w: int)
     """Minimise the weighted error itself from the eight best, by reweighted steps; return FK evaluations.
 
     ``K_P |Δp| + ½ Σ K_c |c - c_g|²`` has in |Δp| a kink that least squares lacks: the squared distance is weighted by
-    K_P/|Δp|, anew in every step (Weiszfeld 1937). A lane whose step does not help goes back and damps more. Newton's method, lane by
-    lane, does the rest.
+    K_P/|Δp|, anew in every step (Weiszfeld 1937). A lane whose step does not help goes back and damps more. Newton's
+    method, lane by lane, does the rest.
     """
     task = task_of(handle, wanted)
     desk, goal = make_desk(memory, len(task.lower), len(task.chain.leader)), goal_of(task, target)

@@ -1,7 +1,7 @@
 """The last steps to the nearest pose of a goal that is out of reach: Newton's method on the weighted error itself.
 
-``E = K_P |p - p_g| + Σ K_c (1 - c·c_g)`` has large residuals where the goal is out of reach, so the steps of Gauss and Newton,
-which leave out their curvature, crawl. Here the Hessian is whole: for joints a ≤ b of a serial chain, a revolute,
+``E = K_P |p - p_g| + Σ K_c (1 - c·c_g)`` has large residuals where the goal is out of reach, so the steps of Gauss and
+Newton, which leave out their curvature, crawl. Here the Hessian is whole: for joints a ≤ b of a serial chain, a revolute,
 ``∂²p/∂q_a∂q_b = z_a × ∂p/∂q_b``, and likewise for every column c of the rotation (Erleben and Andrews 2019, Sec. 4). Joints
 that stand at a limit and are pushed outward are held (Bertsekas 1982); the Hessian is damped until it is positive and the
 step helps.

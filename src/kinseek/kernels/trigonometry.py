@@ -40,7 +40,7 @@ def sine_cosine(x: float) -> tuple[float, float]:
 def rough_angle(y: float, x: float) -> float:
     """``atan2(y, x)`` to 2e-4 rad and without a branch: enough to start from; 0 at the origin."""
     ax, ay = abs(x), abs(y)
-    t = min(ax, ay) / max(max(ax, ay), 1e-300)
+    t = min(ax, ay) / max(ax, ay, 1e-300)
     z = t * t
     # Least largest error over odd polynomials of degree 7, found by Remez exchange; see the test.
     angle = t * (0.99921406 + z * (-0.32117496 + z * (0.14626446 - 0.03898651 * z)))

@@ -11,6 +11,7 @@ import os
 import threading
 import time
 import weakref
+from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import contextmanager
@@ -20,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from kinseek.errors import MissingExtra
-from kinseek.goal import Goal
-from kinseek.kernels.arrays import Array, Indices
+from kinseek.goal import KINDS, Goal
+from kinseek.kernels.arrays import Array, ChainArrays, Indices
 from kinseek.kernels.atlas import NONE, SLIDE, TURN, Division, build_atlas
 from kinseek.kernels.batch import solve_many
 from kinseek.kernels.desk import OPEN, task_arrays
@@ -31,6 +32,7 @@ from kinseek.kernels.neighbours import LEAF
 from kinseek.kernels.pointers import handle_of
 from kinseek.kernels.refine import solve_pose
 from kinseek.problem import Problem
+from kinseek.ranges import free_turns
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
 
@@ -38,7 +40,7 @@ from .base import whole
 
 SAMPLES = 16_384
 
-_CHUNK = 1024
+CHUNK = 1024
 """Targets that a thread takes at a time: some milliseconds, so that Ctrl-C is heard."""
 
 
@@ -66,6 +68,10 @@ class Atlas:
     def solve(self, problem: Problem) -> Solution:
         """Answer by what the nearest sample leads to, else the next nearest; else by the best pose found."""
         goal, chain = problem.goal, problem.chain
+        if goal.kind == "box":
+            from .boxed import solve_ranges
+
+            return solve_ranges(self, problem)
         index = atlas_of(chain, goal, self.samples)
         wanted = wanted_of(goal, problem.budget)
         targets = np.zeros((len(goal.targets), 4, 4))
@@ -87,16 +93,20 @@ class Atlas:
         self, index: AtlasIndex, wanted: Array, targets: Array, near: Array | None, results: Array
     ) -> None:
         def work(begin: int) -> int:
-            end = min(begin + _CHUNK, len(targets))
+            end = min(begin + CHUNK, len(targets))
             if near is None:
                 solve_many(index.handle, wanted, targets, results, begin, end, LANES)
             else:
                 solve_many_near(index.handle, wanted, targets, near, results, begin, end, LANES)
             return end - begin
 
-        chunks = range(0, len(targets), _CHUNK)
+        self.spread(work, len(targets))
+
+    def spread(self, work: Callable[[int], int], count: int) -> None:
+        """Do the work that begins at target 0, 1024, …; it returns how many targets it was. On all threads."""
+        chunks = range(0, count, CHUNK)
         threads = min(self.threads or os.cpu_count() or 1, len(chunks))
-        with _progress_bar(self.progress, len(targets)) as advance:
+        with _progress_bar(self.progress, count) as advance:
             if threads <= 1:
                 for begin in chunks:
                     advance(work(begin))
@@ -114,24 +124,40 @@ class Atlas:
 class AtlasIndex:
     """The atlas of one arm for one kind of goal: immutable, shared by threads."""
 
-    def __init__(self, chain: SerialChain, kind: str, arrays: Any, samples: int) -> None:
-        """Sample the middle joints and sort the samples."""
+    def __init__(
+        self,
+        chain: SerialChain,
+        kind: str,
+        arrays: ChainArrays,
+        samples: int,
+        of_tip: AtlasIndex | None = None,
+        tool: Array | None = None,
+    ) -> None:
+        """Sample the middle joints and sort the samples; or share those of the tip's own atlas.
+
+        Where the whole pose of a tool is asked, that of the tip is known: the samples of one serve the other.
+        """
         began = time.perf_counter()
         division = divide(chain, kind)
-        points, first = middle_samples(chain, division, samples)
-        head = inverse(chain.fixed[0]) if division.head != NONE else np.eye(4)[:3]
-        tip = inverse(arrays.fixed[-1]) if division.tail != NONE else np.eye(4)[:3]
-        atlas = build_atlas(arrays, division, points, first, head.copy(), tip.copy())
+        if of_tip is None or tool is None:
+            points, first = middle_samples(chain, division, samples)
+            head = inverse(chain.fixed[0]) if division.head != NONE else np.eye(4)[:3]
+            tip = inverse(arrays.fixed[-1]) if division.tail != NONE else np.eye(4)[:3]
+            self.sorted = build_atlas(arrays, division, points, first, head.copy(), tip.copy())
+        else:
+            tip = inverse(arrays.fixed[-1] if division.tail != NONE else tool[:3])
+            self.sorted = of_tip.sorted._replace(inverse_tip=tip)
         lower, upper = open_limits(chain)
-        columns = {"pose": [0.5, 0.5, 0.5], "pointing": [1.0, 0.0, 0.0], "position": [0.0, 0.0, 0.0]}[kind]
+        counted = KINDS[kind]
+        columns = (np.arange(3) < counted).astype(float) * (0.5 if counted == 3 else 1.0)
         self._arrays = task_arrays(
-            arrays, atlas, division, lower, upper, np.array(columns), arm_length(chain) / 3, _PLAIN
+            arrays, self.sorted, division, lower, upper, columns, arm_length(chain) / 3, _PLAIN
         )
         self.handle: Indices = handle_of(self._arrays)
         """Addresses of the arrays, for kernels."""
         self.address: int = self.handle.ctypes.data
         """Address of the handle itself."""
-        self.samples = len(points)
+        self.samples = len(self.sorted.middle)
         """Number of samples."""
         self.memory = sum(array.nbytes for array in self._arrays)
         """[bytes]"""
@@ -146,26 +172,48 @@ class AtlasIndex:
         )
 
 
-_indices: weakref.WeakKeyDictionary[SerialChain, dict[Any, AtlasIndex]] = weakref.WeakKeyDictionary()
-_building = threading.Lock()
+_Shelf = OrderedDict[tuple[str, int, bytes | None], AtlasIndex]
+_indices: weakref.WeakKeyDictionary[SerialChain, _Shelf] = weakref.WeakKeyDictionary()
+_building = threading.RLock()
+
+KEPT = 16
+"""Atlases of other tools and tool axes that an arm keeps, the last ones used."""
 
 
 def atlas_of(chain: SerialChain, goal: Goal | None = None, samples: int = SAMPLES) -> AtlasIndex:
-    """The atlas of an arm for a kind of goal: built at the first call, dropped with the arm."""
-    kind = "pose" if goal is None else goal.kind
-    key = (kind, samples, goal.tool_axis if goal is not None and kind == "pointing" else None)
+    """The atlas of an arm for a kind of goal: built at the first call, dropped with the arm.
+
+    Another tool shares the samples where the whole pose is asked; where the tip's pose is open, it has its own. Those of
+    the last `KEPT` tools and tool axes are kept.
+    """
+    kind = "pose" if goal is None else seeded_as(goal)
+    tip = None if goal is None else goal.tip
+    key = (kind, samples, None if tip is None else tip.tobytes())
     with _building:
-        mine = _indices.setdefault(chain, {})
+        mine = _indices.setdefault(chain, OrderedDict())
         if key not in mine:
             arrays = chain.arrays if goal is None else Problem(chain, goal).arrays
-            mine[key] = AtlasIndex(chain, kind, arrays, samples)
+            of_tip = atlas_of(chain, None, samples) if kind == "pose" and tip is not None else None
+            mine[key] = AtlasIndex(chain, kind, arrays, samples, of_tip, tip)
+        mine.move_to_end(key)
+        of_tools = [other for other in mine if other[2] is not None]
+        for oldest in of_tools[:-KEPT]:
+            del mine[oldest]
         return mine[key]
+
+
+def seeded_as(goal: Goal) -> str:
+    """Kind of the atlas that gives a goal its seeds: ranges that leave every orientation need positions alone."""
+    if goal.kind != "box" or goal.ranges is None:
+        return goal.kind
+    return "position" if goal.swing is None and len(free_turns(goal.ranges)) == 3 else "pose"
 
 
 def wanted_of(goal: Goal, budget: int | None = None) -> Array:
     """A goal's tolerances and weights as the kernels take them, (7,)."""
     most = np.inf if budget is None else float(budget)
-    weights = goal.arrays.axis_weights
+    boxed = np.array([goal.orientation_weight, 0.0, 0.0])
+    weights = boxed if goal.kind == "box" else goal.arrays.axis_weights
     return np.array(
         [goal.position_tolerance, goal.orientation_tolerance, goal.position_weight, most, *weights],
         dtype=float,

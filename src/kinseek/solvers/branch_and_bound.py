@@ -113,6 +113,7 @@ def prove(
         raise InvalidProblem(f"a proof is about one target, got a batch of shape {problem.goal.shape}")
     if gap is not None and not 0.0 < gap < 1.0:
         raise InvalidProblem(f"gap must be in (0, 1), got {gap}")
+    refuse_ranges(problem.goal)
     if budget < 0:
         raise InvalidProblem(f"budget must be at least 0 boxes, got {budget}")
     best = answer or Atlas().solve(replace(problem, budget=None))
@@ -139,6 +140,16 @@ def prove(
     return certificate
 
 
+def refuse_ranges(goal: Goal) -> None:
+    """Refuse a goal with free axes or ranges.
+
+    Raises:
+        InvalidProblem: It has them.
+    """
+    if goal.kind == "box":
+        raise InvalidProblem("nothing can be proved yet of a goal with free axes or ranges")
+
+
 def least_outside(goal: Goal) -> float:
     """The least weighted error that misses a tolerance."""
     position = goal.position_weight * goal.position_tolerance
@@ -150,7 +161,7 @@ def least_outside(goal: Goal) -> float:
 def most_inside(goal: Goal) -> float:
     """The largest weighted error within both tolerances."""
     position = goal.position_weight * goal.position_tolerance
-    axes = {"pose": 2, "pointing": 1, "position": 0}[goal.kind]
+    axes = goal.paper_columns
     angle = min(goal.orientation_tolerance, math.pi)
     return (position + axes * goal.orientation_weight * 2.0 * math.sin(angle / 2) ** 2) * (1.0 + _ROUNDING)
 
@@ -184,7 +195,7 @@ def question(problem: Problem, trust: float = 1.0) -> tuple[Form, Wanted, Roll]:
     fixed, target, head, tail = _divided(problem)
     angle = min(goal.orientation_tolerance, math.pi)
     chord = 2.0 * math.sin(angle / 2)
-    slack, columns = goal.position_tolerance, {"pose": 3, "pointing": 1, "position": 0}[goal.kind]
+    slack, columns = goal.position_tolerance, goal.columns
     if tail:
         foot = _foot(fixed, chain)
         slack += chord * float(np.linalg.norm(fixed[-1, :, 3] - [0.0, 0.0, foot]))
@@ -219,7 +230,7 @@ def error_question(problem: Problem, q: Array, gap: float, trust: float = 1.0) -
         if aligned or _loss_of_last(problem, q) < 0.5 * gap:
             roll = _roll(chain, True, goal.orientation_weight if aligned else 0.0)
             return _form(chain, cut, head, 1, 0, 0.0), wanted, roll
-    columns = {"pose": 2, "pointing": 1, "position": 0}[goal.kind]
+    columns = goal.paper_columns
     scalars, last, foot = _scalars(problem, target, columns, trust), np.zeros((3, 4)), 0.0
     if tail and len(fixed) > 2:
         foot = _foot(fixed, chain)
@@ -331,6 +342,8 @@ def _scalars(problem: Problem, target: Array, columns: int, trust: float) -> Arr
     reach = (
         length + slides + float(np.linalg.norm(target[:, 3])) + float(np.linalg.norm(chain.fixed[0, :, 3]))
     )
+    if goal.tool is not None:
+        reach += float(np.linalg.norm(goal.tool[:3, 3]))
     scalars[MARGIN], scalars[MARGIN_A] = _ROUNDING * (1.0 + reach), _ROUNDING
     scalars[TRUST], scalars[WEIGHT_P] = trust, goal.position_weight
     scalars[WEIGHT_A] = goal.orientation_weight if columns else 0.0

@@ -59,10 +59,8 @@ class CoordinateDescent:
         goal = problem.goal
         # Squared weights, and half of K_A², so that near the goal the sum is (K_P |Δp|)² + (K_A Δφ)².
         turn_weight = goal.orientation_weight**2 / 2
-        columns = {"pose": (1.0, 1.0, 1.0), "pointing": (1.0, 0.0, 0.0), "position": (0.0, 0.0, 0.0)}[
-            goal.kind
-        ]
-        squared = GoalArrays(goal.targets[0], goal.position_weight**2, turn_weight * np.array(columns))
+        columns = (np.arange(3) < goal.columns).astype(float)
+        squared = GoalArrays(goal.targets[0], goal.position_weight**2, turn_weight * columns)
         limits = np.array(
             [goal.position_tolerance, goal.orientation_tolerance, float(self.most_sweeps), self.stall]
         )

@@ -1,0 +1,231 @@
+"""Goals that fix only what matters: how many reachable ones are solved, and what one costs.
+
+Arms of three to five joints are asked for positions and for directions of the tool (its z and its x axis): 10,000 targets
+each from joint values uniform inside the limits, and 2,000 near singularities and limits. Some arms are asked for goals
+with free axes and ranges: the wanted pose is off a pose of the arm by a deviation drawn from the ranges. An answer counts
+only if plain NumPy forward kinematics finds it within 1e-6 m and 1e-6 rad of what was asked, and every joint inside its
+limits. Every miss is listed by name.
+
+    python -m benchmarks.partial_goals                 # writes partial_goals.md beside this file
+    python -m benchmarks.partial_goals so101 --targets 1000
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import statistics
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import kinseek
+from kinseek import Goal
+from kinseek.robots import catalog_names
+
+from .targets import STRICT, load, machine, plain_fk, random_joints, singular_joints
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+HERE = Path(__file__).parent
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+REPEATS = 3
+
+RANGED = ("so101", "m430ia2f", "scara4", "ur5e", "panda", "ur10e_rail")
+"""Arms that are asked for goals with ranges."""
+
+CASES: dict[str, tuple[tuple[str, ...], dict[str, tuple[float, float]]]] = {
+    "free z, rx, ry": (("z", "rx", "ry"), {}),
+    "free x, y; rx in -0.1 … 0.3": (("x", "y"), {"rx": (-0.1, 0.3)}),
+    "x in ±0.01, rz in ±0.5": ((), {"x": (-0.01, 0.01), "rz": (-0.5, 0.5)}),
+    "every axis in ±0.01": ((), dict.fromkeys(AXES, (-0.01, 0.01))),
+    "z in ±0.2, rx in ±2, rz in -3 … 1": ((), {"z": (-0.2, 0.2), "rx": (-2.0, 2.0), "rz": (-3.0, 1.0)}),
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a table."""
+
+    arm: str
+    dof: int
+    goal: str
+    count: int
+    missed: list[str]
+    median: float
+    """[µs], one goal by itself"""
+    batch: float
+    """[µs] a goal, one thread"""
+
+
+def measure(
+    arm: kinseek.Arm, label: str, goal: Goal, good: Flags, made_from: Array, answer: kinseek.Solution
+) -> Row:
+    """Count what is not reached, and take the time."""
+    false = int((np.asarray(answer.success) & ~good).sum())
+    if false:
+        print(f"  {arm.name}, {label}: {false} answers claim what outside FK denies")
+    missed = [
+        f"{arm.name}, {label}, number {i}: {answer.position_error[i]:.1e} m, {answer.orientation_error[i]:.1e} rad; "
+        f"made from q = {np.array2string(made_from[i], precision=6, max_line_width=200)}"
+        for i in np.flatnonzero(~good)
+    ]
+    times = []
+    for _ in range(REPEATS):
+        began = time.thread_time()
+        arm.ik(goal, threads=1)
+        times.append(time.thread_time() - began)
+    ones = [goal.at(target) for target in goal.target[:300]]
+    singles = []
+    for one in ones:
+        began = time.perf_counter()
+        arm.ik(one)
+        singles.append(time.perf_counter() - began)
+    batch = statistics.median(times) / len(good) * 1e6
+    row = Row(arm.name, arm.dof, label, len(good), missed, statistics.median(singles) * 1e6, batch)
+    print(
+        f"{row.arm:14s} {label:36s} missed {len(missed)} of {row.count}  {row.median:.0f} / {row.batch:.1f} µs",
+        flush=True,
+    )
+    return row
+
+
+def inside(arm: kinseek.Arm, q: Array) -> Flags:
+    """Which joint vectors, (k, n), are inside the limits."""
+    return np.asarray(((q >= arm.lower) & (q <= arm.upper)).all(axis=1))
+
+
+def small_arm(name: str, targets: int, singular: int, seed: int) -> list[Row]:
+    """Positions and directions of one arm."""
+    arm = kinseek.load(name)
+    rows = []
+    for kind, q in (
+        ("", random_joints(arm.chain, targets, seed)),
+        (", near singular", singular_joints(arm.chain, singular, seed)),
+    ):
+        T = plain_fk(arm.chain, q)
+        goals: dict[str, tuple[Goal, int | None]] = {"position": (Goal.position(T[:, :3, 3]), None)}
+        goals |= {f"pointing {axis}": (Goal.pose(T, free=f"r{axis}"), "xyz".index(axis)) for axis in "zx"}
+        for label, (goal, column) in goals.items():
+            answer = arm.ik(goal)
+            reached = plain_fk(arm.chain, answer.q)
+            good = inside(arm, answer.q) & (np.linalg.norm(reached[:, :3, 3] - T[:, :3, 3], axis=1) <= STRICT)
+            if column is not None:
+                a, b = reached[:, :3, column], T[:, :3, column]
+                angle = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1))
+                good &= angle <= STRICT
+            rows.append(measure(arm, label + kind, goal, good, q, answer))
+    return rows
+
+
+def ranged_arm(name: str, targets: int, seed: int) -> list[Row]:
+    """Goals with ranges of one arm, in the tool frame and in the base frame."""
+    arm, rows = kinseek.load(name), []
+    q = random_joints(arm.chain, targets, seed)
+    T = plain_fk(arm.chain, q)
+    for label, (free, box) in CASES.items():
+        for frame in ("tool", "base"):
+            away = np.zeros((targets, 6))
+            rng = np.random.default_rng(seed)
+            for i, axis in enumerate(AXES):
+                low, high = box.get(axis, (-0.5, 0.5) if axis in free else (0.0, 0.0))
+                away[:, i] = rng.uniform(low, high, targets)
+            lengths = np.linalg.norm(away[:, 3:], axis=1, keepdims=True)
+            away[:, 3:] *= np.minimum(
+                1.0, 3.1 / np.maximum(lengths, 1e-9)
+            )  # A rotation vector is at most π long.
+            wanted = wanted_from(T, away, frame)
+            goal = Goal.pose(wanted, free=free, box=box, frame=frame)
+            answer = arm.ik(goal)
+            off = deviation(plain_fk(arm.chain, answer.q), wanted, frame)
+            good = inside(arm, answer.q) & within(off, free, box)
+            rows.append(measure(arm, f"{label}, {frame}", goal, good, q, answer))
+    return rows
+
+
+def wanted_from(T: Array, away: Array, frame: str) -> Array:
+    """Wanted poses from which poses T, (k, 4, 4), deviate by `away`, (k, 6)."""
+    back = np.swapaxes(Rotation.from_rotvec(away[:, 3:]).as_matrix(), 1, 2)
+    wanted = T.copy()
+    wanted[:, :3, :3] = T[:, :3, :3] @ back if frame == "tool" else back @ T[:, :3, :3]
+    moved = np.einsum("kij,kj->ki", wanted[:, :3, :3], away[:, :3]) if frame == "tool" else away[:, :3]
+    wanted[:, :3, 3] -= moved
+    return wanted
+
+
+def deviation(T: Array, wanted: Array, frame: str) -> Array:
+    """Deviation of poses along six axes, (k, 6)."""
+    back, moved = np.swapaxes(wanted[:, :3, :3], 1, 2), T[:, :3, 3] - wanted[:, :3, 3]
+    if frame == "tool":
+        moved = np.einsum("kij,kj->ki", back, moved)
+    turned = back @ T[:, :3, :3] if frame == "tool" else T[:, :3, :3] @ back
+    return np.hstack([moved, Rotation.from_matrix(turned).as_rotvec()])
+
+
+def within(off: Array, free: tuple[str, ...], box: dict[str, tuple[float, float]]) -> Flags:
+    """Which deviations, (k, 6), are inside the ranges to 1e-6 m and 1e-6 rad."""
+    gaps = np.zeros_like(off)
+    for i, axis in enumerate(AXES):
+        low, high = (-math.inf, math.inf) if axis in free else box.get(axis, (0.0, 0.0))
+        gaps[:, i] = np.maximum(0.0, np.maximum(low - off[:, i], off[:, i] - high))
+    return np.asarray(
+        (np.linalg.norm(gaps[:, :3], axis=1) <= STRICT) & (np.linalg.norm(gaps[:, 3:], axis=1) <= STRICT)
+    )
+
+
+def table(small: list[Row], ranged: list[Row]) -> str:
+    """The page as Markdown."""
+    lines = [
+        "# Partial goals",
+        "",
+        "Made by `python -m benchmarks.partial_goals`. " + machine() + ".",
+        "",
+        "Reachable goals that fix less than a pose, no seed. Solved: within 1e-6 m and 1e-6 rad by plain NumPy FK, and",
+        "inside the limits. One goal: median wall time of 300 calls of `arm.ik(goal)`. Batch: one thread, processor time,",
+        f"median of {REPEATS}. Load of the machine over the last fifteen minutes: {load()}.",
+    ]
+    head = [
+        "",
+        "| arm | joints | goal | solved | of | one goal µs | batch µs a goal |",
+        "|---|--:|---|--:|--:|--:|--:|",
+    ]
+    for title, rows in (("Arms of three to five joints", small), ("Free axes and ranges", ranged)):
+        lines += ["", f"## {title}", *head]
+        lines += [
+            f"| {row.arm} | {row.dof} | {row.goal} | {row.count - len(row.missed):,} | {row.count:,} | "
+            f"{row.median:.0f} | {row.batch:.1f} |"
+            for row in rows
+        ]
+    misses = [miss for row in [*small, *ranged] for miss in row.missed]
+    lines += ["", f"## Misses: {len(misses)}", "", *([f"- {miss}" for miss in misses] or ["None."])]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Measure, print as it goes, write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("arms", nargs="*", help="names; all that the tables are about by default")
+    parser.add_argument("--targets", type=int, default=10_000, help="random targets an arm and goal")
+    parser.add_argument("--singular", type=int, default=2_000, help="near-singular targets an arm and goal")
+    parser.add_argument("--ranged", type=int, default=1_000, help="targets with ranges an arm and goal")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--output", type=Path, default=HERE / "partial_goals.md", help="page to write")
+    options = parser.parse_args()
+    few = [name for name in catalog_names() if 3 <= kinseek.load(name).dof <= 5]
+    small, ranged = [], []
+    for name in options.arms or few:
+        if name in few:
+            small += small_arm(name, options.targets, options.singular, options.seed)
+    for name in options.arms or RANGED:
+        ranged += ranged_arm(name, options.ranged, options.seed)
+    options.output.write_text(table(small, ranged), encoding="utf-8")
+    print(f"{sum(len(row.missed) for row in [*small, *ranged])} misses; wrote {options.output}")
+
+
+if __name__ == "__main__":
+    main()

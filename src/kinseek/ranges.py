@@ -1,0 +1,121 @@
+"""What a goal leaves open: axes whose deviation does not matter, and ranges in which it may lie."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InvalidGoal, suggest
+
+Ranges = tuple[tuple[float, float], ...]
+"""Lower and upper ends for x, y, z [m] and rx, ry, rz [rad]."""
+
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+FRAMES = ("tool", "base")
+
+FREE_PLACE, FREE_TURN = (-math.inf, math.inf), (-math.pi, math.pi)
+PINNED = (0.0, 0.0)
+
+
+def read_ranges(
+    free: str | Iterable[str], box: Mapping[str, Sequence[float]] | None, kind: str = "pose"
+) -> Ranges | None:
+    """Read free axes and a tolerance box.
+
+    Args:
+        free: Name or names among `AXES`.
+        box: Of some axes, where the deviation may lie: lower and upper end, [m] or [rad].
+        kind: The goal that is asked; a position or pointing goal takes x, y and z alone.
+
+    Returns:
+        The ranges of all six axes, or None where nothing was said.
+
+    Raises:
+        InvalidGoal: Unknown axes, one that is both free and boxed, a range that is none, nothing left to reach.
+    """
+    if not isinstance(free, Iterable):
+        raise InvalidGoal(f"free must be the name of an axis or several of them, got {free!r}")
+    if box is not None and not isinstance(box, Mapping):
+        raise InvalidGoal(f"box must map axes to ranges, such as {{'x': (-0.01, 0.01)}}, got {box!r}")
+    names = [free] if isinstance(free, str) else list(free)
+    given = dict(box or {})
+    if not names and not given:
+        return None
+    for name in [*names, *given]:
+        if name not in AXES:
+            raise InvalidGoal(suggest(str(name), AXES, "axis"))
+        if kind != "pose" and name.startswith("r"):
+            raise InvalidGoal(
+                f"a {kind} goal says of the orientation what it wants already, so {name!r} can be neither free "
+                f"nor boxed; x, y and z can"
+            )
+    if both := sorted(set(names) & set(given)):
+        raise InvalidGoal(f"{' and '.join(both)} cannot be both free and boxed: leave one of the two out")
+    turns = FREE_TURN if kind == "position" else PINNED
+    ranges = [PINNED] * 3 + [turns] * 3
+    for i, axis in enumerate(AXES):
+        if axis in names:
+            ranges[i] = FREE_TURN if axis.startswith("r") else FREE_PLACE
+        elif axis in given:
+            ranges[i] = _range(axis, given[axis])
+    if all(pair in (FREE_PLACE, FREE_TURN) for pair in ranges) and kind != "pointing":
+        raise InvalidGoal("nothing is left to reach: every axis is free. Leave at least one out of free=")
+    least = math.sqrt(sum(max(low, 0.0, -high) ** 2 for low, high in ranges[3:]))
+    if least > math.pi:
+        raise InvalidGoal(
+            f"no rotation lies in this box: a rotation vector is at most π long, and the shortest in the ranges of "
+            f"rx, ry and rz is {least:.4g} rad long"
+        )
+    return tuple(ranges)
+
+
+def check_ranges(ranges: object) -> Ranges:
+    """Check the six ranges of a goal that was written down by hand.
+
+    Raises:
+        InvalidGoal: Not six pairs, or a pair that is no range.
+    """
+    try:
+        table = np.array(ranges, dtype=np.float64)
+    except (TypeError, ValueError):
+        table = np.zeros(0)
+    if table.shape != (6, 2):
+        raise InvalidGoal(f"ranges must be six pairs, of {', '.join(AXES)}, got {ranges!r}")
+    read_ranges((), {axis: tuple(pair) for axis, pair in zip(AXES, table.tolist(), strict=True)})
+    return tuple((float(low), float(high)) for low, high in table)
+
+
+def free_turns(ranges: Ranges) -> list[int]:
+    """Which of rx, ry and rz are free, as 0, 1 and 2."""
+    return [i for i, pair in enumerate(ranges[3:]) if pair == FREE_TURN]
+
+
+def unit(axis: int) -> tuple[float, float, float]:
+    """Unit vector along axis 0, 1 or 2."""
+    return (float(axis == 0), float(axis == 1), float(axis == 2))
+
+
+def _range(axis: str, pair: object) -> tuple[float, float]:
+    try:
+        low, high = (float(end) for end in pair)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        raise InvalidGoal(f"box[{axis!r}] must be a pair (lower, upper), got {pair!r}") from None
+    if math.isnan(low) or math.isnan(high) or low > high or low == math.inf or high == -math.inf:
+        raise InvalidGoal(f"box[{axis!r}] must have lower <= upper, got ({low}, {high})")
+    if axis.startswith("r") and (low < -math.pi or high > math.pi):
+        raise InvalidGoal(
+            f"box[{axis!r}] must lie within [-π, π], got ({low:.6g}, {high:.6g}): no component of a rotation vector "
+            f"is larger; if every turn will do, say free={axis!r}"
+        )
+    return low, high
+
+
+def inverse_pose(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Inverse of a rigid transform, (4, 4)."""
+    inverse = np.eye(4)
+    inverse[:3, :3] = matrix[:3, :3].T
+    inverse[:3, 3] = -matrix[:3, :3].T @ matrix[:3, 3]
+    return inverse

@@ -1,0 +1,143 @@
+"""The same arm with some joints locked, with narrower limits, or with a tool at its tip."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidRobot, suggest
+
+from .chain import CONTINUOUS, REVOLUTE, SerialChain, rotation, transform
+
+Array = NDArray[np.float64]
+
+
+def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
+    """Lock joints: each of their physical joints, followers included, becomes part of a fixed transform.
+
+    Args:
+        chain: The arm.
+        values: Of each joint to lock, its value, [rad] or [m].
+
+    Raises:
+        InvalidRobot: Unknown joints, values that are no numbers or outside the limits, or every joint locked.
+    """
+    locked: dict[int, float] = {}
+    for name, value in _named(chain, values, "value"):
+        i = chain.joint_names.index(name)
+        number = _number(value, f"the value of locked joint {name!r}")
+        if chain.kinds[i] != CONTINUOUS and not chain.lower[i] <= number <= chain.upper[i]:
+            raise InvalidRobot(
+                f"joint {name!r} cannot be locked at {number:g}: its limits are "
+                f"[{chain.lower[i]:g}, {chain.upper[i]:g}]"
+            )
+        locked[i] = number
+    if not locked:
+        return replace(chain)
+    left = [i for i in range(chain.dof) if i not in locked]
+    if not left:
+        raise InvalidRobot(f"{chain.name}: every joint is locked; at least one must be left to move")
+
+    fixed, kept, pending = [], [], np.eye(4)
+    for k, i in enumerate(chain.leader):
+        pending = pending @ _square(chain.fixed[k])
+        if i in locked:
+            pending = pending @ _moved(
+                bool(chain.prismatic[k]), chain.multiplier[k] * locked[i] + chain.offset[k]
+            )
+            continue
+        fixed.append(pending[:3])
+        kept.append(k)
+        pending = np.eye(4)
+    fixed.append((pending @ _square(chain.fixed[-1]))[:3])
+    return replace(
+        chain,
+        joint_names=tuple(chain.joint_names[i] for i in left),
+        kinds=tuple(chain.kinds[i] for i in left),
+        lower=chain.lower[left],
+        upper=chain.upper[left],
+        fixed=np.array(fixed),
+        prismatic=chain.prismatic[kept],
+        leader=np.array([left.index(i) for i in chain.leader[kept]], dtype=np.int64),
+        multiplier=chain.multiplier[kept],
+        offset=chain.offset[kept],
+    )
+
+
+def with_limits(chain: SerialChain, limits: Mapping[str, tuple[float, float]]) -> SerialChain:
+    """Narrow the limits of joints; a continuous joint that gets limits is a revolute one.
+
+    Args:
+        chain: The arm.
+        limits: Of each joint to narrow, its lower and upper limit, [rad] or [m].
+
+    Raises:
+        InvalidRobot: Unknown joints, limits that are no numbers, inverted, or wider than those of the arm; for a
+            continuous joint, wider than a full turn.
+    """
+    lower, upper, kinds = chain.lower.copy(), chain.upper.copy(), list(chain.kinds)
+    for name, pair in _named(chain, limits, "limits (lower, upper)"):
+        i = chain.joint_names.index(name)
+        try:
+            low, high = (_number(end, f"a limit of joint {name!r}") for end in pair)
+        except (TypeError, ValueError) as error:
+            if isinstance(error, InvalidRobot):
+                raise
+            raise InvalidRobot(
+                f"limits of joint {name!r} must be a pair (lower, upper), got {pair!r}"
+            ) from None
+        if low > high:
+            raise InvalidRobot(f"joint {name!r}: lower limit {low:g} is above upper limit {high:g}")
+        if kinds[i] == CONTINUOUS and high - low > 2 * math.pi:
+            raise InvalidRobot(
+                f"joint {name!r} turns without end, so limits [{low:g}, {high:g}] wider than a full turn say nothing"
+            )
+        if kinds[i] != CONTINUOUS and not chain.lower[i] <= low <= high <= chain.upper[i]:
+            raise InvalidRobot(
+                f"joint {name!r}: limits [{low:g}, {high:g}] are wider than those of the arm, "
+                f"[{chain.lower[i]:g}, {chain.upper[i]:g}]"
+            )
+        lower[i], upper[i] = low, high
+        kinds[i] = REVOLUTE if kinds[i] == CONTINUOUS else kinds[i]
+    return replace(chain, lower=lower, upper=upper, kinds=tuple(kinds))
+
+
+def with_tool(chain: SerialChain, tool: Array) -> SerialChain:
+    """Move the tip: ``A_tip`` becomes ``A_tip · tool``, tool (4, 4) a rigid transform, lengths in [m]."""
+    fixed = chain.fixed.copy()
+    fixed[-1] = (_square(fixed[-1]) @ tool)[:3]
+    return replace(chain, fixed=fixed)
+
+
+def _named(chain: SerialChain, given: Any, noun: str) -> list[tuple[str, Any]]:
+    if not isinstance(given, Mapping):
+        raise InvalidRobot(f"expected a mapping from joint names to {noun}, got {given!r}")
+    for name in given:
+        if name not in chain.joint_names:
+            raise InvalidRobot(suggest(str(name), chain.joint_names, "joint"))
+    return list(given.items())
+
+
+def _number(value: Any, what: str) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise InvalidRobot(f"{what} must be a finite number, got {value!r}")
+    return number
+
+
+def _moved(prismatic: bool, value: float) -> Array:
+    if prismatic:
+        return transform(np.eye(3), [0.0, 0.0, value])
+    return transform(rotation(np.array([0.0, 0.0, 1.0]), value), [0.0, 0.0, 0.0])
+
+
+def _square(A: Array) -> Array:
+    return np.vstack([A, [0.0, 0.0, 0.0, 1.0]])
