@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from .errors import NotReached
 from .goal import DEFAULT_TOLERANCE, Goal
-from .kernels.pose_error import judge
+from .kernels.pose_error import judge, judge_poses
 from .problem import Problem
+from .robots.blackbox import BlackBox
 from .robots.chain import SerialChain
 
 Array = NDArray[np.float64]
@@ -117,7 +118,10 @@ def conclude(problem: Problem, q: Array, work: NDArray[np.int64]) -> Solution:
         work: Evaluations, nodes created and nodes expanded of each, (k, 3).
     """
     goal, shape = problem.goal, problem.goal.shape
-    measured = judge(problem.arrays, np.ascontiguousarray(q), goal.targets, goal.arrays)
+    if isinstance(problem.chain, BlackBox):
+        measured = judge_function(problem.chain, problem.goal, q)
+    else:
+        measured = judge(problem.arrays, np.ascontiguousarray(q), goal.targets, goal.arrays)
     success = (measured[:, 0] <= goal.position_tolerance) & (measured[:, 1] <= goal.orientation_tolerance)
 
     def field(column: NDArray[Any]) -> Any:
@@ -134,6 +138,20 @@ def conclude(problem: Problem, q: Array, work: NDArray[np.int64]) -> Solution:
         nodes_expanded=field(work[:, 2]),
         problem=problem,
     )
+
+
+def judge_function(box: BlackBox, goal: Goal, q: Array) -> Array:
+    """Ask a function for its poses anew, (k, n), and judge them: errors [m], [rad] and weighted, (k, 3).
+
+    Infinite where the mechanism cannot be put together.
+    """
+    poses = box.poses(q)
+    absent = np.isnan(poses).any(axis=(1, 2))
+    poses[absent] = np.eye(4)
+    poses[:, :3, :3] = poses[:, :3, :3] @ goal.tip_rotation
+    measured = judge_poses(poses, goal.targets, goal.arrays)
+    measured[absent] = np.inf
+    return measured
 
 
 def quick_solution(chain: SerialChain, target: Array, row: Array) -> Solution:
