@@ -31,10 +31,11 @@ from kinseek.kernels.neighbours import LEAF
 from kinseek.kernels.pointers import handle_of
 from kinseek.kernels.refine import solve_pose
 from kinseek.problem import Problem
+from kinseek.robots.blackbox import BlackBox
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
 
-from .base import whole
+from .base import solve_each, whole
 
 SAMPLES = 16_384
 
@@ -66,6 +67,10 @@ class Atlas:
     def solve(self, problem: Problem) -> Solution:
         """Answer by what the nearest sample leads to, else the next nearest; else by the best pose found."""
         goal, chain = problem.goal, problem.chain
+        if isinstance(chain, BlackBox):
+            from .black_box.atlas import answer
+
+            return solve_each(problem, lambda one: answer(chain, one, self.samples))
         index = atlas_of(chain, goal, self.samples)
         wanted = wanted_of(goal, problem.budget)
         targets = np.zeros((len(goal.targets), 4, 4))
