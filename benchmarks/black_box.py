@@ -213,8 +213,8 @@ def table(rows: list[Row]) -> str:
         f"Made by `python -m benchmarks.black_box`. {machine()}.",
         "",
         f"{first.random:,} targets from joint values uniform inside the limits and {first.singular:,} near singularities",
-        "and limits, an arm; no seed. Solved: within 1e-6 m and 1e-6 rad by plain NumPy FK, and inside the limits. One pose:",
-        f"a single call `arm.ik(T)`, wall time. Load of the machine over the last fifteen minutes: {load()}.",
+        "and limits, an arm; no seed. Solved: within 1e-6 m and 1e-6 rad by plain NumPy FK, and inside the limits. One",
+        f"pose: a single call `arm.ik(T)`, wall time. Load of the machine over the last fifteen minutes: {load()}.",
         "",
         "| mechanism | function | joints | solved, random % | solved, near singular % | median ms | p99 ms | "
         "poses asked for | samples | sampled in ms |",

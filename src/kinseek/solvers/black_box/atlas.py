@@ -20,7 +20,7 @@ SEEDS = 16
 FIRST_STEPS, MORE_STEPS = 12, 30
 MORE = 48
 """Seeds of the second lookup."""
-RESTARTS, ROUNDS = 64, 4
+RESTARTS, ROUNDS = 64, 8
 """Starts of a round, half of them around the best, and rounds of them."""
 BEST = 8
 PROMISING = 1e-2
