@@ -10,7 +10,8 @@ from typing import Any
 import numba
 import numpy as np
 import pytest
-from benchmarks.targets import plain_fk, random_joints, singular_joints, strict
+from benchmarks.black_box import example_case
+from benchmarks.targets import plain_fk, pose_errors, random_joints, singular_joints, strict
 from numpy.typing import NDArray
 
 import kinseek
@@ -262,6 +263,36 @@ def test_a_joint_that_is_an_angle_takes_the_turn_nearest_to_near() -> None:
     assert not number.ik(T, near=[6.5]).q[0] > 1.0
 
 
+@pytest.mark.parametrize(("example", "variable"), [("07_continuum", "robot"), ("08_five_bar", "linkage")])
+def test_the_mechanisms_of_the_examples_are_solved(example: str, variable: str) -> None:
+    case = example_case(example, variable, 100, 2)
+    T = case.fk(case.random)
+    solution = case.arm.ik(T)
+    assert solution.success.all()
+    away, angle = pose_errors(case.fk(solution.q), T)
+    assert max(away.max(), angle.max()) <= 1e-6
+    position = case.arm.ik(Goal.position(T[:, :3, 3]))
+    assert position.success.all()
+
+
+def test_a_function_that_is_noisy_to_ten_digits_is_solved() -> None:
+    """As one that closes its loops by iteration: the difference quotients must not drown."""
+    arm, _ = wrapped("ur5e")
+
+    def noisy(q: Array) -> Array:
+        T = plain_fk(arm.chain, q)
+        T[:, :3, 3] += 1e-10 * np.sin(1e9 * q[:, :3])
+        return T
+
+    box = kinseek.Arm.from_fk(noisy, arm.lower, arm.upper, kinds="revolute")
+    assert box.ik(noisy(random_joints(arm.chain, 20, 1))).success.all()
+
+
+def test_a_progress_bar_does_no_harm() -> None:
+    arm, box = wrapped("scara4")
+    assert box.ik(arm.fk(random_joints(arm.chain, 3, 1)), progress=True).success.all()
+
+
 # --- the other searches ---------------------------------------------------------------------------------------------
 
 
@@ -312,6 +343,9 @@ def test_what_needs_axes_says_so() -> None:
         box.ik(T, solver=kinseek.BlindSearch())
     with pytest.raises(InvalidSolver, match="tuned"):
         box.ik(T, solver=kinseek.DivideAndConquer(breadth="tuned"))
+    with pytest.raises(InvalidSolver, match="axes and links"):
+        box.chain.fixed  # noqa: B018
+    assert not hasattr(box.chain, "nonsense")
     for call in (lambda: box.prove(T), lambda: box.ik(T, prove=True)):
         with pytest.raises(InvalidProblem, match="nothing can be proved"):
             call()

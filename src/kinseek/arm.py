@@ -102,7 +102,7 @@ class Arm:
         box = black_box(
             fk, lower, upper, vectorized=vectorized, names=names, kinds=kinds, partial=partial, name=name
         )
-        # It has of a chain what problems and solutions read; what needs more is told so by `BlackBox.arrays`.
+        # It has of a chain what problems and solutions read; what needs more is told so by `BlackBox.__getattr__`.
         return cls(cast("SerialChain", box))
 
     @property

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import FailedKinematics, InvalidRobot, InvalidSolver, suggest
-from kinseek.kernels.arrays import ChainArrays
 from kinseek.kernels.pose_error import first_loose
 
 from .chain import CONTINUOUS, PRISMATIC, REVOLUTE
@@ -27,6 +26,9 @@ NUMBER = "number"
 """The kind of a joint value of which nothing is said: a number between its limits, never wrapped by 2π."""
 
 KINDS = (NUMBER, REVOLUTE, CONTINUOUS, PRISMATIC)
+
+_AXES_AND_LINKS = frozenset({"arrays", "fixed", "prismatic", "leader", "multiplier", "offset"})
+"""What a `SerialChain` has, and compiled searches run on."""
 
 _RIGID = 1e-6
 """How far RᵀR may be from the identity, and the last row from 0 0 0 1: what single precision leaves."""
@@ -91,13 +93,15 @@ class BlackBox:
         """Does one more row cost little, since no Python runs for it?"""
         return self.vectorized or _is_compiled(self.function)
 
-    @property
-    def arrays(self) -> ChainArrays:
-        """What compiled searches run on, and a function does not have.
+    def __getattr__(self, name: str) -> Any:
+        """Explain why a search that needs more than poses cannot have it.
 
         Raises:
-            InvalidSolver: Always; it says which searches work.
+            InvalidSolver: It asks for what a `SerialChain` has and a function has not.
+            AttributeError: Any other name.
         """
+        if name not in _AXES_AND_LINKS:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
         raise InvalidSolver(
             f"this needs the axes and links of an arm, and {self.name!r} is a function of which only values are known. "
             "What works on it: Atlas, BruteForce, DivideAndConquer, CoordinateDescent, and Polished made of these"

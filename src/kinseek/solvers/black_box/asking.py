@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.errors import InvalidGoal
 from kinseek.problem import Problem
 from kinseek.robots.blackbox import BlackBox
 
@@ -24,8 +25,17 @@ class Asker:
     """
 
     def __init__(self, box: BlackBox, problem: Problem) -> None:
-        """Take one target; one pose of the budget is kept for judging the answer."""
+        """Take one target; one pose of the budget is kept for judging the answer.
+
+        Raises:
+            InvalidGoal: A kind of goal that is not known here.
+        """
         goal = problem.goal
+        if goal.kind not in COLUMNS:
+            raise InvalidGoal(
+                f"a goal of kind {goal.kind!r} cannot be asked of {box.name!r}, which is a function; "
+                f"valid: {', '.join(COLUMNS)}"
+            )
         self.box, self.goal = box, goal
         self.columns = COLUMNS[goal.kind]
         self.tip = goal.tip_rotation
