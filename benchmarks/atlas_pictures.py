@@ -23,6 +23,7 @@ from kinseek.kernels.lanes import (
     lanes_residual,
     lanes_solve,
 )
+from kinseek.kernels.links import links_of
 from kinseek.kernels.neighbours import LEAF, nearest
 from kinseek.kernels.refine import DAMPING, LONGEST, MARGIN
 from kinseek.solvers.atlas import SAMPLES, divide, inverse, middle_samples, open_limits
@@ -80,12 +81,12 @@ class Query:
         """Refine the seeds, (LANES, n), and keep joint values, errors and hand coordinates of every step."""
         chain, n = self.arm.chain, self.arm.dof
         lower, upper = open_limits(chain)
-        length, W = self.division.length, LANES
+        length, links, W = self.division.length, links_of(chain.arrays), LANES
         lanes = Lanes(
             q=np.ascontiguousarray(seeds.T),
             target=np.repeat(target[:3].ravel(), W),
             pose=np.zeros(12 * W),
-            axes=np.zeros((len(chain.leader) + 1, 6 * W)),
+            axes=np.zeros((len(chain.leader), 6 * W)),
             jacobian=np.zeros((n, 6 * W)),
             gram=np.zeros(21 * W),
             residual=np.zeros(6 * W),
@@ -97,11 +98,11 @@ class Query:
         errors, points = [], []
         for step in range(STEPS + 1):
             if step:
-                lanes_jacobian(chain.arrays, lanes, 0.0, W)
-                lanes_gram(lower, upper, DAMPING, np.full(W, 1e-11), lanes, W)
+                lanes_jacobian(chain.leader, links, lower, upper, lanes, 0.0, W)
+                lanes_gram(DAMPING, np.full(W, 1e-11), lanes, W)
                 lanes_solve(lanes, W)
                 lanes_move(lower, upper, LONGEST, lanes, W)
-            lanes_forward(chain.arrays, lanes, W)
+            lanes_forward(chain.leader, links, lanes, W)
             lanes_residual(lanes, np.full(3, 0.5), W)
             errors.append(np.sqrt(lanes.error[:W]))
             poses = np.tile(np.eye(4), (W, 1, 1))

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 import kinseek
 from benchmarks.fleet import single_times
 from benchmarks.targets import plain_fk, random_joints
-from kinseek.kernels.lanes import LANES
-from kinseek.kernels.refine import solve_pose
-from kinseek.solvers.atlas import SAMPLES, AtlasIndex, wanted_of
+from kinseek.kernels.refine import solve_plain
+from kinseek.solvers.atlas import SAMPLES, AtlasIndex
 
 Array = NDArray[np.float64]
 
@@ -51,10 +50,10 @@ def test_one_pose(benchmark: Any, name: str) -> None:
 @pytest.mark.parametrize("name", ARMS)
 def test_kernel_alone(benchmark: Any, name: str) -> None:
     arm = kinseek.load(name)
-    handle, wanted, targets = arm.atlas.handle, wanted_of(kinseek.Goal.pose(np.eye(4))), targets_of(arm, 1000)
+    address, targets, q = arm.atlas.address, targets_of(arm, 1000), np.empty(arm.dof)
 
-    def solve(target: Array) -> Array:
-        return solve_pose(handle, wanted, target, LANES)
+    def solve(target: Array) -> Any:
+        return solve_plain(address, target, q)
 
     times = np.array([timed(solve, target) for target in np.tile(targets, (5, 1, 1))])
     benchmark.extra_info["median_us"] = float(np.median(times))

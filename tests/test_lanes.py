@@ -21,7 +21,8 @@ from kinseek.kernels.lanes import (
     lanes_residual,
     lanes_solve,
 )
-from kinseek.kernels.trigonometry import sine_cosine
+from kinseek.kernels.links import links_of
+from kinseek.kernels.trigonometry import rough_angle, sine_cosine
 from kinseek.robots.chain import SerialChain
 from reference import fk
 
@@ -38,8 +39,8 @@ def lanes_at(chain: SerialChain, q: Array, goals: Array, weight: Array) -> Lanes
         q=np.ascontiguousarray(q.T),
         target=np.ascontiguousarray(goals.reshape(LANES, 12).T).ravel(),
         pose=np.zeros(12 * LANES),
-        axes=np.zeros((m + 1, 6 * LANES)),
-        jacobian=np.zeros((n, 6 * LANES)),
+        axes=np.zeros((m, 6 * LANES)),
+        jacobian=np.full((n, 6 * LANES), np.nan),
         gram=np.zeros(21 * LANES),
         residual=np.zeros(6 * LANES),
         step=np.zeros((n, LANES)),
@@ -52,6 +53,12 @@ def lanes_at(chain: SerialChain, q: Array, goals: Array, weight: Array) -> Lanes
 
 def poses_of(lanes: Lanes) -> Array:
     return lanes.pose.reshape(12, LANES).T.reshape(LANES, 3, 4)
+
+
+def jacobian_of(chain: SerialChain, lanes: Lanes, upper: Array) -> Array:
+    """The Jacobian with limits ±upper, (n, 6, LANES)."""
+    lanes_jacobian(chain.leader, links_of(chain.arrays), -upper, upper, lanes, 0.0, LANES)
+    return lanes.jacobian.reshape(chain.dof, 6, LANES).copy()
 
 
 def plain_jacobian(chain: SerialChain, q: Array, weight: Array) -> Array:
@@ -76,7 +83,7 @@ def plain_jacobian(chain: SerialChain, q: Array, weight: Array) -> Array:
 def test_forward_kinematics_agrees_with_the_twin(chain: SerialChain, seed: int) -> None:
     q = np.random.default_rng(seed).uniform(-4, 4, (LANES, chain.dof))
     lanes = lanes_at(chain, q, np.zeros((LANES, 3, 4)), np.ones(2))
-    lanes_forward(chain.arrays, lanes, LANES)
+    lanes_forward(chain.leader, links_of(chain.arrays), lanes, LANES)
     np.testing.assert_allclose(poses_of(lanes), [fk(chain, each)[:3] for each in q], atol=1e-11)
 
 
@@ -85,9 +92,8 @@ def test_forward_kinematics_agrees_with_the_twin(chain: SerialChain, seed: int) 
 def test_the_jacobian_agrees_with_finite_differences(chain: SerialChain, seed: int) -> None:
     q, weight = np.random.default_rng(seed).uniform(-3, 3, (LANES, chain.dof)), np.array([2.0, 0.7])
     lanes = lanes_at(chain, q, np.zeros((LANES, 3, 4)), weight)
-    lanes_forward(chain.arrays, lanes, LANES)
-    lanes_jacobian(chain.arrays, lanes, 0.0, LANES)
-    J = lanes.jacobian.reshape(chain.dof, 6, LANES)
+    lanes_forward(chain.leader, links_of(chain.arrays), lanes, LANES)
+    J = jacobian_of(chain, lanes, np.full(chain.dof, np.inf))
     for l in range(LANES):
         np.testing.assert_allclose(J[:, :, l].T, plain_jacobian(chain, q[l], weight), atol=1e-6)
 
@@ -98,7 +104,7 @@ def test_the_residual_agrees_with_the_twin(columns: Array) -> None:
     q, other = (rng.uniform(chain.lower, chain.upper, (LANES, chain.dof)) for _ in range(2))
     goals = np.array([fk(chain, each)[:3] for each in other])
     lanes = lanes_at(chain, q, goals, np.array([2.0, 0.7]))
-    lanes_forward(chain.arrays, lanes, LANES)
+    lanes_forward(chain.leader, links_of(chain.arrays), lanes, LANES)
     lanes_residual(lanes, columns, LANES)
     residual, error = lanes.residual.reshape(6, LANES), lanes.error.reshape(4, LANES)
     for k in range(LANES):
@@ -125,12 +131,13 @@ def test_a_damped_step_agrees_with_the_twin(name: str, at_limits: bool) -> None:
     goals = np.array([fk(chain, each)[:3] for each in rng.uniform(chain.lower, chain.upper, q.shape)])
     lanes = lanes_at(chain, q, goals, np.array([2.0, 1.0]))
     floor, damping, longest = np.full(LANES, 1e-3), 0.1, 0.8
-    lanes_forward(chain.arrays, lanes, LANES)
+    lanes_forward(chain.leader, links_of(chain.arrays), lanes, LANES)
     lanes_residual(lanes, POSE, LANES)
     e = lanes.residual.reshape(6, LANES).T.copy()
-    lanes_jacobian(chain.arrays, lanes, 0.0, LANES)
-    J = lanes.jacobian.reshape(chain.dof, 6, LANES).copy()
-    lanes_gram(chain.lower, chain.upper, damping, floor, lanes, LANES)
+    J = jacobian_of(chain, lanes, np.full(chain.dof, np.inf))
+    links = links_of(chain.arrays)
+    lanes_jacobian(chain.leader, links, chain.lower, chain.upper, lanes, 0.0, LANES)
+    lanes_gram(damping, floor, lanes, LANES)
     lanes_solve(lanes, LANES)
     lanes_move(chain.lower, chain.upper, longest, lanes, LANES)
     for k in range(LANES):
@@ -151,7 +158,7 @@ def test_a_lane_does_not_look_at_the_others() -> None:
     alone = lanes_at(chain, np.repeat(q[:1], LANES, axis=0), np.zeros((LANES, 3, 4)), np.ones(2))
     lanes = lanes_at(chain, q, np.zeros((LANES, 3, 4)), np.ones(2))
     for each in (alone, lanes):
-        lanes_forward(chain.arrays, each, LANES)
+        lanes_forward(chain.leader, links_of(chain.arrays), each, LANES)
     np.testing.assert_array_equal(poses_of(alone), np.repeat(poses_of(lanes)[:1], LANES, axis=0))
 
 
@@ -161,3 +168,21 @@ def test_sine_and_cosine() -> None:
     )
     pairs = np.array([sine_cosine(each) for each in x])
     np.testing.assert_allclose(pairs, np.stack([np.sin(x), np.cos(x)], axis=1), atol=3e-16)
+
+
+def test_rough_angle() -> None:
+    angles = np.concatenate([np.linspace(-np.pi, np.pi, 5001)[1:], np.arange(-3, 5) * np.pi / 4])
+    rough = np.array([rough_angle(3 * np.sin(each), 3 * np.cos(each)) for each in angles])
+    error = np.abs((rough - angles + np.pi) % (2 * np.pi) - np.pi)
+    assert error.max() < 2e-4
+    assert rough_angle(0.0, 0.0) == 0.0
+
+
+def test_links_of_axes_that_are_almost_parallel() -> None:
+    """Where a common normal would lie kilometres away nothing is lost."""
+    rows = [[0.4, 1e-9, 0.1, 0.2], [0.4, 1e-7, 0.0, 0.1], [0.3, np.pi - 1e-8, 0.2, 0.0], [0.1, 0.5, 0.0, 0.0]]
+    chain = kinseek.Arm.from_dh(rows, [-3.0] * 4, [3.0] * 4).chain
+    q = np.random.default_rng(6).uniform(-3, 3, (LANES, 4))
+    lanes = lanes_at(chain, q, np.zeros((LANES, 3, 4)), np.ones(2))
+    lanes_forward(chain.leader, links_of(chain.arrays), lanes, LANES)
+    np.testing.assert_allclose(poses_of(lanes), [fk(chain, each)[:3] for each in q], atol=1e-14)

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from kinseek.kernels.neighbours import LEAF, SLACK, Tree, build_tree, nearest
+from kinseek.kernels.neighbours import (
+    BESIDE,
+    LEAF,
+    SLACK,
+    Tree,
+    build_tree,
+    nearest,
+    scan_beside,
+    take_nearest,
+)
 
 Array = NDArray[np.float64]
 
@@ -71,3 +80,41 @@ def test_fewer_points_than_wanted() -> None:
     distance, index = look_up(tree, np.zeros(3), 40)
     assert sorted(index) == list(range(LEAF))
     np.testing.assert_allclose(distance, np.sort((points**2).sum(axis=1)), atol=1e-15)
+
+
+def scan(tree: Tree, point: Array, wanted: int) -> list[int]:
+    """Places in the leaves, from the quick scan."""
+    distance, least = np.empty(BESIDE * LEAF), np.empty(BESIDE)
+    leaf = scan_beside(tree, point, distance, least)
+    return [take_nearest(tree, leaf, distance, least) for _ in range(wanted)]
+
+
+@pytest.mark.parametrize("dimensions", [1, 2, 5, 9])
+def test_the_quick_scan_against_brute_force(dimensions: int) -> None:
+    rng = np.random.default_rng(8)
+    for name, points in clouds(dimensions).items():
+        order = np.empty(len(points), dtype=np.int64)
+        tree = build_tree(points, order)
+        exact = []
+        for point in rng.uniform(-1.5, 1.5, (50, dimensions)):
+            index = scan(tree, point, 8)
+            true = np.sort(((points - point) ** 2).sum(axis=1))[:8]
+            distance = ((points[order[index]] - point) ** 2).sum(axis=1)
+            assert len(set(index)) == 8, name
+            assert (np.diff(distance) >= 0).all(), name
+            assert (distance >= true - 1e-12).all(), name
+            exact.append(distance[0] <= true[0] + 1e-12)
+        if name == "uniform":
+            assert np.mean(exact) >= 0.3
+
+
+@pytest.mark.parametrize("leaves", [1, 2, 4])
+def test_the_quick_scan_of_a_small_tree_finds_every_point_once(leaves: int) -> None:
+    points = np.random.default_rng(leaves).uniform(-1, 1, (LEAF * leaves, 3))
+    order = np.empty(len(points), dtype=np.int64)
+    tree = build_tree(points, order)
+    index = scan(tree, np.zeros(3), len(points) + 2)
+    assert index[-2:] == [-1, -1]
+    assert sorted(index[:-2]) == list(range(len(points)))
+    distance = (points[order[index[:-2]]] ** 2).sum(axis=1)
+    assert (np.diff(distance) >= 0).all()

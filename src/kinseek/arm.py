@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Self, cast
+from typing import Any, Self, TypeGuard, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,21 +14,20 @@ from .certificate import Certificate, Verdict
 from .errors import InvalidProblem
 from .goal import Goal
 from .kernels.forward import forward_many
-from .kernels.lanes import LANES
-from .kernels.refine import solve_pose
+from .kernels.nearby import solve_plain_near
+from .kernels.refine import solve_plain
 from .problem import Problem, as_joints
 from .robots import BlackBox, black_box, read, read_dh
 from .robots.chain import SerialChain
 from .solution import Solution, quick_solution
 from .solvers import Atlas, Solver
-from .solvers.atlas import SAMPLES, AtlasIndex, atlas_of, wanted_of
+from .solvers.atlas import SAMPLES, AtlasIndex, atlas_of
 from .solvers.black_box.samples import samples_of
 
 Array = NDArray[np.float64]
 
 
-_DEFAULT = wanted_of(Goal.pose(np.eye(4)))
-"""Tolerances and weights of a goal that is just a pose."""
+_FLOAT = np.dtype(np.float64)
 
 
 class Arm:
@@ -195,13 +194,17 @@ class Arm:
             InvalidProblem: `near` does not fit the arm.
             InvalidSolver: The solver's parameters do not fit the arm.
         """
-        plain = type(goal) is np.ndarray and near is None and solver is None and not prove
-        plain = plain and type(self.chain) is SerialChain
-        if plain and goal.shape == (4, 4) and goal.dtype == np.float64 and goal.flags.c_contiguous:
+        if solver is None and not prove and _is_plain(goal, (4, 4)) and type(self.chain) is SerialChain:
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform.
-            row = solve_pose(self._serial_atlas().handle, _DEFAULT, goal, LANES)
-            if row[-1] >= 0:
-                return quick_solution(self.chain, goal, row)
+            q, address = np.empty(self.chain.dof), (self._index or self._serial_atlas()).address
+            if near is None:
+                report = solve_plain(address, goal, q)
+                if report[3] >= 0:
+                    return quick_solution(self.chain, goal, None, q, report)
+            elif _is_plain(near, q.shape):
+                report = solve_plain_near(address, goal, near, q)
+                if report[3] >= 0:
+                    return quick_solution(self.chain, goal, near, q, report)
         if prove:
             self._require_axes()
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
@@ -252,6 +255,16 @@ class Arm:
     def __repr__(self) -> str:
         """Name, joints and frames."""
         return f"Arm({self.name!r}, {self.dof} joints, {self.chain.base!r} -> {self.chain.tip!r})"
+
+
+def _is_plain(value: Any, shape: tuple[int, ...]) -> TypeGuard[Array]:
+    """Is it an array that a kernel can take as it is?"""
+    return (
+        type(value) is np.ndarray
+        and value.dtype == _FLOAT
+        and value.shape == shape
+        and value.flags.c_contiguous
+    )
 
 
 def load(source: str | Path, base: str | None = None, tip: str | None = None) -> Arm:

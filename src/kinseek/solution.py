@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import NotReached
-from .goal import DEFAULT_TOLERANCE, Goal
+from .goal import Goal
 from .kernels.pose_error import judge, judge_poses
 from .problem import Problem
 from .robots.blackbox import BlackBox
@@ -64,8 +64,8 @@ class Solution:
         question = self.__dict__.get("_question")
         if name != "problem" or question is None:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        chain, target = question
-        problem = Problem(chain, Goal.pose(target))
+        chain, target, near = question
+        problem = Problem(chain, Goal.pose(target), near)
         self.__dict__["problem"] = problem
         return problem
 
@@ -154,26 +154,35 @@ def judge_function(box: BlackBox, goal: Goal, q: Array) -> Array:
     return measured
 
 
-def quick_solution(chain: SerialChain, target: Array, row: Array) -> Solution:
+def quick_solution(
+    chain: SerialChain,
+    target: Array,
+    near: Array | None,
+    q: Array,
+    report: tuple[float, float, float, int, bool],
+) -> Solution:
     """Make a solution of one pose under the default tolerances as fast as Python can.
 
     Args:
         chain: The arm.
         target: (4, 4).
-        row: Joint values, position error [m], orientation error [rad], weighted error, evaluations, (n + 4,).
+        near: What the answer shall be near to, (n,).
+        q: Joint values, (n,).
+        report: Position error [m], orientation error [rad], weighted error, FK evaluations, success.
     """
-    dof = len(row) - 4
-    position, orientation, weighted, spent = row[dof:].tolist()
     solution = object.__new__(Solution)
+    # The caller may write the next question into the same arrays.
+    question = chain, target.copy(), near if near is None else near.copy()
+    position_error, orientation_error, weighted_error, evaluations, success = report
     solution.__dict__.update(
-        q=row[:dof],
-        success=position <= DEFAULT_TOLERANCE and orientation <= DEFAULT_TOLERANCE,
-        position_error=position,
-        orientation_error=orientation,
-        weighted_error=weighted,
-        evaluations=int(spent),
+        q=q,
+        success=success,
+        position_error=position_error,
+        orientation_error=orientation_error,
+        weighted_error=weighted_error,
+        evaluations=evaluations,
         nodes_created=0,
         nodes_expanded=0,
-        _question=(chain, target.copy()),  # The caller may write the next target into the same array.
+        _question=question,
     )
     return solution

@@ -18,6 +18,7 @@ from .arrays import Array, ChainArrays
 from .forward import advance, advance_segment, identity
 from .jit import inner, kernel
 from .neighbours import Tree, build_tree
+from .trigonometry import rough_angle
 
 NONE, TURN, SLIDE = 0, 1, 2
 
@@ -156,7 +157,7 @@ def complete_seed(
             c = 2 if division.tail == TURN else k
             dot += weight * (K[0, c] * G[0, c] + K[1, c] * G[1, c])
             cross += weight * (K[0, c] * G[1, c] - K[1, c] * G[0, c])
-        q[0] = nearest_copy(math.atan2(cross, dot), lower[0], upper[0], 0.5 * (lower[0] + upper[0]))
+        q[0] = nearest_copy(rough_angle(cross, dot), lower[0], upper[0], 0.5 * (lower[0] + upper[0]))
         far = math.sqrt(dot * dot + cross * cross)
         if far > 0.0:
             cosine, sine = dot / far, cross / far
@@ -172,7 +173,7 @@ def complete_seed(
         across -= K[0, 0] * gx + K[1, 0] * gy + K[2, 0] * gz
         last = dof - 1
         q[last] = nearest_copy(
-            math.atan2(across, along), lower[last], upper[last], 0.5 * (lower[last] + upper[last])
+            rough_angle(across, along), lower[last], upper[last], 0.5 * (lower[last] + upper[last])
         )
     for j in (0, dof - 1):
         if q[j] < lower[j] - margin or q[j] > upper[j] + margin:

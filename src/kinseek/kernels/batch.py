@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from .arrays import Array, GoalArrays, Indices
-from .atlas import complete_seed
 from .desk import Desk, Job, Task, desk_size, make_desk, task_of
 from .jit import hidden, kernel
 from .lanes import LANES, Lanes
@@ -15,15 +14,14 @@ from .pointers import integer_part
 from .refine import (
     FIRST,
     FIRST_STEPS,
-    MARGIN,
     finish,
     iterate,
     load_seed,
-    look_up,
     middle,
     reset_weights,
-    see,
+    scan,
     solve_pose,
+    take_seed,
     within,
 )
 
@@ -34,15 +32,11 @@ class Queue(NamedTuple):
     target: Indices
     """Number of its target; -1 before the first, -2 when there are no more, (LANES,)."""
     next: Indices
-    """Which of its samples comes next, (LANES,)."""
-    found: Indices
-    """How many samples it has, (LANES,)."""
+    """How many of its samples are taken, (LANES,)."""
     steps: Indices
     """Steps made from the current sample, (LANES,)."""
     spent: Indices
     """FK evaluations spent on the target, (LANES,)."""
-    neighbour: Indices
-    """Its samples, (LANES · FIRST,)."""
 
 
 @hidden
@@ -61,19 +55,21 @@ def stand_still(lanes: Lanes, l: int) -> None:
 
 @hidden
 def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int) -> bool:
-    """Put lane l at the next sample of its target that is worth a try; say whether there was one."""
+    """Put lane l at the next sample of its target that is worth a try; say whether there was one.
+
+    A second sample is seldom needed, so the scan is made again rather than remembered for every lane.
+    """
     for r in range(3):
         for c in range(4):
             desk.spare[r, c] = targets[queue.target[l], r, c]
-    see(task, desk, desk.spare)
-    while queue.next[l] < queue.found[l]:
-        i = queue.neighbour[l * FIRST + queue.next[l]]
-        queue.next[l] += 1
-        if complete_seed(
-            task.atlas, task.division, desk.seen, i, task.chain.lower, task.chain.upper, MARGIN, desk.seed
-        ):
+    leaf = scan(task, desk, desk.spare)
+    for taken in range(FIRST):
+        more, worth = take_seed(task, desk, leaf)
+        if not more:
+            break
+        if worth and taken >= queue.next[l]:
+            queue.next[l], queue.steps[l] = taken + 1, 0
             load_seed(desk.lanes, l, desk.seed)
-            queue.steps[l] = 0
             stand_still(desk.lanes, l)
             return True
     return False
@@ -81,15 +77,11 @@ def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int) -> b
 
 @hidden
 def next_target(task: Task, desk: Desk, queue: Queue, targets: Array, number: int, l: int) -> bool:
-    """Give lane l a target and its nearest samples; say whether one of them is worth a try."""
+    """Give lane l a target and its nearest sample; say whether there is one that is worth a try."""
     queue.target[l], queue.next[l], queue.spent[l] = number, 0, 0
     for r in range(3):
         for c in range(4):
-            desk.spare[r, c] = targets[number, r, c]
             desk.lanes.target[(4 * r + c) * LANES + l] = targets[number, r, c]
-    queue.found[l] = look_up(task, desk, desk.spare, FIRST)
-    for k in range(queue.found[l]):
-        queue.neighbour[l * FIRST + k] = desk.neighbour[k]
     return next_seed(task, desk, queue, targets, l)
 
 
@@ -115,15 +107,13 @@ def solve_many(
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = np.zeros(desk_size(dof, joints))
     desk = make_desk(memory, dof, joints)
-    numbers = np.zeros((5 + FIRST) * LANES, dtype=np.int64)
+    numbers = np.zeros(4 * LANES, dtype=np.int64)
     at = numbers.ctypes.data
     queue = Queue(
         integer_part(at, 0, LANES),
         integer_part(at, LANES, LANES),
         integer_part(at, 2 * LANES, LANES),
         integer_part(at, 3 * LANES, LANES),
-        integer_part(at, 4 * LANES, LANES),
-        integer_part(at, 5 * LANES, FIRST * LANES),
     )
     left = np.empty(end - begin, dtype=np.int64)
     run_lanes(Job(handle, wanted, memory), task, desk, queue, targets, results, left, begin, end, w)

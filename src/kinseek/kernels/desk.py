@@ -11,11 +11,15 @@ from .arrays import Array, ChainArrays, Indices
 from .atlas import Atlas, Division
 from .jit import hidden, view
 from .lanes import LANES, Lanes, lanes_size, make_lanes
+from .links import links_of
 from .neighbours import LEAF, Tree
-from .pointers import flags, floats1, floats2, floats3, integer_part, integers, part1, part2
+from .pointers import ROW, flags, floats1, floats2, floats3, integer_part, integers, part1, part2
 
 OPEN = 1e300
 """Limit of a joint that turns fully; infinite if it is continuous, for then both ways round count."""
+
+ARRAYS = 23
+"""Arrays of a task, see `task_arrays`."""
 
 DEEP = 160
 """Samples looked up at most for one goal."""
@@ -25,6 +29,8 @@ class Task(NamedTuple):
     """What every goal of a call has in common."""
 
     chain: ChainArrays
+    links: Array
+    """The chain as the lanes take it, see `links.links_of`."""
     atlas: Atlas
     division: Division
     lower: Array
@@ -48,14 +54,35 @@ def task_arrays(
     upper: Array,
     columns: Array,
     length: float,
+    wanted: Array,
 ) -> list[NDArray[Any]]:
-    """The arrays of a task in the order in which `task_of` reads them."""
-    numbers = np.array([division.head, division.tail, division.columns], dtype=np.int64)
+    """The arrays of a task in the order in which `task_of` reads them; `wanted` is that of a plain pose."""
+    numbers = np.array([division.head, division.tail, division.columns, LANES], dtype=np.int64)
     lengths = np.array([division.length, length])
     sorted_samples = [*atlas.tree, *atlas[1:]]
-    return [
-        np.ascontiguousarray(a) for a in (*chain, *sorted_samples, lower, upper, columns, numbers, lengths)
-    ]
+    every = (*chain, *sorted_samples, lower, upper, columns, numbers, lengths, links_of(chain), wanted)
+    return [np.ascontiguousarray(array) for array in every]
+
+
+@view
+def handle_at(address: int) -> Indices:
+    """View a handle by its own address."""
+    seen: Indices = integer_part(address, 0, ARRAYS * ROW)
+    return seen
+
+
+@view
+def plain_wanted(handle: Indices) -> Array:
+    """Tolerances and weights of a plain pose, see `task_of`."""
+    seen: Array = floats1(handle, ARRAYS - 1)
+    return seen
+
+
+@view
+def lanes_of(handle: Indices) -> int:
+    """LANES, as a number that the compiler cannot know."""
+    count: int = integers(handle, 19)[3]
+    return count
 
 
 @view
@@ -77,18 +104,19 @@ def task_of(handle: Indices, wanted: Array) -> Task:
         floats1(handle, 6),
         floats1(handle, 7),
     )
-    tree = Tree(floats3(handle, 8), integers(handle, 9), floats1(handle, 10))
-    atlas = Atlas(tree, floats2(handle, 11), floats3(handle, 12), floats2(handle, 13), floats2(handle, 14))
-    numbers, lengths = integers(handle, 18), floats1(handle, 19)
+    tree = Tree(floats3(handle, 8), integers(handle, 9), floats1(handle, 10), integers(handle, 11))
+    atlas = Atlas(tree, floats2(handle, 12), floats3(handle, 13), floats2(handle, 14), floats2(handle, 15))
+    numbers, lengths = integers(handle, 19), floats1(handle, 20)
     division = Division(numbers[0], numbers[1], numbers[2], lengths[0])
     address = wanted.ctypes.data
     return Task(
         chain,
+        floats2(handle, 21),
         atlas,
         division,
-        floats1(handle, 15),
         floats1(handle, 16),
         floats1(handle, 17),
+        floats1(handle, 18),
         lengths[1],
         part1(address, 0, 4),
         part1(address, 4, 3),

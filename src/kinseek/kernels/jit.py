@@ -93,12 +93,18 @@ def hidden(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def called(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a hidden kernel that is long and called once: inlining it would compile it twice."""
-    return _compile(function, _nrt=False, no_cpython_wrapper=True)
+    """Compile a hidden kernel that is long, and call it: inlining would compile it for every place that needs it.
+
+    It takes handles and memory by address: a bundle of arrays as an argument is a hundred arguments.
+    """
+    return _compile(function, no_cpython_wrapper=True)
 
 
 def view(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a hidden kernel that makes views of memory somebody else owns."""
+    """Compile a hidden kernel that makes or hands back views of memory somebody else owns.
+
+    What hands back an array or a bundle must count references: its caller gives one back.
+    """
     return _compile(function, forceinline=True, no_cpython_wrapper=True)
 
 

@@ -15,8 +15,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from .arrays import Array, ChainArrays
+from .arrays import Array, Indices
 from .jit import inner, view
+from .links import ADDS, LAST, SLIDE, TURN
 from .pointers import part1, part2
 from .trigonometry import sine_cosine
 
@@ -33,7 +34,7 @@ class Lanes(NamedTuple):
     pose: Array
     """Tip poses at q, 12 rows."""
     axes: Array
-    """Axis direction and a point on it of every physical joint, and of the tip, 6 rows each, (m+1, 6 · LANES)."""
+    """Axis direction and a point on it of every physical joint, 6 rows each, (m, 6 · LANES)."""
     jacobian: Array
     """Columns of the scaled Jacobian, 6 rows each, (n, 6 · LANES)."""
     gram: Array
@@ -53,19 +54,19 @@ class Lanes(NamedTuple):
 @inner
 def lanes_size(dof: int, joints: int) -> int:
     """Numbers that the lanes of an arm take in memory."""
-    return (8 * dof + 6 * (joints + 1) + 12 + 12 + 21 + 6 + 4 + 4 + 2) * LANES
+    return (8 * dof + 6 * joints + 12 + 12 + 21 + 6 + 4 + 4 + 2) * LANES
 
 
 @view
 def make_lanes(address: int, dof: int, joints: int) -> Lanes:
     """Lay lanes out in a memory."""
     W = LANES
-    fixed = (8 * dof + 6 * (joints + 1)) * W
+    fixed = (8 * dof + 6 * joints) * W
     return Lanes(
         part2(address, 0, dof, W),
         part1(address, fixed, 12 * W),
         part1(address, fixed + 12 * W, 12 * W),
-        part2(address, 8 * dof * W, joints + 1, 6 * W),
+        part2(address, 8 * dof * W, joints, 6 * W),
         part2(address, dof * W, dof, 6 * W),
         part1(address, fixed + 24 * W, 21 * W),
         part1(address, fixed + 45 * W, 6 * W),
@@ -77,45 +78,53 @@ def make_lanes(address: int, dof: int, joints: int) -> Lanes:
 
 
 @inner
-def lanes_forward(chain: ChainArrays, lanes: Lanes, w: int) -> None:
-    """Forward kinematics of every lane, keeping every joint's axis."""
-    W, A, q, T, axes, joints = LANES, chain.fixed, lanes.q, lanes.pose, lanes.axes, len(chain.leader)
-    for i in range(12 * LANES):
-        T[i] = 0.0
-    for l in range(w):
-        T[l] = 1.0
-        T[5 * W + l] = 1.0
-        T[10 * W + l] = 1.0
-    for k in range(joints + 1):
-        i, scale, shift, turn, slide = 0, 0.0, 0.0, 0.0, 0.0
-        if k < joints:
-            i, scale, shift = chain.leader[k], chain.multiplier[k], chain.offset[k]
-            turn, slide = (0.0, 1.0) if chain.prismatic[k] else (1.0, 0.0)
-        a00, a01, a02, a03 = A[k, 0, 0], A[k, 0, 1], A[k, 0, 2], A[k, 0, 3]
-        a10, a11, a12, a13 = A[k, 1, 0], A[k, 1, 1], A[k, 1, 2], A[k, 1, 3]
-        a20, a21, a22, a23 = A[k, 2, 0], A[k, 2, 1], A[k, 2, 2], A[k, 2, 3]
+def lanes_forward(leader: Indices, links: Array, lanes: Lanes, w: int) -> None:
+    """Forward kinematics of every lane, keeping every joint's axis.
+
+    Args:
+        leader: Variable that moves each physical joint, (m,).
+        links: The chain, see `links.links_of`.
+        lanes: Where q stands, and where poses and axes go.
+        w: LANES.
+    """
+    W, q, T, axes, joints = LANES, lanes.q, lanes.pose, lanes.axes, len(leader)
+    for r in range(12):
+        value = links[joints, r]
         for l in range(w):
-            value = scale * q[i, l] + shift
-            s, c = sine_cosine(turn * value)
-            d = slide * value
-            t0, t1, t2, t3 = T[l], T[W + l], T[2 * W + l], T[3 * W + l]
-            x, y = t0 * a00 + t1 * a10 + t2 * a20, t0 * a01 + t1 * a11 + t2 * a21
-            z = t0 * a02 + t1 * a12 + t2 * a22
-            p = t0 * a03 + t1 * a13 + t2 * a23 + t3 + z * d
+            T[r * W + l] = value
+    for k in range(joints):
+        i, sa, ca, u, v = leader[k], links[k, 0], links[k, 1], links[k, 2], links[k, 3]
+        turn, turned, slide, slid = links[k, 4], links[k, 5], links[k, 6], links[k, 7]
+        for l in range(w):
+            s, c = sine_cosine(turn * q[i, l] + turned)
+            d = slide * q[i, l] + slid
+            x, b, z = T[l], T[W + l], T[2 * W + l]
+            p = T[3 * W + l] + u * x + v * b
+            y, z = ca * b + sa * z, ca * z - sa * b
+            p += z * d
             T[l], T[W + l], T[2 * W + l], T[3 * W + l] = x * c + y * s, y * c - x * s, z, p
             axes[k, l], axes[k, 3 * W + l] = z, p
-            t0, t1, t2, t3 = T[4 * W + l], T[5 * W + l], T[6 * W + l], T[7 * W + l]
-            x, y = t0 * a00 + t1 * a10 + t2 * a20, t0 * a01 + t1 * a11 + t2 * a21
-            z = t0 * a02 + t1 * a12 + t2 * a22
-            p = t0 * a03 + t1 * a13 + t2 * a23 + t3 + z * d
+            x, b, z = T[4 * W + l], T[5 * W + l], T[6 * W + l]
+            p = T[7 * W + l] + u * x + v * b
+            y, z = ca * b + sa * z, ca * z - sa * b
+            p += z * d
             T[4 * W + l], T[5 * W + l], T[6 * W + l], T[7 * W + l] = x * c + y * s, y * c - x * s, z, p
             axes[k, W + l], axes[k, 4 * W + l] = z, p
-            t0, t1, t2, t3 = T[8 * W + l], T[9 * W + l], T[10 * W + l], T[11 * W + l]
-            x, y = t0 * a00 + t1 * a10 + t2 * a20, t0 * a01 + t1 * a11 + t2 * a21
-            z = t0 * a02 + t1 * a12 + t2 * a22
-            p = t0 * a03 + t1 * a13 + t2 * a23 + t3 + z * d
+            x, b, z = T[8 * W + l], T[9 * W + l], T[10 * W + l]
+            p = T[11 * W + l] + u * x + v * b
+            y, z = ca * b + sa * z, ca * z - sa * b
+            p += z * d
             T[8 * W + l], T[9 * W + l], T[10 * W + l], T[11 * W + l] = x * c + y * s, y * c - x * s, z, p
             axes[k, 2 * W + l], axes[k, 5 * W + l] = z, p
+    A = links[joints + 1]
+    for r in range(3):
+        o = 4 * r * W
+        for l in range(w):
+            x, y, z, p = T[o + l], T[o + W + l], T[o + 2 * W + l], T[o + 3 * W + l]
+            T[o + l] = x * A[0] + y * A[4] + z * A[8]
+            T[o + W + l] = x * A[1] + y * A[5] + z * A[9]
+            T[o + 2 * W + l] = x * A[2] + y * A[6] + z * A[10]
+            T[o + 3 * W + l] = x * A[3] + y * A[7] + z * A[11] + p
 
 
 @inner
@@ -153,80 +162,92 @@ def lanes_residual(lanes: Lanes, columns: Array, w: int) -> None:
 
 
 @inner
-def lanes_jacobian(chain: ChainArrays, lanes: Lanes, free: float, w: int) -> None:
-    """Scaled geometric Jacobian of every lane; with `free` 1 a turn about the tool's x axis does not count."""
-    W, T, J, axes, weight = LANES, lanes.pose, lanes.jacobian, lanes.axes, lanes.weight
-    for i in range(len(chain.lower)):
-        for l in range(6 * w):
-            J[i, l] = 0.0
-    for k in range(len(chain.leader)):
-        i, scale = chain.leader[k], chain.multiplier[k]
-        if chain.prismatic[k]:
-            for l in range(w):
-                wp = scale * weight[l]
-                J[i, l] += wp * axes[k, l]
-                J[i, W + l] += wp * axes[k, W + l]
-                J[i, 2 * W + l] += wp * axes[k, 2 * W + l]
-            continue
+def lanes_jacobian(
+    leader: Indices, links: Array, lower: Array, upper: Array, lanes: Lanes, free: float, w: int
+) -> None:
+    """Scaled geometric Jacobian of every lane over the joints that may move.
+
+    A joint that stands at a limit and is pushed outward gets a column of zeros. With `free` 1 a turn about the tool's x
+    axis does not count.
+    """
+    W, T, J, axes, weight, q, e = (
+        LANES,
+        lanes.pose,
+        lanes.jacobian,
+        lanes.axes,
+        lanes.weight,
+        lanes.q,
+        lanes.residual,
+    )
+    for k in range(len(leader)):
+        i, turn, slide = leader[k], links[k, TURN], links[k, SLIDE]
+        adds, last, low, high = links[k, ADDS] > 0.0, links[k, LAST] > 0.0, lower[i], upper[i]
         for l in range(w):
             zx, zy, zz = axes[k, l], axes[k, W + l], axes[k, 2 * W + l]
             px = T[3 * W + l] - axes[k, 3 * W + l]
             py = T[7 * W + l] - axes[k, 4 * W + l]
             pz = T[11 * W + l] - axes[k, 5 * W + l]
-            wp, wo = scale * weight[l], scale * weight[W + l]
+            wp, wo = turn * weight[l], turn * weight[W + l]
+            ws = slide * weight[l]
             tx, ty, tz = T[l], T[4 * W + l], T[8 * W + l]
             along = free * (zx * tx + zy * ty + zz * tz)
-            J[i, l] += wp * (zy * pz - zz * py)
-            J[i, W + l] += wp * (zz * px - zx * pz)
-            J[i, 2 * W + l] += wp * (zx * py - zy * px)
-            J[i, 3 * W + l] += wo * (zx - along * tx)
-            J[i, 4 * W + l] += wo * (zy - along * ty)
-            J[i, 5 * W + l] += wo * (zz - along * tz)
-
-
-@inner
-def lanes_gram(lower: Array, upper: Array, damping: float, floor: Array, lanes: Lanes, w: int) -> None:
-    """J Jᵀ + λ I of every lane over the joints that may move.
-
-    A joint that stands at a limit and is pushed outward is taken out of J. λ is damping · |e|² and a
-    floor, (LANES,), that keeps the factor finite.
-    """
-    W, A, J, q, e = LANES, lanes.gram, lanes.jacobian, lanes.q, lanes.residual
-    for i in range(21 * W):
-        A[i] = 0.0
-    for i in range(len(lower)):
-        low, high = lower[i], upper[i]
-        for l in range(w):
-            j0, j1, j2 = J[i, l], J[i, W + l], J[i, 2 * W + l]
-            j3, j4, j5 = J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l]
+            j0 = wp * (zy * pz - zz * py) + ws * zx
+            j1 = wp * (zz * px - zx * pz) + ws * zy
+            j2 = wp * (zx * py - zy * px) + ws * zz
+            j3, j4, j5 = wo * (zx - along * tx), wo * (zy - along * ty), wo * (zz - along * tz)
+            j0 += J[i, l] if adds else 0.0
+            j1 += J[i, W + l] if adds else 0.0
+            j2 += J[i, 2 * W + l] if adds else 0.0
+            j3 += J[i, 3 * W + l] if adds else 0.0
+            j4 += J[i, 4 * W + l] if adds else 0.0
+            j5 += J[i, 5 * W + l] if adds else 0.0
             push = j0 * e[l] + j1 * e[W + l] + j2 * e[2 * W + l]
             push += j3 * e[3 * W + l] + j4 * e[4 * W + l] + j5 * e[5 * W + l]
             held = (q[i, l] >= high and push > 0.0) or (q[i, l] <= low and push < 0.0)
-            move = 0.0 if held else 1.0
-            j0, j1, j2, j3, j4, j5 = move * j0, move * j1, move * j2, move * j3, move * j4, move * j5
-            J[i, l], J[i, W + l], J[i, 2 * W + l] = j0, j1, j2
-            J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l] = j3, j4, j5
-            A[l] += j0 * j0
-            A[W + l] += j1 * j0
-            A[2 * W + l] += j1 * j1
-            A[3 * W + l] += j2 * j0
-            A[4 * W + l] += j2 * j1
-            A[5 * W + l] += j2 * j2
-            A[6 * W + l] += j3 * j0
-            A[7 * W + l] += j3 * j1
-            A[8 * W + l] += j3 * j2
-            A[9 * W + l] += j3 * j3
-            A[10 * W + l] += j4 * j0
-            A[11 * W + l] += j4 * j1
-            A[12 * W + l] += j4 * j2
-            A[13 * W + l] += j4 * j3
-            A[14 * W + l] += j4 * j4
-            A[15 * W + l] += j5 * j0
-            A[16 * W + l] += j5 * j1
-            A[17 * W + l] += j5 * j2
-            A[18 * W + l] += j5 * j3
-            A[19 * W + l] += j5 * j4
-            A[20 * W + l] += j5 * j5
+            move = 0.0 if held and last else 1.0
+            J[i, l], J[i, W + l], J[i, 2 * W + l] = move * j0, move * j1, move * j2
+            J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l] = move * j3, move * j4, move * j5
+
+
+@inner
+def lanes_gram(damping: float, floor: Array, lanes: Lanes, w: int) -> None:
+    """J Jᵀ + λ I of every lane, where λ is damping · |e|² and a floor, (LANES,), that keeps the factor finite.
+
+    Two joints at a time, for half of the work is to fetch and to put back the sums; a last odd one counts once.
+    """
+    W, A, J, dof = LANES, lanes.gram, lanes.jacobian, lanes.jacobian.shape[0]
+    for i in range(21 * W):
+        A[i] = 0.0
+    for pair in range((dof + 1) // 2):
+        i = 2 * pair
+        k = min(i + 1, dof - 1)
+        once = 1.0 if k > i else 0.0
+        for l in range(w):
+            a0, a1, a2 = J[i, l], J[i, W + l], J[i, 2 * W + l]
+            a3, a4, a5 = J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l]
+            b0, b1, b2 = once * J[k, l], once * J[k, W + l], once * J[k, 2 * W + l]
+            b3, b4, b5 = once * J[k, 3 * W + l], once * J[k, 4 * W + l], once * J[k, 5 * W + l]
+            A[l] += a0 * a0 + b0 * b0
+            A[W + l] += a1 * a0 + b1 * b0
+            A[2 * W + l] += a1 * a1 + b1 * b1
+            A[3 * W + l] += a2 * a0 + b2 * b0
+            A[4 * W + l] += a2 * a1 + b2 * b1
+            A[5 * W + l] += a2 * a2 + b2 * b2
+            A[6 * W + l] += a3 * a0 + b3 * b0
+            A[7 * W + l] += a3 * a1 + b3 * b1
+            A[8 * W + l] += a3 * a2 + b3 * b2
+            A[9 * W + l] += a3 * a3 + b3 * b3
+            A[10 * W + l] += a4 * a0 + b4 * b0
+            A[11 * W + l] += a4 * a1 + b4 * b1
+            A[12 * W + l] += a4 * a2 + b4 * b2
+            A[13 * W + l] += a4 * a3 + b4 * b3
+            A[14 * W + l] += a4 * a4 + b4 * b4
+            A[15 * W + l] += a5 * a0 + b5 * b0
+            A[16 * W + l] += a5 * a1 + b5 * b1
+            A[17 * W + l] += a5 * a2 + b5 * b2
+            A[18 * W + l] += a5 * a3 + b5 * b3
+            A[19 * W + l] += a5 * a4 + b5 * b4
+            A[20 * W + l] += a5 * a5 + b5 * b5
     for l in range(w):
         damp = damping * lanes.error[3 * W + l] + floor[l]
         A[l] += damp
@@ -280,22 +301,31 @@ def lanes_solve(lanes: Lanes, w: int) -> None:
 @inner
 def lanes_move(lower: Array, upper: Array, longest: float, lanes: Lanes, w: int) -> None:
     """Take the step dq = Jᵀ x, no joint farther than `longest`, every joint inside its limits."""
-    W, J, x, q, step, work = LANES, lanes.jacobian, lanes.residual, lanes.q, lanes.step, lanes.work
+    W, J, x, q, step, work, dof = (
+        LANES,
+        lanes.jacobian,
+        lanes.residual,
+        lanes.q,
+        lanes.step,
+        lanes.work,
+        len(lower),
+    )
     for l in range(w):
         work[l] = longest
-    for i in range(len(lower)):
+    for pair in range((dof + 1) // 2):
+        i = 2 * pair
+        k = min(i + 1, dof - 1)
         for l in range(w):
-            d = J[i, l] * x[l] + J[i, W + l] * x[W + l] + J[i, 2 * W + l] * x[2 * W + l]
-            d += (
-                J[i, 3 * W + l] * x[3 * W + l]
-                + J[i, 4 * W + l] * x[4 * W + l]
-                + J[i, 5 * W + l] * x[5 * W + l]
-            )
-            step[i, l] = d
-            work[l] = max(work[l], abs(d))
+            x0, x1, x2, x3, x4, x5 = x[l], x[W + l], x[2 * W + l], x[3 * W + l], x[4 * W + l], x[5 * W + l]
+            a = J[i, l] * x0 + J[i, W + l] * x1 + J[i, 2 * W + l] * x2
+            b = J[k, l] * x0 + J[k, W + l] * x1 + J[k, 2 * W + l] * x2
+            a += J[i, 3 * W + l] * x3 + J[i, 4 * W + l] * x4 + J[i, 5 * W + l] * x5
+            b += J[k, 3 * W + l] * x3 + J[k, 4 * W + l] * x4 + J[k, 5 * W + l] * x5
+            step[i, l], step[k, l] = a, b
+            work[l] = max(work[l], max(abs(a), abs(b)))
     for l in range(w):
         work[l] = longest / work[l]
-    for i in range(len(lower)):
+    for i in range(dof):
         low, high = lower[i], upper[i]
         for l in range(w):
             q[i, l] = min(max(q[i, l] + work[l] * step[i, l], low), high)

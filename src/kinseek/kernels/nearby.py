@@ -6,12 +6,13 @@ import math
 
 import numpy as np
 
-from .arrays import Array, GoalArrays, Indices
+from .arrays import Array, Indices
 from .atlas import nearest_copy
-from .desk import Job, Task, desk_size, make_desk, task_of
-from .jit import hidden, kernel
+from .desk import Job, Task, desk_size, handle_at, lanes_of, make_desk, plain_wanted, task_of
+from .jit import called, exact, hidden, kernel, view
 from .lanes import LANES
 from .pointers import part1
+from .pose_error import is_rigid
 from .refine import (
     DEEP_STEPS,
     MORE,
@@ -19,9 +20,10 @@ from .refine import (
     descend_lanes,
     fill_from_lookup,
     finish,
+    goal_of,
     load_seed,
     look_up,
-    solve_pose,
+    solve_target,
     start,
     turns_fully,
 )
@@ -44,18 +46,18 @@ def joint_distance(task: Task, q: Array, near: Array) -> float:
     return total
 
 
-@kernel
-def solve_near(handle: Indices, wanted: Array, target: Array, near: Array, w: int) -> Array:
-    """Answer one target by what is nearest to `near`, (n,), among all that is found; else as `solve_pose`.
+@called
+def walk_near(handle: Indices, wanted: Array, memory: Array, target: Array, near: Array, q: Array, w: int) -> int:
+    """Find what is nearest to `near`, (n,), among all that is found, else what `solve_target` finds; write q, (n,).
 
     First a walk from `near` itself: if it ends close by, there is no lookup at all.
+
+    Returns:
+        FK evaluations spent.
     """
-    task = task_of(handle, wanted)
-    dof, joints = len(task.lower), len(task.chain.leader)
-    result, memory = np.empty(dof + 4), np.zeros(desk_size(dof, joints))
-    desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
-    address = result.ctypes.data
-    q, report = part1(address, 0, dof), part1(address, dof, 4)
+    task, job = task_of(handle, wanted), Job(handle, wanted, memory)
+    dof = len(task.lower)
+    desk = make_desk(memory, dof, len(task.chain.leader))
     start(task, desk, target)
     for i in range(dof):
         low, high = task.chain.lower[i], task.chain.upper[i]
@@ -85,22 +87,57 @@ def solve_near(handle: Indices, wanted: Array, target: Array, near: Array, w: in
             break
         begin, _ = fill_from_lookup(task, desk, begin, found)
     if closest == np.inf:
-        rest = wanted.copy()
-        rest[3] = max(wanted[3] - spent, 0.0)
-        other = solve_pose(handle, rest, target, w)
-        for i in range(dof):
-            q[i] = other[i]
-        spent += int(other[dof + 3])
-    report[3] = spent
-    finish(task, desk, GoalArrays(target, task.wanted[2], task.axis_weights), near, q, report)
-    memory[0] = 0.0  # Its last use, see `solve_pose`.
-    return result
+        spent += solve_target(handle, wanted, memory, target, wanted[3] - spent, q, w)
+    return spent
+
+
+@view
+def answer_near(
+    handle: Indices, wanted: Array, memory: Array, target: Array, near: Array, q: Array, report: Array, w: int
+) -> None:
+    """As `refine.answer`, near a start, (n,)."""
+    task = task_of(handle, wanted)
+    report[3] = walk_near(handle, wanted, memory, target, near, q, w)
+    desk = make_desk(memory, len(task.lower), len(task.chain.leader))
+    finish(task, desk, goal_of(task, target), near, q, report)
+
+
+@exact
+def all_finite(values: Array) -> bool:
+    """Are all values finite?"""
+    for i in range(len(values)):
+        if not abs(values[i]) < 1e300:
+            return False
+    return True
+
+
+@kernel
+def solve_plain_near(
+    address: int, target: Array, near: Array, q: Array
+) -> tuple[float, float, float, int, bool]:
+    """As `refine.solve_plain`, near a start, (n,); evaluations -1 also where that is not finite."""
+    if not (is_rigid(target) and all_finite(near)):
+        return 0.0, 0.0, 0.0, -1, False
+    handle = handle_at(address)
+    wanted = plain_wanted(handle)
+    task = task_of(handle, wanted)
+    size = desk_size(len(task.lower), len(task.chain.leader))
+    memory = np.zeros(size + 4)
+    report = part1(memory.ctypes.data, size, 4)
+    answer_near(handle, wanted, memory, target, near, q, report, lanes_of(handle))
+    position, orientation, weighted, spent = report[0], report[1], report[2], int(report[3])
+    memory[0] = 0.0  # Its last use, see `refine.solve_pose`.
+    return position, orientation, weighted, spent, position <= wanted[0] and orientation <= wanted[1]
 
 
 @kernel
 def solve_many_near(
     handle: Indices, wanted: Array, targets: Array, near: Array, results: Array, begin: int, end: int, w: int
 ) -> None:
-    """`solve_near` for targets begin … end-1, each with its row of near, (k, n)."""
+    """Targets begin … end-1, each with its row of near, (k, n); results as `refine.solve_pose`, (k, n + 4)."""
+    task = task_of(handle, wanted)
+    dof = len(task.lower)
+    memory = np.zeros(desk_size(dof, len(task.chain.leader)))
     for i in range(begin, end):
-        results[i] = solve_near(handle, wanted, targets[i], near[i], w)
+        answer_near(handle, wanted, memory, targets[i], near[i], results[i, :dof], results[i, dof:], w)
+    memory[0] = 0.0  # Its last use, see `refine.solve_pose`.

@@ -14,9 +14,21 @@ import numpy as np
 
 from .arrays import Array, GoalArrays, Indices
 from .atlas import NONE, complete_seed, coordinates, nearest_copy, product
-from .desk import DEEP, OPEN, Desk, Job, Task, desk_size, make_desk, task_of
+from .desk import (
+    DEEP,
+    OPEN,
+    Desk,
+    Job,
+    Task,
+    desk_size,
+    handle_at,
+    lanes_of,
+    make_desk,
+    plain_wanted,
+    task_of,
+)
 from .forward import copy_pose, forward
-from .jit import called, hidden, kernel
+from .jit import called, hidden, kernel, view
 from .lanes import (
     LANES,
     Lanes,
@@ -27,12 +39,23 @@ from .lanes import (
     lanes_residual,
     lanes_solve,
 )
-from .neighbours import nearest
+from .neighbours import nearest, scan_beside, take_nearest
 from .pointers import part1
 from .pose_error import errors, is_rigid, weighted_error
+from .settle import STEPS as NEWTON_STEPS
+from .settle import settle
 
 FIRST, MORE, RESTARTS = 8, 40, 64
-FIRST_STEPS, DEEP_STEPS, RESTART_STEPS, POLISH_STEPS = 10, 20, 30, 60
+AT_ONCE = 4
+"""Of the first samples, so many are refined side by side: the first nearly always leads to an answer."""
+
+FIRST_STEPS, DEEP_STEPS, RESTART_STEPS, POLISH_STEPS = 10, 20, 30, 20
+STALL, NEARLY = 6, 0.03
+"""A descent is given up when no lane has halved its squared error in so many steps, unless one is as near as that."""
+
+ENDGAME = 2 * (POLISH_STEPS + NEWTON_STEPS + 1) + (MORE // LANES + 1) * (FIRST_STEPS + 1)
+"""FK evaluations that the search for the nearest pose takes at most, a lane."""
+
 PERSIST_STEPS = 100
 """At a singular answer every step only halves the joint error, and a joint at its limit slows it down further."""
 
@@ -40,6 +63,9 @@ PROMISING = 0.02
 """Goals with a smaller error left, relative to the arm, are worth that many steps, and more restarts."""
 
 MORE_RESTARTS = 256
+ALIKE = 0.3
+"""Two configurations closer than this in every joint [rad or m] lead to the same end."""
+
 MARGIN = 0.5
 DAMPING = 0.1
 LONGEST = 0.8
@@ -96,13 +122,19 @@ def reset_weights(task: Task, desk: Desk) -> None:
         lanes.weight[LANES + l] = 1.0 if task.columns[0] > 0.0 else 0.0
 
 
+@view
+def goal_of(task: Task, target: Array) -> GoalArrays:
+    """A target, (3, 4), with the weights of the task."""
+    return GoalArrays(target, task.wanted[2], task.axis_weights)
+
+
 @hidden
 def free_turn(task: Task) -> float:
     """Return 1 if a turn about the tool's x axis does not count, else 0."""
     return 1.0 if task.columns[0] > 0.0 and task.columns[1] == 0.0 else 0.0
 
 
-@kernel
+@called
 def iterate(handle: Indices, wanted: Array, memory: Array, move: bool, w: int) -> None:
     """One damped step of every lane, if `move`, and the poses, residuals and errors where it ends.
 
@@ -112,11 +144,11 @@ def iterate(handle: Indices, wanted: Array, memory: Array, move: bool, w: int) -
     desk = make_desk(memory, len(task.lower), len(task.chain.leader))
     lanes, mode = desk.lanes, desk.mode  # The columns' weights and the damping.
     if move:
-        lanes_jacobian(task.chain, lanes, free_turn(task), w)
-        lanes_gram(task.lower, task.upper, mode[3], desk.floor, lanes, w)
+        lanes_jacobian(task.chain.leader, task.links, task.lower, task.upper, lanes, free_turn(task), w)
+        lanes_gram(mode[3], desk.floor, lanes, w)
         lanes_solve(lanes, w)
         lanes_move(task.lower, task.upper, LONGEST, lanes, w)
-    lanes_forward(task.chain, lanes, w)
+    lanes_forward(task.chain.leader, task.links, lanes, w)
     lanes_residual(lanes, mode, w)
 
 
@@ -161,7 +193,8 @@ def descend_lanes(job: Job, task: Task, desk: Desk, steps: int, everyone: bool, 
     """Refine the eight lanes; return the first lane that converged, or -1, and the steps made.
 
     The nearest seed has the first say: a later lane's answer counts only once all before it have had their steps. With
-    `everyone`, every lane gets its steps.
+    `everyone`, every lane gets its steps. All stop where none has come much nearer for a while: such a goal is out of reach,
+    or another seed is needed.
     """
     lanes, dof = desk.lanes, len(task.lower)
     made = 0
@@ -181,13 +214,33 @@ def descend_lanes(job: Job, task: Task, desk: Desk, steps: int, everyone: bool, 
                     return first, made
         if waiting == 0 or made == steps:
             return first, made
+        if made % STALL == 0 and steps > FIRST_STEPS:
+            moving = made == 0
+            for l in range(LANES):
+                error = lanes.error[3 * LANES + l]
+                hopeful = error < 0.5 * lanes.work[LANES + l] or error < NEARLY * NEARLY
+                moving = moving or (desk.state[l] == 0 and hopeful)
+                lanes.work[LANES + l] = error
+            if not moving:
+                return first, made
         made += 1
 
 
+@hidden
+def farthest_joint(rows: Array, row: int, q: Array) -> float:
+    """The largest difference of a joint between a row and q, (n,), [rad or m]."""
+    far = 0.0
+    for i in range(len(q)):
+        far = max(far, abs(rows[row, i] - q[i]))
+    return far
+
+
 @called
-def keep_best(task: Task, desk: Desk, goal: GoalArrays) -> None:
-    """Remember the eight best configurations seen, for a goal that may be out of reach."""
+def keep_best(handle: Indices, wanted: Array, memory: Array, target: Array) -> None:
+    """Remember the eight best configurations seen, no two alike, for a goal that may be out of reach."""
+    task = task_of(handle, wanted)
     dof = len(task.lower)
+    desk, goal = make_desk(memory, dof, len(task.chain.leader)), goal_of(task, target)
     for l in range(LANES):
         if desk.state[l] == 2:
             continue
@@ -195,10 +248,13 @@ def keep_best(task: Task, desk: Desk, goal: GoalArrays) -> None:
             desk.seed[i] = desk.lanes.q[i, l]
         forward(task.chain, desk.seed, desk.spare)
         error = weighted_error(desk.spare, goal)
-        worst = 0
-        for k in range(1, LANES):
+        worst, twin = 0, -1
+        for k in range(LANES):
             if desk.best_error[k] > desk.best_error[worst]:
                 worst = k
+            if desk.best_error[k] < np.inf and farthest_joint(desk.best, k, desk.seed) < ALIKE:
+                twin = k
+        worst = twin if twin >= 0 else worst
         if error < desk.best_error[worst]:
             desk.best_error[worst] = error
             for i in range(dof):
@@ -221,6 +277,42 @@ def fill_from_lookup(task: Task, desk: Desk, begin: int, found: int) -> tuple[in
     for l in range(filled, LANES):
         desk.state[l] = 2
     return begin, filled
+
+
+@hidden
+def scan(task: Task, desk: Desk, target: Array) -> int:
+    """Measure the samples beside a target, (3, 4), for `fill_from_scan`; return the leaf it lies in."""
+    see(task, desk, target)
+    coordinates(desk.seen, task.division, desk.point)
+    return scan_beside(task.atlas.tree, desk.point, desk.distance, desk.bound)
+
+
+@hidden
+def take_seed(task: Task, desk: Desk, leaf: int) -> tuple[bool, bool]:
+    """Put the next sample of a scan into the desk's seed; say whether there was one, and whether it is worth a try."""
+    i = take_nearest(task.atlas.tree, leaf, desk.distance, desk.bound)
+    if i < 0:
+        return False, False
+    chain = task.chain
+    return True, complete_seed(
+        task.atlas, task.division, desk.seen, i, chain.lower, chain.upper, MARGIN, desk.seed
+    )
+
+
+@hidden
+def fill_from_scan(task: Task, desk: Desk, leaf: int, taken: int) -> tuple[int, int]:
+    """Put the next samples of a scan into lanes; return how many are taken by now and the lanes filled."""
+    filled, more = 0, True
+    while more and taken < FIRST and filled < AT_ONCE:
+        more, worth = take_seed(task, desk, leaf)
+        taken = taken + 1 if more else FIRST
+        if worth:
+            load_seed(desk.lanes, filled, desk.seed)
+            desk.state[filled] = 0
+            filled += 1
+    for l in range(filled, LANES):
+        desk.state[l] = 2
+    return taken, filled
 
 
 @hidden
@@ -283,26 +375,37 @@ def start(task: Task, desk: Desk, target: Array) -> None:
 
 
 @called
-def solve_target(job: Job, task: Task, desk: Desk, target: Array, q: Array, w: int) -> int:
-    """Answer one target, (3, 4); write q, (n,), and return the FK evaluations spent."""
+def solve_target(
+    handle: Indices, wanted: Array, memory: Array, target: Array, budget: float, q: Array, w: int
+) -> int:
+    """Answer one target, (3, 4), within a budget; write q, (n,), and return the FK evaluations spent."""
+    task, job = task_of(handle, wanted), Job(handle, wanted, memory)
+    desk = make_desk(memory, len(task.lower), len(task.chain.leader))
     lanes = desk.lanes
     start(task, desk, target)
-    goal = GoalArrays(target, task.wanted[2], task.axis_weights)
-    spent, rounds, wanted, begin, found, persisted, number = 0, 0, 0, 0, 0, 0, 0
-    restarts, patience, most = RESTARTS, DEEP_STEPS, MORE
+    spent, rounds, looked, begin, found, persisted, number = 0, 0, 0, 0, 0, 0, 0
+    restarts, patience, most, taken = RESTARTS, DEEP_STEPS, MORE, 0
+    leaf = scan(task, desk, target)
     while True:
-        if begin == found and wanted < most:
-            wanted = FIRST if wanted == 0 else most
-            found = look_up(task, desk, target, wanted)
-        if begin < found:
+        if taken == FIRST and begin == found and looked < most:
+            looked = most
+            begin, found = 0, look_up(task, desk, target, most)
+        if taken < FIRST:
+            taken, filled = fill_from_scan(task, desk, leaf, taken)
+            if filled == 0:
+                continue
+            steps = FIRST_STEPS
+        elif begin < found:
             begin, filled = fill_from_lookup(task, desk, begin, found)
             if filled == 0:
                 continue
-            steps = FIRST_STEPS if rounds == 0 else patience
+            steps = patience
         elif persisted == 0 or (persisted == 1 and number >= restarts):
             persisted += 1
-            if persisted == 2 and spent + POLISH_STEPS * LANES <= task.wanted[3]:
-                spent += polish(job, task, desk, goal, w)
+            if persisted == 2 and spent + ENDGAME * LANES <= budget:
+                spent += polish(handle, wanted, memory, target, w)
+                spent += look_around(handle, wanted, memory, target, w)
+                spent += polish(handle, wanted, memory, target, w)
                 reset_weights(task, desk)
             if lowest(desk.best_error) > PROMISING * (task.wanted[2] * task.length + 1.0):
                 continue
@@ -324,14 +427,14 @@ def solve_target(job: Job, task: Task, desk: Desk, target: Array, q: Array, w: i
             steps = RESTART_STEPS
         else:
             break
-        if spent + (steps + 1) * LANES > task.wanted[3]:
+        if spent + (steps + 1) * LANES > budget:
             break
         lane, made = descend_lanes(job, task, desk, steps, False, w)
         spent += (made + 1) * LANES
         if lane >= 0:
             copy_joints(desk.found, lane, q)
             return spent
-        keep_best(task, desk, goal)
+        keep_best(handle, wanted, memory, target)
         rounds += 1
     if rounds == 0:
         middle(task, q)
@@ -344,12 +447,15 @@ def solve_target(job: Job, task: Task, desk: Desk, target: Array, q: Array, w: i
 
 
 @called
-def polish(job: Job, task: Task, desk: Desk, goal: GoalArrays, w: int) -> int:
+def polish(handle: Indices, wanted: Array, memory: Array, target: Array, w: int) -> int:
     """Minimise the weighted error itself from the eight best, by reweighted steps; return FK evaluations.
 
     ``K_P |Δp| + ½ Σ K_c |c - c_g|²`` has in |Δp| a kink that least squares lacks: the squared distance is weighted by
-    K_P/|Δp|, anew in every step (Weiszfeld 1937). A lane whose step does not help goes back and damps more.
+    K_P/|Δp|, anew in every step (Weiszfeld 1937). A lane whose step does not help goes back and damps more. Newton's method, lane by
+    lane, does the rest.
     """
+    task = task_of(handle, wanted)
+    desk, goal = make_desk(memory, len(task.lower), len(task.chain.leader)), goal_of(task, target)
     lanes, dof, floor = desk.lanes, len(task.lower), desk.floor
     largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
     for l in range(LANES):
@@ -361,7 +467,7 @@ def polish(job: Job, task: Task, desk: Desk, goal: GoalArrays, w: int) -> int:
         desk.mode[c] = goal.axis_weights[c]
     desk.mode[3] = 0.0
     for step in range(POLISH_STEPS):
-        iterate(job.handle, job.wanted, job.memory, step > 0, w)
+        iterate(handle, wanted, memory, step > 0, w)
         for l in range(LANES):
             for r in range(3):
                 for c in range(4):
@@ -386,7 +492,47 @@ def polish(job: Job, task: Task, desk: Desk, goal: GoalArrays, w: int) -> int:
             for r in range(3):
                 lanes.residual[r * LANES + l] *= scale_p
                 lanes.residual[(3 + r) * LANES + l] *= scale_o
-    return POLISH_STEPS * LANES
+    spent = POLISH_STEPS * LANES
+    for l in range(LANES):
+        if desk.best_error[l] == np.inf:
+            continue
+        copy_joints(desk.best, l, desk.seed)
+        spent += settle(task.chain, goal, task.lower, task.upper, desk.seed)
+        forward(task.chain, desk.seed, desk.spare)
+        error = weighted_error(desk.spare, goal)
+        if error < desk.best_error[l]:
+            desk.best_error[l] = error
+            for i in range(dof):
+                desk.best[l, i] = desk.seed[i]
+    return spent
+
+
+@called
+def look_around(handle: Indices, wanted: Array, memory: Array, target: Array, w: int) -> int:
+    """Reach the best pose found by other ways, for one of them may lead on to a better; return FK evaluations.
+
+    The nearest poses to a goal out of reach often come in mirror images, as near as each other but for the limits.
+    """
+    task, job = task_of(handle, wanted), Job(handle, wanted, memory)
+    desk, pose = make_desk(memory, len(task.lower), len(task.chain.leader)), np.empty((3, 4))
+    best, spent, begin = 0, 0, 0
+    while desk.best_error[best] > lowest(desk.best_error):
+        best += 1
+    copy_joints(desk.best, best, desk.seed)
+    forward(task.chain, desk.seed, pose)
+    reset_weights(task, desk)
+    for l in range(LANES):
+        load_target(desk.lanes, l, pose)
+    found = look_up(task, desk, pose, MORE)
+    while begin < found:
+        begin, filled = fill_from_lookup(task, desk, begin, found)
+        if filled > 0:
+            _, made = descend_lanes(job, task, desk, FIRST_STEPS, True, w)
+            spent += (made + 1) * LANES
+            keep_best(handle, wanted, memory, target)
+    for l in range(LANES):
+        load_target(desk.lanes, l, target)
+    return spent
 
 
 @hidden
@@ -398,6 +544,16 @@ def finish(task: Task, desk: Desk, goal: GoalArrays, near: Array, q: Array, repo
     report[2] = weighted_error(desk.spare, goal)
 
 
+@view
+def answer(handle: Indices, wanted: Array, memory: Array, target: Array, q: Array, report: Array, w: int) -> None:
+    """Answer one target: joint values into q, (n,), errors [m], [rad] and weighted and FK evaluations into report, (4,)."""
+    task = task_of(handle, wanted)
+    report[3] = solve_target(handle, wanted, memory, target, wanted[3], q, w)
+    desk = make_desk(memory, len(task.lower), len(task.chain.leader))
+    middle(task, desk.seed)
+    finish(task, desk, goal_of(task, target), desk.seed, q, report)
+
+
 @kernel
 def solve_pose(handle: Indices, wanted: Array, target: Array, w: int) -> Array:
     """Answer one target.
@@ -405,26 +561,43 @@ def solve_pose(handle: Indices, wanted: Array, target: Array, w: int) -> Array:
     Args:
         handle: The task, see `task_of`.
         wanted: See `task_of`.
-        target: (4, 4), lengths in [m].
+        target: A rigid transform, (4, 4), lengths in [m].
         w: LANES.
 
     Returns:
-        Joint values, position error [m], orientation error [rad], weighted error, and FK evaluations; or evaluations -1
-        where the target is no rigid transform, and nothing else holds. (n + 4,)
+        Joint values, position error [m], orientation error [rad], weighted error, and FK evaluations, (n + 4,).
     """
     task = task_of(handle, wanted)
-    dof, joints = len(task.lower), len(task.chain.leader)
-    result = np.empty(dof + 4)
-    if not is_rigid(target):
-        result[dof + 3] = -1.0
-        return result
-    memory = np.zeros(desk_size(dof, joints))
-    desk = make_desk(memory, dof, joints)
-    job = Job(handle, wanted, memory)
+    dof = len(task.lower)
+    result, memory = np.empty(dof + 4), np.zeros(desk_size(dof, len(task.chain.leader)))
     address = result.ctypes.data
-    q, report = part1(address, 0, dof), part1(address, dof, 4)
-    report[3] = solve_target(job, task, desk, target, q, w)
-    middle(task, desk.seed)
-    finish(task, desk, GoalArrays(target, task.wanted[2], task.axis_weights), desk.seed, q, report)
+    answer(handle, wanted, memory, target, part1(address, 0, dof), part1(address, dof, 4), w)
     memory[0] = 0.0  # Views do not keep it alive: without a last use Numba would have freed it by now.
     return result
+
+
+@kernel
+def solve_plain(address: int, target: Array, q: Array) -> tuple[float, float, float, int, bool]:
+    """Answer one pose under the default tolerances and weights, with as little between Python and the answer as can be.
+
+    Args:
+        address: Where the handle of the task stands, see `task_of`.
+        target: (4, 4), lengths in [m].
+        q: Receives the joint values, (n,).
+
+    Returns:
+        Position error [m], orientation error [rad], weighted error, FK evaluations, and whether the tolerances are met;
+        evaluations -1 where the target is no rigid transform, and nothing else holds.
+    """
+    if not is_rigid(target):
+        return 0.0, 0.0, 0.0, -1, False
+    handle = handle_at(address)
+    wanted = plain_wanted(handle)
+    task = task_of(handle, wanted)
+    size = desk_size(len(task.lower), len(task.chain.leader))
+    memory = np.zeros(size + 4)
+    report = part1(memory.ctypes.data, size, 4)
+    answer(handle, wanted, memory, target, q, report, lanes_of(handle))
+    position, orientation, weighted, spent = report[0], report[1], report[2], int(report[3])
+    memory[0] = 0.0  # Its last use, see `solve_pose`.
+    return position, orientation, weighted, spent, position <= wanted[0] and orientation <= wanted[1]

@@ -34,3 +34,16 @@ def sine_cosine(x: float) -> tuple[float, float]:
     quarter = 0.5 * whole
     sign = 1.0 - 4.0 * (quarter - np.floor(quarter))
     return sign * (c if odd else s), sign * (-s if odd else c)
+
+
+@inner
+def rough_angle(y: float, x: float) -> float:
+    """``atan2(y, x)`` to 2e-4 rad and without a branch: enough to start from; 0 at the origin."""
+    ax, ay = abs(x), abs(y)
+    t = min(ax, ay) / max(max(ax, ay), 1e-300)
+    z = t * t
+    # Least largest error over odd polynomials of degree 7, found by Remez exchange; see the test.
+    angle = t * (0.99921406 + z * (-0.32117496 + z * (0.14626446 - 0.03898651 * z)))
+    angle = 0.5 * math.pi - angle if ay > ax else angle
+    angle = math.pi - angle if x < 0.0 else angle
+    return -angle if y < 0.0 else angle

@@ -141,10 +141,12 @@ class AtlasIndex:
         lower, upper = open_limits(chain)
         columns = {"pose": [0.5, 0.5, 0.5], "pointing": [1.0, 0.0, 0.0], "position": [0.0, 0.0, 0.0]}[kind]
         self._arrays = task_arrays(
-            arrays, atlas, division, lower, upper, np.array(columns), arm_length(chain) / 3
+            arrays, atlas, division, lower, upper, np.array(columns), arm_length(chain) / 3, _PLAIN
         )
         self.handle: Indices = handle_of(self._arrays)
         """Addresses of the arrays, for kernels."""
+        self.address: int = self.handle.ctypes.data
+        """Address of the handle itself."""
         self.samples = len(points)
         """Number of samples."""
         self.memory = sum(array.nbytes for array in self._arrays)
@@ -272,6 +274,9 @@ def inverse(A: Array) -> Array:
     """Inverse of a rigid transform, (3, 4)."""
     turn = A[:, :3].T
     return np.hstack([turn, -turn @ A[:, 3:]])
+
+
+_PLAIN = wanted_of(Goal.pose(np.eye(4)))
 
 
 @contextmanager
