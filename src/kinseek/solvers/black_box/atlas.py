@@ -23,6 +23,8 @@ MORE = 48
 RESTARTS, ROUNDS = 64, 8
 """Starts of a round, half of them around the best, and rounds of them."""
 BEST = 8
+APART = 0.02
+"""Part of the spans by which configurations differ that count as two."""
 PROMISING = 1e-2
 """Weighted error, with lengths in parts of the mechanism, below which a goal may yet be reached."""
 NEAR = 32
@@ -89,6 +91,18 @@ def distance(box: BlackBox, q: Array, near: Array) -> Array:
     return np.asarray(np.sqrt((away**2).sum(axis=1)))
 
 
+def distinct(box: BlackBox, q: Array) -> list[int]:
+    """The first BEST of joint values, (k, n), that are not next to one before them."""
+    scaled = q / np.where(box.span > 0, box.span, 1.0)
+    kept: list[int] = []
+    for i, row in enumerate(scaled):
+        if len(kept) == BEST:
+            break
+        if not kept or np.abs(scaled[kept] - row).max(axis=1).min() > APART:
+            kept.append(i)
+    return kept
+
+
 class Best:
     """The best configurations seen, for a goal that is hard or out of reach."""
 
@@ -107,8 +121,9 @@ class Best:
             return True
         q = np.concatenate([self.q, ends.q])
         error = np.concatenate([self.error, self.asker.weighted(ends.away)])
-        order = np.argsort(error, kind="stable")[:BEST]
-        self.q, self.error = q[order], error[order]
+        order = np.argsort(error, kind="stable")
+        kept = distinct(self.asker.box, q[order])
+        self.q, self.error = q[order][kept], error[order][kept]
         return False
 
     def hopeless(self) -> bool:
