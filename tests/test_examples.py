@@ -24,11 +24,20 @@ def blocks(page: Path, language: str) -> list[str]:
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_example_runs(
-    example: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    example: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(sys, "argv", [str(example)])
+    monkeypatch.chdir(tmp_path)  # Where its picture goes, if it draws one.
     runpy.run_path(str(example), run_name="__main__")
     assert len(capsys.readouterr().out.splitlines()) > 5
+    drawn = [path.name for path in tmp_path.iterdir()]
+    assert drawn == ([f"{example.stem}.png"] if "[PICTURE]" in example.read_text(encoding="utf-8") else [])
+
+
+@pytest.mark.parametrize("example", EXAMPLES[2:], ids=lambda path: path.stem)
+def test_an_example_has_its_picture_in_the_documentation(example: Path) -> None:
+    picture = ROOT / "docs" / "pictures" / f"{example.stem}.png"
+    assert "[PICTURE]" not in example.read_text(encoding="utf-8") or picture.stat().st_size < 150_000
 
 
 def test_examples_are_found() -> None:

@@ -10,6 +10,7 @@
 from .arm import Arm, load
 from .certificate import Certificate, Verdict
 from .errors import (
+    FailedKinematics,
     InvalidGoal,
     InvalidProblem,
     InvalidRobot,
@@ -43,6 +44,7 @@ __all__ = [
     "Certificate",
     "CoordinateDescent",
     "DivideAndConquer",
+    "FailedKinematics",
     "Goal",
     "InvalidGoal",
     "InvalidProblem",

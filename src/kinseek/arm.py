@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Self, TypeGuard
+from typing import Any, Self, TypeGuard, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .certificate import Certificate, Verdict
+from .errors import InvalidProblem
 from .goal import Goal, one_pose
 from .kernels.forward import forward_many
 from .kernels.nearby import solve_plain_near
 from .kernels.refine import solve_plain
 from .problem import Problem, as_joints
-from .robots import read, read_dh
+from .robots import BlackBox, black_box, read, read_dh
 from .robots.chain import SerialChain
 from .robots.variants import with_limits, with_locked, with_tool
 from .solution import Solution, quick_solution
 from .solvers import Atlas, Solver
-from .solvers.atlas import AtlasIndex, atlas_of
+from .solvers.atlas import SAMPLES, AtlasIndex, atlas_of
+from .solvers.black_box.samples import samples_of
 
 Array = NDArray[np.float64]
 
@@ -30,7 +32,7 @@ _FLOAT = np.dtype(np.float64)
 
 
 class Arm:
-    """A serial arm. Make one with `kinseek.load` or `Arm.from_dh`."""
+    """A serial arm. Make one with `kinseek.load`, `Arm.from_dh` or `Arm.from_fk`."""
 
     def __init__(self, chain: SerialChain) -> None:
         """Wrap a chain that a reader made."""
@@ -62,6 +64,46 @@ class Arm:
             InvalidRobot: Wrong shapes, NaN, unknown convention or kind, lower above upper.
         """
         return cls(read_dh(rows, lower, upper, **options))
+
+    @classmethod
+    def from_fk(
+        cls,
+        fk: Callable[[Any], Any],
+        lower: ArrayLike,
+        upper: ArrayLike,
+        vectorized: bool = True,
+        *,
+        names: Sequence[str] | None = None,
+        kinds: str | Sequence[str] | None = None,
+        partial: bool = False,
+        name: str = "black_box",
+    ) -> Self:
+        """Build an arm from nothing but its forward kinematics: any mechanism at all.
+
+        Args:
+            fk: A function of joint values, (k, n) -> (k, 4, 4), or (n,) -> (4, 4) with ``vectorized=False``; lengths in
+                [m]. A Numba-compiled function of one row is looped over in compiled code. Searches ask it inside the
+                limits only; the same q must give the same pose.
+            lower: Lower limits, (n,), in whatever units `fk` takes.
+            upper: Upper limits, (n,).
+            vectorized: Does `fk` take many rows at once?
+            names: One a joint, all different.
+            kinds: One word, or one a joint: ``"number"`` is a number between its limits and nothing else is assumed of
+                it (the default); ``"revolute"`` an angle [rad] whose pose repeats after 2π; ``"continuous"`` one that
+                turns without end, its limits are not read; ``"prismatic"`` a slide [m].
+            partial: `fk` answers NaN where the mechanism cannot be put together; such joint values are never an answer.
+                Without it NaN is an error.
+            name: Of the mechanism, for messages.
+
+        Raises:
+            InvalidRobot: Not a function, limits that do not fit, unknown kinds, names not unique.
+            FailedKinematics: `fk` raises or gives no rigid transform, now or in a later search; it names the q.
+        """
+        box = black_box(
+            fk, lower, upper, vectorized=vectorized, names=names, kinds=kinds, partial=partial, name=name
+        )
+        # It has of a chain what problems and solutions read; what needs more is told so by `BlackBox.__getattr__`.
+        return cls(cast("SerialChain", box))
 
     @property
     def name(self) -> str:
@@ -99,9 +141,12 @@ class Arm:
 
         Raises:
             InvalidProblem: A wrong shape, NaN or infinity.
+            FailedKinematics: The arm is a function, and it fails.
         """
         joints = as_joints(self.chain, q)
         flat = np.ascontiguousarray(joints.reshape(-1, self.dof))
+        if isinstance(self.chain, BlackBox):
+            return self.chain.poses(flat).reshape(*joints.shape[:-1], 4, 4)
         return forward_many(self.chain.arrays, flat).reshape(*joints.shape[:-1], 4, 4)
 
     def with_locked(self, values: Mapping[str, float]) -> Self:
@@ -140,7 +185,15 @@ class Arm:
 
     @property
     def atlas(self) -> AtlasIndex:
-        """The sorted samples that `ik` looks poses up in: built once, at the first call."""
+        """The sorted samples that `ik` looks poses up in: built once, at the first call.
+
+        Those of a function are `kinseek.solvers.black_box.samples.Samples`, with the same figures.
+        """
+        if isinstance(self.chain, BlackBox):
+            return cast("AtlasIndex", samples_of(self.chain, SAMPLES))
+        return self._serial_atlas()
+
+    def _serial_atlas(self) -> AtlasIndex:
         if self._index is None:
             self._index = atlas_of(self.chain)
         return self._index
@@ -176,9 +229,9 @@ class Arm:
             InvalidProblem: `near` does not fit the arm.
             InvalidSolver: The solver's parameters do not fit the arm.
         """
-        if solver is None and not prove and _is_plain(goal, (4, 4)):
+        if solver is None and not prove and _is_plain(goal, (4, 4)) and type(self.chain) is SerialChain:
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform.
-            q, address = np.empty(self.chain.dof), (self._index or self.atlas).address
+            q, address = np.empty(self.chain.dof), (self._index or self._serial_atlas()).address
             if near is None:
                 report = solve_plain(address, goal, q)
                 if report[3] >= 0:
@@ -187,6 +240,8 @@ class Arm:
                 report = solve_plain_near(address, goal, near, q)
                 if report[3] >= 0:
                     return quick_solution(self.chain, goal, near, q, report)
+        if prove:
+            self._require_axes()
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self.chain, near, "near")
         problem = Problem(self.chain, asked, start)
@@ -207,12 +262,20 @@ class Arm:
 
         Raises:
             InvalidGoal: Not a pose.
-            InvalidProblem: A batch, or a gap or budget out of its range.
+            InvalidProblem: A batch, a gap or budget out of its range, or an arm that is a function.
         """
+        self._require_axes()
         from .solvers.branch_and_bound import prove
 
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         return prove(Problem(self.chain, asked), gap=gap, budget=budget)
+
+    def _require_axes(self) -> None:
+        """Refuse to prove anything of a function."""
+        if isinstance(self.chain, BlackBox):
+            raise InvalidProblem(
+                f"nothing can be proved of {self.name!r}: nothing is known of its function between the values it gave"
+            )
 
     def _with_proofs(self, solution: Solution) -> Solution:
         from .solvers.branch_and_bound import prove, refuse_ranges

@@ -2,6 +2,7 @@
 
     KinseekError
     ├── InvalidRobot(ValueError)     the arm: file, links, joints, limits
+    │   └── FailedKinematics         a function given to Arm.from_fk raises, or gives no pose; carries the q
     ├── InvalidGoal(ValueError)      the target: pose, tolerances, weights
     ├── InvalidProblem(ValueError)   the call: joint vectors, start, budget
     ├── InvalidSolver(ValueError)    the search's own parameters
@@ -24,6 +25,20 @@ class KinseekError(Exception):
 
 class InvalidRobot(KinseekError, ValueError):
     """The description of an arm cannot be used; the message says which part, and what would be valid."""
+
+
+class FailedKinematics(InvalidRobot):
+    """A function given as forward kinematics raises, or gives something that is no pose; the cause is chained."""
+
+    def __init__(self, message: str, q: Any) -> None:
+        """Carry the joint values that did it."""
+        super().__init__(message)
+        self.q = q
+        """(n,)"""
+
+    def __reduce__(self) -> tuple[type[FailedKinematics], tuple[str, Any]]:
+        """Pickle with the joint values."""
+        return type(self), (str(self), self.q)
 
 
 class InvalidGoal(KinseekError, ValueError):

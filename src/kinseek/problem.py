@@ -102,7 +102,7 @@ def as_joints(chain: SerialChain, q: object, name: str = "q") -> Array:
 
 def within_limits(chain: SerialChain, q: Array) -> Array:
     """Joint values inside the limits nearest to `q`, full turns taken off where that helps, (..., n)."""
-    turns = np.where([kind != "prismatic" for kind in chain.kinds], 2 * np.pi, np.inf)
+    turns = np.where([kind in ("revolute", "continuous") for kind in chain.kinds], 2 * np.pi, np.inf)
     below, above = q < chain.lower, q > chain.upper
     up = np.where(below, np.ceil((chain.lower - q) / turns), 0.0)
     down = np.where(above, np.ceil((q - chain.upper) / turns), 0.0)

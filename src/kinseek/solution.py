@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from .errors import NotReached
 from .goal import Goal
 from .kernels.deviation import judge_boxes
-from .kernels.pose_error import judge
+from .kernels.pose_error import judge, judge_poses
 from .problem import Problem
+from .robots.blackbox import BlackBox
 from .robots.chain import SerialChain
 
 Array = NDArray[np.float64]
@@ -119,7 +120,9 @@ def conclude(problem: Problem, q: Array, work: NDArray[np.int64]) -> Solution:
     """
     goal, shape = problem.goal, problem.goal.shape
     joints = np.ascontiguousarray(q)
-    if goal.kind == "box":
+    if isinstance(problem.chain, BlackBox):
+        measured = judge_function(problem.chain, goal, q)
+    elif goal.kind == "box":
         weights = float(goal.position_weight), float(goal.orientation_weight)
         measured = judge_boxes(problem.arrays, joints, goal.questions, *weights)
     else:
@@ -140,6 +143,21 @@ def conclude(problem: Problem, q: Array, work: NDArray[np.int64]) -> Solution:
         nodes_expanded=field(work[:, 2]),
         problem=problem,
     )
+
+
+def judge_function(box: BlackBox, goal: Goal, q: Array) -> Array:
+    """Ask a function for its poses anew, (k, n), and judge them: errors [m], [rad] and weighted, (k, 3).
+
+    Infinite where the mechanism cannot be put together.
+    """
+    poses = box.poses(q)
+    absent = np.isnan(poses).any(axis=(1, 2))
+    poses[absent] = np.eye(4)
+    if goal.tip is not None:
+        poses = poses @ goal.tip
+    measured = judge_poses(poses, goal.targets, goal.arrays)
+    measured[absent] = np.inf
+    return measured
 
 
 def quick_solution(

@@ -113,6 +113,11 @@ def exact(function: Callable[P, R]) -> Callable[P, R]:
     return _compile(function, forceinline=True, _nrt=False, fastmath=False)
 
 
+def kernel_exact(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a kernel that may meet NaN, and must not assume it away."""
+    return _compile(function, fastmath=False)
+
+
 def _compile(function: Callable[P, R], **options: Any) -> Callable[P, R]:
     settings = vars(config)
     before = settings["CACHE_DIR"]

@@ -8,7 +8,7 @@ import numpy as np
 
 from .arrays import Array, ChainArrays, GoalArrays
 from .forward import forward
-from .jit import exact, inner, kernel
+from .jit import exact, inner, kernel, kernel_exact
 
 
 @inner
@@ -132,3 +132,48 @@ def all_rigid(poses: Array) -> bool:
     for k in range(len(poses)):
         loose += 0 if is_rigid(poses[k]) else 1
     return loose == 0
+
+
+@exact
+def is_loose(T: Array, tolerance: float) -> bool:
+    """Is a finite T, (4, 4), farther from a rigid transform than `tolerance`, or a reflection?"""
+    for c in range(4):
+        if not abs(T[3, c] - (1.0 if c == 3 else 0.0)) <= tolerance:
+            return True
+    for c in range(3):
+        for d in range(c + 1):
+            dot = T[0, c] * T[0, d] + T[1, c] * T[1, d] + T[2, c] * T[2, d]
+            if not abs(dot - (1.0 if c == d else 0.0)) <= tolerance:
+                return True
+        if not abs(T[c, 3]) < 1e300:
+            return True
+    volume = T[0, 0] * (T[1, 1] * T[2, 2] - T[1, 2] * T[2, 1])
+    volume += T[0, 1] * (T[1, 2] * T[2, 0] - T[1, 0] * T[2, 2])
+    volume += T[0, 2] * (T[1, 0] * T[2, 1] - T[1, 1] * T[2, 0])
+    mirrored: bool = not volume > 0.0
+    return mirrored
+
+
+@kernel_exact
+def first_loose(poses: Array, tolerance: float, nan_is_fine: bool) -> int:
+    """Index of the first pose of (k, 4, 4) that is no rigid transform, or -1; with `nan_is_fine` NaN is passed over."""
+    for k in range(len(poses)):
+        absent = False
+        if nan_is_fine:
+            for r in range(4):
+                for c in range(4):
+                    absent = absent or poses[k, r, c] != poses[k, r, c]
+        if not absent and is_loose(poses[k], tolerance):
+            return k
+    return -1
+
+
+@kernel
+def judge_poses(poses: Array, targets: Array, goal: GoalArrays) -> Array:
+    """Errors of poses that are there already, (k, 4, 4), as `judge` gives them, (k, 3)."""
+    result = np.empty((len(poses), 3))
+    for k in range(len(poses)):
+        this = GoalArrays(targets[k], goal.position_weight, goal.axis_weights)
+        result[k, 0], result[k, 1] = errors(poses[k], this)
+        result[k, 2] = weighted_error(poses[k], this)
+    return result

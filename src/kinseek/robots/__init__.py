@@ -6,6 +6,7 @@ from pathlib import Path
 
 from kinseek.errors import InvalidRobot, suggest
 
+from .blackbox import BlackBox, black_box
 from .catalog import CatalogEntry, catalog_entry, catalog_names, catalog_path
 from .chain import SerialChain
 from .dh import read_dh
@@ -13,8 +14,10 @@ from .mjcf import read_mjcf
 from .urdf import read_urdf
 
 __all__ = [
+    "BlackBox",
     "CatalogEntry",
     "SerialChain",
+    "black_box",
     "catalog_entry",
     "catalog_names",
     "catalog_path",

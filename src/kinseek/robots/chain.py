@@ -144,6 +144,29 @@ def serial_chain(
     )
 
 
+def joint_points(chain: SerialChain, q: Array) -> Array:
+    """Places of the base, of both ends of every slide, of every other joint and of the tip, for pictures.
+
+    Args:
+        chain: The arm, with m physical joints of which s slide.
+        q: Joint values, (n,).
+
+    Returns:
+        Base to tip, (m + s + 2, 3), lengths in [m].
+    """
+    T, points = np.eye(4), [np.zeros(3)]
+    for k in range(len(chain.leader)):
+        value = chain.multiplier[k] * q[chain.leader[k]] + chain.offset[k]
+        T = T @ np.vstack([chain.fixed[k], [0.0, 0.0, 0.0, 1.0]])
+        points.append(T[:3, 3].copy())
+        if chain.prismatic[k]:
+            T[:3, 3] += value * T[:3, 2]
+            points.append(T[:3, 3].copy())
+        else:
+            T[:3, :3] = T[:3, :3] @ rotation(np.array([0.0, 0.0, 1.0]), value)
+    return np.array([*points, (T @ np.vstack([chain.fixed[-1], [0.0, 0.0, 0.0, 1.0]]))[:3, 3]])
+
+
 def rotation(axis: Array, angle: float) -> Array:
     """Rotation by `angle` [rad] about the unit vector `axis`, (3, 3), by Rodrigues' formula."""
     x, y, z = axis

@@ -33,10 +33,11 @@ from kinseek.kernels.pointers import handle_of
 from kinseek.kernels.refine import solve_pose
 from kinseek.problem import Problem
 from kinseek.ranges import free_turns
+from kinseek.robots.blackbox import BlackBox
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
 
-from .base import whole
+from .base import Found, solve_each, whole
 
 SAMPLES = 16_384
 
@@ -55,7 +56,8 @@ class Atlas:
     samples: int = SAMPLES
     """Samples of the middle joints; more cost memory and time to build, and start closer."""
     threads: int | None = None
-    """Threads for a batch; None takes every core. The answers are the same bits."""
+    """Threads for a batch; None takes every core. The answers are the same bits. An arm that is a function is asked by
+    one thread."""
     progress: bool = False
     """Show a progress bar while a batch is solved."""
 
@@ -68,6 +70,8 @@ class Atlas:
     def solve(self, problem: Problem) -> Solution:
         """Answer by what the nearest sample leads to, else the next nearest; else by the best pose found."""
         goal, chain = problem.goal, problem.chain
+        if isinstance(chain, BlackBox):
+            return self._ask(chain, problem)
         if goal.kind == "box":
             from .boxed import solve_ranges
 
@@ -88,6 +92,18 @@ class Atlas:
         else:
             self._run(index, wanted, targets, near, results)
         return batch_solution(problem, results)
+
+    def _ask(self, box: BlackBox, problem: Problem) -> Solution:
+        from .black_box.atlas import answer
+
+        with _progress_bar(self.progress, len(problem.goal.targets)) as advance:
+
+            def search(one: Problem) -> Found:
+                found = answer(box, one, self.samples)
+                advance(1)
+                return found
+
+            return solve_each(problem, search)
 
     def _run(
         self, index: AtlasIndex, wanted: Array, targets: Array, near: Array | None, results: Array

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from kinseek.errors import InvalidSolver
-from kinseek.kernels.arrays import ChainArrays, GoalArrays
+from kinseek.kernels.arrays import ChainArrays, GoalArrays, Indices
 from kinseek.kernels.grid import Beam, Window, make_beam, make_scratch, nodes_until, search_window
 from kinseek.kernels.jit import kernel
 from kinseek.problem import Problem
+from kinseek.robots.blackbox import BlackBox
 from kinseek.solution import Solution
 
 from .base import Found, solve_each, whole
-from .nodes import joint_grid, require_memory
+from .nodes import Grid, joint_grid, require_memory
 
 ORDERS = ("paper", "low-discrepancy", "random")
 
@@ -61,6 +62,8 @@ class BruteForce:
             )
         grid = joint_grid(problem.chain, count)
         nodes = np.stack([self._order(count, joint) for joint in range(dof)])
+        if isinstance(problem.chain, BlackBox):
+            return self._ask(problem.chain, problem, grid, nodes)
         window = Window(grid.values_of(nodes), nodes, np.full(dof, count, dtype=np.int64))
         budget = count**dof if problem.budget is None else problem.budget
         beam, leaves = search_grid(
@@ -69,6 +72,19 @@ class BruteForce:
         expanded = nodes_until(window.counts, leaves - 1) if leaves else 0
         q = beam.q[0] if leaves else problem.start
         return Found(q, leaves, dof * count, expanded)
+
+    def _ask(self, box: BlackBox, problem: Problem, grid: Grid, nodes: Indices) -> Found:
+        from .black_box.asking import Asker
+        from .black_box.grid import Cells, best_or_start, node_values, search_window
+
+        asker, cells = Asker(box, problem), Cells.empty(1, box.dof)
+        values = [node_values(grid, d, each) for d, each in enumerate(nodes)]
+        leaves = search_window(asker, values, list(nodes), cells, float(self.stop_below) or -1.0)
+        expanded = (
+            nodes_until(np.full(box.dof, self.branching_factor, dtype=np.int64), leaves - 1) if leaves else 0
+        )
+        q = best_or_start(cells.q[0] if len(cells.q) else None, box, problem.start)
+        return Found(q, asker.spent, box.dof * self.branching_factor, expanded)
 
     def _order(self, count: int, joint: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
         if self.order == "paper":

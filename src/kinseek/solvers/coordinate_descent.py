@@ -19,6 +19,7 @@ from kinseek.kernels.jit import inner, kernel
 from kinseek.kernels.pose_error import chordal_error, errors
 from kinseek.kernels.sinusoid import TURN, coefficients, minimise_pair, minimiser
 from kinseek.problem import Problem
+from kinseek.robots.blackbox import BlackBox
 from kinseek.solution import Solution
 
 from .base import Found, solve_each, whole
@@ -57,6 +58,10 @@ class CoordinateDescent:
 
     def _search(self, problem: Problem) -> Found:
         goal = problem.goal
+        if isinstance(problem.chain, BlackBox):
+            from .black_box.coordinates import answer
+
+            return answer(problem.chain, problem, self.most_sweeps, self.pairs, self.stall)
         # Squared weights, and half of K_A², so that near the goal the sum is (K_P |Δp|)² + (K_A Δφ)².
         turn_weight = goal.orientation_weight**2 / 2
         columns = (np.arange(3) < goal.columns).astype(float)

@@ -33,6 +33,7 @@ from kinseek.kernels.grid import (
 )
 from kinseek.kernels.jit import exact, inner, kernel
 from kinseek.problem import Problem
+from kinseek.robots.blackbox import BlackBox
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
 
@@ -95,6 +96,11 @@ class DivideAndConquer:
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by the best node found."""
+        if isinstance(problem.chain, BlackBox) and self.breadth == "tuned":
+            raise InvalidSolver(
+                "breadth='tuned' tries the search many thousand times, too dear for an arm that is a function; "
+                "give one number, or one a joint"
+            )
         plan = self._plan(problem)
         return solve_each(problem, lambda one: self._search(one, plan))
 
@@ -129,6 +135,8 @@ class DivideAndConquer:
 
     def _search(self, problem: Problem, plan: tuple[Grid, Indices, Indices]) -> Found:
         grid, spacings, later = plan
+        if isinstance(problem.chain, BlackBox):
+            return self._ask(problem.chain, problem, plan)
         budget = np.iinfo(np.int64).max if problem.budget is None else problem.budget
         beam, leaves, expanded = descend(
             problem.arrays,
@@ -140,6 +148,16 @@ class DivideAndConquer:
         created = problem.chain.dof * self.branching_factor if self.tree == "static" else expanded
         q = beam.q[np.argmin(beam.errors)] if leaves else problem.start
         return Found(q, leaves, created, expanded)
+
+    def _ask(self, box: BlackBox, problem: Problem, plan: tuple[Grid, Indices, Indices]) -> Found:
+        from .black_box.asking import Asker
+        from .black_box.grid import best_or_start, descend
+
+        grid, spacings, later = plan
+        asker, children = Asker(box, problem), min(self.children or self.beam, self.beam)
+        q, expanded = descend(asker, grid, spacings, later, self.divisions, self.beam, children)
+        created = box.dof * self.branching_factor if self.tree == "static" else expanded
+        return Found(best_or_start(q, box, problem.start), asker.spent, created, expanded)
 
 
 class Passes(NamedTuple):

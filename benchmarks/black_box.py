@@ -1,0 +1,279 @@
+"""Arms given as functions: how many reachable targets are solved, what one costs, and how many poses it asks for.
+
+Every arm of the list is wrapped as a function of which nothing else is known, `Arm.from_fk`: vectorised NumPy, the same one
+row at a time, and compiled by Numba one row at a time; a continuum robot and a five-bar linkage come from the examples. An
+answer counts only if plain NumPy forward kinematics finds it within 1e-6 m and 1e-6 rad, and every joint inside its limits.
+Times are those of single calls, `arm.ik(T)` from Python. Every miss is listed by name.
+
+    python -m benchmarks.black_box                 # writes black_box.md beside this file
+    python -m benchmarks.black_box ur5e --random 200 --output /dev/stdout
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, cast
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek.robots.chain import SerialChain
+from kinseek.solvers.black_box.samples import Samples
+
+from .targets import fleet_arm, load, machine, plain_fk, pose_errors, random_joints, singular_joints
+
+Array = NDArray[np.float64]
+
+HERE = Path(__file__).parent
+
+ARMS = ("ur5e", "puma560", "jaco2_6", "irb120", "piper", "panda", "iiwa14", "ur10e_rail", "so101", "irb5400")
+
+WANTED_MS, WANTED_SOLVED = 50.0, 99.9
+"""Of six joints as a vectorised function: median of one pose [ms], percent of random targets."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A mechanism, and the way its function is written."""
+
+    name: str
+    way: str
+    arm: kinseek.Arm
+    fk: Callable[[Array], Array]
+    """Judges the answers, (k, n) -> (k, 4, 4)."""
+    random: Array
+    """Joint values of random targets, (k, n)."""
+    singular: Array
+    """The same near singularities and limits; may be empty."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table."""
+
+    name: str
+    way: str
+    dof: int
+    random: int
+    singular: int
+    misses: list[str]
+    """Of random targets."""
+    singular_misses: list[str]
+    median: float
+    """[ms]"""
+    p99: float
+    """[ms]"""
+    poses: float
+    """Asked for by one answer, median."""
+    build: float
+    """[ms]"""
+    samples: int
+
+
+def compiled(chain: SerialChain) -> Callable[[Array], Array]:
+    """Forward kinematics of one row as a user of Numba writes it, (n,) -> (4, 4)."""
+    fixed, slides, leader = chain.fixed, chain.prismatic, chain.leader
+    multiplier, offset = chain.multiplier, chain.offset
+
+    @numba.njit
+    def fk(q: Array) -> Array:
+        T = np.eye(4)
+        A, J = np.eye(4), np.eye(4)
+        for k in range(len(slides) + 1):
+            A[:3] = fixed[k]
+            T = T @ A
+            if k < len(slides):
+                value = multiplier[k] * q[leader[k]] + offset[k]
+                J[:] = np.eye(4)
+                if slides[k]:
+                    J[2, 3] = value
+                else:
+                    c, s = np.cos(value), np.sin(value)
+                    J[0, 0], J[0, 1], J[1, 0], J[1, 1] = c, -s, s, c
+                T = T @ J
+        return T
+
+    return cast("Callable[[Array], Array]", fk)
+
+
+def one_row(chain: SerialChain, q: Array) -> Array:
+    """Forward kinematics of one row in NumPy, (n,) -> (4, 4)."""
+    return np.asarray(plain_fk(chain, q[None])[0])
+
+
+def catalog_case(name: str, way: str, random: int, singular: int, seed: int) -> Case:
+    """A bundled arm as a function that takes many rows, one row, or one row compiled."""
+    chain = fleet_arm(name).chain
+    functions: dict[str, Callable[..., Any]] = {
+        "vectorised": partial(plain_fk, chain),
+        "one row": partial(one_row, chain),
+        "Numba, one row": compiled(chain),
+    }
+    arm = kinseek.Arm.from_fk(
+        functions[way], chain.lower, chain.upper, way == "vectorised", kinds=chain.kinds, name=name
+    )
+    return Case(
+        name,
+        way,
+        arm,
+        partial(plain_fk, chain),
+        random_joints(chain, random, seed),
+        singular_joints(chain, singular, seed),
+    )
+
+
+def example_case(example: str, variable: str, random: int, seed: int) -> Case:
+    """A mechanism of an example: joint values where it can be put together."""
+    names = _definitions(HERE.parent / "examples" / f"{example}.py")
+    arm = names[variable]
+    q = np.random.default_rng(seed).uniform(arm.lower, arm.upper, (4 * random, arm.dof))
+    q = q[~np.isnan(arm.fk(q)).any(axis=(1, 2))][:random]
+    return Case(example, "vectorised", arm, names["fk"], q, q[:0])
+
+
+def _definitions(example: Path) -> dict[str, Any]:
+    """Run an example down to where its mechanism is made."""
+    text = example.read_text(encoding="utf-8")
+    head = text[: text.index("\nprint(")]
+    names: dict[str, Any] = {}
+    exec(compile(head, str(example), "exec"), names)
+    return names
+
+
+def good(case: Case, q: Array, targets: Array) -> NDArray[np.bool_]:
+    """Which answers, (k, n), are strict by plain forward kinematics?"""
+    away, angle = pose_errors(case.fk(q), targets)
+    inside = ((q >= case.arm.lower) & (q <= case.arm.upper)).all(axis=1)
+    return np.asarray(inside & (away <= 1e-6) & (angle <= 1e-6))
+
+
+def measure(case: Case) -> Row:
+    """Solve every target by a call of its own."""
+    case.arm.ik(case.fk(case.random[:1])[0])  # Whatever compiles or loads does so before the clock runs.
+    box: Any = case.arm.chain
+    built = [Samples(box, 16_384) for _ in range(3)]
+    times: list[float] = []
+    asked: list[int] = []
+    missed: list[list[str]] = []
+    for kind, joints in (("random", case.random), ("near singular", case.singular)):
+        targets = case.fk(joints) if len(joints) else np.empty((0, 4, 4))
+        answers = np.empty(joints.shape)
+        claims = np.zeros(len(joints), dtype=bool)
+        for i, target in enumerate(targets):
+            began = time.perf_counter()
+            solution = case.arm.ik(target)
+            if kind == "random":
+                times.append((time.perf_counter() - began) * 1e3)
+                asked.append(solution.evaluations)
+            answers[i], claims[i] = solution.q, solution.success
+        reached = good(case, answers, targets) if len(joints) else claims
+        if (claims != reached).any():
+            print(f"  {case.name}: {(claims != reached).sum()} answers are judged otherwise from outside")
+        missed.append(
+            [
+                f"{case.name} ({case.way}), {kind} {i}: q = {np.array2string(joints[i], max_line_width=200)}"
+                for i in np.flatnonzero(~reached)
+            ]
+        )
+    return Row(
+        case.name,
+        case.way,
+        case.arm.dof,
+        len(case.random),
+        len(case.singular),
+        missed[0],
+        missed[1],
+        statistics.median(times),
+        float(np.percentile(times, 99)),
+        statistics.median(asked),
+        statistics.median(each.build_time for each in built) * 1e3,
+        built[0].samples,
+    )
+
+
+def percent(misses: list[str], count: int) -> str:
+    """Solved, rounded down, or nothing."""
+    return f"{np.floor(1e4 * (count - len(misses)) / count) / 1e2:.2f}" if count else "–"
+
+
+def table(rows: list[Row]) -> str:
+    """The page as Markdown."""
+    first = rows[0]
+    lines = [
+        "# Arms given as functions",
+        "",
+        f"Made by `python -m benchmarks.black_box`. {machine()}.",
+        "",
+        f"{first.random:,} targets from joint values uniform inside the limits and {first.singular:,} near singularities",
+        "and limits, an arm; no seed. Solved: within 1e-6 m and 1e-6 rad by plain NumPy FK, and inside the limits. One",
+        f"pose: a single call `arm.ik(T)`, wall time. Load of the machine over the last fifteen minutes: {load()}.",
+        "",
+        "| mechanism | function | joints | solved, random % | solved, near singular % | median ms | p99 ms | "
+        "poses asked for | samples | sampled in ms |",
+        "|---|---|--:|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    lines += [
+        f"| {row.name} | {row.way} | {row.dof} | {percent(row.misses, row.random)} | "
+        f"{percent(row.singular_misses, row.singular)} | {row.median:.1f} | {row.p99:.1f} | {row.poses:.0f} | "
+        f"{row.samples:,} | {row.build:.0f} |"
+        for row in rows
+    ]
+    six = [row for row in rows if row.dof == 6 and row.way == "vectorised"]
+    if six:
+        slowest = max(six, key=lambda row: row.median)
+        worst = max(six, key=lambda row: len(row.misses))
+        lines += [
+            "",
+            "## Aimed at, and met",
+            "",
+            f"- Six joints, vectorised, median ≤ {WANTED_MS:g} ms: {sum(row.median <= WANTED_MS for row in six)} of "
+            f"{len(six)}; slowest {slowest.name}, {slowest.median:.1f} ms.",
+            f"- Six joints, vectorised, ≥ {WANTED_SOLVED} % of random targets: "
+            f"{sum(len(row.misses) <= row.random * (1 - WANTED_SOLVED / 100) for row in six)} of {len(six)}; "
+            f"worst {worst.name}, {percent(worst.misses, worst.random)} %.",
+        ]
+    misses = [miss for row in rows for miss in (*row.misses, *row.singular_misses)]
+    lines += ["", f"## Misses: {len(misses)}", "", *([f"- {miss}" for miss in misses] or ["None."])]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Measure, print as it goes, write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("arms", nargs="*", help="names; the list and the examples by default")
+    parser.add_argument("--random", type=int, default=1000, help="random targets a mechanism")
+    parser.add_argument("--singular", type=int, default=500, help="near-singular targets an arm")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--output", type=Path, default=HERE / "black_box.md", help="page to write")
+    options = parser.parse_args()
+    counts = (options.random, options.singular, options.seed)
+    cases = [catalog_case(name, "vectorised", *counts) for name in options.arms or ARMS]
+    if not options.arms:
+        few = (max(options.random // 5, 1), 0, options.seed)
+        cases += [catalog_case("ur5e", "one row", *few), catalog_case("ur5e", "Numba, one row", *counts)]
+        cases += [
+            example_case("07_continuum", "robot", options.random, options.seed),
+            example_case("08_five_bar", "linkage", options.random, options.seed),
+        ]
+    rows = []
+    for case in cases:
+        rows.append(measure(case))
+        row = rows[-1]
+        print(
+            f"{row.name:14s} {row.way:14s} {row.dof} joints  missed {len(row.misses)} + {len(row.singular_misses)}  "
+            f"{row.median:.2f} / {row.p99:.2f} ms  {row.poses:.0f} poses",
+            flush=True,
+        )
+    options.output.write_text(table(rows), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,120 @@
+"""Pictures of arms with Matplotlib (extra ``experiments``): lines in space, and nothing computed but where joints are.
+
+>>> from kinseek import plots
+>>> figure, axes = plots.space()                    # doctest: +SKIP
+>>> plots.draw_arm(axes, arm, solution.q)           # doctest: +SKIP
+>>> plots.save(figure, "arm.png")                   # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .arm import Arm
+from .errors import InvalidProblem, MissingExtra
+from .robots import BlackBox
+from .robots.chain import joint_points
+
+Array = NDArray[np.float64]
+
+COLOURS = ("#0072b2", "#c23b00", "#009e73", "#e69f00", "#7a4e8f", "#56b4e9", "#000000", "#999999")
+"""Apart for most eyes, and in grey."""
+
+
+def _pyplot() -> Any:
+    try:
+        import matplotlib
+    except ImportError:
+        raise MissingExtra("A picture", "experiments") from None
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    pyplot.rcParams.update({"font.size": 9, "grid.alpha": 0.3})
+    return pyplot
+
+
+def space(
+    size: tuple[float, float] = (5.2, 4.6), elevation: float = 22.0, azimuth: float = -60.0
+) -> tuple[Any, Any]:
+    """Make a figure with axes in space, lengths in [m], drawn without a screen.
+
+    Args:
+        size: Of the figure [inch].
+        elevation: Of the eye [degrees].
+        azimuth: Of the eye [degrees].
+
+    Raises:
+        MissingExtra: Matplotlib is not installed.
+    """
+    figure = _pyplot().figure(figsize=size, layout="constrained")
+    axes = figure.add_subplot(projection="3d")
+    axes.view_init(elevation, azimuth)
+    axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
+    return figure, axes
+
+
+def plane(columns: int = 1, size: tuple[float, float] = (5.2, 4.2)) -> tuple[Any, Any]:
+    """Make a figure with axes in a plane, an array of them if there are more columns than one.
+
+    Raises:
+        MissingExtra: Matplotlib is not installed.
+    """
+    figure, axes = _pyplot().subplots(1, columns, figsize=size, layout="constrained")
+    for each in np.atleast_1d(axes):
+        each.grid(True)
+    return figure, axes
+
+
+def draw_line(axes: Any, points: ArrayLike, **look: Any) -> None:
+    """Draw a line through points, (k, 2) or (k, 3) [m]; `look` as Matplotlib's `plot` takes it."""
+    axes.plot(*np.asarray(points, dtype=float).T, **look)
+
+
+def draw_arm(axes: Any, arm: Arm, q: ArrayLike, color: str = COLOURS[0], **look: Any) -> None:
+    """Draw a serial arm as a line through its joints at joint values q, (n,).
+
+    Raises:
+        InvalidProblem: An arm that is a function: nobody knows where its joints are.
+    """
+    if isinstance(arm.chain, BlackBox):
+        raise InvalidProblem(
+            f"{arm.name!r} is a function: where its links are, only its author knows; use draw_line"
+        )
+    points = joint_points(arm.chain, np.asarray(q, dtype=float))
+    draw_line(axes, points, **({"color": color, "linewidth": 2.5, "solid_capstyle": "round"} | look))
+    moving = points[1:-1]
+    axes.scatter(*moving.T, color=color, s=14, alpha=look.get("alpha", 1.0))
+
+
+def draw_frame(axes: Any, T: ArrayLike, length: float) -> None:
+    """Draw the axes x, y and z of a pose, (4, 4), in red, green and blue, `length` [m] long."""
+    matrix = np.asarray(T, dtype=float)
+    for c, color in enumerate(("#d62728", "#2ca02c", "#1f77b4")):
+        draw_line(axes, [matrix[:3, 3], matrix[:3, 3] + length * matrix[:3, c]], color=color, linewidth=1.4)
+
+
+def same_scale(axes: Any) -> None:
+    """Let a metre be as long along every axis."""
+    if not hasattr(axes, "get_zlim"):
+        axes.set_aspect("equal")
+        return
+    from matplotlib.ticker import MaxNLocator
+
+    ends = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
+    sides = ends[:, 1] - ends[:, 0]
+    axes.set_box_aspect(sides)
+    for side, axis in zip(sides, (axes.xaxis, axes.yaxis, axes.zaxis), strict=True):
+        axis.set_major_locator(
+            MaxNLocator(max(1, round(6 * side / sides.max())))
+        )  # Else short ones are full of numbers.
+
+
+def save(figure: Any, path: str | Path) -> Path:
+    """Write a PNG, without the name of the program that made it, and forget the figure."""
+    figure.savefig(path, dpi=110, metadata={"Software": None})
+    _pyplot().close(figure)
+    return Path(path)

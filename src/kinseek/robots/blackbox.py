@@ -1,0 +1,328 @@
+"""Any mechanism of which only a function is known: joint values in, pose of the tip out.
+
+Nothing else is assumed: no axes, no links, no derivative, not even that a joint value is an angle. So the function is
+distrusted instead: every pose that it gives is checked, and one that is none names the joint values that made it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kinseek.errors import FailedKinematics, InvalidRobot, InvalidSolver, suggest
+from kinseek.kernels.pose_error import first_loose
+
+from .chain import CONTINUOUS, PRISMATIC, REVOLUTE
+
+Array = NDArray[np.float64]
+Function = Callable[[Any], Any]
+
+NUMBER = "number"
+"""The kind of a joint value of which nothing is said: a number between its limits, never wrapped by 2π."""
+
+KINDS = (NUMBER, REVOLUTE, CONTINUOUS, PRISMATIC)
+
+_AXES_AND_LINKS = frozenset({"arrays", "fixed", "prismatic", "leader", "multiplier", "offset"})
+"""What a `SerialChain` has, and compiled searches run on."""
+
+_RIGID = 1e-6
+"""How far RᵀR may be from the identity, and the last row from 0 0 0 1: what single precision leaves."""
+_SAME = 1e-6
+"""How far a row may differ from itself alone [m], and in an entry of its rotation: what single precision leaves."""
+_MOST_ROWS = 8192
+"""Rows that one call of the function gets at most, so that its temporaries fit into the caches."""
+
+
+@dataclass(frozen=True, eq=False)
+class BlackBox:
+    """A mechanism known by its forward kinematics alone. Build one with `black_box`, which checks everything.
+
+    It has of a `SerialChain` what a problem and a solution ask for: names, kinds and limits.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    """Of each variable: number, revolute, continuous or prismatic."""
+    lower: Array
+    """(n,), [rad], [m] or whatever the function takes; a continuous joint is kept in [-π, π]."""
+    upper: Array
+    function: Function
+    """(k, n) -> (k, 4, 4) if `vectorized`, else (n,) -> (4, 4); lengths in [m]."""
+    vectorized: bool
+    partial: bool
+    """May the function answer NaN, where the mechanism cannot be put together?"""
+    single: bool = False
+    """Does the function compute in single precision?"""
+    base: str = "base"
+    tip: str = "tip"
+
+    @property
+    def dof(self) -> int:
+        """Number of joint variables n."""
+        return len(self.joint_names)
+
+    @cached_property
+    def turns(self) -> NDArray[np.bool_]:
+        """Of each variable, (n,): is it an angle, by its kind?"""
+        return np.array([kind in (REVOLUTE, CONTINUOUS) for kind in self.kinds])
+
+    @cached_property
+    def wraps(self) -> NDArray[np.bool_]:
+        """Of each variable, (n,): do both ends of its range give the same pose?"""
+        turns = (self.upper - self.lower) / (2 * np.pi)
+        return self.turns & (turns > 0.5) & (np.abs(turns - np.round(turns)) < 1e-6)
+
+    @cached_property
+    def full(self) -> NDArray[np.bool_]:
+        """Of each variable, (n,): is it an angle whose range holds a whole turn? Then no limit ever stops it."""
+        return self.turns & (self.upper - self.lower >= 2 * np.pi - 1e-9)
+
+    @cached_property
+    def span(self) -> Array:
+        """What joint values are scaled by, (n,): the range, and of an angle one turn at most."""
+        return np.where(self.turns, np.minimum(self.upper - self.lower, 2 * np.pi), self.upper - self.lower)
+
+    @cached_property
+    def cheap(self) -> bool:
+        """Does one more row cost little, since no Python runs for it?"""
+        return self.vectorized or _is_compiled(self.function)
+
+    def __getattr__(self, name: str) -> Any:
+        """Explain why a search that needs more than poses cannot have it.
+
+        Raises:
+            InvalidSolver: It asks for what a `SerialChain` has and a function has not.
+            AttributeError: Any other name.
+        """
+        if name not in _AXES_AND_LINKS:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        raise InvalidSolver(
+            f"this needs the axes and links of an arm, and {self.name!r} is a function of which only values are known. "
+            "What works on it: Atlas, BruteForce, DivideAndConquer, CoordinateDescent, and Polished made of these"
+        )
+
+    def poses(self, q: Array) -> Array:
+        """Poses of the tip, checked, (k, n) -> (k, 4, 4), lengths in [m]; NaN where `partial` allows it.
+
+        Raises:
+            FailedKinematics: The function raises, or gives something that is no rigid transform; it names the q.
+        """
+        result = np.empty((len(q), 4, 4))
+        for begin in range(0, len(q), _MOST_ROWS):
+            rows = q[
+                begin : begin + _MOST_ROWS
+            ].copy()  # Whatever the function writes there stays its own affair.
+            result[begin : begin + len(rows)] = self._checked(
+                self._evaluate(rows), q[begin : begin + len(rows)]
+            )
+        return result
+
+    def _evaluate(self, rows: Array) -> Array:
+        if not self.vectorized and not _is_compiled(self.function):
+            return np.array([self._one(row) for row in rows])
+        try:
+            return self._many(rows)
+        except Exception as error:
+            self._blame(rows, error)
+
+    def _many(self, rows: Array) -> Array:
+        """Evaluate rows, (k, n), in one call; a compiled function of one row gets a compiled loop."""
+        given = (self.function if self.vectorized else self._loop)(rows)
+        try:
+            matrix = np.asarray(given)
+        except Exception as error:
+            raise TypeError(f"not an array: {error}") from error
+        if matrix.shape != (len(rows), 4, 4):
+            hint = "; or does it take one joint vector? then say vectorized=False" if self.vectorized else ""
+            self._fail(f"gave shape {matrix.shape}, expected ({len(rows)}, 4, 4){hint}", rows[0], len(rows))
+        return self._real(matrix, rows[0])
+
+    def _one(self, row: Array) -> Array:
+        try:
+            matrix = np.asarray(self.function(row.copy()))
+        except Exception as error:
+            self._fail(f"raised {type(error).__name__}: {error}", row, cause=error)
+        if matrix.shape != (4, 4):
+            self._fail(f"gave shape {matrix.shape}, expected (4, 4)", row)
+        return self._real(matrix, row)
+
+    def _real(self, matrix: NDArray[Any], row: Array) -> Array:
+        if matrix.dtype.kind not in "fiu":
+            self._fail(f"gave an array of {matrix.dtype}, expected real numbers", row)
+        return matrix.astype(np.float64, copy=False)
+
+    @cached_property
+    def _loop(self) -> Function:
+        return _compiled_loop(self.function)
+
+    def _blame(self, rows: Array, error: Exception) -> NoReturn:
+        """Find the row that made a call of many fail, by asking one at a time."""
+        if isinstance(error, FailedKinematics):
+            raise error
+        for row in rows:
+            try:
+                self._many(row[None].copy())
+            except FailedKinematics:
+                raise
+            except Exception as alone:
+                hint = (
+                    "; or does it take one joint vector? then say vectorized=False"
+                    if self._takes_one(row)
+                    else ""
+                )
+                self._fail(f"raised {type(alone).__name__}: {alone}{hint}", row, cause=alone)
+        self._fail(
+            f"raised {type(error).__name__}: {error} for {len(rows)} rows at once, and for none of them alone",
+            rows[0],
+            len(rows),
+            cause=error,
+        )
+
+    def _takes_one(self, row: Array) -> bool:
+        """Does the function give a pose for one row?"""
+        try:
+            return self.vectorized and np.shape(self.function(row.copy())) == (4, 4)
+        except Exception:
+            return False
+
+    def _checked(self, poses: Array, rows: Array) -> Array:
+        poses = np.ascontiguousarray(poses)
+        bad = first_loose(poses, _RIGID, self.partial)
+        if bad < 0:
+            return poses
+        T, row = poses[bad], rows[bad]
+        if np.isnan(T).any():
+            hint = "" if self.partial else "; if it cannot be put together there, say partial=True"
+            self._fail(f"gave NaN{hint}", row)
+        if not np.isfinite(T).all():
+            self._fail("gave infinity", row)
+        off = float(np.abs(T[:3, :3].T @ T[:3, :3] - np.eye(3)).max())
+        if off > _RIGID:
+            self._fail(f"gave no rotation: RᵀR differs from the identity by {off:.3g}", row)
+        if np.linalg.det(T[:3, :3]) < 0:
+            self._fail("gave a reflection: the determinant of its rotation is -1", row)
+        self._fail(f"gave the last row {T[3]}, expected [0, 0, 0, 1]", row)
+
+    def _fail(self, what: str, row: Array, count: int = 1, cause: Exception | None = None) -> NoReturn:
+        where = f"q = {np.array2string(row, separator=', ', max_line_width=10**6)}"
+        where += f", the first of {count} rows" if count > 1 else ""
+        raise FailedKinematics(f"fk of {self.name!r} {what}; at {where}", row.copy()) from cause
+
+    def __reduce__(self) -> tuple[type[BlackBox], tuple[Any, ...]]:
+        """Pickle the fields alone: a compiled loop is made anew."""
+        return type(self), tuple(getattr(self, name) for name in self.__dataclass_fields__)
+
+
+def black_box(
+    function: Function,
+    lower: ArrayLike,
+    upper: ArrayLike,
+    *,
+    vectorized: bool = True,
+    names: Sequence[str] | None = None,
+    kinds: str | Sequence[str] | None = None,
+    partial: bool = False,
+    name: str = "black_box",
+) -> BlackBox:
+    """Check a function and its limits, and call it for a first time.
+
+    Raises:
+        InvalidRobot: Not a function, limits of different lengths, infinite or crossed, unknown kinds, names not unique.
+        FailedKinematics: The function fails within the limits, or mixes its rows up.
+    """
+    if not callable(function):
+        raise InvalidRobot(f"fk must be a function, got {type(function).__name__}")
+    low, high = _limits(lower, "lower"), _limits(upper, "upper")
+    if low.shape != high.shape:
+        raise InvalidRobot(f"lower and upper must be equally long, got {len(low)} and {len(high)}")
+    dof = len(low)
+    called = tuple(names) if names is not None else tuple(f"joint{i + 1}" for i in range(dof))
+    if len(called) != dof or len(set(called)) != dof or not all(isinstance(each, str) for each in called):
+        raise InvalidRobot(f"names must be {dof} different strings, one a joint, got {called}")
+    kind_of = (NUMBER,) * dof if kinds is None else (kinds,) * dof if isinstance(kinds, str) else tuple(kinds)
+    if len(kind_of) != dof:
+        raise InvalidRobot(f"kinds must be one word, or {dof}, one a joint; got {len(kind_of)}")
+    for i, kind in enumerate(kind_of):
+        if kind not in KINDS:
+            raise InvalidRobot(f"joint {called[i]!r}: {suggest(str(kind), KINDS, 'kind')}")
+        if kind == CONTINUOUS:
+            low[i], high[i] = -np.pi, np.pi
+        if not (np.isfinite(low[i]) and np.isfinite(high[i])):
+            raise InvalidRobot(
+                f"joint {called[i]!r}: limits must be finite, got [{low[i]}, {high[i]}]; "
+                "a joint that turns without end has kind 'continuous'"
+            )
+        if low[i] > high[i]:
+            raise InvalidRobot(f"joint {called[i]!r}: lower limit {low[i]} is above upper limit {high[i]}")
+    box = BlackBox(name, called, kind_of, low, high, function, bool(vectorized), bool(partial))
+    _require_own_rows(box)
+    one = box.lower + (box.upper - box.lower) / 2
+    given = np.asarray(function(one[None] if vectorized else one))
+    return replace(box, single=given.dtype.itemsize < 8 and given.dtype.kind == "f")
+
+
+def _require_own_rows(box: BlackBox) -> None:
+    """Refuse a function whose rows depend on each other."""
+    shares = np.array([0.5, 0.25, 0.625])
+    rows = box.lower + shares[:, None] * (box.upper - box.lower)
+    together = box.poses(rows)
+    if not box.vectorized:
+        return
+    alone = np.concatenate([box.poses(row[None]) for row in rows])
+    off = np.abs(together - alone).max(axis=(1, 2))
+    scale = max(1.0, float(np.nanmax(np.abs(alone), initial=0.0)))
+    wrong = ~(off <= _SAME * scale) & ~(
+        np.isnan(together).any(axis=(1, 2)) & np.isnan(alone).any(axis=(1, 2))
+    )
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        row = np.array2string(rows[i], separator=", ", max_line_width=10**6)
+        raise FailedKinematics(
+            f"fk of {box.name!r} mixes its rows up: row {i} of 3 differs by {off[i]:.3g} from the same row alone, "
+            f"at q = {row}",
+            rows[i],
+        )
+
+
+def _limits(values: ArrayLike, name: str) -> Array:
+    try:
+        numbers = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidRobot(f"{name} must be numbers, one a joint: {error}") from error
+    if numbers.ndim != 1 or not len(numbers):
+        raise InvalidRobot(f"{name} must have shape (n,), one number a joint, got shape {numbers.shape}")
+    return numbers
+
+
+def _is_compiled(function: Function) -> bool:
+    from numba.extending import is_jitted
+
+    return bool(is_jitted(function))
+
+
+def _compiled_loop(function: Function) -> Function:
+    """Make a compiled loop over the rows of a compiled function of one row."""
+    import numba
+
+    @numba.njit(nogil=True)
+    def rows_of(rows: Array) -> Array:
+        result = np.empty((len(rows), 4, 4))
+        for k in range(len(rows)):
+            T = function(rows[k])
+            if T.shape[0] != 4 or T.shape[1] != 4:
+                raise ValueError("the result must have shape (4, 4)")
+            for r in range(4):
+                for c in range(4):
+                    result[k, r, c] = T[r, c]
+        return result
+
+    return rows_of
+
+
+__all__ = ["KINDS", "NUMBER", "PRISMATIC", "BlackBox", "black_box"]

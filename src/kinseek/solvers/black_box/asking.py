@@ -1,0 +1,84 @@
+"""A function, a goal and a budget: what of its poses matters, and how many were asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidGoal
+from kinseek.problem import Problem
+from kinseek.robots.blackbox import BlackBox
+
+Array = NDArray[np.float64]
+
+COLUMNS = {"pose": (0, 1, 2), "pointing": (0,), "position": ()}
+"""Columns of the rotation that a kind of goal compares, after the tip is turned as the goal needs."""
+
+NO_BUDGET = 2**62
+
+
+class Asker:
+    """Asks the function for one target, turns poses into features, and counts.
+
+    The features of a pose are its position and the columns of its rotation that matter, (3 + 3c,). Their differences
+    from the target's are smooth everywhere, and along one joint of a serial arm sinusoids or straight lines.
+    """
+
+    def __init__(self, box: BlackBox, problem: Problem) -> None:
+        """Take one target; one pose of the budget is kept for judging the answer.
+
+        Raises:
+            InvalidGoal: A kind of goal that is not known here.
+        """
+        goal = problem.goal
+        if goal.kind not in COLUMNS:
+            raise InvalidGoal(
+                f"a goal of kind {goal.kind!r} cannot be asked of {box.name!r}, which is a function; "
+                f"valid: {', '.join(COLUMNS)}"
+            )
+        self.box, self.goal = box, goal
+        self.columns = COLUMNS[goal.kind]
+        self.tip = goal.tip
+        self.target = features(np.asarray(goal.targets[:1]), None, self.columns)[0]
+        self.left = (NO_BUDGET if problem.budget is None else problem.budget) - 1
+        self.spent = 1
+
+    def ask(self, q: Array) -> Array:
+        """Features less the target's at joint values inside the limits, (k, n) -> (k, m); NaN where nothing closes."""
+        self.spent += len(q)
+        self.left -= len(q)
+        return np.asarray(features(self.box.poses(q), self.tip, self.columns) - self.target)
+
+    def errors(self, away: Array) -> tuple[Array, Array]:
+        """Position errors [m] and orientation errors [rad] of differences, (k, m) -> (k,), (k,); NaN stays NaN."""
+        position = np.sqrt((away[:, :3] ** 2).sum(axis=1))
+        if not self.columns:
+            return position, np.zeros(len(away))
+        chord = np.sqrt((away[:, 3:] ** 2).sum(axis=1))
+        most = (
+            2.0 * np.sqrt(2.0) if len(self.columns) == 3 else 2.0
+        )  # |R - R_g| = 2√2 sin φ/2, |x - x_g| = 2 sin φ/2.
+        return position, 2.0 * np.arcsin(np.minimum(chord / most, 1.0))
+
+    def within(self, away: Array) -> NDArray[np.bool_]:
+        """Say of each whether both tolerances are met, (k,)."""
+        position, orientation = self.errors(away)
+        goal = self.goal
+        return np.asarray((position <= goal.position_tolerance) & (orientation <= goal.orientation_tolerance))
+
+    def weighted(self, away: Array) -> Array:
+        """The paper's weighted error of differences, (k, m) -> (k,); infinite where nothing closes."""
+        error = self.goal.position_weight * np.sqrt((away[:, :3] ** 2).sum(axis=1))
+        weights = self.goal.arrays.axis_weights
+        for i, column in enumerate(self.columns):
+            chord = (away[:, 3 + 3 * i : 6 + 3 * i] ** 2).sum(axis=1)
+            error = error + weights[column] * chord / 2.0  # 1 - c·c_g = |c - c_g|² / 2.
+        return np.where(np.isnan(error), np.inf, error)
+
+
+def features(poses: Array, tip: Array | None, columns: tuple[int, ...]) -> Array:
+    """Position, and some columns of the rotation, of what stands at the tip, (k, 4, 4) or (k, 3, 4) -> (k, 3 + 3c)."""
+    there = poses[:, :3] if tip is None else poses[:, :3, :3] @ tip[:3]
+    if tip is not None:
+        there[:, :, 3] += poses[:, :3, 3]
+    return np.concatenate([there[:, :, 3], *(there[:, :, c] for c in columns)], axis=1)

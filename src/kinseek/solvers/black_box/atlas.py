@@ -1,0 +1,142 @@
+"""The atlas of a function: look the goal up among its samples, refine the nearest, go on where that fails."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.problem import Problem
+from kinseek.robots.blackbox import BlackBox
+from kinseek.solvers.base import Found
+
+from .asking import Asker
+from .refine import Ends, into_range, squared, walk
+from .samples import Samples, samples_of, spread
+
+Array = NDArray[np.float64]
+
+SEEDS = 16
+"""Refined at once, first of all; half as many where every row costs a run of Python."""
+FIRST_STEPS, MORE_STEPS = 12, 30
+MORE = 48
+"""Seeds of the second lookup."""
+RESTARTS, ROUNDS = 64, 8
+"""Starts of a round, half of them around the best, and rounds of them."""
+BEST = 8
+APART = 0.02
+"""Part of the spans by which configurations differ that count as two."""
+PROMISING = 1e-2
+"""Weighted error, with lengths in parts of the mechanism, below which a goal may yet be reached."""
+NEAR = 32
+
+
+def answer(box: BlackBox, problem: Problem, count: int) -> Found:
+    """Answer one target."""
+    samples = samples_of(box, count)
+    asker = Asker(box, problem)
+    seeds = samples.nearest(problem.goal, asker.target, SEEDS + MORE)
+    if problem.near is not None:
+        q = nearest_to(asker, samples, problem, seeds)
+        if q is not None:
+            return Found(q, asker.spent)
+    best = Best(asker, samples, samples.q[seeds[0]])
+    first = SEEDS if box.cheap else SEEDS // 2
+    for begin, end, steps in ((0, first, FIRST_STEPS), (first, SEEDS + MORE, MORE_STEPS)):
+        if best.take(walk(asker, samples.length, samples.q[seeds[begin:end]], steps)):
+            return Found(best.answer(), asker.spent)
+    starts = spread(box, RESTARTS * ROUNDS)
+    for round_number in range(ROUNDS):
+        rows = starts[round_number::ROUNDS].copy()
+        around = into_range(box, best.q[np.arange(RESTARTS // 2) % len(best.q)] + kicks(box, round_number))
+        rows[: RESTARTS // 2] = around
+        if best.take(walk(asker, samples.length, rows, MORE_STEPS)):
+            return Found(best.answer(), asker.spent)
+        if best.hopeless():
+            break
+    best.polish()
+    return Found(best.answer(), asker.spent)
+
+
+def kicks(box: BlackBox, round_number: int) -> Array:
+    """Steps away from the best, smaller in every round, (RESTARTS / 2, n)."""
+    centred = spread(box, RESTARTS // 2) - (box.lower + box.upper) / 2
+    return np.asarray(centred * 0.5 ** (1 + round_number))
+
+
+def nearest_to(asker: Asker, samples: Samples, problem: Problem, seeds: NDArray[np.int64]) -> Array | None:
+    """Walk from `near` and from the samples nearest to it; of the answers, the one nearest to it, or None."""
+    box = asker.box
+    start = problem.start
+    far = distance(box, samples.q[seeds], start)
+    chosen = seeds[np.argsort(far, kind="stable")[:NEAR]]
+    rows = np.concatenate([start[None], samples.q[chosen]])
+    ends = walk(asker, samples.length, rows, MORE_STEPS, first_only=False)
+    if not ends.solved.any():
+        return None
+    q = ends.q[ends.solved]
+    assert problem.near is not None
+    # A joint with room for whole turns takes the turn that is nearest to `near`.
+    with np.errstate(invalid="ignore"):
+        turns = np.where(box.full, np.round((problem.near - q) / (2 * np.pi)) * 2 * np.pi, 0.0)
+    moved = q + turns
+    q = np.where((moved >= box.lower) & (moved <= box.upper), moved, q)
+    return np.asarray(q[np.argmin(distance(box, q, problem.near))])
+
+
+def distance(box: BlackBox, q: Array, near: Array) -> Array:
+    """Distances in joint space, continuous joints the short way round, (k, n) -> (k,)."""
+    away = q - near
+    endless = np.array([kind == "continuous" for kind in box.kinds])
+    away = np.where(endless, away - 2 * np.pi * np.round(away / (2 * np.pi)), away)
+    return np.asarray(np.sqrt((away**2).sum(axis=1)))
+
+
+def distinct(box: BlackBox, q: Array) -> list[int]:
+    """The first BEST of joint values, (k, n), that are not next to one before them."""
+    scaled = q / np.where(box.span > 0, box.span, 1.0)
+    kept: list[int] = []
+    for i, row in enumerate(scaled):
+        if len(kept) == BEST:
+            break
+        if not kept or np.abs(scaled[kept] - row).max(axis=1).min() > APART:
+            kept.append(i)
+    return kept
+
+
+class Best:
+    """The best configurations seen, for a goal that is hard or out of reach."""
+
+    def __init__(self, asker: Asker, samples: Samples, fallback: Array) -> None:
+        """Start from nothing but a sample."""
+        self.asker, self.length = asker, samples.length
+        self.q = fallback[None]
+        self.error = np.array([np.inf])
+        self.solved: Array | None = None
+
+    def take(self, ends: Ends) -> bool:
+        """Keep the best of a walk; return whether one of its lanes is an answer."""
+        if ends.solved.any():
+            residual = squared(np.where(np.isnan(ends.away), np.inf, ends.away))
+            self.solved = ends.q[np.argmin(np.where(ends.solved, residual, np.inf))]
+            return True
+        q = np.concatenate([self.q, ends.q])
+        error = np.concatenate([self.error, self.asker.weighted(ends.away)])
+        order = np.argsort(error, kind="stable")
+        kept = distinct(self.asker.box, q[order])
+        self.q, self.error = q[order][kept], error[order][kept]
+        return False
+
+    def hopeless(self) -> bool:
+        """Is the best so far from the goal that more starts would be wasted?"""
+        goal = self.asker.goal
+        return bool(
+            self.error[0] > PROMISING * (goal.position_weight * self.length + goal.orientation_weight)
+        )
+
+    def polish(self) -> None:
+        """Lower the weighted error itself."""
+        self.take(walk(self.asker, self.length, self.q, MORE_STEPS, polish=True))
+
+    def answer(self) -> Array:
+        """What was found."""
+        return self.q[0] if self.solved is None else self.solved

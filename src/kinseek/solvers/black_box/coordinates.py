@@ -1,0 +1,180 @@
+"""Exact coordinate descent on a function, where its premise holds: that is tested first, by asking.
+
+Along one joint of a serial arm the squared chordal error is exactly a sinusoid or a parabola (see `kernels.sinusoid`).
+Of a function nobody knows that, so every joint is asked for more poses than the fit needs, at several places.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidSolver
+from kinseek.kernels.sinusoid import minimise_pair, minimiser
+from kinseek.problem import Problem
+from kinseek.robots.blackbox import NUMBER, PRISMATIC, BlackBox
+from kinseek.solvers.base import Found
+
+from .asking import Asker, features
+from .samples import spread
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Errors = Callable[[Array], Array]
+
+PROBES, PLACES = 7, 3
+"""Poses along a joint to test its form with, and places where it is tested; the fit has three coefficients."""
+FITS = 1e-8
+"""Largest misfit that passes, as a part of what the joint moves: rounding leaves 1e-12, single precision fails."""
+
+_forms: weakref.WeakKeyDictionary[BlackBox, Flags] = weakref.WeakKeyDictionary()
+
+
+def answer(box: BlackBox, problem: Problem, most_sweeps: int, pairs: bool, stall: float) -> Found:
+    """Descend from `problem.start`.
+
+    Raises:
+        InvalidSolver: Along some joint the error is neither a sinusoid nor a parabola; it names the joint.
+    """
+    asker = Asker(box, problem)
+    if box not in _forms:
+        _forms[box] = turning(box)
+    form = _forms[box]
+    goal = problem.goal
+    weights = np.full(len(asker.target), goal.position_weight**2)
+    weights[3:] = (
+        goal.orientation_weight**2 / 2
+    )  # As in the compiled search: (K_P |Δp|)² + (K_A Δφ)² near the goal.
+
+    def errors_at(rows: Array) -> Array:
+        value = (asker.ask(rows) ** 2) @ weights
+        return np.asarray(np.where(np.isnan(value), np.inf, value))
+
+    q = problem.start.copy()
+    if asker.left < 1:
+        return Found(q, asker.spent)
+    away = asker.ask(q[None])
+    error = float(((away**2) @ weights)[0])
+    plan: list[tuple[int, ...]] = [(i,) for i in range(box.dof)]
+    if pairs:
+        plan += [(i, j) for i in range(box.dof - 1) for j in range(i + 1, box.dof)]
+    for _ in range(most_sweeps):
+        if asker.within(away)[0]:
+            break
+        before = error
+        for joints in plan:
+            if 3 ** len(joints) + 1 > asker.left:
+                return Found(q, asker.spent)
+            trial = (
+                line(box, form, joints[0], q, errors_at)
+                if len(joints) == 1
+                else plane(box, form, joints, q, errors_at)
+            )
+            value = float(errors_at(trial[None])[0])
+            if value < error:
+                q, error = trial, value
+        if asker.left < 1:
+            break
+        away = asker.ask(q[None])
+        if before - error <= stall * before:
+            break
+    return Found(q, asker.spent)
+
+
+def line(box: BlackBox, form: Flags, i: int, q: Array, errors_at: Errors) -> Array:
+    """Joint values with joint i at the exact minimiser, (n,)."""
+    values = places(box, form, i)
+    rows = np.repeat(q[None], 3, axis=0)
+    rows[:, i] = values
+    a, b, c = np.linalg.solve(basis(values - q[i], form[i]), errors_at(rows))
+    low, high = box.lower[i] - q[i], box.upper[i] - q[i]
+    moved = q.copy()
+    moved[i] += minimiser(float(a), float(b), float(c), float(low), float(high), bool(form[i]))
+    return np.clip(moved, box.lower, box.upper)
+
+
+def plane(box: BlackBox, form: Flags, joints: tuple[int, ...], q: Array, errors_at: Errors) -> Array:
+    """Joint values with two joints at the minimiser of the bilinear form of nine poses, (n,)."""
+    i, j = joints
+    first, second = places(box, form, i), places(box, form, j)
+    rows = np.repeat(q[None], 9, axis=0)
+    rows[:, i], rows[:, j] = np.repeat(first, 3), np.tile(second, 3)
+    F = errors_at(rows).reshape(3, 3)
+    M = np.linalg.solve(basis(first - q[i], form[i]), F)
+    M = np.linalg.solve(basis(second - q[j], form[j]), M.T).T
+    pair, delta = np.array([i, j]), np.zeros(2)
+    minimise_pair(
+        np.ascontiguousarray(M),
+        (box.lower - q)[pair],
+        (box.upper - q)[pair],
+        np.ascontiguousarray(form[pair]),
+        delta,
+    )
+    moved = q.copy()
+    moved[pair] += delta
+    return np.clip(moved, box.lower, box.upper)
+
+
+def places(box: BlackBox, form: Flags, i: int, count: int = 3) -> Array:
+    """Values of joint i, inside its limits, that determine its form best, (count,)."""
+    low, high = box.lower[i], box.upper[i]
+    middle, width = (low + high) / 2, max(high - low, 1e-6)
+    if form[i]:
+        width = min(width, 2 * np.pi * (1 - 1 / count))
+    return np.asarray(middle + width * (np.arange(count) / (count - 1) - 0.5))
+
+
+def basis(delta: Array, turns: bool) -> Array:
+    """Columns 1, cos δ, sin δ, or 1, δ, δ², (k, 3)."""
+    if turns:
+        return np.stack([np.ones(len(delta)), np.cos(delta), np.sin(delta)], axis=1)
+    return np.stack([np.ones(len(delta)), delta, delta**2], axis=1)
+
+
+def turning(box: BlackBox) -> Flags:
+    """Test of each joint whether it is a sinusoid, True, or a parabola, False, (n,).
+
+    Raises:
+        InvalidSolver: It is neither, at one of several places.
+    """
+    form = np.zeros(box.dof, dtype=bool)
+    for i, kind in enumerate(box.kinds):
+        possible = [True, False] if kind == NUMBER else [kind != PRISMATIC]
+        misfit = np.max([misfits(box, i, place, possible) for place in spread(box, PLACES)], axis=0)
+        best = int(np.argmin(misfit))
+        if misfit[best] > FITS:
+            raise InvalidSolver(
+                "coordinate descent needs joints that turn about an axis or slide along one, so that the squared error is "
+                f"a sinusoid or a parabola; joint {box.joint_names[i]!r} of {box.name!r} misses "
+                f"{'both' if len(possible) == 2 else 'what its kind promises'} by {misfit[best]:.2g} of what it moves. "
+                "Take Atlas or DivideAndConquer"
+            )
+        form[i] = possible[best]
+    return form
+
+
+def misfits(box: BlackBox, i: int, place: Array, possible: list[bool]) -> list[float]:
+    """Misfit of each possible form along joint i, as a part of what it moves.
+
+    The entries of the pose themselves are fitted, by (1, cos q, sin q) or (1, q): then every squared error of them is a
+    sinusoid or a parabola.
+    """
+    rows = np.repeat(place[None], PROBES, axis=0)
+    rows[:, i] = np.linspace(box.lower[i], box.upper[i], PROBES)
+    poses = box.poses(rows)
+    if np.isnan(poses).any():
+        raise InvalidSolver(
+            "coordinate descent fits the error along each joint over its whole range, and joint "
+            f"{box.joint_names[i]!r} of {box.name!r} cannot go everywhere there; take Atlas or DivideAndConquer"
+        )
+    entries = features(poses, None, (0, 1, 2))
+    moved = np.abs(entries - entries.mean(axis=0)).max()
+    result = []
+    for turns in possible:
+        B = basis(rows[:, i] - rows[:, i].mean(), turns)[:, : 3 if turns else 2]
+        left = entries - B @ np.linalg.lstsq(B, entries, rcond=None)[0]
+        result.append(float(np.abs(left).max() / max(moved, 1e-6 * np.abs(entries).max())))
+    return result

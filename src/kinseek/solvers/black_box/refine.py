@@ -1,0 +1,207 @@
+"""Levenberg-Marquardt with finite differences, many seeds in one call of the function.
+
+The residuals are differences of positions and of columns of rotations, scaled by the mechanism's own size; joint values
+are scaled by their ranges, so that nothing depends on their units. A joint that a step would push through a limit
+stops there, and the step of the others is computed anew. Forward differences are enough: an error ε of the
+slopes makes every step leave ε of the distance, so a residual that can vanish still falls by a factor of a million.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.robots.blackbox import BlackBox
+
+from .asking import Asker
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+DIFFERENCE = 1e-6
+"""Step of the differences as a part of a joint's span: its slopes survive noise of 1e-10 in the function."""
+COARSE = 3e-4
+"""The same for a function in single precision."""
+LONGEST = 0.2
+"""Part of its range that a joint may move in one step."""
+DAMPING = 1e-2
+"""First damping, as a part of the mean diagonal of the squared slopes."""
+
+
+class Ends(NamedTuple):
+    """Where the lanes of a walk ended, in the order of their seeds."""
+
+    q: Array
+    """Best joint values of each, (k, n)."""
+    away: Array
+    """Features less the target's there, (k, m); NaN where the seed itself cannot be put together."""
+    solved: Flags
+    """Both tolerances met, (k,)."""
+
+
+def walk(
+    asker: Asker, length: float, seeds: Array, steps: int, *, first_only: bool = True, polish: bool = False
+) -> Ends:
+    """Walk from every seed, (k, n), downhill.
+
+    Args:
+        asker: The function and the target.
+        length: Of the mechanism [m].
+        seeds: Inside the limits.
+        steps: At most, of each lane.
+        first_only: Stop as soon as one lane meets both tolerances.
+        polish: Lower the goal's own weighted error, not the squared error: for a goal that may be out of reach.
+    """
+    box = asker.box
+    dof, rows = box.dof, 1 + box.dof
+    seeds = seeds[: max(asker.left // rows, 0)]
+    ends = Ends(
+        seeds.copy(), np.full((len(seeds), len(asker.target)), np.nan), np.zeros(len(seeds), dtype=bool)
+    )
+    if not len(seeds):
+        return ends
+    scale = np.array(
+        [1.0 / length] * 3 + [np.sqrt(0.5 if len(asker.columns) == 3 else 1.0)] * (len(asker.target) - 3)
+    )
+    span = box.span
+    lanes = np.arange(len(seeds))
+    trial, q = seeds.copy(), seeds.copy()
+    away = np.full((len(seeds), len(asker.target)), np.nan)
+    slopes = np.zeros((len(seeds), len(asker.target), dof))
+    cost = np.full(len(seeds), np.inf)
+    promised = np.ones(len(seeds))
+    damping, growth = np.full(len(seeds), DAMPING), np.full(len(seeds), 2.0)
+
+    for step in range(steps + 1):
+        got, turned = look(asker, trial)
+        value = asker.weighted(got) if polish else squared(got * scale)
+        better = value < cost
+        with np.errstate(invalid="ignore"):
+            drop = cost - value
+        # Nielsen 1999: how the damping follows from what a step promised and what it brought.
+        gain = np.where(better, drop / promised, 0.0) if step else np.ones(len(lanes))
+        q[better], away[better], slopes[better] = trial[better], got[better], turned[better]
+        if step:
+            shrink = np.maximum(1.0 / 5.0, 1.0 - (2.0 * np.minimum(gain, 1.0) - 1.0) ** 3)
+            damping = np.where(better, damping * shrink, damping * growth)
+            growth = np.where(better, 2.0, 2.0 * growth)
+        stalled = better & (drop <= 1e-12 * value) & (step > 0)
+        cost = np.where(better, value, cost)
+        ends.q[lanes], ends.away[lanes] = q, away
+        solved = asker.within(away)
+        ends.solved[lanes] = solved
+        if step == steps or (first_only and solved.any()):
+            break
+        alive = ~solved & ~stalled & np.isfinite(cost) & (damping < 1e10)
+        alive[max(asker.left // rows, 0) :] = False
+        if not alive.any():
+            break
+        lanes, q, away, slopes, cost, damping, growth = (
+            each[alive] for each in (lanes, q, away, slopes, cost, damping, growth)
+        )
+        weights = np.broadcast_to(scale, away.shape)
+        if polish:
+            weights = polish_weights(asker, away, length)
+        move, promised = bounded_step(away * weights, slopes * weights[:, :, None] * span, damping, q, box)
+        trial = into_range(box, q + move * span)
+    return ends
+
+
+def squared(residual: Array) -> Array:
+    """Half of the squared residuals of each lane, infinite where nothing closes, (k, m) -> (k,)."""
+    value = (residual**2).sum(axis=1) / 2
+    return np.where(np.isnan(value), np.inf, value)
+
+
+def polish_weights(asker: Asker, away: Array, length: float) -> Array:
+    """Roots of the weights that make squares of the weighted error, (k, m).
+
+    ``K_P |Δp|`` has a kink at 0, and is the square ``(K_P / 2|Δp|) |Δp|²`` of fixed weight at every other place, with
+    half of its slope (Weiszfeld 1937).
+    """
+    weights = np.empty_like(away)
+    far = np.maximum(np.sqrt((away[:, :3] ** 2).sum(axis=1)), 1e-9 * length)
+    weights[:, :3] = np.sqrt(asker.goal.position_weight / far)[:, None]
+    for i, column in enumerate(asker.columns):
+        weights[:, 3 + 3 * i : 6 + 3 * i] = np.sqrt(asker.goal.arrays.axis_weights[column])
+    return weights
+
+
+def look(asker: Asker, q: Array) -> tuple[Array, Array]:
+    """Differences from the target at joint values, (k, n) -> (k, m), and their slopes, (k, m, n), in one call."""
+    box, count = asker.box, len(q)
+    step = (COARSE if box.single else DIFFERENCE) * box.span
+    step = np.where(q + step > box.upper, -step, step)
+    rows = np.repeat(q[:, None], 1 + box.dof, axis=1)
+    joint = np.arange(box.dof)
+    rows[:, 1 + joint, joint] += step
+    got = asker.ask(rows.reshape(-1, box.dof)).reshape(count, 1 + box.dof, -1)
+    if box.partial:
+        step = _other_side(asker, q, step, got)
+    taken = rows[:, 1 + joint, joint] - q if not box.partial else (q + step) - q
+    with np.errstate(invalid="ignore", divide="ignore"):
+        slopes = (got[:, 1:] - got[:, :1]) / taken[:, :, None]
+    slopes[~np.isfinite(slopes)] = 0.0  # A joint without a range, or one that nothing is known about here.
+    return got[:, 0], np.swapaxes(slopes, 1, 2)
+
+
+def _other_side(asker: Asker, q: Array, step: Array, got: Array) -> Array:
+    """Where the mechanism cannot be put together a step ahead, look a step behind; fill `got` in and return the steps."""
+    box = asker.box
+    behind = q - step
+    again = np.isnan(got[:, 1:, 0]) & ~np.isnan(got[:, :1, 0]) & (behind >= box.lower) & (behind <= box.upper)
+    lane, joint = np.nonzero(again)
+    lane, joint = lane[: max(asker.left, 0)], joint[: max(asker.left, 0)]
+    if len(lane):
+        rows = q[lane].copy()
+        rows[np.arange(len(lane)), joint] = behind[lane, joint]
+        got[lane, 1 + joint] = asker.ask(rows)
+        step = step.copy()
+        step[lane, joint] *= -1.0
+    return step
+
+
+def bounded_step(
+    residual: Array, slopes: Array, damping: Array, q: Array, box: BlackBox
+) -> tuple[Array, Array]:
+    """Damped least-squares steps under the limits, in parts of the ranges, (k, n), and what they promise, (k,).
+
+    A joint that the step would push through a limit stops there, and the step of the others is computed anew.
+    """
+    dof = box.dof
+    span = box.span
+    H = np.swapaxes(slopes, 1, 2) @ slopes
+    g = -(np.swapaxes(slopes, 1, 2) @ residual[:, :, None])[:, :, 0]
+    mean = np.maximum(np.trace(H, axis1=1, axis2=2) / dof, 1e-30)
+    shift = damping * mean
+    A = H + shift[:, None, None] * np.eye(dof)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        down = np.where(span > 0, (box.lower - q) / span, 0.0)
+        up = np.where(span > 0, (box.upper - q) / span, 0.0)
+    down[:, box.full], up[:, box.full] = -np.inf, np.inf
+    held = np.zeros(q.shape, dtype=bool)
+    move = np.zeros(q.shape)
+    for _ in range(dof + 1):
+        fixed = np.where(held, move, 0.0)
+        loose = ~held[:, :, None] & ~held[:, None, :]
+        M = np.where(loose, A, np.eye(dof))
+        right = np.where(held, fixed, g - (A @ fixed[:, :, None])[:, :, 0])
+        move = np.linalg.solve(M, right[:, :, None])[:, :, 0]
+        through = ~held & ((move < down) | (move > up))
+        if not through.any():
+            break
+        move = np.clip(move, down, up)
+        held |= through
+    longest = np.abs(move).max(axis=1)
+    move *= (LONGEST / np.maximum(longest, LONGEST))[:, None]
+    promised = (move * (g - (H @ move[:, :, None])[:, :, 0] / 2)).sum(axis=1)
+    return move, np.maximum(promised, 1e-300)
+
+
+def into_range(box: BlackBox, q: Array) -> Array:
+    """Joint values inside the limits, joints that turn fully by whole turns, (k, n)."""
+    outside = box.full & ((q < box.lower) | (q > box.upper))
+    turned = np.where(outside, box.lower + np.mod(q - box.lower, 2 * np.pi), q)
+    return np.clip(turned, box.lower, box.upper)

@@ -1,0 +1,118 @@
+"""The samples of a function: made once, sorted by where the tip is, dropped with the arm.
+
+Without axes nothing can be divided out, as the compiled atlas does, so all joints are sampled, and the samples are
+filed under the whole of what a goal compares.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+import weakref
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidRobot
+from kinseek.goal import Goal
+from kinseek.robots.blackbox import BlackBox
+from kinseek.solvers.atlas import low_discrepancy
+
+from .asking import COLUMNS, features
+
+Array = NDArray[np.float64]
+
+_DEAR = 8
+"""A function that runs Python for every row gets this many times fewer samples."""
+
+
+MOST_TREES = 16
+"""Kinds of goals and tools whose trees are kept; the oldest goes first."""
+
+
+class Samples:
+    """Joint values spread over the limits, their poses, and a k-d tree for each kind of goal."""
+
+    def __init__(self, box: BlackBox, count: int) -> None:
+        """Ask the function.
+
+        Raises:
+            InvalidRobot: The mechanism cannot be put together at any of the samples.
+        """
+        began = time.perf_counter()
+        wanted = min(count if box.cheap else max(count // _DEAR, 8), 64**box.dof)
+        q = spread(box, wanted)
+        poses = box.poses(q)
+        there = ~np.isnan(poses).any(axis=(1, 2))
+        if not there.any():
+            raise InvalidRobot(f"fk of {box.name!r} gave NaN at all of {len(q)} samples inside the limits")
+        self.q, self.poses = q[there], poses[there]
+        place = self.poses[:, :3, 3]
+        spread_of = float(np.sqrt(((place - place.mean(axis=0)) ** 2).sum(axis=1).mean()))
+        self.length = spread_of if spread_of > 1e-9 else 1.0
+        """How far the tip is from its mean, root mean square [m]: makes lengths and directions comparable."""
+        self.samples = len(self.q)
+        """Number of samples where the mechanism can be put together."""
+        self.evaluations = len(q)
+        """Poses asked for."""
+        self.memory = self.q.nbytes + self.poses.nbytes
+        """[bytes], without the trees."""
+        self.build_time = time.perf_counter() - began
+        """[s]"""
+        self._trees: dict[Any, Any] = {}
+        self._sorting = threading.Lock()
+
+    def nearest(self, goal: Goal, target: Array, count: int) -> NDArray[np.int64]:
+        """Samples nearest to the features of a target, (m,), nearest first, (k,)."""
+        key = (goal.kind, None if goal.tip is None else goal.tip.tobytes())
+        with self._sorting:
+            if key not in self._trees:
+                if len(self._trees) >= MOST_TREES:
+                    self._trees.pop(next(iter(self._trees)))
+                self._trees[key] = self._tree(goal)
+            tree = self._trees[key]
+        _, found = tree.query(self._scaled(target[None])[0], min(count, self.samples))
+        return np.atleast_1d(np.asarray(found, dtype=np.int64))
+
+    def _tree(self, goal: Goal) -> Any:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self._scaled(features(self.poses, goal.tip, COLUMNS[goal.kind])))
+
+    def _scaled(self, points: Array) -> Array:
+        """Two columns hold the third."""
+        place, turn = points[:, :3] / self.length, points[:, 3:9]
+        return np.concatenate([place, turn * np.sqrt(0.5 if turn.shape[1] == 6 else 1.0)], axis=1)
+
+    def __repr__(self) -> str:
+        """Size and cost."""
+        return f"Samples({self.samples} samples, {self.memory / 2**20:.1f} MiB, built in {self.build_time * 1e3:.0f} ms)"
+
+
+_samples: weakref.WeakKeyDictionary[BlackBox, dict[int, Samples]] = weakref.WeakKeyDictionary()
+_asking = threading.Lock()
+
+
+def samples_of(box: BlackBox, count: int) -> Samples:
+    """The samples of a function: made at the first call, dropped with the arm."""
+    with _asking:
+        mine = _samples.setdefault(box, {})
+        if count not in mine:
+            mine[count] = Samples(box, count)
+        return mine[count]
+
+
+def spread(box: BlackBox, count: int) -> Array:
+    """Joint values of low discrepancy over one turn at most of every joint, (count, n).
+
+    Every eighth is spread twice as wide and brought back: answers crowd in the corners of the limits.
+    """
+    lower, upper = box.lower.copy(), box.upper.copy()
+    wide = box.turns & (upper - lower > 2 * np.pi)
+    middle = (lower + upper) / 2
+    lower[wide], upper[wide] = middle[wide] - np.pi, middle[wide] + np.pi
+    centred = low_discrepancy(count, box.dof) - 0.5
+    corner = np.arange(count) % 8 == 7
+    centred[corner] = np.clip(2 * centred[corner], -0.5, 0.5)
+    return np.clip(lower + (centred + 0.5) * (upper - lower), box.lower, box.upper)
