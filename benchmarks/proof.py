@@ -23,10 +23,11 @@ from scipy.spatial.transform import Rotation
 
 import kinseek
 from kinseek import Goal, Problem
+from kinseek.kernels.exclusion import ENDED, FOUND
 from kinseek.robots.catalog import catalog_names
 from kinseek.solution import Solution
 from kinseek.solvers.atlas import Atlas
-from kinseek.solvers.branch_and_bound import ENDED, FOUND, excluded, prove
+from kinseek.solvers.branch_and_bound import excluded, prove
 
 Array = NDArray[np.float64]
 

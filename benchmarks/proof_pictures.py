@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal, Problem
-from kinseek.solvers.branch_and_bound import enclosed, examine, excluded, question, start_boxes
+from kinseek.kernels.exclusion import examine
+from kinseek.solvers.branch_and_bound import enclosed, excluded
+from kinseek.solvers.questions import question, start_boxes
 
 from .proof import unreachable
 

@@ -14,8 +14,9 @@ import kinseek
 from kinseek import Goal, Problem
 from kinseek.certificate import Certificate, Verdict
 from kinseek.errors import InvalidGoal, InvalidProblem
+from kinseek.kernels.exclusion import ENDED
 from kinseek.robots.chain import SerialChain
-from kinseek.solvers.branch_and_bound import ENDED, excluded, prove
+from kinseek.solvers.branch_and_bound import excluded, prove
 from reference import errors, fk, weighted_error
 
 Array = NDArray[np.float64]
