@@ -20,6 +20,7 @@ import math
 
 from .atlas import SLIDE, TURN
 from .boxes import (
+    BACK,
     CHORD,
     LEAST,
     MARGIN,
@@ -76,13 +77,13 @@ def cut_arc(desk: Desk, middle: float, psi: float) -> bool:
 
 
 @inner
-def least_error(wanted: Wanted, far: float, tilt: float) -> float:
-    """Least weighted error with the last axis' point `far` away [m] and the last axis off by a chord of `tilt`.
+def least_error(wanted: Wanted, far: float, tilt: float, b: float) -> float:
+    """Least weighted error with a point b [m] from the tip `far` away [m] and the last axis off by a chord of `tilt`.
 
-    With σ = 2 sin(φ/2) ≥ tilt of the hand's whole turn φ the tip is no nearer than far - σ·OFFSET, and the paper's
+    With σ = 2 sin(φ/2) ≥ tilt of the hand's whole turn φ the tip is no nearer than far - σ b, and the paper's
     error of the orientation is at least K_A (1 - cos φ) = K_A σ²/2.
     """
-    K_P, K_A, b = wanted.scalars[WEIGHT_P], wanted.scalars[WEIGHT_A], wanted.scalars[OFFSET]
+    K_P, K_A = wanted.scalars[WEIGHT_P], wanted.scalars[WEIGHT_A]
     far, sigma = max(far, 0.0), max(tilt, 0.0)
     if K_A > 0.0 and b > 0.0:
         sigma = min(max(sigma, min(K_P * b / K_A, far / b)), 2.0)
@@ -112,12 +113,23 @@ def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
             desk.p[end, 1] + form.foot * a1,
             desk.p[end, 2] + form.foot * a2,
         )
+    g0, g1, g2 = goal[0, 3], goal[1, 3], goal[2, 3]
+    b0, b1, b2 = goal[0, column], goal[1, column], goal[2, column]
+    behind, back = 0.0, wanted.scalars[BACK]
+    if back != 0.0 and ceiling >= 0.0:  # How far away the point that lies back along the first column stays.
+        e0, e1, e2 = w0 - back * a0, w1 - back * a1, w2 - back * a2
+        d0, d1, d2 = g0 - back * b0, g1 - back * b1, g2 - back * b2
+        if form.head == TURN:
+            off = math.sqrt(e0 * e0 + e1 * e1) - math.sqrt(d0 * d0 + d1 * d1)
+            behind = math.sqrt(off * off + (e2 - d2) * (e2 - d2))
+        else:
+            d2 = e2 if form.head == SLIDE else d2
+            behind = math.sqrt((e0 - d0) * (e0 - d0) + (e1 - d1) * (e1 - d1) + (e2 - d2) * (e2 - d2))
+        behind -= trust * motion(form, desk, begin, end, e0, e1, e2) + margin
     rho = trust * motion(form, desk, begin, end, w0, w1, w2) + margin
     sigma = 0.0
     if form.columns > 0:
         sigma = trust * turning(form, desk, begin, end, a0, a1, a2) + margin_a
-    g0, g1, g2 = goal[0, 3], goal[1, 3], goal[2, 3]
-    b0, b1, b2 = goal[0, column], goal[1, column], goal[2, column]
     if form.head == TURN:
         rw, rg = math.sqrt(w0 * w0 + w1 * w1), math.sqrt(g0 * g0 + g1 * g1)
         ra, rb = math.sqrt(a0 * a0 + a1 * a1), math.sqrt(b0 * b0 + b1 * b1)
@@ -135,7 +147,9 @@ def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
         if far > rho or tilt > sigma:
             return False
     else:
-        bound = least_error(wanted, far - rho, tilt - sigma)
+        bound = least_error(wanted, far - rho, tilt - sigma, wanted.scalars[OFFSET])
+        if wanted.scalars[BACK] != 0.0:
+            bound = max(bound, least_error(wanted, behind, tilt - sigma, abs(wanted.scalars[BACK])))
         desk.out[1] = max(desk.out[1], bound)
         if bound > ceiling:
             return False

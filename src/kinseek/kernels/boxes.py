@@ -30,7 +30,8 @@ WEIGHT_A = 5  # K_A.
 OFFSET = 6  # Distance of the tip from the last axis' point [m].
 LENGTH = 7  # Length that an angle of one radian counts as when splitting [m].
 MARGIN_A = 8  # Margin for rounding of directions.
-SCALARS = 9
+BACK = 9  # Distance of another point from the hand's, back along its first column, that moves less [m].
+SCALARS = 10
 
 
 class Form(NamedTuple):
@@ -64,7 +65,7 @@ class Wanted(NamedTuple):
     last: Array
     """Pose of the last joint's frame at zero that the target asks for, (3, 4), if `Form.tail`."""
     scalars: Array
-    """Of the module's constants `POSITION` and following, (9,)."""
+    """Of the module's constants `POSITION` and following, (10,)."""
 
 
 class Desk(NamedTuple):
@@ -78,8 +79,8 @@ class Desk(NamedTuple):
     """Points on them, (m, 3)."""
     velocity: Array
     """Of the point, by each joint, (m, 3)."""
-    along: Array
-    """Components of the axes along the columns, (m, 3)."""
+    slopes: Array
+    """Of the columns, by each joint, (m, 3, 3)."""
     half: Array
     """Half width of each physical joint, (m,)."""
     chord: Array
@@ -88,6 +89,8 @@ class Desk(NamedTuple):
     """(m,)"""
     s: Array
     """(m,)"""
+    back: Array
+    """Radii of the point that lies back along the first column, (m,)."""
     goal: Array
     """The target turned back by the first joint, (3, 4)."""
     c: Array
@@ -122,7 +125,8 @@ def make_desk(joints: int, dof: int) -> Desk:
         np.zeros((joints, 3)),
         np.zeros((joints, 3)),
         np.zeros((joints, 3)),
-        np.zeros((joints, 3)),
+        np.zeros((joints, 3, 3)),
+        np.zeros(joints),
         np.zeros(joints),
         np.zeros(joints),
         np.zeros(joints),

@@ -12,8 +12,10 @@ import numpy as np
 
 from .arrays import Array
 from .boxes import (
+    BACK,
     CHORD,
     LEAST,
+    LENGTH,
     MARGIN,
     MARGIN_A,
     POSITION,
@@ -24,9 +26,7 @@ from .boxes import (
     Desk,
     Form,
     Wanted,
-    motion,
     turn_goal,
-    turning,
     widths,
 )
 from .jit import inner
@@ -36,7 +36,9 @@ from .jit import inner
 def second_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float, passes: int) -> bool:
     """Test the box by one linear form of the hand's pose, to second order; cut it where that excludes an end.
 
-    Let f be the hand's point and columns less the goal's. For any form y, ``y·f(q) = y·f + g·δ + ½ δᵀHδ + rest`` with
+    Let f be the hand's point and columns less the goal's, as seen from halfway along the arm: so it is as long as seen from
+    the base, but the joints before move the goal, those behind the hand, and rests of third order are some four times
+    smaller than if all of them moved the hand. For any form y, ``y·f(q) = y·f + g·δ + ½ δᵀHδ + rest`` with
     |rest| bounded to third order. With tolerances, y·f(q) larger than the dual norm of y times the tolerances excludes q.
     With the weighted error, ``K_P |f_p| ≥ y_p·f_p`` for |y_p| ≤ K_P and ``½ K_A |f_c|² ≥ y_c·f_c - |y_c|²/(2 K_A)`` make
     every form a lower bound (Fenchel's inequality). The form is the residual of a least-squares step that the box holds
@@ -49,34 +51,17 @@ def second_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float, passes:
     K_P, K_A = wanted.scalars[WEIGHT_P], wanted.scalars[WEIGHT_A]
     turn_goal(form, wanted, desk)
     widths(form, desk)
-    w0, w1, w2 = T[0, 3], T[1, 3], T[2, 3]
-    motion(form, desk, 0, m, w0, w1, w2)
-    if columns == 1:
-        turning(form, desk, 0, m, T[0, 0], T[1, 0], T[2, 0])
-    # Rests of the Taylor polynomials of the point and of the columns (as a Frobenius norm), degrees two and three.
-    spread, two_p, two_c, three_p, three_c = 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(m):
-        h = desk.half[k]
-        if form.prismatic[k]:
-            two_p += h * spread
-            three_p += 0.5 * h * spread * spread
-            continue
-        square = h * (h + 2.0 * spread)
-        cube = h * (h * h + 3.0 * spread * (h + spread))
-        s = desk.s[k] if columns == 1 else 1.4142135623730952
-        two_p += 0.5 * square * desk.r[k]
-        two_c += 0.5 * square * s
-        three_p += cube * desk.r[k] / 6.0
-        three_c += cube * s / 6.0
-        spread += h
-    f0, f1, f2 = w0 - goal[0, 3], w1 - goal[1, 3], w2 - goal[2, 3]
+    middle = halfway(form, wanted, desk)
+    differentiate(form, desk, middle, columns)
+    two_p, two_c, three_p, three_c = rests(form, desk, desk.r, middle)
+    back, three_b = wanted.scalars[BACK], three_p
+    if back != 0.0:
+        radii_behind(form, desk, middle, back)
+        _, _, three_b, _ = rests(form, desk, desk.back, middle)
+    f0, f1, f2 = T[0, 3] - goal[0, 3], T[1, 3] - goal[1, 3], T[2, 3] - goal[2, 3]
     far = math.sqrt(f0 * f0 + f1 * f1 + f2 * f2)
-    t0 = t1 = t2 = 0.0  # Sum of c x c_g: the torque that turns the hand to the goal, negative.
     turned = 0.0
     for i in range(columns):
-        t0 += T[1, i] * goal[2, i] - T[2, i] * goal[1, i]
-        t1 += T[2, i] * goal[0, i] - T[0, i] * goal[2, i]
-        t2 += T[0, i] * goal[1, i] - T[1, i] * goal[0, i]
         for r in range(3):
             turned += (T[r, i] - goal[r, i]) * (T[r, i] - goal[r, i])
     desk.out[0] = K_P * far + 0.5 * K_A * turned
@@ -101,26 +86,15 @@ def second_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float, passes:
     turn_weight = weight_c if columns > 0 else 0.0
     for attempt in range(passes):
         normal_matrix(form, desk, weight_p, turn_weight, columns)
-        for i in range(dof):
-            desk.delta[i] = 0.0
-        for k in range(m):
-            rhs = weight_p * (desk.velocity[k, 0] * f0 + desk.velocity[k, 1] * f1 + desk.velocity[k, 2] * f2)
-            if not form.prismatic[k]:
-                rhs -= turn_weight * (desk.z[k, 0] * t0 + desk.z[k, 1] * t1 + desk.z[k, 2] * t2)
-            desk.delta[form.leader[k]] -= form.multiplier[k] * rhs
+        downhill(form, desk, weight_p, turn_weight, columns)
         solve(desk.N, desk.D, desk.delta)
         # The form: the residual of the step, in the metric of the weights.
-        o0 = o1 = o2 = 0.0
         y0, y1, y2 = f0, f1, f2
         for k in range(m):
             step = form.multiplier[k] * desk.delta[form.leader[k]]
             y0 += step * desk.velocity[k, 0]
             y1 += step * desk.velocity[k, 1]
             y2 += step * desk.velocity[k, 2]
-            if not form.prismatic[k]:
-                o0 += step * desk.z[k, 0]
-                o1 += step * desk.z[k, 1]
-                o2 += step * desk.z[k, 2]
         y0, y1, y2 = weight_p * y0, weight_p * y1, weight_p * y2
         size_p = math.sqrt(y0 * y0 + y1 * y1 + y2 * y2)
         if not tolerances and size_p > K_P:
@@ -129,21 +103,17 @@ def second_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float, passes:
         desk.y[0, 3], desk.y[1, 3], desk.y[2, 3] = y0, y1, y2
         size_c = 0.0
         value = y0 * f0 + y1 * f1 + y2 * f2
-        m0 = m1 = m2 = trace = 0.0
         for i in range(columns):
-            x0, x1, x2 = T[0, i], T[1, i], T[2, i]
-            e0, e1, e2 = x0 - goal[0, i], x1 - goal[1, i], x2 - goal[2, i]
-            c0 = turn_weight * (e0 + o1 * x2 - o2 * x1)
-            c1 = turn_weight * (e1 + o2 * x0 - o0 * x2)
-            c2 = turn_weight * (e2 + o0 * x1 - o1 * x0)
-            desk.y[0, i], desk.y[1, i], desk.y[2, i] = c0, c1, c2
-            size_c += c0 * c0 + c1 * c1 + c2 * c2
-            value += c0 * e0 + c1 * e1 + c2 * e2
-            trace += c0 * x0 + c1 * x1 + c2 * x2
-            m0 += x1 * c2 - x2 * c1
-            m1 += x2 * c0 - x0 * c2
-            m2 += x0 * c1 - x1 * c0
-        derivatives(form, desk, m0, m1, m2, trace, columns)
+            for r in range(3):
+                miss = T[r, i] - goal[r, i]
+                part = miss
+                for k in range(m):
+                    part += form.multiplier[k] * desk.delta[form.leader[k]] * desk.slopes[k, i, r]
+                part *= turn_weight
+                desk.y[r, i] = part
+                size_c += part * part
+                value += part * miss
+        derivatives(form, desk, middle, columns)
         # The least value of the polynomial in the box, one variable at a time.
         bent = curvature(desk)
         straight = 0.0
@@ -160,7 +130,12 @@ def second_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float, passes:
             for i in range(dof):
                 desk.H[i, i] = 0.0
         length_c = math.sqrt(size_c)
-        rest = trust * (size_p * three_p + length_c * three_c)
+        rest = size_p * three_p + length_c * three_c
+        if back != 0.0:
+            # The form is as well one of a point further back, which moves less, and of the first column.
+            b0, b1, b2 = desk.y[0, 0] + back * y0, desk.y[1, 0] + back * y1, desk.y[2, 0] + back * y2
+            rest = min(rest, size_p * three_b + math.sqrt(b0 * b0 + b1 * b1 + b2 * b2) * three_c)
+        rest *= trust
         rest += size_p * slack_p + length_c * slack_c + 1e-14 * (abs(value) - lost)
         if tolerances:
             surplus = value + lost - rest
@@ -190,33 +165,141 @@ def second_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float, passes:
 
 
 @inner
+def halfway(form: Form, wanted: Wanted, desk: Desk) -> int:
+    """The joint from which on the hand is moved, and before which the goal: where the rests of third order are least."""
+    m, T, goal = len(form.leader), desk.T, desk.goal
+    for k in range(m):
+        z0, z1, z2 = desk.z[k, 0], desk.z[k, 1], desk.z[k, 2]
+        v0, v1, v2 = T[0, 3] - desk.p[k, 0], T[1, 3] - desk.p[k, 1], T[2, 3] - desk.p[k, 2]
+        x0, x1, x2 = z1 * v2 - z2 * v1, z2 * v0 - z0 * v2, z0 * v1 - z1 * v0
+        desk.r[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2) + wanted.scalars[LENGTH]
+        v0, v1, v2 = goal[0, 3] - desk.p[k, 0], goal[1, 3] - desk.p[k, 1], goal[2, 3] - desk.p[k, 2]
+        x0, x1, x2 = z1 * v2 - z2 * v1, z2 * v0 - z0 * v2, z0 * v1 - z1 * v0
+        desk.s[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2) + wanted.scalars[LENGTH]
+    least_rest, best = np.inf, 0
+    for middle in range(m):
+        spread = rest = 0.0
+        for k in range(middle, m):
+            if not form.prismatic[k]:
+                h = desk.half[k]
+                rest += desk.r[k] * h * (h * h + 3.0 * spread * (h + spread))
+                spread += h
+        spread = 0.0
+        for k in range(middle - 1, -1, -1):
+            if not form.prismatic[k]:
+                h = desk.half[k]
+                rest += desk.s[k] * h * (h * h + 3.0 * spread * (h + spread))
+                spread += h
+        if rest < least_rest:
+            least_rest, best = rest, middle
+    return best
+
+
+@inner
+def differentiate(form: Form, desk: Desk, middle: int, columns: int) -> None:
+    """Write down how the joints move what the hand misses, as seen halfway: those before `middle` move the goal instead."""
+    T, goal = desk.T, desk.goal
+    for k in range(len(form.leader)):
+        seen = goal if k < middle else T
+        z0, z1, z2 = desk.z[k, 0], desk.z[k, 1], desk.z[k, 2]
+        if form.prismatic[k]:
+            desk.velocity[k, 0], desk.velocity[k, 1], desk.velocity[k, 2] = z0, z1, z2
+            desk.r[k], desk.s[k] = 1.0, 0.0
+            for i in range(columns):
+                for r in range(3):
+                    desk.slopes[k, i, r] = 0.0
+            continue
+        v0, v1, v2 = seen[0, 3] - desk.p[k, 0], seen[1, 3] - desk.p[k, 1], seen[2, 3] - desk.p[k, 2]
+        x0, x1, x2 = z1 * v2 - z2 * v1, z2 * v0 - z0 * v2, z0 * v1 - z1 * v0
+        desk.velocity[k, 0], desk.velocity[k, 1], desk.velocity[k, 2] = x0, x1, x2
+        desk.r[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
+        square = 0.0
+        for i in range(columns):
+            a0, a1, a2 = seen[0, i], seen[1, i], seen[2, i]
+            x0, x1, x2 = z1 * a2 - z2 * a1, z2 * a0 - z0 * a2, z0 * a1 - z1 * a0
+            desk.slopes[k, i, 0], desk.slopes[k, i, 1], desk.slopes[k, i, 2] = x0, x1, x2
+            square += x0 * x0 + x1 * x1 + x2 * x2
+        desk.s[k] = math.sqrt(square)
+
+
+@inner
+def radii_behind(form: Form, desk: Desk, middle: int, back: float) -> None:
+    """Write the radii of the point that lies `back` [m] back along the first column."""
+    for k in range(len(form.leader)):
+        if form.prismatic[k]:
+            desk.back[k] = 1.0
+            continue
+        seen = desk.goal if k < middle else desk.T
+        z0, z1, z2 = desk.z[k, 0], desk.z[k, 1], desk.z[k, 2]
+        v0 = seen[0, 3] - back * seen[0, 0] - desk.p[k, 0]
+        v1 = seen[1, 3] - back * seen[1, 0] - desk.p[k, 1]
+        v2 = seen[2, 3] - back * seen[2, 0] - desk.p[k, 2]
+        x0, x1, x2 = z1 * v2 - z2 * v1, z2 * v0 - z0 * v2, z0 * v1 - z1 * v0
+        desk.back[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
+
+
+@inner
+def rests(form: Form, desk: Desk, radii: Array, middle: int) -> tuple[float, float, float, float]:
+    """Rests of the Taylor polynomials of degrees one and two: of the point, the columns, the point, the columns.
+
+    Of the hand from joint `middle` on outwards, of the goal from there back to the base. The radii are those of the point.
+    """
+    m, spread, two_p, two_c, three_p, three_c = len(form.leader), 0.0, 0.0, 0.0, 0.0, 0.0
+    for index in range(m):
+        k = middle + index
+        if k >= m:
+            k = m - 1 - index
+        if index == m - middle:
+            spread = 0.0
+        h = desk.half[k]
+        if form.prismatic[k]:
+            two_p += h * spread
+            three_p += 0.5 * h * spread * spread
+            continue
+        square = 0.5 * h * (h + 2.0 * spread)
+        cube = h * (h * h + 3.0 * spread * (h + spread)) / 6.0
+        two_p += square * radii[k]
+        two_c += square * desk.s[k]
+        three_p += cube * radii[k]
+        three_c += cube * desk.s[k]
+        spread += h
+    return two_p, two_c, three_p, three_c
+
+
+@inner
 def normal_matrix(form: Form, desk: Desk, weight_p: float, weight_c: float, columns: int) -> None:
     """Write ``JᵀWJ`` of the point and the columns into N, lower half."""
-    m, dof, T = len(form.leader), len(desk.c), desk.T
+    m, dof = len(form.leader), len(desk.c)
     for i in range(dof):
         for j in range(dof):
             desk.N[i, j] = 0.0
     for k in range(m):
-        for i in range(columns):
-            desk.along[k, i] = desk.z[k, 0] * T[0, i] + desk.z[k, 1] * T[1, i] + desk.z[k, 2] * T[2, i]
         for l in range(k + 1):
-            dot = weight_p * (
-                desk.velocity[k, 0] * desk.velocity[l, 0]
-                + desk.velocity[k, 1] * desk.velocity[l, 1]
-                + desk.velocity[k, 2] * desk.velocity[l, 2]
-            )
-            if not (form.prismatic[k] or form.prismatic[l]):
-                turn = columns * (
-                    desk.z[k, 0] * desk.z[l, 0] + desk.z[k, 1] * desk.z[l, 1] + desk.z[k, 2] * desk.z[l, 2]
-                )
+            dot = turn = 0.0
+            for r in range(3):
+                dot += desk.velocity[k, r] * desk.velocity[l, r]
                 for i in range(columns):
-                    turn -= desk.along[k, i] * desk.along[l, i]
-                dot += weight_c * turn
-            dot *= form.multiplier[k] * form.multiplier[l]
+                    turn += desk.slopes[k, i, r] * desk.slopes[l, i, r]
+            dot = (weight_p * dot + weight_c * turn) * form.multiplier[k] * form.multiplier[l]
             i, j = form.leader[k], form.leader[l]
             desk.N[max(i, j), min(i, j)] += dot
             if l != k and i == j:
                 desk.N[i, i] += dot
+
+
+@inner
+def downhill(form: Form, desk: Desk, weight_p: float, weight_c: float, columns: int) -> None:
+    """Write ``-JᵀWf`` of what the hand misses into ``desk.delta``."""
+    T, goal = desk.T, desk.goal
+    for i in range(len(desk.delta)):
+        desk.delta[i] = 0.0
+    for k in range(len(form.leader)):
+        point = turn = 0.0
+        for r in range(3):
+            point += desk.velocity[k, r] * (T[r, 3] - goal[r, 3])
+            for i in range(columns):
+                turn += desk.slopes[k, i, r] * (T[r, i] - goal[r, i])
+        desk.delta[form.leader[k]] -= form.multiplier[k] * (weight_p * point + weight_c * turn)
 
 
 @inner
@@ -246,41 +329,47 @@ def solve(N: Array, D: Array, x: Array) -> None:
 
 
 @inner
-def derivatives(form: Form, desk: Desk, m0: float, m1: float, m2: float, trace: float, columns: int) -> None:
-    """First and second derivatives of ``y·f`` by the variables, at the centre.
+def derivatives(form: Form, desk: Desk, middle: int, columns: int) -> None:
+    """First and second derivatives of ``y·f`` by the variables, at the centre, as seen halfway.
 
-    As a wrench at the point: force y_p, torque Σ c x y_c. For i ≤ j, ``∂²/∂q_i∂q_j = z_i·u_j`` with
-    ``u_j = (Σ c y_cᵀ + v_j y_pᵀ) z_j - (Σ c·y_c + v_j·y_p) z_j`` and v_j from axis j to the point.
+    For joints l ≤ k behind `middle` ``∂²/∂q_l∂q_k = z_l·u_k``, with ``u_k = (Σ c y_cᵀ + v_k y_pᵀ) z_k - (Σ c·y_c + v_k·y_p)
+    z_k`` and v_k from axis k to the point. Before it the goal moves, backwards: the same of the goal's point and columns,
+    with a minus and k ≤ l. One joint before and one behind do not meet.
     """
-    m, dof, T, y = len(form.leader), len(desk.c), desk.T, desk.y
+    m, dof, y = len(form.leader), len(desk.c), desk.y
     for i in range(dof):
         desk.g[i] = 0.0
         for j in range(dof):
             desk.H[i, j] = 0.0
     y0, y1, y2 = y[0, 3], y[1, 3], y[2, 3]
     for k in range(m):
+        seen = desk.goal if k < middle else desk.T
         z0, z1, z2 = desk.z[k, 0], desk.z[k, 1], desk.z[k, 2]
         a = form.leader[k]
         slope = desk.velocity[k, 0] * y0 + desk.velocity[k, 1] * y1 + desk.velocity[k, 2] * y2
         if form.prismatic[k]:
             u0, u1, u2 = z1 * y2 - z2 * y1, z2 * y0 - z0 * y2, z0 * y1 - z1 * y0
         else:
-            slope += z0 * m0 + z1 * m1 + z2 * m2
-            v0, v1, v2 = T[0, 3] - desk.p[k, 0], T[1, 3] - desk.p[k, 1], T[2, 3] - desk.p[k, 2]
-            force = y0 * z0 + y1 * z1 + y2 * z2
-            diagonal = trace + v0 * y0 + v1 * y1 + v2 * y2
-            u0, u1, u2 = force * v0 - diagonal * z0, force * v1 - diagonal * z1, force * v2 - diagonal * z2
+            v0, v1, v2 = seen[0, 3] - desk.p[k, 0], seen[1, 3] - desk.p[k, 1], seen[2, 3] - desk.p[k, 2]
+            force, diagonal = y0 * z0 + y1 * z1 + y2 * z2, v0 * y0 + v1 * y1 + v2 * y2
+            u0, u1, u2 = force * v0, force * v1, force * v2
             for i in range(columns):
-                c = y[0, i] * z0 + y[1, i] * z1 + y[2, i] * z2
-                u0 += c * T[0, i]
-                u1 += c * T[1, i]
-                u2 += c * T[2, i]
+                c = 0.0
+                for r in range(3):
+                    slope += y[r, i] * desk.slopes[k, i, r]
+                    c += y[r, i] * desk.z[k, r]
+                    diagonal += y[r, i] * seen[r, i]
+                u0 += c * seen[0, i]
+                u1 += c * seen[1, i]
+                u2 += c * seen[2, i]
+            u0, u1, u2 = u0 - diagonal * z0, u1 - diagonal * z1, u2 - diagonal * z2
         desk.g[a] += form.multiplier[k] * slope
-        for l in range(k + 1):
+        begin, end, sign = (k, middle, -1.0) if k < middle else (middle, k + 1, 1.0)
+        for l in range(begin, end):
             if form.prismatic[l]:
                 continue
             second = desk.z[l, 0] * u0 + desk.z[l, 1] * u1 + desk.z[l, 2] * u2
-            second *= form.multiplier[k] * form.multiplier[l]
+            second *= sign * form.multiplier[k] * form.multiplier[l]
             b = form.leader[l]
             desk.H[a, b] += second
             if l != k:

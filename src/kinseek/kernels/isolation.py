@@ -33,18 +33,16 @@ from .boxes import (
     Wanted,
     load_box,
     make_desk,
-    motion,
     place,
     store_box,
     turn_goal,
-    turning,
     volume,
     widest,
     widths,
 )
 from .descent import approach, step
 from .exclusion import TRIAL
-from .forms import derivatives, normal_matrix, second_order, solve
+from .forms import derivatives, differentiate, normal_matrix, rests, second_order, solve
 from .forward import forward
 from .jit import inner, kernel
 from .pose_error import errors
@@ -118,9 +116,8 @@ def expand(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
     m, dof, T, goal, columns = len(form.leader), len(desk.c), desk.T, desk.goal, form.columns
     place(form, desk)
     turn_goal(form, wanted, desk)
-    motion(form, desk, 0, m, T[0, 3], T[1, 3], T[2, 3])
-    if columns == 1:
-        turning(form, desk, 0, m, T[0, 0], T[1, 0], T[2, 0])
+    middle = m // 2
+    differentiate(form, desk, middle, columns)
     scale = 1.0 / (wanted.scalars[LENGTH] * wanted.scalars[LENGTH] + LEAST)
     weight = 1.0 if columns > 0 else 0.0
     for row in range(dof):
@@ -132,32 +129,25 @@ def expand(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
             desk.delta[i], desk.D[i] = 0.0, 1e-13 * trace + LEAST
         desk.delta[row] = 1.0
         solve(desk.N, desk.D, desk.delta)
-        y0 = y1 = y2 = o0 = o1 = o2 = 0.0
-        for k in range(m):
-            part = form.multiplier[k] * desk.delta[form.leader[k]]
-            y0 += scale * part * desk.velocity[k, 0]
-            y1 += scale * part * desk.velocity[k, 1]
-            y2 += scale * part * desk.velocity[k, 2]
-            if not form.prismatic[k]:
-                o0 += weight * part * desk.z[k, 0]
-                o1 += weight * part * desk.z[k, 1]
-                o2 += weight * part * desk.z[k, 2]
-        desk.y[0, 3], desk.y[1, 3], desk.y[2, 3] = y0, y1, y2
-        value = y0 * (T[0, 3] - goal[0, 3]) + y1 * (T[1, 3] - goal[1, 3]) + y2 * (T[2, 3] - goal[2, 3])
-        size = m0 = m1 = m2 = trace = 0.0
-        for i in range(columns):
-            x0, x1, x2 = T[0, i], T[1, i], T[2, i]
-            c0, c1, c2 = o1 * x2 - o2 * x1, o2 * x0 - o0 * x2, o0 * x1 - o1 * x0
-            desk.y[0, i], desk.y[1, i], desk.y[2, i] = c0, c1, c2
-            value += c0 * (x0 - goal[0, i]) + c1 * (x1 - goal[1, i]) + c2 * (x2 - goal[2, i])
-            size += c0 * c0 + c1 * c1 + c2 * c2
-            trace += c0 * x0 + c1 * x1 + c2 * x2
-            m0 += x1 * c2 - x2 * c1
-            m1 += x2 * c0 - x0 * c2
-            m2 += x0 * c1 - x1 * c0
-        derivatives(form, desk, m0, m1, m2, trace, columns)
+        value = size = length = 0.0
+        for i in range(4):
+            if 3 > i >= columns:
+                continue
+            for r in range(3):
+                part = 0.0
+                for k in range(m):
+                    slope = desk.velocity[k, r] if i == 3 else desk.slopes[k, i, r]
+                    part += form.multiplier[k] * desk.delta[form.leader[k]] * slope
+                part *= scale if i == 3 else weight
+                desk.y[r, i] = part
+                value += part * (T[r, i] - goal[r, i])
+                if i == 3:
+                    length += part * part
+                else:
+                    size += part * part
+        derivatives(form, desk, middle, columns)
         around.value[row] = abs(value)
-        around.point[row] = math.sqrt(y0 * y0 + y1 * y1 + y2 * y2)
+        around.point[row] = math.sqrt(length)
         around.column[row] = math.sqrt(size)
         for i in range(dof):
             around.slope[row, i] = abs(desk.g[i] - (1.0 if i == row else 0.0))
@@ -169,16 +159,9 @@ def expand(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
 def contract(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
     """Write κ(ρ) of ρ = ``around.half``. Margins stand beside the tolerances: they cover rounding for ρ up to 1."""
     dof = len(desk.c)
-    spread, three_p, three_c = 0.0, 0.0, 0.0
     for k in range(len(form.leader)):
-        h = abs(form.multiplier[k]) * around.half[form.leader[k]]
-        if form.prismatic[k]:
-            three_p += 0.5 * h * spread * spread
-            continue
-        cube = h * (h * h + 3.0 * spread * (h + spread)) / 6.0
-        three_p += cube * desk.r[k]
-        three_c += cube * (desk.s[k] if form.columns == 1 else 1.4142135623730952)
-        spread += h
+        desk.half[k] = abs(form.multiplier[k]) * around.half[form.leader[k]]
+    _, _, three_p, three_c = rests(form, desk, desk.r, len(form.leader) // 2)
     trust = wanted.scalars[TRUST]
     off_p = wanted.scalars[POSITION] + wanted.scalars[MARGIN] + trust * three_p
     off_c = wanted.scalars[CHORD] + wanted.scalars[MARGIN_A] + trust * three_c

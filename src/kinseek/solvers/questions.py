@@ -9,6 +9,7 @@ import numpy as np
 from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.atlas import NONE, TURN
 from kinseek.kernels.boxes import (
+    BACK,
     CHORD,
     LEAST,
     LENGTH,
@@ -79,6 +80,8 @@ def error_question(problem: Problem, q: Array, gap: float, trust: float = 1.0) -
         cut, axis = _cut(fixed, target, float(fixed[-1, 2, 3]))
         wanted = Wanted(axis, np.zeros((3, 4)), _scalars(problem, axis, 1, trust))
         wanted.scalars[MARGIN] += 2.0 * off_axis
+        back = float(fixed[-1, 2, 3]) - _foot(fixed, chain)
+        wanted.scalars[BACK] = back if abs(back) < arm_length(chain) else 0.0
         aligned = np.hypot(*fixed[-1, :2, 2]) < ROUNDING
         if aligned or _loss_of_last(problem, q) < 0.5 * gap:
             roll = _roll(chain, True, goal.orientation_weight if aligned else 0.0)
