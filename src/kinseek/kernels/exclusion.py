@@ -8,7 +8,20 @@ import numpy as np
 
 from .arrays import Array, ChainArrays, GoalArrays
 from .bounds import first_order
-from .boxes import Form, Wanted, load_box, make_desk, place, store_box, turn_goal, volume, widest, widths
+from .boxes import (
+    CHORD,
+    POSITION,
+    Form,
+    Wanted,
+    load_box,
+    make_desk,
+    place,
+    store_box,
+    turn_goal,
+    volume,
+    widest,
+    widths,
+)
 from .descent import approach
 from .forms import second_order
 from .forward import forward
@@ -78,14 +91,14 @@ def exclude(
         widths(form, desk)
         if not first_order(form, wanted, desk, -1.0):
             continue
-        spread = 0.0
+        spread, near_p, near_c = 0.0, np.inf, np.inf
         for k in range(len(form.leader)):
             spread += 0.0 if form.prismatic[k] else desk.half[k]
         before = volume(desk)
         if spread < tuning[0]:
             if not second_order(form, wanted, desk, -1.0, int(tuning[1])):
                 continue
-            desk.u[2] = 0.0
+            near_p, near_c, desk.u[2] = desk.u[0], desk.u[1], 0.0
             if roll.present and not roll_fits(form, wanted, roll, desk):
                 continue
             if volume(desk) < tuning[2] * before:
@@ -105,17 +118,21 @@ def exclude(
         store_box(stack, count + 1, desk)
         count += 2
         kept += 1
-        if spread < 1.5 and kept % TRIAL == 0:
-            approach(form, wanted, roll, chain, 8, desk, trial)
-            forward(chain, trial, T)
-            position, orientation = errors(T, goal)
-            error = weighted_error(T, goal)
-            if error < best:
-                best = error
-                for j in range(len(q)):
-                    q[j] = trial[j]
-            if position <= tuning[3] and orientation <= tuning[4]:
-                return Search(FOUND, seen, 0.0, trial, 0.0, error)
+        # Now and then, steps look for an answer. Wide tolerances may allow one in the middle, though no descent ends there.
+        steps = 8 if spread < 1.5 and kept % TRIAL == 0 else 0
+        if steps == 0 and (near_p > wanted.scalars[POSITION] or near_c > wanted.scalars[CHORD]):
+            continue
+        desk.c[i] = centre
+        approach(form, wanted, roll, chain, steps, desk, trial)
+        forward(chain, trial, T)
+        position, orientation = errors(T, goal)
+        error = weighted_error(T, goal)
+        if error < best:
+            best = error
+            for j in range(len(q)):
+                q[j] = trial[j]
+        if position <= tuning[3] and orientation <= tuning[4]:
+            return Search(FOUND, seen, 0.0, trial, 0.0, error)
     largest = stuck
     for k in range(count):
         for i in range(dof):
