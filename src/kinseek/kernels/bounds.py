@@ -127,6 +127,8 @@ def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
             behind = math.sqrt((e0 - d0) * (e0 - d0) + (e1 - d1) * (e1 - d1) + (e2 - d2) * (e2 - d2))
         behind -= trust * motion(form, desk, begin, end, e0, e1, e2) + margin
     rho = trust * motion(form, desk, begin, end, w0, w1, w2) + margin
+    if begin == 1:
+        desk.lever[0] = math.sqrt(w0 * w0 + w1 * w1) if form.head == TURN else 1.0
     sigma = 0.0
     if form.columns > 0:
         sigma = trust * turning(form, desk, begin, end, a0, a1, a2) + margin_a

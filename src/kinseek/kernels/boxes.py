@@ -19,6 +19,8 @@ from .jit import inner, kernel
 TINY = 1e-300
 LEAST = 1e-15
 """No half width is ever smaller [rad] or [m]."""
+HEAD = 0.3
+"""How much less urgent it is to split a first joint that turns: its range is cut as the others' ranges shrink."""
 
 # Scalars of `Wanted`.
 POSITION = 0  # Tolerance of the point [m].
@@ -89,6 +91,8 @@ class Desk(NamedTuple):
     """(m,)"""
     s: Array
     """(m,)"""
+    lever: Array
+    """Radii of the point that first-order tests compare, (m,)."""
     back: Array
     """Radii of the point that lies back along the first column, (m,)."""
     goal: Array
@@ -126,6 +130,7 @@ def make_desk(joints: int, dof: int) -> Desk:
         np.zeros((joints, 3)),
         np.zeros((joints, 3)),
         np.zeros((joints, 3, 3)),
+        np.zeros(joints),
         np.zeros(joints),
         np.zeros(joints),
         np.zeros(joints),
@@ -219,11 +224,13 @@ def motion(form: Form, desk: Desk, begin: int, end: int, wx: float, wy: float, w
         if form.prismatic[k]:
             desk.velocity[k, 0], desk.velocity[k, 1], desk.velocity[k, 2] = z0, z1, z2
             desk.r[k] = 1.0
+            desk.lever[k] = 1.0
         else:
             v0, v1, v2 = wx - desk.p[k, 0], wy - desk.p[k, 1], wz - desk.p[k, 2]
             x0, x1, x2 = z1 * v2 - z2 * v1, z2 * v0 - z0 * v2, z0 * v1 - z1 * v0
             desk.velocity[k, 0], desk.velocity[k, 1], desk.velocity[k, 2] = x0, x1, x2
             desk.r[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
+            desk.lever[k] = desk.r[k]
         total += desk.r[k] * desk.chord[k]
     return total
 
@@ -256,7 +263,8 @@ def widest(form: Form, wanted: Wanted, desk: Desk) -> int:
         if form.columns == 0:
             turn = 0.0
         i = form.leader[k]
-        desk.delta[i] += abs(form.multiplier[k]) * desk.h[i] * (desk.r[k] + turn)
+        share = HEAD if k == 0 and form.head == TURN else 1.0
+        desk.delta[i] += abs(form.multiplier[k]) * desk.h[i] * (desk.lever[k] + turn) * share
     for i in range(len(desk.c)):
         if desk.delta[i] > best:
             best, index = desk.delta[i], i

@@ -34,7 +34,7 @@ from .atlas import arm_length, divide, inverse
 ROUNDING = 1e-12
 """Margin, relative to all lengths that are added: a thousand times what rounding takes."""
 
-_AXIS_COUNTS = 0.2
+_AXIS_COUNTS = 0.1
 """A direction counts, when a box is split, as this part of the arm's length."""
 
 
