@@ -2,9 +2,9 @@
 
 Unreachable goals come from reachable poses by one of three changes in turn: a random orientation, a position pushed out by
 30 %, and a shift of about 0.15 m with a turn of about 0.5 rad. A goal counts if the nearest pose that the atlas finds misses
-it by at least 1 cm or 1°. Times are CPU times of `prove` alone, the atlas' answer handed in, one thread, after a first call. With
-``--sound N`` every arm instead gets N goals that are in reach, random, singular and at limits, at tolerances from 1e-6 to
-1e-2, and the search of boxes, without the atlas' help, must not call one unreachable.
+it by at least 1 cm or 1°. Times are CPU times of `prove` alone, the atlas' answer handed in, one thread, after a first call.
+With ``--sound N`` every arm instead gets N goals that are in reach, random, singular and at limits, at tolerances from 1e-6
+to 1e-2, and the search of boxes, without the atlas' help, must not call one unreachable.
 
     python -m benchmarks.proof                       # every arm of the catalog
     python -m benchmarks.proof ur5e panda --goals 300 --gap 0.01

@@ -16,6 +16,7 @@ from kinseek.certificate import Certificate, Verdict
 from kinseek.errors import InvalidGoal, InvalidProblem
 from kinseek.kernels.exclusion import ENDED
 from kinseek.robots.chain import SerialChain
+from kinseek.solution import Status
 from kinseek.solvers.branch_and_bound import excluded, prove
 from reference import errors, fk, weighted_error
 
@@ -196,6 +197,30 @@ def test_any_budget_gives_valid_bounds(budget: int) -> None:
     if budget == 0:
         assert early.verdict is Verdict.UNDECIDED
         assert early.largest_box > 1.0
+
+
+def test_ik_proves_what_it_misses(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = kinseek.load("puma560")
+    near, far = arm.fk(np.full(6, 0.3)), arm.fk(np.full(6, 0.3))
+    far[:3, 3] *= 5
+    arm.ik(far)
+
+    class Asked:
+        def __init__(self) -> None:
+            raise AssertionError("the solution is at hand: the atlas need not be asked again")
+
+    monkeypatch.setattr("kinseek.solvers.branch_and_bound.Atlas", Asked)
+    assert arm.ik(near, prove=True).status is Status.SOLVED
+    assert arm.ik(far, prove=True).status is Status.PROVED_UNREACHABLE
+    batch = arm.ik(np.array([[near, far], [far, near]]), prove=True)
+    assert batch.status.tolist() == [
+        [Status.SOLVED, Status.PROVED_UNREACHABLE],
+        [Status.PROVED_UNREACHABLE, Status.SOLVED],
+    ]
+    rows = list(batch.each())
+    assert [row.success for row in rows] == [True, False, False, True]
+    np.testing.assert_array_equal(rows[1].problem.goal.target, far)
+    assert arm.ik(np.zeros((0, 4, 4)), prove=True).status.shape == (0,)
 
 
 def test_the_same_call_gives_the_same_certificate() -> None:
