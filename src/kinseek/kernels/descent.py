@@ -5,7 +5,7 @@ from __future__ import annotations
 from .arrays import Array, ChainArrays
 from .atlas import TURN
 from .boxes import LEAST, LENGTH, Desk, Form, Wanted, place, turn_goal
-from .forms import differentiate, downhill, normal_matrix, solve
+from .halfway import differentiate, downhill, normal_matrix, solve
 from .jit import inner
 from .roll import Roll, complete, roll_fits
 

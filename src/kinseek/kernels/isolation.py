@@ -42,8 +42,9 @@ from .boxes import (
 )
 from .descent import approach, step
 from .exclusion import TRIAL
-from .forms import derivatives, differentiate, normal_matrix, rests, second_order, solve
+from .forms import second_order
 from .forward import forward
+from .halfway import derivatives, differentiate, normal_matrix, rests, solve
 from .jit import inner, kernel
 from .pose_error import errors
 from .roll import Roll, roll_fits
