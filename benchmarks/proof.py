@@ -2,13 +2,18 @@
 
 Unreachable goals come from reachable poses by one of three changes in turn: a random orientation, a position pushed out by
 30 %, and a shift of about 0.15 m with a turn of about 0.5 rad. A goal counts if the nearest pose that the atlas finds misses
-it by at least 1 cm or 1°. Times are of `prove` alone, the atlas' answer handed in, one thread, after a first call. With
-``--sound N`` every arm instead gets N goals that are in reach, random, singular and at limits, at tolerances from 1e-6 to
-1e-2, and the search of boxes, without the atlas' help, must not call one unreachable.
+it by at least 1 cm or 1°. Times are CPU times of `prove` alone, the atlas' answer handed in, one thread, after a first call.
+With ``--sound N`` every arm instead gets N goals that are in reach, random, singular and at limits, at tolerances from 1e-6
+to 1e-2, and the search of boxes, without the atlas' help, must not call one unreachable.
 
     python -m benchmarks.proof                       # every arm of the catalog
     python -m benchmarks.proof ur5e panda --goals 300 --gap 0.01
     python -m benchmarks.proof --sound 3000
+    python -m benchmarks.proof ur5e puma560 --branches 1000
+
+With ``--branches N`` every arm gets N goals in reach, and `isolate` must prove the list of their answers complete: the time
+is that of the proof with all answers given. "Regular" are the goals of which no answer found, nor the joint values that the
+goal was made of, have a Jacobian with a singular value below 0.02 (lengths in units of the arm's).
 """
 
 from __future__ import annotations
@@ -23,10 +28,12 @@ from scipy.spatial.transform import Rotation
 
 import kinseek
 from kinseek import Goal, Problem
+from kinseek.kernels.exclusion import ENDED, FOUND
 from kinseek.robots.catalog import catalog_names
 from kinseek.solution import Solution
-from kinseek.solvers.atlas import Atlas
-from kinseek.solvers.branch_and_bound import ENDED, FOUND, excluded, prove
+from kinseek.solvers.atlas import Atlas, arm_length
+from kinseek.solvers.branch_and_bound import excluded, prove
+from kinseek.solvers.isolation import isolate
 
 Array = NDArray[np.float64]
 
@@ -46,10 +53,10 @@ def changed_poses(arm: kinseek.Arm, count: int, seed: int = 0) -> Iterator[Array
         yield T
 
 
-def unreachable(arm: kinseek.Arm, count: int) -> list[tuple[Problem, Solution]]:
+def unreachable(arm: kinseek.Arm, count: int, seed: int = 0) -> list[tuple[Problem, Solution]]:
     """Problems that the atlas misses by 1 cm or 1°, with its best effort."""
     found = []
-    for T in changed_poses(arm, count):
+    for T in changed_poses(arm, count, seed):
         problem = Problem(arm.chain, Goal.pose(T))
         answer = Atlas().solve(problem)
         if answer.position_error >= 0.01 or answer.orientation_error >= np.radians(1):
@@ -57,17 +64,17 @@ def unreachable(arm: kinseek.Arm, count: int) -> list[tuple[Problem, Solution]]:
     return found
 
 
-def measure(arm: kinseek.Arm, count: int, gap: float | None, budget: int) -> str:
+def measure(arm: kinseek.Arm, count: int, gap: float | None, budget: int, seed: int) -> str:
     """One row of the table."""
-    problems = unreachable(arm, count)
+    problems = unreachable(arm, count, seed)
     if not problems:
         return f"{arm.name:24}{arm.dof:4}   no goal out of reach"
     prove(problems[0][0], gap=gap, answer=problems[0][1], budget=100)
     times, boxes, proved = [], [], 0
     for problem, answer in problems:
-        start = time.perf_counter()
+        start = time.thread_time()
         certificate = prove(problem, gap=gap, answer=answer, budget=budget)
-        times.append(1e3 * (time.perf_counter() - start))
+        times.append(1e3 * (time.thread_time() - start))
         boxes.append(certificate.boxes)
         done = certificate.verdict.name == "UNREACHABLE" if gap is None else certificate.gap <= gap * 1.001
         proved += done
@@ -95,6 +102,39 @@ def sound(arm: kinseek.Arm, count: int, budget: int, seed: int = 0) -> tuple[int
     return wrong, found
 
 
+def least_singular(arm: kinseek.Arm, q: Array) -> float:
+    """The least singular value of the Jacobian at q, (n,), lengths in units of the arm's reach."""
+    step, length = 1e-6, arm_length(arm.chain)
+    T, ahead, behind = arm.fk(q), arm.fk(q + step * np.eye(arm.dof)), arm.fk(q - step * np.eye(arm.dof))
+    slope = (ahead - behind) / (2 * step)
+    turn = slope[:, :3, :3] @ T[:3, :3].T
+    J = np.column_stack([slope[:, :3, 3] / length, turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0]])
+    return float(np.linalg.svd(J, compute_uv=False)[-1])
+
+
+def branches(arm: kinseek.Arm, count: int, seed: int) -> str:
+    """One row of the table of complete lists."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for trial in range(count + 1):
+        q = rng.uniform(arm.lower, arm.upper)
+        problem = Problem(arm.chain, Goal.pose(arm.fk(q)))
+        every = isolate(problem)
+        start = time.thread_time()
+        again = isolate(problem, every.q)
+        spent = 1e3 * (time.thread_time() - start)
+        if trial:
+            regular = min(least_singular(arm, each) for each in [q, *every.q])
+            rows.append((again.complete, regular > 0.02, spent, again.boxes, len(again.q)))
+    complete, regular, times, boxes, found = np.array(rows, dtype=float).T
+    kept = regular > 0
+    return (
+        f"{arm.name:24}{100 * complete.mean():10.1f}{100 * kept.mean():10.1f}{100 * complete[kept].mean():12.2f}"
+        f"{np.median(times[kept]):11.2f}{np.quantile(times[kept], 0.99):10.1f}{np.median(boxes[kept]):10.0f}"
+        f"{found.mean():9.2f}"
+    )
+
+
 def main() -> None:
     """Print a row an arm."""
     parser = argparse.ArgumentParser(
@@ -105,12 +145,14 @@ def main() -> None:
     parser.add_argument("--gap", type=float)
     parser.add_argument("--budget", type=int, default=5_000_000)
     parser.add_argument("--sound", type=int)
+    parser.add_argument("--branches", type=int)
+    parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     names = options.arms or catalog_names()
     if options.sound:
         wrong = found = 0
         for name in names:
-            result = sound(kinseek.load(name), options.sound, min(options.budget, 20_000))
+            result = sound(kinseek.load(name), options.sound, min(options.budget, 20_000), options.seed)
             print(
                 f"{name:24} called unreachable {result[0]}, witness {result[1]} of {options.sound}",
                 flush=True,
@@ -118,12 +160,22 @@ def main() -> None:
             wrong, found = wrong + result[0], found + result[1]
         print(f"all: {wrong} of {options.sound * len(names)} called unreachable, witness for {found}")
         return
+    if options.branches:
+        print(
+            f"{'arm':24}{'all %':>10}{'regular %':>10}{'of these %':>12}"
+            f"{'median ms':>11}{'p99 ms':>10}{'boxes':>10}{'answers':>9}"
+        )
+        for name in names:
+            print(branches(kinseek.load(name), options.branches, options.seed), flush=True)
+        return
     done = "proved %" if options.gap is None else "closed %"
     print(
         f"{'arm':24}{'dof':>4}{'goals':>7}{done:>9}{'median ms':>11}{'p99 ms':>11}{'boxes':>11}{'most':>11}"
     )
     for name in names:
-        print(measure(kinseek.load(name), options.goals, options.gap, options.budget), flush=True)
+        print(
+            measure(kinseek.load(name), options.goals, options.gap, options.budget, options.seed), flush=True
+        )
 
 
 if __name__ == "__main__":

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal, Problem
-from kinseek.solvers.branch_and_bound import enclosed, examine, excluded, question, start_boxes
+from kinseek.kernels.exclusion import examine
+from kinseek.solvers.branch_and_bound import enclosed, excluded
+from kinseek.solvers.questions import question, start_boxes
 
 from .proof import unreachable
 
@@ -134,6 +136,7 @@ def draw_tightness() -> None:
 def draw_cost() -> None:
     """Boxes against the relative gap, and against the number of joints."""
     figure, axes = plt.subplots(1, 2, figsize=(10, 4))
+    counts: dict[int, list[float]] = {}
     gaps = np.array([0.5, 0.3, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005])
     for name in ("ur5e", "elbow6", "scara4"):
         problems = unreachable(kinseek.load(name), 24)[:6]
@@ -158,8 +161,15 @@ def draw_cost() -> None:
         arm = kinseek.load(name)
         problems = unreachable(arm, 40)
         count = float(np.median([excluded(p, 1_000_000).boxes for p, _ in problems]))
+        counts[arm.dof] = [*counts.get(arm.dof, []), count]
         axes[1].semilogy(arm.dof, count, "o")
         axes[1].annotate(name, (arm.dof, count), fontsize=7, xytext=(4, 0), textcoords="offset points")
+    # The first joint's azimuth and the last joint are divided out; the others are cut to half widths h that suffice.
+    joints, h = np.arange(2, 8), np.pi / np.exp(np.mean(np.log(counts[6]))) ** 0.25
+    axes[1].semilogy(
+        joints, (np.pi / h) ** (joints - 2), "--", color="grey", label=f"(π/h)^(n-2), h = {h:.2f} rad"
+    )
+    axes[1].legend()
     axes[1].set(xlabel="joints", ylabel="boxes, median", title="proof that there is no answer", xlim=(1.5, 8))
     figure.tight_layout()
     figure.savefig(DOCS / "proof_cost.png", dpi=110)

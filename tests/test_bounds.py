@@ -14,9 +14,10 @@ from scipy.spatial.transform import Rotation
 import kinseek
 from chains import serial_chains
 from kinseek import Goal, Problem
-from kinseek.kernels.bounds import Form, chord_of
+from kinseek.kernels.boxes import Form, chord_of
+from kinseek.kernels.exclusion import examine
 from kinseek.robots.chain import SerialChain
-from kinseek.solvers.branch_and_bound import error_question, examine, question, start_boxes
+from kinseek.solvers.questions import error_question, question, start_boxes
 from reference import fk, weighted_error
 
 Array = NDArray[np.float64]

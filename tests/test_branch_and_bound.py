@@ -14,8 +14,10 @@ import kinseek
 from kinseek import Goal, Problem
 from kinseek.certificate import Certificate, Verdict
 from kinseek.errors import InvalidGoal, InvalidProblem
+from kinseek.kernels.exclusion import ENDED
 from kinseek.robots.chain import SerialChain
-from kinseek.solvers.branch_and_bound import ENDED, excluded, prove
+from kinseek.solution import Status
+from kinseek.solvers.branch_and_bound import excluded, prove
 from reference import errors, fk, weighted_error
 
 Array = NDArray[np.float64]
@@ -63,6 +65,61 @@ def test_lower_bounds_hold_against_a_grid(name: str, steps: int) -> None:
         assert found.upper_bound >= least - between
         assert found.gap <= 0.01 + 1e-9
         assert found.upper_bound == pytest.approx(weighted_error(fk(arm.chain, found.q), goal), abs=1e-12)
+
+
+ELBOW = kinseek.Arm.from_dh(
+    [(0, np.pi / 2, 0.4, 0), (0.5, 0, 0, 0), (0.3, 0, 0, 0)], [-3, -1, -2], [3, 2, 2.5]
+)
+"""Three turns: a shoulder, and an elbow that moves in its plane."""
+
+SKEW = kinseek.Arm.from_dh(
+    [(0.2, 1.0, 0.1, 0), (0.4, -0.7, 0.2, 0), (0.3, 0.5, 0, 0)], [-2, -2, -2], [2, 1.5, 2.5]
+)
+"""Three turns about axes in no special place."""
+
+TWO = kinseek.Arm.from_dh([(0.3, 1.2, 0.2, 0), (0.5, 0, 0.1, 0)], [-2.5, -2], [2.5, 3])
+"""Two turns about skew axes."""
+
+
+@pytest.mark.parametrize("kind", ["pose", "position", "pointing"])
+@pytest.mark.parametrize(
+    ("arm", "steps"), [(TWO, 300), (ELBOW, 50), (SKEW, 50)], ids=["two", "elbow", "skew"]
+)
+def test_certificates_of_turning_arms_hold_against_a_grid(arm: kinseek.Arm, steps: int, kind: str) -> None:
+    """Every verdict on every kind of goal, with wide and narrow tolerances, against all nodes of a fine grid."""
+    rng = np.random.default_rng(5)
+    axes = [np.linspace(low, high, steps) for low, high in zip(arm.lower, arm.upper, strict=True)]
+    poses = arm.fk(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, arm.dof))
+    verdicts = set()
+    for trial in range(12):
+        T = arm.fk(rng.uniform(arm.lower, arm.upper))
+        T[:3, 3] += rng.normal(size=3) * (0.0, 0.01, 0.1, 0.4)[trial % 4]
+        T[:3, :3] = (
+            T[:3, :3] @ Rotation.from_rotvec(rng.normal(size=3) * (0, 0.01, 0.1, 0.5)[trial % 4]).as_matrix()
+        )
+        loose = float(rng.choice([0.003, 0.03, 0.2]))
+        axis = (0.0, 0.6, 0.8) if kind == "pointing" else (0.0, 0.0, 1.0)
+        goal = Goal(T, kind, axis, position_tolerance=loose, orientation_tolerance=loose)
+        found = certificate(arm, goal, gap=0.01)
+        verdicts.add(found.verdict)
+        place = np.linalg.norm(poses[:, :3, 3] - T[:3, 3], axis=1)
+        off = poses[:, :3, :3] - T[:3, :3]
+        count = {"pose": 2, "pointing": 0, "position": 0}[kind]
+        chord = 0.5 * (off[:, :, :count] ** 2).sum(axis=(1, 2))
+        if kind == "pointing":
+            chord = 0.5 * ((off @ np.array(axis)) ** 2).sum(axis=1)
+        assert found.lower_bound <= (place + chord).min() + 1e-12
+        turned = Rotation.from_matrix(np.swapaxes(poses[:, :3, :3], 1, 2) @ T[:3, :3]).magnitude()
+        angle = {
+            "pose": turned,
+            "position": 0 * place,
+            "pointing": 2 * np.arcsin(np.sqrt(chord / 2).clip(0, 1)),
+        }[kind]
+        if ((place <= loose) & (angle <= loose)).any():
+            assert found.verdict is Verdict.REACHABLE
+        if found.verdict is Verdict.REACHABLE:
+            assert max(errors(fk(arm.chain, found.q), goal)) <= loose + 1e-9
+    assert verdicts == {Verdict.REACHABLE, Verdict.UNREACHABLE}
 
 
 @pytest.mark.parametrize("name", FLEET)
@@ -140,6 +197,30 @@ def test_any_budget_gives_valid_bounds(budget: int) -> None:
     if budget == 0:
         assert early.verdict is Verdict.UNDECIDED
         assert early.largest_box > 1.0
+
+
+def test_ik_proves_what_it_misses(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = kinseek.load("puma560")
+    near, far = arm.fk(np.full(6, 0.3)), arm.fk(np.full(6, 0.3))
+    far[:3, 3] *= 5
+    arm.ik(far)
+
+    class Asked:
+        def __init__(self) -> None:
+            raise AssertionError("the solution is at hand: the atlas need not be asked again")
+
+    monkeypatch.setattr("kinseek.solvers.branch_and_bound.Atlas", Asked)
+    assert arm.ik(near, prove=True).status is Status.SOLVED
+    assert arm.ik(far, prove=True).status is Status.PROVED_UNREACHABLE
+    batch = arm.ik(np.array([[near, far], [far, near]]), prove=True)
+    assert batch.status.tolist() == [
+        [Status.SOLVED, Status.PROVED_UNREACHABLE],
+        [Status.PROVED_UNREACHABLE, Status.SOLVED],
+    ]
+    rows = list(batch.each())
+    assert [row.success for row in rows] == [True, False, False, True]
+    np.testing.assert_array_equal(rows[1].problem.goal.target, far)
+    assert arm.ik(np.zeros((0, 4, 4)), prove=True).status.shape == (0,)
 
 
 def test_the_same_call_gives_the_same_certificate() -> None:

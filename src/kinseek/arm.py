@@ -282,8 +282,8 @@ class Arm:
 
         refuse_ranges(solution.problem.goal)
         missed = [
-            not success and prove(one).verdict is Verdict.UNREACHABLE
-            for one, success in zip(solution.problem.each(), np.ravel(solution.success), strict=True)
+            not one.success and prove(one.problem, answer=one).verdict is Verdict.UNREACHABLE
+            for one in solution.each()
         ]
         shape = solution.problem.goal.shape
         return replace(solution, proved_unreachable=np.reshape(missed, shape) if shape else bool(missed[0]))

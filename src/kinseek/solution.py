@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
 from enum import Enum
 from typing import Any, Self
 
@@ -80,6 +81,17 @@ class Solution:
         names = np.array([Status.BEST_EFFORT, Status.SOLVED, Status.PROVED_UNREACHABLE], dtype=object)
         proved = np.broadcast_to(self.proved_unreachable, self.success.shape)
         return names[np.where(self.success, 1, np.where(proved, 2, 0))]
+
+    def each(self) -> Iterator[Solution]:
+        """One solution a target, in order."""
+        if not self.problem.goal.shape:
+            yield self
+            return
+        names = [each.name for each in fields(self) if each.name not in ("q", "problem")]
+        columns = {name: np.broadcast_to(getattr(self, name), self.problem.goal.shape) for name in names}
+        for index, problem in zip(np.ndindex(self.problem.goal.shape), self.problem.each(), strict=True):
+            row = {name: column[index].item() for name, column in columns.items()}
+            yield replace(self, q=self.q[index], problem=problem, **row)
 
     def require(self) -> Self:
         """Return self if every target is reached.

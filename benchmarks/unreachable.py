@@ -1,0 +1,172 @@
+"""What peers say of goals that are proved out of reach, in one table.
+
+The goals are those of `benchmarks.proof`: reachable poses with another orientation, pushed out or shifted. They count if it
+is proved that no pose of the arm comes within 1 cm and 1°. kinseek says so (`ik(prove=True)`), and encloses the nearest pose
+(`prove(gap=0.05)`). Each peer is asked for the same goals from its own environment.
+
+    python -m benchmarks.unreachable                     # writes benchmarks/unreachable.md
+    python -m benchmarks.unreachable --arms ur5e --goals 60
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import kinseek
+from benchmarks.peers.__main__ import ENVIRONMENTS, HERE, PEERS, VENVS, environment, write_arm
+from benchmarks.proof import unreachable
+from benchmarks.targets import load, machine
+from kinseek.kernels.pose_error import judge
+from kinseek.problem import Problem
+from kinseek.solution import Status
+from kinseek.solvers.branch_and_bound import prove
+
+Array = NDArray[np.float64]
+
+CENTIMETRE, DEGREE = 0.01, np.radians(1.0)
+NEAREST = 0.05
+"""Relative gap to which the nearest pose is enclosed."""
+
+
+def far_goals(arm: kinseek.Arm, count: int, seed: int) -> tuple[list[Problem], list[float]]:
+    """Goals that no pose meets within 1 cm and 1°, by proof, and the weighted error of the nearest pose."""
+    problems, nearest = [], []
+    for problem, answer in unreachable(arm, count, seed):
+        loose = replace(problem.goal, position_tolerance=CENTIMETRE, orientation_tolerance=DEGREE)
+        if prove(replace(problem, goal=loose)).verdict.name != "UNREACHABLE":
+            continue
+        problems.append(problem)
+        nearest.append(prove(problem, answer=answer, gap=NEAREST, budget=400_000).upper_bound)
+    return problems, nearest
+
+
+def ours(arm: kinseek.Arm, problems: list[Problem]) -> tuple[Array, Array, Array]:
+    """Answers, times [ms], and whether each was proved unreachable."""
+    arm.ik(problems[0].goal, prove=True)
+    q, times, said = [], [], []
+    for problem in problems:
+        began = time.perf_counter()
+        solution = arm.ik(problem.goal.target, prove=True)
+        times.append(1e3 * (time.perf_counter() - began))
+        q.append(solution.q)
+        said.append(solution.status is Status.PROVED_UNREACHABLE)
+    return np.array(q), np.array(times), np.array(said)
+
+
+def weighted(problem: Problem, q: Array) -> float:
+    """Weighted error of joint values, (n,)."""
+    return float(judge(problem.arrays, q[None], problem.goal.targets, problem.goal.arrays)[0, 2])
+
+
+def ask(peer: str, python: Path, source: Path) -> dict[str, Array] | str:
+    """Run a peer; what it hands back, or why there is nothing."""
+    one = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+    with tempfile.TemporaryDirectory() as folder:
+        destination = Path(folder) / "answers.npz"
+        command = [str(python), str(HERE / "unreachable_worker.py"), peer, str(source), str(destination)]
+        try:
+            done = subprocess.run(
+                command, capture_output=True, text=True, timeout=600, env=os.environ | one, check=False
+            )
+        except subprocess.TimeoutExpired:
+            return "stopped after 600 s"
+        if done.returncode or not destination.is_file():
+            lines = [line for line in done.stderr.strip().splitlines() if line.strip()]
+            reason = lines[-1].removeprefix("RuntimeError: ") if lines else f"ended with {done.returncode}"
+            return reason[:60]
+        with np.load(destination) as found:
+            return {key: found[key] for key in found}
+
+
+def row(
+    name: str, who: str, problems: list[Problem], nearest: list[float], q: Array, said: Array, times: Array
+) -> str:
+    """One row: what came back, what was said of it, and how far it is from the nearest pose."""
+    some, chain = np.isfinite(q).all(axis=1), problems[0].chain
+    middle = (chain.lower + chain.upper) / 2
+    q = np.where(
+        (q < chain.lower) | (q > chain.upper), middle + (q - middle + np.pi) % (2 * np.pi) - np.pi, q
+    )
+    inside: Any = some & ((q >= chain.lower - 1e-9) & (q <= chain.upper + 1e-9)).all(axis=1)
+    ratios = [
+        weighted(problem, each) / near
+        for problem, near, each, there in zip(problems, nearest, q, inside, strict=True)
+        if there
+    ]
+    share = 100 / len(problems)
+    solved, approximate = share * (said == 2).sum(), share * (said == 1).sum()
+    ratio = f"{np.median(ratios):.2f} | {np.quantile(ratios, 0.9):.2f}" if ratios else "– | –"
+    limits = f"{share * inside.sum():.0f}"
+    return (
+        f"| {name} | {who} | {share * (~some).sum():.0f} | {solved:.0f} | {approximate:.0f} | {limits} | {ratio} | "
+        f"{np.median(times):.2f} | {np.quantile(times, 0.99):.1f} |"
+    )
+
+
+def main() -> None:
+    """Ask everyone and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--arms", nargs="+", default=("puma560", "ur5e", "kr6r900"))
+    parser.add_argument("--goals", type=int, default=200, help="goals an arm to choose from")
+    parser.add_argument("--seed", type=int, default=7)
+    parser.add_argument("--output", type=Path, default=Path(__file__).parent / "unreachable.md")
+    options = parser.parse_args()
+    VENVS.mkdir(exist_ok=True)
+    pythons = {name: environment(name) for name in ENVIRONMENTS}
+    began, rows, versions, counts = time.perf_counter(), [], {}, []
+    for name in options.arms:
+        arm = kinseek.load(name)
+        problems, nearest = far_goals(arm, options.goals, options.seed)
+        counts.append(f"{len(problems)} for {name}")
+        q, times, proved = ours(arm, problems)
+        rows.append(row(name, "**kinseek**", problems, nearest, q, np.ones(len(proved)), times))
+        rows[-1] += f" proved for {100 * proved.mean():.0f} % |"
+        with tempfile.TemporaryDirectory() as folder:
+            source = Path(folder) / "arm.npz"
+            write_arm(name, arm, np.array([problem.goal.target for problem in problems]), source)
+            for peer, (place, _) in PEERS.items():
+                python = pythons[place]
+                found = "could not be installed" if python is None else ask(peer, python, source)
+                if isinstance(found, str):
+                    rows.append(f"| {name} | {peer} | – | – | – | – | – | – | – | – | {found} |")
+                    continue
+                versions[peer] = str(found["version"])
+                rows.append(
+                    row(name, peer, problems, nearest, found["q"], found["said"], found["times"]) + " |"
+                )
+        print("\n".join(rows), flush=True)
+    used = ", ".join(f"{peer} {release}" for peer, release in versions.items())
+    lines = [
+        "# Goals out of reach",
+        "",
+        f"Made by `python -m benchmarks.unreachable` in {(time.perf_counter() - began) / 60:.0f} minutes. {machine()}.",
+        f"Peers: {used}. Load of the machine over the last fifteen minutes: {load()}.",
+        "",
+        f"Goals of which it is proved that no pose comes within 1 cm and 1°: {', '.join(counts)}.",
+        "What each hands back: nothing; joint values that it says are an answer; joint values that it says are none; how",
+        "many of these lie inside the limits (whole turns taken off), and the weighted error of those over that of the",
+        f"nearest pose, which is enclosed to {100 * NEAREST:.0f} % where the budget allows, as median and 90th percentile.",
+        "Time of a call, median and 99th percentile; kinseek's is that of `ik(prove=True)`, proof included. Settings:",
+        "`benchmarks/peers/unreachable_worker.py`. EAIK and the loop of pinocchio's manual know no limits.",
+        "",
+        "| arm | who | nothing % | “solved” % | “not solved” % | inside limits % | error over nearest | 90 % | ms | 99 % "
+        "| |",
+        "|---|---|--:|--:|--:|--:|--:|--:|--:|--:|---|",
+        *rows,
+    ]
+    options.output.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    print(f"wrote {options.output}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,187 @@
+"""The best box first: enclose the least weighted error that any joint values have."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .arrays import Array, ChainArrays, GoalArrays, Indices
+from .bounds import first_order
+from .boxes import (
+    LEAST,
+    Form,
+    Wanted,
+    load_box,
+    make_desk,
+    place,
+    store_box,
+    turn_goal,
+    volume,
+    widest,
+    widths,
+)
+from .exclusion import ENDED, STOPPED, Search
+from .forms import second_order
+from .forward import forward
+from .jit import inner, kernel
+from .pose_error import weighted_error
+from .roll import Roll, complete, roll_fits, twist_cost
+
+
+@inner
+def sift_up(heap: Array, order: Indices, at: int) -> None:
+    """Bring the entry at `at` up to its place; `heap` holds the bound of each row, `order` the rows."""
+    while at > 0:
+        parent = (at - 1) // 2
+        if heap[order[parent]] <= heap[order[at]]:
+            return
+        order[parent], order[at] = order[at], order[parent]
+        at = parent
+
+
+@inner
+def sift_down(heap: Array, order: Indices, size: int) -> None:
+    """Bring the entry at the top down to its place."""
+    at = 0
+    while True:
+        child = 2 * at + 1
+        if child >= size:
+            return
+        if child + 1 < size and heap[order[child + 1]] < heap[order[child]]:
+            child += 1
+        if heap[order[at]] <= heap[order[child]]:
+            return
+        order[child], order[at] = order[at], order[child]
+        at = child
+
+
+@kernel
+def enclose(
+    form: Form,
+    wanted: Wanted,
+    roll: Roll,
+    chain: ChainArrays,
+    goal: GoalArrays,
+    boxes: Array,
+    q: Array,
+    tuning: Array,
+    budget: int,
+) -> Search:
+    """Enclose the least weighted error inside the limits, best box first.
+
+    Args:
+        form: The part of the arm that the boxes are about.
+        wanted: What is asked of it.
+        roll: The last joint, where it is divided out.
+        chain: The arm again, to judge joint values by plain forward kinematics.
+        goal: The goal as it was asked.
+        boxes: Boxes to start with, (k, 2 dof): centres and half widths.
+        q: The best joint values known, (n,).
+        tuning: Largest spread for the second order [rad], passes, shrink that earns another look, relative gap.
+        budget: Boxes to examine.
+    """
+    dof, count, seen = boxes.shape[1] // 2, len(boxes), 0
+    desk = make_desk(len(form.leader), dof)
+    capacity = 1024 + count
+    rows, bound, order = np.empty((capacity, 2 * dof)), np.zeros(capacity), np.empty(capacity, dtype=np.int64)
+    rows[:count] = boxes
+    for i in range(count):
+        order[i] = i
+    used = count
+    best, trial, T = q.copy(), q.copy(), np.empty((3, 4))
+    forward(chain, q, T)
+    upper = weighted_error(T, goal)
+    ceiling = (1.0 - tuning[3]) * upper
+    stuck_bound, stuck_width = np.inf, 0.0
+    while count > 0 and seen < budget:
+        row = order[0]
+        if bound[row] >= ceiling:
+            break
+        load_box(rows, row, desk)
+        below = bound[row]
+        while True:
+            desk.out[1] = 0.0
+            seen += 1
+            place(form, desk)
+            widths(form, desk)
+            kept = first_order(form, wanted, desk, ceiling)
+            below = max(below, desk.out[1])
+            spread = 0.0
+            for k in range(len(form.leader)):
+                spread += 0.0 if form.prismatic[k] else desk.half[k]
+            if not kept or spread >= tuning[0]:
+                break
+            extra = 0.0
+            before = volume(desk)
+            if roll.present:
+                turn_goal(form, wanted, desk)
+                roll_fits(form, wanted, roll, desk)
+                widths(form, desk)
+                extra = twist_cost(form, wanted, roll, desk, ceiling)
+            if extra >= ceiling:
+                kept, below = False, max(below, extra)
+                break
+            complete(form, roll, chain, desk, trial)
+            kept = second_order(form, wanted, desk, ceiling - extra, int(tuning[1]))
+            below = max(below, desk.out[1] + extra)
+            if desk.out[0] < upper:
+                forward(chain, trial, T)
+                error = weighted_error(T, goal)
+                if error < upper:
+                    upper = error
+                    ceiling = (1.0 - tuning[3]) * upper
+                    for i in range(len(q)):
+                        best[i] = trial[i]
+            if not kept or volume(desk) > tuning[2] * before or seen >= budget:
+                break
+        if kept and below < ceiling:
+            i = widest(form, wanted, desk)
+            if desk.h[i] < 1e-10 * (1.0 + abs(desk.c[i])):
+                stuck_bound, stuck_width = min(stuck_bound, below), max(stuck_width, desk.h[i])
+                kept = False
+        if not kept or below >= ceiling:
+            count -= 1
+            order[0], order[count] = order[count], order[0]
+            sift_down(bound, order, count)
+            continue
+        if count + 1 > used and used == capacity:
+            rows, bound, order = grown(rows, bound, order)
+            capacity = len(bound)
+        centre, half = desk.c[i], 0.5 * desk.h[i]
+        desk.h[i] = half + LEAST
+        desk.c[i] = centre - half
+        store_box(rows, row, desk)
+        bound[row] = below
+        sift_down(bound, order, count)
+        if count == used:
+            order[count] = used
+            used += 1
+        desk.c[i] = centre + half
+        store_box(rows, order[count], desk)
+        bound[order[count]] = below
+        sift_up(bound, order, count)
+        count += 1
+    lower, largest, outcome = ceiling, stuck_width, ENDED
+    for k in range(count):
+        if bound[order[k]] < ceiling:
+            outcome = STOPPED
+            lower = min(lower, bound[order[k]])
+            for i in range(dof):
+                largest = max(largest, rows[order[k], dof + i])
+    if stuck_bound < ceiling:
+        lower, outcome = min(lower, stuck_bound), STOPPED
+    return Search(outcome, seen, largest, best, lower, upper)
+
+
+@kernel
+def grown(rows: Array, bound: Array, order: Indices) -> tuple[Array, Array, Indices]:
+    """Twice the room for boxes."""
+    more = 2 * len(bound)
+    new_rows, new_bound, new_order = (
+        np.empty((more, rows.shape[1])),
+        np.zeros(more),
+        np.empty(more, dtype=np.int64),
+    )
+    new_rows[: len(bound)] = rows
+    new_bound[: len(bound)] = bound
+    new_order[: len(bound)] = order
+    return new_rows, new_bound, new_order

@@ -1,0 +1,387 @@
+"""Neighbourhoods that hold one answer at most, and the search that proves that nothing lies outside of them.
+
+Around a centre c, write ``f(c + δ) = f(c) + J δ + ½ δᵀHδ + rest`` of the hand's point and columns less the goal's, with the
+rest of `kernels.bounds`, and let M be about a left inverse of J. Whatever meets the tolerances and lies within half widths
+ρ of c then has ``δ = M (f(c + δ) - f(c)) + (1 - MJ) δ - M (½ δᵀHδ + rest)``, so it is no farther from c than
+
+    κ(ρ) = |M f(c)| + |M| (tolerances + |rest(ρ)|) + |1 - MJ| ρ + ½ Σ |M H| ρ ρ        (joint by joint).
+
+Where κ(ρ) < ρ in every joint, all answers within ρ lie within κ(ρ), then within κ(κ(ρ)), and so on down to a distance that
+the tolerances allow. (Krawczyk 1969; Moore 1977, who uses interval derivatives in place of the Taylor polynomial.)
+A box inside of such a neighbourhood needs no further look.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .arrays import Array, ChainArrays, Flags, GoalArrays, Indices
+from .bounds import first_order
+from .boxes import (
+    CHORD,
+    LEAST,
+    LENGTH,
+    MARGIN,
+    MARGIN_A,
+    POSITION,
+    TRUST,
+    Desk,
+    Form,
+    Wanted,
+    load_box,
+    make_desk,
+    place,
+    store_box,
+    turn_goal,
+    volume,
+    widest,
+    widths,
+)
+from .descent import approach, step
+from .exclusion import TRIAL
+from .forms import second_order
+from .forward import forward
+from .halfway import derivatives, differentiate, normal_matrix, rests, solve
+from .jit import inner, kernel
+from .pose_error import errors
+from .roll import Roll, roll_fits
+
+LARGEST, SMALLEST = 0.5, 1e-7
+"""Half width of the widest joint of a neighbourhood [rad] or [m], tried from the largest down."""
+
+BLIND = 0.05
+"""Half widths around an answer that has no neighbourhood, a singular one: not looked at, so that the rest can be."""
+
+MOST = 64
+"""Answers that a search may find beside those given; of two in one neighbourhood the second does not count."""
+
+
+class Expansion(NamedTuple):
+    """``M f`` at a centre, row by row, one a joint variable."""
+
+    value: Array
+    """``|M f(c)|``, (n,)."""
+    point: Array
+    """Length of M's part for the point, (n,)."""
+    column: Array
+    """Length of M's part for the columns, (n,)."""
+    slope: Array
+    """``|1 - MJ|``, (n, n)."""
+    bend: Array
+    """``|M H|``, (n, n, n)."""
+    half: Array
+    """ρ, (n,)."""
+    reach: Array
+    """κ(ρ), (n,)."""
+
+
+class Places(NamedTuple):
+    """Answers and their neighbourhoods, and what the search came to."""
+
+    complete: bool
+    """Every box is excluded or lies in the neighbourhood of an answer."""
+    boxes: int
+    """Boxes examined."""
+    left: int
+    """Boxes not examined, too small to be split, or passed over near an answer without a neighbourhood."""
+    isolated: Flags
+    """Has it a neighbourhood? (k,)"""
+    number: Indices
+    """Which of the given answers it is, or -1, (k,)."""
+    q: Array
+    """(k, n)"""
+    distance: Array
+    """Of anything within the tolerances in its neighbourhood from the centre of it, (k, reduced n)."""
+
+
+@kernel
+def make_expansion(dof: int) -> Expansion:
+    """Allocate the memory of one search."""
+    return Expansion(
+        np.zeros(dof),
+        np.zeros(dof),
+        np.zeros(dof),
+        np.zeros((dof, dof)),
+        np.zeros((dof, dof, dof)),
+        np.zeros(dof),
+        np.zeros(dof),
+    )
+
+
+@inner
+def expand(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
+    """Invert the Jacobian at the centre, and write down what the inverse makes of the hand's polynomial."""
+    m, dof, T, goal, columns = len(form.leader), len(desk.c), desk.T, desk.goal, form.columns
+    place(form, desk)
+    turn_goal(form, wanted, desk)
+    middle = m // 2
+    differentiate(form, desk, middle, columns)
+    scale = 1.0 / (wanted.scalars[LENGTH] * wanted.scalars[LENGTH] + LEAST)
+    weight = 1.0 if columns > 0 else 0.0
+    for row in range(dof):
+        normal_matrix(form, desk, scale, weight, columns)
+        trace = 0.0
+        for i in range(dof):
+            trace += desk.N[i, i]
+        for i in range(dof):  # Whatever M is, the inequality holds; this keeps it finite.
+            desk.delta[i], desk.D[i] = 0.0, 1e-13 * trace + LEAST
+        desk.delta[row] = 1.0
+        solve(desk.N, desk.D, desk.delta)
+        value = size = length = 0.0
+        for i in range(4):
+            if 3 > i >= columns:
+                continue
+            for r in range(3):
+                part = 0.0
+                for k in range(m):
+                    slope = desk.velocity[k, r] if i == 3 else desk.slopes[k, i, r]
+                    part += form.multiplier[k] * desk.delta[form.leader[k]] * slope
+                part *= scale if i == 3 else weight
+                desk.y[r, i] = part
+                value += part * (T[r, i] - goal[r, i])
+                if i == 3:
+                    length += part * part
+                else:
+                    size += part * part
+        derivatives(form, desk, middle, columns)
+        around.value[row] = abs(value)
+        around.point[row] = math.sqrt(length)
+        around.column[row] = math.sqrt(size)
+        for i in range(dof):
+            around.slope[row, i] = abs(desk.g[i] - (1.0 if i == row else 0.0))
+            for j in range(dof):
+                around.bend[row, i, j] = abs(desk.H[i, j])
+
+
+@inner
+def contract(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
+    """Write κ(ρ) of ρ = ``around.half``. Margins stand beside the tolerances: they cover rounding for ρ up to 1."""
+    dof = len(desk.c)
+    for k in range(len(form.leader)):
+        desk.half[k] = abs(form.multiplier[k]) * around.half[form.leader[k]]
+    _, _, three_p, three_c = rests(form, desk, desk.r, len(form.leader) // 2)
+    trust = wanted.scalars[TRUST]
+    off_p = wanted.scalars[POSITION] + wanted.scalars[MARGIN] + trust * three_p
+    off_c = wanted.scalars[CHORD] + wanted.scalars[MARGIN_A] + trust * three_c
+    for row in range(dof):
+        total = around.value[row] + around.point[row] * off_p + around.column[row] * off_c
+        for i in range(dof):
+            part = 0.0
+            for j in range(dof):
+                part += around.bend[row, i, j] * around.half[j]
+            total += around.half[i] * (around.slope[row, i] + 0.5 * trust * part)
+        around.reach[row] = total
+
+
+@kernel
+def contractions(form: Form, wanted: Wanted, boxes: Array) -> Array:
+    """κ of boxes around their centres, (k, dof); for tests.
+
+    Args:
+        form: The part of the arm that the boxes are about.
+        wanted: What is asked of it.
+        boxes: (k, 2 dof): centres and half widths.
+    """
+    dof = boxes.shape[1] // 2
+    desk, around, result = make_desk(len(form.leader), dof), make_expansion(dof), np.empty((len(boxes), dof))
+    for row in range(len(boxes)):
+        load_box(boxes, row, desk)
+        expand(form, wanted, desk, around)
+        for i in range(dof):
+            around.half[i] = desk.h[i]
+        contract(form, wanted, desk, around)
+        for i in range(dof):
+            result[row, i] = around.reach[i]
+    return result
+
+
+@inner
+def neighbourhood(
+    form: Form, wanted: Wanted, desk: Desk, around: Expansion, radius: Array, distance: Array
+) -> bool:
+    """Look for a large ρ with κ(ρ) < ρ around the desk's centre; say whether there is one.
+
+    Args:
+        form: The part of the arm that the boxes are about.
+        wanted: What is asked of it.
+        desk: Memory; its centre counts.
+        around: Memory.
+        radius: ρ, (n,), is written here.
+        distance: What remains of ρ when κ has been applied again and again, (n,), is written here.
+    """
+    dof = len(desk.c)
+    expand(form, wanted, desk, around)
+    for i in range(dof):
+        around.half[i] = 1.0
+    best, size = 0.0, LARGEST
+    while size > SMALLEST and best == 0.0:
+        for _ in range(4):  # Wide where the polynomial bends much: then the whole shrinks evenly.
+            top = LEAST
+            for i in range(dof):
+                top = max(top, around.half[i])
+            for i in range(dof):
+                around.half[i] *= size / top
+            contract(form, wanted, desk, around)
+            holds, product = True, 1.0
+            for i in range(dof):
+                holds = holds and around.reach[i] < 0.999 * around.half[i]
+                product *= around.half[i]
+            if holds and product > best:
+                best = product
+                for i in range(dof):
+                    radius[i] = around.half[i]
+            for i in range(dof):
+                around.half[i] = math.sqrt(around.half[i] * around.reach[i])
+        size *= 0.7
+    if best == 0.0:
+        return False
+    for i in range(dof):
+        around.half[i] = radius[i]
+    for _ in range(60):
+        contract(form, wanted, desk, around)
+        for i in range(dof):
+            around.half[i] = min(around.half[i], around.reach[i])
+    for i in range(dof):
+        distance[i] = around.half[i]
+    return True
+
+
+@inner
+def inside(desk: Desk, periodic: Flags, centre: Array, radius: Array, count: int, width: float) -> int:
+    """Number of the first of `count` neighbourhoods that holds the box, its half widths times `width`, or -1."""
+    turn = 2.0 * math.pi
+    for k in range(count):
+        held = True
+        for i in range(len(desk.c)):
+            off = desk.c[i] - centre[k, i]
+            if periodic[i]:
+                off -= turn * math.floor(off / turn + 0.5)
+            if abs(off) + width * desk.h[i] > radius[k, i] * (1.0 - 1e-12) - 1e-13:
+                held = False
+                break
+        if held:
+            return k
+    return -1
+
+
+@kernel
+def isolate_boxes(
+    form: Form,
+    wanted: Wanted,
+    roll: Roll,
+    chain: ChainArrays,
+    goal: GoalArrays,
+    boxes: Array,
+    periodic: Flags,
+    answers: Array,
+    tuning: Array,
+    budget: int,
+) -> Places:
+    """Put a neighbourhood around every answer, and look in all boxes outside of them for others.
+
+    Args:
+        form: The part of the arm that the boxes are about.
+        wanted: What is asked of it.
+        roll: The last joint, where it is divided out.
+        chain: The whole arm.
+        goal: The goal as it was asked.
+        boxes: Boxes to start with, (k, 2 dof): centres and half widths.
+        periodic: Is a whole turn of the variable as good as none? (dof,)
+        answers: Joint values that are known to meet the tolerances, (k, n); none are needed.
+        tuning: Largest spread for the second order [rad], passes, shrink that earns another look, tolerances.
+        budget: Boxes to examine.
+    """
+    dof, n, most = boxes.shape[1] // 2, len(chain.lower), MOST + len(answers)
+    desk, around = make_desk(len(form.leader), dof), make_expansion(dof)
+    q, T = np.zeros((most, n)), np.empty((3, 4))
+    number, isolated = np.zeros(most, dtype=np.int64), np.zeros(most, dtype=np.bool_)
+    centre, radius, distance = np.zeros((most, dof)), np.zeros((most, dof)), np.zeros((most, dof))
+    given, known, count, seen, kept, left = 0, 0, len(boxes), 0, 0, 0
+    stack, trial = np.empty((len(boxes) + 64 * dof + 64, 2 * dof)), np.zeros(n)
+    for i in range(count):
+        for j in range(2 * dof):
+            stack[i, j] = boxes[i, j]
+    while known < most:
+        if given < len(answers):
+            for i in range(n):
+                trial[i] = answers[given, i]
+            given += 1
+        elif count > 0 and seen < budget:
+            count -= 1
+            load_box(stack, count, desk)
+            seen += 1
+            held = inside(desk, periodic, centre, radius, known, 1.0)
+            if held >= 0:
+                left += 0 if isolated[held] else 1
+                continue
+            place(form, desk)
+            widths(form, desk)
+            if not first_order(form, wanted, desk, -1.0):
+                continue
+            spread = 0.0
+            for k in range(len(form.leader)):
+                spread += 0.0 if form.prismatic[k] else desk.half[k]
+            before = volume(desk)
+            if spread < tuning[0]:
+                if not second_order(form, wanted, desk, -1.0, int(tuning[1])):
+                    continue
+                if roll.present and not roll_fits(form, wanted, roll, desk):
+                    continue
+                if volume(desk) < tuning[2] * before:
+                    store_box(stack, count, desk)
+                    count += 1
+                    continue
+            i = widest(form, wanted, desk)
+            if desk.h[i] < 1e-8 * (1.0 + abs(desk.c[i])):
+                left += 1
+                continue
+            middle, half = desk.c[i], 0.5 * desk.h[i]
+            desk.h[i] = half + LEAST
+            desk.c[i] = middle - half
+            store_box(stack, count, desk)
+            desk.c[i] = middle + half
+            store_box(stack, count + 1, desk)
+            count += 2
+            kept += 1
+            if spread >= 1.5 or kept % (TRIAL // 4) != 0:
+                continue
+            approach(form, wanted, roll, chain, 12, desk, trial)
+        else:
+            break
+        forward(chain, trial, T)
+        position, orientation = errors(T, goal)
+        if position > tuning[3] or orientation > tuning[4]:
+            continue
+        for i in range(dof):
+            desk.c[i] = trial[i]
+        if inside(desk, periodic, centre, radius, known, 0.0) >= 0:
+            continue
+        for i in range(n):
+            q[known, i] = trial[i]
+        number[known] = given - 1 if seen == 0 else -1
+        for _ in range(3):  # The centre may lie beyond a limit by what the tolerances allow.
+            step(form, wanted, desk)
+            for i in range(dof):
+                desk.c[i] += desk.delta[i]
+        isolated[known] = neighbourhood(form, wanted, desk, around, radius[known], distance[known])
+        held = -1
+        if isolated[known]:
+            for i in range(dof):
+                centre[known, i] = desk.c[i]
+                desk.c[i] = trial[i]
+            # The answer itself must lie in its neighbourhood: the steps may have led to another one.
+            for i in range(dof):
+                desk.h[i] = 0.0
+            held = inside(desk, periodic, centre[known : known + 1], radius[known : known + 1], 1, 0.0)
+        if held < 0:
+            isolated[known] = False
+            for i in range(dof):
+                centre[known, i], radius[known, i], distance[known, i] = trial[i], BLIND, np.inf
+        known += 1
+    whole = count == 0 and left == 0
+    for k in range(known):
+        whole = whole and isolated[k]
+    return Places(whole, seen, left + count, isolated[:known], number[:known], q[:known], distance[:known])

@@ -1,0 +1,100 @@
+"""The last joint, where it is divided out of the boxes: do its limits allow what is left of the rotation?"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from .arrays import Array, ChainArrays
+from .atlas import TURN, nearest_copy
+from .boxes import CHORD, MARGIN_A, TRUST, Desk, Form, Wanted
+from .jit import inner
+
+
+class Roll(NamedTuple):
+    """The last joint, where it is divided out."""
+
+    present: bool
+    lower: float
+    upper: float
+    """Limits [rad]; at least a full turn apart where they do not matter."""
+    weight: float
+    """K_A where the joint's axis is the z axis of the tip, so that a twist costs ``K_A (1 + cos τ)(1 - cos β)``, else 0."""
+
+
+@inner
+def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
+    """Can the last joint, within its limits, make up for what is left of the rotation? Its best value goes to ``u[2]``.
+
+    The hand without its last turn is off by a rotation of at most Ω. Write the turn that is asked for as a quaternion: its
+    part about the last axis is cos(τ/2) long, τ the tilt. So the last joint is within ``2 acos(cos(Ω/2)/cos(τ/2))``.
+    """
+    T, goal = desk.T, desk.goal
+    m00 = m01 = m10 = m11 = dot = 0.0
+    for r in range(3):
+        m00 += T[r, 1] * goal[r, 1]
+        m01 += T[r, 1] * goal[r, 2]
+        m10 += T[r, 2] * goal[r, 1]
+        m11 += T[r, 2] * goal[r, 2]
+        dot += T[r, 0] * goal[r, 0]
+    best = math.atan2(m10 - m01, m00 + m11)
+    middle, half = 0.5 * (roll.lower + roll.upper), 0.5 * (roll.upper - roll.lower)
+    desk.u[2] = nearest_copy(best, roll.lower, roll.upper, middle)
+    if half >= math.pi:
+        return True
+    omega = wanted.scalars[CHORD] * 1.1 + wanted.scalars[MARGIN_A]
+    for k in range(len(form.leader)):
+        if not form.prismatic[k]:
+            omega += desk.half[k]
+    if omega >= math.pi:
+        return True
+    ratio = math.cos(0.5 * omega) / math.sqrt(max(0.5 * (1.0 + dot), 1e-30))
+    # The slack of sqrt(1e-12) covers rounding where the ratio is close to one.
+    miss = 2.0 * math.acos(min(ratio, 1.0)) + 2e-6
+    off = best - middle
+    off -= 2.0 * math.pi * math.floor(off / (2.0 * math.pi) + 0.5)
+    return abs(off) <= half + miss
+
+
+@inner
+def twist_cost(form: Form, wanted: Wanted, roll: Roll, desk: Desk, ceiling: float) -> float:
+    """What the limits of the last joint add to the weighted error at least, where nothing above `ceiling` matters.
+
+    With tilt τ and a twist β short of the best one the columns cost ``K_A [(1 - cos τ) + (1 + cos τ)(1 - cos β)]``. The
+    twist part of a unit quaternion is cos(τ/2) long and moves by no more than the quaternion does, 2 sin(Ω/4).
+    """
+    middle, half = 0.5 * (roll.lower + roll.upper), 0.5 * (roll.upper - roll.lower)
+    if half >= math.pi or roll.weight == 0.0:
+        return 0.0
+    T, goal = desk.T, desk.goal
+    m00 = m01 = m10 = m11 = dot = omega = 0.0
+    for r in range(3):
+        m00 += T[r, 1] * goal[r, 1]
+        m01 += T[r, 1] * goal[r, 2]
+        m10 += T[r, 2] * goal[r, 1]
+        m11 += T[r, 2] * goal[r, 2]
+        dot += T[r, 0] * goal[r, 0]
+    for k in range(len(form.leader)):
+        omega += 0.0 if form.prismatic[k] else desk.half[k]
+    moved = 2.0 * math.sin(0.25 * min(omega, math.pi)) * wanted.scalars[TRUST]
+    length = math.sqrt(max(0.5 * (1.0 + dot), 0.0)) - wanted.scalars[MARGIN_A]
+    if omega >= math.pi or moved >= length:
+        return 0.0
+    off = math.atan2(m10 - m01, m00 + m11) - middle
+    off -= 2.0 * math.pi * math.floor(off / (2.0 * math.pi) + 0.5)
+    beta = abs(off) - half - 2.0 * math.asin(moved / length) - 1e-9
+    if beta <= 0.0:
+        return 0.0
+    return max(2.0 * roll.weight - ceiling, 0.0) * 2.0 * math.sin(0.5 * beta) ** 2
+
+
+@inner
+def complete(form: Form, roll: Roll, chain: ChainArrays, desk: Desk, q: Array) -> None:
+    """Joint values of the box' centre, (n,), inside the limits."""
+    for i in range(len(q)):
+        value = desk.u[2] if roll.present and i == len(q) - 1 else desk.c[i]
+        if i == 0 and form.head == TURN:
+            value = nearest_copy(
+                value, chain.lower[0], chain.upper[0], 0.5 * (chain.lower[0] + chain.upper[0])
+            )
+        q[i] = min(max(value, chain.lower[i]), chain.upper[i])
