@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .branches import Branches, BranchesBatch, quick_branches
 from .certificate import Certificate, Verdict
 from .goal import Goal
 from .kernels.forward import forward_many
@@ -21,6 +22,7 @@ from .robots.chain import SerialChain
 from .solution import Solution, quick_solution
 from .solvers import Atlas, Solver
 from .solvers.atlas import AtlasIndex, atlas_of, wanted_of
+from .solvers.branching import SPREAD, BranchIndex, Cost, Valid, branches_of, index_of
 
 Array = NDArray[np.float64]
 
@@ -36,10 +38,11 @@ class Arm:
         """Wrap a chain that a reader made."""
         self.chain = chain
         self._index: AtlasIndex | None = None
+        self._branch_index: BranchIndex | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the chain; the atlas is rebuilt where it is needed."""
-        return {"chain": self.chain, "_index": None}
+        return {"chain": self.chain, "_index": None, "_branch_index": None}
 
     @classmethod
     def from_dh(
@@ -153,6 +156,68 @@ class Arm:
         problem = Problem(self.chain, asked, start)
         solution = (solver or Atlas(threads=threads, progress=progress)).solve(problem)
         return self._with_proofs(solution) if prove else solution
+
+    def branches(
+        self,
+        goal: Any,
+        *,
+        near: ArrayLike | None = None,
+        order: str = "mid-range",
+        cost: Cost | None = None,
+        valid: Valid | None = None,
+        copies: bool = False,
+        count: int | None = None,
+        threads: int | None = None,
+    ) -> Branches | BranchesBatch:
+        """Find every distinct answer to a goal; where the arm has joints to spare, a well-spread sample of them.
+
+        Args:
+            goal: As in `ik`: a pose, (4, 4) or (..., 4, 4), an object that carries one, or a `Goal`.
+            near: Joint values, (n,) or (..., n), [rad] or [m]: answers come nearest to them first.
+            order: What comes first unless `near` or `cost` say it: ``"mid-range"`` (nearest to the middle of the
+                ranges, each joint measured in half its range), ``"limits"`` (farthest from the limits, by the same
+                measure) or ``"dexterity"`` (most manipulability, Yoshikawa 1985).
+            cost: A function from joint values, (k, n), to numbers, (k,): the least comes first.
+            valid: A function from joint values, (n,), to a bool: answers that it refuses are left out and counted.
+            copies: Add every answer turned by full turns, as far as the limits allow. Without it no two answers are
+                equal modulo 2π.
+            count: How many to return at most; 50 where the arm has joints to spare, all of them elsewhere.
+            threads: Threads for a batch; every core unless given.
+
+        Returns:
+            The answers to one goal, every one inside the limits and within the tolerances by plain FK; for a batch a
+            sequence of them. An unreachable goal has none.
+
+        Raises:
+            InvalidGoal: Not a pose.
+            InvalidProblem: `near` does not fit the arm, an unknown order, two orders at once, or a `cost` or `valid`
+                that fails; the message names q.
+        """
+        plain = type(goal) is np.ndarray and near is None and cost is None and valid is None and not copies
+        if plain and goal.shape == (4, 4) and goal.dtype == np.float64 and goal.flags.c_contiguous:
+            # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform.
+            if order == "mid-range" and count is None:
+                index = self._branches
+                found = index.search(_DEFAULT, goal, index.view, SPREAD)
+                if len(found):
+                    return quick_branches(self.chain, goal, found, index.freedom > 0)
+        asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
+        start = None if near is None else as_joints(self.chain, near, "near")
+        return branches_of(
+            Problem(self.chain, asked, start),
+            order=order,
+            cost=cost,
+            valid=valid,
+            copies=copies,
+            count=count,
+            threads=threads,
+        )
+
+    @property
+    def _branches(self) -> BranchIndex:
+        if self._branch_index is None:
+            self._branch_index = index_of(Problem(self.chain, Goal.pose(np.eye(4))))
+        return self._branch_index
 
     def prove(self, goal: Any, *, gap: float | None = None, budget: int = 2_000_000) -> Certificate:
         """Decide by branch and bound whether any joint values inside the limits reach a goal.
