@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .branches import Branches, BranchesBatch, quick_branches
 from .certificate import Certificate, Verdict
+from .errors import InvalidProblem
 from .goal import Goal
 from .kernels.forward import forward_many
 from .kernels.lanes import LANES
@@ -23,6 +24,7 @@ from .solution import Solution, quick_solution
 from .solvers import Atlas, Solver
 from .solvers.atlas import AtlasIndex, atlas_of, wanted_of
 from .solvers.branching import SPREAD, BranchIndex, Cost, Valid, branches_of, index_of
+from .solvers.preference import preferred
 
 Array = NDArray[np.float64]
 
@@ -123,6 +125,9 @@ class Arm:
         threads: int | None = None,
         progress: bool = False,
         prove: bool = False,
+        prefer: str | None = None,
+        cost: Cost | None = None,
+        valid: Valid | None = None,
     ) -> Solution:
         """Find joint values that reach a goal, or come as near to it as the search can.
 
@@ -135,6 +140,11 @@ class Arm:
             threads: Threads for a batch, of the default solver; every core unless given.
             progress: Show a progress bar for a batch, of the default solver.
             prove: Try to prove of every missed pose that it is out of reach; see `Arm.prove`.
+            prefer: Which of all answers: ``"mid-range"``, ``"limits"`` (far from them) or ``"dexterity"``, as
+                `order` in `Arm.branches`. Where the arm has joints to spare, the best along the self-motion.
+            cost: Instead of `prefer`, a function from joint values, (k, n), to numbers, (k,): the least is best.
+            valid: A function from joint values, (n,), to a bool, asked of one answer after the other until it agrees.
+                If it never does, the solution is no success, and `rejected` says how many it refused.
 
         Returns:
             Joint values inside the limits, their errors recomputed by FK, and whether these meet the
@@ -142,10 +152,12 @@ class Arm:
 
         Raises:
             InvalidGoal: Not a pose.
-            InvalidProblem: `near` does not fit the arm.
+            InvalidProblem: `near` does not fit the arm, an unknown preference, two of them, a preference with a
+                `solver`, or a `cost` or `valid` that fails.
             InvalidSolver: The solver's parameters do not fit the arm.
         """
-        plain = type(goal) is np.ndarray and near is None and solver is None and not prove
+        wishes = prefer is not None or cost is not None or valid is not None
+        plain = type(goal) is np.ndarray and near is None and solver is None and not prove and not wishes
         if plain and goal.shape == (4, 4) and goal.dtype == np.float64 and goal.flags.c_contiguous:
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform.
             row = solve_pose(self.atlas.handle, _DEFAULT, goal, LANES)
@@ -154,7 +166,12 @@ class Arm:
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self.chain, near, "near")
         problem = Problem(self.chain, asked, start)
-        solution = (solver or Atlas(threads=threads, progress=progress)).solve(problem)
+        if wishes and solver is not None:
+            raise InvalidProblem("prefer, cost and valid choose among all branches; they take no solver")
+        if wishes:
+            solution = preferred(problem, prefer, cost, valid, threads)
+        else:
+            solution = (solver or Atlas(threads=threads, progress=progress)).solve(problem)
         return self._with_proofs(solution) if prove else solution
 
     def branches(
@@ -193,14 +210,14 @@ class Arm:
             InvalidProblem: `near` does not fit the arm, an unknown order, two orders at once, or a `cost` or `valid`
                 that fails; the message names q.
         """
-        plain = type(goal) is np.ndarray and near is None and cost is None and valid is None and not copies
+        plain = type(goal) is np.ndarray and near is None and order == "mid-range" and cost is None
+        plain = plain and valid is None and not copies and count is None
         if plain and goal.shape == (4, 4) and goal.dtype == np.float64 and goal.flags.c_contiguous:
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform.
-            if order == "mid-range" and count is None:
-                index = self._branches
-                found = index.search(_DEFAULT, goal, index.view, SPREAD)
-                if len(found):
-                    return quick_branches(self.chain, goal, found, index.freedom > 0)
+            index = self._branches
+            found = index.search(_DEFAULT, goal, index.view, SPREAD)
+            if len(found):
+                return quick_branches(self.chain, goal, found, index.freedom > 0)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self.chain, near, "near")
         return branches_of(

@@ -195,14 +195,15 @@ def refine_all(
                     done = True
                     for i in range(dof):
                         desk.seed[i] = lanes.q[i, l]
-                    if count < len(rows) and is_new(task, desk, goal, rows, count, desk.seed, half):
+                    new = mode == SAMPLED or is_new(task, desk, goal, rows, count, desk.seed, half)
+                    if count < len(rows) and new:
                         for i in range(dof):
                             rows[count, i] = desk.seed[i]
                         count += 1
-            elif made[l] >= PATIENCE and strikes[l] >= STRIKES:
-                done = True
-            elif mode == SEEDED and made[l] > 1 and heads_for_known(task, lanes, l, rows, count):
-                done = True
+            elif not done:
+                done = made[l] >= PATIENCE and strikes[l] >= STRIKES
+                if mode == SEEDED and made[l] > 1 and not done:
+                    done = heads_for_known(task, lanes, l, rows, count)
             if done:
                 busy[l] = 0
                 active -= 1
@@ -233,7 +234,7 @@ def twins(
     for l in range(LANES):
         for i in range(dof):
             lanes.q[i, l] = rows[min(first + l, last - 1), i]
-        desk.floor[l] = 1e-13
+        desk.floor[l] = 1e-13 if dof >= 6 else 1e-9  # Rows that no joint can move make J Jᵀ singular.
         work[W + l] = 0.0
     for phase in range(3):
         lanes_forward(task.chain, lanes, w)
@@ -243,31 +244,45 @@ def twins(
             for r in range(6 * LANES):
                 e[r] = 0.0  # So that no joint counts as pushed against its limit.
             lanes_gram(task.lower, task.upper, 0.0, desk.floor, lanes, w)
-            for r in range(6):
+            for i in range(dof):
                 for l in range(w):
-                    e[r * W + l] = 1.0 - 0.27 * r
-            for _ in range(3):  # Inverse iteration: e turns into the direction that is hardest to move in.
+                    lanes.step[i, l] = 1.0 - 0.27 * i
+            # Inverse iteration, v → Jᵀ (J Jᵀ)⁻² J v, which works as well where J has more rows than joints.
+            for turn in range(5):
+                if turn % 2 == 0:
+                    for r in range(6):
+                        for l in range(w):
+                            e[r * W + l] = 0.0
+                        for i in range(dof):
+                            for l in range(w):
+                                e[r * W + l] += J[i, r * W + l] * lanes.step[i, l]
                 lanes_solve(lanes, w)
                 for l in range(w):
-                    size = 1e-300
-                    for r in range(6):
-                        size += e[r * W + l] * e[r * W + l]
-                    size = 1.0 / math.sqrt(size)
-                    for r in range(6):
-                        e[r * W + l] *= size
-            for l in range(w):
-                size = 1e-300
-                for i in range(dof):
-                    d = 0.0
-                    for r in range(6):
-                        d += J[i, r * W + l] * e[r * W + l]
-                    lanes.step[i, l] = d
-                    size += d * d
-                work[l] = math.sqrt(size)
-                for i in range(dof):
-                    lanes.step[i, l] /= work[l]
+                    work[l] = 1e-300
                 for r in range(6):
-                    U[r * W + l] = e[r * W + l]
+                    for l in range(w):
+                        work[l] += e[r * W + l] * e[r * W + l]
+                for r in range(6):
+                    for l in range(w):
+                        e[r * W + l] /= math.sqrt(work[l])
+                if turn % 2 == 0 and turn < 4:
+                    continue
+                for l in range(w):
+                    work[l] = 1e-300
+                for i in range(dof):
+                    for l in range(w):
+                        d = 0.0
+                        for r in range(6):
+                            d += J[i, r * W + l] * e[r * W + l]
+                        lanes.step[i, l] = d
+                        work[l] += d * d
+                for l in range(w):
+                    work[l] = math.sqrt(work[l])
+                for i in range(dof):
+                    for l in range(w):
+                        lanes.step[i, l] /= work[l]
+            for r in range(6 * LANES):
+                U[r] = e[r]
         else:
             for l in range(w):
                 for r in range(6):
@@ -333,9 +348,7 @@ def starts(
     found = nearest(task.atlas.tree, desk.point, wanted, distance, neighbour, desk.stack, desk.bound)
     lower, upper, many = task.chain.lower, task.chain.upper, 0
     for k in range(begin, found):
-        if complete_seed(
-            task.atlas, task.division, desk.seen, neighbour[k], lower, upper, MARGIN, desk.seed
-        ):
+        if complete_seed(task.atlas, task.division, desk.seen, neighbour[k], lower, upper, MARGIN, desk.seed):
             for i in range(len(desk.seed)):
                 seeds[many, i] = desk.seed[i]
             many += 1
@@ -447,13 +460,9 @@ def find_branches(
             mode, many, rounds = SIBLING, 1, 3
         else:
             break
-        count = refine_all(
-            handle, wanted, memory, target, seeds, 0, middle, rows, count, mode, spent, w
-        )
+        count = refine_all(handle, wanted, memory, target, seeds, 0, middle, rows, count, mode, spent, w)
         first = count
-        count = refine_all(
-            handle, wanted, memory, target, seeds, middle, many, rows, count, mode, spent, w
-        )
+        count = refine_all(handle, wanted, memory, target, seeds, middle, many, rows, count, mode, spent, w)
         late = late or (middle > 0 and count > first)
     result = np.empty((count + 1, dof + 3))
     result[count, 0] = sorted_rows(task, desk, target, rows, count, view[0], view[1], result)
@@ -463,13 +472,11 @@ def find_branches(
 
 
 @kernel
-def sample_branches(
-    handle: Indices, wanted: Array, target: Array, view: Array, number: int, w: int
-) -> Array:
+def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, number: int, w: int) -> Array:
     """Find a well-spread sample of the answers to one target that leaves the arm some freedom.
 
-    Twice as many starts as answers are wanted, the nearest samples, are refined; if limits leave too few, more are tried
-    around what was found. Of all these the farthest from those already chosen is chosen next (Gonzalez 1985).
+    Half as many starts again as answers are wanted, the nearest samples, are refined; if limits leave too few, more are
+    tried around what was found. Of all these the farthest from those already chosen is chosen next (Gonzalez 1985).
 
     Args:
         handle: The task, see `task_of`.
@@ -488,9 +495,10 @@ def sample_branches(
         return np.empty((0, dof + 3))
     memory = np.zeros(desk_size(dof, joints))
     desk = make_desk(memory, dof, joints)
-    most = max(2 * number, 4 * LANES)
+    most = max(number + number // 2, 4 * LANES)
     rows, chosen, seeds = np.empty((most, dof)), np.empty((number, dof)), np.empty((most, dof))
-    distance, neighbour, spent = np.empty(most), np.empty(most, dtype=np.int64), np.zeros(2)
+    columns = np.empty((dof, most))
+    distance, neighbour, spent = np.empty(2 * most), np.empty(most, dtype=np.int64), np.zeros(2)
     start(task, desk, target)
     see(task, desk, target)
     coordinates(desk.seen, task.division, desk.point)
@@ -515,7 +523,7 @@ def sample_branches(
                     seeds[k, i] = desk.seed[i]
         count = refine_all(handle, wanted, memory, target, seeds, 0, many, rows, count, SAMPLED, spent, w)
         rounds += 1
-    kept = spread(task, rows, count, chosen, distance)
+    kept = spread(task, rows, count, columns, chosen, distance)
     result = np.empty((kept + 1, dof + 3))
     result[kept, 0] = sorted_rows(task, desk, target, chosen, kept, view[0], view[1], result)
     result[kept, 1], result[kept, 2] = spent[0], 1.0
@@ -524,26 +532,41 @@ def sample_branches(
 
 
 @hidden
-def spread(task: Task, rows: Array, count: int, chosen: Array, distance: Array) -> int:
-    """Copy the rows that lie farthest from one another into `chosen`; return how many."""
-    kept = min(count, len(chosen))
+def spread(task: Task, rows: Array, count: int, columns: Array, chosen: Array, distance: Array) -> int:
+    """Copy the rows that lie farthest from one another into `chosen`; return how many.
+
+    Args:
+        task: The task.
+        rows: Answers, (capacity, n).
+        count: How many there are.
+        columns: Memory, (n, capacity): joint by joint, so that the innermost loop runs over answers.
+        chosen: Receives rows, (most, n).
+        distance: Memory, (capacity,).
+    """
+    kept, last = 0, 0
     for j in range(count):
         distance[j] = np.inf
-    last = 0
-    for k in range(kept):
         for i in range(rows.shape[1]):
-            chosen[k, i] = rows[last, i]
-        farthest = -1.0
-        next_one = 0
+            columns[i, j] = rows[j, i]
+    while kept < min(count, len(chosen)):
         for j in range(count):
-            gap = 0.0
-            for i in range(rows.shape[1]):
-                difference = joint_gap(task, rows[j, i], chosen[k, i], i)
-                gap += difference * difference
-            distance[j] = min(distance[j], gap)
+            distance[count + j] = 0.0
+        for i in range(rows.shape[1]):
+            chosen[kept, i] = rows[last, i]
+            turn = 2.0 * math.pi if turns(task, i) else 0.0
+            here, rate = rows[last, i], 1.0 / (2.0 * math.pi)
+            for j in range(count):
+                gap = columns[i, j] - here
+                gap -= turn * np.floor(gap * rate + 0.5)
+                distance[count + j] += gap * gap
+        kept += 1
+        farthest = -1.0
+        for j in range(count):
+            distance[j] = min(distance[j], distance[count + j])
             if distance[j] > farthest:
-                farthest, next_one = distance[j], j
-        last = next_one
+                farthest, last = distance[j], j
+        if farthest < EQUAL * EQUAL:
+            break
     return kept
 
 

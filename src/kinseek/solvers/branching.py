@@ -69,9 +69,7 @@ class BranchIndex:
         """Rows of answers to one target, (4, 4), as `kernels.branches.find_branches` returns them."""
         if self.freedom:
             return sample_branches(self.fine.handle, wanted, target, view, count, LANES)
-        return find_branches(
-            self.coarse.handle, self.fine.handle, wanted, self.mirrors, target, view, LANES
-        )
+        return find_branches(self.coarse.handle, self.fine.handle, wanted, self.mirrors, target, view, LANES)
 
     def _mirrors(self, problem: Problem) -> Array:
         """Look for images q → signs · q + shifts that leave every pose as it is.
@@ -247,7 +245,9 @@ def _finish(
     q, errors = rows[:number, :dof].copy(), rows[:number, dof : dof + 2]
     if copies:
         q = turned_copies(problem.chain, q)
-        errors = judge(problem.arrays, q, np.repeat(problem.goal.targets, len(q), axis=0), problem.goal.arrays)
+        errors = judge(
+            problem.arrays, q, np.repeat(problem.goal.targets, len(q), axis=0), problem.goal.arrays
+        )
     place = np.arange(len(q))
     if cost is not None or order != "mid-range" or copies:
         place = np.argsort(scores(problem, q, order, cost), kind="stable")
@@ -352,12 +352,15 @@ def is_valid(valid: Valid, q: Array) -> bool:
     try:
         answer = valid(q.copy())
     except Exception as error:
-        raise InvalidProblem(f"valid raised {type(error).__name__}: {error}, for q = {_written(q)}") from error
-    if isinstance(answer, bool | np.bool_) or (isinstance(answer, np.ndarray) and answer.shape == () and answer.dtype == bool):
+        raise InvalidProblem(
+            f"valid raised {type(error).__name__}: {error}, for q = {_written(q)}"
+        ) from error
+    if isinstance(answer, bool | np.bool_) or (
+        isinstance(answer, np.ndarray) and answer.shape == () and answer.dtype == bool
+    ):
         return bool(answer)
     raise InvalidProblem(f"valid must return a bool, got {answer!r} for q = {_written(q)}")
 
 
 def _written(q: Array) -> str:
     return np.array2string(q, precision=6, separator=", ", max_line_width=1000)
-
