@@ -505,25 +505,28 @@ def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, 
     many = starts(task, desk, most, 0, distance, neighbour, seeds)
     count = refine_all(handle, wanted, memory, target, seeds, 0, many, rows, 0, SAMPLED, spent, w)
     rounds = 0
-    while count < number and rounds < SAMPLE_ROUNDS:
+    while True:
+        kept = spread(task, rows, count, columns, chosen, distance)
+        if kept == number or rounds == SAMPLE_ROUNDS or (kept == 0 and rounds > 0):
+            break
+        many, count = 4 * LANES, kept
         if count == 0:
-            if rounds > 0:
-                break
             other = solve_pose(handle, wanted, target, w)
             spent[0] += other[dof + 3]
             for i in range(dof):
                 seeds[0, i] = other[i]
             many = 1
         else:
-            many = min(most, 4 * LANES)
+            for k in range(count):
+                for i in range(dof):
+                    rows[k, i] = chosen[k, i]
             for k in range(many):
-                restart(task, rounds * most + k, desk.seed)
+                restart(task, rounds * many + k, desk.seed)
                 kick(task, rows, (rounds * many + k) % count, SAMPLE_KICK, desk.seed)
                 for i in range(dof):
                     seeds[k, i] = desk.seed[i]
         count = refine_all(handle, wanted, memory, target, seeds, 0, many, rows, count, SAMPLED, spent, w)
         rounds += 1
-    kept = spread(task, rows, count, columns, chosen, distance)
     result = np.empty((kept + 1, dof + 3))
     result[kept, 0] = sorted_rows(task, desk, target, chosen, kept, view[0], view[1], result)
     result[kept, 1], result[kept, 2] = spent[0], 1.0
