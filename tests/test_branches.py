@@ -5,13 +5,14 @@ from __future__ import annotations
 import pickle
 from typing import Any
 
-import kinseek
 import numpy as np
 import pytest
 from benchmarks.targets import plain_fk, random_joints, singular_joints, strict
+from numpy.typing import NDArray
+
+import kinseek
 from kinseek import Branches, BranchesBatch, Goal, InvalidGoal, InvalidProblem
 from kinseek.kernels.jacobian import jacobian_many
-from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
@@ -129,11 +130,15 @@ def test_errors_are_recomputed_and_everything_explains_itself() -> None:
     target = arm.fk([0.3, -1.2, 1.4, -0.8, 1.1, 0.2])
     branches = one(arm.branches(target))
     assert len(branches) == len(list(branches)) == 8
-    assert branches.evaluations > 8 and branches.rejected == 0 and not branches.sampled
+    assert branches.evaluations > 8
+    assert branches.rejected == 0
+    assert not branches.sampled
     np.testing.assert_array_equal(branches[0], branches.q[0])
     np.testing.assert_array_equal(branches.problem.goal.target, target)
-    assert branches.position_error.max() <= 1e-6 and branches.orientation_error.max() <= 1e-6
-    assert "8 answers" in repr(branches) and "not proved complete" in repr(branches)
+    assert branches.position_error.max() <= 1e-6
+    assert branches.orientation_error.max() <= 1e-6
+    assert "8 answers" in repr(branches)
+    assert "not proved complete" in repr(branches)
     with pytest.raises(AttributeError, match="nothing"):
         _ = branches.nothing
     again = pickle.loads(pickle.dumps(branches))
@@ -147,19 +152,23 @@ def test_the_same_bits_alone_and_in_a_batch_at_every_thread_count() -> None:
         batch = some(arm.branches(targets, threads=1))
         alone = [one(arm.branches(target)) for target in targets]
         wrapped = some(arm.branches(Goal.pose(targets.reshape(10, 15, 4, 4)), threads=3))
-        assert batch.counts.shape == (150,) and wrapped.counts.shape == (10, 15)
+        assert batch.counts.shape == (150,)
+        assert wrapped.counts.shape == (10, 15)
         np.testing.assert_array_equal(batch.q, wrapped.q)
         np.testing.assert_array_equal(batch.q, np.concatenate([each.q for each in alone]))
         begin, end = batch.offsets[7:9]
         np.testing.assert_array_equal(batch.q[begin:end], batch[7].q)
-        assert len(batch) == 150 and len(batch[3:5]) == 2
+        assert len(batch) == 150
+        assert len(batch[3:5]) == 2
         assert "150" in repr(batch)
 
 
 def test_an_empty_batch() -> None:
     arm = kinseek.load("ur5e")
     found = some(arm.branches(np.zeros((0, 4, 4))))
-    assert len(found) == 0 and found.counts.shape == (0,) and list(found.offsets) == [0]
+    assert len(found) == 0
+    assert found.counts.shape == (0,)
+    assert list(found.offsets) == [0]
     assert "empty" in repr(found)
 
 
@@ -169,7 +178,8 @@ def test_out_of_reach_has_no_branch() -> None:
         target = np.eye(4)
         target[:3, 3] = 5.0, 5.0, 0.0
         found = one(arm.branches(target))
-        assert len(found) == 0 and found.q.shape == (0, arm.dof)
+        assert len(found) == 0
+        assert found.q.shape == (0, arm.dof)
         assert len(one(arm.branches(target, order="dexterity", copies=True))) == 0
 
 
@@ -209,8 +219,13 @@ def test_orders() -> None:
     q = random_joints(arm.chain, 1, 8)[0]
     target = arm.fk(q)
     half = (arm.upper - arm.lower) / 2
-    away = lambda b: (b.q - (arm.lower + arm.upper) / 2) / half  # noqa: E731
-    rising = lambda values: (np.diff(values) >= -1e-12).all()  # noqa: E731
+
+    def away(found: Branches) -> Array:
+        return np.asarray((found.q - (arm.lower + arm.upper) / 2) / half)
+
+    def rising(values: Array) -> bool:
+        return bool((np.diff(values) >= -1e-12).all())
+
     plain = one(arm.branches(target))
     assert len(plain) > 2
     assert rising(np.linalg.norm(away(plain), axis=1))
@@ -241,7 +256,9 @@ def test_valid_leaves_out_and_counts() -> None:
     arm = kinseek.load("ur5e")
     target = arm.fk([0.3, -1.2, 1.4, -0.8, 1.1, 0.2])
     up = one(arm.branches(target, valid=lambda q: bool(q[2] > 0)))
-    assert len(up) == 4 and up.rejected == 4 and (up.q[:, 2] > 0).all()
+    assert len(up) == 4
+    assert up.rejected == 4
+    assert (up.q[:, 2] > 0).all()
     assert "4 rejected" in repr(up)
 
 
@@ -289,7 +306,8 @@ def test_a_sample_of_the_self_motion_is_spread(name: str) -> None:
     arm = kinseek.load(name)
     for target in plain_fk(arm.chain, random_joints(arm.chain, 20, 31)):
         found = one(arm.branches(target))
-        assert found.sampled and "a sample" in repr(found)
+        assert found.sampled
+        assert "a sample" in repr(found)
         assert len(found) == 50
         assert_true(arm, found, target)
         few = one(arm.branches(target, count=8))
@@ -303,10 +321,12 @@ def test_goals_that_fix_less() -> None:
     arm = kinseek.load("ur5e")
     target = arm.fk([0.3, -1.2, 1.4, -0.8, 1.1, 0.2])
     place = one(arm.branches(Goal.position(target[:3, 3])))
-    assert place.sampled and len(place) == 50
+    assert place.sampled
+    assert len(place) == 50
     assert np.abs(arm.fk(place.q)[:, :3, 3] - target[:3, 3]).max() <= 1e-6 + ROUNDING
     ahead = one(arm.branches(Goal.pointing(target[:3, 3], target[:3, 2])))
-    assert ahead.sampled and len(ahead) == 50
+    assert ahead.sampled
+    assert len(ahead) == 50
     assert (arm.fk(ahead.q)[:, :3, 2] @ target[:3, 2]).min() >= 1 - 1e-11
 
 
@@ -332,7 +352,8 @@ def test_one_joint() -> None:
 def test_two_joints_have_two_answers_to_a_position() -> None:
     arm = kinseek.Arm.from_dh([[0.5, 0, 0, 0], [0.4, 0, 0, 0]], [-3.1, -3.1], [3.1, 3.1])
     found = one(arm.branches(Goal.position(arm.fk([0.4, 0.9])[:3, 3])))
-    assert len(found) == 2 and not found.sampled
+    assert len(found) == 2
+    assert not found.sampled
     np.testing.assert_allclose(np.sort(found.q[:, 1]), [-0.9, 0.9], atol=1e-6)
 
 

@@ -56,8 +56,9 @@ STEPS, SIBLING_STEPS = 12, 20
 EXACT = 1e-22
 """Squared scaled error to converge to, so that answers near a singularity can be told apart."""
 
-EQUAL, ALIKE = 1e-4, 1e-3
-"""Answers this close [rad or m] are one; and those alike if the tolerances are met half-way as well."""
+EQUAL, ALIKE = 1e-4, 0.1
+"""Answers this close [rad or m] are one. At a singularity, where a start gets no closer than the tolerances, so are those
+alike that meet them half-way as well."""
 
 PATIENCE, STRIKES, WORTH = 4, 3, 0.7
 """From this step on, that many steps which leave more than this share of the squared error end a start."""
@@ -68,6 +69,9 @@ NEAR, HEADING, WITHIN_SIGHT = 0.1, 0.5, 0.6
 FAR = 2.0
 """Twins farther off than this [rad] are left to the starts: the second order does not reach there."""
 
+SINGULAR = 1e-6
+"""Least singular value of the scaled Jacobian below which its own direction drowns in rounding."""
+
 PROBE, FLAT = 0.05, 1e-6
 """Length of the probing step along the weakest direction, and the scaled error along it that tells a continuum."""
 
@@ -77,34 +81,43 @@ SAMPLE_ROUNDS, SAMPLE_KICK = 16, 1.5
 
 
 @hidden
-def joint_gap(task: Task, a: float, b: float, i: int) -> float:
-    """Difference of two values of joint i, the short way round if it turns fully."""
-    gap = a - b
-    if turns(task, i):
-        gap -= 2.0 * math.pi * np.round(gap / (2.0 * math.pi))
+def joint_gap(a: float, b: float, rate: float) -> float:
+    """Difference of two joint values, the short way round where `rate` is one over 2π and not 0."""
+    gap: float = a - b
+    gap -= 2.0 * math.pi * np.floor(gap * rate + 0.5)
     return gap
 
 
 @hidden
-def squared_gap(task: Task, rows: Array, row: int, q: Array) -> float:
+def squared_gap(rates: Array, rows: Array, row: int, q: Array) -> float:
     """Squared distance between a row of joint values and q, modulo full turns."""
     total = 0.0
     for i in range(len(q)):
-        gap = joint_gap(task, rows[row, i], q[i], i)
+        gap = joint_gap(rows[row, i], q[i], rates[i])
         total += gap * gap
     return total
 
 
 @hidden
-def is_new(task: Task, desk: Desk, goal: GoalArrays, rows: Array, count: int, q: Array, half: Array) -> bool:
+def is_new(
+    task: Task,
+    desk: Desk,
+    goal: GoalArrays,
+    rates: Array,
+    rows: Array,
+    count: int,
+    alike: float,
+    q: Array,
+    half: Array,
+) -> bool:
     """Is q none of the first `count` rows?"""
     for j in range(count):
-        gap = squared_gap(task, rows, j, q)
+        gap = squared_gap(rates, rows, j, q)
         if gap < EQUAL * EQUAL:
             return False
-        if gap < ALIKE * ALIKE:
+        if gap < alike * alike:
             for i in range(len(q)):
-                half[i] = q[i] + 0.5 * joint_gap(task, rows[j, i], q[i], i)
+                half[i] = q[i] + 0.5 * joint_gap(rows[j, i], q[i], rates[i])
             forward(task.chain, half, desk.spare)
             position, orientation = errors(desk.spare, goal)
             if position <= task.wanted[0] and orientation <= task.wanted[1]:
@@ -113,12 +126,12 @@ def is_new(task: Task, desk: Desk, goal: GoalArrays, rows: Array, count: int, q:
 
 
 @hidden
-def heads_for_known(task: Task, lanes: Lanes, l: int, rows: Array, count: int) -> bool:
+def heads_for_known(lanes: Lanes, l: int, rates: Array, rows: Array, count: int) -> bool:
     """Is lane l at a known answer, or did its last step bring it much closer to one?"""
     for j in range(count):
         now, before = 0.0, 0.0
         for i in range(rows.shape[1]):
-            gap = joint_gap(task, lanes.q[i, l], rows[j, i], i)
+            gap = joint_gap(lanes.q[i, l], rows[j, i], rates[i])
             now += gap * gap
             gap -= lanes.work[l] * lanes.step[i, l]
             before += gap * gap
@@ -138,6 +151,7 @@ def refine_all(
     last: int,
     rows: Array,
     count: int,
+    rates: Array,
     mode: int,
     spent: Array,
     w: int,
@@ -154,6 +168,7 @@ def refine_all(
         last: One past the last seed.
         rows: Answers, (capacity, n).
         count: How many are known already.
+        rates: See `joint_gap`, (n,).
         mode: SEEDED, SIBLING or SAMPLED.
         spent: Its first number is increased by the FK evaluations spent.
         w: LANES.
@@ -195,7 +210,10 @@ def refine_all(
                     done = True
                     for i in range(dof):
                         desk.seed[i] = lanes.q[i, l]
-                    new = mode == SAMPLED or is_new(task, desk, goal, rows, count, desk.seed, half)
+                    alike = EQUAL if error < exact else ALIKE
+                    new = mode == SAMPLED or is_new(
+                        task, desk, goal, rates, rows, count, alike, desk.seed, half
+                    )
                     if count < len(rows) and new:
                         for i in range(dof):
                             rows[count, i] = desk.seed[i]
@@ -203,7 +221,7 @@ def refine_all(
             elif not done:
                 done = made[l] >= PATIENCE and strikes[l] >= STRIKES
                 if mode == SEEDED and made[l] > 1 and not done:
-                    done = heads_for_known(task, lanes, l, rows, count)
+                    done = heads_for_known(lanes, l, rates, rows, count)
             if done:
                 busy[l] = 0
                 active -= 1
@@ -247,42 +265,51 @@ def twins(
             for i in range(dof):
                 for l in range(w):
                     lanes.step[i, l] = 1.0 - 0.27 * i
-            # Inverse iteration, v → Jᵀ (J Jᵀ)⁻² J v, which works as well where J has more rows than joints.
-            for turn in range(5):
-                if turn % 2 == 0:
-                    for r in range(6):
-                        for l in range(w):
-                            e[r * W + l] = 0.0
-                        for i in range(dof):
+            # Inverse iteration, v → Jᵀ (J Jᵀ)⁻² J v, which works as well where J has more rows than joints. At a
+            # singularity Jᵀ leads nowhere; there the last turn takes what J makes nothing of, v - Jᵀ (J Jᵀ)⁻¹ J v.
+            for turn in range(6):
+                if turn not in (1, 3):
+                    for r in range(6 * LANES):
+                        e[r] = 0.0
+                    for i in range(dof):
+                        fresh = 1.0 if turn == 5 else 0.0
+                        for r in range(6):
                             for l in range(w):
-                                e[r * W + l] += J[i, r * W + l] * lanes.step[i, l]
+                                v = fresh * (1.0 - 0.27 * i) + (1.0 - fresh) * lanes.step[i, l]
+                                e[r * W + l] += J[i, r * W + l] * v
                 lanes_solve(lanes, w)
-                for l in range(w):
-                    work[l] = 1e-300
-                for r in range(6):
+                if turn < 5:
                     for l in range(w):
-                        work[l] += e[r * W + l] * e[r * W + l]
-                for r in range(6):
-                    for l in range(w):
-                        e[r * W + l] /= math.sqrt(work[l])
-                if turn % 2 == 0 and turn < 4:
+                        size = 1e-300
+                        for r in range(6):
+                            size += e[r * W + l] * e[r * W + l]
+                        size = 1.0 / math.sqrt(size)
+                        for r in range(6):
+                            e[r * W + l] *= size
+                if turn in (0, 2):
                     continue
                 for l in range(w):
-                    work[l] = 1e-300
-                for i in range(dof):
-                    for l in range(w):
+                    size, weak = 1e-300, turn == 5
+                    if weak and work[l] > SINGULAR:
+                        continue
+                    for i in range(dof):
                         d = 0.0
                         for r in range(6):
                             d += J[i, r * W + l] * e[r * W + l]
+                        if weak:
+                            d = 1.0 - 0.27 * i - d
                         lanes.step[i, l] = d
-                        work[l] += d * d
-                for l in range(w):
-                    work[l] = math.sqrt(work[l])
-                for i in range(dof):
-                    for l in range(w):
-                        lanes.step[i, l] /= work[l]
+                        size += d * d
+                    size = math.sqrt(size)
+                    if not weak:
+                        work[l] = size
+                    for i in range(dof):
+                        lanes.step[i, l] /= size
+                if turn == 4:
+                    for r in range(6 * LANES):
+                        lanes.pose[r] = e[r]  # Kept there until the gram matrix gives way to it.
             for r in range(6 * LANES):
-                U[r] = e[r]
+                U[r] = lanes.pose[r]
         else:
             for l in range(w):
                 for r in range(6):
@@ -312,7 +339,15 @@ def twins(
 
 @hidden
 def images(
-    task: Task, mirrors: Array, rows: Array, first: int, last: int, seeds: Array, many: int, image: Array
+    task: Task,
+    mirrors: Array,
+    rates: Array,
+    rows: Array,
+    first: int,
+    last: int,
+    seeds: Array,
+    many: int,
+    image: Array,
 ) -> int:
     """Append the mirror images of answers first … last-1 that are not known to seeds; return how many there are."""
     for j in range(first, last):
@@ -326,7 +361,7 @@ def images(
                 fits = fits and low - EQUAL <= value <= high + EQUAL
                 image[i] = min(max(value, low), high)
             for c in range(last):
-                fits = fits and squared_gap(task, rows, c, image) > EQUAL * EQUAL
+                fits = fits and squared_gap(rates, rows, c, image) > EQUAL * EQUAL
             if fits:
                 for i in range(len(image)):
                     seeds[many, i] = image[i]
@@ -385,7 +420,7 @@ def sorted_rows(
         for i in range(dof):
             gap = desk.seed[i] - centre[i]
             if math.isinf(task.lower[i]):
-                gap = joint_gap(task, desk.seed[i], centre[i], i)
+                gap = joint_gap(desk.seed[i], centre[i], 0.5 / math.pi)
             score += gap * gap * scale[i] * scale[i]
         at = kept
         while at > 0 and result[at - 1, dof + 2] > score:
@@ -417,7 +452,8 @@ def find_branches(
         wanted: See `task_of`.
         mirrors: Signs, shifts and 1 for joints that turn, of each mirror image, (k, 3, n).
         target: (4, 4), lengths in [m].
-        view: Where the answers are seen from, and the weight of each joint, (2, n): they come sorted by distance.
+        view: Where the answers are seen from, the weight of each joint, and one over 2π for each that has the same pose
+            after a full turn, else 0, (3, n): they come sorted by weighted distance.
         w: LANES.
 
     Returns:
@@ -443,7 +479,7 @@ def find_branches(
         if told < count:
             last = min(count, told + LANES)
             many = twins(handle, wanted, memory, rows, told, last, seeds, spent, w)
-            many = images(task, mirrors, rows, told, last, seeds, many, image)
+            many = images(task, mirrors, view[2], rows, told, last, seeds, many, image)
             mode, told = SIBLING, last
         elif rounds == 0:
             many = starts(task, desk, STARTS, 0, distance, neighbour, seeds)
@@ -460,9 +496,13 @@ def find_branches(
             mode, many, rounds = SIBLING, 1, 3
         else:
             break
-        count = refine_all(handle, wanted, memory, target, seeds, 0, middle, rows, count, mode, spent, w)
+        count = refine_all(
+            handle, wanted, memory, target, seeds, 0, middle, rows, count, view[2], mode, spent, w
+        )
         first = count
-        count = refine_all(handle, wanted, memory, target, seeds, middle, many, rows, count, mode, spent, w)
+        count = refine_all(
+            handle, wanted, memory, target, seeds, middle, many, rows, count, view[2], mode, spent, w
+        )
         late = late or (middle > 0 and count > first)
     result = np.empty((count + 1, dof + 3))
     result[count, 0] = sorted_rows(task, desk, target, rows, count, view[0], view[1], result)
@@ -503,10 +543,10 @@ def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, 
     see(task, desk, target)
     coordinates(desk.seen, task.division, desk.point)
     many = starts(task, desk, most, 0, distance, neighbour, seeds)
-    count = refine_all(handle, wanted, memory, target, seeds, 0, many, rows, 0, SAMPLED, spent, w)
+    count = refine_all(handle, wanted, memory, target, seeds, 0, many, rows, 0, view[2], SAMPLED, spent, w)
     rounds = 0
     while True:
-        kept = spread(task, rows, count, columns, chosen, distance)
+        kept = spread(view[2], rows, count, columns, chosen, distance)
         if kept == number or rounds == SAMPLE_ROUNDS or (kept == 0 and rounds > 0):
             break
         many, count = 4 * LANES, kept
@@ -525,7 +565,9 @@ def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, 
                 kick(task, rows, (rounds * many + k) % count, SAMPLE_KICK, desk.seed)
                 for i in range(dof):
                     seeds[k, i] = desk.seed[i]
-        count = refine_all(handle, wanted, memory, target, seeds, 0, many, rows, count, SAMPLED, spent, w)
+        count = refine_all(
+            handle, wanted, memory, target, seeds, 0, many, rows, count, view[2], SAMPLED, spent, w
+        )
         rounds += 1
     result = np.empty((kept + 1, dof + 3))
     result[kept, 0] = sorted_rows(task, desk, target, chosen, kept, view[0], view[1], result)
@@ -535,11 +577,11 @@ def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, 
 
 
 @hidden
-def spread(task: Task, rows: Array, count: int, columns: Array, chosen: Array, distance: Array) -> int:
+def spread(rates: Array, rows: Array, count: int, columns: Array, chosen: Array, distance: Array) -> int:
     """Copy the rows that lie farthest from one another into `chosen`; return how many.
 
     Args:
-        task: The task.
+        rates: See `joint_gap`, (n,).
         rows: Answers, (capacity, n).
         count: How many there are.
         columns: Memory, (n, capacity): joint by joint, so that the innermost loop runs over answers.
@@ -556,11 +598,9 @@ def spread(task: Task, rows: Array, count: int, columns: Array, chosen: Array, d
             distance[count + j] = 0.0
         for i in range(rows.shape[1]):
             chosen[kept, i] = rows[last, i]
-            turn = 2.0 * math.pi if turns(task, i) else 0.0
-            here, rate = rows[last, i], 1.0 / (2.0 * math.pi)
+            here, rate = rows[last, i], rates[i]
             for j in range(count):
-                gap = columns[i, j] - here
-                gap -= turn * np.floor(gap * rate + 0.5)
+                gap = joint_gap(columns[i, j], here, rate)
                 distance[count + j] += gap * gap
         kept += 1
         farthest = -1.0
@@ -596,7 +636,7 @@ def many_branches(
         wanted: See `task_of`.
         mirrors: See `find_branches`.
         targets: Rigid transforms, (k, 4, 4), lengths in [m].
-        views: One for all or one for each, (1 or k, 2, n).
+        views: One for all or one for each, (1 or k, 3, n).
         number: Answers wanted of a sample, else 0.
         begin: First target.
         end: One past the last target.

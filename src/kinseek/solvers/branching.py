@@ -58,8 +58,9 @@ class BranchIndex:
         self.coarse = AtlasIndex(chain, kind, problem.arrays, SAMPLES)
         self.fine = atlas_of(chain, problem.goal)
         middle, half = (chain.lower + chain.upper) / 2, (chain.upper - chain.lower) / 2
-        self.view: Array = np.array([middle, 1 / np.maximum(half, 1e-12)])
-        """Middle of every range, and one over half its width, (2, n)."""
+        turning = np.where(periodic(chain), 0.5 / np.pi, 0.0)
+        self.view: Array = np.array([middle, 1 / np.maximum(half, 1e-12), turning])
+        """How `kernels.branches` shall see the answers: from the middle of every range, in halves of it, (3, n)."""
         self.mirrors: Array = np.zeros((0, 3, chain.dof))
         """Signs, shifts and whether the joint turns, of every mirror image of the arm, (k, 3, n)."""
         if not self.freedom and chain.dof <= _MOST_MIRRORED:
@@ -78,7 +79,7 @@ class BranchIndex:
         there can be, and a second configuration tells which of them hold.
         """
         chain, dof = problem.chain, problem.chain.dof
-        turns = np.array([kind != "prismatic" for kind in chain.kinds])
+        turns = periodic(chain)
         signs = np.array(list(itertools.product((1.0, -1.0), repeat=dof)))
         wanted, width = wanted_of(Goal.pose(np.eye(4))), chain.upper - chain.lower
         probe = chain.lower + 0.381966 * width
@@ -125,6 +126,14 @@ def index_of(problem: Problem) -> BranchIndex:
         return mine[key]
 
 
+def periodic(chain: SerialChain) -> NDArray[np.bool_]:
+    """Which variables leave every pose as it is when they turn fully, (n,)."""
+    result = np.array([kind != "prismatic" for kind in chain.kinds], dtype=np.bool_)
+    for k, i in enumerate(chain.leader):
+        result[i] &= float(chain.multiplier[k]).is_integer() and not chain.prismatic[k]
+    return result
+
+
 def constraint_jacobian(problem: Problem, q: Array) -> Array:
     """Derivatives of what the goal fixes of the pose, (k, n) -> (k, rows, n); rows are [m] or [rad] a joint unit."""
     J = jacobian_many(problem.arrays, np.ascontiguousarray(q))
@@ -168,7 +177,7 @@ def branches_of(
     views = index.view[None]
     if problem.near is not None:
         near = np.broadcast_to(problem.near, (*goal.shape, problem.chain.dof)).reshape(-1, problem.chain.dof)
-        views = np.stack([near, np.ones_like(near)], axis=1)
+        views = np.stack([near, np.ones_like(near), np.broadcast_to(index.view[2], near.shape)], axis=1)
     found = _search(index, wanted, targets, np.ascontiguousarray(views), number, threads)
     each = tuple(
         _finish(one, rows, index, order, cost, valid, copies, count)
