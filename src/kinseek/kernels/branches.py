@@ -52,13 +52,15 @@ ROWS = 64
 SEEDED, SIBLING, SAMPLED = 0, 1, 2
 """How `refine_all` treats its starts: give up those that lead to what is known; never that; take what is good enough."""
 
-STEPS, SIBLING_STEPS = 12, 20
+STEPS, SIBLING_STEPS, MORE_STEPS = 12, 20, 20
+"""Steps of a start, of a sibling, and more for one that is within the tolerances and not exact yet."""
+
 EXACT = 1e-22
 """Squared scaled error to converge to, so that answers near a singularity can be told apart."""
 
 EQUAL, ALIKE = 1e-4, 0.1
-"""Answers this close [rad or m] are one. At a singularity, where a start gets no closer than the tolerances, so are those
-alike that meet them half-way as well."""
+"""Answers this close [rad or m] are one. At a singularity, where a start may get no closer than the tolerances, so are
+those alike that meet them half-way as well."""
 
 PATIENCE, STRIKES, WORTH = 4, 3, 0.7
 """From this step on, that many steps which leave more than this share of the squared error end a start."""
@@ -69,8 +71,8 @@ NEAR, HEADING, WITHIN_SIGHT = 0.1, 0.5, 0.6
 FAR = 2.0
 """Twins farther off than this [rad] are left to the starts: the second order does not reach there."""
 
-SINGULAR = 1e-6
-"""Least singular value of the scaled Jacobian below which its own direction drowns in rounding."""
+SINGULAR = 0.1
+"""How much of a step is left, where J makes nothing of it, for the Jacobian to count as singular to rounding."""
 
 PROBE, FLAT = 0.05, 1e-6
 """Length of the probing step along the weakest direction, and the scaled error along it that tells a continuum."""
@@ -99,30 +101,44 @@ def squared_gap(rates: Array, rows: Array, row: int, q: Array) -> float:
 
 
 @hidden
-def is_new(
+def match(
     task: Task,
     desk: Desk,
     goal: GoalArrays,
     rates: Array,
     rows: Array,
+    left: Array,
     count: int,
-    alike: float,
+    error: float,
     q: Array,
     half: Array,
-) -> bool:
-    """Is q none of the first `count` rows?"""
+) -> int:
+    """Return which of the first `count` rows q is, or -1.
+
+    Args:
+        task: The task.
+        desk: Its memory.
+        goal: The goal.
+        rates: See `joint_gap`, (n,).
+        rows: Answers, (capacity, n).
+        left: Their squared scaled errors, (capacity,).
+        count: How many there are.
+        error: That of q.
+        q: Joint values, (n,).
+        half: Memory, (n,).
+    """
     for j in range(count):
         gap = squared_gap(rates, rows, j, q)
         if gap < EQUAL * EQUAL:
-            return False
-        if gap < alike * alike:
+            return j
+        if gap < ALIKE * ALIKE and max(error, left[j]) > EXACT:
             for i in range(len(q)):
                 half[i] = q[i] + 0.5 * joint_gap(rows[j, i], q[i], rates[i])
             forward(task.chain, half, desk.spare)
             position, orientation = errors(desk.spare, goal)
             if position <= task.wanted[0] and orientation <= task.wanted[1]:
-                return False
-    return True
+                return j
+    return -1
 
 
 @hidden
@@ -150,6 +166,7 @@ def refine_all(
     first: int,
     last: int,
     rows: Array,
+    left: Array,
     count: int,
     rates: Array,
     mode: int,
@@ -167,6 +184,7 @@ def refine_all(
         first: First seed.
         last: One past the last seed.
         rows: Answers, (capacity, n).
+        left: Their squared scaled errors, (capacity,).
         count: How many are known already.
         rates: See `joint_gap`, (n,).
         mode: SEEDED, SIBLING or SAMPLED.
@@ -201,23 +219,26 @@ def refine_all(
                 continue
             spent[0] += 1.0
             made[l] += 1
-            error, done = lanes.error[3 * LANES + l], made[l] == most
+            error, done = lanes.error[3 * LANES + l], made[l] >= most
             if made[l] > 1 and error > WORTH * before[l]:
                 strikes[l] += 1
             before[l] = error
             if within(task, lanes, l):
-                if error < exact or done:
-                    done = True
+                done = error < exact or made[l] >= most + MORE_STEPS
+                if done and count < len(rows):
                     for i in range(dof):
                         desk.seed[i] = lanes.q[i, l]
-                    alike = EQUAL if error < exact else ALIKE
-                    new = mode == SAMPLED or is_new(
-                        task, desk, goal, rates, rows, count, alike, desk.seed, half
-                    )
-                    if count < len(rows) and new:
-                        for i in range(dof):
-                            rows[count, i] = desk.seed[i]
+                    j = -1
+                    if mode != SAMPLED:
+                        j = match(task, desk, goal, rates, rows, left, count, error, desk.seed, half)
+                    if j < 0:
+                        j = count
                         count += 1
+                        left[j] = np.inf
+                    if error < left[j]:
+                        left[j] = error
+                        for i in range(dof):
+                            rows[j, i] = desk.seed[i]
             elif not done:
                 done = made[l] >= PATIENCE and strikes[l] >= STRIKES
                 if mode == SEEDED and made[l] > 1 and not done:
@@ -249,6 +270,7 @@ def twins(
     desk = make_desk(memory, dof, len(task.chain.leader))
     lanes, W = desk.lanes, LANES
     U, e, J, work = lanes.gram, lanes.residual, lanes.jacobian, lanes.work
+    way = np.empty(dof)
     for l in range(LANES):
         for i in range(dof):
             lanes.q[i, l] = rows[min(first + l, last - 1), i]
@@ -265,18 +287,22 @@ def twins(
             for i in range(dof):
                 for l in range(w):
                     lanes.step[i, l] = 1.0 - 0.27 * i
-            # Inverse iteration, v → Jᵀ (J Jᵀ)⁻² J v, which works as well where J has more rows than joints. At a
-            # singularity Jᵀ leads nowhere; there the last turn takes what J makes nothing of, v - Jᵀ (J Jᵀ)⁻¹ J v.
+            # Inverse iteration, u → (J Jᵀ)⁻¹ u; where there are rows that no joint moves, v → Jᵀ (J Jᵀ)⁻² J v. Exactly at a
+            # singularity Jᵀ u leads nowhere; there the last turn takes what J makes nothing of, v - Jᵀ (J Jᵀ)⁻¹ J v.
             for turn in range(6):
-                if turn not in (1, 3):
+                if turn == 5 or (dof < 6 and turn not in (1, 3)):
+                    fresh = 1.0 if turn in (0, 5) else 0.0
                     for r in range(6 * LANES):
                         e[r] = 0.0
                     for i in range(dof):
-                        fresh = 1.0 if turn == 5 else 0.0
                         for r in range(6):
                             for l in range(w):
                                 v = fresh * (1.0 - 0.27 * i) + (1.0 - fresh) * lanes.step[i, l]
                                 e[r * W + l] += J[i, r * W + l] * v
+                elif turn == 0:
+                    for r in range(6):
+                        for l in range(w):
+                            e[r * W + l] = 1.0 - 0.27 * r
                 lanes_solve(lanes, w)
                 if turn < 5:
                     for l in range(w):
@@ -289,22 +315,20 @@ def twins(
                 if turn in (0, 2):
                     continue
                 for l in range(w):
-                    size, weak = 1e-300, turn == 5
-                    if weak and work[l] > SINGULAR:
-                        continue
+                    size = 1e-300
                     for i in range(dof):
                         d = 0.0
                         for r in range(6):
                             d += J[i, r * W + l] * e[r * W + l]
-                        if weak:
-                            d = 1.0 - 0.27 * i - d
-                        lanes.step[i, l] = d
+                        d = 1.0 - 0.27 * i - d if turn == 5 else d
                         size += d * d
+                        way[i] = d
                     size = math.sqrt(size)
-                    if not weak:
-                        work[l] = size
+                    if turn == 5 and size < SINGULAR:
+                        continue
+                    work[l] = 0.0 if turn == 5 else size
                     for i in range(dof):
-                        lanes.step[i, l] /= size
+                        lanes.step[i, l] = way[i] / size
                 if turn == 4:
                     for r in range(6 * LANES):
                         lanes.pose[r] = e[r]  # Kept there until the gram matrix gives way to it.
@@ -469,7 +493,7 @@ def find_branches(
     desk = make_desk(memory, dof, joints)
     rows, seeds = np.empty((ROWS, dof)), np.empty((DEEP_STARTS, dof))
     distance, neighbour = np.empty(DEEP_STARTS), np.empty(DEEP_STARTS, dtype=np.int64)
-    spent, image = np.zeros(2), np.empty(dof)
+    spent, image, left = np.zeros(2), np.empty(dof), np.empty(ROWS)
     start(task, desk, target)
     see(task, desk, target)
     coordinates(desk.seen, task.division, desk.point)
@@ -497,11 +521,11 @@ def find_branches(
         else:
             break
         count = refine_all(
-            handle, wanted, memory, target, seeds, 0, middle, rows, count, view[2], mode, spent, w
+            handle, wanted, memory, target, seeds, 0, middle, rows, left, count, view[2], mode, spent, w
         )
         first = count
         count = refine_all(
-            handle, wanted, memory, target, seeds, middle, many, rows, count, view[2], mode, spent, w
+            handle, wanted, memory, target, seeds, middle, many, rows, left, count, view[2], mode, spent, w
         )
         late = late or (middle > 0 and count > first)
     result = np.empty((count + 1, dof + 3))
@@ -537,13 +561,15 @@ def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, 
     desk = make_desk(memory, dof, joints)
     most = max(number + number // 2, 4 * LANES)
     rows, chosen, seeds = np.empty((most, dof)), np.empty((number, dof)), np.empty((most, dof))
-    columns = np.empty((dof, most))
+    columns, left = np.empty((dof, most)), np.empty(most)
     distance, neighbour, spent = np.empty(2 * most), np.empty(most, dtype=np.int64), np.zeros(2)
     start(task, desk, target)
     see(task, desk, target)
     coordinates(desk.seen, task.division, desk.point)
     many = starts(task, desk, most, 0, distance, neighbour, seeds)
-    count = refine_all(handle, wanted, memory, target, seeds, 0, many, rows, 0, view[2], SAMPLED, spent, w)
+    count = refine_all(
+        handle, wanted, memory, target, seeds, 0, many, rows, left, 0, view[2], SAMPLED, spent, w
+    )
     rounds = 0
     while True:
         kept = spread(view[2], rows, count, columns, chosen, distance)
@@ -566,7 +592,7 @@ def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, 
                 for i in range(dof):
                     seeds[k, i] = desk.seed[i]
         count = refine_all(
-            handle, wanted, memory, target, seeds, 0, many, rows, count, view[2], SAMPLED, spent, w
+            handle, wanted, memory, target, seeds, 0, many, rows, left, count, view[2], SAMPLED, spent, w
         )
         rounds += 1
     result = np.empty((kept + 1, dof + 3))
