@@ -139,7 +139,7 @@ def measure(name: str, count: int, seed: int) -> Row:
         witness, label = restarts(arm, seed + 1), "1,000 restarts"
     times, theirs, numbers = np.empty(count), np.full(count, np.nan), np.empty(count, dtype=int)
     found: list[Array] = []
-    sampled = 0
+    sampled: int = 0
     for i, target in enumerate(targets):
         began = time.perf_counter_ns()
         branches = arm.branches(target)
@@ -151,7 +151,8 @@ def measure(name: str, count: int, seed: int) -> Row:
         found.append(branches.q[good])
         numbers[i] = len(found[-1])
         sampled += int(branches.sampled)
-    lacking, extra = [], 0
+    lacking: list[int] = []
+    extra = 0
     for i, target in enumerate(targets if witness else []):
         began = time.perf_counter_ns()
         other = witness(target) if witness else np.zeros((0, arm.dof))
@@ -166,9 +167,9 @@ def measure(name: str, count: int, seed: int) -> Row:
     AtlasIndex(arm.chain, "pose", problem.arrays, SAMPLES)
     builds = []
     for _ in range(3):
-        began = time.perf_counter()
+        begun = time.perf_counter()
         BranchIndex(problem)
-        builds.append((time.perf_counter() - began) * 1e3)
+        builds.append((time.perf_counter() - begun) * 1e3)
     return Row(
         arm=name,
         witness=label,

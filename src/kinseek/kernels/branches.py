@@ -10,8 +10,8 @@ from an answer itself, at hardly any cost:
 - its *mirror images*. An arm with a spherical wrist has every pose at (…, q_4 + π, -q_5, q_6 + π) too. Such images are
   found once per arm (see `solvers.branching`).
 
-What is found late, or in an odd number where joints turn fully, calls for more starts: away from singularities answers
-come and go in pairs, and only limits make their number odd.
+What is found late, close to a singularity, or in an odd number where joints turn fully, calls for more starts: away
+from singularities answers come and go in pairs, and only limits make their number odd.
 """
 
 from __future__ import annotations
@@ -40,8 +40,14 @@ from .pose_error import errors, is_rigid
 from .refine import MARGIN, free_turn, into_limits, iterate, kick, restart, see, solve_pose, start, within
 from .refine import turns_fully as turns
 
-STARTS, DEEP_STARTS = 80, 192
-"""Samples tried for every goal, and for one that may have more answers than were found."""
+STARTS, MORE_STARTS, DEEP_STARTS = 80, 112, 192
+"""Samples tried for every goal, for one whose starts came to an end soon, and for one that may have more answers."""
+
+SOON = 320
+"""FK evaluations up to which more starts cost little."""
+
+WEAK = 0.005
+"""Singular value of the scaled Jacobian at an answer below which others may hide beside it."""
 
 LATE = 0.6
 """A new answer after this share of the starts casts doubt on the rest."""
@@ -188,7 +194,7 @@ def refine_all(
         count: How many are known already.
         rates: See `joint_gap`, (n,).
         mode: SEEDED, SIBLING or SAMPLED.
-        spent: Its first number is increased by the FK evaluations spent.
+        spent: Its first number is increased by the FK evaluations spent, (3,).
         w: LANES.
     """
     task = task_of(handle, wanted)
@@ -263,7 +269,8 @@ def twins(
     """Write where the twins of answers first … last-1, at most LANES, should be into seeds; return how many.
 
     The second number of `spent` is increased by the answers that lie on a continuum of answers: those whose pose stays
-    where it is along the weakest direction, to second order.
+    where it is along the weakest direction, to second order. The third becomes the least singular value of their
+    scaled Jacobians, if it is less.
     """
     task = task_of(handle, wanted)
     dof = len(task.lower)
@@ -348,6 +355,7 @@ def twins(
         if first + l >= last:
             continue
         spent[0] += 3.0
+        spent[2] = min(spent[2], work[l])
         moved, bend = work[l] * PROBE, work[W + l]
         if moved < FLAT and abs(bend) < FLAT:
             spent[1] += 1.0
@@ -415,12 +423,12 @@ def starts(
 
 
 @hidden
-def in_doubt(task: Task, count: int, late: bool) -> bool:
-    """Should more starts be tried? None found, one found late, or an odd number where no joint has limits."""
+def in_doubt(task: Task, count: int) -> bool:
+    """Is the number of answers suspicious: none, or odd where no joint has limits?"""
     full = True
     for i in range(len(task.lower)):
         full = full and turns(task, i)
-    return late or count == 0 or (full and count % 2 == 1)
+    return count == 0 or (full and count % 2 == 1)
 
 
 @hidden
@@ -493,11 +501,12 @@ def find_branches(
     desk = make_desk(memory, dof, joints)
     rows, seeds = np.empty((ROWS, dof)), np.empty((DEEP_STARTS, dof))
     distance, neighbour = np.empty(DEEP_STARTS), np.empty(DEEP_STARTS, dtype=np.int64)
-    spent, image, left = np.zeros(2), np.empty(dof), np.empty(ROWS)
+    spent, image, left = np.zeros(3), np.empty(dof), np.empty(ROWS)
+    spent[2] = np.inf
     start(task, desk, target)
     see(task, desk, target)
     coordinates(desk.seen, task.division, desk.point)
-    count, told, rounds, late = 0, 0, 0, False
+    count, told, rounds, begin, late = 0, 0, 0, STARTS, False
     while count < ROWS:
         mode, first, middle = SEEDED, count, 0
         if told < count:
@@ -509,9 +518,12 @@ def find_branches(
             many = starts(task, desk, STARTS, 0, distance, neighbour, seeds)
             middle = int(LATE * many)
             rounds = 1
-        elif rounds == 1 and in_doubt(task, count, late):
-            many = starts(task, desk, DEEP_STARTS, STARTS, distance, neighbour, seeds)
+        elif rounds == 1 and (late or spent[2] < WEAK or in_doubt(task, count)):
+            many = starts(task, desk, DEEP_STARTS, begin, distance, neighbour, seeds)
             rounds = 2
+        elif rounds == 1 and begin == STARTS and spent[0] < SOON:
+            many = starts(task, desk, MORE_STARTS, begin, distance, neighbour, seeds)
+            begin = MORE_STARTS
         elif rounds == 2 and count == 0:
             other = solve_pose(fine, wanted, target, w)
             spent[0] += other[dof + 3]
@@ -562,7 +574,7 @@ def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, 
     most = max(number + number // 2, 4 * LANES)
     rows, chosen, seeds = np.empty((most, dof)), np.empty((number, dof)), np.empty((most, dof))
     columns, left = np.empty((dof, most)), np.empty(most)
-    distance, neighbour, spent = np.empty(2 * most), np.empty(most, dtype=np.int64), np.zeros(2)
+    distance, neighbour, spent = np.empty(2 * most), np.empty(most, dtype=np.int64), np.zeros(3)
     start(task, desk, target)
     see(task, desk, target)
     coordinates(desk.seen, task.division, desk.point)
