@@ -112,7 +112,11 @@ def restarts(arm: kinseek.Arm, seed: int, count: int = 1000) -> Callable[[Array]
 
     def solve(target: Array) -> Array:
         starts = rng.uniform(arm.lower, arm.upper, (count, arm.dof))
-        found = arm.ik(np.broadcast_to(target, (count, 4, 4)), near=starts, threads=1)
+        # Tight tolerances: beside a singularity 1e-6 in the pose is more than the distance of two answers.
+        goal = Goal.pose(
+            np.broadcast_to(target, (count, 4, 4)), position_tolerance=1e-10, orientation_tolerance=1e-10
+        )
+        found = arm.ik(goal, near=starts, threads=1)
         distinct: list[Array] = []
         for q in found.q[found.success]:
             if not distinct or apart(q[None], np.array(distinct)).min() > SAME:
