@@ -8,6 +8,7 @@
 """
 
 from .arm import Arm, load
+from .branches import Branches, BranchesBatch
 from .certificate import Certificate, Verdict
 from .errors import (
     FailedKinematics,
@@ -40,6 +41,8 @@ __all__ = [
     "Arm",
     "Atlas",
     "BlindSearch",
+    "Branches",
+    "BranchesBatch",
     "BruteForce",
     "Certificate",
     "CoordinateDescent",

@@ -10,6 +10,7 @@ from typing import Any, Self, TypeGuard, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .branches import Branches, BranchesBatch, quick_branches
 from .certificate import Certificate, Verdict
 from .errors import InvalidProblem
 from .goal import Goal, one_pose
@@ -22,8 +23,10 @@ from .robots.chain import SerialChain
 from .robots.variants import with_limits, with_locked, with_tool
 from .solution import Solution, quick_solution
 from .solvers import Atlas, Solver
-from .solvers.atlas import SAMPLES, AtlasIndex, atlas_of
+from .solvers.atlas import PLAIN, SAMPLES, AtlasIndex, atlas_of
 from .solvers.black_box.samples import samples_of
+from .solvers.branching import SPREAD, BranchIndex, Cost, Valid, branches_of, index_of
+from .solvers.preference import preferred
 
 Array = NDArray[np.float64]
 
@@ -38,10 +41,11 @@ class Arm:
         """Wrap a chain that a reader made."""
         self.chain = chain
         self._index: AtlasIndex | None = None
+        self._branch_index: BranchIndex | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the chain; the atlas is rebuilt where it is needed."""
-        return {"chain": self.chain, "_index": None}
+        return {"chain": self.chain, "_index": None, "_branch_index": None}
 
     @classmethod
     def from_dh(
@@ -207,6 +211,9 @@ class Arm:
         threads: int | None = None,
         progress: bool = False,
         prove: bool = False,
+        prefer: str | None = None,
+        cost: Cost | None = None,
+        valid: Valid | None = None,
     ) -> Solution:
         """Find joint values that reach a goal, or come as near to it as the search can.
 
@@ -219,6 +226,11 @@ class Arm:
             threads: Threads for a batch, of the default solver; every core unless given.
             progress: Show a progress bar for a batch, of the default solver.
             prove: Try to prove of every missed pose that it is out of reach; see `Arm.prove`.
+            prefer: Which of all answers: ``"mid-range"``, ``"limits"`` (far from them) or ``"dexterity"``, as
+                `order` in `Arm.branches`. Where the arm has joints to spare, the best along the self-motion.
+            cost: Instead of `prefer`, a function from joint values, (k, n), to numbers, (k,): the least is best.
+            valid: A function from joint values, (n,), to a bool, asked of one answer after the other until it agrees.
+                If it never does, the solution is no success, and `rejected` says how many it refused.
 
         Returns:
             Joint values inside the limits, their errors recomputed by FK, and whether these meet the
@@ -226,10 +238,13 @@ class Arm:
 
         Raises:
             InvalidGoal: Not a pose.
-            InvalidProblem: `near` does not fit the arm.
+            InvalidProblem: `near` does not fit the arm, an unknown preference, two of them, a preference with a
+                `solver`, or a `cost` or `valid` that fails.
             InvalidSolver: The solver's parameters do not fit the arm.
         """
-        if solver is None and not prove and _is_plain(goal, (4, 4)) and type(self.chain) is SerialChain:
+        wishes = prefer is not None or cost is not None or valid is not None
+        serial = type(self.chain) is SerialChain
+        if serial and solver is None and not prove and not wishes and _is_plain(goal, (4, 4)):
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform.
             q, address = np.empty(self.chain.dof), (self._index or self._serial_atlas()).address
             if near is None:
@@ -245,8 +260,80 @@ class Arm:
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self.chain, near, "near")
         problem = Problem(self.chain, asked, start)
-        solution = (solver or Atlas(threads=threads, progress=progress)).solve(problem)
+        if wishes and solver is not None:
+            raise InvalidProblem("prefer, cost and valid choose among all branches; they take no solver")
+        if wishes:
+            solution = preferred(problem, prefer, cost, valid, threads)
+        else:
+            solution = (solver or Atlas(threads=threads, progress=progress)).solve(problem)
         return self._with_proofs(solution) if prove else solution
+
+    def branches(
+        self,
+        goal: Any,
+        *,
+        near: ArrayLike | None = None,
+        order: str = "mid-range",
+        cost: Cost | None = None,
+        valid: Valid | None = None,
+        copies: bool = False,
+        count: int | None = None,
+        threads: int | None = None,
+        prove: bool = False,
+    ) -> Branches | BranchesBatch:
+        """Find every distinct answer to a goal; where the arm has joints to spare, a well-spread sample of them.
+
+        Args:
+            goal: As in `ik`: a pose, (4, 4) or (..., 4, 4), an object that carries one, or a `Goal`.
+            near: Joint values, (n,) or (..., n), [rad] or [m]: answers come nearest to them first.
+            order: What comes first unless `near` or `cost` say it: ``"mid-range"`` (nearest to the middle of the
+                ranges, each joint measured in half its range), ``"limits"`` (farthest from the limits, by the same
+                measure) or ``"dexterity"`` (most manipulability, Yoshikawa 1985).
+            cost: A function from joint values, (k, n), to numbers, (k,): the least comes first.
+            valid: A function from joint values, (n,), to a bool: answers that it refuses are left out and counted.
+            copies: Add every answer turned by full turns, as far as the limits allow. Without it no two answers are
+                equal modulo 2π.
+            count: How many to return at most; 50 where the arm has joints to spare, all of them elsewhere.
+            threads: Threads for a batch; every core unless given.
+            prove: Prove that there is no other answer, and find what is lacking, by branch and bound; `complete` then
+                says whether the proof succeeded. See docs/proof.md.
+
+        Returns:
+            The answers to one goal, every one inside the limits and within the tolerances by plain FK; for a batch a
+            sequence of them. An unreachable goal has none.
+
+        Raises:
+            InvalidGoal: Not a pose.
+            InvalidProblem: `near` does not fit the arm, an unknown order, two orders at once, or a `cost` or `valid`
+                that fails; the message names q.
+        """
+        plain = (
+            near is None and order == "mid-range" and cost is None and valid is None and not (copies or prove)
+        )
+        if plain and count is None and type(self.chain) is SerialChain and _is_plain(goal, (4, 4)):
+            # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform.
+            index = self._branches
+            found = index.search(PLAIN, goal, index.view, SPREAD)
+            if len(found):
+                return quick_branches(self.chain, goal, found, index.freedom > 0)
+        asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
+        start = None if near is None else as_joints(self.chain, near, "near")
+        return branches_of(
+            Problem(self.chain, asked, start),
+            order=order,
+            cost=cost,
+            valid=valid,
+            copies=copies,
+            count=count,
+            threads=threads,
+            prove=prove,
+        )
+
+    @property
+    def _branches(self) -> BranchIndex:
+        if self._branch_index is None:
+            self._branch_index = index_of(Problem(self.chain, Goal.pose(np.eye(4))))
+        return self._branch_index
 
     def prove(self, goal: Any, *, gap: float | None = None, budget: int = 2_000_000) -> Certificate:
         """Decide by branch and bound whether any joint values inside the limits reach a goal.

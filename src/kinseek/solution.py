@@ -26,6 +26,7 @@ class Status(Enum):
 
     SOLVED = "Solved: both errors are within their tolerances."
     BEST_EFFORT = "Best effort: the nearest pose found; a tolerance is missed."
+    REJECTED = "Rejected: answers were found, and the user's `valid` refused every one."
     PROVED_UNREACHABLE = "Proved unreachable: no joint values within the limits meet the tolerances."
 
     def __str__(self) -> str:
@@ -43,7 +44,7 @@ class Solution:
     q: Array
     """Joint values inside the limits, (..., n), [rad] or [m]."""
     success: Any
-    """Are both tolerances met? bool, or (...) bool."""
+    """Are both tolerances met, and did `valid`, where there is one, agree? bool, or (...) bool."""
     position_error: Any
     """[m], float or (...)."""
     orientation_error: Any
@@ -60,6 +61,8 @@ class Solution:
     """What was asked."""
     proved_unreachable: Any = False
     """Is it proved that no joint values inside the limits reach the goal? bool or (...) bool."""
+    rejected: Any = 0
+    """How many answers the user's `valid` refused, int or (...); without success, every answer that was found."""
 
     def __getattr__(self, name: str) -> Any:
         """Make `problem` when it is first asked for: the fast way of `Arm.ik` leaves it out."""
@@ -77,10 +80,13 @@ class Solution:
         if isinstance(self.success, bool):
             if self.success:
                 return Status.SOLVED
-            return Status.PROVED_UNREACHABLE if self.proved_unreachable else Status.BEST_EFFORT
-        names = np.array([Status.BEST_EFFORT, Status.SOLVED, Status.PROVED_UNREACHABLE], dtype=object)
+            if self.proved_unreachable:
+                return Status.PROVED_UNREACHABLE
+            return Status.REJECTED if self.rejected else Status.BEST_EFFORT
+        names = np.array([*Status], dtype=object)  # Solved, best effort, rejected, proved unreachable.
         proved = np.broadcast_to(self.proved_unreachable, self.success.shape)
-        return names[np.where(self.success, 1, np.where(proved, 2, 0))]
+        missed = np.where(proved, 3, np.where(np.broadcast_to(self.rejected, self.success.shape) > 0, 2, 1))
+        return names[np.where(self.success, 0, missed)]
 
     def each(self) -> Iterator[Solution]:
         """One solution a target, in order."""
@@ -105,9 +111,11 @@ class Solution:
         missed = np.atleast_1d(~np.asarray(self.success))
         worst = f"{np.max(self.position_error):.3g} m, {np.max(self.orientation_error):.3g} rad"
         count = "" if missed.size == 1 else f"{missed.sum()} of {missed.size} targets not reached; "
+        refused = int(np.sum(np.where(missed, self.rejected, 0)))
+        refusals = f"; `valid` refused {refused} answers" if refused else ""
         raise NotReached(
             f"{count}errors up to {worst}, tolerances {goal.position_tolerance:g} m, "
-            f"{goal.orientation_tolerance:g} rad",
+            f"{goal.orientation_tolerance:g} rad{refusals}",
             self,
         )
 

@@ -133,6 +133,18 @@ def solve_plain_near(
 
 
 @kernel
+def solve_near(handle: Indices, wanted: Array, target: Array, near: Array, w: int) -> Array:
+    """As `refine.solve_pose`, near a start, (n,)."""
+    task = task_of(handle, wanted)
+    dof = len(task.lower)
+    result, memory = np.empty(dof + 4), np.zeros(desk_size(dof, len(task.chain.leader)))
+    address = result.ctypes.data
+    answer_near(handle, wanted, memory, target, near, part1(address, 0, dof), part1(address, dof, 4), w)
+    memory[0] = 0.0  # Its last use, see `refine.solve_pose`.
+    return result
+
+
+@kernel
 def solve_many_near(
     handle: Indices, wanted: Array, targets: Array, near: Array, results: Array, begin: int, end: int, w: int
 ) -> None:

@@ -167,7 +167,7 @@ class AtlasIndex:
         counted = KINDS[kind]
         columns = (np.arange(3) < counted).astype(float) * (0.5 if counted == 3 else 1.0)
         self._arrays = task_arrays(
-            arrays, self.sorted, division, lower, upper, columns, arm_length(chain) / 3, _PLAIN
+            arrays, self.sorted, division, lower, upper, columns, arm_length(chain) / 3, PLAIN
         )
         self.handle: Indices = handle_of(self._arrays)
         """Addresses of the arrays, for kernels."""
@@ -324,7 +324,8 @@ def inverse(A: Array) -> Array:
     return np.hstack([turn, -turn @ A[:, 3:]])
 
 
-_PLAIN = wanted_of(Goal.pose(np.eye(4)))
+PLAIN = wanted_of(Goal.pose(np.eye(4)))
+"""Tolerances and weights of a goal that is just a pose."""
 
 
 @contextmanager

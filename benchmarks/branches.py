@@ -1,0 +1,259 @@
+"""Every branch: is the set complete, and what does it cost?
+
+Arms with a closed form are held against EAIK, filtered by the limits: 10,000 targets from joint values uniform inside the
+limits. Arms without one are held against 1,000 random restarts of a Levenberg-Marquardt walk for each of 1,000 targets.
+Answers count only if plain NumPy forward kinematics finds them within 1e-6 m and 1e-6 rad and inside the limits. Two
+are the same if no joint differs by 1e-3 rad modulo 2π. Times are wall times of single calls from Python.
+
+    python -m benchmarks.branches                 # writes branches.md beside this file; EAIK where installed
+    python -m benchmarks.branches ur5e jaco2_6 --targets 1000
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek.goal import Goal
+from kinseek.problem import Problem
+from kinseek.solvers.atlas import SAMPLES, AtlasIndex
+from kinseek.solvers.branching import BranchIndex
+
+from .targets import load, machine, plain_fk, random_joints, strict
+
+Array = NDArray[np.float64]
+
+HERE = Path(__file__).parent
+
+CLOSED = ("ur5e", "ur10e", "puma560", "irb120", "kr6r900")
+OPEN = ("jaco2_6", "irb5400", "mpx3500", "ur10e_calibrated")
+REDUNDANT = ("panda", "iiwa14", "gen3")
+
+SAME = 1e-3
+"""[rad]"""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One arm of the table."""
+
+    arm: str
+    witness: str
+    targets: int
+    lacking: list[int]
+    """Targets where the witness has an answer that is lacking."""
+    extra: int
+    """Targets with an answer that the witness lacks."""
+    answers: float
+    """Mean number."""
+    fewest: int
+    sampled: int
+    median: float
+    """[µs]"""
+    p99: float
+    """[µs]"""
+    fastest: float
+    """Least of the medians of a fifth of the calls each [µs]: what the machine does when nobody disturbs it."""
+    witness_median: float
+    """[µs], of EAIK from Python with its answers filtered by the limits; NaN where there is none."""
+    index: float
+    """Time to build what only branches need [ms]."""
+
+
+def apart(a: Array, b: Array) -> Array:
+    """Largest joint differences modulo 2π of all pairs, (k, n) and (l, n) -> (k, l)."""
+    gap = a[:, None] - b[None]
+    return np.asarray(np.abs((gap + np.pi) % (2 * np.pi) - np.pi).max(axis=-1, initial=0.0))
+
+
+def eaik(arm: kinseek.Arm) -> Callable[[Array], Array]:
+    """All of EAIK's exact answers inside the limits, (k, n), as a function of the target.
+
+    Raises:
+        ImportError: EAIK is not installed.
+    """
+    module: Any = importlib.import_module("eaik.IK_HP")
+    chain, frame, last = arm.chain, np.eye(4), np.zeros(3)
+    axes, offsets = [], []
+    for k in range(arm.dof + 1):
+        frame = frame @ np.vstack([chain.fixed[k], [0, 0, 0, 1]])
+        offsets.append(frame[:3, 3] - last)
+        last = frame[:3, 3].copy()
+        if k < arm.dof:
+            axes.append(frame[:3, 2] * chain.multiplier[k])
+    robot, turn = module.HPRobot(np.array(axes), np.array(offsets)), frame[:3, :3].T
+    lower, upper = arm.lower, arm.upper
+    middle = (lower + upper) / 2
+
+    def solve(target: Array) -> Array:
+        turned = target.copy()
+        turned[:3, :3] = target[:3, :3] @ turn
+        found = robot.IK(turned)
+        q = np.asarray(found.Q).reshape(-1, len(lower))
+        q = middle + (q - middle + np.pi) % (2 * np.pi) - np.pi
+        inside = ((q >= lower - 1e-9) & (q <= upper + 1e-9)).all(axis=1)
+        return np.asarray(q[inside & ~np.asarray(found.is_LS, dtype=bool)].clip(lower, upper))
+
+    return solve
+
+
+def restarts(arm: kinseek.Arm, seed: int, count: int = 1000) -> Callable[[Array], Array]:
+    """What walks from random starts end at, (k, n), as a function of the target."""
+    rng = np.random.default_rng(seed)
+
+    def solve(target: Array) -> Array:
+        starts = rng.uniform(arm.lower, arm.upper, (count, arm.dof))
+        # Tight tolerances: beside a singularity 1e-6 in the pose is more than the distance of two answers.
+        goal = Goal.pose(
+            np.broadcast_to(target, (count, 4, 4)), position_tolerance=1e-10, orientation_tolerance=1e-10
+        )
+        found = arm.ik(goal, near=starts, threads=1)
+        distinct: list[Array] = []
+        for q in found.q[found.success]:
+            if not distinct or apart(q[None], np.array(distinct)).min() > SAME:
+                distinct.append(q)
+        return np.array(distinct).reshape(-1, arm.dof)
+
+    return solve
+
+
+def measure(name: str, count: int, seed: int) -> Row:
+    """Measure one arm against its witness."""
+    arm = kinseek.load(name)
+    targets = plain_fk(arm.chain, random_joints(arm.chain, count, seed))
+    for target in targets[:50]:
+        arm.branches(target)  # Whatever compiles or loads does so before the clock runs.
+    witness: Callable[[Array], Array] | None = None
+    label = "none"
+    if name in CLOSED:
+        try:
+            witness, label = eaik(arm), "EAIK"
+        except ImportError:
+            label = "EAIK is not installed"
+    elif name in OPEN:
+        witness, label = restarts(arm, seed + 1), "1,000 restarts"
+    times, theirs, numbers = np.empty(count), np.full(count, np.nan), np.empty(count, dtype=int)
+    found: list[Array] = []
+    sampled: int = 0
+    for i, target in enumerate(targets):
+        began = time.perf_counter_ns()
+        branches = arm.branches(target)
+        times[i] = (time.perf_counter_ns() - began) / 1e3
+        assert isinstance(branches, kinseek.Branches)
+        good = strict(arm.chain, branches.q, np.broadcast_to(target, (len(branches), 4, 4)))
+        if not good.all():
+            print(f"  {name}, {i}: {int((~good).sum())} answers that outside FK denies")
+        found.append(branches.q[good])
+        numbers[i] = len(found[-1])
+        sampled += int(branches.sampled)
+    lacking: list[int] = []
+    extra = 0
+    for i, target in enumerate(targets if witness else []):
+        began = time.perf_counter_ns()
+        other = witness(target) if witness else np.zeros((0, arm.dof))
+        theirs[i] = (time.perf_counter_ns() - began) / 1e3
+        other = other[strict(arm.chain, other, np.broadcast_to(target, (len(other), 4, 4)))]
+        gap = apart(other, found[i])
+        if len(other) and (not len(found[i]) or gap.min(axis=1).max() > SAME):
+            lacking.append(i)
+        if len(found[i]) and (not len(other) or gap.min(axis=0).max() > SAME):
+            extra += 1
+    problem = Problem(arm.chain, Goal.pose(np.eye(4)))
+    AtlasIndex(arm.chain, "pose", problem.arrays, SAMPLES)
+    builds = []
+    for _ in range(3):
+        begun = time.perf_counter()
+        BranchIndex(problem)
+        builds.append((time.perf_counter() - begun) * 1e3)
+    return Row(
+        arm=name,
+        witness=label,
+        targets=count,
+        lacking=lacking,
+        extra=extra,
+        answers=float(numbers.mean()),
+        fewest=int(numbers.min()),
+        sampled=sampled,
+        median=float(np.median(times)),
+        p99=float(np.percentile(times, 99)),
+        fastest=min(float(np.median(part)) for part in np.array_split(times, 5)),
+        witness_median=float(np.median(theirs)) if label == "EAIK" else np.nan,
+        index=float(np.median(builds)),
+    )
+
+
+def table(rows: list[Row]) -> str:
+    """The page as Markdown."""
+    lines = [
+        "# Every branch",
+        "",
+        "Made by `python -m benchmarks.branches`. " + machine() + ".",
+        "",
+        "Targets from joint values uniform inside the limits. Complete: targets at which the witness has no answer inside",
+        "the limits that is lacking; extra: targets at which the witness lacks one. Judged by plain NumPy FK to 1e-6 m and",
+        "1e-6 rad. Times: `arm.branches(T)` from Python, wall time; best fifth: the least median of five parts of the run.",
+        f"EAIK's time includes the filter by limits. Load of the machine over the last fifteen minutes: {load()}.",
+        "",
+        "| arm | witness | targets | complete % | extra | answers, mean | median µs | best fifth µs | p99 µs | EAIK µs | "
+        "index ms |",
+        "|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    for row in (row for row in rows if row.arm not in REDUNDANT):
+        share = np.floor(1e5 * (row.targets - len(row.lacking)) / row.targets) / 1e3
+        complete = f"{share:.3f}" if row.witness in ("EAIK", "1,000 restarts") else "–"
+        other = "–" if np.isnan(row.witness_median) else f"{row.witness_median:.1f}"
+        lines.append(
+            f"| {row.arm} | {row.witness} | {row.targets:,} | {complete} | {row.extra} | {row.answers:.2f} | "
+            f"{row.median:.1f} | {row.fastest:.1f} | {row.p99:.1f} | {other} | {row.index:.1f} |"
+        )
+    spare = [row for row in rows if row.arm in REDUNDANT]
+    if spare:
+        lines += [
+            "",
+            "Arms with a joint to spare: a spread sample of 50.",
+            "",
+            "| arm | targets | fewest answers | median µs | best fifth µs | p99 µs | index ms |",
+            "|---|--:|--:|--:|--:|--:|--:|",
+        ]
+        lines += [
+            f"| {row.arm} | {row.targets:,} | {row.fewest} | {row.median:.1f} | {row.fastest:.1f} | {row.p99:.1f} | "
+            f"{row.index:.1f} |"
+            for row in spare
+        ]
+    lines += ["", "## Lacking", ""]
+    missed = [f"- {row.arm}: numbers {row.lacking}" for row in rows if row.lacking]
+    return "\n".join(lines + (missed or ["Nothing."])) + "\n"
+
+
+def main() -> None:
+    """Measure, print as it goes, write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("arms", nargs="*", help="names; all of them by default")
+    parser.add_argument("--targets", type=int, help="targets an arm; 10,000 with a closed form, else 1,000")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--output", type=Path, default=HERE / "branches.md", help="page to write")
+    options = parser.parse_args()
+    rows = []
+    for name in options.arms or (*CLOSED, *OPEN, *REDUNDANT):
+        row = measure(name, options.targets or (10_000 if name in CLOSED else 1000), options.seed)
+        rows.append(row)
+        print(
+            f"{name:18s} {row.witness}: lacking {len(row.lacking)}, extra {row.extra} of {row.targets}; "
+            f"{row.answers:.2f} answers, {row.fewest} at least; {row.median:.1f} µs, best fifth {row.fastest:.1f}, "
+            f"p99 {row.p99:.1f}; EAIK {row.witness_median:.1f}; index {row.index:.1f} ms",
+            flush=True,
+        )
+    options.output.write_text(table(rows), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
