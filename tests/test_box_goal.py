@@ -251,7 +251,9 @@ def test_out_of_reach_gives_the_nearest_and_says_so() -> None:
     ranged = arm.ik(Goal.pose(far, free="rz", frame="base"))
     pointing = arm.ik(Goal.pose(far, free="rz"))
     assert not ranged.success
-    assert ranged.weighted_error == pytest.approx(pointing.weighted_error, rel=1e-5)
+    # The same set of poses: Newton's method settles a direction, ranges are only polished.
+    assert pointing.weighted_error <= ranged.weighted_error * (1 + 1e-9)
+    assert ranged.weighted_error == pytest.approx(pointing.weighted_error, rel=1e-4)
     weighted = ranged.position_error + 1 - np.cos(ranged.orientation_error)
     assert ranged.weighted_error == pytest.approx(weighted, rel=1e-12)
     assert not arm.ik(Goal.pose(far, box={"x": (-0.1, 0.1)})).success

@@ -45,6 +45,45 @@ def some(found: Branches | BranchesBatch) -> BranchesBatch:
     return found
 
 
+# Proof
+
+
+@pytest.mark.parametrize("name", ["ur5e", "puma560", "jaco2_6"])
+def test_a_proof_says_that_none_is_lacking(name: str) -> None:
+    arm = kinseek.load(name)
+    targets = plain_fk(arm.chain, random_joints(arm.chain, 12, 41))
+    proved = some(arm.branches(targets, prove=True))
+    assert sum(branches.complete for branches in proved) >= 10
+    for target, branches in zip(targets, proved, strict=True):
+        assert not branches.sampled or not branches.complete
+        assert strict(arm.chain, branches.q, np.broadcast_to(target, (len(branches), 4, 4))).all()
+        found = one(arm.branches(target))
+        assert (apart(found.q, branches.q).min(axis=1) < 1e-4).all()  # Nothing gets lost by the proof.
+        assert not found.complete
+
+
+def test_a_proof_counts_what_is_left_out() -> None:
+    arm = kinseek.load("ur5e")
+    target = plain_fk(arm.chain, random_joints(arm.chain, 1, 43))[0]
+    every = one(arm.branches(target, prove=True))
+    assert every.complete
+    assert not one(arm.branches(target, prove=True, count=1)).complete
+    refused = one(arm.branches(target, prove=True, valid=lambda q: q[0] > every.q[0, 0]))
+    assert refused.complete and refused.rejected >= 1  # But for those that were refused.
+    copies = one(arm.branches(target, prove=True, copies=True))
+    assert copies.complete and len(copies) >= len(every)
+
+
+def test_a_proof_of_none_and_of_endlessly_many() -> None:
+    far = kinseek.pose([3.0, 0.0, 0.0])
+    none = one(kinseek.load("ur5e").branches(far, prove=True))
+    assert len(none) == 0 and none.complete
+    assert "complete" in repr(none) and "not proved" not in repr(none)
+    arm = kinseek.load("panda")
+    many = one(arm.branches(plain_fk(arm.chain, random_joints(arm.chain, 1, 44))[0], prove=True, count=5))
+    assert len(many) == 5 and many.sampled and not many.complete
+
+
 # Witnesses
 
 

@@ -64,6 +64,9 @@ PROMISING = 0.02
 """Goals with a smaller error left, relative to the arm, are worth that many steps, and more restarts."""
 
 MORE_RESTARTS = 256
+HOPELESS = 1.1
+"""A configuration whose error, nearly at its minimum, is so many times the best is not walked to the end."""
+
 ALIKE = 0.3
 """Two configurations closer than this in every joint [rad or m] lead to the same end."""
 
@@ -491,9 +494,9 @@ def polish(handle: Indices, wanted: Array, memory: Array, target: Array, w: int)
             for r in range(3):
                 lanes.residual[r * LANES + l] *= scale_p
                 lanes.residual[(3 + r) * LANES + l] *= scale_o
-    spent = POLISH_STEPS * LANES
+    spent, worth = POLISH_STEPS * LANES, HOPELESS * lowest(desk.best_error)
     for l in range(LANES):
-        if desk.best_error[l] == np.inf:
+        if desk.best_error[l] > worth:
             continue
         copy_joints(desk.best, l, desk.seed)
         spent += settle(task.chain, goal, task.lower, task.upper, desk.seed)

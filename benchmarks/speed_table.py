@@ -1,0 +1,52 @@
+"""The speed table of the README, made from peers.md.
+
+python -m benchmarks.speed_table           # after python -m benchmarks.peers
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+README = HERE.parent / "README.md"
+BEGIN, END = "<!-- speed table: python -m benchmarks.speed_table -->\n", "<!-- end -->\n"
+
+
+def table(peers: str) -> str:
+    """Medians [µs] of every arm and library, and how many near-singular targets each solves, from the text of peers.md."""
+    medians: dict[str, dict[str, str]] = {}
+    shares: dict[str, list[float]] = {}
+    for row in peers.splitlines():
+        cells = [cell.strip(" *") for cell in row.strip("|").split("|")]
+        if len(cells) != 8 or cells[0] in ("arm", "---"):
+            continue
+        medians.setdefault(cells[0], {})[cells[1]] = cells[2]
+        if cells[6] != "–":
+            shares.setdefault(cells[1], []).append(float(cells[6]))
+    arms, who = list(medians), list(shares)
+    lines = [
+        "| median of one call, µs | " + " | ".join(arms) + " | near singular, strict |",
+        "|---|" + "--:|" * (len(arms) + 1),
+    ]
+    for name in who:
+        found = [medians[arm][name] for arm in arms]
+        lines.append(
+            f"| {name} | " + " | ".join(found) + f" | {min(shares[name]):.1f} – {max(shares[name]):.1f} % |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def updated(readme: str, peers: str) -> str:
+    """The README with its table made anew."""
+    before, rest = readme.split(BEGIN)
+    return before + BEGIN + table(peers) + END + rest.split(END, 1)[1]
+
+
+def main() -> None:
+    """Write the README's table."""
+    peers = (HERE / "peers.md").read_text(encoding="utf-8")
+    README.write_text(updated(README.read_text(encoding="utf-8"), peers), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
