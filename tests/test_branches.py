@@ -69,19 +69,25 @@ def test_a_proof_counts_what_is_left_out() -> None:
     assert every.complete
     assert not one(arm.branches(target, prove=True, count=1)).complete
     refused = one(arm.branches(target, prove=True, valid=lambda q: q[0] > every.q[0, 0]))
-    assert refused.complete and refused.rejected >= 1  # But for those that were refused.
+    assert refused.complete
+    assert refused.rejected >= 1
     copies = one(arm.branches(target, prove=True, copies=True))
-    assert copies.complete and len(copies) >= len(every)
+    assert copies.complete
+    assert len(copies) >= len(every)
 
 
 def test_a_proof_of_none_and_of_endlessly_many() -> None:
     far = kinseek.pose([3.0, 0.0, 0.0])
     none = one(kinseek.load("ur5e").branches(far, prove=True))
-    assert len(none) == 0 and none.complete
-    assert "complete" in repr(none) and "not proved" not in repr(none)
+    assert len(none) == 0
+    assert none.complete
+    assert "complete" in repr(none)
+    assert "not proved" not in repr(none)
     arm = kinseek.load("panda")
     many = one(arm.branches(plain_fk(arm.chain, random_joints(arm.chain, 1, 44))[0], prove=True, count=5))
-    assert len(many) == 5 and many.sampled and not many.complete
+    assert len(many) == 5
+    assert many.sampled
+    assert not many.complete
 
 
 # Witnesses
