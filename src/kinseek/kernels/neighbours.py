@@ -20,6 +20,9 @@ SLACK = 4.0
 """A branch is left out unless it may hold a point this many times closer (squared) than the worst one kept."""
 
 
+MOST_LEAVES = 256
+"""Leaves that one search scans at most: a point far from all others is about as far from each of them."""
+
 BESIDE = 12
 """Leaves that `scan_beside` looks at, the point's own first."""
 
@@ -152,12 +155,12 @@ def nearest(
         How many were found.
     """
     leaves, dimensions = tree.points.shape[0], tree.points.shape[1]
-    found, top = 0, 1
+    found, top, scanned = 0, 1, 0
     stack[0], bound[0] = 0, 0.0
     while top > 0:
         top -= 1
         node, low = stack[top], bound[top]
-        if found == wanted and SLACK * low >= distance[found - 1]:
+        if found == wanted and (SLACK * low >= distance[found - 1] or scanned >= MOST_LEAVES):
             continue
         while node < leaves - 1:
             gap = point[tree.axis[node]] - tree.split[node]
@@ -166,6 +169,7 @@ def nearest(
             top += 1
             node = near
         leaf = node - (leaves - 1)
+        scanned += 1
         for j in range(LEAF):
             bound[64 + j] = 0.0
         for d in range(dimensions):

@@ -21,6 +21,9 @@ from .pose_error import weighted_error
 STEPS = 40
 """Newton steps at most."""
 
+ENOUGH = 1e-12
+"""Less is not worth a step, relative to the error."""
+
 SMOOTH = 1e-9
 """|p - p_g| is rounded off this close to its kink [m]."""
 
@@ -167,7 +170,7 @@ def settle(chain: ChainArrays, goal: GoalArrays, lower: Array, upper: Array, q: 
             largest = max(largest, abs(H[i, i]))
             if not held[i]:
                 steepest = max(steepest, abs(g[i]))
-        if steepest <= 1e-13 * largest or largest == 0.0:
+        if steepest * steepest <= ENOUGH * largest * error:
             break
         while damping <= MOST * largest and not damped_step(H, g, held, damping, L, step):
             damping = max(4.0 * damping, 1e-4 * largest)
@@ -182,7 +185,7 @@ def settle(chain: ChainArrays, goal: GoalArrays, lower: Array, upper: Array, q: 
         spent += 1
         now = weighted_error(T, goal)
         if now < error:
-            small = error - now <= 1e-15 * error
+            small = error - now <= ENOUGH * error
             for i in range(n):
                 q[i] = trial[i]
             if small:

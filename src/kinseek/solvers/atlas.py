@@ -13,9 +13,10 @@ import time
 import weakref
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -78,8 +79,7 @@ class Atlas:
             return solve_ranges(self, problem)
         index = atlas_of(chain, goal, self.samples)
         wanted = wanted_of(goal, problem.budget)
-        targets = np.zeros((len(goal.targets), 4, 4))
-        targets[:, :3], targets[:, 3, 3] = goal.targets, 1.0
+        targets = goal.targets
         near = None
         if problem.near is not None:
             near = np.ascontiguousarray(np.broadcast_to(problem.near, (*goal.shape, chain.dof))).reshape(
@@ -127,14 +127,29 @@ class Atlas:
                 for begin in chunks:
                     advance(work(begin))
                 return
+            left, finished = iter(chunks), SimpleQueue[int]()
+
+            def drain() -> None:
+                try:
+                    for begin in left:  # Each thread takes the next chunk that nobody has.
+                        finished.put(work(begin))
+                finally:
+                    finished.put(0)
+
             pool = ThreadPoolExecutor(threads)
             try:
-                pending = {pool.submit(work, begin) for begin in chunks}
-                while pending:
-                    done, pending = wait(pending, return_when=FIRST_COMPLETED)
-                    advance(sum(future.result() for future in done))
+                drains = [pool.submit(drain) for _ in range(threads)]
+                ended = 0
+                while ended < threads:
+                    targets = finished.get()
+                    ended += targets == 0
+                    advance(targets)
+                for future in drains:
+                    future.result()
             finally:
-                pool.shutdown(wait=True, cancel_futures=True)
+                for _ in left:  # After Ctrl-C nobody takes another.
+                    pass
+                pool.shutdown(wait=True)
 
 
 class AtlasIndex:
