@@ -16,9 +16,12 @@ from typing import Any
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-FIRST = (
-    "import kinseek; arm = kinseek.load('elbow6');arm.ik(arm.fk(arm.lower + 0.3), solver=kinseek.Polished())"
-)
+LOAD = "import kinseek; arm = kinseek.load('elbow6'); T = arm.fk(arm.lower + 0.3); "
+FIRST = {
+    "atlas": LOAD + "arm.ik(T)",
+    "branches": LOAD + "arm.branches(T)",
+    "polished": LOAD + "arm.ik(T, solver=kinseek.Polished())",
+}
 
 
 def fresh(benchmark: Any, call: Callable[[], None], rounds: int, warmup: int = 1) -> None:
@@ -37,10 +40,12 @@ def test_import(benchmark: BenchmarkFixture, code: str, tmp_path: Path) -> None:
     fresh(benchmark, lambda: python(code, tmp_path), 9)
 
 
-def test_first_answer_of_a_second_process(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
-    fresh(benchmark, lambda: python(FIRST, tmp_path), 9)
+@pytest.mark.parametrize("what", FIRST)
+def test_first_answer_of_a_second_process(benchmark: BenchmarkFixture, tmp_path: Path, what: str) -> None:
+    fresh(benchmark, lambda: python(FIRST[what], tmp_path), 9)
 
 
-def test_first_run_compiles(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
+@pytest.mark.parametrize("what", FIRST)
+def test_first_run_compiles(benchmark: BenchmarkFixture, tmp_path: Path, what: str) -> None:
     folders = iter(range(100))
-    fresh(benchmark, lambda: python(FIRST, tmp_path / str(next(folders))), 3, warmup=0)
+    fresh(benchmark, lambda: python(FIRST[what], tmp_path / str(next(folders))), 2, warmup=0)

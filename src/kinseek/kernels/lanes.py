@@ -47,7 +47,7 @@ class Lanes(NamedTuple):
     step: Array
     """dq, (n, LANES)."""
     work: Array
-    """What a loop carries to the next, 4 rows."""
+    """What a loop carries to the next, 4 rows; the last is 1 for a stubborn lane, see `lanes_hold`, else 0."""
     error: Array
     """Squared position error [m²], squared sine of the angle, its cosine, and |e|², 4 rows."""
     weight: Array
@@ -196,8 +196,12 @@ def lanes_jacobian(leader: Indices, links: Array, lanes: Lanes, free: float, w: 
 
 @inner
 def lanes_hold(lower: Array, upper: Array, lanes: Lanes, w: int) -> None:
-    """Take every joint that stands at a limit and is pushed outward out of the Jacobian."""
-    W, J, q, e = LANES, lanes.jacobian, lanes.q, lanes.residual
+    """Take every joint that stands at a limit and is pushed outward out of the Jacobian.
+
+    A stubborn lane (see `Lanes.work`) also takes out those that the last step would have led outward: what is cut off a step
+    spoils the rest of it, and where many joints stand at limits the walk crawls.
+    """
+    W, J, q, e, step, work = LANES, lanes.jacobian, lanes.q, lanes.residual, lanes.step, lanes.work
     for i in range(len(lower)):
         low, high = lower[i], upper[i]
         if low <= -UNLIMITED:
@@ -207,7 +211,8 @@ def lanes_hold(lower: Array, upper: Array, lanes: Lanes, w: int) -> None:
             j3, j4, j5 = J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l]
             push = j0 * e[l] + j1 * e[W + l] + j2 * e[2 * W + l]
             push += j3 * e[3 * W + l] + j4 * e[4 * W + l] + j5 * e[5 * W + l]
-            held = (q[i, l] >= high and push > 0.0) or (q[i, l] <= low and push < 0.0)
+            last = work[3 * W + l] * step[i, l]
+            held = (q[i, l] >= high and max(push, last) > 0.0) or (q[i, l] <= low and min(push, last) < 0.0)
             move = 0.0 if held else 1.0
             J[i, l], J[i, W + l], J[i, 2 * W + l] = move * j0, move * j1, move * j2
             J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l] = move * j3, move * j4, move * j5

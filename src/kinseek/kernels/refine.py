@@ -98,6 +98,15 @@ def load_seed(lanes: Lanes, lane: int, seed: Array) -> None:
 
 
 @hidden
+def make_stubborn(lanes: Lanes, stubborn: float) -> None:
+    """Make every other lane stubborn, or none, see `lanes_hold`; nothing is known of a last step."""
+    for l in range(LANES):
+        lanes.work[3 * LANES + l] = stubborn * (l % 2)
+        for i in range(lanes.step.shape[0]):
+            lanes.step[i, l] = 0.0
+
+
+@hidden
 def lowest(values: Array) -> float:
     """The least of some values."""
     least: float = values[0]
@@ -417,6 +426,7 @@ def solve_target(
             for l in range(LANES):
                 desk.state[l] = 0 if desk.best_error[l] < np.inf else 2
                 load_seed_row(lanes, l, desk.best)
+            make_stubborn(lanes, 1.0)
             steps = PERSIST_STEPS
         elif number < restarts:
             for l in range(LANES):
@@ -432,6 +442,7 @@ def solve_target(
         if spent + (steps + 1) * LANES > budget:
             break
         lane, made = descend_lanes(job, task, desk, steps, False, w)
+        make_stubborn(lanes, 0.0)
         spent += (made + 1) * LANES
         if lane >= 0:
             copy_joints(desk.found, lane, q)
