@@ -251,3 +251,35 @@ def test_what_is_no_question_is_an_error() -> None:
         certificate(arm, goal, budget=-1)
     with pytest.raises(InvalidGoal, match="tolerance"):
         Goal.pose(goal.target, position_tolerance=-1.0)
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda", "so101"])
+def test_threads_change_nothing(name: str) -> None:
+    arm, rng = kinseek.load(name), np.random.default_rng(17)
+    targets = arm.fk(rng.uniform(arm.lower, arm.upper, (4, arm.dof)))
+    targets[:, :3, 3] *= 1.35
+    for target in targets:
+        one, two, eight = (arm.prove(target, threads=threads, budget=300_000) for threads in (1, 2, 8))
+        for other in (two, eight):
+            assert (other.verdict, other.boxes, other.lower_bound) == (
+                one.verdict,
+                one.boxes,
+                one.lower_bound,
+            )
+            assert other.largest_box == one.largest_box
+            np.testing.assert_array_equal(other.q, one.q)
+
+
+def test_sharing_the_boxes_counts_them_as_one_search_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = kinseek.load("ur5e")
+    far = kinseek.pose([0.7, 0.3, 0.75], rpy=[0.3, 1.2, -2.0])
+    shared = arm.prove(far, budget=200_000)
+    assert shared.verdict is kinseek.Verdict.UNREACHABLE
+    monkeypatch.setattr("kinseek.solvers.branch_and_bound.PIECE", 10**9)
+    alone = arm.prove(far, budget=200_000)
+    monkeypatch.setattr("kinseek.solvers.branch_and_bound.PIECE", 16)
+    pieces = arm.prove(far, budget=200_000, threads=2)
+    assert pieces.boxes == alone.boxes == shared.boxes
+    assert pieces.verdict is alone.verdict
+    assert arm.prove(far, budget=40).verdict is kinseek.Verdict.UNDECIDED
+    assert arm.prove(far, budget=40).boxes <= 40

@@ -335,7 +335,9 @@ class Arm:
             self._branch_index = index_of(Problem(self.chain, Goal.pose(np.eye(4))))
         return self._branch_index
 
-    def prove(self, goal: Any, *, gap: float | None = None, budget: int = 2_000_000) -> Certificate:
+    def prove(
+        self, goal: Any, *, gap: float | None = None, budget: int = 2_000_000, threads: int | None = None
+    ) -> Certificate:
         """Decide by branch and bound whether any joint values inside the limits reach a goal.
 
         Args:
@@ -343,6 +345,7 @@ class Arm:
             gap: Unless None, go on until the bounds on the least weighted error are this close, relative to
                 the upper one.
             budget: Boxes of joint values to examine; 0 gives valid, wide bounds.
+            threads: Threads that share the boxes; every core unless given. The certificate has the same bits.
 
         Returns:
             The verdict, a witness or the best pose found, and bounds on the error of every pose.
@@ -355,7 +358,7 @@ class Arm:
         from .solvers.branch_and_bound import prove
 
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
-        return prove(Problem(self.chain, asked), gap=gap, budget=budget)
+        return prove(Problem(self.chain, asked), gap=gap, budget=budget, threads=threads)
 
     def _require_axes(self) -> None:
         """Refuse to prove anything of a function."""

@@ -169,7 +169,7 @@ def enclose(
                 largest = max(largest, rows[order[k], dof + i])
     if stuck_bound < ceiling:
         lower, outcome = min(lower, stuck_bound), STOPPED
-    return Search(outcome, seen, largest, best, lower, upper)
+    return Search(outcome, seen, largest, best, lower, upper, np.empty((0, boxes.shape[1])), 0.0)
 
 
 @kernel

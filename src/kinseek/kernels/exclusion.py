@@ -49,6 +49,10 @@ class Search(NamedTuple):
     """Lower bound on the weighted error."""
     upper: float
     """Weighted error of `q`."""
+    left: Array
+    """Boxes that are left where the budget ended the search, (k, 2 dof)."""
+    stuck: float
+    """Widest box that is left because it is as small as numbers allow, [rad] or [m]; 0 if none."""
 
 
 @kernel
@@ -132,13 +136,13 @@ def exclude(
             for j in range(len(q)):
                 q[j] = trial[j]
         if position <= tuning[3] and orientation <= tuning[4]:
-            return Search(FOUND, seen, 0.0, trial, 0.0, error)
+            return Search(FOUND, seen, 0.0, trial, 0.0, error, stack[:0].copy(), stuck)
     largest = stuck
     for k in range(count):
         for i in range(dof):
             largest = max(largest, stack[k, dof + i])
     ended = count == 0 and stuck == 0.0
-    return Search(ENDED if ended else STOPPED, seen, largest, q, 0.0, best)
+    return Search(ENDED if ended else STOPPED, seen, largest, q, 0.0, best, stack[:count].copy(), stuck)
 
 
 @kernel

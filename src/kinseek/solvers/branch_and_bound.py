@@ -9,6 +9,9 @@ boxes gone: nothing inside the limits reaches the goal. Best box first, the same
 from __future__ import annotations
 
 import math
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +21,7 @@ from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.enclosure import enclose
-from kinseek.kernels.exclusion import ENDED, FOUND, Search, exclude
+from kinseek.kernels.exclusion import ENDED, FOUND, STOPPED, Search, exclude
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
 
@@ -32,8 +35,17 @@ SPREAD, SHRINK = 2.5, 0.5
 """Boxes that turn the hand by less [rad] are looked at to second order; those that shrink to less of their volume, again."""
 
 
+PIECE = 8192
+"""Boxes that one thread examines at a stretch: some milliseconds."""
+
+
 def prove(
-    problem: Problem, *, gap: float | None = None, budget: int = BUDGET, answer: Solution | None = None
+    problem: Problem,
+    *,
+    gap: float | None = None,
+    budget: int = BUDGET,
+    answer: Solution | None = None,
+    threads: int | None = None,
 ) -> Certificate:
     """Prove that a goal is out of reach, or find joint values that reach it.
 
@@ -43,6 +55,8 @@ def prove(
             upper one, > 0; None leaves out this second search.
         budget: Boxes to examine at most, over both searches, >= 0; the bounds hold whenever the search stops.
         answer: A solution of the same problem, if there is one already; else the atlas is asked.
+        threads: Threads that share the boxes of the first search; every core unless given. The certificate has the same
+            bits.
 
     Raises:
         InvalidProblem: A batch, an empty one included; a gap or budget out of its range.
@@ -57,7 +71,7 @@ def prove(
     best = answer or Atlas().solve(replace(problem, budget=None))
     if best.success:
         return _certificate(problem, Verdict.REACHABLE, best.q, 0.0, 0, 0.0)
-    search = excluded(problem, budget)
+    search = excluded(problem, budget, threads=threads)
     if search.outcome == FOUND:
         return _certificate(problem, Verdict.REACHABLE, search.q, 0.0, search.boxes, 0.0)
     q = search.q if search.upper < best.weighted_error else best.q
@@ -104,13 +118,53 @@ def most_inside(goal: Goal) -> float:
     return (position + axes * goal.orientation_weight * 2.0 * math.sin(angle / 2) ** 2) * (1.0 + ROUNDING)
 
 
-def excluded(problem: Problem, budget: int, trust: float = 1.0) -> Search:
-    """Look in every box for joint values within both tolerances; see `exclude`."""
+def excluded(problem: Problem, budget: int, trust: float = 1.0, threads: int | None = None) -> Search:
+    """Look in every box for joint values within both tolerances; see `exclude`.
+
+    What a stretch of boxes leaves over is shared out, a box to a thread, round after round. What becomes of a box depends on
+    nothing but itself, and the results are read in order: so the verdict, the witness and the count are the same for any
+    number of threads.
+    """
     goal = problem.goal
     form, wanted, roll = question(problem, trust)
     tuning = np.array([SPREAD, 2, SHRINK, goal.position_tolerance, goal.orientation_tolerance])
-    boxes = start_boxes(problem.chain, roll.present)
-    return exclude(form, wanted, roll, problem.arrays, goal.arrays, boxes, tuning, budget)
+    boxes, arrays = start_boxes(problem.chain, roll.present), (problem.arrays, goal.arrays)
+
+    def stretch(some: Array, most: int) -> Search:
+        return exclude(form, wanted, roll, *arrays, np.ascontiguousarray(some), tuning, most)
+
+    search = stretch(boxes, min(budget, PIECE))
+    workers = threads or os.cpu_count() or 1
+    if search.outcome != STOPPED or not len(search.left) or search.boxes >= budget:
+        return search
+    with ThreadPoolExecutor(workers) as pool:
+        while len(search.left):
+            most = min(PIECE, (budget - search.boxes) // len(search.left))
+            if most == 0:
+                return search
+            pieces = list(pool.map(lambda box, most=most: stretch(box[None], most), search.left))
+            search = _together(search, pieces)
+            if search.outcome == FOUND:
+                return search
+    return search
+
+
+def _together(before: Search, pieces: Sequence[Search]) -> Search:
+    """What a round of pieces adds to a search."""
+    boxes = before.boxes + sum(piece.boxes for piece in pieces)
+    best = min([before, *pieces], key=lambda piece: piece.upper)
+    for piece in pieces:
+        if piece.outcome == FOUND:
+            return piece._replace(boxes=boxes)
+    left, stuck = np.concatenate([piece.left for piece in pieces]), max(piece.stuck for piece in pieces)
+    stuck = max(stuck, before.stuck)
+    return best._replace(
+        outcome=STOPPED if len(left) or stuck > 0.0 else ENDED,
+        boxes=boxes,
+        largest=max([stuck, *(piece.largest for piece in pieces if len(piece.left))]),
+        left=left,
+        stuck=stuck,
+    )
 
 
 def enclosed(problem: Problem, q: Array, gap: float, budget: int, trust: float = 1.0) -> Search:
