@@ -40,13 +40,13 @@ from .pose_error import errors, is_rigid
 from .refine import MARGIN, free_turn, into_limits, iterate, kick, restart, see, solve_pose, start, within
 from .refine import turns_fully as turns
 
-STARTS, MORE_STARTS, DEEP_STARTS = 80, 112, 192
+STARTS, MORE_STARTS, DEEP_STARTS = 80, 112, 448
 """Samples tried for every goal, for one whose starts came to an end soon, and for one that may have more answers."""
 
 SOON = 320
 """FK evaluations up to which more starts cost little."""
 
-WEAK = 0.005
+WEAK = 0.02
 """Singular value of the scaled Jacobian at an answer below which others may hide beside it."""
 
 LATE = 0.6
