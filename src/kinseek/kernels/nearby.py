@@ -94,12 +94,11 @@ def walk_near(
 
 
 @view
-def answer_near(
-    handle: Indices, wanted: Array, memory: Array, target: Array, near: Array, q: Array, report: Array, w: int
+def conclude_near(
+    handle: Indices, wanted: Array, memory: Array, target: Array, near: Array, q: Array, report: Array
 ) -> None:
-    """As `refine.answer`, near a start, (n,)."""
+    """As `refine.conclude_answer`, full turns chosen near a start, (n,)."""
     task = task_of(handle, wanted)
-    report[3] = walk_near(handle, wanted, memory, target, near, q, w)
     desk = make_desk(memory, len(task.lower), len(task.chain.leader))
     finish(task, desk, goal_of(task, target), near, q, report)
 
@@ -126,7 +125,8 @@ def solve_plain_near(
     size = desk_size(len(task.lower), len(task.chain.leader))
     memory = np.zeros(size + 4)
     report = part1(memory.ctypes.data, size, 4)
-    answer_near(handle, wanted, memory, target, near, q, report, lanes_of(handle))
+    report[3] = walk_near(handle, wanted, memory, target, near, q, lanes_of(handle))
+    conclude_near(handle, wanted, memory, target, near, q, report)
     position, orientation, weighted, spent = report[0], report[1], report[2], int(report[3])
     memory[0] = 0.0  # Its last use, see `refine.solve_pose`.
     return position, orientation, weighted, spent, position <= wanted[0] and orientation <= wanted[1]
@@ -139,7 +139,9 @@ def solve_near(handle: Indices, wanted: Array, target: Array, near: Array, w: in
     dof = len(task.lower)
     result, memory = np.empty(dof + 4), np.zeros(desk_size(dof, len(task.chain.leader)))
     address = result.ctypes.data
-    answer_near(handle, wanted, memory, target, near, part1(address, 0, dof), part1(address, dof, 4), w)
+    q, report = part1(address, 0, dof), part1(address, dof, 4)
+    report[3] = walk_near(handle, wanted, memory, target, near, q, w)
+    conclude_near(handle, wanted, memory, target, near, q, report)
     memory[0] = 0.0  # Its last use, see `refine.solve_pose`.
     return result
 
@@ -153,5 +155,7 @@ def solve_many_near(
     dof = len(task.lower)
     memory = np.zeros(desk_size(dof, len(task.chain.leader)))
     for i in range(begin, end):
-        answer_near(handle, wanted, memory, targets[i], near[i], results[i, :dof], results[i, dof:], w)
+        q, report = results[i, :dof], results[i, dof:]
+        report[3] = walk_near(handle, wanted, memory, targets[i], near[i], q, w)
+        conclude_near(handle, wanted, memory, targets[i], near[i], q, report)
     memory[0] = 0.0  # Its last use, see `refine.solve_pose`.

@@ -566,12 +566,11 @@ def finish(task: Task, desk: Desk, goal: GoalArrays, near: Array, q: Array, repo
 
 
 @view
-def answer(
-    handle: Indices, wanted: Array, memory: Array, target: Array, q: Array, report: Array, w: int
+def conclude_answer(
+    handle: Indices, wanted: Array, memory: Array, target: Array, q: Array, report: Array
 ) -> None:
-    """Answer one target: joint values into q, (n,), errors [m], [rad] and weighted and FK evaluations into report, (4,)."""
+    """Judge an answer, q, (n,): errors [m], [rad] and weighted into report, (4,)."""
     task = task_of(handle, wanted)
-    report[3] = solve_target(handle, wanted, memory, target, wanted[3], q, w)
     desk = make_desk(memory, len(task.lower), len(task.chain.leader))
     middle(task, desk.seed)
     finish(task, desk, goal_of(task, target), desk.seed, q, report)
@@ -594,7 +593,9 @@ def solve_pose(handle: Indices, wanted: Array, target: Array, w: int) -> Array:
     dof = len(task.lower)
     result, memory = np.empty(dof + 4), np.zeros(desk_size(dof, len(task.chain.leader)))
     address = result.ctypes.data
-    answer(handle, wanted, memory, target, part1(address, 0, dof), part1(address, dof, 4), w)
+    q, report = part1(address, 0, dof), part1(address, dof, 4)
+    report[3] = solve_target(handle, wanted, memory, target, wanted[3], q, w)
+    conclude_answer(handle, wanted, memory, target, q, report)
     memory[0] = 0.0  # Views do not keep it alive: without a last use Numba would have freed it by now.
     return result
 
@@ -620,7 +621,9 @@ def solve_plain(address: int, target: Array, q: Array) -> tuple[float, float, fl
     size = desk_size(len(task.lower), len(task.chain.leader))
     memory = np.zeros(size + 4)
     report = part1(memory.ctypes.data, size, 4)
-    answer(handle, wanted, memory, target, q, report, lanes_of(handle))
+    # Called here and not one floor below: Numba compiles what a function calls anew for every floor above it.
+    report[3] = solve_target(handle, wanted, memory, target, wanted[3], q, lanes_of(handle))
+    conclude_answer(handle, wanted, memory, target, q, report)
     position, orientation, weighted, spent = report[0], report[1], report[2], int(report[3])
     memory[0] = 0.0  # Its last use, see `solve_pose`.
     return position, orientation, weighted, spent, position <= wanted[0] and orientation <= wanted[1]
