@@ -19,16 +19,16 @@ from .deviation import box_errors, box_weighted, deviation
 from .forward import forward
 from .jit import called, hidden, kernel
 from .lanes import LANES
-from .nearby import joint_distance
+from .nearby import keep_closest, load_near
 from .pointers import part1
 from .refine import (
     DAMPING,
     DEEP_STEPS,
+    MARGIN,
     MORE,
     MORE_RESTARTS,
     PERSIST_STEPS,
     POLISH_STEPS,
-    PROMISING,
     RESTART_STEPS,
     RESTARTS,
     copy_joints,
@@ -38,9 +38,10 @@ from .refine import (
     load_seed_row,
     look_up,
     lowest,
+    lowest_row,
     middle,
+    promise,
     restart,
-    turns_fully,
 )
 
 
@@ -128,7 +129,7 @@ def fill_box(task: Task, desk: Desk, poses: Array, begin: int, first: int, most:
             for j in range(len(used)):
                 fresh = fresh and used[j] != i
             if fresh and complete_seed(
-                task.atlas, task.division, desk.seen, i, task.chain.lower, task.chain.upper, 0.5, desk.seed
+                task.atlas, task.division, desk.seen, i, task.chain.lower, task.chain.upper, MARGIN, desk.seed
             ):
                 taken = i
                 load_seed(desk.lanes, l, desk.seed)
@@ -178,15 +179,6 @@ def polish_box(job: Job, task: Task, desk: Desk, question: Array, rows: Array, w
 
 
 @called
-def load_near(task: Task, desk: Desk, near: Array) -> None:
-    """Put the first lane at joint values, (n,), brought into the limits where they bind."""
-    for i in range(len(near)):
-        low, high = task.chain.lower[i], task.chain.upper[i]
-        desk.seed[i] = near[i] if turns_fully(task, i) else min(max(near[i], low), high)
-    load_seed(desk.lanes, 0, desk.seed)
-
-
-@called
 def answer_box(
     job: Job,
     task: Task,
@@ -221,7 +213,7 @@ def answer_box(
             if persisted == 2 and spent + POLISH_STEPS * LANES <= task.wanted[3]:
                 spent += polish_box(job, task, desk, question, rows, w)
                 reset_box(task, desk)
-            if lowest(desk.best_error) > PROMISING * (task.wanted[2] * task.length + 1.0):
+            if lowest(desk.best_error) > promise(task):
                 continue
             if persisted == 1:
                 restarts, begin = (
@@ -251,13 +243,7 @@ def answer_box(
         if lane >= 0 and not close:
             copy_joints(desk.found, lane, q)
             return spent
-        for l in range(LANES):
-            if desk.state[l] == 1:
-                copy_joints(desk.found, l, desk.seed)
-                far = joint_distance(task, desk.seed, near)
-                if far < closest:
-                    closest = far
-                    copy_joints(desk.found, l, q)
+        closest = keep_closest(task, desk, near, closest, q)
         if closest < np.inf and begin >= len(poses):
             return spent
         keep_best_box(task, desk, question, rows)
@@ -266,10 +252,7 @@ def answer_box(
     if rounds == 0:
         middle(task, q)
         return spent
-    best = 0
-    while desk.best_error[best] > lowest(desk.best_error):
-        best += 1
-    copy_joints(desk.best, best, q)
+    copy_joints(desk.best, lowest_row(desk.best_error), q)
     return spent
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from .arrays import Array, Indices
 from .atlas import nearest_copy
-from .desk import Job, Task, desk_size, handle_at, lanes_of, make_desk, plain_wanted, task_of
+from .desk import Desk, Job, Task, desk_size, handle_at, lanes_of, make_desk, plain_wanted, task_of
 from .jit import called, exact, hidden, kernel, view
 from .lanes import LANES
 from .pointers import part1
@@ -46,6 +46,28 @@ def joint_distance(task: Task, q: Array, near: Array) -> float:
     return total
 
 
+@hidden
+def load_near(task: Task, desk: Desk, near: Array) -> None:
+    """Put the first lane at joint values, (n,), brought into the limits where they bind."""
+    for i in range(len(near)):
+        low, high = task.chain.lower[i], task.chain.upper[i]
+        desk.seed[i] = near[i] if turns_fully(task, i) else min(max(near[i], low), high)
+    load_seed(desk.lanes, 0, desk.seed)
+
+
+@hidden
+def keep_closest(task: Task, desk: Desk, near: Array, closest: float, q: Array) -> float:
+    """Write the lane that converged nearest to `near`, (n,), into q if it is nearer than `closest`, squared; what is now."""
+    for l in range(LANES):
+        if desk.state[l] == 1:
+            copy_joints(desk.found, l, desk.seed)
+            far = joint_distance(task, desk.seed, near)
+            if far < closest:
+                closest = far
+                copy_joints(desk.found, l, q)
+    return closest
+
+
 @called
 def walk_near(
     handle: Indices, wanted: Array, memory: Array, target: Array, near: Array, q: Array, w: int
@@ -61,10 +83,7 @@ def walk_near(
     dof = len(task.lower)
     desk = make_desk(memory, dof, len(task.chain.leader))
     start(task, desk, target)
-    for i in range(dof):
-        low, high = task.chain.lower[i], task.chain.upper[i]
-        desk.seed[i] = near[i] if turns_fully(task, i) else min(max(near[i], low), high)
-    load_seed(desk.lanes, 0, desk.seed)
+    load_near(task, desk, near)
     for l in range(LANES):
         desk.state[l] = 0 if l == 0 else 2
     closest, spent, begin, found, looked_up = np.inf, 0, 0, 0, False
@@ -73,13 +92,7 @@ def walk_near(
             break
         _, made = descend_lanes(job, task, desk, DEEP_STEPS, True, w)
         spent += (made + 1) * LANES
-        for l in range(LANES):
-            if desk.state[l] == 1:
-                copy_joints(desk.found, l, desk.seed)
-                far = joint_distance(task, desk.seed, near)
-                if far < closest:
-                    closest = far
-                    copy_joints(desk.found, l, q)
+        closest = keep_closest(task, desk, near, closest, q)
         if not looked_up:
             if closest < CLOSE * CLOSE:
                 break

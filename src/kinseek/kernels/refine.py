@@ -116,6 +116,15 @@ def lowest(values: Array) -> float:
 
 
 @hidden
+def lowest_row(values: Array) -> int:
+    """The first row that holds the least value."""
+    row = 0
+    while values[row] > lowest(values):
+        row += 1
+    return row
+
+
+@hidden
 def load_seed_row(lanes: Lanes, lane: int, rows: Array) -> None:
     """Put one lane at the start in its row, (LANES, n)."""
     for i in range(rows.shape[1]):
@@ -452,10 +461,7 @@ def solve_target(
     if rounds == 0:
         middle(task, q)
         return spent
-    best = 0
-    while desk.best_error[best] > lowest(desk.best_error):
-        best += 1
-    copy_joints(desk.best, best, q)
+    copy_joints(desk.best, lowest_row(desk.best_error), q)
     return spent
 
 
@@ -535,10 +541,8 @@ def look_around(handle: Indices, wanted: Array, memory: Array, target: Array, w:
     """
     task, job = task_of(handle, wanted), Job(handle, wanted, memory)
     desk, pose = make_desk(memory, len(task.lower), len(task.chain.leader)), np.empty((3, 4))
-    best, spent, begin = 0, 0, 0
-    while desk.best_error[best] > lowest(desk.best_error):
-        best += 1
-    copy_joints(desk.best, best, desk.seed)
+    spent, begin = 0, 0
+    copy_joints(desk.best, lowest_row(desk.best_error), desk.seed)
     forward(task.chain, desk.seed, pose)
     reset_weights(task, desk)
     for l in range(LANES):

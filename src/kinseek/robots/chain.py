@@ -75,13 +75,18 @@ class SerialChain:
         return len(self.joint_names)
 
     @cached_property
+    def periodic(self) -> NDArray[np.bool_]:
+        """Of each variable, (n,): does a full turn leave the pose of every link as it is?"""
+        turns = np.ones(self.dof, dtype=np.bool_)
+        for k, i in enumerate(self.leader):
+            turns[i] &= not self.prismatic[k] and float(self.multiplier[k]).is_integer()
+        return turns
+
+    @cached_property
     def wraps(self) -> NDArray[np.bool_]:
         """Of each variable, (n,): do both ends of its range give the same pose of every link?"""
         turns = (self.upper - self.lower) / (2 * np.pi)
-        whole = (turns > 0.5) & (np.abs(turns - np.round(turns)) < 1e-6)
-        for k, i in enumerate(self.leader):
-            whole[i] &= not self.prismatic[k] and float(self.multiplier[k]).is_integer()
-        return whole
+        return np.asarray((turns > 0.5) & (np.abs(turns - np.round(turns)) < 1e-6) & self.periodic)
 
     @cached_property
     def arrays(self) -> ChainArrays:

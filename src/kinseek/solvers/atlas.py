@@ -294,9 +294,7 @@ def middle_samples(chain: SerialChain, division: Division, samples: int) -> tupl
 
 def open_limits(chain: SerialChain) -> tuple[Array, Array]:
     """Limits for refining: none for a joint whose range holds a full turn, since it can always go on."""
-    free = (chain.upper - chain.lower >= 2 * np.pi - 1e-9) & (np.array(chain.kinds) != "prismatic")
-    for k, i in enumerate(chain.leader):
-        free[i] &= float(chain.multiplier[k]).is_integer() and not chain.prismatic[k]
+    free = (chain.upper - chain.lower >= 2 * np.pi - 1e-9) & chain.periodic
     far = np.where(np.array(chain.kinds) == "continuous", np.inf, OPEN)
     return np.where(free, -far, chain.lower), np.where(free, far, chain.upper)
 

@@ -61,7 +61,7 @@ class BranchIndex:
         self.coarse = AtlasIndex(chain, kind, problem.arrays, SAMPLES)
         self.fine = atlas_of(chain, problem.goal)
         middle, half = (chain.lower + chain.upper) / 2, (chain.upper - chain.lower) / 2
-        turning = np.where(periodic(chain), 0.5 / np.pi, 0.0)
+        turning = np.where(chain.periodic, 0.5 / np.pi, 0.0)
         self.view: Array = np.array([middle, 1 / np.maximum(half, 1e-12), turning])
         """How `kernels.branches` shall see the answers: from the middle of every range, in halves of it, (3, n)."""
         self.mirrors: Array = np.zeros((0, 3, chain.dof))
@@ -82,7 +82,7 @@ class BranchIndex:
         there can be, and a second configuration tells which of them hold.
         """
         chain, dof = problem.chain, problem.chain.dof
-        turns = periodic(chain)
+        turns = chain.periodic
         signs = np.array(list(itertools.product((1.0, -1.0), repeat=dof)))
         wanted, width = wanted_of(Goal.pose(np.eye(4))), chain.upper - chain.lower
         probe = chain.lower + 0.381966 * width
@@ -147,14 +147,6 @@ def index_of(problem: Problem) -> BranchIndex:
         for oldest in of_tools[:-KEPT]:
             del mine[oldest]
         return mine[key]
-
-
-def periodic(chain: SerialChain) -> NDArray[np.bool_]:
-    """Which variables leave every pose as it is when they turn fully, (n,)."""
-    result = np.array([kind != "prismatic" for kind in chain.kinds], dtype=np.bool_)
-    for k, i in enumerate(chain.leader):
-        result[i] &= float(chain.multiplier[k]).is_integer() and not chain.prismatic[k]
-    return result
 
 
 def constraint_jacobian(problem: Problem, q: Array) -> Array:

@@ -17,7 +17,6 @@ from kinseek.kernels.arrays import Array
 from kinseek.kernels.isolation import isolate_boxes
 from kinseek.kernels.pose_error import judge
 from kinseek.problem import Problem, as_joints
-from kinseek.robots.chain import SerialChain
 
 from .branch_and_bound import SHRINK, SPREAD
 from .questions import question, start_boxes
@@ -82,7 +81,7 @@ def isolate(
     form, wanted, roll = question(problem, trust)
     boxes = start_boxes(chain, roll.present)
     spare = chain.dof > _CONSTRAINTS[goal.kind]
-    periodic = np.array([turns_freely(chain, i) for i in range(boxes.shape[1] // 2)])
+    periodic = chain.periodic[: boxes.shape[1] // 2].copy()
     tuning = np.array([SPREAD, 2, SHRINK, goal.position_tolerance, goal.orientation_tolerance])
     if spare:
         nothing = np.full(known.shape, np.inf)
@@ -110,12 +109,6 @@ def prove_complete(problem: Problem, answers: ArrayLike, *, budget: int = BUDGET
     """
     isolation = isolate(problem, answers, budget=budget)
     return isolation.q, isolation.complete
-
-
-def turns_freely(chain: SerialChain, variable: int) -> bool:
-    """Is a whole turn of this variable as good as none?"""
-    followers = np.flatnonzero(chain.leader == variable)
-    return bool(not chain.prismatic[followers].any() and (chain.multiplier[followers] % 1 == 0).all())
 
 
 def _checked(problem: Problem, answers: ArrayLike | None) -> Array:

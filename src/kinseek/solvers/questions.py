@@ -119,9 +119,7 @@ def start_boxes(chain: SerialChain, without_last: bool) -> Array:
     """The whole range of the joints as one box, (1, 2 dof); a joint that turns more than once turns once."""
     lower, upper = chain.lower.copy(), chain.upper.copy()
     for i in range(chain.dof):
-        followers = np.flatnonzero(chain.leader == i)
-        repeats = not chain.prismatic[followers].any() and (chain.multiplier[followers] % 1 == 0).all()
-        if repeats and upper[i] - lower[i] > 2 * np.pi:
+        if chain.periodic[i] and upper[i] - lower[i] > 2 * np.pi:
             middle = (lower[i] + upper[i]) / 2
             lower[i], upper[i] = middle - np.pi, middle + np.pi
     count = chain.dof - int(without_last)
