@@ -7,6 +7,7 @@ the joints may work against each other, and its gradient and Hessian are written
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,8 +28,37 @@ from .boxes import (
     turn_goal,
     widths,
 )
-from .halfway import derivatives, differentiate, downhill, halfway, normal_matrix, radii_behind, rests, solve
+from .halfway import (
+    derivatives,
+    differentiate,
+    downhill,
+    halfway,
+    normal_matrix,
+    radii_behind,
+    rests,
+    solve,
+    step_miss,
+    weight_miss,
+)
 from .jit import inner
+from .support import support
+
+
+class Rests(NamedTuple):
+    """What the Taylor polynomials of a box leave over, at most."""
+
+    middle: int
+    """The joint that the hand is seen from."""
+    two_p: float
+    """Of the point, to first order [m]."""
+    two_c: float
+    """Of the columns."""
+    three_p: float
+    """Of the point, to second order [m]."""
+    three_c: float
+    """Of the columns."""
+    three_b: float
+    """Of the point that lies back along the first column [m]."""
 
 
 @inner
@@ -40,127 +70,131 @@ def second_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float, passes:
     smaller than if all of them moved the hand. For any form y, ``y·f(q) = y·f + g·δ + ½ δᵀHδ + rest`` with
     |rest| bounded to third order. With tolerances, y·f(q) larger than the dual norm of y times the tolerances excludes q.
     With the weighted error, ``K_P |f_p| ≥ y_p·f_p`` for |y_p| ≤ K_P and ``½ K_A |f_c|² ≥ y_c·f_c - |y_c|²/(2 K_A)`` make
-    every form a lower bound (Fenchel's inequality). The form is the residual of a least-squares step that the box holds
-    back: the direction in which the goal lies outside of what the box reaches.
+    every form a lower bound (Fenchel's inequality). With `ceiling` negative the tolerances decide, and `passes` forms are
+    tried; else the weighted error, and one form is the best one to first order (`kernels.support`).
     """
-    m, dof = len(form.leader), len(desk.c)
-    T, goal, columns = desk.T, desk.goal, form.columns
-    tolerances = ceiling < 0.0
-    trust = wanted.scalars[TRUST]
-    K_P, K_A = wanted.scalars[WEIGHT_P], wanted.scalars[WEIGHT_A]
     turn_goal(form, wanted, desk)
     widths(form, desk)
     middle = halfway(form, wanted, desk)
-    differentiate(form, desk, middle, columns)
+    differentiate(form, desk, middle, form.columns)
     two_p, two_c, three_p, three_c = rests(form, desk, desk.r, middle)
-    back, three_b = wanted.scalars[BACK], three_p
-    if back != 0.0:
-        radii_behind(form, desk, middle, back)
+    three_b = three_p
+    if wanted.scalars[BACK] != 0.0:
+        radii_behind(form, desk, middle, wanted.scalars[BACK])
         _, _, three_b, _ = rests(form, desk, desk.back, middle)
-    f0, f1, f2 = T[0, 3] - goal[0, 3], T[1, 3] - goal[1, 3], T[2, 3] - goal[2, 3]
-    far = math.sqrt(f0 * f0 + f1 * f1 + f2 * f2)
-    turned = 0.0
-    for i in range(columns):
-        for r in range(3):
-            turned += (T[r, i] - goal[r, i]) * (T[r, i] - goal[r, i])
-    desk.out[0] = K_P * far + 0.5 * K_A * turned
-    desk.u[0], desk.u[1] = far, math.sqrt(turned)
-    if tolerances:
-        slack_p = wanted.scalars[POSITION] + wanted.scalars[MARGIN]
-        slack_c = wanted.scalars[CHORD] + wanted.scalars[MARGIN_A]
-        weight_p = 1.0 / ((two_p * 0.5 + slack_p) * (two_p * 0.5 + slack_p))
-        weight_c = 1.0 / ((two_c * 0.5 + slack_c) * (two_c * 0.5 + slack_c))
-        for i in range(dof):
-            desk.D[i] = 1.0 / (desk.h[i] * desk.h[i])
-    else:
-        slack_p, slack_c = wanted.scalars[MARGIN], wanted.scalars[MARGIN_A]
-        weight_p = K_P / (far + two_p + slack_p)
-        weight_c = K_A
-        for i in range(dof):
-            desk.D[i] = 0.0
-        for k in range(m):
-            desk.D[form.leader[k]] += abs(form.multiplier[k]) * (K_P * desk.r[k] + K_A) / 2.0
-        for i in range(dof):
-            desk.D[i] /= desk.h[i]
-    turn_weight = weight_c if columns > 0 else 0.0
+    rest = Rests(middle, two_p, two_c, three_p, three_c, three_b)
+    far = turned = 0.0
+    for r in range(3):
+        far += (desk.T[r, 3] - desk.goal[r, 3]) * (desk.T[r, 3] - desk.goal[r, 3])
+        for i in range(form.columns):
+            turned += (desk.T[r, i] - desk.goal[r, i]) * (desk.T[r, i] - desk.goal[r, i])
+    desk.u[0], desk.u[1] = math.sqrt(far), math.sqrt(turned)
+    desk.out[0] = wanted.scalars[WEIGHT_P] * desk.u[0] + 0.5 * wanted.scalars[WEIGHT_A] * turned
+    if ceiling < 0.0:
+        return separate(form, wanted, desk, rest, passes)
+    support(form, wanted, desk, ceiling)
+    bound = weigh(form, wanted, desk, rest, wanted.scalars[MARGIN], wanted.scalars[MARGIN_A])
+    if form.columns > 0:
+        bound -= 0.5 * size_of_columns(form, desk) ** 2 / wanted.scalars[WEIGHT_A]
+    desk.out[1] = max(desk.out[1], bound)
+    if bound > ceiling:
+        return False
+    cut_box(desk, ceiling - bound)
+    return True
+
+
+@inner
+def separate(form: Form, wanted: Wanted, desk: Desk, rest: Rests, passes: int) -> bool:
+    """Look for a form that lies between the box and the tolerances; say whether anything of the box is left.
+
+    It is the residual of a least-squares step that the box holds back, as an ellipsoid: the direction in which the goal lies
+    outside of what the box reaches.
+    """
+    dof, columns = len(desk.c), form.columns
+    slack_p = wanted.scalars[POSITION] + wanted.scalars[MARGIN]
+    slack_c = wanted.scalars[CHORD] + wanted.scalars[MARGIN_A]
+    weight_p = 1.0 / ((rest.two_p * 0.5 + slack_p) * (rest.two_p * 0.5 + slack_p))
+    weight_c = 1.0 / ((rest.two_c * 0.5 + slack_c) * (rest.two_c * 0.5 + slack_c))
+    for i in range(dof):
+        desk.D[i] = 1.0 / (desk.h[i] * desk.h[i])
     for attempt in range(passes):
-        normal_matrix(form, desk, weight_p, turn_weight, columns)
-        downhill(form, desk, weight_p, turn_weight, columns)
+        normal_matrix(form, desk, weight_p, weight_c, columns)
+        downhill(form, desk, weight_p, weight_c, columns)
         solve(desk.N, desk.D, desk.delta)
-        # The form: the residual of the step, in the metric of the weights.
-        y0, y1, y2 = f0, f1, f2
-        for k in range(m):
-            step = form.multiplier[k] * desk.delta[form.leader[k]]
-            y0 += step * desk.velocity[k, 0]
-            y1 += step * desk.velocity[k, 1]
-            y2 += step * desk.velocity[k, 2]
-        y0, y1, y2 = weight_p * y0, weight_p * y1, weight_p * y2
-        size_p = math.sqrt(y0 * y0 + y1 * y1 + y2 * y2)
-        if not tolerances and size_p > K_P:
-            shrink = K_P / size_p * (1.0 - 1e-15)
-            y0, y1, y2, size_p = y0 * shrink, y1 * shrink, y2 * shrink, K_P
-        desk.y[0, 3], desk.y[1, 3], desk.y[2, 3] = y0, y1, y2
-        size_c = 0.0
-        value = y0 * f0 + y1 * f1 + y2 * f2
-        for i in range(columns):
-            for r in range(3):
-                miss = T[r, i] - goal[r, i]
-                part = miss
-                for k in range(m):
-                    part += form.multiplier[k] * desk.delta[form.leader[k]] * desk.slopes[k, i, r]
-                part *= turn_weight
-                desk.y[r, i] = part
-                size_c += part * part
-                value += part * miss
-        derivatives(form, desk, middle, columns)
-        # The least value of the polynomial in the box, one variable at a time.
-        bent = curvature(desk)
-        straight = 0.0
-        for i in range(dof):
-            straight -= abs(desk.g[i]) * desk.h[i]
-        lost = 0.0
-        for i in range(dof):
-            for j in range(dof):
-                if j != i:
-                    desk.H[i, i] -= abs(desk.H[i, j]) * desk.h[j] / desk.h[i]
-            lost += least(desk.g[i], desk.H[i, i], desk.h[i])
-        if straight + bent > lost:
-            lost = straight + bent
-            for i in range(dof):
-                desk.H[i, i] = 0.0
-        length_c = math.sqrt(size_c)
-        rest = size_p * three_p + length_c * three_c
-        if back != 0.0:
-            # The form is as well one of a point further back, which moves less, and of the first column.
-            b0, b1, b2 = desk.y[0, 0] + back * y0, desk.y[1, 0] + back * y1, desk.y[2, 0] + back * y2
-            rest = min(rest, size_p * three_b + math.sqrt(b0 * b0 + b1 * b1 + b2 * b2) * three_c)
-        rest *= trust
-        rest += size_p * slack_p + length_c * slack_c + 1e-14 * (abs(value) - lost)
-        if tolerances:
-            surplus = value + lost - rest
-        else:
-            bound = value + lost - rest
-            if columns > 0:
-                bound -= 0.5 * size_c / K_A
-            desk.out[1] = max(desk.out[1], bound)
-            surplus = bound - ceiling
+        step_miss(form, desk, columns)
+        weight_miss(desk, weight_p, weight_c, columns)
+        surplus = weigh(form, wanted, desk, rest, slack_p, slack_c)
         if surplus > 0.0:
             return False
         if attempt + 1 == passes:
             cut_box(desk, -surplus)
-        else:
-            # Weights that make the ellipsoid touch the box and the balls where this form touched them.
-            total = TINY
-            for i in range(dof):
-                total += abs(desk.g[i]) * desk.h[i]
-            total += size_p * slack_p + length_c * slack_c
-            for i in range(dof):
-                desk.D[i] = (abs(desk.g[i]) + 0.05 * total / desk.h[i]) / desk.h[i]
-            if tolerances:
-                weight_p = (size_p + TINY) / (slack_p + three_p)
-                weight_c = (length_c + TINY) / (slack_c + three_c)
-                turn_weight = weight_c if columns > 0 else 0.0
+            break
+        # Weights that make the ellipsoid touch the box and the balls where this form touched them.
+        size_p, size_c = size_of_point(desk), size_of_columns(form, desk)
+        total = TINY + size_p * slack_p + size_c * slack_c
+        for i in range(dof):
+            total += abs(desk.g[i]) * desk.h[i]
+        for i in range(dof):
+            desk.D[i] = (abs(desk.g[i]) + 0.05 * total / desk.h[i]) / desk.h[i]
+        weight_p = (size_p + TINY) / (slack_p + rest.three_p)
+        weight_c = (size_c + TINY) / (slack_c + rest.three_c)
     return True
+
+
+@inner
+def weigh(form: Form, wanted: Wanted, desk: Desk, rest: Rests, slack_p: float, slack_c: float) -> float:
+    """The least value that the form in ``desk.y`` has anywhere in the box, slacks taken off: of point and columns.
+
+    Leaves the polynomial in `desk`, one that is separable, for `cut_box`.
+    """
+    dof, y, back = len(desk.c), desk.y, wanted.scalars[BACK]
+    value = 0.0
+    for r in range(3):
+        value += y[r, 3] * (desk.T[r, 3] - desk.goal[r, 3])
+        for i in range(form.columns):
+            value += y[r, i] * (desk.T[r, i] - desk.goal[r, i])
+    derivatives(form, desk, rest.middle, form.columns)
+    # The least value of the polynomial in the box, one variable at a time.
+    bent = curvature(desk)
+    straight = 0.0
+    for i in range(dof):
+        straight -= abs(desk.g[i]) * desk.h[i]
+    lost = 0.0
+    for i in range(dof):
+        for j in range(dof):
+            if j != i:
+                desk.H[i, i] -= abs(desk.H[i, j]) * desk.h[j] / desk.h[i]
+        lost += least(desk.g[i], desk.H[i, i], desk.h[i])
+    if straight + bent > lost:
+        lost = straight + bent
+        for i in range(dof):
+            desk.H[i, i] = 0.0
+    size_p, size_c = size_of_point(desk), size_of_columns(form, desk)
+    over = size_p * rest.three_p + size_c * rest.three_c
+    if back != 0.0:
+        # The form is as well one of a point further back, which moves less, and of the first column.
+        b0, b1, b2 = y[0, 0] + back * y[0, 3], y[1, 0] + back * y[1, 3], y[2, 0] + back * y[2, 3]
+        over = min(over, size_p * rest.three_b + math.sqrt(b0 * b0 + b1 * b1 + b2 * b2) * rest.three_c)
+    over *= wanted.scalars[TRUST]
+    over += size_p * slack_p + size_c * slack_c + 1e-14 * (abs(value) - lost)
+    return value + lost - over
+
+
+@inner
+def size_of_point(desk: Desk) -> float:
+    """Length of the form's part for the point."""
+    y = desk.y
+    return math.sqrt(y[0, 3] * y[0, 3] + y[1, 3] * y[1, 3] + y[2, 3] * y[2, 3])
+
+
+@inner
+def size_of_columns(form: Form, desk: Desk) -> float:
+    """Length of the form's part for the columns."""
+    total = 0.0
+    for i in range(form.columns):
+        for r in range(3):
+            total += desk.y[r, i] * desk.y[r, i]
+    return math.sqrt(total)
 
 
 @inner

@@ -139,18 +139,51 @@ def normal_matrix(form: Form, desk: Desk, weight_p: float, weight_c: float, colu
 
 
 @inner
+def step_miss(form: Form, desk: Desk, columns: int) -> None:
+    """Write what the hand misses after the step in ``desk.delta``, to first order, into ``desk.y``."""
+    for r in range(3):
+        desk.y[r, 3] = desk.T[r, 3] - desk.goal[r, 3]
+        for i in range(columns):
+            desk.y[r, i] = desk.T[r, i] - desk.goal[r, i]
+    for k in range(len(form.leader)):
+        step = form.multiplier[k] * desk.delta[form.leader[k]]
+        for r in range(3):
+            desk.y[r, 3] += step * desk.velocity[k, r]
+            for i in range(columns):
+                desk.y[r, i] += step * desk.slopes[k, i, r]
+
+
+@inner
+def weight_miss(desk: Desk, weight_p: float, weight_c: float, columns: int) -> None:
+    """Multiply point and columns of ``desk.y`` by their weights."""
+    for r in range(3):
+        desk.y[r, 3] *= weight_p
+        for i in range(columns):
+            desk.y[r, i] *= weight_c
+
+
+@inner
+def slope(form: Form, desk: Desk, columns: int, out: Array) -> None:
+    """Write ``Jᵀ y`` of the form in ``desk.y`` into `out`, (n,)."""
+    for i in range(len(out)):
+        out[i] = 0.0
+    for k in range(len(form.leader)):
+        total = 0.0
+        for r in range(3):
+            total += desk.velocity[k, r] * desk.y[r, 3]
+            for i in range(columns):
+                total += desk.slopes[k, i, r] * desk.y[r, i]
+        out[form.leader[k]] += form.multiplier[k] * total
+
+
+@inner
 def downhill(form: Form, desk: Desk, weight_p: float, weight_c: float, columns: int) -> None:
     """Write ``-JᵀWf`` of what the hand misses into ``desk.delta``."""
-    T, goal = desk.T, desk.goal
     for i in range(len(desk.delta)):
         desk.delta[i] = 0.0
-    for k in range(len(form.leader)):
-        point = turn = 0.0
-        for r in range(3):
-            point += desk.velocity[k, r] * (T[r, 3] - goal[r, 3])
-            for i in range(columns):
-                turn += desk.slopes[k, i, r] * (T[r, i] - goal[r, i])
-        desk.delta[form.leader[k]] -= form.multiplier[k] * (weight_p * point + weight_c * turn)
+    step_miss(form, desk, columns)
+    weight_miss(desk, -weight_p, -weight_c, columns)
+    slope(form, desk, columns, desk.delta)
 
 
 @inner

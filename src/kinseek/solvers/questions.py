@@ -71,12 +71,13 @@ def error_question(problem: Problem, q: Array, gap: float, trust: float = 1.0) -
 
     Where the tip lies on the axis of the last joint, that joint changes nothing but the turn about it. Leaving it out
     gives a lower bound: the error itself where its axis is the tip's z and its limits allow the best twist (what they cost
-    is added by `twist_cost`). Elsewhere it is left out if at q that loses less than half the gap.
+    is added by `twist_cost`). Elsewhere it is left out if at q that loses less than half the gap. It stays in if a limit
+    holds it at q: then the twist is part of the trade that the bound has to weigh.
     """
     chain, goal = problem.chain, problem.goal
     fixed, target, head, tail = _divided(problem)
     off_axis = float(np.hypot(*fixed[-1, :2, 3]))
-    if tail and off_axis < 1e-6:
+    if tail and off_axis < 1e-6 and not _last_is_held(chain, q):
         cut, axis = _cut(fixed, target, float(fixed[-1, 2, 3]))
         wanted = Wanted(axis, np.zeros((3, 4)), _scalars(problem, axis, 1, trust))
         wanted.scalars[MARGIN] += 2.0 * off_axis
@@ -101,6 +102,12 @@ def error_question(problem: Problem, q: Array, gap: float, trust: float = 1.0) -
         Wanted(target, last, scalars),
         Roll(False, 0.0, 0.0, 0.0),
     )
+
+
+def _last_is_held(chain: SerialChain, q: Array) -> bool:
+    """Is the last joint at a limit that it could not turn past the other way round?"""
+    lower, upper = float(chain.lower[-1]), float(chain.upper[-1])
+    return upper - lower < 2 * np.pi and min(float(q[-1]) - lower, upper - float(q[-1])) < 1e-6
 
 
 def _loss_of_last(problem: Problem, q: Array) -> float:
