@@ -223,6 +223,57 @@ def test_ik_proves_what_it_misses(monkeypatch: pytest.MonkeyPatch) -> None:
     assert arm.ik(np.zeros((0, 4, 4)), prove=True).status.shape == (0,)
 
 
+def stretched(name: str, seed: int) -> tuple[kinseek.Arm, NDArray[np.float64]]:
+    """An arm, and joint values among which many are as far out, or in, as the arm reaches."""
+    arm, rng = kinseek.load(name), np.random.default_rng(seed)
+    q = rng.uniform(arm.lower, arm.upper, (300, arm.dof))
+    quarter = np.clip(np.round(q / (np.pi / 2)) * np.pi / 2, arm.lower, arm.upper)
+    return arm, np.where(rng.random(q.shape) < 0.6, quarter, q)
+
+
+@pytest.mark.parametrize("name", FLEET)
+def test_the_gate_lets_through_whatever_is_in_reach(name: str) -> None:
+    arm, joints = stretched(name, 4)
+    for q, T in zip(joints, arm.fk(joints), strict=True):
+        for goal in (
+            Goal.pose(T, position_tolerance=0.0, orientation_tolerance=0.0),
+            Goal.position(T[:3, 3], position_tolerance=0.0),
+            Goal.pointing(T[:3, 3], T[:3, :3] @ [0.6, 0.0, 0.8], (0.6, 0.0, 0.8), orientation_tolerance=0.0),
+        ):
+            assert excluded(Problem(arm.chain, goal), 0).outcome != ENDED, q
+
+
+@pytest.mark.parametrize("name", ["planar2", "cylindrical3"])
+def test_a_gate_one_percent_too_narrow_is_caught(name: str) -> None:
+    arm, joints = stretched(name, 4)
+    problems = [Problem(arm.chain, Goal.position(T[:3, 3])) for T in arm.fk(joints)]
+    assert any(excluded(problem, 0, trust=0.99).outcome == ENDED for problem in problems)
+
+
+@pytest.mark.parametrize("name", FLEET)
+def test_the_gate_shuts_before_any_box(name: str) -> None:
+    """Beyond the sphere that the arm reaches; and what it says of the least error is close to what the search says."""
+    arm = kinseek.load(name)
+    T = arm.fk((arm.lower + arm.upper) / 2)
+    T[:3, 3] += 10.0 * T[:3, 0]
+    found = certificate(arm, Goal.pose(T), budget=0, gap=0.01)
+    assert found.verdict is Verdict.UNREACHABLE
+    assert found.boxes == 0
+    assert 5.0 < found.lower_bound <= found.upper_bound
+
+
+def test_the_gate_knows_the_hole_in_the_middle_and_the_tilt() -> None:
+    planar, scara = kinseek.load("planar2"), kinseek.load("scara4")
+    two = kinseek.Arm.from_dh([(0.5, 0, 0, 0), (0.2, 0, 0, 0)], [-3, -3], [3, 3])
+    assert certificate(two, Goal.position([0.1, 0.2, 0.0]), budget=0).verdict is Verdict.UNREACHABLE
+    assert certificate(two, Goal.position([0.2, 0.23, 0.0]), budget=0).verdict is not Verdict.UNREACHABLE
+    for arm in (planar, scara):
+        T = arm.fk((arm.lower + arm.upper) / 2)
+        T[:3, :3] = Rotation.from_euler("x", 0.01).as_matrix() @ T[:3, :3]
+        found = certificate(arm, Goal.pose(T), budget=0)
+        assert (found.verdict, found.boxes) == (Verdict.UNREACHABLE, 0)
+
+
 def test_the_same_call_gives_the_same_certificate() -> None:
     arm = kinseek.load("ur5e")
     T = arm.fk(np.full(6, 0.5))
@@ -234,6 +285,25 @@ def test_the_same_call_gives_the_same_certificate() -> None:
         second.boxes,
     )
     np.testing.assert_array_equal(first.q, second.q)
+
+
+def test_sharing_the_boxes_keeps_the_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Small stretches, so that boxes are dealt out many times: the bounds still hold, and meet at the gap."""
+    arm, rng = kinseek.load("ur5e"), np.random.default_rng(23)
+    for T in arm.fk(rng.uniform(arm.lower, arm.upper, (4, 6))):
+        T[:3, 3] *= 1.4
+        alone = certificate(arm, Goal.pose(T), gap=0.02)
+        with monkeypatch.context() as patch:
+            patch.setattr("kinseek.solvers.branch_and_bound.PIECE", 40)
+            shared = certificate(arm, Goal.pose(T), gap=0.02)
+            early = certificate(arm, Goal.pose(T), gap=0.02, budget=2000)
+        assert alone.verdict is shared.verdict
+        assert shared.lower_bound <= alone.upper_bound
+        assert alone.lower_bound <= shared.upper_bound
+        assert early.lower_bound <= shared.upper_bound
+        assert early.boxes <= 2000
+        if shared.verdict is Verdict.UNREACHABLE:
+            assert shared.gap <= 0.02 + 1e-9
 
 
 def test_what_is_no_question_is_an_error() -> None:
@@ -253,13 +323,16 @@ def test_what_is_no_question_is_an_error() -> None:
         Goal.pose(goal.target, position_tolerance=-1.0)
 
 
+@pytest.mark.parametrize("gap", [None, 0.02])
 @pytest.mark.parametrize("name", ["ur5e", "panda", "so101"])
-def test_threads_change_nothing(name: str) -> None:
+def test_threads_change_nothing(name: str, gap: float | None) -> None:
     arm, rng = kinseek.load(name), np.random.default_rng(17)
     targets = arm.fk(rng.uniform(arm.lower, arm.upper, (4, arm.dof)))
     targets[:, :3, 3] *= 1.35
     for target in targets:
-        one, two, eight = (arm.prove(target, threads=threads, budget=300_000) for threads in (1, 2, 8))
+        one, two, eight = (
+            arm.prove(target, gap=gap, threads=threads, budget=300_000) for threads in (1, 2, 8)
+        )
         for other in (two, eight):
             assert (other.verdict, other.boxes, other.lower_bound) == (
                 one.verdict,

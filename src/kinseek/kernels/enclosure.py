@@ -22,6 +22,7 @@ from .boxes import (
 from .exclusion import ENDED, STOPPED, Search
 from .forms import second_order
 from .forward import forward
+from .gate import gate
 from .jit import inner, kernel
 from .pose_error import weighted_error
 from .roll import Roll, complete, roll_fits, twist_cost
@@ -74,7 +75,7 @@ def enclose(
         roll: The last joint, where it is divided out.
         chain: The arm again, to judge joint values by plain forward kinematics.
         goal: The goal as it was asked.
-        boxes: Boxes to start with, (k, 2 dof): centres and half widths.
+        boxes: Boxes to start with, (k, 2 dof + 1): centres, half widths, and a lower bound of the error in each.
         q: The best joint values known, (n,).
         tuning: Largest spread for the second order [rad], passes, shrink that earns another look, relative gap.
         budget: Boxes to examine.
@@ -83,9 +84,12 @@ def enclose(
     desk = make_desk(len(form.leader), dof)
     capacity = 1024 + count
     rows, bound, order = np.empty((capacity, 2 * dof)), np.zeros(capacity), np.empty(capacity, dtype=np.int64)
-    rows[:count] = boxes
-    for i in range(count):
-        order[i] = i
+    least = gate(form, wanted, chain)[1]
+    for row in range(count):
+        for i in range(2 * dof):
+            rows[row, i] = boxes[row, i]
+        bound[row], order[row] = max(boxes[row, 2 * dof], least), row
+        sift_up(bound, order, row)
     used = count
     best, trial, T = q.copy(), q.copy(), np.empty((3, 4))
     forward(chain, q, T)
@@ -160,16 +164,21 @@ def enclose(
         bound[order[count]] = below
         sift_up(bound, order, count)
         count += 1
-    lower, largest, outcome = ceiling, stuck_width, ENDED
+    lower, largest, outcome, open_ = min(ceiling, stuck_bound), stuck_width, ENDED, 0
+    left = np.empty((count, 2 * dof + 1))
     for k in range(count):
-        if bound[order[k]] < ceiling:
-            outcome = STOPPED
-            lower = min(lower, bound[order[k]])
+        row = order[k]
+        if bound[row] < ceiling:
+            lower = min(lower, bound[row])
+            for i in range(2 * dof):
+                left[open_, i] = rows[row, i]
+            left[open_, 2 * dof] = bound[row]
+            open_ += 1
             for i in range(dof):
-                largest = max(largest, rows[order[k], dof + i])
-    if stuck_bound < ceiling:
-        lower, outcome = min(lower, stuck_bound), STOPPED
-    return Search(outcome, seen, largest, best, lower, upper, np.empty((0, boxes.shape[1])), 0.0)
+                largest = max(largest, rows[row, dof + i])
+    if open_ > 0 or stuck_bound < ceiling:
+        outcome = STOPPED
+    return Search(outcome, seen, largest, best, lower, upper, left[:open_].copy(), stuck_width, stuck_bound)
 
 
 @kernel

@@ -25,6 +25,7 @@ from .boxes import (
 from .descent import approach
 from .forms import second_order
 from .forward import forward
+from .gate import gate
 from .jit import kernel
 from .pose_error import errors, weighted_error
 from .roll import Roll, roll_fits, twist_cost
@@ -53,6 +54,8 @@ class Search(NamedTuple):
     """Boxes that are left where the budget ended the search, (k, 2 dof)."""
     stuck: float
     """Widest box that is left because it is as small as numbers allow, [rad] or [m]; 0 if none."""
+    floor: float
+    """Lower bound on the weighted error in such boxes; inf if none."""
 
 
 @kernel
@@ -66,7 +69,7 @@ def exclude(
     tuning: Array,
     budget: int,
 ) -> Search:
-    """Look for any q within both tolerances, box after box, the last one first.
+    """Look for any q within both tolerances, box after box, the last one first; none, if the gate is shut.
 
     Args:
         form: The part of the arm that the boxes are about.
@@ -87,6 +90,8 @@ def exclude(
     q, T, best = np.zeros(len(chain.lower)), np.empty((3, 4)), np.inf
     trial = np.zeros(len(chain.lower))
     stuck, kept = 0.0, 0
+    if not gate(form, wanted, chain)[0]:
+        count = 0
     while count > 0 and seen < budget:
         count -= 1
         load_box(stack, count, desk)
@@ -136,13 +141,13 @@ def exclude(
             for j in range(len(q)):
                 q[j] = trial[j]
         if position <= tuning[3] and orientation <= tuning[4]:
-            return Search(FOUND, seen, 0.0, trial, 0.0, error, stack[:0].copy(), stuck)
+            return Search(FOUND, seen, 0.0, trial, 0.0, error, stack[:0].copy(), stuck, np.inf)
     largest = stuck
     for k in range(count):
         for i in range(dof):
             largest = max(largest, stack[k, dof + i])
     ended = count == 0 and stuck == 0.0
-    return Search(ENDED if ended else STOPPED, seen, largest, q, 0.0, best, stack[:count].copy(), stuck)
+    return Search(ENDED if ended else STOPPED, seen, largest, q, 0.0, best, stack[:count].copy(), stuck, 0.0)
 
 
 @kernel

@@ -177,7 +177,8 @@ def weigh(form: Form, wanted: Wanted, desk: Desk, rest: Rests, slack_p: float, s
         over = min(over, size_p * rest.three_b + math.sqrt(b0 * b0 + b1 * b1 + b2 * b2) * rest.three_c)
     over *= wanted.scalars[TRUST]
     over += size_p * slack_p + size_c * slack_c + 1e-14 * (abs(value) - lost)
-    return value + lost - over
+    least_value: float = value + lost - over
+    return least_value
 
 
 @inner

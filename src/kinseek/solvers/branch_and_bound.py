@@ -38,6 +38,9 @@ SPREAD, SHRINK = 2.5, 0.5
 PIECE = 8192
 """Boxes that one thread examines at a stretch: some milliseconds."""
 
+HANDS = 16
+"""Parts that the boxes left over are dealt into, each with a thread for a stretch."""
+
 
 def prove(
     problem: Problem,
@@ -55,8 +58,7 @@ def prove(
             upper one, > 0; None leaves out this second search.
         budget: Boxes to examine at most, over both searches, >= 0; the bounds hold whenever the search stops.
         answer: A solution of the same problem, if there is one already; else the atlas is asked.
-        threads: Threads that share the boxes of the first search; every core unless given. The certificate has the same
-            bits.
+        threads: Threads that share the boxes; every core unless given. The certificate has the same bits.
 
     Raises:
         InvalidProblem: A batch, an empty one included; a gap or budget out of its range.
@@ -79,7 +81,7 @@ def prove(
     if search.outcome == ENDED:
         verdict, lower = Verdict.UNREACHABLE, least_outside(problem.goal)
     if gap is not None:
-        nearest = enclosed(problem, q, gap, budget - boxes)
+        nearest = enclosed(problem, q, gap, budget - boxes, threads=threads)
         q, boxes, largest = nearest.q, boxes + nearest.boxes, nearest.largest
         lower = max(lower, nearest.lower)
     certificate = _certificate(problem, verdict, q, lower, boxes, largest)
@@ -164,16 +166,50 @@ def _together(before: Search, pieces: Sequence[Search]) -> Search:
         largest=max([stuck, *(piece.largest for piece in pieces if len(piece.left))]),
         left=left,
         stuck=stuck,
+        floor=min(before.floor, *(piece.floor for piece in pieces)),
     )
 
 
-def enclosed(problem: Problem, q: Array, gap: float, budget: int, trust: float = 1.0) -> Search:
-    """Enclose the least weighted error, starting from joint values q, (n,); see `enclose`."""
+def enclosed(
+    problem: Problem, q: Array, gap: float, budget: int, trust: float = 1.0, threads: int | None = None
+) -> Search:
+    """Enclose the least weighted error, starting from joint values q, (n,); see `enclose`.
+
+    What a stretch of boxes leaves over is dealt out to `HANDS` threads or fewer, the same hands for any number of them, so
+    that the bounds, the pose and the count are the same too.
+    """
     form, wanted, roll = error_question(problem, q, gap, trust)
+    arrays, tuning = (problem.arrays, problem.goal.arrays), np.array([SPREAD, 1, SHRINK, gap])
     boxes = start_boxes(problem.chain, roll.present)
-    tuning = np.array([SPREAD, 1, SHRINK, gap])
-    q = np.ascontiguousarray(q)
-    return enclose(form, wanted, roll, problem.arrays, problem.goal.arrays, boxes, q, tuning, budget)
+    dof = boxes.shape[1] // 2
+
+    def stretch(some: Array, q: Array, most: int) -> Search:
+        some = np.ascontiguousarray(some)
+        return enclose(form, wanted, roll, *arrays, some, np.ascontiguousarray(q), tuning, most)
+
+    search = stretch(np.c_[boxes, 0.0], q, min(budget, PIECE))
+    if not len(search.left) or search.boxes >= budget:
+        return search
+    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+        while len(search.left):
+            hands = min(HANDS, len(search.left))
+            most = min(PIECE, (budget - search.boxes) // hands)
+            if most == 0:
+                return search
+            ordered = search.left[np.argsort(search.left[:, -1], kind="stable")]
+            dealt = [ordered[hand::hands] for hand in range(hands)]
+            pieces = list(pool.map(lambda some, q=search.q, most=most: stretch(some, q, most), dealt))
+            search = _together(search, pieces)
+            ceiling = (1.0 - gap) * search.upper
+            left = search.left[search.left[:, -1] < ceiling]
+            lower = min([ceiling, search.floor, *left[:, -1]])
+            search = search._replace(
+                outcome=STOPPED if len(left) or search.floor < ceiling else ENDED,
+                left=left,
+                lower=lower,
+                largest=left[:, dof:-1].max(initial=search.stuck),
+            )
+    return search
 
 
 def _certificate(
