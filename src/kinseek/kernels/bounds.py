@@ -55,11 +55,11 @@ def arc(rc: float, zc: float, rg: float, zg: float, rho: float) -> float:
 
 
 @inner
-def cut_arc(desk: Desk, middle: float, psi: float) -> bool:
-    """Cut the first joint's range to the arc middle ± psi [rad]; say whether anything is left."""
+def cut_arc(desk: Desk, i: int, middle: float, psi: float) -> bool:
+    """Cut the range of variable i, which turns one joint, to the arc middle ± psi [rad]; say whether anything is left."""
     if psi >= math.pi:
         return True
-    c, h = desk.c[0], desk.h[0]
+    c, h = desk.c[i], desk.h[i]
     turn = 2.0 * math.pi
     off = middle - c
     off -= turn * math.floor(off / turn + 0.5)
@@ -69,10 +69,10 @@ def cut_arc(desk: Desk, middle: float, psi: float) -> bool:
         abs(off) > turn - h - psi
     ):  # Two pieces. A full turn becomes the arc; limits stay until the arc is smaller.
         if h > 3.14159:
-            desk.c[0], desk.h[0] = c + off, psi
+            desk.c[i], desk.h[i] = c + off, psi
         return True
     low, high = max(-h, off - psi), min(h, off + psi)
-    desk.c[0], desk.h[0] = c + 0.5 * (low + high), max(0.5 * (high - low), 0.0) + LEAST
+    desk.c[i], desk.h[i] = c + 0.5 * (low + high), max(0.5 * (high - low), 0.0) + LEAST
     return True
 
 
@@ -162,12 +162,14 @@ def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
         sigma += largest
     if form.head == TURN:
         psi = arc(rw, w2, rg, g2, rho)
-        if psi < 0.0 or not (psi >= math.pi or cut_arc(desk, math.atan2(g1, g0) - math.atan2(w1, w0), psi)):
+        if psi < 0.0 or not (
+            psi >= math.pi or cut_arc(desk, 0, math.atan2(g1, g0) - math.atan2(w1, w0), psi)
+        ):
             return False
         if form.columns > 0:
             psi = arc(ra, a2, rb, b2, sigma)
             if psi < 0.0 or not (
-                psi >= math.pi or cut_arc(desk, math.atan2(b1, b0) - math.atan2(a1, a0), psi)
+                psi >= math.pi or cut_arc(desk, 0, math.atan2(b1, b0) - math.atan2(a1, a0), psi)
             ):
                 return False
     elif form.head == SLIDE:

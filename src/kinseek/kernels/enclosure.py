@@ -25,7 +25,7 @@ from .forward import forward
 from .gate import gate
 from .jit import inner, kernel
 from .pose_error import weighted_error
-from .roll import Roll, complete, roll_fits, twist_cost
+from .roll import Roll, complete, cut_twist, roll_fits, twist_cost
 
 
 @inner
@@ -109,6 +109,12 @@ def enclose(
             widths(form, desk)
             kept = first_order(form, wanted, desk, ceiling)
             below = max(below, desk.out[1])
+            if kept and form.tail == 1:
+                turn_goal(form, wanted, desk)
+                widths(form, desk)
+                kept = cut_twist(form, wanted, desk, ceiling)
+                place(form, desk)
+                widths(form, desk)
             spread = 0.0
             for k in range(len(form.leader)):
                 spread += 0.0 if form.prismatic[k] else desk.half[k]

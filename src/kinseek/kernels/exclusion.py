@@ -28,7 +28,7 @@ from .forward import forward
 from .gate import gate
 from .jit import kernel
 from .pose_error import errors, weighted_error
-from .roll import Roll, roll_fits, twist_cost
+from .roll import Roll, cut_twist, roll_fits, twist_cost
 
 ENDED, FOUND, STOPPED = 0, 1, 2
 
@@ -174,6 +174,12 @@ def examine(form: Form, wanted: Wanted, roll: Roll, boxes: Array, ceiling: float
         place(form, desk)
         widths(form, desk)
         kept = first_order(form, wanted, desk, ceiling)
+        if kept and ceiling >= 0.0 and form.tail == 1:
+            turn_goal(form, wanted, desk)
+            widths(form, desk)
+            kept = cut_twist(form, wanted, desk, ceiling)
+            place(form, desk)
+            widths(form, desk)
         if kept and passes > 0:
             extra = 0.0
             if roll.present and ceiling >= 0.0:

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 from .arrays import Array, ChainArrays
 from .atlas import TURN, nearest_copy
-from .boxes import CHORD, MARGIN_A, TRUST, Desk, Form, Wanted
+from .bounds import cut_arc
+from .boxes import CHORD, MARGIN_A, TRUST, WEIGHT_A, Desk, Form, Wanted
 from .jit import inner
 
 
@@ -89,12 +90,41 @@ def twist_cost(form: Form, wanted: Wanted, roll: Roll, desk: Desk, ceiling: floa
 
 
 @inner
+def cut_twist(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
+    """Cut the range of a last joint that is part of the box to what the ceiling leaves; say whether anything is left.
+
+    A twist β short of the best one turns the hand by β at least, which costs ``K_A (1 - cos β)`` at least. The best one is
+    known up to what the other joints can do to the twist part of the quaternion, as in `twist_cost`.
+    """
+    T, goal, last, K_A = desk.T, desk.goal, len(form.leader) - 1, wanted.scalars[WEIGHT_A]
+    if ceiling >= 2.0 * K_A:
+        return True
+    omega = trace = dot = along = 0.0
+    for k in range(last):
+        omega += 0.0 if form.prismatic[k] else desk.half[k]
+    for r in range(3):
+        after, behind = (r + 1) % 3, (r + 2) % 3
+        for s in range(3):
+            entry = T[r, 0] * goal[s, 0] + T[r, 1] * goal[s, 1] + T[r, 2] * goal[s, 2]
+            trace += entry if r == s else 0.0
+            along += desk.z[last, r] * entry * desk.z[last, s]
+        for i in range(3):
+            dot += desk.z[last, r] * (T[behind, i] * goal[after, i] - T[after, i] * goal[behind, i])
+    moved = 2.0 * math.sin(0.25 * min(omega, math.pi)) * wanted.scalars[TRUST]
+    length = math.sqrt(max(0.5 * (1.0 + along), 0.0)) - wanted.scalars[MARGIN_A]
+    if omega >= math.pi or moved >= length:
+        return True
+    beta = math.acos(1.0 - ceiling / K_A) + 2.0 * math.asin(moved / length) + 1e-9
+    ahead = 2.0 * math.atan2(dot, 1.0 + trace)
+    return cut_arc(desk, form.leader[last], desk.c[form.leader[last]] - ahead, beta)
+
+
+@inner
 def complete(form: Form, roll: Roll, chain: ChainArrays, desk: Desk, q: Array) -> None:
     """Joint values of the box' centre, (n,), inside the limits."""
     for i in range(len(q)):
         value = desk.u[2] if roll.present and i == len(q) - 1 else desk.c[i]
-        if i == 0 and form.head == TURN:
-            value = nearest_copy(
-                value, chain.lower[0], chain.upper[0], 0.5 * (chain.lower[0] + chain.upper[0])
-            )
+        if (i == 0 and form.head == TURN) or (i == len(q) - 1 and form.tail == 1):
+            middle = 0.5 * (chain.lower[i] + chain.upper[i])
+            value = nearest_copy(value, chain.lower[i], chain.upper[i], middle)
         q[i] = min(max(value, chain.lower[i]), chain.upper[i])
