@@ -22,7 +22,7 @@ from reference import fk, weighted_error
 
 Array = NDArray[np.float64]
 
-ARMS = ("planar2", "scara4", "cylindrical3", "panda", "ur5e", "jaco2_6", "ur10e_rail", "pr2_left")
+ARMS = ("planar2", "scara4", "cylindrical3", "panda", "ur5e", "jaco2_6", "ur10e_rail", "pr2_left", "wx250s")
 BOXES = 60
 TURN = 2 * np.pi
 
@@ -58,9 +58,9 @@ def lost(form: Form, result: Array, q: Array) -> int:
     count = len(q)
     away = q - result[:, 2 : 2 + count]
     half = result[:, 2 + count :]
-    if form.head == 1 and count:  # An angle: any whole turn will do.
-        beyond = np.abs(away[:, 0]) > half[:, 0] + 1e-9
-        away[:, 0] -= np.where(beyond, np.round(away[:, 0] / TURN) * TURN, 0.0)
+    for i in [0] * (form.head == 1) + [-1] * (form.tail == 1):  # Angles: any whole turn will do.
+        beyond = np.abs(away[:, i]) > half[:, i] + 1e-9
+        away[:, i] -= np.where(beyond, np.round(away[:, i] / TURN) * TURN, 0.0)
     gone = result[:, 0] == 0.0
     cut = (np.abs(away) > half + 1e-13).any(axis=1)
     return int((gone | cut).sum())

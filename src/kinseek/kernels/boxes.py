@@ -33,7 +33,8 @@ OFFSET = 6  # Distance of the tip from the last axis' point [m].
 LENGTH = 7  # Length that an angle of one radian counts as when splitting [m].
 MARGIN_A = 8  # Margin for rounding of directions.
 BACK = 9  # Distance of another point from the hand's, back along its first column, that moves less [m].
-SCALARS = 10
+SIDE = 10  # Where a second column of the hand counts too: its part along the goal's second and third columns (11); else 0.
+SCALARS = 12
 
 
 class Form(NamedTuple):
@@ -67,7 +68,7 @@ class Wanted(NamedTuple):
     last: Array
     """Pose of the last joint's frame at zero that the target asks for, (3, 4), if `Form.tail`."""
     scalars: Array
-    """Of the module's constants `POSITION` and following, (10,)."""
+    """Of the module's constants `POSITION` and following, (12,)."""
 
 
 class Desk(NamedTuple):

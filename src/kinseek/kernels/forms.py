@@ -41,7 +41,7 @@ from .halfway import (
     weight_miss,
 )
 from .jit import inner
-from .support import support
+from .support import cost_of_form, support
 
 
 class Rests(NamedTuple):
@@ -94,8 +94,7 @@ def second_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float, passes:
         return separate(form, wanted, desk, rest, passes)
     support(form, wanted, desk, ceiling)
     bound = weigh(form, wanted, desk, rest, wanted.scalars[MARGIN], wanted.scalars[MARGIN_A])
-    if form.columns > 0:
-        bound -= 0.5 * size_of_columns(form, desk) ** 2 / wanted.scalars[WEIGHT_A]
+    bound -= cost_of_form(form, wanted, desk, middle)
     desk.out[1] = max(desk.out[1], bound)
     if bound > ceiling:
         return False

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from .boxes import TINY, WEIGHT_A, WEIGHT_P, Desk, Form, Wanted
+from .boxes import SIDE, TINY, TRUST, WEIGHT_A, WEIGHT_P, Desk, Form, Wanted
 from .halfway import normal_matrix, slope, solve, step_miss, weight_miss
 from .jit import inner
 
@@ -45,6 +45,7 @@ def support(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> None:
         far = math.sqrt(far)
         weight_p = K_P / (far + BLUNT * ceiling / K_P + TINY)
         weight_miss(desk, weight_p, K_A, columns)
+        turned += count_side(wanted, desk)
         slope(form, desk, columns, desk.v)
         reached, short = K_P * far + 0.5 * K_A * turned, 0.0
         for i in range(dof):
@@ -67,3 +68,51 @@ def support(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> None:
         solve(desk.N, desk.D, desk.g)
         for i in range(dof):
             desk.delta[i] = min(max(desk.delta[i] + desk.g[i], -desk.h[i]), desk.h[i])
+
+
+@inner
+def count_side(wanted: Wanted, desk: Desk) -> float:
+    """Where a second column of the hand counts, add its part to the form's first column; what it adds to ``|v_c|²``.
+
+    Let x be the last joint's axis, and let the columns x and y of the hand count. The best turn about x leaves y·y_g at
+    ``√(1 - (x·y_g)²)``, so the second column costs ``½ K_A (x·y_g)²`` at least: as if v_c counted twice along y_g.
+    """
+    s0, s1, s2 = side(wanted, desk)
+    along = s0 * desk.y[0, 0] + s1 * desk.y[1, 0] + s2 * desk.y[2, 0]
+    desk.y[0, 0] += along * s0
+    desk.y[1, 0] += along * s1
+    desk.y[2, 0] += along * s2
+    added: float = along * along / (wanted.scalars[WEIGHT_A] * wanted.scalars[WEIGHT_A])
+    return added
+
+
+@inner
+def side(wanted: Wanted, desk: Desk) -> tuple[float, float, float]:
+    """The goal's second column that counts, where there is one; else zero."""
+    a, b, goal = wanted.scalars[SIDE], wanted.scalars[SIDE + 1], desk.goal
+    return (
+        a * goal[0, 1] + b * goal[0, 2],
+        a * goal[1, 1] + b * goal[1, 2],
+        a * goal[2, 1] + b * goal[2, 2],
+    )
+
+
+@inner
+def cost_of_form(form: Form, wanted: Wanted, desk: Desk, middle: int) -> float:
+    """What Fenchel's inequality takes off for the columns: ``|y_c|²/(2 K_A)``, less where a second column counts."""
+    columns, size = form.columns, 0.0
+    if columns == 0:
+        return 0.0
+    for i in range(columns):
+        for r in range(3):
+            size += desk.y[r, i] * desk.y[r, i]
+    if wanted.scalars[SIDE] != 0.0 or wanted.scalars[SIDE + 1] != 0.0:
+        s0, s1, s2 = side(wanted, desk)
+        turned = 0.0  # As seen from halfway the goal turns with the joints before.
+        for k in range(middle):
+            turned += 0.0 if form.prismatic[k] else desk.half[k]
+        along = abs(s0 * desk.y[0, 0] + s1 * desk.y[1, 0] + s2 * desk.y[2, 0])
+        along = max(along - wanted.scalars[TRUST] * turned * math.sqrt(size), 0.0)
+        size -= 0.5 * along * along
+    cost: float = 0.5 * size / wanted.scalars[WEIGHT_A]
+    return cost

@@ -18,6 +18,7 @@ from kinseek.kernels.boxes import (
     OFFSET,
     POSITION,
     SCALARS,
+    SIDE,
     TRUST,
     WEIGHT_A,
     WEIGHT_P,
@@ -71,8 +72,9 @@ def error_question(problem: Problem, q: Array, gap: float, trust: float = 1.0) -
 
     Where the tip lies on the axis of the last joint, that joint changes nothing but the turn about it. Leaving it out
     gives a lower bound: the error itself where its axis is the tip's z and its limits allow the best twist (what they cost
-    is added by `twist_cost`). Elsewhere it is left out if at q that loses less than half the gap. It stays in if a limit
-    holds it at q: then the twist is part of the trade that the bound has to weigh.
+    is added by `twist_cost`), nearly the error where its axis is the tip's x or y (`count_side`). Elsewhere it is left out
+    if at q that loses less than half the gap. It stays in if a limit holds it at q: then the twist is part of the trade
+    that the bound has to weigh.
     """
     chain, goal = problem.chain, problem.goal
     fixed, target, head, tail = _divided(problem)
@@ -83,8 +85,11 @@ def error_question(problem: Problem, q: Array, gap: float, trust: float = 1.0) -
         wanted.scalars[MARGIN] += 2.0 * off_axis
         back = float(fixed[-1, 2, 3]) - _foot(fixed, chain)
         wanted.scalars[BACK] = back if abs(back) < arm_length(chain) else 0.0
-        aligned = np.hypot(*fixed[-1, :2, 2]) < ROUNDING
-        if aligned or _loss_of_last(problem, q) < 0.5 * gap:
+        along = [bool(np.hypot(*np.delete(fixed[-1, 2, :3], i)) < ROUNDING) for i in range(3)]
+        aligned, sideways = along[2], along[0] or along[1]
+        if sideways:  # The other column that counts lies across the axis: its place in the plane of x and y.
+            wanted.scalars[SIDE : SIDE + 2] = fixed[-1, :2, 1 if along[0] else 0]
+        if aligned or sideways or _loss_of_last(problem, q) < 0.5 * gap:
             roll = _roll(chain, True, goal.orientation_weight if aligned else 0.0)
             return _form(chain, cut, head, 1, 0, 0.0), wanted, roll
     columns = goal.paper_columns
