@@ -41,7 +41,7 @@ from .halfway import (
     weight_miss,
 )
 from .jit import inner
-from .support import cost_of_form, support
+from .support import gain_of_side, support
 
 
 class Rests(NamedTuple):
@@ -94,7 +94,8 @@ def second_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float, passes:
         return separate(form, wanted, desk, rest, passes)
     support(form, wanted, desk, ceiling)
     bound = weigh(form, wanted, desk, rest, wanted.scalars[MARGIN], wanted.scalars[MARGIN_A])
-    bound -= cost_of_form(form, wanted, desk, middle)
+    if form.columns > 0:
+        bound -= 0.5 * size_of_columns(form, desk) ** 2 / wanted.scalars[WEIGHT_A]
     desk.out[1] = max(desk.out[1], bound)
     if bound > ceiling:
         return False
@@ -153,6 +154,7 @@ def weigh(form: Form, wanted: Wanted, desk: Desk, rest: Rests, slack_p: float, s
         for i in range(form.columns):
             value += y[r, i] * (desk.T[r, i] - desk.goal[r, i])
     derivatives(form, desk, rest.middle, form.columns)
+    value += gain_of_side(form, wanted, desk, rest.middle)
     # The least value of the polynomial in the box, one variable at a time.
     bent = curvature(desk)
     straight = 0.0

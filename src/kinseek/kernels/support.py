@@ -98,21 +98,24 @@ def side(wanted: Wanted, desk: Desk) -> tuple[float, float, float]:
 
 
 @inner
-def cost_of_form(form: Form, wanted: Wanted, desk: Desk, middle: int) -> float:
-    """What Fenchel's inequality takes off for the columns: ``|y_c|²/(2 K_A)``, less where a second column counts."""
-    columns, size = form.columns, 0.0
-    if columns == 0:
+def gain_of_side(form: Form, wanted: Wanted, desk: Desk, middle: int) -> float:
+    """What a second column that counts adds to the bound: its value; its slope goes to ``desk.g``.
+
+    It takes ``b²/(4 K_A)`` off the form's conjugate, b the part of y_c along the goal's column. As seen from halfway that
+    column turns with the joints before: ``b(δ)² ≥ b² + 2 b (b(δ) - b)``, to second order in their widths.
+    """
+    if wanted.scalars[SIDE] == 0.0 and wanted.scalars[SIDE + 1] == 0.0:
         return 0.0
-    for i in range(columns):
-        for r in range(3):
-            size += desk.y[r, i] * desk.y[r, i]
-    if wanted.scalars[SIDE] != 0.0 or wanted.scalars[SIDE + 1] != 0.0:
-        s0, s1, s2 = side(wanted, desk)
-        turned = 0.0  # As seen from halfway the goal turns with the joints before.
-        for k in range(middle):
-            turned += 0.0 if form.prismatic[k] else desk.half[k]
-        along = abs(s0 * desk.y[0, 0] + s1 * desk.y[1, 0] + s2 * desk.y[2, 0])
-        along = max(along - wanted.scalars[TRUST] * turned * math.sqrt(size), 0.0)
-        size -= 0.5 * along * along
-    cost: float = 0.5 * size / wanted.scalars[WEIGHT_A]
-    return cost
+    s0, s1, s2 = side(wanted, desk)
+    y0, y1, y2 = desk.y[0, 0], desk.y[1, 0], desk.y[2, 0]
+    c0, c1, c2 = s1 * y2 - s2 * y1, s2 * y0 - s0 * y2, s0 * y1 - s1 * y0
+    b = s0 * y0 + s1 * y1 + s2 * y2
+    half, turned = 0.5 / wanted.scalars[WEIGHT_A], 0.0
+    for k in range(middle):
+        if not form.prismatic[k]:
+            slope = desk.z[k, 0] * c0 + desk.z[k, 1] * c1 + desk.z[k, 2] * c2
+            desk.g[form.leader[k]] -= half * b * form.multiplier[k] * slope
+            turned += desk.half[k]
+    rest = 0.5 * abs(b) * math.sqrt(y0 * y0 + y1 * y1 + y2 * y2) * turned * turned
+    gain: float = half * (0.5 * b * b - wanted.scalars[TRUST] * rest)
+    return gain

@@ -178,10 +178,10 @@ def enclosed(
     What a stretch of boxes leaves over is dealt out to `HANDS` threads or fewer, the same hands for any number of them, so
     that the bounds, the pose and the count are the same too.
     """
+    chain = problem.chain
     form, wanted, roll = error_question(problem, q, gap, trust)
     arrays, tuning = (problem.arrays, problem.goal.arrays), np.array([SPREAD, 1, SHRINK, gap])
-    boxes = start_boxes(problem.chain, roll.present)
-    dof = boxes.shape[1] // 2
+    boxes = start_boxes(chain, roll.present)
 
     def stretch(some: Array, q: Array, most: int) -> Search:
         some = np.ascontiguousarray(some)
@@ -190,6 +190,13 @@ def enclosed(
     search = stretch(np.c_[boxes, 0.0], q, min(budget, PIECE))
     if not len(search.left) or search.boxes >= budget:
         return search
+    off = max(math.pi - (roll.upper - roll.lower) / 2, 0.0)
+    if roll.present and 2.0 * problem.goal.orientation_weight * (1.0 - math.cos(off)) > gap * search.upper:
+        # What the limits of the last joint can cost is more than the gap: from here on it is part of the boxes.
+        form, wanted, roll = error_question(problem, search.q, gap, trust, whole=True)
+        last = [chain.dof - 1, 2 * chain.dof - 2]
+        middle_and_half = start_boxes(chain, False)[0, [chain.dof - 1, 2 * chain.dof - 1]]
+        search = search._replace(left=np.insert(search.left, last, middle_and_half, axis=1))
     with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
         while len(search.left):
             hands = min(HANDS, len(search.left))
@@ -207,7 +214,7 @@ def enclosed(
                 outcome=STOPPED if len(left) or search.floor < ceiling else ENDED,
                 left=left,
                 lower=lower,
-                largest=left[:, dof:-1].max(initial=search.stuck),
+                largest=left[:, left.shape[1] // 2 : -1].max(initial=search.stuck),
             )
     return search
 

@@ -67,19 +67,21 @@ def question(problem: Problem, trust: float = 1.0) -> tuple[Form, Wanted, Roll]:
     )
 
 
-def error_question(problem: Problem, q: Array, gap: float, trust: float = 1.0) -> tuple[Form, Wanted, Roll]:
+def error_question(
+    problem: Problem, q: Array, gap: float, trust: float = 1.0, whole: bool = False
+) -> tuple[Form, Wanted, Roll]:
     """Put the question of the least weighted error into the kernels' form.
 
     Where the tip lies on the axis of the last joint, that joint changes nothing but the turn about it. Leaving it out
     gives a lower bound: the error itself where its axis is the tip's z and its limits allow the best twist (what they cost
     is added by `twist_cost`), nearly the error where its axis is the tip's x or y (`count_side`). Elsewhere it is left out
     if at q that loses less than half the gap. It stays in if a limit holds it at q: then the twist is part of the trade
-    that the bound has to weigh.
+    that the bound has to weigh; or if the `whole` arm is asked for.
     """
     chain, goal = problem.chain, problem.goal
     fixed, target, head, tail = _divided(problem)
     off_axis = float(np.hypot(*fixed[-1, :2, 3]))
-    if tail and off_axis < 1e-6 and not _last_is_held(chain, q):
+    if tail and off_axis < 1e-6 and not (whole or _last_is_held(chain, q)):
         cut, axis = _cut(fixed, target, float(fixed[-1, 2, 3]))
         wanted = Wanted(axis, np.zeros((3, 4)), _scalars(problem, axis, 1, trust))
         wanted.scalars[MARGIN] += 2.0 * off_axis
