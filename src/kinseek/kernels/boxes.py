@@ -252,8 +252,8 @@ def turning(form: Form, desk: Desk, begin: int, end: int, ax: float, ay: float, 
 
 
 @inner
-def widest(form: Form, wanted: Wanted, desk: Desk) -> int:
-    """The variable whose range moves the hand most."""
+def widest(form: Form, wanted: Wanted, desk: Desk, head: float) -> int:
+    """The variable whose range moves the hand most; a first joint that turns counts for `head`."""
     best, index = -1.0, 0
     for i in range(len(desk.c)):
         desk.delta[i] = 0.0
@@ -264,7 +264,7 @@ def widest(form: Form, wanted: Wanted, desk: Desk) -> int:
         if form.columns == 0:
             turn = 0.0
         i = form.leader[k]
-        share = HEAD if k == 0 and form.head == TURN else 1.0
+        share = head if k == 0 and form.head == TURN else 1.0
         desk.delta[i] += abs(form.multiplier[k]) * desk.h[i] * (desk.lever[k] + turn) * share
     for i in range(len(desk.c)):
         if desk.delta[i] > best:

@@ -7,6 +7,7 @@ import numpy as np
 from .arrays import Array, ChainArrays, GoalArrays, Indices
 from .bounds import first_order
 from .boxes import (
+    HEAD,
     LEAST,
     Form,
     Wanted,
@@ -26,6 +27,10 @@ from .gate import gate
 from .jit import inner, kernel
 from .pose_error import weighted_error
 from .roll import Roll, complete, cut_twist, roll_fits, twist_cost
+
+
+FINE = 1.2
+"""Boxes that turn the hand by less [rad] are cut along a first joint as along any other: azimuths hardly cut them."""
 
 
 @inner
@@ -144,7 +149,7 @@ def enclose(
             if not kept or volume(desk) > tuning[2] * before or seen >= budget:
                 break
         if kept and below < ceiling:
-            i = widest(form, wanted, desk)
+            i = widest(form, wanted, desk, HEAD if spread > FINE else 1.0)
             if desk.h[i] < 1e-10 * (1.0 + abs(desk.c[i])):
                 stuck_bound, stuck_width = min(stuck_bound, below), max(stuck_width, desk.h[i])
                 kept = False

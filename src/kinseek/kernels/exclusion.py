@@ -10,6 +10,7 @@ from .arrays import Array, ChainArrays, GoalArrays
 from .bounds import first_order
 from .boxes import (
     CHORD,
+    HEAD,
     POSITION,
     Form,
     Wanted,
@@ -114,7 +115,7 @@ def exclude(
                 store_box(stack, count, desk)
                 count += 1
                 continue
-        i = widest(form, wanted, desk)
+        i = widest(form, wanted, desk, HEAD)
         if desk.h[i] < 1e-10 * (1.0 + abs(desk.c[i])):
             stuck = max(stuck, desk.h[i])
             continue

@@ -22,6 +22,7 @@ from .arrays import Array, ChainArrays, Flags, GoalArrays, Indices
 from .bounds import first_order
 from .boxes import (
     CHORD,
+    HEAD,
     LEAST,
     LENGTH,
     MARGIN,
@@ -334,7 +335,7 @@ def isolate_boxes(
                     store_box(stack, count, desk)
                     count += 1
                     continue
-            i = widest(form, wanted, desk)
+            i = widest(form, wanted, desk, HEAD)
             if desk.h[i] < 1e-8 * (1.0 + abs(desk.c[i])):
                 left += 1
                 continue
