@@ -28,7 +28,6 @@ from .jit import inner, kernel
 from .pose_error import weighted_error
 from .roll import Roll, complete, cut_twist, roll_fits, twist_cost
 
-
 FINE = 1.2
 """Boxes that turn the hand by less [rad] are cut along a first joint as along any other: azimuths hardly cut them."""
 
