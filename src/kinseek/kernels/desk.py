@@ -18,8 +18,11 @@ from .pointers import ROW, flags, floats1, floats2, floats3, integer_part, integ
 OPEN = 1e300
 """Limit of a joint that turns fully; infinite if it is continuous, for then both ways round count."""
 
-ARRAYS = 23
+ARRAYS = 24
 """Arrays of a task, see `task_arrays`."""
+
+WANTED = 7
+"""Numbers that say what is wanted, see `task_of`."""
 
 DEEP = 160
 """Samples looked up at most for one goal."""
@@ -54,13 +57,17 @@ def task_arrays(
     upper: Array,
     columns: Array,
     length: float,
+    routines: Indices,
     wanted: Array,
 ) -> list[NDArray[Any]]:
-    """The arrays of a task in the order in which `task_of` reads them; `wanted` is that of a plain pose."""
+    """The arrays of a task in the order in which `task_of` reads them; `wanted` is that of a plain pose.
+
+    `routines` are the addresses of what kernels call, see `refine.routines`.
+    """
     numbers = np.array([division.head, division.tail, division.columns, LANES], dtype=np.int64)
     lengths = np.array([division.length, length])
     sorted_samples = [*atlas.tree, *atlas[1:]]
-    every = (*chain, *sorted_samples, lower, upper, columns, numbers, lengths, links_of(chain), wanted)
+    every = (*chain, *sorted_samples, lower, upper, columns, numbers, lengths, links_of(chain), routines, wanted)
     return [np.ascontiguousarray(array) for array in every]
 
 
@@ -76,6 +83,13 @@ def plain_wanted(handle: Indices) -> Array:
     """Tolerances and weights of a plain pose, see `task_of`."""
     seen: Array = floats1(handle, ARRAYS - 1)
     return seen
+
+
+@view
+def routine_at(handle: Indices, k: int) -> int:
+    """Address of routine k."""
+    address: int = integers(handle, ARRAYS - 2)[k]
+    return address
 
 
 @view

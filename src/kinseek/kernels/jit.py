@@ -16,7 +16,9 @@ import os
 import stat
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
@@ -69,7 +71,10 @@ def _is_ours(folder: Path) -> bool:
 _CACHE = _cache_folder()
 
 
+FASTMATH = {"nnan", "nsz", "contract"}
+
 _njit: Any = numba.njit  # Its stubs leave out `no_cfunc_wrapper`, which saves compile time.
+_cfunc: Any = vars(numba)["cfunc"]
 _unliteral: Callable[[Any], Any] = unliteral
 
 
@@ -97,15 +102,16 @@ def called(function: Callable[P, R]) -> Callable[P, R]:
 
     It takes handles and memory by address: a bundle of arrays as an argument is a hundred arguments.
     """
-    return _compile(function, no_cpython_wrapper=True)
+    return _compile(function, _nrt=True, no_cpython_wrapper=True)
 
 
 def view(function: Callable[P, R]) -> Callable[P, R]:
     """Compile a hidden kernel that makes or hands back views of memory somebody else owns.
 
-    What hands back an array or a bundle must count references: its caller gives one back.
+    What hands back an array or a bundle must count references: its caller gives one back. It has to be said, else Numba
+    leaves counting out where the first that calls it, of all, does.
     """
-    return _compile(function, forceinline=True, no_cpython_wrapper=True)
+    return _compile(function, forceinline=True, _nrt=True, no_cpython_wrapper=True)
 
 
 def exact(function: Callable[P, R]) -> Callable[P, R]:
@@ -118,20 +124,54 @@ def kernel_exact(function: Callable[P, R]) -> Callable[P, R]:
     return _compile(function, fastmath=False)
 
 
-def _compile(function: Callable[P, R], **options: Any) -> Callable[P, R]:
+class Routine:
+    """A function that kernels call by its address: its machine code is made once, and never again for what calls it.
+
+    What Numba links into a kernel it optimises anew with that kernel, and with all that call that one in turn: of a
+    search that is four calls deep most of the compile time went there. See `pointers.call`.
+    """
+
+    def __init__(self, signature: str, function: Callable[..., int]) -> None:
+        """Remember what to compile, as a C function of this signature: numbers, and memory by address."""
+        self._signature, self._function = signature, function
+
+    @cached_property
+    def address(self) -> int:
+        """Where its machine code stands, compiled by now or read from disk; it stays there as long as this object."""
+        with _cached():
+            self._compiled = _cfunc(
+                self._signature, cache=_CACHE is not None, nopython=True, error_model="numpy", fastmath=FASTMATH
+            )(self._function)
+        address: int = self._compiled.address
+        return address
+
+
+def routine(signature: str) -> Callable[[Callable[..., int]], Routine]:
+    """Make a `Routine` of a function that hands back an integer; compiled when its address is asked."""
+    return lambda function: Routine(signature, function)
+
+
+@contextmanager
+def _cached() -> Iterator[None]:
+    """Let Numba keep what is decorated here in our folder: it reads the setting when it builds a function's cache."""
     settings = vars(config)
     before = settings["CACHE_DIR"]
-    settings["CACHE_DIR"] = str(_CACHE or "")  # Read by Numba when the decorator builds the function's cache.
+    settings["CACHE_DIR"] = str(_CACHE or "")
     try:
+        yield
+    finally:
+        settings["CACHE_DIR"] = before
+
+
+def _compile(function: Callable[P, R], **options: Any) -> Callable[P, R]:
+    with _cached():
         compiled = _njit(
             cache=_CACHE is not None,
             nogil=True,
             error_model="numpy",
             no_cfunc_wrapper=True,
-            **({"fastmath": {"nnan", "nsz", "contract"}} | options),
+            **({"fastmath": FASTMATH} | options),
         )(function)
-    finally:
-        settings["CACHE_DIR"] = before
     if hasattr(compiled, "get_call_template"):  # Not so under NUMBA_DISABLE_JIT=1.
         _ignore_literals(compiled)
     return cast("Callable[P, R]", compiled)

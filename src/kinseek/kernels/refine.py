@@ -17,6 +17,7 @@ from .atlas import complete_seed, coordinates, nearest_copy, product
 from .desk import (
     DEEP,
     OPEN,
+    WANTED,
     Desk,
     Job,
     Task,
@@ -25,10 +26,11 @@ from .desk import (
     lanes_of,
     make_desk,
     plain_wanted,
+    routine_at,
     task_of,
 )
 from .forward import forward
-from .jit import called, hidden, kernel, view
+from .jit import hidden, kernel, routine, view
 from .lanes import (
     LANES,
     Lanes,
@@ -41,7 +43,7 @@ from .lanes import (
     lanes_solve,
 )
 from .neighbours import nearest, scan_beside, take_nearest
-from .pointers import part1
+from .pointers import call, part1, part2
 from .pose_error import errors, is_rigid, weighted_error
 from .settle import STEPS as NEWTON_STEPS
 from .settle import settle
@@ -156,13 +158,20 @@ def free_turn(task: Task) -> float:
     return 1.0 if task.columns[0] > 0.0 and task.columns[1] == 0.0 else 0.0
 
 
-@called
-def iterate(handle: Indices, wanted: Array, memory: Array, move: bool, w: int) -> None:
-    """One damped step of every lane, if `move`, and the poses, residuals and errors where it ends.
+@view
+def iterate(handle: Indices, wanted: Array, memory: Array, move: bool, w: int) -> int:
+    """One damped step of every lane, if `move`, and the poses, residuals and errors where it ends."""
+    at = (handle.ctypes.data, wanted.ctypes.data, memory.ctypes.data)
+    done: int = call(routine_at(handle, ITERATE), (*at, int(move), w))
+    return done
 
-    Compiled once and called, not inlined: it is long, and three walks need it.
-    """
+
+@routine("int64(int64, int64, int64, int64, int64)")
+def iterate_routine(handle_address: int, wanted_address: int, memory_address: int, move: int, w: int) -> int:
+    """See `iterate`."""
+    handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
     task = task_of(handle, wanted)
+    memory = part1(memory_address, 0, desk_size(len(task.lower), len(task.chain.leader)))
     desk = make_desk(memory, len(task.lower), len(task.chain.leader))
     lanes, mode = desk.lanes, desk.mode  # The columns' weights and the damping.
     if move:
@@ -173,6 +182,7 @@ def iterate(handle: Indices, wanted: Array, memory: Array, move: bool, w: int) -
         lanes_move(task.lower, task.upper, LONGEST, lanes, w)
     lanes_forward(task.chain.leader, task.links, lanes, w)
     lanes_residual(lanes, mode, w)
+    return 0
 
 
 @hidden
@@ -255,12 +265,10 @@ def farthest_joint(rows: Array, row: int, q: Array) -> float:
     return far
 
 
-@called
-def keep_best(handle: Indices, wanted: Array, memory: Array, target: Array) -> None:
+@hidden
+def keep_best(task: Task, desk: Desk, target: Array) -> None:
     """Remember the eight best configurations seen, no two alike, for a goal that may be out of reach."""
-    task = task_of(handle, wanted)
-    dof = len(task.lower)
-    desk, goal = make_desk(memory, dof, len(task.chain.leader)), goal_of(task, target)
+    dof, goal = len(task.lower), goal_of(task, target)
     for l in range(LANES):
         if desk.state[l] == 2:
             continue
@@ -394,13 +402,33 @@ def start(task: Task, desk: Desk, target: Array) -> None:
     reset_weights(task, desk)
 
 
-@called
+@view
 def solve_target(
     handle: Indices, wanted: Array, memory: Array, target: Array, budget: float, q: Array, w: int
 ) -> int:
     """Answer one target, (3, 4), within a budget; write q, (n,), and return the FK evaluations spent."""
-    task, job = task_of(handle, wanted), Job(handle, wanted, memory)
-    desk = make_desk(memory, len(task.lower), len(task.chain.leader))
+    at = (handle.ctypes.data, wanted.ctypes.data, memory.ctypes.data, target.ctypes.data)
+    spent: int = call(routine_at(handle, SEARCH), (*at, budget, q.ctypes.data, w))
+    return spent
+
+
+@routine("int64(int64, int64, int64, int64, float64, int64, int64)")
+def search_routine(
+    handle_address: int,
+    wanted_address: int,
+    memory_address: int,
+    target_address: int,
+    budget: float,
+    q_address: int,
+    w: int,
+) -> int:
+    """See `solve_target`."""
+    handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
+    task = task_of(handle, wanted)
+    dof, joints = len(task.lower), len(task.chain.leader)
+    memory = part1(memory_address, 0, desk_size(dof, joints))
+    target, q = part2(target_address, 0, 3, 4), part1(q_address, 0, dof)
+    desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
     lanes = desk.lanes
     start(task, desk, target)
     spent, rounds, looked, begin, found, persisted, number = 0, 0, 0, 0, 0, 0, 0
@@ -423,9 +451,7 @@ def solve_target(
         elif persisted == 0 or (persisted == 1 and number >= restarts):
             persisted += 1
             if persisted == 2 and spent + ENDGAME * LANES <= budget:
-                spent += polish(handle, wanted, memory, target, w)
-                spent += look_around(handle, wanted, memory, target, w)
-                spent += polish(handle, wanted, memory, target, w)
+                spent += find_nearest_pose(handle, wanted, memory, target, w)
                 reset_weights(task, desk)
             if lowest(desk.best_error) > promise(task):
                 continue
@@ -456,7 +482,7 @@ def solve_target(
         if lane >= 0:
             copy_joints(desk.found, lane, q)
             return spent
-        keep_best(handle, wanted, memory, target)
+        keep_best(task, desk, target)
         rounds += 1
     if rounds == 0:
         middle(task, q)
@@ -465,17 +491,41 @@ def solve_target(
     return spent
 
 
-@called
-def polish(handle: Indices, wanted: Array, memory: Array, target: Array, w: int) -> int:
+@view
+def find_nearest_pose(handle: Indices, wanted: Array, memory: Array, target: Array, w: int) -> int:
+    """Lead the eight best to the nearest pose to a target, (3, 4), that is out of reach; return FK evaluations."""
+    at = (handle.ctypes.data, wanted.ctypes.data, memory.ctypes.data, target.ctypes.data)
+    spent: int = call(routine_at(handle, ENDING), (*at, w))
+    return spent
+
+
+@routine("int64(int64, int64, int64, int64, int64)")
+def ending_routine(
+    handle_address: int, wanted_address: int, memory_address: int, target_address: int, w: int
+) -> int:
+    """See `find_nearest_pose`."""
+    handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
+    task = task_of(handle, wanted)
+    dof, joints = len(task.lower), len(task.chain.leader)
+    memory, target = part1(memory_address, 0, desk_size(dof, joints)), part2(target_address, 0, 3, 4)
+    desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
+    spent = 0
+    for turn in range(2):
+        if turn > 0:
+            spent += look_around(job, task, desk, target, w)
+        spent += polish(job, task, desk, target, w)
+    return spent
+
+
+@view
+def polish(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
     """Minimise the weighted error itself from the eight best, by reweighted steps; return FK evaluations.
 
     ``K_P |Δp| + ½ Σ K_c |c - c_g|²`` has in |Δp| a kink that least squares lacks: the squared distance is weighted by
     K_P/|Δp|, anew in every step (Weiszfeld 1937). A lane whose step does not help goes back and damps more. Newton's
     method, lane by lane, does the rest.
     """
-    task = task_of(handle, wanted)
-    desk, goal = make_desk(memory, len(task.lower), len(task.chain.leader)), goal_of(task, target)
-    lanes, dof, floor = desk.lanes, len(task.lower), desk.floor
+    goal, lanes, dof, floor = goal_of(task, target), desk.lanes, len(task.lower), desk.floor
     largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
     for l in range(LANES):
         floor[l] = 0.1 * (goal.position_weight * task.length + largest)
@@ -486,7 +536,7 @@ def polish(handle: Indices, wanted: Array, memory: Array, target: Array, w: int)
         desk.mode[c] = goal.axis_weights[c]
     desk.mode[3] = 0.0
     for step in range(POLISH_STEPS):
-        iterate(handle, wanted, memory, step > 0, w)
+        iterate(job.handle, job.wanted, job.memory, step > 0, w)
         for l in range(LANES):
             for r in range(3):
                 for c in range(4):
@@ -533,15 +583,13 @@ def promise(task: Task) -> float:
     return limit
 
 
-@called
-def look_around(handle: Indices, wanted: Array, memory: Array, target: Array, w: int) -> int:
+@view
+def look_around(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
     """Reach the best pose found by other ways, for one of them may lead on to a better; return FK evaluations.
 
     The nearest poses to a goal out of reach often come in mirror images, as near as each other but for the limits.
     """
-    task, job = task_of(handle, wanted), Job(handle, wanted, memory)
-    desk, pose = make_desk(memory, len(task.lower), len(task.chain.leader)), np.empty((3, 4))
-    spent, begin = 0, 0
+    pose, spent, begin = desk.spare, 0, 0
     copy_joints(desk.best, lowest_row(desk.best_error), desk.seed)
     forward(task.chain, desk.seed, pose)
     reset_weights(task, desk)
@@ -554,7 +602,7 @@ def look_around(handle: Indices, wanted: Array, memory: Array, target: Array, w:
         if filled > 0:
             _, made = descend_lanes(job, task, desk, DEEP_STEPS if promising else FIRST_STEPS, True, w)
             spent += (made + 1) * LANES
-            keep_best(handle, wanted, memory, target)
+            keep_best(task, desk, target)
     for l in range(LANES):
         load_target(desk.lanes, l, target)
     return spent
@@ -578,6 +626,16 @@ def conclude_answer(
     desk = make_desk(memory, len(task.lower), len(task.chain.leader))
     middle(task, desk.seed)
     finish(task, desk, goal_of(task, target), desk.seed, q, report)
+
+
+ITERATE, ENDING, SEARCH = range(3)
+"""Places of the routines among those of a task, see `desk.task_arrays`."""
+
+
+def routines() -> Indices:
+    """Addresses of the routines, which have their machine code by then."""
+    all_of_them = (iterate_routine, ending_routine, search_routine)
+    return np.array([one.address for one in all_of_them], dtype=np.int64)
 
 
 @kernel

@@ -31,7 +31,7 @@ from kinseek.kernels.lanes import LANES
 from kinseek.kernels.nearby import solve_many_near
 from kinseek.kernels.neighbours import LEAF
 from kinseek.kernels.pointers import handle_of
-from kinseek.kernels.refine import solve_pose
+from kinseek.kernels.refine import routines, solve_pose
 from kinseek.problem import Problem
 from kinseek.ranges import free_turns
 from kinseek.robots.blackbox import BlackBox
@@ -182,7 +182,7 @@ class AtlasIndex:
         counted = KINDS[kind]
         columns = (np.arange(3) < counted).astype(float) * (0.5 if counted == 3 else 1.0)
         self._arrays = task_arrays(
-            arrays, self.sorted, division, lower, upper, columns, arm_length(chain) / 3, PLAIN
+            arrays, self.sorted, division, lower, upper, columns, arm_length(chain) / 3, routines(), PLAIN
         )
         self.handle: Indices = handle_of(self._arrays)
         """Addresses of the arrays, for kernels."""
