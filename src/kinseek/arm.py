@@ -245,7 +245,8 @@ class Arm:
         wishes = prefer is not None or cost is not None or valid is not None
         serial = type(self.chain) is SerialChain
         if serial and solver is None and not prove and not wishes and _is_plain(goal, (4, 4)):
-            # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform.
+            # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform. It also
+            # gives up on the first that is out of reach: what that takes is compiled on the other way.
             q, address = np.empty(self.chain.dof), (self._index or self._serial_atlas()).address
             if near is None:
                 report = solve_plain(address, goal, q)

@@ -16,7 +16,7 @@ import numpy as np
 
 from .arrays import Array, ChainArrays
 from .forward import advance, advance_segment, identity
-from .jit import inner, kernel
+from .jit import hidden, kernel
 from .neighbours import Tree, build_tree
 from .trigonometry import rough_angle
 
@@ -50,7 +50,7 @@ class Atlas(NamedTuple):
     """A_tip⁻¹ where the last joint is divided out, else the inverse of a tool that the samples leave out, (3, 4)."""
 
 
-@inner
+@hidden
 def coordinates(K: Array, division: Division, out: Array) -> int:
     """Write the coordinates that are left of a pose, (3, 4), into `out`; return how many."""
     x, y, z = K[0, 3], K[1, 3], K[2, 3]
@@ -113,7 +113,7 @@ def build_atlas(
     return Atlas(tree, middle[order], poses[order], inverse_head, inverse_tip)
 
 
-@inner
+@hidden
 def product(A: Array, B: Array, C: Array) -> None:
     """Write the product of two transforms, (3, 4), into C."""
     for r in range(3):
@@ -122,7 +122,7 @@ def product(A: Array, B: Array, C: Array) -> None:
         C[r, 3] += A[r, 3]
 
 
-@inner
+@hidden
 def nearest_copy(value: float, low: float, high: float, to: float) -> float:
     """Add full turns to bring an angle into [low, high], near `to`; where none fits, as near to the range as it gets."""
     turn = 2.0 * math.pi
@@ -136,7 +136,7 @@ def nearest_copy(value: float, low: float, high: float, to: float) -> float:
     return value
 
 
-@inner
+@hidden
 def complete_seed(
     atlas: Atlas, division: Division, G: Array, i: int, lower: Array, upper: Array, margin: float, q: Array
 ) -> bool:

@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from .arrays import Array, ChainArrays
-from .jit import inner, kernel
+from .jit import hidden, kernel
 from .trigonometry import sine_cosine
 
 
-@inner
+@hidden
 def advance(A: Array, prismatic: bool, value: float, T: Array) -> None:
     """Multiply T, (3, 4), in place by the fixed transform A and a joint at `value` [rad] or [m]."""
     cosine, sine, slide = 1.0, 0.0, 0.0
@@ -33,7 +33,7 @@ def advance(A: Array, prismatic: bool, value: float, T: Array) -> None:
         T[r, 3] = p + z * slide
 
 
-@inner
+@hidden
 def identity(T: Array) -> None:
     """Set T, (3, 4), to the identity."""
     for r in range(3):
@@ -41,7 +41,7 @@ def identity(T: Array) -> None:
             T[r, c] = 1.0 if r == c else 0.0
 
 
-@inner
+@hidden
 def copy_pose(source: Array, T: Array) -> None:
     """Copy a pose, (3, 4) or (4, 4), into T, (3, 4)."""
     for r in range(3):
@@ -49,7 +49,7 @@ def copy_pose(source: Array, T: Array) -> None:
             T[r, c] = source[r, c]
 
 
-@inner
+@hidden
 def advance_segment(chain: ChainArrays, first: int, last: int, q: Array, T: Array) -> None:
     """Multiply T in place by physical joints first … last-1 at the variables q, (n,)."""
     for k in range(first, last):
@@ -57,7 +57,7 @@ def advance_segment(chain: ChainArrays, first: int, last: int, q: Array, T: Arra
         advance(chain.fixed[k], chain.prismatic[k], value, T)
 
 
-@inner
+@hidden
 def forward(chain: ChainArrays, q: Array, T: Array) -> None:
     """Write the pose of the tip in the base at joint values q, (n,), into T, (3, 4), lengths in [m]."""
     joints = len(chain.prismatic)

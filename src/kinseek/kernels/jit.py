@@ -114,6 +114,11 @@ def view(function: Callable[P, R]) -> Callable[P, R]:
     return _compile(function, forceinline=True, _nrt=True, no_cpython_wrapper=True)
 
 
+def spliced(function: Callable[P, R]) -> Callable[P, R]:
+    """Make a function part of the one kernel that calls it, before anything is compiled."""
+    return _compile(function, inline="always")
+
+
 def exact(function: Callable[P, R]) -> Callable[P, R]:
     """Compile an inner kernel that never fuses a product with a sum: the same bits as NumPy, wherever inlined."""
     return _compile(function, forceinline=True, _nrt=False, fastmath=False)

@@ -16,7 +16,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from .arrays import Array, Indices
-from .jit import inner, view
+from .jit import hidden, view
 from .links import ADDS, SLIDE, TURN
 from .pointers import part1, part2
 from .trigonometry import sine_cosine
@@ -54,7 +54,7 @@ class Lanes(NamedTuple):
     """Scale of the position rows [1/m] and of the orientation rows, 2 rows."""
 
 
-@inner
+@hidden
 def lanes_size(dof: int, joints: int) -> int:
     """Numbers that the lanes of an arm take in memory."""
     return (8 * dof + 6 * joints + 12 + 12 + 21 + 6 + 4 + 4 + 2) * LANES
@@ -80,7 +80,7 @@ def make_lanes(address: int, dof: int, joints: int) -> Lanes:
     )
 
 
-@inner
+@hidden
 def lanes_forward(leader: Indices, links: Array, lanes: Lanes, w: int) -> None:
     """Forward kinematics of every lane, keeping every joint's axis.
 
@@ -130,7 +130,7 @@ def lanes_forward(leader: Indices, links: Array, lanes: Lanes, w: int) -> None:
             T[o + 3 * W + l] = x * A[3] + y * A[7] + z * A[11] + p
 
 
-@inner
+@hidden
 def lanes_residual(lanes: Lanes, columns: Array, w: int) -> None:
     """Residual and errors of every lane.
 
@@ -164,7 +164,7 @@ def lanes_residual(lanes: Lanes, columns: Array, w: int) -> None:
         error[3 * W + l] = weight[l] * weight[l] * error[l] + wo * wo * error[W + l]
 
 
-@inner
+@hidden
 def lanes_jacobian(leader: Indices, links: Array, lanes: Lanes, free: float, w: int) -> None:
     """Scaled geometric Jacobian of every lane; with `free` 1 a turn about the tool's x axis does not count."""
     W, T, J, axes, weight = LANES, lanes.pose, lanes.jacobian, lanes.axes, lanes.weight
@@ -194,7 +194,7 @@ def lanes_jacobian(leader: Indices, links: Array, lanes: Lanes, free: float, w: 
             J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l] = j3, j4, j5
 
 
-@inner
+@hidden
 def lanes_hold(lower: Array, upper: Array, lanes: Lanes, w: int) -> None:
     """Take every joint that stands at a limit and is pushed outward out of the Jacobian.
 
@@ -218,7 +218,7 @@ def lanes_hold(lower: Array, upper: Array, lanes: Lanes, w: int) -> None:
             J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l] = move * j3, move * j4, move * j5
 
 
-@inner
+@hidden
 def lanes_gram(damping: float, floor: Array, lanes: Lanes, w: int) -> None:
     """J Jᵀ + λ I of every lane, where λ is damping · |e|² and a floor, (LANES,), that keeps the factor finite.
 
@@ -267,7 +267,7 @@ def lanes_gram(damping: float, floor: Array, lanes: Lanes, w: int) -> None:
         A[20 * W + l] += damp
 
 
-@inner
+@hidden
 def lanes_solve(lanes: Lanes, w: int) -> None:
     """Solve the 6x6 systems by Cholesky's factorisation L D Lᵀ, in place of the residual."""
     W, A, e = LANES, lanes.gram, lanes.residual
@@ -307,7 +307,7 @@ def lanes_solve(lanes: Lanes, w: int) -> None:
         e[l], e[W + l], e[2 * W + l], e[3 * W + l], e[4 * W + l], e[5 * W + l] = x0, x1, x2, x3, x4, x5
 
 
-@inner
+@hidden
 def lanes_move(lower: Array, upper: Array, longest: float, lanes: Lanes, w: int) -> None:
     """Take the step dq = Jᵀ x, no joint farther than `longest`, every joint inside its limits."""
     W, J, x, q, step, work, dof = (

@@ -77,7 +77,7 @@ def walk_near(
     First a walk from `near` itself: if it ends close by, there is no lookup at all.
 
     Returns:
-        FK evaluations spent.
+        FK evaluations spent; -1 as `solve_target`.
     """
     task, job = task_of(handle, wanted), Job(handle, wanted, memory)
     dof = len(task.lower)
@@ -102,7 +102,8 @@ def walk_near(
             break
         begin, _ = fill_from_lookup(task, desk, begin, found)
     if closest == np.inf:
-        spent += solve_target(handle, wanted, memory, target, wanted[3] - spent, q, w)
+        more = solve_target(handle, wanted, memory, target, wanted[3] - spent, q, w)
+        spent = spent + more if more >= 0 else -1
     return spent
 
 

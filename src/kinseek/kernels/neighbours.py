@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .arrays import Array, Indices
-from .jit import inner, kernel
+from .jit import hidden, kernel
 
 LEAF = 8
 
@@ -136,7 +136,7 @@ def _select(points: Array, d: int, order: Indices, first: int, last: int, middle
             return
 
 
-@inner
+@hidden
 def nearest(
     tree: Tree, point: Array, wanted: int, distance: Array, index: Indices, stack: Indices, bound: Array
 ) -> int:
@@ -190,7 +190,7 @@ def nearest(
     return found
 
 
-@inner
+@hidden
 def scan_beside(tree: Tree, point: Array, distance: Array, least: Array) -> int:
     """Measure the points of the leaves beside a point.
 
@@ -227,7 +227,7 @@ def scan_beside(tree: Tree, point: Array, distance: Array, least: Array) -> int:
     return own
 
 
-@inner
+@hidden
 def take_nearest(tree: Tree, own: int, distance: Array, least: Array) -> int:
     """Take the nearest point that is left after `scan_beside`; return its place in the leaves, -1 if none is left."""
     low, which = least[0], 0

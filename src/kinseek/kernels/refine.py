@@ -30,7 +30,7 @@ from .desk import (
     task_of,
 )
 from .forward import forward
-from .jit import hidden, kernel, routine, view
+from .jit import hidden, kernel, routine, spliced, view
 from .lanes import (
     LANES,
     Lanes,
@@ -406,7 +406,10 @@ def start(task: Task, desk: Desk, target: Array) -> None:
 def solve_target(
     handle: Indices, wanted: Array, memory: Array, target: Array, budget: float, q: Array, w: int
 ) -> int:
-    """Answer one target, (3, 4), within a budget; write q, (n,), and return the FK evaluations spent."""
+    """Answer one target, (3, 4), within a budget; write q, (n,), and return the FK evaluations spent.
+
+    Returns -1 where it takes a routine that the task lacks yet, see `add_ending`, and there is no answer.
+    """
     at = (handle.ctypes.data, wanted.ctypes.data, memory.ctypes.data, target.ctypes.data)
     spent: int = call(routine_at(handle, SEARCH), (*at, budget, q.ctypes.data, w))
     return spent
@@ -451,6 +454,8 @@ def search_routine(
         elif persisted == 0 or (persisted == 1 and number >= restarts):
             persisted += 1
             if persisted == 2 and spent + ENDGAME * LANES <= budget:
+                if routine_at(handle, ENDING) == 0:
+                    return -1
                 spent += find_nearest_pose(handle, wanted, memory, target, w)
                 reset_weights(task, desk)
             if lowest(desk.best_error) > promise(task):
@@ -517,7 +522,7 @@ def ending_routine(
     return spent
 
 
-@view
+@spliced
 def polish(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
     """Minimise the weighted error itself from the eight best, by reweighted steps; return FK evaluations.
 
@@ -583,7 +588,7 @@ def promise(task: Task) -> float:
     return limit
 
 
-@view
+@spliced
 def look_around(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
     """Reach the best pose found by other ways, for one of them may lead on to a better; return FK evaluations.
 
@@ -628,14 +633,18 @@ def conclude_answer(
     finish(task, desk, goal_of(task, target), desk.seed, q, report)
 
 
-ITERATE, ENDING, SEARCH = range(3)
+ITERATE, SEARCH, ENDING = range(3)
 """Places of the routines among those of a task, see `desk.task_arrays`."""
 
 
 def routines() -> Indices:
-    """Addresses of the routines, which have their machine code by then."""
-    all_of_them = (iterate_routine, ending_routine, search_routine)
-    return np.array([one.address for one in all_of_them], dtype=np.int64)
+    """Addresses of the routines that every goal needs, for `task_arrays`; `add_ending` adds the other."""
+    return np.array([iterate_routine.address, search_routine.address, 0], dtype=np.int64)
+
+
+def add_ending(addresses: Indices) -> None:
+    """Add the routine that only a goal out of reach needs: it is a quarter of all there is to compile."""
+    addresses[ENDING] = ending_routine.address
 
 
 @kernel
@@ -673,7 +682,7 @@ def solve_plain(address: int, target: Array, q: Array) -> tuple[float, float, fl
 
     Returns:
         Position error [m], orientation error [rad], weighted error, FK evaluations, and whether the tolerances are met;
-        evaluations -1 where the target is no rigid transform, and nothing else holds.
+        evaluations -1 where the target is no rigid transform, or `solve_target` lacks a routine, and nothing else holds.
     """
     if not is_rigid(target):
         return 0.0, 0.0, 0.0, -1, False

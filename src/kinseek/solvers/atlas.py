@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from queue import SimpleQueue
 from typing import Any
 
@@ -31,7 +32,7 @@ from kinseek.kernels.lanes import LANES
 from kinseek.kernels.nearby import solve_many_near
 from kinseek.kernels.neighbours import LEAF
 from kinseek.kernels.pointers import handle_of
-from kinseek.kernels.refine import routines, solve_pose
+from kinseek.kernels.refine import add_ending, routines, solve_pose
 from kinseek.problem import Problem
 from kinseek.ranges import free_turns
 from kinseek.robots.blackbox import BlackBox
@@ -181,19 +182,25 @@ class AtlasIndex:
         lower, upper = open_limits(chain)
         counted = KINDS[kind]
         columns = (np.arange(3) < counted).astype(float) * (0.5 if counted == 3 else 1.0)
+        self._routines = routines()
         self._arrays = task_arrays(
-            arrays, self.sorted, division, lower, upper, columns, arm_length(chain) / 3, routines(), PLAIN
+            arrays, self.sorted, division, lower, upper, columns, arm_length(chain) / 3, self._routines, PLAIN
         )
-        self.handle: Indices = handle_of(self._arrays)
-        """Addresses of the arrays, for kernels."""
-        self.address: int = self.handle.ctypes.data
-        """Address of the handle itself."""
+        self._addresses = handle_of(self._arrays)
+        self.address: int = self._addresses.ctypes.data
+        """Address of the handle, for the kernels that may do with the routines that every goal needs."""
         self.samples = len(self.sorted.middle)
         """Number of samples."""
         self.memory = sum(array.nbytes for array in self._arrays)
         """[bytes]"""
         self.build_time = time.perf_counter() - began
         """[s]; the first in a process includes loading or compiling the kernels."""
+
+    @cached_property
+    def handle(self) -> Indices:
+        """Addresses of the arrays, for kernels, and of every routine they may call."""
+        add_ending(self._routines)
+        return self._addresses
 
     def __repr__(self) -> str:
         """Size and cost."""
