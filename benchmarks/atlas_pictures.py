@@ -12,20 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
-from kinseek.kernels.atlas import Atlas, Division, build_atlas, complete_seed, coordinates
-from kinseek.kernels.lanes import (
-    LANES,
-    Lanes,
-    lanes_forward,
-    lanes_gram,
-    lanes_hold,
-    lanes_jacobian,
-    lanes_move,
-    lanes_residual,
-    lanes_solve,
-)
+from kinseek.kernels import atlas, neighbours
+from kinseek.kernels import lanes as eight
+from kinseek.kernels.atlas import Atlas, Division, build_atlas
+from kinseek.kernels.jit import exposed
+from kinseek.kernels.lanes import LANES, Lanes
 from kinseek.kernels.links import links_of
-from kinseek.kernels.neighbours import LEAF, nearest
+from kinseek.kernels.neighbours import LEAF
 from kinseek.kernels.refine import DAMPING, LONGEST, MARGIN
 from kinseek.solvers.atlas import SAMPLES, divide, inverse, middle_samples, open_limits
 
@@ -34,6 +27,13 @@ Array = NDArray[np.float64]
 PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"
 
 ARM = "ur5e"
+
+lanes_forward, lanes_residual = exposed(eight.lanes_forward), exposed(eight.lanes_residual)
+lanes_jacobian, lanes_hold = exposed(eight.lanes_jacobian), exposed(eight.lanes_hold)
+lanes_gram, lanes_solve = exposed(eight.lanes_gram), exposed(eight.lanes_solve)
+lanes_move = exposed(eight.lanes_move)
+complete_seed, coordinates = exposed(atlas.complete_seed), exposed(atlas.coordinates)
+nearest = exposed(neighbours.nearest)
 
 STEPS = 8
 

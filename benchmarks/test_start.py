@@ -30,7 +30,9 @@ def fresh(benchmark: Any, call: Callable[[], None], rounds: int, warmup: int = 1
 
 
 def python(code: str, cache: Path) -> None:
-    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    # A user's Python keeps its byte code.
+    other = ("NUMBA_CACHE_DIR", "PYTHONDONTWRITEBYTECODE")
+    environment = {name: value for name, value in os.environ.items() if name not in other}
     environment["XDG_CACHE_HOME"] = str(cache)
     subprocess.run([sys.executable, "-c", code], env=environment, check=True, capture_output=True)
 

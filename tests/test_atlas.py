@@ -15,6 +15,7 @@ from benchmarks.targets import plain_fk, pose_errors, random_joints
 from numpy.typing import NDArray
 
 import kinseek
+from kinseek.kernels.refine import solve_plain
 from kinseek.robots.chain import Joint, rotation, serial_chain, transform
 from kinseek.solvers.atlas import AtlasIndex
 from reference import errors, weighted_error
@@ -150,6 +151,21 @@ def far_targets(arm: kinseek.Arm, count: int, seed: int) -> Array:
         rng.uniform(1.0, 2.0, (count, 1)) * length * out / np.linalg.norm(out, axis=1)[:, None]
     )
     return targets
+
+
+def test_the_first_pose_out_of_reach_of_an_arm_is_answered_as_every_other() -> None:
+    for near in (None, np.zeros(6)):
+        arm = kinseek.load("elbow6")
+        reached, far = targets_of(arm, 2)
+        far[:3, 3] = 10.0
+        arm.ik(reached)
+        # Its kernel gives up on the first: what that takes is not there yet.
+        assert solve_plain(arm.atlas.address, far, np.empty(6))[3] == -1
+        first = arm.ik(far, near=near)
+        assert solve_plain(arm.atlas.address, far, np.empty(6))[3] > 0
+        again = arm.ik(far, near=near)
+        np.testing.assert_array_equal(first.q, again.q)
+        assert (first.success, first.evaluations) == (again.success, again.evaluations)
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5e", "irb120", "scara4"])

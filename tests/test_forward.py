@@ -11,14 +11,18 @@ from hypothesis import strategies as st
 
 import kinseek
 from chains import serial_chains
+from kinseek.kernels import forward as kernels
+from kinseek.kernels import pose_error
 from kinseek.kernels.arrays import GoalArrays
-from kinseek.kernels.forward import forward, forward_many
-from kinseek.kernels.pose_error import chordal_error as chordal_kernel
+from kinseek.kernels.forward import forward_many
+from kinseek.kernels.jit import exposed
 from kinseek.kernels.pose_error import judge
 from kinseek.robots.chain import SerialChain
 from reference import chordal_error, errors, fk, weighted_error
 
 ARMS = ("planar2", "cylindrical3", "scara4", "elbow6", "panda", "irb5400")
+
+forward, chordal_kernel = exposed(kernels.forward), exposed(pose_error.chordal_error)
 
 
 @pytest.mark.parametrize("name", ARMS)

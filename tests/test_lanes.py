@@ -11,23 +11,21 @@ from scipy.spatial.transform import Rotation
 
 import kinseek
 from chains import serial_chains
-from kinseek.kernels.lanes import (
-    LANES,
-    Lanes,
-    lanes_forward,
-    lanes_gram,
-    lanes_hold,
-    lanes_jacobian,
-    lanes_move,
-    lanes_residual,
-    lanes_solve,
-)
+from kinseek.kernels import lanes as eight
+from kinseek.kernels import trigonometry
+from kinseek.kernels.jit import exposed
+from kinseek.kernels.lanes import LANES, Lanes
 from kinseek.kernels.links import links_of
-from kinseek.kernels.trigonometry import rough_angle, sine_cosine
 from kinseek.robots.chain import SerialChain
 from reference import fk
 
 Array = NDArray[np.float64]
+
+lanes_forward, lanes_residual = exposed(eight.lanes_forward), exposed(eight.lanes_residual)
+lanes_jacobian, lanes_hold = exposed(eight.lanes_jacobian), exposed(eight.lanes_hold)
+lanes_gram, lanes_solve = exposed(eight.lanes_gram), exposed(eight.lanes_solve)
+lanes_move = exposed(eight.lanes_move)
+sine_cosine, rough_angle = exposed(trigonometry.sine_cosine), exposed(trigonometry.rough_angle)
 
 POSE = np.array([0.5, 0.5, 0.5])
 DIRECTION = np.array([1.0, 0.0, 0.0])

@@ -6,18 +6,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from kinseek.kernels.neighbours import (
-    BESIDE,
-    LEAF,
-    SLACK,
-    Tree,
-    build_tree,
-    nearest,
-    scan_beside,
-    take_nearest,
-)
+from kinseek.kernels import neighbours
+from kinseek.kernels.jit import exposed
+from kinseek.kernels.neighbours import BESIDE, LEAF, SLACK, Tree, build_tree
 
 Array = NDArray[np.float64]
+
+nearest, scan_beside = exposed(neighbours.nearest), exposed(neighbours.scan_beside)
+take_nearest = exposed(neighbours.take_nearest)
 
 
 def look_up(tree: Tree, point: Array, wanted: int) -> tuple[Array, NDArray[np.int64]]:

@@ -126,7 +126,7 @@ def product(A: Array, B: Array, C: Array) -> None:
 def nearest_copy(value: float, low: float, high: float, to: float) -> float:
     """Add full turns to bring an angle into [low, high], near `to`; where none fits, as near to the range as it gets."""
     turn = 2.0 * math.pi
-    value += turn * np.round((to - value) / turn)
+    value += turn * np.rint((to - value) / turn)
     if value > high:
         down = value - turn * np.ceil((value - high) / turn)
         return down if down >= low or low - down < value - high else value

@@ -67,8 +67,8 @@ def task_arrays(
     numbers = np.array([division.head, division.tail, division.columns, LANES], dtype=np.int64)
     lengths = np.array([division.length, length])
     sorted_samples = [*atlas.tree, *atlas[1:]]
-    every = (*chain, *sorted_samples, lower, upper, columns, numbers, lengths, links_of(chain), routines, wanted)
-    return [np.ascontiguousarray(array) for array in every]
+    others = (lower, upper, columns, numbers, lengths, links_of(chain), routines, wanted)
+    return [np.ascontiguousarray(array) for array in (*chain, *sorted_samples, *others)]
 
 
 @view

@@ -16,9 +16,9 @@ import os
 import stat
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import cached_property
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
@@ -71,7 +71,7 @@ def _is_ours(folder: Path) -> bool:
 _CACHE = _cache_folder()
 
 
-FASTMATH = {"nnan", "nsz", "contract"}
+NUMERICS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"nnan", "nsz", "contract"}}
 
 _njit: Any = numba.njit  # Its stubs leave out `no_cfunc_wrapper`, which saves compile time.
 _cfunc: Any = vars(numba)["cfunc"]
@@ -84,7 +84,7 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def inner(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile an inner kernel: always inlined, and without reference counts, so it must not allocate.
+    """Compile an inner kernel: always inlined, and without reference counts, so it must not allocate or hand back arrays.
 
     Handing a bundle of arrays to a function costs more than a short function does: some 200 ns for twenty arrays, half of
     it for counting references.
@@ -115,7 +115,7 @@ def view(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def spliced(function: Callable[P, R]) -> Callable[P, R]:
-    """Make a function part of the one kernel that calls it, before anything is compiled."""
+    """Make a long function part of the one kernel that calls it, before anything is compiled: it is compiled once less."""
     return _compile(function, inline="always")
 
 
@@ -139,16 +139,22 @@ class Routine:
     def __init__(self, signature: str, function: Callable[..., int]) -> None:
         """Remember what to compile, as a C function of this signature: numbers, and memory by address."""
         self._signature, self._function = signature, function
+        self._compiled: Any = None  # Kept: with it goes its machine code.
 
-    @cached_property
+    @property
     def address(self) -> int:
-        """Where its machine code stands, compiled by now or read from disk; it stays there as long as this object."""
-        with _cached():
-            self._compiled = _cfunc(
-                self._signature, cache=_CACHE is not None, nopython=True, error_model="numpy", fastmath=FASTMATH
-            )(self._function)
-        address: int = self._compiled.address
-        return address
+        """Where its machine code stands, compiled by now or read from disk."""
+        with _one_thread:
+            if self._compiled is None:
+                cached = _CACHE is not None
+                with _cached():
+                    make = _cfunc(self._signature, cache=cached, nopython=True, **NUMERICS)
+                    self._compiled = make(self._function)
+            address: int = self._compiled.address
+            return address
+
+
+_one_thread = threading.Lock()
 
 
 def routine(signature: str) -> Callable[[Callable[..., int]], Routine]:
@@ -168,14 +174,23 @@ def _cached() -> Iterator[None]:
         settings["CACHE_DIR"] = before
 
 
+def exposed(function: Callable[P, R]) -> Callable[P, R]:
+    """Let Python call a hidden kernel, to test it or to draw what it does."""
+    compiled: Any = function
+
+    def call(*given: Any) -> Any:
+        return compiled(*given)
+
+    return cast("Callable[P, R]", _njit(call))
+
+
 def _compile(function: Callable[P, R], **options: Any) -> Callable[P, R]:
     with _cached():
         compiled = _njit(
             cache=_CACHE is not None,
             nogil=True,
-            error_model="numpy",
             no_cfunc_wrapper=True,
-            **({"fastmath": FASTMATH} | options),
+            **(NUMERICS | options),
         )(function)
     if hasattr(compiled, "get_call_template"):  # Not so under NUMBA_DISABLE_JIT=1.
         _ignore_literals(compiled)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .arrays import Array, Indices
-from .jit import hidden, kernel
+from .jit import called, hidden, kernel
 
 LEAF = 8
 
@@ -79,7 +79,7 @@ def build_tree(points: Array, order: Indices) -> Tree:
     return Tree(packed, axis, split, _leaves_beside(packed))
 
 
-@kernel
+@called
 def _leaves_beside(points: Array) -> Indices:
     """List the leaves beside each leaf, see `Tree`."""
     leaves, dimensions = points.shape[0], points.shape[1]
@@ -113,7 +113,7 @@ def _leaves_beside(points: Array) -> Indices:
     return beside
 
 
-@kernel
+@called
 def _select(points: Array, d: int, order: Indices, first: int, last: int, middle: int) -> None:
     """Rearrange order[first … last] so that place `middle` holds what sorting by dimension d would put there."""
     while first < last:

@@ -12,7 +12,6 @@ from typing import Any
 import numba
 import numpy as np
 from llvmlite import ir
-from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
@@ -45,16 +44,19 @@ _floats, _integers, _bools = (_pointer_to(t) for t in (types.float64, types.int6
 
 
 @intrinsic
-def call(typing_context: Any, address: Any, arguments: Any) -> Any:
+def _call(typing_context: Any, address: Any, arguments: Any) -> Any:
     """Call the `jit.Routine` at an address with a tuple of integers and floats; return the integer it returns."""
     result = types.int64
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        given = cgutils.unpack_tuple(builder, values[1])
+        given = [builder.extract_value(values[1], i) for i in range(len(arguments))]
         kind = ir.FunctionType(context.get_value_type(result), [value.type for value in given])
         return builder.call(builder.inttoptr(values[0], kind.as_pointer()), given)
 
     return result(types.int64, arguments), generate
+
+
+call: Any = _call  # To its stubs an intrinsic is called with its typing context.
 
 
 def handle_of(arrays: list[NDArray[Any]]) -> Indices:

@@ -28,7 +28,6 @@ from kinseek.robots.blackbox import BlackBox
 from kinseek.robots.chain import SerialChain
 
 from .atlas import KEPT, AtlasIndex, atlas_of, open_limits, wanted_of
-from .isolation import prove_complete
 
 Cost = Callable[[Array], Any]
 """Joint values, (k, n), to numbers, (k,); the least is best."""
@@ -270,6 +269,8 @@ def _finish(
     number, dof, complete = int(rows[-1, 0]), problem.chain.dof, False
     q, errors = rows[:number, :dof].copy(), rows[:number, dof : dof + 2]
     if prove:
+        from .isolation import prove_complete
+
         q, complete = prove_complete(problem, q)
     if copies:
         q = turned_copies(problem.chain, q)
