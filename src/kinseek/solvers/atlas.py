@@ -199,7 +199,7 @@ class AtlasIndex:
     @cached_property
     def handle(self) -> Indices:
         """Addresses of the arrays, for kernels, and of every routine they may call."""
-        add_ending(self._routines)
+        add_ending(self._routines)  # The very array that kernels read, for it is contiguous.
         return self._addresses
 
     def __repr__(self) -> str:
