@@ -36,10 +36,10 @@ from .boxes import (
     motion,
     turning,
 )
-from .jit import inner
+from .jit import hidden
 
 
-@inner
+@hidden
 def arc(rc: float, zc: float, rg: float, zg: float, rho: float) -> float:
     """How far a turn about z may miss, [rad], to bring a point at radius rc, height zc within `rho` of one at rg, zg.
 
@@ -54,7 +54,7 @@ def arc(rc: float, zc: float, rg: float, zg: float, rho: float) -> float:
     return 2.0 * math.asin(math.sqrt(left / full)) + 1e-12
 
 
-@inner
+@hidden
 def cut_arc(desk: Desk, i: int, middle: float, psi: float) -> bool:
     """Cut the range of variable i, which turns one joint, to the arc middle ± psi [rad]; say whether anything is left."""
     if psi >= math.pi:
@@ -76,7 +76,7 @@ def cut_arc(desk: Desk, i: int, middle: float, psi: float) -> bool:
     return True
 
 
-@inner
+@hidden
 def least_error(wanted: Wanted, far: float, tilt: float, b: float) -> float:
     """Least weighted error with a point b [m] from the tip `far` away [m] and the last axis off by a chord of `tilt`.
 
@@ -91,7 +91,7 @@ def least_error(wanted: Wanted, far: float, tilt: float, b: float) -> float:
     return error
 
 
-@inner
+@hidden
 def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
     """Compare azimuth, radius, height and last axis with the goal's; say whether anything of the box is left.
 

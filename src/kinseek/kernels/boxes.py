@@ -14,7 +14,7 @@ import numpy as np
 from .arrays import Array, Flags, Indices
 from .atlas import SLIDE, TURN
 from .forward import advance, identity
-from .jit import inner, kernel
+from .jit import hidden, kernel
 
 TINY = 1e-300
 LEAST = 1e-15
@@ -152,7 +152,7 @@ def make_desk(joints: int, dof: int) -> Desk:
     )
 
 
-@inner
+@hidden
 def place(form: Form, desk: Desk) -> None:
     """Axes and hand at the centre of the box, seen from the frame that the first joint moves where it is divided out."""
     T, m = desk.T, len(form.leader)
@@ -180,7 +180,7 @@ def place(form: Form, desk: Desk) -> None:
     advance(form.fixed[m], True, 0.0, T)
 
 
-@inner
+@hidden
 def chord_of(angle: float) -> float:
     """An upper bound of 2 sin(angle/2) for angle ≥ 0, and 2 beyond π: its Taylor polynomial ends on a positive term."""
     if angle > 3.0:
@@ -189,7 +189,7 @@ def chord_of(angle: float) -> float:
     return min(angle * (1.0 - square * (1.0 / 24.0 - square / 1920.0)), 2.0)
 
 
-@inner
+@hidden
 def widths(form: Form, desk: Desk) -> None:
     """Half widths and chords of the physical joints."""
     for k in range(len(form.leader)):
@@ -197,7 +197,7 @@ def widths(form: Form, desk: Desk) -> None:
         desk.chord[k] = desk.half[k] if form.prismatic[k] else chord_of(desk.half[k])
 
 
-@inner
+@hidden
 def turn_goal(form: Form, wanted: Wanted, desk: Desk) -> None:
     """The target as the frame after the first joint sees it, with that joint at the centre of its range."""
     goal, target = desk.goal, wanted.target
@@ -216,7 +216,7 @@ def turn_goal(form: Form, wanted: Wanted, desk: Desk) -> None:
         goal[2, 3] -= desk.c[0]
 
 
-@inner
+@hidden
 def motion(form: Form, desk: Desk, begin: int, end: int, wx: float, wy: float, wz: float) -> float:
     """Largest motion of the point w by joints begin … end-1 within the box [m]; leaves their radii in the desk."""
     total = 0.0
@@ -236,7 +236,7 @@ def motion(form: Form, desk: Desk, begin: int, end: int, wx: float, wy: float, w
     return total
 
 
-@inner
+@hidden
 def turning(form: Form, desk: Desk, begin: int, end: int, ax: float, ay: float, az: float) -> float:
     """Largest motion of the unit vector a by joints begin … end-1 within the box; leaves the sines in the desk."""
     total = 0.0
@@ -251,7 +251,7 @@ def turning(form: Form, desk: Desk, begin: int, end: int, ax: float, ay: float, 
     return total
 
 
-@inner
+@hidden
 def widest(form: Form, wanted: Wanted, desk: Desk, head: float) -> int:
     """The variable whose range moves the hand most; a first joint that turns counts for `head`."""
     best, index = -1.0, 0
@@ -272,7 +272,7 @@ def widest(form: Form, wanted: Wanted, desk: Desk, head: float) -> int:
     return index
 
 
-@inner
+@hidden
 def load_box(boxes: Array, row: int, desk: Desk) -> None:
     """Take a box from row `row` of the list."""
     dof = len(desk.c)
@@ -281,7 +281,7 @@ def load_box(boxes: Array, row: int, desk: Desk) -> None:
         desk.h[i] = boxes[row, dof + i]
 
 
-@inner
+@hidden
 def store_box(boxes: Array, row: int, desk: Desk) -> None:
     """Write the box of the desk to row `row`."""
     dof = len(desk.c)
@@ -290,7 +290,7 @@ def store_box(boxes: Array, row: int, desk: Desk) -> None:
         boxes[row, dof + i] = desk.h[i]
 
 
-@inner
+@hidden
 def volume(desk: Desk) -> float:
     """Volume of the box."""
     product = 1.0

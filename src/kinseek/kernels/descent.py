@@ -6,11 +6,11 @@ from .arrays import Array, ChainArrays
 from .atlas import TURN
 from .boxes import LEAST, LENGTH, Desk, Form, Wanted, place, turn_goal
 from .halfway import differentiate, downhill, normal_matrix, solve
-from .jit import inner
+from .jit import hidden, spliced
 from .roll import Roll, complete, roll_fits
 
 
-@inner
+@hidden
 def step(form: Form, wanted: Wanted, desk: Desk) -> None:
     """Write the Gauss-Newton step from the middle of the box to the goal into ``desk.delta``."""
     scale = 1.0 / (wanted.scalars[LENGTH] * wanted.scalars[LENGTH] + LEAST)
@@ -25,7 +25,7 @@ def step(form: Form, wanted: Wanted, desk: Desk) -> None:
     solve(desk.N, desk.D, desk.delta)
 
 
-@inner
+@spliced
 def approach(
     form: Form, wanted: Wanted, roll: Roll, chain: ChainArrays, steps: int, desk: Desk, q: Array
 ) -> None:

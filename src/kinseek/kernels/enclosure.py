@@ -21,10 +21,10 @@ from .boxes import (
     widths,
 )
 from .exclusion import ENDED, STOPPED, Search
-from .forms import second_order
+from .forms import underestimate
 from .forward import forward
 from .gate import gate
-from .jit import inner, kernel
+from .jit import hidden, kernel, view
 from .pose_error import weighted_error
 from .roll import Roll, complete, cut_twist, roll_fits, twist_cost
 
@@ -32,7 +32,7 @@ FINE = 1.2
 """Boxes that turn the hand by less [rad] are cut along a first joint as along any other: azimuths hardly cut them."""
 
 
-@inner
+@hidden
 def sift_up(heap: Array, order: Indices, at: int) -> None:
     """Bring the entry at `at` up to its place; `heap` holds the bound of each row, `order` the rows."""
     while at > 0:
@@ -43,7 +43,7 @@ def sift_up(heap: Array, order: Indices, at: int) -> None:
         at = parent
 
 
-@inner
+@hidden
 def sift_down(heap: Array, order: Indices, size: int) -> None:
     """Bring the entry at the top down to its place."""
     at = 0
@@ -81,7 +81,7 @@ def enclose(
         goal: The goal as it was asked.
         boxes: Boxes to start with, (k, 2 dof + 1): centres, half widths, and a lower bound of the error in each.
         q: The best joint values known, (n,).
-        tuning: Largest spread for the second order [rad], passes, shrink that earns another look, relative gap.
+        tuning: Largest spread for the second order [rad], shrink that earns another look, relative gap.
         budget: Boxes to examine.
     """
     dof, count, seen = boxes.shape[1] // 2, len(boxes), 0
@@ -98,7 +98,7 @@ def enclose(
     best, trial, T = q.copy(), q.copy(), np.empty((3, 4))
     forward(chain, q, T)
     upper = weighted_error(T, goal)
-    ceiling = (1.0 - tuning[3]) * upper
+    ceiling = (1.0 - tuning[2]) * upper
     stuck_bound, stuck_width = np.inf, 0.0
     while count > 0 and seen < budget:
         row = order[0]
@@ -135,17 +135,17 @@ def enclose(
                 kept, below = False, max(below, extra)
                 break
             complete(form, roll, chain, desk, trial)
-            kept = second_order(form, wanted, desk, ceiling - extra, int(tuning[1]))
+            kept = underestimate(form, wanted, desk, ceiling - extra)
             below = max(below, desk.out[1] + extra)
             if desk.out[0] < upper:
                 forward(chain, trial, T)
                 error = weighted_error(T, goal)
                 if error < upper:
                     upper = error
-                    ceiling = (1.0 - tuning[3]) * upper
+                    ceiling = (1.0 - tuning[2]) * upper
                     for i in range(len(q)):
                         best[i] = trial[i]
-            if not kept or volume(desk) > tuning[2] * before or seen >= budget:
+            if not kept or volume(desk) > tuning[1] * before or seen >= budget:
                 break
         if kept and below < ceiling:
             i = widest(form, wanted, desk, HEAD if spread > FINE else 1.0)
@@ -191,16 +191,14 @@ def enclose(
     return Search(outcome, seen, largest, best, lower, upper, left[:open_].copy(), stuck_width, stuck_bound)
 
 
-@kernel
+@view
 def grown(rows: Array, bound: Array, order: Indices) -> tuple[Array, Array, Indices]:
     """Twice the room for boxes."""
     more = 2 * len(bound)
-    new_rows, new_bound, new_order = (
-        np.empty((more, rows.shape[1])),
-        np.zeros(more),
-        np.empty(more, dtype=np.int64),
-    )
-    new_rows[: len(bound)] = rows
-    new_bound[: len(bound)] = bound
-    new_order[: len(bound)] = order
+    new_rows, new_bound = np.empty((more, rows.shape[1])), np.empty(more)
+    new_order = np.empty(more, dtype=np.int64)
+    for i in range(len(bound)):
+        for j in range(rows.shape[1]):
+            new_rows[i, j] = rows[i, j]
+        new_bound[i], new_order[i] = bound[i], order[i]
     return new_rows, new_bound, new_order

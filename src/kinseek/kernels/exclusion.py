@@ -24,7 +24,7 @@ from .boxes import (
     widths,
 )
 from .descent import approach
-from .forms import second_order
+from .forms import separate, underestimate
 from .forward import forward
 from .gate import gate
 from .jit import kernel
@@ -106,7 +106,7 @@ def exclude(
             spread += 0.0 if form.prismatic[k] else desk.half[k]
         before = volume(desk)
         if spread < tuning[0]:
-            if not second_order(form, wanted, desk, -1.0, int(tuning[1])):
+            if not separate(form, wanted, desk, int(tuning[1])):
                 continue
             near_p, near_c, desk.u[2] = desk.u[0], desk.u[1], 0.0
             if roll.present and not roll_fits(form, wanted, roll, desk):
@@ -187,7 +187,10 @@ def examine(form: Form, wanted: Wanted, roll: Roll, boxes: Array, ceiling: float
                 turn_goal(form, wanted, desk)
                 widths(form, desk)
                 extra = twist_cost(form, wanted, roll, desk, ceiling)
-            kept = extra <= max(ceiling, 0.0) and second_order(form, wanted, desk, ceiling - extra, passes)
+            if ceiling < 0.0:
+                kept = separate(form, wanted, desk, passes)
+            else:
+                kept = extra <= ceiling and underestimate(form, wanted, desk, ceiling - extra)
             desk.out[1] += extra
             if kept and roll.present and ceiling < 0.0:
                 kept = roll_fits(form, wanted, roll, desk)

@@ -40,7 +40,7 @@ from .halfway import (
     step_miss,
     weight_miss,
 )
-from .jit import inner
+from .jit import hidden, spliced
 from .support import gain_of_side, support
 
 
@@ -61,17 +61,14 @@ class Rests(NamedTuple):
     """Of the point that lies back along the first column [m]."""
 
 
-@inner
-def second_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float, passes: int) -> bool:
-    """Test the box by one linear form of the hand's pose, to second order; cut it where that excludes an end.
+@hidden
+def expand(form: Form, wanted: Wanted, desk: Desk) -> Rests:
+    """Write down what the hand misses at the centre of the box, and its derivatives; what they leave over.
 
     Let f be the hand's point and columns less the goal's, as seen from halfway along the arm: so it is as long as seen from
     the base, but the joints before move the goal, those behind the hand, and rests of third order are some four times
-    smaller than if all of them moved the hand. For any form y, ``y·f(q) = y·f + g·δ + ½ δᵀHδ + rest`` with
-    |rest| bounded to third order. With tolerances, y·f(q) larger than the dual norm of y times the tolerances excludes q.
-    With the weighted error, ``K_P |f_p| ≥ y_p·f_p`` for |y_p| ≤ K_P and ``½ K_A |f_c|² ≥ y_c·f_c - |y_c|²/(2 K_A)`` make
-    every form a lower bound (Fenchel's inequality). With `ceiling` negative the tolerances decide, and `passes` forms are
-    tried; else the weighted error, and one form is the best one to first order (`kernels.support`).
+    smaller than if all of them moved the hand. For any form y, ``y·f(q) = y·f + g·δ + ½ δᵀHδ + rest`` with |rest| bounded to
+    third order.
     """
     turn_goal(form, wanted, desk)
     widths(form, desk)
@@ -82,7 +79,6 @@ def second_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float, passes:
     if wanted.scalars[BACK] != 0.0:
         radii_behind(form, desk, middle, wanted.scalars[BACK])
         _, _, three_b, _ = rests(form, desk, desk.back, middle)
-    rest = Rests(middle, two_p, two_c, three_p, three_c, three_b)
     far = turned = 0.0
     for r in range(3):
         far += (desk.T[r, 3] - desk.goal[r, 3]) * (desk.T[r, 3] - desk.goal[r, 3])
@@ -90,8 +86,17 @@ def second_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float, passes:
             turned += (desk.T[r, i] - desk.goal[r, i]) * (desk.T[r, i] - desk.goal[r, i])
     desk.u[0], desk.u[1] = math.sqrt(far), math.sqrt(turned)
     desk.out[0] = wanted.scalars[WEIGHT_P] * desk.u[0] + 0.5 * wanted.scalars[WEIGHT_A] * turned
-    if ceiling < 0.0:
-        return separate(form, wanted, desk, rest, passes)
+    return Rests(middle, two_p, two_c, three_p, three_c, three_b)
+
+
+@spliced
+def underestimate(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
+    """Bound the weighted error from below by one form; cut the box where it excludes an end; say whether anything is left.
+
+    ``K_P |f_p| ≥ y_p·f_p`` for |y_p| ≤ K_P and ``½ K_A |f_c|² ≥ y_c·f_c - |y_c|²/(2 K_A)`` make every form a lower bound
+    (Fenchel's inequality); taken is the one that is best to first order. The bound goes to ``desk.out[1]``.
+    """
+    rest = expand(form, wanted, desk)
     support(form, wanted, desk, ceiling)
     bound = weigh(form, wanted, desk, rest, wanted.scalars[MARGIN], wanted.scalars[MARGIN_A])
     if form.columns > 0:
@@ -103,14 +108,15 @@ def second_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float, passes:
     return True
 
 
-@inner
-def separate(form: Form, wanted: Wanted, desk: Desk, rest: Rests, passes: int) -> bool:
-    """Look for a form that lies between the box and the tolerances; say whether anything of the box is left.
+@spliced
+def separate(form: Form, wanted: Wanted, desk: Desk, passes: int) -> bool:
+    """Look for a form that lies between box and tolerances; cut the box where it excludes an end; is anything left?
 
-    It is the residual of a least-squares step that the box holds back, as an ellipsoid: the direction in which the goal lies
-    outside of what the box reaches.
+    A form y excludes every q where y·f(q) is larger than its dual norm times the tolerances. It is the residual of a
+    least-squares step that the box holds back, as an ellipsoid: the direction in which the goal lies outside of what the box
+    reaches. So many `passes` are tried, each with what the one before has shown.
     """
-    dof, columns = len(desk.c), form.columns
+    rest, dof, columns = expand(form, wanted, desk), len(desk.c), form.columns
     slack_p = wanted.scalars[POSITION] + wanted.scalars[MARGIN]
     slack_c = wanted.scalars[CHORD] + wanted.scalars[MARGIN_A]
     weight_p = 1.0 / ((rest.two_p * 0.5 + slack_p) * (rest.two_p * 0.5 + slack_p))
@@ -141,7 +147,7 @@ def separate(form: Form, wanted: Wanted, desk: Desk, rest: Rests, passes: int) -
     return True
 
 
-@inner
+@hidden
 def weigh(form: Form, wanted: Wanted, desk: Desk, rest: Rests, slack_p: float, slack_c: float) -> float:
     """The least value that the form in ``desk.y`` has anywhere in the box, slacks taken off: of point and columns.
 
@@ -182,14 +188,14 @@ def weigh(form: Form, wanted: Wanted, desk: Desk, rest: Rests, slack_p: float, s
     return least_value
 
 
-@inner
+@hidden
 def size_of_point(desk: Desk) -> float:
     """Length of the form's part for the point."""
     y = desk.y
     return math.sqrt(y[0, 3] * y[0, 3] + y[1, 3] * y[1, 3] + y[2, 3] * y[2, 3])
 
 
-@inner
+@hidden
 def size_of_columns(form: Form, desk: Desk) -> float:
     """Length of the form's part for the columns."""
     total = 0.0
@@ -199,7 +205,7 @@ def size_of_columns(form: Form, desk: Desk) -> float:
     return math.sqrt(total)
 
 
-@inner
+@hidden
 def curvature(desk: Desk) -> float:
     """A lower bound of ½ δᵀHδ in the box, by completing squares: those with a positive weight are dropped.
 
@@ -237,7 +243,7 @@ def curvature(desk: Desk) -> float:
     return 0.5 * best
 
 
-@inner
+@hidden
 def least(g: float, H: float, h: float) -> float:
     """Least value of g δ + ½ H δ² for |δ| ≤ h."""
     if H * h > abs(g):
@@ -245,7 +251,7 @@ def least(g: float, H: float, h: float) -> float:
     return -abs(g) * h + 0.5 * H * h * h
 
 
-@inner
+@hidden
 def cut_box(desk: Desk, spare: float) -> None:
     """Keep of every variable what can stay within `spare` above the least value of the separable polynomial."""
     dof = len(desk.c)

@@ -12,10 +12,10 @@ import math
 
 from .arrays import ChainArrays
 from .boxes import CHORD, MARGIN, MARGIN_A, POSITION, TRUST, WEIGHT_A, WEIGHT_P, Form, Wanted
-from .jit import inner
+from .jit import hidden
 
 
-@inner
+@hidden
 def gate(form: Form, wanted: Wanted, chain: ChainArrays) -> tuple[bool, float]:
     """Can the hand be within both tolerances, as far as lengths and angles tell? And a lower bound of the weighted error."""
     far = max(out_of_annulus(form, wanted, chain, False), out_of_annulus(form, wanted, chain, True), 0.0)
@@ -33,7 +33,7 @@ def gate(form: Form, wanted: Wanted, chain: ChainArrays) -> tuple[bool, float]:
     return open_, error
 
 
-@inner
+@hidden
 def out_of_annulus(form: Form, wanted: Wanted, chain: ChainArrays, normals: bool) -> float:
     """How far the goal's point lies outside of what the lengths allow [m], negative inside.
 
@@ -69,7 +69,7 @@ def out_of_annulus(form: Form, wanted: Wanted, chain: ChainArrays, normals: bool
     return beyond
 
 
-@inner
+@hidden
 def out_of_tilt(form: Form, wanted: Wanted, column: int) -> float:
     """How far a column of the goal is tilted beyond what the angles between the axes allow [rad], negative inside."""
     last = len(form.leader) - 1
@@ -98,7 +98,7 @@ def out_of_tilt(form: Form, wanted: Wanted, column: int) -> float:
     return beyond
 
 
-@inner
+@hidden
 def outside(value: float, low: float, high: float, trust: float) -> float:
     """How far a value lies outside of an interval, negative inside; tests shrink the interval by `trust`."""
     middle, half = 0.5 * (low + high), 0.5 * (high - low) * trust

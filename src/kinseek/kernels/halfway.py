@@ -12,10 +12,10 @@ import numpy as np
 
 from .arrays import Array
 from .boxes import LENGTH, TINY, Desk, Form, Wanted
-from .jit import inner
+from .jit import hidden
 
 
-@inner
+@hidden
 def halfway(form: Form, wanted: Wanted, desk: Desk) -> int:
     """The joint from which on the hand is moved, and before which the goal: where the rests of third order are least."""
     m, T, goal = len(form.leader), desk.T, desk.goal
@@ -46,7 +46,7 @@ def halfway(form: Form, wanted: Wanted, desk: Desk) -> int:
     return best
 
 
-@inner
+@hidden
 def differentiate(form: Form, desk: Desk, middle: int, columns: int) -> None:
     """Write down how the joints move what the hand misses, as seen halfway: those before `middle` move the goal instead."""
     T, goal = desk.T, desk.goal
@@ -73,7 +73,7 @@ def differentiate(form: Form, desk: Desk, middle: int, columns: int) -> None:
         desk.s[k] = math.sqrt(square)
 
 
-@inner
+@hidden
 def radii_behind(form: Form, desk: Desk, middle: int, back: float) -> None:
     """Write the radii of the point that lies `back` [m] back along the first column."""
     for k in range(len(form.leader)):
@@ -89,7 +89,7 @@ def radii_behind(form: Form, desk: Desk, middle: int, back: float) -> None:
         desk.back[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
 
 
-@inner
+@hidden
 def rests(form: Form, desk: Desk, radii: Array, middle: int) -> tuple[float, float, float, float]:
     """Rests of the Taylor polynomials of degrees one and two: of the point, the columns, the point, the columns.
 
@@ -117,7 +117,7 @@ def rests(form: Form, desk: Desk, radii: Array, middle: int) -> tuple[float, flo
     return two_p, two_c, three_p, three_c
 
 
-@inner
+@hidden
 def normal_matrix(form: Form, desk: Desk, weight_p: float, weight_c: float, columns: int) -> None:
     """Write ``JᵀWJ`` of the point and the columns into N, lower half."""
     m, dof = len(form.leader), len(desk.c)
@@ -138,7 +138,7 @@ def normal_matrix(form: Form, desk: Desk, weight_p: float, weight_c: float, colu
                 desk.N[i, i] += dot
 
 
-@inner
+@hidden
 def step_miss(form: Form, desk: Desk, columns: int) -> None:
     """Write what the hand misses after the step in ``desk.delta``, to first order, into ``desk.y``."""
     for r in range(3):
@@ -153,7 +153,7 @@ def step_miss(form: Form, desk: Desk, columns: int) -> None:
                 desk.y[r, i] += step * desk.slopes[k, i, r]
 
 
-@inner
+@hidden
 def weight_miss(desk: Desk, weight_p: float, weight_c: float, columns: int) -> None:
     """Multiply point and columns of ``desk.y`` by their weights."""
     for r in range(3):
@@ -162,7 +162,7 @@ def weight_miss(desk: Desk, weight_p: float, weight_c: float, columns: int) -> N
             desk.y[r, i] *= weight_c
 
 
-@inner
+@hidden
 def slope(form: Form, desk: Desk, columns: int, out: Array) -> None:
     """Write ``Jᵀ y`` of the form in ``desk.y`` into `out`, (n,)."""
     for i in range(len(out)):
@@ -176,7 +176,7 @@ def slope(form: Form, desk: Desk, columns: int, out: Array) -> None:
         out[form.leader[k]] += form.multiplier[k] * total
 
 
-@inner
+@hidden
 def downhill(form: Form, desk: Desk, weight_p: float, weight_c: float, columns: int) -> None:
     """Write ``-JᵀWf`` of what the hand misses into ``desk.delta``."""
     for i in range(len(desk.delta)):
@@ -186,7 +186,7 @@ def downhill(form: Form, desk: Desk, weight_p: float, weight_c: float, columns: 
     slope(form, desk, columns, desk.delta)
 
 
-@inner
+@hidden
 def solve(N: Array, D: Array, x: Array) -> None:
     """Solve ``(N + diag D) x = b`` in place by LDLᵀ, N given by its lower half."""
     dof = len(x)
@@ -212,7 +212,7 @@ def solve(N: Array, D: Array, x: Array) -> None:
             x[i] -= N[k, i] * x[k]
 
 
-@inner
+@hidden
 def derivatives(form: Form, desk: Desk, middle: int, columns: int) -> None:
     """First and second derivatives of ``y·f`` by the variables, at the centre, as seen halfway.
 

@@ -43,10 +43,10 @@ from .boxes import (
 )
 from .descent import approach, step
 from .exclusion import TRIAL
-from .forms import second_order
+from .forms import separate
 from .forward import forward
 from .halfway import derivatives, differentiate, normal_matrix, rests, solve
-from .jit import inner, kernel
+from .jit import hidden, kernel
 from .pose_error import errors
 from .roll import Roll, roll_fits
 
@@ -112,7 +112,7 @@ def make_expansion(dof: int) -> Expansion:
     )
 
 
-@inner
+@hidden
 def expand(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
     """Invert the Jacobian at the centre, and write down what the inverse makes of the hand's polynomial."""
     m, dof, T, goal, columns = len(form.leader), len(desk.c), desk.T, desk.goal, form.columns
@@ -157,7 +157,7 @@ def expand(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
                 around.bend[row, i, j] = abs(desk.H[i, j])
 
 
-@inner
+@hidden
 def contract(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
     """Write κ(ρ) of ρ = ``around.half``. Margins stand beside the tolerances: they cover rounding for ρ up to 1."""
     dof = len(desk.c)
@@ -199,7 +199,7 @@ def contractions(form: Form, wanted: Wanted, boxes: Array) -> Array:
     return result
 
 
-@inner
+@hidden
 def neighbourhood(
     form: Form, wanted: Wanted, desk: Desk, around: Expansion, radius: Array, distance: Array
 ) -> bool:
@@ -250,7 +250,7 @@ def neighbourhood(
     return True
 
 
-@inner
+@hidden
 def inside(desk: Desk, periodic: Flags, centre: Array, radius: Array, count: int, width: float) -> int:
     """Number of the first of `count` neighbourhoods that holds the box, its half widths times `width`, or -1."""
     turn = 2.0 * math.pi
@@ -327,7 +327,7 @@ def isolate_boxes(
                 spread += 0.0 if form.prismatic[k] else desk.half[k]
             before = volume(desk)
             if spread < tuning[0]:
-                if not second_order(form, wanted, desk, -1.0, int(tuning[1])):
+                if not separate(form, wanted, desk, int(tuning[1])):
                     continue
                 if roll.present and not roll_fits(form, wanted, roll, desk):
                     continue

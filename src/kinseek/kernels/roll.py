@@ -9,7 +9,7 @@ from .arrays import Array, ChainArrays
 from .atlas import TURN, nearest_copy
 from .bounds import cut_arc
 from .boxes import CHORD, MARGIN_A, TRUST, WEIGHT_A, Desk, Form, Wanted
-from .jit import inner
+from .jit import hidden
 
 
 class Roll(NamedTuple):
@@ -23,7 +23,7 @@ class Roll(NamedTuple):
     """K_A where the joint's axis is the z axis of the tip, so that a twist costs ``K_A (1 + cos τ)(1 - cos β)``, else 0."""
 
 
-@inner
+@hidden
 def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
     """Can the last joint, within its limits, make up for what is left of the rotation? Its best value goes to ``u[2]``.
 
@@ -57,7 +57,7 @@ def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
     return abs(off) <= half + miss
 
 
-@inner
+@hidden
 def twist_cost(form: Form, wanted: Wanted, roll: Roll, desk: Desk, ceiling: float) -> float:
     """What the limits of the last joint add to the weighted error at least, where nothing above `ceiling` matters.
 
@@ -89,7 +89,7 @@ def twist_cost(form: Form, wanted: Wanted, roll: Roll, desk: Desk, ceiling: floa
     return max(2.0 * roll.weight - ceiling, 0.0) * 2.0 * math.sin(0.5 * beta) ** 2
 
 
-@inner
+@hidden
 def cut_twist(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
     """Cut the range of a last joint that is part of the box to what the ceiling leaves; say whether anything is left.
 
@@ -119,7 +119,7 @@ def cut_twist(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
     return cut_arc(desk, form.leader[last], desk.c[form.leader[last]] - ahead, beta)
 
 
-@inner
+@hidden
 def complete(form: Form, roll: Roll, chain: ChainArrays, desk: Desk, q: Array) -> None:
     """Joint values of the box' centre, (n,), inside the limits."""
     for i in range(len(q)):

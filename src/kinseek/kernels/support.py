@@ -13,7 +13,7 @@ import math
 
 from .boxes import SIDE, TINY, TRUST, WEIGHT_A, WEIGHT_P, Desk, Form, Wanted
 from .halfway import normal_matrix, slope, solve, step_miss, weight_miss
-from .jit import inner
+from .jit import hidden
 
 STEPS = 6
 CLOSE = 0.02
@@ -24,7 +24,7 @@ BLUNT = 1e-3
 """Distance, in units of the ceiling, at which the length of v_p is rounded off: its direction jumps at zero."""
 
 
-@inner
+@hidden
 def support(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> None:
     """Write the form of a nearly least step inside the box into ``desk.y``; the part for the point is at most K_P long.
 
@@ -70,7 +70,7 @@ def support(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> None:
             desk.delta[i] = min(max(desk.delta[i] + desk.g[i], -desk.h[i]), desk.h[i])
 
 
-@inner
+@hidden
 def count_side(wanted: Wanted, desk: Desk) -> float:
     """Where a second column of the hand counts, add its part to the form's first column; what it adds to ``|v_c|²``.
 
@@ -86,7 +86,7 @@ def count_side(wanted: Wanted, desk: Desk) -> float:
     return added
 
 
-@inner
+@hidden
 def side(wanted: Wanted, desk: Desk) -> tuple[float, float, float]:
     """The goal's second column that counts, where there is one; else zero."""
     a, b, goal = wanted.scalars[SIDE], wanted.scalars[SIDE + 1], desk.goal
@@ -97,7 +97,7 @@ def side(wanted: Wanted, desk: Desk) -> tuple[float, float, float]:
     )
 
 
-@inner
+@hidden
 def gain_of_side(form: Form, wanted: Wanted, desk: Desk, middle: int) -> float:
     """What a second column that counts adds to the bound: its value; its slope goes to ``desk.g``.
 

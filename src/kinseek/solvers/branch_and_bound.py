@@ -180,7 +180,7 @@ def enclosed(
     """
     chain = problem.chain
     form, wanted, roll = error_question(problem, q, gap, trust)
-    arrays, tuning = (problem.arrays, problem.goal.arrays), np.array([SPREAD, 1, SHRINK, gap])
+    arrays, tuning = (problem.arrays, problem.goal.arrays), np.array([SPREAD, SHRINK, gap])
     boxes = start_boxes(chain, roll.present)
 
     def stretch(some: Array, q: Array, most: int) -> Search:
