@@ -17,6 +17,7 @@ from kinseek import Goal, Problem
 from kinseek.kernels.boxes import Form, chord_of
 from kinseek.kernels.exclusion import examine
 from kinseek.kernels.jit import exposed
+from kinseek.robots.catalog import catalog_names
 from kinseek.robots.chain import SerialChain
 from kinseek.solvers.questions import error_question, question, start_boxes
 from reference import fk, weighted_error
@@ -113,11 +114,12 @@ def nearest_lost(chain: SerialChain, rng: np.random.Generator, trust: float = 1.
     return lost(form, result, inside) + int((result[:, 1] > error + 1e-11).sum())
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", catalog_names())
 def test_no_box_loses_what_it_holds(name: str) -> None:
+    """Two million joint vectors over all arms, each in a box."""
     chain, rng = kinseek.load(name).chain, np.random.default_rng(0)
-    assert sum(reachable_lost(chain, rng) for _ in range(100)) == 0
-    assert sum(nearest_lost(chain, rng) for _ in range(100)) == 0
+    assert sum(reachable_lost(chain, rng) for _ in range(500)) == 0
+    assert sum(nearest_lost(chain, rng) for _ in range(500)) == 0
 
 
 @settings(max_examples=60, deadline=None)
