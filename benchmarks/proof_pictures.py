@@ -152,7 +152,7 @@ def draw_cost() -> None:
     axes[0].set(
         xlabel="relative gap",
         ylabel="boxes, median",
-        title="nearest pose, where the gate is open",
+        title="nearest pose",
         ylim=(1, 1e6),
     )
     axes[0].legend()
@@ -186,7 +186,7 @@ def draw_cost() -> None:
     axes[1].set(
         xlabel="joints",
         ylabel="boxes, median",
-        title="proof that there is no answer, where the gate is open",
+        title="proof that there is no answer",
         xlim=(1.5, 8),
     )
     figure.suptitle("Goals that lengths and angles alone leave open")
