@@ -56,6 +56,15 @@ def test_help_lists_the_commands(run: Run, words: tuple[str, ...]) -> None:
     assert all(command in out for command in ("robots", "show", "fk", "solve"))
 
 
+def test_solve_proves_what_it_misses(run: Run) -> None:
+    far = ("solve", "ur5e", "--at", "0.9", "0.2", "0.5", "--rpy", "180", "0", "0", "--deg")
+    missed, proved = run(*far, "--json"), run(*far, "--prove", "--json")
+    assert (missed.code, proved.code) == (1, 1)
+    assert json.loads(missed.out)["status"] == "BEST_EFFORT"
+    assert json.loads(proved.out)["status"] == "PROVED_UNREACHABLE"
+    assert run("solve", "planar2", *REACHABLE, "--position-only", "--prove").code == 0
+
+
 def test_robots_lists_every_arm(run: Run) -> None:
     code, out, _ = run("robots")
     assert code == 0

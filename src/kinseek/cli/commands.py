@@ -148,6 +148,9 @@ def solve(
         str | None,
         typer.Option(metavar="NAME", help=f"{', '.join(searches())}; kinseek's default unless given."),
     ] = None,
+    prove: Annotated[
+        bool, typer.Option("--prove", help="Where no answer is found, prove that there is none.")
+    ] = False,
     json: Json = False,
     **search_options: Any,
 ) -> int:
@@ -169,7 +172,7 @@ def solve(
     start = None if near is None else joint_values(loaded, numbers(near, "--near"), "--near", deg)
     search = make_search(solver, search_options)
     clock = time.perf_counter()
-    solution = loaded.ik(goal, near=start, solver=search)
+    solution = loaded.ik(goal, near=start, solver=search, prove=prove)
     report.print_solution(loaded, solution, search, time.perf_counter() - clock, json)
     return 0 if solution.success else 1
 

@@ -220,7 +220,8 @@ class _FirstRunNotice(event.Listener):
         if not self.said and getattr(function, "__module__", "").startswith("kinseek."):
             _FirstRunNotice.said = True
             print(
-                "kinseek: compiling kernels, once per machine and version (some seconds) ...", file=sys.stderr
+                "kinseek: compiling kernels, once per machine and version (some twenty seconds) ...",
+                file=sys.stderr,
             )
 
     def on_end(self, details: Any) -> None:
