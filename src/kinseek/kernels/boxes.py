@@ -198,6 +198,15 @@ def widths(form: Form, desk: Desk) -> None:
 
 
 @hidden
+def turned(form: Form, desk: Desk, count: int) -> float:
+    """How far the first `count` joints turn what they carry, at most, each from the centre of the box [rad]."""
+    total = 0.0
+    for k in range(count):
+        total += 0.0 if form.prismatic[k] else desk.half[k]
+    return total
+
+
+@hidden
 def turn_goal(form: Form, wanted: Wanted, desk: Desk) -> None:
     """The target as the frame after the first joint sees it, with that joint at the centre of its range."""
     goal, target = desk.goal, wanted.target

@@ -16,6 +16,7 @@ from .boxes import (
     place,
     store_box,
     turn_goal,
+    turned,
     volume,
     widest,
     widths,
@@ -119,9 +120,7 @@ def enclose(
                 kept = cut_twist(form, wanted, desk, ceiling)
                 place(form, desk)
                 widths(form, desk)
-            spread = 0.0
-            for k in range(len(form.leader)):
-                spread += 0.0 if form.prismatic[k] else desk.half[k]
+            spread = turned(form, desk, len(form.leader))
             if not kept or spread >= tuning[0]:
                 break
             extra = 0.0

@@ -19,6 +19,7 @@ from .boxes import (
     place,
     store_box,
     turn_goal,
+    turned,
     volume,
     widest,
     widths,
@@ -101,9 +102,7 @@ def exclude(
         widths(form, desk)
         if not first_order(form, wanted, desk, -1.0):
             continue
-        spread, near_p, near_c = 0.0, np.inf, np.inf
-        for k in range(len(form.leader)):
-            spread += 0.0 if form.prismatic[k] else desk.half[k]
+        spread, near_p, near_c = turned(form, desk, len(form.leader)), np.inf, np.inf
         before = volume(desk)
         if spread < tuning[0]:
             if not separate(form, wanted, desk, int(tuning[1])):

@@ -37,6 +37,7 @@ from .boxes import (
     place,
     store_box,
     turn_goal,
+    turned,
     volume,
     widest,
     widths,
@@ -322,9 +323,7 @@ def isolate_boxes(
             widths(form, desk)
             if not first_order(form, wanted, desk, -1.0):
                 continue
-            spread = 0.0
-            for k in range(len(form.leader)):
-                spread += 0.0 if form.prismatic[k] else desk.half[k]
+            spread = turned(form, desk, len(form.leader))
             before = volume(desk)
             if spread < tuning[0]:
                 if not separate(form, wanted, desk, int(tuning[1])):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from .arrays import Array, ChainArrays
 from .atlas import TURN, nearest_copy
 from .bounds import cut_arc
-from .boxes import CHORD, MARGIN_A, TRUST, WEIGHT_A, Desk, Form, Wanted
+from .boxes import CHORD, MARGIN_A, TRUST, WEIGHT_A, Desk, Form, Wanted, turned
 from .jit import hidden
 
 
@@ -44,9 +44,7 @@ def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
     if half >= math.pi:
         return True
     omega = wanted.scalars[CHORD] * 1.1 + wanted.scalars[MARGIN_A]
-    for k in range(len(form.leader)):
-        if not form.prismatic[k]:
-            omega += desk.half[k]
+    omega += turned(form, desk, len(form.leader))
     if omega >= math.pi:
         return True
     ratio = math.cos(0.5 * omega) / math.sqrt(max(0.5 * (1.0 + dot), 1e-30))
@@ -68,15 +66,14 @@ def twist_cost(form: Form, wanted: Wanted, roll: Roll, desk: Desk, ceiling: floa
     if half >= math.pi or roll.weight == 0.0:
         return 0.0
     T, goal = desk.T, desk.goal
-    m00 = m01 = m10 = m11 = dot = omega = 0.0
+    m00 = m01 = m10 = m11 = dot = 0.0
     for r in range(3):
         m00 += T[r, 1] * goal[r, 1]
         m01 += T[r, 1] * goal[r, 2]
         m10 += T[r, 2] * goal[r, 1]
         m11 += T[r, 2] * goal[r, 2]
         dot += T[r, 0] * goal[r, 0]
-    for k in range(len(form.leader)):
-        omega += 0.0 if form.prismatic[k] else desk.half[k]
+    omega = turned(form, desk, len(form.leader))
     moved = 2.0 * math.sin(0.25 * min(omega, math.pi)) * wanted.scalars[TRUST]
     length = math.sqrt(max(0.5 * (1.0 + dot), 0.0)) - wanted.scalars[MARGIN_A]
     if omega >= math.pi or moved >= length:
@@ -99,9 +96,7 @@ def cut_twist(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
     T, goal, last, K_A = desk.T, desk.goal, len(form.leader) - 1, wanted.scalars[WEIGHT_A]
     if ceiling >= 2.0 * K_A:
         return True
-    omega = trace = dot = along = 0.0
-    for k in range(last):
-        omega += 0.0 if form.prismatic[k] else desk.half[k]
+    omega, trace, dot, along = turned(form, desk, last), 0.0, 0.0, 0.0
     for r in range(3):
         after, behind = (r + 1) % 3, (r + 2) % 3
         for s in range(3):

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from .boxes import SIDE, TINY, TRUST, WEIGHT_A, WEIGHT_P, Desk, Form, Wanted
+from .boxes import SIDE, TINY, TRUST, WEIGHT_A, WEIGHT_P, Desk, Form, Wanted, turned
 from .halfway import normal_matrix, slope, solve, step_miss, weight_miss
 from .jit import hidden
 
@@ -110,12 +110,11 @@ def gain_of_side(form: Form, wanted: Wanted, desk: Desk, middle: int) -> float:
     y0, y1, y2 = desk.y[0, 0], desk.y[1, 0], desk.y[2, 0]
     c0, c1, c2 = s1 * y2 - s2 * y1, s2 * y0 - s0 * y2, s0 * y1 - s1 * y0
     b = s0 * y0 + s1 * y1 + s2 * y2
-    half, turned = 0.5 / wanted.scalars[WEIGHT_A], 0.0
+    half, turn = 0.5 / wanted.scalars[WEIGHT_A], turned(form, desk, middle)
     for k in range(middle):
         if not form.prismatic[k]:
             slope = desk.z[k, 0] * c0 + desk.z[k, 1] * c1 + desk.z[k, 2] * c2
             desk.g[form.leader[k]] -= half * b * form.multiplier[k] * slope
-            turned += desk.half[k]
-    rest = 0.5 * abs(b) * math.sqrt(y0 * y0 + y1 * y1 + y2 * y2) * turned * turned
+    rest = 0.5 * abs(b) * math.sqrt(y0 * y0 + y1 * y1 + y2 * y2) * turn * turn
     gain: float = half * (0.5 * b * b - wanted.scalars[TRUST] * rest)
     return gain
