@@ -308,6 +308,32 @@ def fill_from_lookup(task: Task, desk: Desk, begin: int, found: int) -> tuple[in
 
 
 @hidden
+def fill_from_flips(task: Task, desk: Desk) -> int:
+    """Put flips of the best into the lanes, ``(q_i + π, -q_{i+1}, q_{i+2} + π)``; return the lanes filled.
+
+    Where three axes meet, a shoulder or a wrist, that is another way to hold the hand just so; elsewhere it is a start.
+    """
+    chain, best, filled = task.chain, lowest_row(desk.best_error), 0
+    for i in range(1, len(task.lower) - 1):
+        if filled == LANES:
+            break
+        copy_joints(desk.best, best, desk.seed)
+        desk.seed[i - 1] += math.pi
+        desk.seed[i] *= -1.0
+        desk.seed[i + 1] += math.pi
+        for j in range(i - 1, i + 2):
+            low, high = chain.lower[j], chain.upper[j]
+            value = nearest_copy(desk.seed[j], low, high, 0.5 * (low + high))
+            desk.seed[j] = min(max(value, low), high)
+        load_seed(desk.lanes, filled, desk.seed)
+        desk.state[filled] = 0
+        filled += 1
+    for l in range(filled, LANES):
+        desk.state[l] = 2
+    return filled
+
+
+@hidden
 def scan(task: Task, desk: Desk, target: Array) -> int:
     """Measure the samples beside a target, (3, 4), for `fill_from_scan`; return the leaf it lies in."""
     see(task, desk, target)
@@ -594,7 +620,7 @@ def look_around(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
 
     The nearest poses to a goal out of reach often come in mirror images, as near as each other but for the limits.
     """
-    pose, spent, begin = desk.spare, 0, 0
+    pose, spent, begin = desk.spare, 0, -1
     copy_joints(desk.best, lowest_row(desk.best_error), desk.seed)
     forward(task.chain, desk.seed, pose)
     reset_weights(task, desk)
@@ -603,7 +629,10 @@ def look_around(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
     promising = lowest(desk.best_error) <= promise(task)
     found = look_up(task, desk, pose, DEEP if promising else MORE)
     while begin < found:
-        begin, filled = fill_from_lookup(task, desk, begin, found)
+        if begin < 0:
+            begin, filled = 0, fill_from_flips(task, desk)
+        else:
+            begin, filled = fill_from_lookup(task, desk, begin, found)
         if filled > 0:
             _, made = descend_lanes(job, task, desk, DEEP_STEPS if promising else FIRST_STEPS, True, w)
             spent += (made + 1) * LANES
