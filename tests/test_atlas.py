@@ -264,6 +264,18 @@ def test_stretched_and_folded_arms_are_solved(name: str) -> None:
         assert arm.ik(arm.fk(np.clip(q, arm.lower, arm.upper))).success
 
 
+@pytest.mark.parametrize(
+    "q",
+    [
+        [2.9668, 2.0942, -2.9668, 2.0942, -0.119131, -1.909218, 3.0541],
+        [2.9668, -2.0942, 1.570796, 1.570796, 0.0, -2.0942, 0.0],
+    ],
+)
+def test_poses_that_only_a_flip_of_the_best_reaches_are_solved(q: list[float]) -> None:
+    arm = kinseek.load("iiwa14")
+    assert arm.ik(arm.fk(q)).success
+
+
 @pytest.mark.parametrize("name", ["panda", "ur5e", "ur10e_rail"])
 @pytest.mark.parametrize("kind", ["position", "pointing"])
 def test_partial_goals(name: str, kind: str) -> None:
