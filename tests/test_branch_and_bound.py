@@ -260,6 +260,7 @@ def test_the_gate_shuts_before_any_box(name: str) -> None:
     assert found.verdict is Verdict.UNREACHABLE
     assert found.boxes == 0
     assert 5.0 < found.lower_bound <= found.upper_bound
+    assert certificate(arm, Goal.pose(T)).lower_bound == pytest.approx(found.lower_bound)
 
 
 def test_the_gate_knows_the_hole_in_the_middle_and_the_tilt() -> None:

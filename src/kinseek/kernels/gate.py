@@ -12,7 +12,7 @@ import math
 
 from .arrays import ChainArrays
 from .boxes import CHORD, MARGIN, MARGIN_A, POSITION, TRUST, WEIGHT_A, WEIGHT_P, Form, Wanted
-from .jit import hidden
+from .jit import hidden, kernel
 
 
 @hidden
@@ -31,6 +31,12 @@ def gate(form: Form, wanted: Wanted, chain: ChainArrays) -> tuple[bool, float]:
         open_ = open_ and tilt <= chord
         error += 0.5 * wanted.scalars[WEIGHT_A] * tilt * tilt
     return open_, error
+
+
+@kernel
+def least_by_gate(form: Form, wanted: Wanted, chain: ChainArrays) -> float:
+    """Lower bound of the weighted error, as far as lengths and angles tell."""
+    return gate(form, wanted, chain)[1]
 
 
 @hidden

@@ -22,6 +22,7 @@ from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.enclosure import enclose
 from kinseek.kernels.exclusion import ENDED, FOUND, STOPPED, Search, exclude
+from kinseek.kernels.gate import least_by_gate
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
 
@@ -80,6 +81,9 @@ def prove(
     verdict, boxes, lower, largest = Verdict.UNDECIDED, search.boxes, 0.0, search.largest
     if search.outcome == ENDED:
         verdict, lower = Verdict.UNREACHABLE, least_outside(problem.goal)
+        if boxes == 0:  # The gate knows how far out of reach the goal is.
+            form, wanted, _ = error_question(problem, q, 0.5)
+            lower = max(lower, least_by_gate(form, wanted, problem.arrays))
     if gap is not None:
         nearest = enclosed(problem, q, gap, budget - boxes, threads=threads)
         q, boxes, largest = nearest.q, boxes + nearest.boxes, nearest.largest
