@@ -115,11 +115,7 @@ def enclose(
             kept = first_order(form, wanted, desk, ceiling)
             below = max(below, desk.out[1])
             if kept and form.tail == 1:
-                turn_goal(form, wanted, desk)
-                widths(form, desk)
                 kept = cut_twist(form, wanted, desk, ceiling)
-                place(form, desk)
-                widths(form, desk)
             spread = turned(form, desk, len(form.leader))
             if not kept or spread >= tuning[0]:
                 break

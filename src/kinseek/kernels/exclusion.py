@@ -53,7 +53,7 @@ class Search(NamedTuple):
     upper: float
     """Weighted error of `q`."""
     left: Array
-    """Boxes that are left where the budget ended the search, (k, 2 dof)."""
+    """Boxes that are left where the budget ended the search, (k, 2 dof), or with their bounds, (k, 2 dof + 1)."""
     stuck: float
     """Widest box that is left because it is as small as numbers allow, [rad] or [m]; 0 if none."""
     floor: float
@@ -147,7 +147,10 @@ def exclude(
         for i in range(dof):
             largest = max(largest, stack[k, dof + i])
     ended = count == 0 and stuck == 0.0
-    return Search(ENDED if ended else STOPPED, seen, largest, q, 0.0, best, stack[:count].copy(), stuck, 0.0)
+    floor = 0.0 if stuck > 0.0 else np.inf
+    return Search(
+        ENDED if ended else STOPPED, seen, largest, q, 0.0, best, stack[:count].copy(), stuck, floor
+    )
 
 
 @kernel
@@ -175,11 +178,7 @@ def examine(form: Form, wanted: Wanted, roll: Roll, boxes: Array, ceiling: float
         widths(form, desk)
         kept = first_order(form, wanted, desk, ceiling)
         if kept and ceiling >= 0.0 and form.tail == 1:
-            turn_goal(form, wanted, desk)
-            widths(form, desk)
             kept = cut_twist(form, wanted, desk, ceiling)
-            place(form, desk)
-            widths(form, desk)
         if kept and passes > 0:
             extra = 0.0
             if roll.present and ceiling >= 0.0:

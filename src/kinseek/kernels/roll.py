@@ -8,7 +8,7 @@ from typing import NamedTuple
 from .arrays import Array, ChainArrays
 from .atlas import TURN, nearest_copy
 from .bounds import cut_arc
-from .boxes import CHORD, MARGIN_A, TRUST, WEIGHT_A, Desk, Form, Wanted, turned
+from .boxes import CHORD, MARGIN_A, TRUST, WEIGHT_A, Desk, Form, Wanted, place, turn_goal, turned, widths
 from .jit import hidden
 
 
@@ -24,12 +24,8 @@ class Roll(NamedTuple):
 
 
 @hidden
-def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
-    """Can the last joint, within its limits, make up for what is left of the rotation? Its best value goes to ``u[2]``.
-
-    The hand without its last turn is off by a rotation of at most Ω. Write the turn that is asked for as a quaternion: its
-    part about the last axis is cos(τ/2) long, τ the tilt. So the last joint is within ``2 acos(cos(Ω/2)/cos(τ/2))``.
-    """
+def best_twist(desk: Desk) -> tuple[float, float]:
+    """The turn of the last joint that brings the other columns nearest to the goal's [rad]; cosine of the axis' tilt."""
     T, goal = desk.T, desk.goal
     m00 = m01 = m10 = m11 = dot = 0.0
     for r in range(3):
@@ -38,7 +34,31 @@ def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
         m10 += T[r, 2] * goal[r, 1]
         m11 += T[r, 2] * goal[r, 2]
         dot += T[r, 0] * goal[r, 0]
-    best = math.atan2(m10 - m01, m00 + m11)
+    return math.atan2(m10 - m01, m00 + m11), dot
+
+
+@hidden
+def twist_slack(wanted: Wanted, omega: float, dot: float) -> float:
+    """How far the best twist may be off where the others turn by omega and the axis leans by acos(dot) [rad]; π: anything.
+
+    The twist part of a unit quaternion is cos(τ/2) long, τ the tilt, and moves by no more than the quaternion does,
+    2 sin(Ω/4).
+    """
+    moved = 2.0 * math.sin(0.25 * min(omega, math.pi)) * wanted.scalars[TRUST]
+    length = math.sqrt(max(0.5 * (1.0 + dot), 0.0)) - wanted.scalars[MARGIN_A]
+    if omega >= math.pi or moved >= length:
+        return math.pi
+    return 2.0 * math.asin(moved / length) + 1e-9
+
+
+@hidden
+def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
+    """Can the last joint, within its limits, make up for what is left of the rotation? Its best value goes to ``u[2]``.
+
+    The hand without its last turn is off by a rotation of at most Ω. Write the turn that is asked for as a quaternion: its
+    part about the last axis is cos(τ/2) long, τ the tilt. So the last joint is within ``2 acos(cos(Ω/2)/cos(τ/2))``.
+    """
+    best, dot = best_twist(desk)
     middle, half = 0.5 * (roll.lower + roll.upper), 0.5 * (roll.upper - roll.lower)
     desk.u[2] = nearest_copy(best, roll.lower, roll.upper, middle)
     if half >= math.pi:
@@ -59,28 +79,15 @@ def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
 def twist_cost(form: Form, wanted: Wanted, roll: Roll, desk: Desk, ceiling: float) -> float:
     """What the limits of the last joint add to the weighted error at least, where nothing above `ceiling` matters.
 
-    With tilt τ and a twist β short of the best one the columns cost ``K_A [(1 - cos τ) + (1 + cos τ)(1 - cos β)]``. The
-    twist part of a unit quaternion is cos(τ/2) long and moves by no more than the quaternion does, 2 sin(Ω/4).
+    With tilt τ and a twist β short of the best one the columns cost ``K_A [(1 - cos τ) + (1 + cos τ)(1 - cos β)]``.
     """
     middle, half = 0.5 * (roll.lower + roll.upper), 0.5 * (roll.upper - roll.lower)
     if half >= math.pi or roll.weight == 0.0:
         return 0.0
-    T, goal = desk.T, desk.goal
-    m00 = m01 = m10 = m11 = dot = 0.0
-    for r in range(3):
-        m00 += T[r, 1] * goal[r, 1]
-        m01 += T[r, 1] * goal[r, 2]
-        m10 += T[r, 2] * goal[r, 1]
-        m11 += T[r, 2] * goal[r, 2]
-        dot += T[r, 0] * goal[r, 0]
-    omega = turned(form, desk, len(form.leader))
-    moved = 2.0 * math.sin(0.25 * min(omega, math.pi)) * wanted.scalars[TRUST]
-    length = math.sqrt(max(0.5 * (1.0 + dot), 0.0)) - wanted.scalars[MARGIN_A]
-    if omega >= math.pi or moved >= length:
-        return 0.0
-    off = math.atan2(m10 - m01, m00 + m11) - middle
+    best, dot = best_twist(desk)
+    off = best - middle
     off -= 2.0 * math.pi * math.floor(off / (2.0 * math.pi) + 0.5)
-    beta = abs(off) - half - 2.0 * math.asin(moved / length) - 1e-9
+    beta = abs(off) - half - twist_slack(wanted, turned(form, desk, len(form.leader)), dot)
     if beta <= 0.0:
         return 0.0
     return max(2.0 * roll.weight - ceiling, 0.0) * 2.0 * math.sin(0.5 * beta) ** 2
@@ -90,13 +97,15 @@ def twist_cost(form: Form, wanted: Wanted, roll: Roll, desk: Desk, ceiling: floa
 def cut_twist(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
     """Cut the range of a last joint that is part of the box to what the ceiling leaves; say whether anything is left.
 
-    A twist β short of the best one turns the hand by β at least, which costs ``K_A (1 - cos β)`` at least. The best one is
-    known up to what the other joints can do to the twist part of the quaternion, as in `twist_cost`.
+    The arm is placed anew, at the centre of what is left. A twist β short of the best one turns the hand by β at least,
+    which costs ``K_A (1 - cos β)`` at least.
     """
     T, goal, last, K_A = desk.T, desk.goal, len(form.leader) - 1, wanted.scalars[WEIGHT_A]
+    turn_goal(form, wanted, desk)
+    widths(form, desk)
     if ceiling >= 2.0 * K_A:
         return True
-    omega, trace, dot, along = turned(form, desk, last), 0.0, 0.0, 0.0
+    trace = dot = along = 0.0
     for r in range(3):
         after, behind = (r + 1) % 3, (r + 2) % 3
         for s in range(3):
@@ -105,13 +114,12 @@ def cut_twist(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
             along += desk.z[last, r] * entry * desk.z[last, s]
         for i in range(3):
             dot += desk.z[last, r] * (T[behind, i] * goal[after, i] - T[after, i] * goal[behind, i])
-    moved = 2.0 * math.sin(0.25 * min(omega, math.pi)) * wanted.scalars[TRUST]
-    length = math.sqrt(max(0.5 * (1.0 + along), 0.0)) - wanted.scalars[MARGIN_A]
-    if omega >= math.pi or moved >= length:
-        return True
-    beta = math.acos(1.0 - ceiling / K_A) + 2.0 * math.asin(moved / length) + 1e-9
+    beta = math.acos(1.0 - ceiling / K_A) + twist_slack(wanted, turned(form, desk, last), along)
     ahead = 2.0 * math.atan2(dot, 1.0 + trace)
-    return cut_arc(desk, form.leader[last], desk.c[form.leader[last]] - ahead, beta)
+    left = cut_arc(desk, form.leader[last], desk.c[form.leader[last]] - ahead, beta)
+    place(form, desk)
+    widths(form, desk)
+    return left
 
 
 @hidden

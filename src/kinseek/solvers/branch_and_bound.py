@@ -8,9 +8,11 @@ boxes gone: nothing inside the limits reaches the goal. Best box first, the same
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -136,22 +138,33 @@ def excluded(problem: Problem, budget: int, trust: float = 1.0, threads: int | N
     tuning = np.array([SPREAD, 2, SHRINK, goal.position_tolerance, goal.orientation_tolerance])
     boxes, arrays = start_boxes(problem.chain, roll.present), (problem.arrays, goal.arrays)
 
-    def stretch(some: Array, most: int) -> Search:
+    def stretch(_: Search, some: Array, most: int) -> Search:
         return exclude(form, wanted, roll, *arrays, np.ascontiguousarray(some), tuning, most)
 
-    search = stretch(boxes, min(budget, PIECE))
-    workers = threads or os.cpu_count() or 1
-    if search.outcome != STOPPED or not len(search.left) or search.boxes >= budget:
+    search = exclude(form, wanted, roll, *arrays, boxes, tuning, min(budget, PIECE))
+    return _shared(search, stretch, budget, sys.maxsize, threads)
+
+
+def _shared(
+    search: Search,
+    stretch: Callable[[Search, Array, int], Search],
+    budget: int,
+    hands: int,
+    threads: int | None,
+    settle: Callable[[Search], Search] = lambda search: search,
+) -> Search:
+    """Go on with the boxes left, dealt out to so many `hands`, round after round, until none is left or the budget ends."""
+    if not len(search.left) or search.boxes >= budget:
         return search
-    with ThreadPoolExecutor(workers) as pool:
+    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
         while len(search.left):
-            most = min(PIECE, (budget - search.boxes) // len(search.left))
+            parts = min(hands, len(search.left))
+            most = min(PIECE, (budget - search.boxes) // parts)
             if most == 0:
-                return search
-            pieces = list(pool.map(lambda box, most=most: stretch(box[None], most), search.left))
-            search = _together(search, pieces)
-            if search.outcome == FOUND:
-                return search
+                break
+            dealt = [search.left[part::parts] for part in range(parts)]
+            pieces = pool.map(stretch, itertools.repeat(search), dealt, itertools.repeat(most))
+            search = settle(_together(search, list(pieces)))
     return search
 
 
@@ -162,8 +175,10 @@ def _together(before: Search, pieces: Sequence[Search]) -> Search:
     for piece in pieces:
         if piece.outcome == FOUND:
             return piece._replace(boxes=boxes)
-    left, stuck = np.concatenate([piece.left for piece in pieces]), max(piece.stuck for piece in pieces)
-    stuck = max(stuck, before.stuck)
+    left, stuck = (
+        np.concatenate([piece.left for piece in pieces]),
+        max(piece.stuck for piece in [before, *pieces]),
+    )
     return best._replace(
         outcome=STOPPED if len(left) or stuck > 0.0 else ENDED,
         boxes=boxes,
@@ -187,11 +202,22 @@ def enclosed(
     arrays, tuning = (problem.arrays, problem.goal.arrays), np.array([SPREAD, SHRINK, gap])
     boxes = start_boxes(chain, roll.present)
 
-    def stretch(some: Array, q: Array, most: int) -> Search:
-        some = np.ascontiguousarray(some)
-        return enclose(form, wanted, roll, *arrays, some, np.ascontiguousarray(q), tuning, most)
+    def stretch(known: Search, some: Array, most: int) -> Search:
+        return enclose(form, wanted, roll, *arrays, np.ascontiguousarray(some), known.q, tuning, most)
 
-    search = stretch(np.c_[boxes, 0.0], q, min(budget, PIECE))
+    def settle(search: Search) -> Search:
+        """Drop what the best pose known by now rules out; the boxes with the lowest bounds first."""
+        ceiling = (1.0 - gap) * search.upper
+        left = search.left[search.left[:, -1] < ceiling]
+        return search._replace(
+            outcome=STOPPED if len(left) or search.floor < ceiling else ENDED,
+            left=left[np.argsort(left[:, -1], kind="stable")],
+            lower=min([ceiling, search.floor, *left[:, -1]]),
+            largest=left[:, left.shape[1] // 2 : -1].max(initial=search.stuck),
+        )
+
+    first, start = np.c_[boxes, 0.0], np.ascontiguousarray(q)
+    search = enclose(form, wanted, roll, *arrays, first, start, tuning, min(budget, PIECE))
     if not len(search.left) or search.boxes >= budget:
         return search
     off = max(math.pi - (roll.upper - roll.lower) / 2, 0.0)
@@ -201,26 +227,7 @@ def enclosed(
         last = [chain.dof - 1, 2 * chain.dof - 2]
         middle_and_half = start_boxes(chain, False)[0, [chain.dof - 1, 2 * chain.dof - 1]]
         search = search._replace(left=np.insert(search.left, last, middle_and_half, axis=1))
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-        while len(search.left):
-            hands = min(HANDS, len(search.left))
-            most = min(PIECE, (budget - search.boxes) // hands)
-            if most == 0:
-                return search
-            ordered = search.left[np.argsort(search.left[:, -1], kind="stable")]
-            dealt = [ordered[hand::hands] for hand in range(hands)]
-            pieces = list(pool.map(lambda some, q=search.q, most=most: stretch(some, q, most), dealt))
-            search = _together(search, pieces)
-            ceiling = (1.0 - gap) * search.upper
-            left = search.left[search.left[:, -1] < ceiling]
-            lower = min([ceiling, search.floor, *left[:, -1]])
-            search = search._replace(
-                outcome=STOPPED if len(left) or search.floor < ceiling else ENDED,
-                left=left,
-                lower=lower,
-                largest=left[:, left.shape[1] // 2 : -1].max(initial=search.stuck),
-            )
-    return search
+    return _shared(settle(search), stretch, budget, HANDS, threads, settle)
 
 
 def _certificate(
