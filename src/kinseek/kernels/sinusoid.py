@@ -87,8 +87,12 @@ def minimise_pair(M: Array, low: Array, high: Array, revolute: Flags, delta: Arr
     span = high[1] - low[1]
     if revolute[1] and span > TURN:
         span = TURN
-    for k in range(scans + 1):
-        second = 0.0 if k == scans else low[1] + span * (k + 0.5) / scans
+    for k in range(
+        scans + 3
+    ):  # The middles of the cells, the present value, and both ends: the best may lie there.
+        second = low[1] + span * (k + 0.5) / scans
+        if k >= scans:
+            second = 0.0 if k == scans else (low[1] if k == scans + 1 else low[1] + span)
         second = min(max(second, low[1]), high[1])
         first, value = _best_first(M, second, low, high, revolute, phi)
         if value < best:
