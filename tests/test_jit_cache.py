@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import ast
+import importlib.util
 import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from types import CodeType, ModuleType
 
 import pytest
 
 import kinseek
-from kinseek.kernels.jit import source_digest
+from kinseek.kernels.jit import kernel_sources, source_digest
 
 PACKAGE = Path(kinseek.__file__).parent
 
@@ -83,10 +87,52 @@ def test_a_folder_that_others_may_write_to_is_not_trusted(copy: Path) -> None:
     assert list(private.rglob("*.nbi"))
 
 
-def test_the_digest_sees_every_source_file(copy: Path) -> None:
+@pytest.mark.parametrize("name", ["kernels/forward.py", "solvers/brute_force.py"])
+def test_the_digest_sees_every_file_with_kernels(copy: Path, name: str) -> None:
     package = copy / "site" / "kinseek"
     before = source_digest(package)
     assert before == source_digest(PACKAGE)
-    with (package / "solvers" / "base.py").open("a", encoding="utf-8") as file:
+    with (package / name).open("a", encoding="utf-8") as file:
         file.write("\n")
     assert source_digest(package) != before
+
+
+@pytest.mark.parametrize("name", ["cli/words.py", "arm.py", "solvers/base.py"])
+def test_a_change_where_no_kernel_is_recompiles_nothing(copy: Path, name: str) -> None:
+    package = copy / "site" / "kinseek"
+    assert run(copy)[1] != ""
+    with (package / name).open("a", encoding="utf-8") as file:
+        file.write("# A comment.\n")
+    assert run(copy)[1] == ""
+
+
+def test_kernels_use_nothing_of_ours_from_files_that_the_digest_leaves_out() -> None:
+    digested, looked_at = set(kernel_sources()), 0
+    for path in digested:
+        name = ".".join(("kinseek", *path.relative_to(PACKAGE).with_suffix("").parts))
+        module = importlib.import_module(name.removesuffix(".__init__"))
+        for function in [getattr(each, "py_func", None) for each in vars(module).values()]:
+            if function is None or function.__module__ != module.__name__:
+                continue
+            looked_at += 1
+            for used in set(_names_in(function.__code__)) & set(vars(module)):
+                assert _origin(module, path, used) in digested, f"{function.__qualname__} uses {used}"
+    assert looked_at > 100
+
+
+def _names_in(code: CodeType) -> Iterator[str]:
+    yield from code.co_names
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _names_in(constant)
+
+
+def _origin(module: ModuleType, path: Path, name: str) -> Path:
+    """The file that the module got a name of ours from; a name of Python's or NumPy's counts as the module's own."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and name in [each.asname or each.name for each in node.names]:
+            source = "." * node.level + (node.module or "")
+            found = importlib.util.find_spec(source, module.__package__)
+            if found is not None and (found.name == "kinseek" or found.name.startswith("kinseek.")):
+                return Path(str(found.origin))
+    return path

@@ -2,8 +2,8 @@
 
 Numba's disk cache looks only at the file that holds the compiled function: a kernel whose imported callee
 changed in another file would run on with the old machine code. So the cache lives in a folder named after a
-digest of every source file of the package: change any of them, reinstall in place, and the folder is a new
-one.
+digest of every source file that holds a kernel or that kernels are made of: change any of them, reinstall in
+place, and the folder is a new one. Files without kernels may change freely.
 
 Floating point: results hold no NaN (the shell refuses them), the sign of zero carries no meaning, and a
 product may be fused with a sum. Sums are never reordered.
@@ -32,10 +32,23 @@ R = TypeVar("R")
 _PACKAGE = Path(__file__).resolve().parent.parent
 
 
+def kernel_sources(package: Path = _PACKAGE) -> list[Path]:
+    """Every file whose text machine code depends on: all of `kernels/`, and what takes a decorator from this file.
+
+    A kernel may use nothing of ours from any other file; tests/test_jit_cache.py looks.
+    """
+    kernels = package / "kernels"
+    return [
+        path
+        for path in sorted(package.rglob("*.py"))
+        if path.is_relative_to(kernels) or b"kernels.jit import" in path.read_bytes()
+    ]
+
+
 def source_digest(package: Path = _PACKAGE) -> str:
-    """Return a digest of all Python sources of the package and of Numba's version."""
+    """Return a digest of `kernel_sources` and of Numba's version."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for path in sorted(package.rglob("*.py")):
+    for path in kernel_sources(package):
         digest.update(str(path.relative_to(package)).encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]

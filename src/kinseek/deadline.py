@@ -1,0 +1,37 @@
+"""How much longer a call may take: asked between chunks of work, so that what was found is kept."""
+
+from __future__ import annotations
+
+import math
+import time
+from numbers import Real
+
+from .errors import InvalidProblem
+
+
+class Deadline:
+    """A moment after which no further chunk of work is begun.
+
+    Raises:
+        InvalidProblem: Not a number of seconds above zero.
+    """
+
+    def __init__(self, time_limit: float | None = None) -> None:
+        """Begin to count now; None never ends.
+
+        Args:
+            time_limit: [s]
+        """
+        if time_limit is None:
+            self.end = math.inf
+            return
+        if isinstance(time_limit, bool) or not isinstance(time_limit, Real) or not float(time_limit) > 0.0:
+            raise InvalidProblem(
+                f"time_limit must be a number of seconds above 0, or None, got {time_limit!r}"
+            )
+        self.end = time.monotonic() + float(time_limit)
+
+    @property
+    def passed(self) -> bool:
+        """Is the time up?"""
+        return self.end < math.inf and time.monotonic() >= self.end
