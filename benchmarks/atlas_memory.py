@@ -1,16 +1,16 @@
 """Does memory grow? A million calls of `arm.ik`, one pose each, and a hundred batches; resident memory as they go.
 
-python -m benchmarks.atlas_memory [calls]
+python -m benchmarks.atlas_memory [CALLS]
 """
 
 from __future__ import annotations
 
 import gc
-import sys
 from pathlib import Path
 
 import kinseek
 
+from .command import at_least_one, command
 from .targets import plain_fk, random_joints
 
 
@@ -22,7 +22,11 @@ def resident() -> float:
 
 def main() -> None:
     """Print resident memory after every tenth of the calls; fail if it grew by more than 1 MB after the first."""
-    calls = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
+    parser = command(__file__, __doc__)
+    parser.add_argument(
+        "calls", nargs="?", type=at_least_one, default=1_000_000, help="single calls, 1,000,000 by default"
+    )
+    calls = parser.parse_args().calls
     arm = kinseek.load("panda")
     targets = plain_fk(arm.chain, random_joints(arm.chain, 1000, 0))
     seen = []

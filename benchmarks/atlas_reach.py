@@ -1,6 +1,6 @@
 """Out of reach: is the best effort of one call as good as the best of many random restarts?
 
-    python -m benchmarks.atlas_reach [targets] [restarts]
+    python -m benchmarks.atlas_reach [TARGETS] [RESTARTS]
 
 Targets at 1 to 2 times the arm's length, in three weightings. A restart is `CoordinateDescent`, which shares no search with
 the atlas, from joint values uniform inside the limits; the best weighted error of all of them counts. Asked for: the atlas
@@ -9,13 +9,13 @@ no worse, to 1e-6, in at least 99 % of the cases.
 
 from __future__ import annotations
 
-import sys
 import time
 
 import numpy as np
 
 import kinseek
 
+from .command import at_least_one, command
 from .targets import load, machine, plain_fk, random_joints
 
 WEIGHTS = ((1.0, 1.0), (10.0, 0.1), (0.1, 10.0))
@@ -23,8 +23,13 @@ WEIGHTS = ((1.0, 1.0), (10.0, 0.1), (0.1, 10.0))
 
 def main() -> None:
     """Print a row an arm and weighting."""
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 30
-    restarts = int(sys.argv[2]) if len(sys.argv) > 2 else 100
+    parser = command(__file__, __doc__)
+    parser.add_argument("targets", nargs="?", type=at_least_one, default=30, help="an arm, 30 by default")
+    parser.add_argument(
+        "restarts", nargs="?", type=at_least_one, default=100, help="a target, 100 by default"
+    )
+    options = parser.parse_args()
+    count, restarts = options.targets, options.restarts
     print(f"{machine()}; load {load()}; {count} targets, {restarts} restarts")
     for name in ("panda", "ur5e", "irb120"):
         arm, rng = kinseek.load(name), np.random.default_rng(1)

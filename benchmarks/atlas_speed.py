@@ -17,6 +17,7 @@ import pytest
 from numpy.typing import NDArray
 
 import kinseek
+from benchmarks.command import under_pytest
 from benchmarks.fleet import single_times
 from benchmarks.targets import plain_fk, random_joints
 from kinseek.kernels.refine import solve_plain
@@ -99,3 +100,7 @@ def test_build(benchmark: Any, name: str) -> None:
     arm = kinseek.load(name)
     index = benchmark(AtlasIndex, arm.chain, "pose", arm.chain.arrays, SAMPLES)
     benchmark.extra_info["megabytes"] = index.memory / 1e6
+
+
+if __name__ == "__main__":
+    under_pytest(__file__, __doc__)

@@ -11,7 +11,6 @@ Times are those of single calls, `arm.ik(T)` from Python. Every miss is listed b
 
 from __future__ import annotations
 
-import argparse
 import statistics
 import time
 from collections.abc import Callable
@@ -28,11 +27,12 @@ import kinseek
 from kinseek.robots.chain import SerialChain
 from kinseek.solvers.black_box.samples import Samples
 
+from .command import arm_name, at_least_one, command, writes
 from .targets import fleet_arm, load, machine, plain_fk, pose_errors, random_joints, singular_joints
 
 Array = NDArray[np.float64]
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parent
 
 ARMS = ("ur5e", "puma560", "jaco2_6", "irb120", "piper", "panda", "iiwa14", "ur10e_rail", "so101", "irb5400")
 
@@ -247,12 +247,12 @@ def table(rows: list[Row]) -> str:
 
 def main() -> None:
     """Measure, print as it goes, write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("arms", nargs="*", help="names; the list and the examples by default")
-    parser.add_argument("--random", type=int, default=1000, help="random targets a mechanism")
+    parser = command(__file__, __doc__)
+    parser.add_argument("arms", nargs="*", type=arm_name, help="names; the list and the examples by default")
+    parser.add_argument("--random", type=at_least_one, default=1000, help="random targets a mechanism")
     parser.add_argument("--singular", type=int, default=500, help="near-singular targets an arm")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--output", type=Path, default=HERE / "black_box.md", help="page to write")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the targets")
+    writes(parser, "--output", HERE / "black_box.md", "page to write")
     options = parser.parse_args()
     counts = (options.random, options.singular, options.seed)
     cases = [catalog_case(name, "vectorised", *counts) for name in options.arms or ARMS]

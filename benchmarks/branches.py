@@ -11,7 +11,6 @@ are the same if no joint differs by 1e-3 rad modulo 2π. Times are wall times of
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import time
 from collections.abc import Callable
@@ -28,11 +27,12 @@ from kinseek.problem import Problem
 from kinseek.solvers.atlas import SAMPLES, AtlasIndex
 from kinseek.solvers.branching import BranchIndex
 
+from .command import arm_name, at_least_one, command, writes
 from .targets import load, machine, plain_fk, random_joints, strict
 
 Array = NDArray[np.float64]
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parent
 
 CLOSED = ("ur5e", "ur10e", "puma560", "irb120", "kr6r900")
 OPEN = ("jaco2_6", "irb5400", "mpx3500", "ur10e_calibrated")
@@ -236,11 +236,13 @@ def table(rows: list[Row]) -> str:
 
 def main() -> None:
     """Measure, print as it goes, write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("arms", nargs="*", help="names; all of them by default")
-    parser.add_argument("--targets", type=int, help="targets an arm; 10,000 with a closed form, else 1,000")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--output", type=Path, default=HERE / "branches.md", help="page to write")
+    parser = command(__file__, __doc__)
+    parser.add_argument("arms", nargs="*", type=arm_name, help="names; all of them by default")
+    parser.add_argument(
+        "--targets", type=at_least_one, help="targets an arm; 10,000 with a closed form, else 1,000"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of the targets")
+    writes(parser, "--output", HERE / "branches.md", "page to write")
     options = parser.parse_args()
     rows = []
     for name in options.arms or (*CLOSED, *OPEN, *REDUNDANT):

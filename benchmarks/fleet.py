@@ -11,7 +11,6 @@ runs. Every miss is listed by name.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import statistics
 import time
@@ -24,11 +23,12 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek.solvers.atlas import SAMPLES, AtlasIndex
 
+from .command import arm_name, at_least_one, command, writes
 from .targets import fleet_arm, fleet_names, load, machine, plain_fk, random_joints, singular_joints, strict
 
 Array = NDArray[np.float64]
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parent
 
 REPEATS = 5
 
@@ -255,12 +255,12 @@ def write_misses(path: Path, misses: list[Miss]) -> None:
 
 def main() -> None:
     """Measure, print as it goes, write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("arms", nargs="*", help="names; all of them by default")
-    parser.add_argument("--random", type=int, default=100_000, help="random targets an arm")
-    parser.add_argument("--singular", type=int, default=5_000, help="near-singular targets an arm")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--output", type=Path, default=HERE / "fleet.md", help="page to write")
+    parser = command(__file__, __doc__)
+    parser.add_argument("arms", nargs="*", type=arm_name, help="names; all of them by default")
+    parser.add_argument("--random", type=at_least_one, default=100_000, help="random targets an arm")
+    parser.add_argument("--singular", type=at_least_one, default=5_000, help="near-singular targets an arm")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the targets")
+    writes(parser, "--output", HERE / "fleet.md", "page to write, and beside it the CSV of the misses")
     options = parser.parse_args()
     rows, misses = [], []
     for name in options.arms or fleet_names():

@@ -12,7 +12,6 @@ limits. Every miss is listed by name.
 
 from __future__ import annotations
 
-import argparse
 import math
 import statistics
 import time
@@ -27,12 +26,13 @@ import kinseek
 from kinseek import Goal
 from kinseek.robots import catalog_names
 
+from .command import arm_name, at_least_one, command, writes
 from .targets import STRICT, load, machine, plain_fk, random_joints, singular_joints
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parent
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 REPEATS = 3
 
@@ -208,13 +208,19 @@ def table(small: list[Row], ranged: list[Row]) -> str:
 
 def main() -> None:
     """Measure, print as it goes, write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("arms", nargs="*", help="names; all that the tables are about by default")
-    parser.add_argument("--targets", type=int, default=10_000, help="random targets an arm and goal")
-    parser.add_argument("--singular", type=int, default=2_000, help="near-singular targets an arm and goal")
-    parser.add_argument("--ranged", type=int, default=1_000, help="targets with ranges an arm and goal")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--output", type=Path, default=HERE / "partial_goals.md", help="page to write")
+    parser = command(__file__, __doc__)
+    parser.add_argument(
+        "arms", nargs="*", type=arm_name, help="names; all that the tables are about by default"
+    )
+    parser.add_argument("--targets", type=at_least_one, default=10_000, help="random targets an arm and goal")
+    parser.add_argument(
+        "--singular", type=at_least_one, default=2_000, help="near-singular targets an arm and goal"
+    )
+    parser.add_argument(
+        "--ranged", type=at_least_one, default=1_000, help="targets with ranges an arm and goal"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of the targets")
+    writes(parser, "--output", HERE / "partial_goals.md", "page to write")
     options = parser.parse_args()
     few = [name for name in catalog_names() if 3 <= kinseek.load(name).dof <= 5]
     small, ranged = [], []

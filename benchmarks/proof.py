@@ -19,7 +19,6 @@ goal was made of, have a Jacobian with a singular value below 0.02 (lengths in u
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Iterator
 
@@ -35,6 +34,8 @@ from kinseek.solution import Solution
 from kinseek.solvers.atlas import Atlas, arm_length
 from kinseek.solvers.branch_and_bound import excluded, prove
 from kinseek.solvers.isolation import isolate
+
+from .command import arm_name, at_least_one, command
 
 Array = NDArray[np.float64]
 
@@ -143,16 +144,21 @@ def branches(arm: kinseek.Arm, count: int, seed: int) -> str:
 
 def main() -> None:
     """Print a row an arm."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    parser = command(__file__, __doc__)
+    parser.add_argument("arms", nargs="*", type=arm_name, help="names; the whole catalog by default")
+    parser.add_argument("--goals", type=at_least_one, default=300, help="goals an arm to choose from")
+    parser.add_argument("--gap", type=float, help="enclose the nearest pose to this share of its error")
+    parser.add_argument("--budget", type=at_least_one, default=5_000_000, help="boxes a goal")
+    parser.add_argument(
+        "--sound", type=at_least_one, metavar="N", help="goals in reach an arm, none to be called unreachable"
     )
-    parser.add_argument("arms", nargs="*")
-    parser.add_argument("--goals", type=int, default=300)
-    parser.add_argument("--gap", type=float)
-    parser.add_argument("--budget", type=int, default=5_000_000)
-    parser.add_argument("--sound", type=int)
-    parser.add_argument("--branches", type=int)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--branches",
+        type=at_least_one,
+        metavar="N",
+        help="goals in reach an arm, their answers proved complete",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of the goals")
     options = parser.parse_args()
     names = options.arms or catalog_names()
     if options.sound:

@@ -5,10 +5,10 @@ python -m benchmarks.speed_table           # after python -m benchmarks.peers
 
 from __future__ import annotations
 
-from pathlib import Path
+from .command import ROOT, command, writes
 
-HERE = Path(__file__).resolve().parent
-README = HERE.parent / "README.md"
+README = ROOT / "README.md"
+PEERS = ROOT / "benchmarks" / "peers.md"
 BEGIN, END = "<!-- speed table: python -m benchmarks.speed_table -->\n", "<!-- end -->\n"
 
 
@@ -43,9 +43,13 @@ def updated(readme: str, peers: str) -> str:
 
 
 def main() -> None:
-    """Write the README's table."""
-    peers = (HERE / "peers.md").read_text(encoding="utf-8")
-    README.write_text(updated(README.read_text(encoding="utf-8"), peers), encoding="utf-8")
+    """Write the README with its table made anew."""
+    parser = command(__file__, __doc__)
+    writes(parser, "--output", README, "where the README with its new table goes")
+    output = parser.parse_args().output
+    text = updated(README.read_text(encoding="utf-8"), PEERS.read_text(encoding="utf-8"))
+    output.write_text(text, encoding="utf-8")
+    print(f"wrote {output}")
 
 
 if __name__ == "__main__":

@@ -47,3 +47,9 @@ def test_growth_with_the_branching_factor(benchmark: BenchmarkFixture, size: int
 @pytest.mark.parametrize("name", ["planar2", "cylindrical3", "scara4", "elbow6", "panda"])
 def test_beam_and_coordinate_descent(benchmark: BenchmarkFixture, name: str) -> None:
     run(benchmark, name, Polished())
+
+
+if __name__ == "__main__":
+    from benchmarks.command import under_pytest
+
+    under_pytest(__file__, __doc__)

@@ -51,3 +51,9 @@ def test_first_answer_of_a_second_process(benchmark: BenchmarkFixture, tmp_path:
 def test_first_run_compiles(benchmark: BenchmarkFixture, tmp_path: Path, what: str) -> None:
     folders = iter(range(100))
     fresh(benchmark, lambda: python(FIRST[what], tmp_path / str(next(folders))), 2, warmup=0)
+
+
+if __name__ == "__main__":
+    from benchmarks.command import under_pytest
+
+    under_pytest(__file__, __doc__)

@@ -10,7 +10,6 @@ is proved that no pose of the arm comes within 1 cm and 1°. kinseek says so (`i
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import tempfile
@@ -23,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
+from benchmarks.command import arm_name, at_least_one, command, writes
 from benchmarks.peers.__main__ import ENVIRONMENTS, HERE, PEERS, VENVS, environment, write_arm
 from benchmarks.proof import unreachable
 from benchmarks.targets import load, machine
@@ -115,11 +115,13 @@ def row(
 
 def main() -> None:
     """Ask everyone and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--arms", nargs="+", default=("puma560", "ur5e", "kr6r900"))
-    parser.add_argument("--goals", type=int, default=200, help="goals an arm to choose from")
-    parser.add_argument("--seed", type=int, default=7)
-    parser.add_argument("--output", type=Path, default=Path(__file__).parent / "unreachable.md")
+    parser = command(__file__, __doc__)
+    parser.add_argument(
+        "--arms", nargs="+", type=arm_name, default=("puma560", "ur5e", "kr6r900"), help="names"
+    )
+    parser.add_argument("--goals", type=at_least_one, default=200, help="goals an arm to choose from")
+    parser.add_argument("--seed", type=int, default=7, help="seed of the goals")
+    writes(parser, "--output", HERE.parent / "unreachable.md", "page to write")
     options = parser.parse_args()
     VENVS.mkdir(exist_ok=True)
     pythons = {name: environment(name) for name in ENVIRONMENTS}

@@ -11,7 +11,7 @@ from pathlib import Path
 from .effort import EXPERIMENTS, Effort, Experiment, Row, experiment
 from .store import ExperimentError, Store, key_of, unwritable
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results"
 
 
@@ -23,8 +23,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if names == ["claims"]:
             from .claims import rewrite
 
-            rewrite(asked.out or RESULTS, HERE / "README.md")
-            print("README.md: tables rewritten")
+            rewrite(asked.out or RESULTS, HERE / "README.md", asked.page)
+            print(f"{asked.page}: tables rewritten")
             return 0
         effort = Effort(quick=asked.quick, seed=asked.seed)
         # A quick run must not replace the full results that the repository keeps.
@@ -45,14 +45,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    made = argparse.ArgumentParser("python -m experiments", description="Run the paper's Section 4 again.")
+    made = argparse.ArgumentParser(
+        "python -m experiments", description="Run the paper's Section 4 again.", allow_abbrev=False
+    )
     made.add_argument(
         "names", nargs="*", metavar="NAME", help=f"{', '.join(EXPERIMENTS)}; or claims; default all"
     )
     made.add_argument(
         "--quick", action="store_true", help="few points and cases: under 2 minutes for everything"
     )
-    made.add_argument("--out", type=Path, help="folder for the results")
+    made.add_argument(
+        "--out",
+        type=Path,
+        help="folder of the results; experiments/results if it is left out, or results-quick with --quick",
+    )
+    made.add_argument(
+        "--page",
+        type=Path,
+        default=HERE / "README.md",
+        help="where claims writes its page; experiments/README.md if it is left out",
+    )
     made.add_argument("--seed", type=int, default=0, help="seed of the random points")
     made.add_argument("--force", action="store_true", help="run finished experiments again")
     made.add_argument("--redraw", action="store_true", help="only draw the pictures again, from the CSVs")

@@ -141,6 +141,6 @@ def rewritten(text: str, folder: Path) -> str:
     return text
 
 
-def rewrite(folder: Path, readme: Path) -> None:
-    """Make the tables of a README anew from the CSVs of a folder."""
-    readme.write_text(rewritten(readme.read_text(), folder))
+def rewrite(folder: Path, readme: Path, page: Path) -> None:
+    """Make the tables of a README anew from the CSVs of a folder, and write the whole of it to a page."""
+    page.write_text(rewritten(readme.read_text(), folder))

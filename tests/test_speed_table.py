@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from benchmarks.speed_table import HERE, README, updated
+from benchmarks.speed_table import PEERS, README, updated
 
 
 def test_the_readme_shows_the_last_run_against_the_peers() -> None:
     text = README.read_text(encoding="utf-8")
-    assert updated(text, (HERE / "peers.md").read_text(encoding="utf-8")) == text
+    assert updated(text, PEERS.read_text(encoding="utf-8")) == text

@@ -10,7 +10,6 @@ kinseek is measured again before and after every peer, in several rounds; the ra
 
 from __future__ import annotations
 
-import argparse
 import os
 import statistics
 import subprocess
@@ -24,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
+from benchmarks.command import arm_name, at_least_one, command, writes
 from benchmarks.fleet import single_times
 from benchmarks.targets import (
     ROBOTS,
@@ -40,7 +40,7 @@ from kinseek.robots.catalog import catalog_path
 
 Array = NDArray[np.float64]
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parent
 VENVS = HERE / ".venvs"
 
 ENVIRONMENTS = {
@@ -168,16 +168,16 @@ def measure_peer(
 
 def main() -> None:
     """Measure every arm with every peer and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--arms", nargs="+", default=ARMS)
-    parser.add_argument("--peers", nargs="+", default=list(PEERS), choices=list(PEERS))
+    parser = command(__file__, __doc__)
+    parser.add_argument("--arms", nargs="+", type=arm_name, default=ARMS, help="names")
+    parser.add_argument("--peers", nargs="+", default=list(PEERS), choices=list(PEERS), help="names")
     parser.add_argument(
-        "--targets", type=int, default=1000, help="random targets an arm; half as many near singular"
+        "--targets", type=at_least_one, default=1000, help="random targets an arm; half as many near singular"
     )
     parser.add_argument(
-        "--rounds", type=int, default=3, help="times that every peer is measured; medians count"
+        "--rounds", type=at_least_one, default=3, help="times that every peer is measured; medians count"
     )
-    parser.add_argument("--output", type=Path, default=HERE.parent / "peers.md")
+    writes(parser, "--output", HERE.parent / "peers.md", "page to write")
     options = parser.parse_args()
     VENVS.mkdir(exist_ok=True)
     pythons = {name: environment(name) for name in {PEERS[peer][0] for peer in options.peers}}

@@ -8,14 +8,13 @@ Runs in the peer's environment, beside `worker.py`, whose settings it shares; he
 from __future__ import annotations
 
 import importlib
-import sys
 import time
 from collections.abc import Callable
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-from worker import DISTRIBUTIONS, PEERS, limit_memory
+from worker import DISTRIBUTIONS, PEERS, arguments, limit_memory
 
 SOLVED, APPROXIMATE, NOTHING = 2, 1, 0
 """Joint values said to be an answer, joint values said to be none, no joint values."""
@@ -130,7 +129,7 @@ RAW: dict[str, Callable[[Any], Callable[[Any], Answer]]] = {
 
 def main() -> None:
     """Ask for every target once, after some to warm up."""
-    name, source, destination = sys.argv[1:]
+    name, source, destination = arguments(__doc__, RAW)
     limit_memory(8)
     arm = dict(np.load(source, allow_pickle=False))
     solve, targets = RAW[name](arm), arm["targets"]

@@ -8,12 +8,13 @@ Imports NumPy and the peer, nothing of kinseek. Settings are the best that were 
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import importlib.util
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -197,9 +198,19 @@ def limit_memory(gigabytes: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (gigabytes << 30, gigabytes << 30))
 
 
+def arguments(doc: str | None, peers: Iterable[str]) -> tuple[str, str, str]:
+    """The peer, the file of targets and the file of answers, from the command line."""
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("peer", choices=list(peers), metavar="PEER", help=", ".join(peers))
+    parser.add_argument("input", metavar="INPUT.npz", help="the arm and its targets")
+    parser.add_argument("output", metavar="OUTPUT.npz", help="where answers and times go")
+    options = parser.parse_args()
+    return options.peer, options.input, options.output
+
+
 def main() -> None:
     """Solve every target once, after some to warm up."""
-    name, source, destination = sys.argv[1:]
+    name, source, destination = arguments(__doc__, PEERS)
     limit_memory(8)
     arm = dict(np.load(source, allow_pickle=False))
     solve, targets = PEERS[name](arm), arm["targets"]
