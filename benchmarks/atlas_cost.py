@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
+from kinseek import plots
 from kinseek.robots.chain import Joint, rotation, serial_chain, transform
 
+from .command import PICTURES, command, writes
 from .fleet import batch_cost, single_times
 from .targets import machine, plain_fk, pose_errors, random_joints
 
 Array = NDArray[np.float64]
-
-PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"
 
 ROUNDS = 9
 """Every case is measured this often, in turn with the others, so that the moods of the machine spread over all."""
@@ -96,35 +96,40 @@ def by_tolerance(
     return result
 
 
+def draw_joints(rows: list[tuple[int, float, float, float]], folder: Path) -> None:
+    """Time of a pose against the number of joints."""
+    joints, one, batch, _ = zip(*rows, strict=True)
+    figure, axes = plots.plane(size=(6.4, 3.9))
+    axes.plot(joints, one, "o-", color=plots.COLOURS[0], label="one pose, arm.ik(T)")
+    axes.plot(joints, batch, "s--", color=plots.COLOURS[1], label="batch, one core")
+    axes.set(xlabel="joints", ylabel="time of a pose [µs]", ylim=(0, 1.08 * max(one)), xticks=joints)
+    axes.set_title("Random arms, 1e-6 m and 1e-6 rad", fontsize=10)
+    figure.legend(loc="outside lower center", ncols=2)
+    plots.save(figure, folder / "atlas_joints.png", dpi=150)
+
+
+def draw_tolerances(rows: dict[str, list[tuple[float, float, float]]], folder: Path) -> None:
+    """Time of a pose against the tolerance."""
+    figure, axes = plots.plane(size=(6.4, 3.9))
+    for (name, found), colour, look in zip(rows.items(), plots.COLOURS, ("o-", "s--", "^-."), strict=False):
+        axes.plot([row[0] for row in found], [row[1] for row in found], look, color=colour, label=name)
+    most = max(row[1] for found in rows.values() for row in found)
+    axes.set(xlabel="tolerance [m and rad]", ylabel="time of a pose in a batch [µs]", xscale="log")
+    axes.set_ylim(0, 1.08 * most)
+    axes.invert_xaxis()
+    figure.legend(loc="outside lower center", ncols=len(rows))
+    plots.save(figure, folder / "atlas_tolerance.png", dpi=150)
+
+
 def main() -> None:
     """Measure and draw."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    PICTURES.mkdir(parents=True, exist_ok=True)
+    parser = command(__file__, __doc__)
+    writes(parser, "--folder", PICTURES, "folder for the pictures")
+    folder = parser.parse_args().folder
     print(machine())
-    joints = np.array(by_joints())
-    figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
-    axes.plot(joints[:, 0], joints[:, 1], "o-", label="one pose, arm.ik(T)")
-    axes.plot(joints[:, 0], joints[:, 2], "s-", label="batch, one core")
-    axes.set(xlabel="joints", ylabel="time of a pose [µs]", ylim=(0, None), xticks=range(3, 21))
-    axes.set_title("Random arms, 1e-6 m and 1e-6 rad", fontsize=10)
-    axes.grid(alpha=0.3)
-    axes.legend(frameon=False)
-    figure.savefig(PICTURES / "atlas_joints.png", dpi=150)
-    figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
-    for name, rows in by_tolerance().items():
-        axes.plot([row[0] for row in rows], [row[1] for row in rows], "o-", label=name)
-    axes.set(
-        xlabel="tolerance [m and rad]", ylabel="time of a pose in a batch [µs]", xscale="log", ylim=(0, None)
-    )
-    axes.invert_xaxis()
-    axes.grid(alpha=0.3)
-    axes.legend(frameon=False)
-    figure.savefig(PICTURES / "atlas_tolerance.png", dpi=150)
-    print(f"wrote {PICTURES / 'atlas_joints.png'} and {PICTURES / 'atlas_tolerance.png'}")
+    draw_joints(by_joints(), folder)
+    draw_tolerances(by_tolerance(), folder)
+    print(f"wrote {folder / 'atlas_joints.png'} and atlas_tolerance.png")
 
 
 if __name__ == "__main__":

@@ -6,12 +6,12 @@ python -m benchmarks.atlas_pictures        # writes docs/pictures/atlas_samples.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
+from kinseek import plots
 from kinseek.kernels import atlas, neighbours
 from kinseek.kernels import lanes as eight
 from kinseek.kernels.atlas import Atlas, Division, build_atlas
@@ -22,9 +22,9 @@ from kinseek.kernels.neighbours import LEAF
 from kinseek.kernels.refine import DAMPING, LONGEST, MARGIN
 from kinseek.solvers.atlas import SAMPLES, divide, inverse, middle_samples, open_limits
 
-Array = NDArray[np.float64]
+from .command import PICTURES, command, writes
 
-PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"
+Array = NDArray[np.float64]
 
 ARM = "ur5e"
 
@@ -113,27 +113,33 @@ class Query:
         self.errors, self.points = np.array(errors), np.array(points)
 
 
-def draw_samples(plt: Any, query: Query) -> None:
+def draw_samples(query: Query, folder: Path) -> None:
     """Radius and height of every sample, coloured by the lean of the last axis, and by the branch of the tree."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9.4, 6.0), layout="constrained", sharey=True)
+    from matplotlib.colors import to_rgb
+
+    figure, (left, right) = plots.plane(2, size=(9.4, 6.0))
     r, z, lean = query.samples.T
     dots = left.scatter(r, z, c=lean, s=4, cmap="viridis", vmin=0, vmax=180, linewidths=0)
     figure.colorbar(dots, ax=left, label="lean of the last axis from the first [deg]")
-    branch = np.arange(len(r)) * 16 // len(r)
-    right.scatter(r, z, c=branch, s=4, cmap="tab20", vmin=-0.5, vmax=19.5, linewidths=0)
+    # Neighbours in the tree are the full and the pale shade of one colour, which every eye can tell apart.
+    full = np.array([to_rgb(colour) for colour in plots.COLOURS])
+    shades = np.stack([full, 0.4 * full + 0.6], axis=1).reshape(-1, 3)
+    right.scatter(r, z, c=shades[np.arange(len(r)) * 16 // len(r)], s=4, linewidths=0)
     for axes in (left, right):
-        axes.set(xlabel="radius r from the first axis [m]", aspect="equal", xlim=(0, None))
-    left.set_ylabel("height z along it [m]")
+        axes.set(xlabel="radius r from the first axis [m]", ylabel="height z along it [m]", aspect="equal")
+        axes.set_xlim(0, None)
     left.set_title(f"{query.arm.name}: {len(r):,} samples of the middle joints", fontsize=10)
     right.set_title("The same in the order of the tree: its first 16 branches", fontsize=10)
-    figure.savefig(PICTURES / "atlas_samples.png", dpi=130)
+    plots.save(figure, folder / "atlas_samples.png", dpi=130)
 
 
-def draw_query(plt: Any, query: Query) -> None:
+def draw_query(query: Query, folder: Path) -> None:
     """Left: the neighbourhood of the goal and every lane's way. Right: errors step by step."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.4), layout="constrained")
-    colours = plt.get_cmap("viridis")(np.linspace(0, 0.9, LANES))
-    left.scatter(query.samples[:, 0], query.samples[:, 1], s=5, color="0.8", linewidths=0, label="samples")
+    from matplotlib import colormaps
+
+    figure, (left, right) = plots.plane(2, size=(10.0, 4.9))
+    colours = colormaps["viridis"](np.linspace(0, 0.9, LANES))
+    left.scatter(query.samples[:, 0], query.samples[:, 1], s=6, color="0.65", linewidths=0, label="samples")
     for lane in range(LANES):
         way = query.points[:, lane]
         left.plot(way[:, 0], way[:, 1], "-", color=colours[lane], lw=1.2)
@@ -146,7 +152,7 @@ def draw_query(plt: Any, query: Query) -> None:
             label="nearest samples" if lane == 0 else None,
         )
         right.semilogy(np.maximum(query.errors[:, lane], 1e-17), "o-", color=colours[lane], ms=4, lw=1.2)
-    left.plot(*query.goal[:2], "*", color="crimson", ms=16, label="goal", zorder=5)
+    left.plot(*query.goal[:2], "*", color="crimson", ms=11, label="goal", zorder=5)
     spread = 1.6 * np.abs(query.points[:, :, :2] - query.goal[:2]).max()
     left.set(
         xlim=(query.goal[0] - spread, query.goal[0] + spread),
@@ -156,30 +162,26 @@ def draw_query(plt: Any, query: Query) -> None:
         aspect="equal",
     )
     left.set_title("The goal, its nearest samples, and their ways", fontsize=10)
-    left.legend(frameon=True, fontsize=8, loc="upper left")
+    figure.legend(loc="outside lower center", ncols=3, markerscale=1.7, borderpad=0.8)
     right.axhline(1e-6, color="crimson", lw=1, ls="--")
-    right.text(STEPS, 1.6e-6, "1e-6 m", color="crimson", ha="right", fontsize=8)
+    right.text(STEPS, 1.6e-6, "1e-6 m", color="crimson", ha="right")
     right.set(
         xlabel="damped Newton steps", ylabel="distance of the hand from the goal [m]", xticks=range(STEPS + 1)
     )
     right.set_title("Eight refinements side by side", fontsize=10)
-    right.grid(alpha=0.3)
-    figure.savefig(PICTURES / "atlas_query.png", dpi=130)
+    plots.save(figure, folder / "atlas_query.png", dpi=130)
 
 
 def main() -> None:
     """Draw both."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    PICTURES.mkdir(parents=True, exist_ok=True)
+    parser = command(__file__, __doc__)
+    writes(parser, "--folder", PICTURES, "folder for the pictures")
+    folder = parser.parse_args().folder
     arm = kinseek.load(ARM)
     query = Query(arm, arm.fk(np.array([0.4, -1.1, 1.3, -0.9, 1.2, 0.5])))
-    draw_samples(plt, query)
-    draw_query(plt, query)
-    print(f"wrote {PICTURES / 'atlas_samples.png'} and {PICTURES / 'atlas_query.png'}")
+    draw_samples(query, folder)
+    draw_query(query, folder)
+    print(f"wrote {folder / 'atlas_samples.png'} and atlas_query.png")
 
 
 if __name__ == "__main__":

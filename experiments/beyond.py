@@ -149,7 +149,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
             )
             median, worst = _shown(row["position_median_mm"]), _shown(row["position_p95_mm"])
             over.plot([median, worst], [place, place], color="#999999", linewidth=1, zorder=1)
-            over.plot(median, place, "o", color="#000000", label="median")
+            over.plot(median, place, "o", color="#000000", label="median", clip_on=False)
             over.plot(worst, place, "|", color="#000000", markersize=9, label="95th percentile")
             over.plot(
                 [low, high],
@@ -159,16 +159,19 @@ def draw(rows: Sequence[Row], path: Path) -> None:
                 alpha=0.6,
                 label="mean, 95 % interval",
             )
-            over.plot(mean, place, "D", color="#c23b00", markersize=4)
-            under.plot(row["evaluations_mean"], place, "s", color="#0072b2")
+            over.plot(mean, place, "D", color="#c23b00", markersize=4, clip_on=False)
+            under.plot(row["evaluations_mean"], place, "s", color="#0072b2", clip_on=False)
         over.set(xscale="log", title=NAMES[dof], xlabel="position error [mm]", xlim=(1e-7, 2e3))
-        over.axvline(1, color="#777777", linewidth=1)
+        over.axvline(1, color="#777777", linewidth=1, label="1 mm")
+        absent = [-n for n, search in enumerate(SEARCHES) if not where(rows, dof=dof, search=search)]
+        if absent:
+            over.text(1e-4, sum(absent) / len(absent), "not run:\ntoo many nodes", ha="center", va="center")
         under.set(xscale="log", xlabel="FK evaluations per point", xlim=(1, 1e8))
     for axis in axes[:, 0]:
         axis.set_yticks([-n for n in range(len(SEARCHES))], SEARCHES)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
-    figure.legend(unique.values(), unique.keys(), loc="outside lower center", ncols=3)
+    figure.legend(unique.values(), unique.keys(), loc="outside lower center", ncols=4)
     figure.suptitle("Beyond the paper: errors (above; left edge: 1e-7 mm or less) and work (below)")
     save(figure, path)
 

@@ -20,6 +20,9 @@ SEARCHES: dict[str, kinseek.Solver | None] = {
     "coordinate descent": kinseek.CoordinateDescent(),
 }
 
+QUOTED = 10.0
+"""What the paper quotes for 500 points of some arm of seven joints [s]."""
+
 
 def cases(effort: Effort) -> list[Row]:
     """The default search, divide and conquer, and coordinate descent alone."""
@@ -46,13 +49,14 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     figure, axes = canvas(size=(8.5, 3.6))
     axis, places = axes[0, 0], range(len(rows))
     axis.barh(places, [float(row["seconds"]) for row in rows], color="#56b4e9", height=0.5)
-    for place, row in zip(places, rows, strict=True):
-        text = f" {row['seconds']:.2g} s; {100 * float(row['solved']):.3g} % within 1 µm and 1 µrad"
-        axis.text(float(row["seconds"]), place, text, va="center", backgroundcolor="#ffffffc0")
-    axis.axvline(10, color="#c23b00", linestyle="--", zorder=0, label="MATLAB, in the paper")
-    axis.set(xscale="log", xlim=(1e-4, 3000))
+    axis.axvline(QUOTED, color="#c23b00", linestyle="--")
+    axis.set(xscale="log", xlim=(1e-4, 100))
     axis.set_xlabel(f"time for {rows[0]['points']} points of a 7-DOF arm (Panda) [s]")
-    axis.set_yticks(places, [str(row["search"]) for row in rows])
+    axis.set_yticks(places, [f"{row['search']}\n{row['seconds']:.2g} s" for row in rows])
     axis.invert_yaxis()
-    axis.legend(loc="center right")
+    above = axis.secondary_xaxis("top")
+    above.set_xticks([QUOTED], ["MATLAB, in the paper: 10 s"], color="#c23b00")
+    solved = axis.secondary_yaxis("right")
+    solved.set_yticks(places, [f"{100 * float(row['solved']):.3g} %" for row in rows])
+    solved.set_ylabel("points within 1 µm and 1 µrad")
     save(figure, path)

@@ -53,5 +53,5 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         axis.set_xlabel("B, branching factor")
     for axis in axes[:, 0]:
         axis.set_ylabel("nodes created, one point")
-    figure.suptitle("Fig. 10: nodes created against B, D = 3")
+    figure.suptitle("Fig. 10: nodes created against B, D = 3; without DT up to B = $3^{14}$")
     save(figure, path)

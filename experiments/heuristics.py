@@ -18,7 +18,7 @@ def cases(effort: Effort) -> list[Row]:
 
 def draw(rows: Sequence[Row], path: Path, quantities: dict[str, str], title: str) -> None:
     """One panel a quantity, one line a method, DOF across."""
-    figure, axes = canvas(1, len(quantities), (5.4 * len(quantities), 4.4))
+    figure, axes = canvas(1, len(quantities), (5.4 * len(quantities), 4.8))
     for axis, (quantity, label) in zip(axes[0], quantities.items(), strict=True):
         for number, (look, method) in enumerate(zip(LOOKS, METHODS, strict=False)):
             some = where(rows, method=method)
@@ -27,6 +27,7 @@ def draw(rows: Sequence[Row], path: Path, quantities: dict[str, str], title: str
             axis.plot(places, column(some, quantity), label=method, **look)
         axis.set(yscale="log", ylabel=label, xticks=range(len(ARMS)))
         axis.set_xticklabels([NAMES[dof].replace(" (", "\n(") for dof in ARMS])
-    axes[0, 0].legend(ncols=2, title="DaC +")
+    handles = axes[0, 0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=len(METHODS), title="DaC +")
     figure.suptitle(title)
     save(figure, path)

@@ -96,7 +96,7 @@ def measure(case: Row, effort: Effort) -> Row:
 
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Error against D: the breadths, the readings, and the cure."""
-    figure, axes = canvas(1, 3, (13, 4.6), sharey=True)
+    figure, axes = canvas(1, 3, (13, 6.6), sharey=True)
     for look, breadth in zip(LOOKS, (1, 2, 3, 0), strict=False):
         reading = "as built" if breadth else "window of one old cell"
         label = f"Br = {breadth}" if breadth else "Br grows with D:\nreach = one old cell"
@@ -113,15 +113,22 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         _line(axes[0, 1], where(rows, reading=reading, range_deg="0..360", breadth=3), reading, look)
     two = ("as built", "no wrap", "no wrap, window slides", "K_P = 0.1", "K_P = 10", "K_P = 100")
     for look, reading in zip(LOOKS, two, strict=False):
-        _line(axes[0, 2], where(rows, reading=reading, range_deg="0..360", breadth=3), reading, look)
+        some = where(rows, reading=reading, range_deg="0..360", breadth=3)
+        _line(
+            axes[0, 2], some, f"{reading.replace('K_P', 'K_P / K_A')} /m" if "=" in reading else reading, look
+        )
     _line(
         axes[0, 2], where(rows, reading="no wrap", range_deg="-150..150", breadth=3), "limits ±150°", LOOKS[7]
     )
-    titles = ("as built: the breadth decides", "readings of the passes, Br = 3", "ends and weights, Br = 3")
+    titles = (
+        "as built: the breadth decides\n(D above 32 for Br = 3 alone)",
+        "readings of the passes, Br = 3",
+        "ends and weights, Br = 3",
+    )
     for axis, title in zip(axes[0], titles, strict=True):
-        axis.set(xscale="log", yscale="log", xlabel="D", title=title)
+        axis.set(xscale="log", yscale="log", xlabel="D, joint space divisions per pass", title=title)
         plain_ticks(axis.xaxis, (3, 4, 6, 10, 16, 32, 100, 360))
-        axis.legend(fontsize=7)
+        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13))
     axes[0, 0].set_ylabel("mean position error [mm]")
     figure.suptitle("Question 5: error of the two-link arm against D, B = 7200")
     save(figure, path)

@@ -11,7 +11,7 @@ import kinseek
 
 from .arms import BRANCHING_FACTOR, ERRORS, error_columns, random_joints
 from .effort import Effort, Row
-from .style import LOOKS, canvas, column, plain_ticks, save, where
+from .style import LOOKS, NAMES, canvas, column, plain_ticks, save, where
 from .sweep import ARMS
 
 COLUMNS = (
@@ -69,7 +69,7 @@ def measure(case: Row, effort: Effort) -> Row:
 
 def draw(rows: Sequence[Row], path: Path) -> None:
     """The spike at one weight, and its height over its neighbours against the weight."""
-    figure, axes = canvas(1, 3, (13, 4.4))
+    figure, axes = canvas(1, 3, (13, 5.6))
     chosen = [
         weight for weight in (1.0, 5.0, 10.0, 20.0, 50.0, 1000.0) if where(rows, position_weight=weight)
     ]
@@ -81,15 +81,21 @@ def draw(rows: Sequence[Row], path: Path) -> None:
             label=f"K_P / K_A = {weight:g} /m",
             **look,
         )
-    axes[0, 0].set(yscale="log", xlabel="D", ylabel="mean position error [mm]", title="two-link arm, Br = 4")
+    axes[0, 0].set(
+        yscale="log",
+        xlabel="D, joint space divisions per pass",
+        ylabel="mean position error [mm]",
+        title="two-link arm, Br = 4",
+    )
     shown = 20.0
     for look, dof in zip(LOOKS, ARMS, strict=False):
         some = where(rows, dof=dof, breadth=4, position_weight=shown)
-        axes[0, 1].plot(
-            column(some, "divisions"), column(some, "position_mean_mm"), label=f"{dof} DOF", **look
-        )
+        axes[0, 1].plot(column(some, "divisions"), column(some, "position_mean_mm"), label=NAMES[dof], **look)
     axes[0, 1].set(
-        yscale="log", xlabel="D", ylabel="mean position error [mm]", title=f"Br = 4, K_P / K_A = {shown:g} /m"
+        yscale="log",
+        xlabel="D, joint space divisions per pass",
+        ylabel="mean position error [mm]",
+        title=f"Br = 4, K_P / K_A = {shown:g} /m\n(3 and 4 DOF: D up to 5 alone)",
     )
     for look, breadth in zip(LOOKS, BREADTHS, strict=False):
         weights = sorted({float(row["position_weight"]) for row in rows})
@@ -104,10 +110,8 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         title="two-link arm: a spike is above 1",
     )
     plain_ticks(axes[0, 2].yaxis, (0.1, 0.2, 0.5, 1, 2))
-    axes[0, 0].set_ylim(0.08, 30)
-    axes[0, 0].legend(ncols=2, loc="upper left", fontsize=8)
-    for axis in axes[0, 1:]:
-        axis.legend()
+    for axis in axes[0]:
+        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=2)
     figure.suptitle("Question 6: the spike at D = 4, B = 7200")
     save(figure, path)
 

@@ -56,7 +56,7 @@ def measure(case: Row, effort: Effort) -> Row:
 
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Position error, and orientation error below, against the weight; one panel an arm."""
-    figure, axes = canvas(2, 4, (13, 7), sharex=True, sharey="row")
+    figure, axes = canvas(2, 4, (13, 7.6), sharex=True, sharey="row")
     for over, under, dof in zip(axes[0], axes[1], ARMS, strict=True):
         for look, method in zip(LOOKS, BREADTHS, strict=False):
             some = where(rows, dof=dof, method=method)
@@ -67,6 +67,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         under.set(yscale="log", xlabel="K_P / K_A [1/m]")
     axes[0, 0].set_ylabel("mean position error [mm]")
     axes[1, 0].set_ylabel("mean orientation error [mrad]")
-    axes[0, 3].legend(fontsize=8)
+    handles = axes[0, 0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=len(BREADTHS), title="DaC +")
     figure.suptitle("Question 8: the weights decide which error is small, D = 3, B = 7200")
     save(figure, path)

@@ -81,20 +81,25 @@ def measure(case: Row, effort: Effort) -> Row:
 
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Mean error against DOF for each breadth, one panel a reading."""
-    figure, axes = canvas(1, 4, (13, 4.2), sharey=True)
+    figure, axes = canvas(1, 4, (13, 5.2), sharey=True)
     for axis, reading in zip(axes[0], SHOWN, strict=False):
         for look, breadth in zip(LOOKS, (1, 2, 3), strict=False):
             some = where(rows, reading=reading, breadth=breadth)
             places = [list(ARMS).index(int(row["dof"])) for row in some]
             axis.plot(places, [row["position_mean_mm"] for row in some], label=f"CB({breadth})", **look)
-        axis.set(yscale="log", title=reading, xlabel="DOF")
+        axis.set(yscale="log", title=reading, xlabel="degrees of freedom")
         axis.set_xticks(range(len(ARMS)), list(map(str, ARMS)))
-        axis.legend(fontsize=8)
-    for look, reading in zip(LOOKS, SHOWN, strict=False):
+        axis.set_xlim(-0.3, len(ARMS) - 0.7)
+        for place, dof in enumerate(ARMS):
+            if not where(rows, reading=reading, dof=dof):
+                axis.text(place, 1.0, "not run", ha="center", va="center", rotation=90, color="#555555")
+    axes[0, 1].legend(loc="upper center", bbox_to_anchor=(0.5, -0.15))
+    # Other looks than beside it, where a line is a breadth.
+    for look, reading in zip(LOOKS[3:], SHOWN, strict=False):
         some = where(rows, reading=reading, dof=2)
         axes[0, 3].plot(column(some, "breadth"), column(some, "position_mean_mm"), label=reading, **look)
     axes[0, 3].set(title="two-link arm", xlabel="Br, breadth of both joints")
-    axes[0, 3].legend(fontsize=8)
-    axes[0, 0].set(ylabel="mean position error [mm]", ylim=(0.05, 1500))
+    axes[0, 3].legend(loc="upper center", bbox_to_anchor=(0.5, -0.15))
+    axes[0, 0].set(ylabel="mean position error [mm]", ylim=(0.05, 200))
     figure.suptitle("Question 10: constant breadth, with and without wrapping, D = 3, B = 7200")
     save(figure, path)

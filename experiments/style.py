@@ -28,7 +28,11 @@ def canvas(rows: int = 1, columns: int = 1, size: tuple[float, float] = (6.4, 4.
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    pyplot.rcParams.update({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "lines.markersize": 5})
+    # A wide picture is shown as narrow as the page, so its letters are larger.
+    letters = 9 * max(1.0, size[0] / 11)
+    pyplot.rcParams.update(
+        {"font.size": letters, "axes.grid": True, "grid.alpha": 0.3, "lines.markersize": 5}
+    )
     return pyplot.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False, **options)
 
 

@@ -35,7 +35,7 @@ def solver(case: Row) -> kinseek.DivideAndConquer:
 
 def draw(rows: Sequence[Row], path: Path, quantities: dict[str, str], title: str) -> None:
     """One row of panels a quantity, one panel a breadth, one line an arm."""
-    figure, axes = canvas(len(quantities), 3, (11, 0.8 + 3.4 * len(quantities)), sharex=True, sharey="row")
+    figure, axes = canvas(len(quantities), 3, (11, 1.1 + 3.4 * len(quantities)), sharex=True, sharey="row")
     for line, (quantity, label) in zip(axes, quantities.items(), strict=True):
         line[0].set_ylabel(label)
         for axis, breadth in zip(line, BREADTHS, strict=True):
@@ -48,6 +48,6 @@ def draw(rows: Sequence[Row], path: Path, quantities: dict[str, str], title: str
         axis.set_title(f"CB({breadth})")
     for axis in axes[-1]:
         axis.set_xlabel("D, joint space divisions per pass")
-    axes[0, 0].legend()
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(ARMS))
     figure.suptitle(title)
     save(figure, path)

@@ -24,6 +24,12 @@ Array = NDArray[np.float64]
 COLOURS = ("#0072b2", "#c23b00", "#009e73", "#e69f00", "#7a4e8f", "#56b4e9", "#000000", "#999999")
 """Apart for most eyes, and in grey."""
 
+ZOOM = 0.85
+"""Of the box in space, so that numbers and labels beside it stay in the picture."""
+
+NUMBERS, LABEL = 11.5, 30.0
+"""Way of numbers and of a label from an axis of a cube [pt], with Matplotlib's own 8 and 21 in it."""
+
 
 def _pyplot() -> Any:
     try:
@@ -57,14 +63,19 @@ def space(
     return figure, axes
 
 
-def plane(columns: int = 1, size: tuple[float, float] = (5.2, 4.2)) -> tuple[Any, Any]:
-    """Make a figure with axes in a plane, an array of them if there are more columns than one.
+def plane(columns: int = 1, size: tuple[float, float] = (5.2, 4.2), rows: int = 1) -> tuple[Any, Any]:
+    """Make a figure with axes in a plane, an array of them if there are more than one, drawn without a screen.
+
+    Args:
+        columns: Axes beside each other.
+        size: Of the figure [inch].
+        rows: Axes below each other.
 
     Raises:
         MissingExtra: Matplotlib is not installed.
     """
-    figure, axes = _pyplot().subplots(1, columns, figsize=size, layout="constrained")
-    for each in np.atleast_1d(axes):
+    figure, axes = _pyplot().subplots(rows, columns, figsize=size, layout="constrained")
+    for each in np.ravel(axes):
         each.grid(True)
     return figure, axes
 
@@ -93,7 +104,7 @@ def draw_arm(axes: Any, arm: Arm, q: ArrayLike, color: str = COLOURS[0], **look:
 def draw_frame(axes: Any, T: ArrayLike, length: float) -> None:
     """Draw the axes x, y and z of a pose, (4, 4), in red, green and blue, `length` [m] long."""
     matrix = np.asarray(T, dtype=float)
-    for c, color in enumerate(("#d62728", "#2ca02c", "#1f77b4")):
+    for c, color in enumerate((COLOURS[1], COLOURS[2], COLOURS[0])):
         draw_line(axes, [matrix[:3, 3], matrix[:3, 3] + length * matrix[:3, c]], color=color, linewidth=1.4)
 
 
@@ -106,15 +117,24 @@ def same_scale(axes: Any) -> None:
 
     ends = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
     sides = ends[:, 1] - ends[:, 0]
-    axes.set_box_aspect(sides)
-    for side, axis in zip(sides, (axes.xaxis, axes.yaxis, axes.zaxis), strict=True):
-        axis.set_major_locator(
-            MaxNLocator(max(1, round(6 * side / sides.max())))
-        )  # Else short ones are full of numbers.
+    axes.set_box_aspect(sides, zoom=ZOOM)
+    elevation, azimuth = np.radians([axes.elev, axes.azim])
+    towards = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
+    seen = sides * np.sqrt(1.0 - np.square(towards))
+    for i, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
+        # An axis that is short, or points at the eye, has few numbers, else they are printed over each other. Those of z
+        # stand above each other and take less room.
+        least = 2 if i == 2 else 1
+        axis.set_major_locator(MaxNLocator(max(least, round(5 * seen[i] / seen.max())), min_n_ticks=least))
+        # Matplotlib moves numbers and label away from an axis by a share of the two other sides: into the numbers where
+        # those are short, out of the picture where they are long. Here the way is as long as beside a cube.
+        beside = np.linalg.norm(np.delete(sides, i)) / np.linalg.norm(sides) / np.sqrt(2 / 3)
+        axis.labelpad = LABEL / beside - 21.0
+        axis.set_tick_params(pad=NUMBERS / beside - 8.0)
 
 
-def save(figure: Any, path: str | Path) -> Path:
-    """Write a PNG, without the name of the program that made it, and forget the figure."""
-    figure.savefig(path, dpi=110, metadata={"Software": None})
+def save(figure: Any, path: str | Path, dpi: int = 110) -> Path:
+    """Write a PNG of `dpi` dots an inch, without the name of the program that made it, and forget the figure."""
+    figure.savefig(path, dpi=dpi, metadata={"Software": None})
     _pyplot().close(figure)
     return Path(path)

@@ -1,0 +1,103 @@
+"""Every picture of the repository can be read: nothing is covered, cut off, pale or too small, and the axes are named."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from benchmarks import atlas_cost, atlas_pictures, proof_pictures
+from experiments.effort import EXPERIMENTS, experiment
+from experiments.store import Store
+
+import kinseek
+from legible import faults
+
+pytest.importorskip("matplotlib")
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLES = sorted((ROOT / "examples").glob("0[3-8]*.py"))
+
+
+@pytest.fixture
+def found(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The faults of every figure that is saved while the test runs."""
+    from matplotlib.figure import Figure
+
+    seen: list[str] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *args, **options: seen.extend(faults(figure)))
+    return seen
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_pictures_of_the_experiments(name: str, found: list[str], tmp_path: Path) -> None:
+    module = experiment(name)
+    rows = Store(ROOT / "experiments" / "results", name, module.COLUMNS).rows()
+    module.draw(rows, tmp_path / "picture.png")
+    assert found == []
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_pictures_of_the_examples(
+    example: Path, found: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", [str(example), str(tmp_path / "picture.png")])
+    runpy.run_path(str(example), run_name="__main__")
+    assert found == []
+
+
+def test_pictures_of_the_proof(found: list[str], tmp_path: Path) -> None:
+    proof_pictures.draw_cost(proof_pictures.read_rows(proof_pictures.ROWS), tmp_path)
+    proof_pictures.draw_tightness(tmp_path)
+    proof_pictures.draw_boxes(tmp_path)
+    assert found == []
+
+
+def test_pictures_of_the_atlas(found: list[str], tmp_path: Path) -> None:
+    arm = kinseek.load(atlas_pictures.ARM)
+    query = atlas_pictures.Query(arm, arm.fk(np.array([0.4, -1.1, 1.3, -0.9, 1.2, 0.5])))
+    atlas_pictures.draw_samples(query, tmp_path)
+    atlas_pictures.draw_query(query, tmp_path)
+    assert found == []
+
+
+def test_pictures_of_what_the_atlas_costs(found: list[str], tmp_path: Path) -> None:
+    """Drawn from made-up times, which no machine has to be quiet for."""
+    atlas_cost.draw_joints([(n, 4 + n / 3, 1 + n / 9, 100.0) for n in range(3, 21)], tmp_path)
+    rows = {
+        name: [(tolerance, level - 0.02 * np.log10(tolerance), 100.0) for tolerance in atlas_cost.TOLERANCES]
+        for name, level in (("panda", 1.9), ("ur5e", 1.8), ("iiwa14", 1.7))
+    }
+    atlas_cost.draw_tolerances(rows, tmp_path)
+    assert found == []
+
+
+def test_an_arm_that_is_missing_is_explained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from matplotlib.figure import Figure
+
+    seen: list[tuple[int, list[str]]] = []
+
+    def note(figure: Any, *args: object, **options: object) -> None:
+        for axes in figure.axes[:3]:
+            lines = [len(line.get_xdata()) for line in axes.lines]
+            seen.append((min(lines), [text.get_text() for text in axes.texts]))
+
+    monkeypatch.setattr(Figure, "savefig", note)
+    module = experiment("question_10")
+    module.draw(
+        Store(ROOT / "experiments" / "results", "question_10", module.COLUMNS).rows(), tmp_path / "one.png"
+    )
+    assert seen == [(4, []), (4, []), (3, ["not run"])]
+
+
+def test_boxes_that_are_left_can_be_seen(tmp_path: Path) -> None:
+    from matplotlib.colors import to_rgb
+    from matplotlib.image import imread
+
+    proof_pictures.draw_boxes(tmp_path)
+    picture = np.asarray(imread(tmp_path / "proof_boxes.png"))[..., :3]
+    red = np.abs(picture - to_rgb(proof_pictures.LEFT)).max(axis=2) < 0.1
+    assert red.sum() > 1e-3 * red.size
