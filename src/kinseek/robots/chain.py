@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,15 @@ class Joint:
     offset: float = 0.0
 
 
+class Frame(NamedTuple):
+    """Where a link, or the part that a joint moves, is carried along."""
+
+    joints: int
+    """Physical joints before it."""
+    pose: Array
+    """Its pose in the frame that the last of them moves, or in the base, (4, 4), lengths in [m]."""
+
+
 @dataclass(frozen=True, eq=False)
 class SerialChain:
     """A serial arm from base to tip. Build one with `serial_chain`, which checks everything."""
@@ -68,6 +78,12 @@ class SerialChain:
     offset: Array
     source: str = field(default="", compare=False)
     """Where the description came from, for people."""
+    frames: Mapping[str, Frame] = field(default_factory=dict, repr=False)
+    """Links and joints whose poses can be asked for, by name; a link goes before a joint of the same name."""
+    locked: tuple[tuple[str, float], ...] = ()
+    """Joints that were locked, and where, [rad] or [m], for people."""
+    tooled: bool = False
+    """Was the tip moved to a tool?"""
 
     @property
     def dof(self) -> int:
@@ -95,9 +111,29 @@ class SerialChain:
             self.fixed, self.prismatic, self.leader, self.multiplier, self.offset, self.lower, self.upper
         )
 
+    def arrays_to(self, frame: Frame) -> ChainArrays:
+        """The chain as the kernels take it, ending at a frame that some joint moves."""
+        m = frame.joints
+        return chain_arrays(
+            np.concatenate([self.fixed[:m], frame.pose[None, :3]]),
+            self.prismatic[:m],
+            self.leader[:m],
+            self.multiplier[:m],
+            self.offset[:m],
+            self.lower,
+            self.upper,
+        )
+
 
 def serial_chain(
-    joints: Sequence[Joint], tip_pose: Array, *, name: str, base: str, tip: str, source: str = ""
+    joints: Sequence[Joint],
+    tip_pose: Array,
+    *,
+    name: str,
+    base: str,
+    tip: str,
+    source: str = "",
+    links: Sequence[tuple[str, Frame]] = (),
 ) -> SerialChain:
     """Check the joints and bring them into the kernels' form.
 
@@ -108,6 +144,8 @@ def serial_chain(
         base: Name of the base link.
         tip: Name of the tip link.
         source: Where the description came from.
+        links: Further frames by name, their poses in the last joint's frame before them. Those of base, tip and joints are
+            added.
 
     Raises:
         InvalidRobot: No movable joint, a limit missing or inverted, a bad axis, a mimic without its leader.
@@ -125,12 +163,24 @@ def serial_chain(
 
     fixed = np.empty((len(joints) + 1, 3, 4))
     undo = np.eye(4)
+    undone = [undo]
     for k, joint in enumerate(joints):
         align = np.eye(4)
         align[:3, :3] = _z_to(_unit_axis(joint))
         fixed[k] = (undo @ _finite_pose(joint.origin, f"origin of joint {joint.name!r}") @ align)[:3]
         undo = align.T
+        undone.append(undo)
     fixed[-1] = (undo @ _finite_pose(tip_pose, "tip pose"))[:3]
+
+    frames: dict[str, Frame] = {}
+    moved = [(joint.name, Frame(k + 1, np.eye(4))) for k, joint in enumerate(joints)]
+    for called, (k, pose) in [
+        (base, Frame(0, np.eye(4))),
+        *links,
+        (tip, Frame(len(joints), tip_pose)),
+        *moved,
+    ]:
+        frames.setdefault(called, Frame(k, undone[k] @ pose))
 
     return SerialChain(
         name=name,
@@ -146,6 +196,7 @@ def serial_chain(
         multiplier=np.array(multiplier, dtype=float),
         offset=np.array(offset, dtype=float),
         source=source,
+        frames=frames,
     )
 
 

@@ -23,6 +23,7 @@ from .chain import (
     PRISMATIC,
     REVOLUTE,
     Array,
+    Frame,
     Joint,
     SerialChain,
     rotation,
@@ -61,6 +62,8 @@ def read_dh(
         tool: Pose of the tip in the last row's frame, (4, 4), lengths in [m]; the identity unless given.
         name: Name of the arm.
 
+    The frames of the rows are called ``link1``, ``link2``, …, the base ``base`` and the tip ``tool``.
+
     Raises:
         InvalidRobot: A wrong shape or length, a number that is not finite, an unknown convention or kind.
     """
@@ -79,7 +82,7 @@ def read_dh(
             raise InvalidRobot(f"{what} has {len(values)} entries, expected {count}: one per DH row")
     lowers, uppers = _limits(lower, "lower", count), _limits(upper, "upper", count)
 
-    joints, pose = [], _rigid(base, "base")
+    joints, links, pose = [], [], _rigid(base, "base")
     for i, (a, alpha, d, theta) in enumerate(table):
         along_x = transform(rotation(_X, alpha), (a, 0.0, 0.0))
         along_z = transform(rotation(_Z, theta), (0.0, 0.0, d))
@@ -90,6 +93,7 @@ def read_dh(
         joints.append(
             Joint(names[i], _kind(letters[i], lowers[i], uppers[i]), origin, _Z, lowers[i], uppers[i])
         )
+        links.append((f"link{i + 1}", Frame(i + 1, pose)))
     return serial_chain(
         joints,
         pose @ _rigid(tool, "tool"),
@@ -97,6 +101,7 @@ def read_dh(
         base="base",
         tip="tool",
         source=f"{convention} DH table",
+        links=links,
     )
 
 

@@ -22,6 +22,7 @@ from .chain import (
     PRISMATIC,
     REVOLUTE,
     Array,
+    Frame,
     Joint,
     SerialChain,
     rotation,
@@ -75,9 +76,11 @@ def read_mjcf(path: str | Path, base: str | None = None, tip: str | None = None)
         site_pose = _pose(model.site_pos[sites[base]], model.site_quat[sites[base]])
         pose[:] = np.linalg.inv(site_pose)
     frames = frame_path(above, start, tip, ends=leaves, noun="body or site")
+    links = [(frames[0], Frame(0, pose))]
     for frame in frames[1:]:
         if frame in sites:
             pose = pose @ _pose(model.site_pos[sites[frame]], model.site_quat[sites[frame]])
+            links.append((frame, Frame(len(moving), pose)))
             continue
         body = bodies.index(frame)
         pose = pose @ _pose(model.body_pos[body], model.body_quat[body])
@@ -86,8 +89,15 @@ def read_mjcf(path: str | Path, base: str | None = None, tip: str | None = None)
             moving.append(_moving_joint(model, joint, pose, frame))
             # The joint turns about a point of the body: go there, turn, and come back.
             pose = transform(np.eye(3), -model.jnt_pos[joint])
+        links.append((frame, Frame(len(moving), pose)))
     return serial_chain(
-        moving, pose, name=_name(model, path), base=base or frames[0], tip=frames[-1], source=str(path)
+        moving,
+        pose,
+        name=_name(model, path),
+        base=base or frames[0],
+        tip=frames[-1],
+        source=str(path),
+        links=links,
     )
 
 

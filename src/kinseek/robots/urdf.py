@@ -19,6 +19,7 @@ from .chain import (
     PRISMATIC,
     REVOLUTE,
     Array,
+    Frame,
     Joint,
     SerialChain,
     follow_mimics,
@@ -64,13 +65,23 @@ def read_urdf(path: str | Path, base: str | None = None, tip: str | None = None)
     }
     joint_above = {joint.child: joint for joint in robot.joints}
     moving, pose = [], np.eye(4)
+    of_links, of_joints = [], []
     for joint in (joint_above[link] for link in links[1:]):
         pose = pose @ _origin(joint)
-        if joint.type == "fixed":
-            continue
-        moving.append(_moving_joint(joint, pose, mimics))
-        pose = np.eye(4)
-    return serial_chain(moving, pose, name=robot.name, base=links[0], tip=links[-1], source=str(path))
+        if joint.type != "fixed":
+            moving.append(_moving_joint(joint, pose, mimics))
+            pose = np.eye(4)
+        of_links.append((joint.child, Frame(len(moving), pose)))
+        of_joints.append((joint.name, Frame(len(moving), pose)))
+    return serial_chain(
+        moving,
+        pose,
+        name=robot.name,
+        base=links[0],
+        tip=links[-1],
+        source=str(path),
+        links=of_links + of_joints,
+    )
 
 
 def _parse(kinematics: Any, where: str) -> Any:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot, suggest
 
-from .chain import CONTINUOUS, REVOLUTE, SerialChain, rotation, transform
+from .chain import CONTINUOUS, REVOLUTE, Frame, SerialChain, rotation, transform
 
 Array = NDArray[np.float64]
 
@@ -43,17 +43,23 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
     if not left:
         raise InvalidRobot(f"{chain.name}: every joint is locked; at least one must be left to move")
 
-    fixed, kept, pending = [], [], np.eye(4)
+    fixed: list[Array] = []
+    kept: list[int] = []
+    pending = np.eye(4)
+    ends = [Frame(0, pending)]
+    """After each physical joint of the arm: how many are kept, and what has come since the last of them."""
     for k, i in enumerate(chain.leader):
         pending = pending @ _square(chain.fixed[k])
         if i in locked:
             pending = pending @ _moved(
                 bool(chain.prismatic[k]), chain.multiplier[k] * locked[i] + chain.offset[k]
             )
+            ends.append(Frame(len(kept), pending))
             continue
         fixed.append(pending[:3])
         kept.append(k)
         pending = np.eye(4)
+        ends.append(Frame(len(kept), pending))
     fixed.append((pending @ _square(chain.fixed[-1]))[:3])
     return replace(
         chain,
@@ -66,6 +72,11 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
         leader=np.array([left.index(i) for i in chain.leader[kept]], dtype=np.int64),
         multiplier=chain.multiplier[kept],
         offset=chain.offset[kept],
+        frames={
+            name: Frame(ends[frame.joints].joints, ends[frame.joints].pose @ frame.pose)
+            for name, frame in chain.frames.items()
+        },
+        locked=(*chain.locked, *((chain.joint_names[i], value) for i, value in locked.items())),
     )
 
 
@@ -108,10 +119,13 @@ def with_limits(chain: SerialChain, limits: Mapping[str, tuple[float, float]]) -
 
 
 def with_tool(chain: SerialChain, tool: Array) -> SerialChain:
-    """Move the tip: ``A_tip`` becomes ``A_tip · tool``, tool (4, 4) a rigid transform, lengths in [m]."""
+    """Move the tip: ``A_tip`` becomes ``A_tip · tool``, tool (4, 4) a rigid transform, lengths in [m].
+
+    The link at the tip stays where it is; only what `fk` and goals speak of moves.
+    """
     fixed = chain.fixed.copy()
     fixed[-1] = (_square(fixed[-1]) @ tool)[:3]
-    return replace(chain, fixed=fixed)
+    return replace(chain, fixed=fixed, tooled=True)
 
 
 def _named(chain: SerialChain, given: Any, noun: str) -> list[tuple[str, Any]]:
