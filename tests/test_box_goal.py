@@ -17,6 +17,7 @@ import kinseek
 from chains import poses
 from kinseek import Goal
 from kinseek.errors import InvalidGoal, InvalidProblem
+from kinseek.goal import Frame
 from kinseek.kernels.deviation import judge_boxes
 from kinseek.ranges import AXES
 from kinseek.robots import catalog_entry, catalog_names
@@ -84,7 +85,9 @@ def targets_from(T: Array, deviations: Array, frame: str) -> Array:
 @pytest.mark.parametrize("frame", ["tool", "base"])
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 @pytest.mark.parametrize("name", ["ur5e", "so101", "scara4", "ur10e_rail"])
-def test_reachable_goals_are_solved_and_judged_honestly(name: str, case: dict[str, Any], frame: str) -> None:
+def test_reachable_goals_are_solved_and_judged_honestly(
+    name: str, case: dict[str, Any], frame: Frame
+) -> None:
     arm = kinseek.load(name)
     T = plain_fk(arm.chain, random_joints(arm.chain, 100, seed=5))
     wanted = targets_from(T, away(case, len(T), seed=6), frame)
@@ -158,7 +161,7 @@ def nested(draw: st.DrawFn) -> tuple[dict[str, Any], dict[str, Any]]:
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(poses(), nested(), st.sampled_from(["tool", "base"]))
 def test_what_satisfies_the_tighter_goal_satisfies_the_looser(
-    target: Array, boxes: tuple[dict[str, Any], dict[str, Any]], frame: str
+    target: Array, boxes: tuple[dict[str, Any], dict[str, Any]], frame: Frame
 ) -> None:
     arm = kinseek.load("ur5e")
     tight, loose = (Goal.pose(target, frame=frame, **box) for box in boxes)
@@ -173,7 +176,7 @@ def test_what_satisfies_the_tighter_goal_satisfies_the_looser(
 
 
 @pytest.mark.parametrize("frame", ["tool", "base"])
-def test_what_only_turns_freely_may_also_tilt(frame: str) -> None:
+def test_what_only_turns_freely_may_also_tilt(frame: Frame) -> None:
     arm = kinseek.load("ur5e")
     T = plain_fk(arm.chain, random_joints(arm.chain, 100, seed=14))
     answer = arm.ik(Goal.pose(T, free="rz", frame=frame))

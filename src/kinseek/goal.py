@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from numbers import Real
-from typing import Any, Self, TypedDict, Unpack
+from typing import Any, Literal, Self, TypedDict, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +16,20 @@ from .errors import InvalidGoal, InvalidProblem
 from .kernels.arrays import GoalArrays
 from .kernels.deviation import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS
 from .kernels.pose_error import all_rigid
-from .ranges import FRAMES, PINNED, Ranges, check_ranges, free_turns, inverse_pose, read_ranges, unit
+from .ranges import (
+    AXES,
+    FRAMES,
+    FREE_PLACE,
+    FREE_TURN,
+    PINNED,
+    Ranges,
+    check_ranges,
+    free_turns,
+    inverse_pose,
+    read_ranges,
+    unit,
+)
+from .shapes import Pose
 
 Array = NDArray[np.float64]
 
@@ -25,6 +39,10 @@ _REPAIRABLE = 1e-6
 
 KINDS = {"pose": 3, "pointing": 1, "position": 0}
 """Kinds of goal, and how many columns of the rotation each fixes."""
+
+
+Frame = Literal["tool", "base"]
+"""Whose axes the deviation of a goal is measured along; see `Goal`."""
 
 
 class GoalOptions(TypedDict, total=False):
@@ -88,7 +106,7 @@ class Goal:
     """T_reference_base, (4, 4): where the arm's base stands in the frame in which the goal is given; None: there."""
     ranges: Ranges | None = None
     """Of a box goal: lower and upper end of the deviation along x, y, z [m] and rx, ry, rz [rad]; see `Goal.pose`."""
-    frame: str = "tool"
+    frame: Frame = "tool"
     """Of a box goal: ``"tool"`` or ``"base"``, whose axes the ranges are along."""
     swing: tuple[float, float, float] | None = None
     """Of a box goal: the axis in the frame of which only the direction counts; then rx, ry, rz have no ranges."""
@@ -129,7 +147,7 @@ class Goal:
         *,
         free: str | Iterable[str] = (),
         box: Mapping[str, Sequence[float]] | None = None,
-        frame: str = "tool",
+        frame: Frame = "tool",
         **options: Unpack[GoalOptions],
     ) -> Self:
         """Ask for the whole pose, or for all of it but some axes; `Goal` says how deviations are measured.
@@ -216,6 +234,36 @@ class Goal:
         swing = (float(onto[0]), float(onto[1]), float(onto[2]))
         return cls(target, kind="box", ranges=ranges, frame="base", swing=swing, **options)
 
+    def __repr__(self) -> str:
+        """One line: what is wanted where, and what was said beside it."""
+        parts = (
+            [f"pose, batch of shape {self.shape}"]
+            if self.shape
+            else [f"pose at {_row(self.target[:3, 3])} m"]
+        )
+        if self.kind in ("position", "pointing"):
+            parts[0] = parts[0].replace("pose", self.kind, 1)
+        if self.kind == "pointing":
+            axis = _row(self.tool_axis)
+            along = f" along {_row(self.target[:3, :3] @ self.tool_axis)}" if not self.shape else ""
+            parts.append(f"tool axis {axis}{along}")
+        elif self.kind != "position" and not self.shape:
+            parts.append(f"rpy {_row(_rpy(self.target[:3, :3]))} rad")
+        for axis, pair in zip(AXES, self.ranges or (), strict=False):
+            if pair in (FREE_PLACE, FREE_TURN):
+                parts.append(f"{axis} free")
+            elif pair != PINNED:
+                parts.append(f"{axis} within {_row(pair)}")
+        if self.swing is not None:
+            parts.append(f"only the direction of {_row(self.swing)} counts")
+        if self.ranges is not None:
+            parts.append(f"frame={self.frame!r}")
+        for name, unit_of in _SAID:
+            if (value := getattr(self, name)) != Goal.__dataclass_fields__[name].default:
+                parts.append(f"{name}={value:g}{unit_of}")
+        parts += [name for name in ("tool", "base") if getattr(self, name) is not None]
+        return f"Goal({', '.join(parts)})"
+
     @property
     def shape(self) -> tuple[int, ...]:
         """Shape of the batch; () for one pose."""
@@ -299,6 +347,46 @@ class Goal:
         )
 
 
+_SAID = (
+    ("position_tolerance", " m"),
+    ("orientation_tolerance", " rad"),
+    ("position_weight", ""),
+    ("orientation_weight", ""),
+)
+"""What the text of a goal says if it is not the default, and its unit."""
+
+
+def _row(values: Iterable[float]) -> str:
+    return f"[{', '.join(f'{round(float(value), 6) + 0.0:.6g}' for value in values)}]"
+
+
+def _rpy(turn: Array) -> tuple[float, float, float]:
+    """Roll, pitch and yaw of a rotation, (3, 3), for people [rad]; without a yaw where it cannot be told from the roll."""
+    level = math.hypot(turn[0, 0], turn[1, 0])
+    pitch = math.atan2(-turn[2, 0], level)
+    if level < 1e-9:
+        return math.atan2(-turn[1, 2], turn[1, 1]), pitch, 0.0
+    return math.atan2(turn[2, 1], turn[2, 2]), pitch, math.atan2(turn[1, 0], turn[0, 0])
+
+
+@overload
+def pose(
+    position: Sequence[float],
+    *,
+    quat_wxyz: Sequence[float] | None = None,
+    quat_xyzw: Sequence[float] | None = None,
+    rpy: Sequence[float] | None = None,
+    rotvec: Sequence[float] | None = None,
+) -> Pose: ...
+@overload
+def pose(
+    position: ArrayLike,
+    *,
+    quat_wxyz: ArrayLike | None = None,
+    quat_xyzw: ArrayLike | None = None,
+    rpy: ArrayLike | None = None,
+    rotvec: ArrayLike | None = None,
+) -> Array: ...
 def pose(
     position: ArrayLike,
     *,

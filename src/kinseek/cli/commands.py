@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import numpy as np
 import typer
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek.arm import load
 from kinseek.errors import InvalidGoal, KinseekError
-from kinseek.goal import Goal, GoalOptions, pose
+from kinseek.goal import Frame, Goal, GoalOptions, pose
 
 from . import report
 from .searches import make_search, searches, with_search_options
@@ -168,7 +168,7 @@ def solve(
     if position_only:
         goal = Goal.position(target[:3, 3], free=axes, **options)
     else:
-        goal = Goal.pose(target, free=axes, frame=frame, **options)
+        goal = Goal.pose(target, free=axes, frame=cast("Frame", frame), **options)
     start = None if near is None else joint_values(loaded, numbers(near, "--near"), "--near", deg)
     search = make_search(solver, search_options)
     clock = time.perf_counter()
