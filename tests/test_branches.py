@@ -185,7 +185,7 @@ def test_errors_are_recomputed_and_everything_explains_itself() -> None:
     assert "8 answers" in repr(branches)
     assert "not proved complete" in repr(branches)
     with pytest.raises(AttributeError, match="nothing"):
-        _ = branches.nothing
+        _ = branches.nothing  # type: ignore[attr-defined]
     again = pickle.loads(pickle.dumps(branches))
     np.testing.assert_array_equal(again.q, branches.q)
 

@@ -25,12 +25,12 @@ GOAL = Goal.pose(np.eye(4))
         ),
         (["a"] * 7, "near must be numbers"),
         ([[0.0], [0.0, 1.0]], "near must be numbers"),
-        (np.zeros((3, 7)), r"near must have shape \(7,\) or \(7,\), got \(3, 7\)"),
+        (np.zeros((3, 7)), r"near must have shape \(7,\), for the goal is one target; got \(3, 7\)"),
     ],
 )
 def test_a_start_that_does_not_fit(near: object, words: str) -> None:
     with pytest.raises(InvalidProblem, match=words):
-        ARM.ik(GOAL, near=near)  # type: ignore[arg-type]
+        ARM.ik(GOAL, near=near)  # type: ignore[call-overload]
 
 
 def test_a_start_must_fit_the_batch() -> None:
@@ -76,4 +76,4 @@ def test_each_goes_through_the_batch_in_order() -> None:
 @pytest.mark.parametrize("q", [np.zeros(6), "zero", [np.inf] * 7, 1.0])
 def test_fk_refuses_the_same(q: object) -> None:
     with pytest.raises(InvalidProblem, match="q "):
-        ARM.fk(q)  # type: ignore[arg-type]
+        ARM.fk(q)  # type: ignore[call-overload]

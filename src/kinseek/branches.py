@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, overload
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .goal import Goal
-from .problem import Problem
+from .problem import MadeWhenAsked, Problem
 from .robots.chain import SerialChain
 
 Array = NDArray[np.float64]
@@ -20,35 +19,32 @@ Array = NDArray[np.float64]
 class Branches:
     """The answers to one goal, in the order that was asked for; every one meets both tolerances.
 
-    Errors are recomputed from `q` by plain forward kinematics. Without an answer `q` has no rows.
+    Errors are recomputed from `q` by plain forward kinematics. Without an answer `q` has no rows. It is a sequence, so it
+    is true as a list is: where there is an answer.
+
+    Attributes:
+        q: Joint values inside the limits, (k, n), [rad] or [m]; no two are equal modulo 2π unless copies were asked for.
+        position_error: [m], (k,).
+        orientation_error: [rad], (k,).
+        complete: Is it proved that there is no other answer, but for those that `valid` refused? Only ``prove=True`` can
+            tell.
+        sampled: Are these only a sample of endlessly many? So it is with joints to spare, and exactly at a singularity.
+        evaluations: FK evaluations spent, the deterministic measure of work.
+        rejected: How many answers the user's `valid` refused; they are left out.
+        problem: What was asked.
     """
 
     q: Array
-    """Joint values inside the limits, (k, n), [rad] or [m]; no two are equal modulo 2π unless copies were asked for."""
     position_error: Array
-    """[m], (k,)"""
     orientation_error: Array
-    """[rad], (k,)"""
     complete: bool
-    """Is it proved that there is no other answer, but for those that `valid` refused? Only ``prove=True`` can tell."""
     sampled: bool
-    """Are these only a sample of endlessly many? So it is with joints to spare, and exactly at a singularity."""
     evaluations: int
-    """FK evaluations spent, the deterministic measure of work."""
     rejected: int
-    """How many answers the user's `valid` refused; they are left out."""
-    problem: Problem
-    """What was asked."""
-
-    def __getattr__(self, name: str) -> Any:
-        """Make `problem` when it is first asked for: the fast way of `Arm.branches` leaves it out."""
-        question = self.__dict__.get("_question")
-        if name != "problem" or question is None:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        chain, target = question
-        problem = Problem(chain, Goal.pose(target))
-        self.__dict__["problem"] = problem
-        return problem
+    if TYPE_CHECKING:
+        problem: Problem
+    else:
+        problem: Problem = MadeWhenAsked()
 
     def __len__(self) -> int:
         """Return the number of answers."""
@@ -75,13 +71,16 @@ class BranchesBatch(Sequence[Branches]):
     """The answers to a batch of goals: a flat sequence of `Branches`, one a goal in C order.
 
     Goals have different numbers of answers, so there is no rectangular array. `q` holds the answers of all goals one
-    after the other, and ``q[offsets[i]:offsets[i + 1]]`` are those of goal i.
+    after the other, and ``q[offsets[i]:offsets[i + 1]]`` are those of goal i. It is true where there is a goal; whether
+    there are answers, `counts` says.
+
+    Attributes:
+        each: The answers, one `Branches` a goal.
+        shape: Shape of the batch.
     """
 
     each: tuple[Branches, ...]
-    """One a goal."""
     shape: tuple[int, ...]
-    """Shape of the batch."""
 
     @overload
     def __getitem__(self, index: int) -> Branches: ...
@@ -139,6 +138,6 @@ def quick_branches(chain: SerialChain, target: Array, found: Array, sampled: boo
         sampled=sampled or last[2] > 0.0,
         evaluations=int(last[1]),
         rejected=0,
-        _question=(chain, target.copy()),  # The caller may write the next target into the same array.
+        _question=(chain, target.copy(), None),  # The caller may write the next target into the same array.
     )
     return branches

@@ -6,6 +6,7 @@
     ├── InvalidGoal(ValueError)      the target: pose, tolerances, weights
     ├── InvalidProblem(ValueError)   the call: joint vectors, start, budget
     ├── InvalidSolver(ValueError)    the search's own parameters
+    ├── InvalidUse(TypeError)         a result is used as what it is not: a solution as a truth value
     ├── MissingExtra(ImportError)    an optional dependency is not installed
     └── NotReached(RuntimeError)     raised only by Solution.require(); carries the solution
 
@@ -51,6 +52,10 @@ class InvalidProblem(KinseekError, ValueError):
 
 class InvalidSolver(KinseekError, ValueError):
     """A parameter of a search is out of its range, or the search would not fit into memory."""
+
+
+class InvalidUse(KinseekError, TypeError):
+    """A result is used as what it is not: a solution as a truth value, the answer to one target as a sequence."""
 
 
 class MissingExtra(KinseekError, ImportError):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,8 @@ class Problem:
             )
             if not fits:
                 one, many = (self.chain.dof,), (*batch, self.chain.dof)
-                raise InvalidProblem(f"near must have shape {one} or {many}, got {near.shape}")
+                shapes = f"{one} or {many}" if batch else f"{one}, for the goal is one target"
+                raise InvalidProblem(f"near must have shape {shapes}; got {near.shape}")
             object.__setattr__(self, "near", near)
         if self.budget is not None and self.budget < 1:
             raise InvalidProblem(f"budget must be at least 1 FK evaluation, got {self.budget}")
@@ -74,6 +76,28 @@ class Problem:
         for index in np.ndindex(self.goal.shape):
             near = None if nears is None else nears[index]
             yield replace(self, goal=self.goal.at(self.goal.target[index]), near=near)
+
+
+class MadeWhenAsked:
+    """The field `problem` of a result, made when it is first asked for: the fast ways of `Arm` leave it out.
+
+    They leave a `_question` instead: the arm, a pose (4, 4), and what the answer shall be near to, (n,), or None. A result
+    that was given its problem never comes here, since what an object holds itself goes first.
+    """
+
+    def __get__(self, result: Any, owner: type) -> Problem:
+        """Make the problem and leave it with the result.
+
+        Raises:
+            AttributeError: Asked of the class; `dataclasses` takes that for a field without a default.
+        """
+        question = None if result is None else result.__dict__.get("_question")
+        if question is None:
+            raise AttributeError(f"{owner.__name__!r} has its problem in each object alone")
+        chain, target, near = question
+        problem = Problem(chain, Goal.pose(target), near)
+        result.__dict__["problem"] = problem
+        return problem
 
 
 def as_joints(chain: SerialChain, q: object, name: str = "q") -> Array:

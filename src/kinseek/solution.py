@@ -5,18 +5,30 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from enum import Enum
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Generic, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import NotReached
+from .errors import InvalidUse, NotReached
 from .goal import Goal
 from .kernels.deviation import judge_boxes
 from .kernels.pose_error import judge, judge_poses
-from .problem import Problem
+from .problem import MadeWhenAsked, Problem
 from .robots.blackbox import BlackBox
 from .robots.chain import SerialChain
+
+if TYPE_CHECKING:  # Defaults of type variables come with Python 3.13; type checkers know them everywhere.
+    from typing_extensions import TypeVar
+
+    Flag = TypeVar("Flag", default=Any)
+    Number = TypeVar("Number", default=Any)
+    Count = TypeVar("Count", default=Any)
+    State = TypeVar("State", default=Any)
+else:
+    from typing import TypeVar
+
+    Flag, Number, Count, State = (TypeVar(name) for name in ("Flag", "Number", "Count", "State"))
 
 Array = NDArray[np.float64]
 
@@ -34,70 +46,162 @@ class Status(Enum):
         return self.value
 
 
+_NO: Any = False
+_NONE: Any = 0
+
+
 @dataclass(frozen=True, eq=False)
-class Solution:
-    """The answer to one target, or to a batch of them; then every field has the batch's leading shape.
+class Solution(Generic[Flag, Number, Count, State]):
+    """The answer to one target, or to a batch of them; then every field has the batch's leading shape (...).
 
     Errors are recomputed from `q` by plain forward kinematics, never taken from a search's own residual.
+
+    A batch has a length and can be iterated and indexed as its arrays can: ``solution[3]``, ``solution[2:5]``,
+    ``solution[~solution.success]``. A solution has no truth value; ask ``solution.success``.
+
+    Attributes:
+        q: Joint values inside the limits, (..., n), [rad] or [m].
+        success: Are both tolerances met, and did `valid`, where there is one, agree? bool, or (...) bool.
+        position_error: [m], float or (...).
+        orientation_error: [rad], float or (...).
+        weighted_error: The paper's K_P |p - p_g| + K_A [(1 - x·x_g) + (1 - y·y_g)] (Sec. 2.2), no unit, float or (...).
+        evaluations: FK evaluations spent, the deterministic measure of work, int or (...).
+        nodes_created: Nodes of the search tree that were made, int or (...); 0 where the search grows no tree.
+        nodes_expanded: Nodes of the search tree that were visited, int or (...); 0 where the search grows no tree.
+        problem: What was asked.
+        proved_unreachable: Is it proved that no joint values inside the limits reach the goal? bool or (...) bool.
+        rejected: How many answers the user's `valid` refused, int or (...); without success, every answer that was
+            found.
+
+    For type checkers this class is generic in the types of its flags, numbers, counts and status. An array's type need not
+    tell its shape, so `Arm.ik` fills them in where the goal's type says that it is one pose or a batch: then ``success`` is
+    a bool or an array. Where it does not, or where `Solution` is written alone, they are ``Any``: what is right for one pose
+    and what is right for a batch both pass, and a name that does not exist never does.
     """
 
     q: Array
-    """Joint values inside the limits, (..., n), [rad] or [m]."""
-    success: Any
-    """Are both tolerances met, and did `valid`, where there is one, agree? bool, or (...) bool."""
-    position_error: Any
-    """[m], float or (...)."""
-    orientation_error: Any
-    """[rad], float or (...)."""
-    weighted_error: Any
-    """The paper's K_P |p - p_g| + K_A [(1 - x·x_g) + (1 - y·y_g)] (Sec. 2.2), float or (...)."""
-    evaluations: Any
-    """FK evaluations spent, the deterministic measure of work, int or (...)."""
-    nodes_created: Any
-    """Nodes of the search tree that were made, int or (...); 0 where the search grows no tree."""
-    nodes_expanded: Any
-    """Nodes of the search tree that were visited, int or (...); 0 where the search grows no tree."""
-    problem: Problem
-    """What was asked."""
-    proved_unreachable: Any = False
-    """Is it proved that no joint values inside the limits reach the goal? bool or (...) bool."""
-    rejected: Any = 0
-    """How many answers the user's `valid` refused, int or (...); without success, every answer that was found."""
+    success: Flag
+    position_error: Number
+    orientation_error: Number
+    weighted_error: Number
+    evaluations: Count
+    nodes_created: Count
+    nodes_expanded: Count
+    if TYPE_CHECKING:
+        problem: Problem
+    else:
+        problem: Problem = MadeWhenAsked()
+    proved_unreachable: Flag = _NO
+    rejected: Count = _NONE
 
-    def __getattr__(self, name: str) -> Any:
-        """Make `problem` when it is first asked for: the fast way of `Arm.ik` leaves it out."""
-        question = self.__dict__.get("_question")
-        if name != "problem" or question is None:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        chain, target, near = question
-        problem = Problem(chain, Goal.pose(target), near)
-        self.__dict__["problem"] = problem
-        return problem
+    def __post_init__(self) -> None:
+        """Give a batch its shape in every field, those that were left at their defaults too."""
+        if isinstance(self.success, np.ndarray):
+            for name in ("proved_unreachable", "rejected"):
+                if not isinstance(value := getattr(self, name), np.ndarray):
+                    object.__setattr__(self, name, np.full(self.success.shape, value))
 
     @property
-    def status(self) -> Any:
+    def status(self) -> State:
         """`Status`, or an object array of them, (...)."""
-        if isinstance(self.success, bool):
-            if self.success:
-                return Status.SOLVED
-            if self.proved_unreachable:
-                return Status.PROVED_UNREACHABLE
-            return Status.REJECTED if self.rejected else Status.BEST_EFFORT
-        names = np.array([*Status], dtype=object)  # Solved, best effort, rejected, proved unreachable.
-        proved = np.broadcast_to(self.proved_unreachable, self.success.shape)
-        missed = np.where(proved, 3, np.where(np.broadcast_to(self.rejected, self.success.shape) > 0, 2, 1))
-        return names[np.where(self.success, 0, missed)]
+        solution: Solution = self
+        if isinstance(solution.success, np.ndarray):
+            names = np.array([*Status], dtype=object)  # Solved, best effort, rejected, proved unreachable.
+            missed = np.where(solution.proved_unreachable, 3, np.where(solution.rejected > 0, 2, 1))
+            return cast("State", names[np.where(solution.success, 0, missed)])
+        if solution.success:
+            return cast("State", Status.SOLVED)
+        if solution.proved_unreachable:
+            return cast("State", Status.PROVED_UNREACHABLE)
+        return cast("State", Status.REJECTED if solution.rejected else Status.BEST_EFFORT)
 
-    def each(self) -> Iterator[Solution]:
-        """One solution a target, in order."""
-        if not self.problem.goal.shape:
-            yield self
+    def __bool__(self) -> bool:
+        """Refuse: an answer that misses its goal would count as true.
+
+        Raises:
+            InvalidUse: Always.
+        """
+        raise InvalidUse(
+            "a Solution has no truth value: ask solution.success, or solution.success.all() of a batch"
+        )
+
+    def __len__(self) -> int:
+        """Return the length of a batch: the first number of its shape.
+
+        Raises:
+            InvalidUse: It is the answer to one target.
+        """
+        return self._batch[0]
+
+    def __iter__(self) -> Iterator[Solution]:
+        """Go through a batch along its first dimension: one solution a target, or smaller batches."""
+        return (self[i] for i in range(len(self)))
+
+    def __getitem__(self, index: Any) -> Solution:
+        """Return the answer to one target of a batch, or to some, as a NumPy index takes them: ``3``, ``2:5``, a mask.
+
+        Raises:
+            InvalidUse: It is the answer to one target, or this is no index.
+            IndexError: Out of the batch's range.
+        """
+        shape = self._batch
+        try:
+            chosen = np.arange(int(np.prod(shape))).reshape(shape)[index]
+        except IndexError as error:
+            if "only integers, slices" in str(error):
+                raise InvalidUse(
+                    f"a batch of solutions takes integers, slices and masks, got {index!r}"
+                ) from None
+            raise IndexError(f"{error} (a batch of solutions of shape {shape})") from None
+        if isinstance(chosen, np.integer):
+            return self._one(int(chosen))
+        goal, problem = self.problem.goal, self.problem
+        near = problem.near
+        if near is not None:
+            near = np.broadcast_to(near, (*shape, problem.chain.dof))[index]
+        part = replace(problem, goal=goal.at(goal.target[index]), near=near)
+        return replace(
+            self,
+            q=self.q[index],
+            problem=part,
+            **{name: getattr(self, name)[index] for name in _columns(self)},
+        )
+
+    @property
+    def _batch(self) -> tuple[int, ...]:
+        """Shape of the batch.
+
+        Raises:
+            InvalidUse: It is the answer to one target.
+        """
+        if isinstance(self.success, np.ndarray):
+            return tuple(self.success.shape)
+        raise InvalidUse(
+            "this is the answer to one target, it has no length and no items: its joint values are solution.q; "
+            "a batch of targets gives a batch of solutions"
+        )
+
+    def _one(self, number: int) -> Solution:
+        """Return the answer to one target of a batch, by its number in C order."""
+        problem, shape = self.problem, self._batch
+        at = np.unravel_index(number, shape)
+        near = problem.near
+        if near is not None:
+            near = np.broadcast_to(near, (*shape, problem.chain.dof))[at]
+        return replace(
+            self,
+            q=self.q[at],
+            problem=replace(problem, goal=problem.goal.at(problem.goal.target[at]), near=near),
+            **{name: getattr(self, name)[at].item() for name in _columns(self)},
+        )
+
+    def each(self) -> Iterator[Solution[bool, float, int, Status]]:
+        """One solution a target, in C order; of one target, itself."""
+        if not isinstance(self.success, np.ndarray):
+            yield cast("Solution[bool, float, int, Status]", self)
             return
-        names = [each.name for each in fields(self) if each.name not in ("q", "problem")]
-        columns = {name: np.broadcast_to(getattr(self, name), self.problem.goal.shape) for name in names}
-        for index, problem in zip(np.ndindex(self.problem.goal.shape), self.problem.each(), strict=True):
-            row = {name: column[index].item() for name, column in columns.items()}
-            yield replace(self, q=self.q[index], problem=problem, **row)
+        for number in range(self.success.size):
+            yield self._one(number)
 
     def require(self) -> Self:
         """Return self if every target is reached.
@@ -105,13 +209,14 @@ class Solution:
         Raises:
             NotReached: A tolerance is missed; the error carries this solution.
         """
-        if np.all(self.success):
+        solution: Solution = self
+        if np.all(solution.success):
             return self
         goal = self.problem.goal
-        missed = np.atleast_1d(~np.asarray(self.success))
-        worst = f"{np.max(self.position_error):.3g} m, {np.max(self.orientation_error):.3g} rad"
+        missed = np.atleast_1d(~np.asarray(solution.success))
+        worst = f"{np.max(solution.position_error):.3g} m, {np.max(solution.orientation_error):.3g} rad"
         count = "" if missed.size == 1 else f"{missed.sum()} of {missed.size} targets not reached; "
-        refused = int(np.sum(np.where(missed, self.rejected, 0)))
+        refused = int(np.sum(np.where(missed, solution.rejected, 0)))
         refusals = f"; `valid` refused {refused} answers" if refused else ""
         raise NotReached(
             f"{count}errors up to {worst}, tolerances {goal.position_tolerance:g} m, "
@@ -121,13 +226,18 @@ class Solution:
 
     def __repr__(self) -> str:
         """Short enough to print in a shell."""
-        if isinstance(self.success, bool):
+        if not isinstance(self.success, np.ndarray):
             return (
-                f"Solution({self.status.name}, q={np.array2string(self.q, precision=4, separator=', ')}, "
+                f"Solution({Status(self.status).name}, q={np.array2string(self.q, precision=4, separator=', ')}, "
                 f"position_error={self.position_error:.2e} m, "
                 f"orientation_error={self.orientation_error:.2e} rad, evaluations={self.evaluations})"
             )
         return f"Solution({int(self.success.sum())} of {self.success.size} solved, q{self.q.shape})"
+
+
+def _columns(solution: Solution) -> list[str]:
+    """Names of the fields that have one entry a target."""
+    return [each.name for each in fields(solution) if each.name not in ("q", "problem")]
 
 
 def conclude(problem: Problem, q: Array, work: NDArray[np.int64]) -> Solution:

@@ -73,7 +73,7 @@ def prove(
     refuse_ranges(problem.goal)
     if budget < 0:
         raise InvalidProblem(f"budget must be at least 0 boxes, got {budget}")
-    best = answer or Atlas().solve(replace(problem, budget=None))
+    best = answer if answer is not None else Atlas().solve(replace(problem, budget=None))
     if best.success:
         return _certificate(problem, Verdict.REACHABLE, best.q, 0.0, 0, 0.0)
     search = excluded(problem, budget, threads=threads)
