@@ -220,7 +220,8 @@ def test_ik_proves_what_it_misses(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = list(batch.each())
     assert [row.success for row in rows] == [True, False, False, True]
     np.testing.assert_array_equal(rows[1].problem.goal.target, far)
-    assert arm.ik(np.zeros((0, 4, 4)), prove=True).status.shape == (0,)
+    none = np.zeros((0, 4, 4))
+    assert arm.ik(none, prove=True).status.shape == (0,)
 
 
 def stretched(name: str, seed: int) -> tuple[kinseek.Arm, NDArray[np.float64]]:

@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import Goal, InvalidProblem, NotReached, Status
 from kinseek.problem import Problem
-from kinseek.solvers.branching import constraint_jacobian, freedom, scores
+from kinseek.solvers.branching import ORDERS, Order, constraint_jacobian, freedom, scores
 
 Array = NDArray[np.float64]
-
-ORDERS = ("mid-range", "limits", "dexterity")
 
 
 def score(arm: kinseek.Arm, target: Array, q: Array, order: str) -> float:
@@ -24,7 +22,7 @@ def score(arm: kinseek.Arm, target: Array, q: Array, order: str) -> float:
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_six_joints_take_the_best_branch(order: str) -> None:
+def test_six_joints_take_the_best_branch(order: Order) -> None:
     arm = kinseek.load("ur5e")
     for target in plain_fk(arm.chain, random_joints(arm.chain, 20, 41)):
         solution = arm.ik(target, prefer=order)
@@ -37,7 +35,7 @@ def test_six_joints_take_the_best_branch(order: str) -> None:
 
 @pytest.mark.parametrize("name", ["panda", "gen3"])
 @pytest.mark.parametrize("order", ORDERS)
-def test_joints_to_spare_slide_to_what_is_better_than_any_sample(name: str, order: str) -> None:
+def test_joints_to_spare_slide_to_what_is_better_than_any_sample(name: str, order: Order) -> None:
     arm = kinseek.load(name)
     better = 0
     for target in plain_fk(arm.chain, random_joints(arm.chain, 5, 42)):

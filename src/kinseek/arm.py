@@ -3,39 +3,77 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Self, TypeGuard, cast
+from typing import Any, Self, TypedDict, TypeGuard, Unpack, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .branches import Branches, BranchesBatch, quick_branches
 from .certificate import Certificate, Verdict
-from .errors import InvalidProblem
+from .errors import InvalidProblem, suggest
 from .goal import Goal, one_pose
 from .kernels.forward import forward_many
+from .kernels.jacobian import jacobian_many
 from .kernels.nearby import solve_plain_near
 from .kernels.refine import solve_plain
 from .problem import Problem, as_joints
 from .robots import BlackBox, black_box, read, read_dh
 from .robots.chain import SerialChain
 from .robots.variants import with_limits, with_locked, with_tool
-from .solution import Solution, quick_solution
+from .shapes import ManyGoals, Matrix, OneGoal, Pose, Poses, Rows, Unshaped, UnshapedGoal, Vector
+from .solution import Solution, Status, quick_solution
 from .solvers import Atlas, Solver
 from .solvers.atlas import PLAIN, SAMPLES, AtlasIndex, atlas_of
+from .solvers.base import whole
 from .solvers.black_box.samples import samples_of
-from .solvers.branching import SPREAD, BranchIndex, Cost, Valid, branches_of, index_of
+from .solvers.branching import SPREAD, BranchIndex, Cost, Order, Valid, branches_of, freedom, index_of
 from .solvers.preference import preferred
 
 Array = NDArray[np.float64]
 
 
+Flags = NDArray[np.bool_]
+Counts = NDArray[np.int64]
+States = NDArray[np.object_]
+
 _FLOAT = np.dtype(np.float64)
 
 
+class IkOptions(TypedDict, total=False):
+    """What `Arm.ik` takes beside the goal; it is explained there."""
+
+    near: ArrayLike | None
+    solver: Solver | None
+    threads: int | None
+    progress: bool
+    prove: bool
+    prefer: Order | None
+    cost: Cost | None
+    valid: Valid | None
+
+
+class BranchesOptions(TypedDict, total=False):
+    """What `Arm.branches` takes beside the goal; it is explained there."""
+
+    near: ArrayLike | None
+    order: Order
+    cost: Cost | None
+    valid: Valid | None
+    copies: bool
+    count: int | None
+    threads: int | None
+    prove: bool
+
+
 class Arm:
-    """A serial arm. Make one with `kinseek.load`, `Arm.from_dh` or `Arm.from_fk`."""
+    """A serial arm. Make one with `kinseek.load`, `Arm.from_dh` or `Arm.from_fk`.
+
+    A class derived from it keeps its own attributes in copies, in pickles and in the arms that `with_tool`, `with_locked`
+    and `with_limits` make; these copy the arm and never call ``__init__``.
+    """
 
     def __init__(self, chain: SerialChain) -> None:
         """Wrap a chain that a reader made."""
@@ -43,9 +81,18 @@ class Arm:
         self._index: AtlasIndex | None = None
         self._branch_index: BranchIndex | None = None
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Pickle the chain; the atlas is rebuilt where it is needed."""
-        return {"chain": self.chain, "_index": None, "_branch_index": None}
+    def __getstate__(self) -> Any:
+        """Copy and pickle everything but the atlas, which is rebuilt where it is needed."""
+        state = super().__getstate__()
+        attributes, slots = state if isinstance(state, tuple) else (state, None)
+        attributes = {**cast("dict[str, Any]", attributes), "_index": None, "_branch_index": None}
+        return attributes if slots is None else (attributes, slots)
+
+    def _with_chain(self, chain: SerialChain) -> Self:
+        """The same arm in all but its chain."""
+        arm = copy(self)
+        arm.chain, arm._index, arm._branch_index = chain, None, None
+        return arm
 
     @classmethod
     def from_dh(
@@ -125,33 +172,131 @@ class Arm:
         return self.chain.joint_names
 
     @property
+    def kinds(self) -> tuple[str, ...]:
+        """Of each joint variable: ``"revolute"``, ``"continuous"`` or ``"prismatic"``; of a function also ``"number"``."""
+        return self.chain.kinds
+
+    @property
+    def base(self) -> str:
+        """Name of the link in which poses are given."""
+        return self.chain.base
+
+    @property
+    def tip(self) -> str:
+        """Name of the link whose pose is meant, or that carries the tool of `with_tool`."""
+        return self.chain.tip
+
+    @property
     def lower(self) -> Array:
-        """Lower limits, (n,), [rad] or [m]; -π for a continuous joint."""
+        """Lower limits, (n,), [rad] or [m].
+
+        A continuous joint has no limits: lower and upper are -π and π, one turn in which answers lie unless `near` asks for
+        another.
+        """
         return self.chain.lower.copy()
 
     @property
     def upper(self) -> Array:
-        """Upper limits, (n,), [rad] or [m]; π for a continuous joint."""
+        """Upper limits, (n,), [rad] or [m]; see `lower`."""
         return self.chain.upper.copy()
 
-    def fk(self, q: ArrayLike) -> Array:
-        """Pose of the tip in the base.
+    def sample(self, n: int, seed: int = 0) -> Rows:
+        """Joint values drawn uniformly from inside the limits; the same seed gives the same values.
+
+        Args:
+            n: How many.
+            seed: A whole number of at least 0.
+
+        Returns:
+            (n, dof), [rad] or [m].
+
+        Raises:
+            InvalidProblem: `n` or `seed` is no whole number of at least 0.
+        """
+        for name, value in (("n", n), ("seed", seed)):
+            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
+                raise InvalidProblem(f"{name} must be a whole number of at least 0, got {value!r}")
+        drawn = np.random.default_rng(seed).uniform(self.chain.lower, self.chain.upper, (n, self.dof))
+        rows: Rows = np.clip(drawn, self.chain.lower, self.chain.upper)  # Rounding may lead past a limit.
+        return rows
+
+    @overload
+    def fk(self, q: Unshaped, link: str | None = None) -> Array: ...
+    @overload
+    def fk(self, q: Vector | Sequence[float], link: str | None = None) -> Pose: ...
+    @overload
+    def fk(self, q: Matrix | Sequence[Sequence[float]], link: str | None = None) -> Poses: ...
+    @overload
+    def fk(self, q: ArrayLike, link: str | None = None) -> Array: ...
+    def fk(self, q: ArrayLike, link: str | None = None) -> Array:
+        """Pose of the tip in the base, or of any link on the way to it.
 
         Args:
             q: Joint values, (..., n), [rad] or [m]; may lie outside the limits.
+            link: Name of a link or joint between base and tip, fixed ones included. A joint stands for the frame that it
+                moves, a name of both for the link. Without it: the tip, moved to the tool of `with_tool` if there is one;
+                ``link=arm.tip`` is the link that carries the tool.
 
         Returns:
             Transforms, (..., 4, 4), lengths in [m].
 
         Raises:
-            InvalidProblem: A wrong shape, NaN or infinity.
+            InvalidProblem: A wrong shape, NaN or infinity, an unknown link, or a link of an arm that is a function.
             FailedKinematics: The arm is a function, and it fails.
         """
         joints = as_joints(self.chain, q)
         flat = np.ascontiguousarray(joints.reshape(-1, self.dof))
+        if link is not None:
+            self._require_axes("fk(link=...) asks for a link")
+            if link not in self.chain.frames:
+                raise InvalidProblem(suggest(str(link), self.chain.frames, "link or joint"))
+            arrays = self.chain.arrays_to(self.chain.frames[link])
+            return forward_many(arrays, flat).reshape(*joints.shape[:-1], 4, 4)
         if isinstance(self.chain, BlackBox):
             return self.chain.poses(flat).reshape(*joints.shape[:-1], 4, 4)
         return forward_many(self.chain.arrays, flat).reshape(*joints.shape[:-1], 4, 4)
+
+    def jacobian(self, q: ArrayLike) -> Array:
+        """How fast the tip moves and turns for each joint: the geometric Jacobian (Siciliano et al. 2009, Sec. 3.1).
+
+        Rows 0 to 2 are the velocity of the tip's origin, rows 3 to 5 the angular velocity, both along the axes of the base.
+        So ``jacobian(q) @ dq`` is the twist that joint velocities ``dq`` give the tip, which is the tool of `with_tool` if
+        there is one. A joint that others mimic moves these too.
+
+        Args:
+            q: Joint values, (..., n), [rad] or [m]; may lie outside the limits.
+
+        Returns:
+            (..., 6, n): of a joint that turns [m/rad] and [rad/rad], of one that slides [m/m] and [rad/m].
+
+        Raises:
+            InvalidProblem: A wrong shape, NaN or infinity, or an arm that is a function, whose derivatives nobody knows.
+        """
+        self._require_axes("a Jacobian is worked out from axes")
+        joints = as_joints(self.chain, q)
+        flat = np.ascontiguousarray(joints.reshape(-1, self.dof))
+        return jacobian_many(self.chain.arrays, flat).reshape(*joints.shape[:-1], 6, self.dof)
+
+    def manipulability(self, q: ArrayLike) -> Any:
+        """How far the arm is from singular: the product of the Jacobian's singular values (Yoshikawa 1985, eq. 4).
+
+        It is √det(J Jᵀ) where the arm can move in all six directions. Of an arm that can do so nowhere, a planar one for
+        example, only as many singular values count as it can have anywhere. Metres and radians are mixed, as in the paper:
+        compare values of one arm.
+
+        Args:
+            q: Joint values, (..., n), [rad] or [m]; may lie outside the limits.
+
+        Returns:
+            At least 0, and 0 at a singularity; a float, or (...).
+
+        Raises:
+            InvalidProblem: As `jacobian`.
+        """
+        J = self.jacobian(q)
+        rank = self.dof - freedom(Problem(self.chain, Goal.pose(np.eye(4))))
+        values = np.linalg.svd(J, compute_uv=False)[..., :rank].prod(axis=-1)
+        return values if J.ndim > 2 else float(values)
 
     def with_locked(self, values: Mapping[str, float]) -> Self:
         """The arm with some joints locked; its `q` holds only the joints that are left.
@@ -162,7 +307,8 @@ class Arm:
         Raises:
             InvalidRobot: Unknown joints, values that are no numbers or outside the limits, or every joint locked.
         """
-        return type(self)(with_locked(self.chain, values))
+        self._require_axes("joints are locked along axes")
+        return self._with_chain(with_locked(self.chain, values))
 
     def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> Self:
         """The arm with narrower limits.
@@ -174,7 +320,7 @@ class Arm:
         Raises:
             InvalidRobot: Unknown joints, limits that are no numbers, inverted, or wider than those of the arm.
         """
-        return type(self)(with_limits(self.chain, limits))
+        return self._with_chain(with_limits(self.chain, limits))
 
     def with_tool(self, tool: Any) -> Self:
         """The arm with its tip moved to a tool: `fk` and goals speak of it.
@@ -185,7 +331,8 @@ class Arm:
         Raises:
             InvalidGoal: Not one pose.
         """
-        return type(self)(with_tool(self.chain, one_pose(tool, "tool")))
+        self._require_axes("a tool is put behind the last axis")
+        return self._with_chain(with_tool(self.chain, one_pose(tool, "tool")))
 
     @property
     def atlas(self) -> AtlasIndex:
@@ -202,6 +349,14 @@ class Arm:
             self._index = atlas_of(self.chain)
         return self._index
 
+    @overload
+    def ik(self, goal: UnshapedGoal, **options: Unpack[IkOptions]) -> Solution: ...
+    @overload
+    def ik(self, goal: OneGoal, **options: Unpack[IkOptions]) -> Solution[bool, float, int, Status]: ...
+    @overload
+    def ik(self, goal: ManyGoals, **options: Unpack[IkOptions]) -> Solution[Flags, Array, Counts, States]: ...
+    @overload
+    def ik(self, goal: object, **options: Unpack[IkOptions]) -> Solution: ...
     def ik(
         self,
         goal: Any,
@@ -211,7 +366,7 @@ class Arm:
         threads: int | None = None,
         progress: bool = False,
         prove: bool = False,
-        prefer: str | None = None,
+        prefer: Order | None = None,
         cost: Cost | None = None,
         valid: Valid | None = None,
     ) -> Solution:
@@ -240,8 +395,10 @@ class Arm:
             InvalidGoal: Not a pose.
             InvalidProblem: `near` does not fit the arm, an unknown preference, two of them, a preference with a
                 `solver`, or a `cost` or `valid` that fails.
-            InvalidSolver: The solver's parameters do not fit the arm.
+            InvalidSolver: The solver's parameters do not fit the arm, or `threads` is no whole number of at least 1.
         """
+        if threads is not None:
+            whole("threads", threads, 1)
         wishes = prefer is not None or cost is not None or valid is not None
         serial = type(self.chain) is SerialChain
         if serial and solver is None and not prove and not wishes and _is_plain(goal, (4, 4)):
@@ -257,7 +414,7 @@ class Arm:
                 if report[3] >= 0:
                     return quick_solution(self.chain, goal, near, q, report)
         if prove:
-            self._require_axes()
+            self._require_axes(_NO_PROOF)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self.chain, near, "near")
         problem = Problem(self.chain, asked, start)
@@ -269,12 +426,22 @@ class Arm:
             solution = (solver or Atlas(threads=threads, progress=progress)).solve(problem)
         return self._with_proofs(solution) if prove else solution
 
+    @overload
+    def branches(  # type: ignore[overload-overlap]  # Wanted: of an array without a shape neither answer is promised.
+        self, goal: UnshapedGoal, **options: Unpack[BranchesOptions]
+    ) -> Branches | BranchesBatch: ...
+    @overload
+    def branches(self, goal: OneGoal, **options: Unpack[BranchesOptions]) -> Branches: ...
+    @overload
+    def branches(self, goal: ManyGoals, **options: Unpack[BranchesOptions]) -> BranchesBatch: ...
+    @overload
+    def branches(self, goal: object, **options: Unpack[BranchesOptions]) -> Branches | BranchesBatch: ...
     def branches(
         self,
         goal: Any,
         *,
         near: ArrayLike | None = None,
-        order: str = "mid-range",
+        order: Order = "mid-range",
         cost: Cost | None = None,
         valid: Valid | None = None,
         copies: bool = False,
@@ -307,7 +474,10 @@ class Arm:
             InvalidGoal: Not a pose.
             InvalidProblem: `near` does not fit the arm, an unknown order, two orders at once, or a `cost` or `valid`
                 that fails; the message names q.
+            InvalidSolver: `threads` is no whole number of at least 1.
         """
+        if threads is not None:
+            whole("threads", threads, 1)
         plain = (
             near is None and order == "mid-range" and cost is None and valid is None and not (copies or prove)
         )
@@ -354,19 +524,20 @@ class Arm:
         Raises:
             InvalidGoal: Not a pose.
             InvalidProblem: A batch, a gap or budget out of its range, or an arm that is a function.
+            InvalidSolver: `threads` is no whole number of at least 1.
         """
-        self._require_axes()
+        self._require_axes(_NO_PROOF)
+        if threads is not None:
+            whole("threads", threads, 1)
         from .solvers.branch_and_bound import prove
 
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         return prove(Problem(self.chain, asked), gap=gap, budget=budget, threads=threads)
 
-    def _require_axes(self) -> None:
-        """Refuse to prove anything of a function."""
+    def _require_axes(self, why: str) -> None:
+        """Refuse what a function has not; `why` says what would need it."""
         if isinstance(self.chain, BlackBox):
-            raise InvalidProblem(
-                f"nothing can be proved of {self.name!r}: nothing is known of its function between the values it gave"
-            )
+            raise InvalidProblem(f"{why}, and {self.name!r} is a function of which only values are known")
 
     def _with_proofs(self, solution: Solution) -> Solution:
         from .solvers.branch_and_bound import prove, refuse_ranges
@@ -380,8 +551,15 @@ class Arm:
         return replace(solution, proved_unreachable=np.reshape(missed, shape) if shape else bool(missed[0]))
 
     def __repr__(self) -> str:
-        """Name, joints and frames."""
-        return f"Arm({self.name!r}, {self.dof} joints, {self.chain.base!r} -> {self.chain.tip!r})"
+        """Name, joints and frames; whether it carries a tool, and where joints are locked."""
+        tool = " + tool" if not isinstance(self.chain, BlackBox) and self.chain.tooled else ""
+        locked = () if isinstance(self.chain, BlackBox) else self.chain.locked
+        where = "".join(f", {name} locked at {value:.6g}" for name, value in locked)
+        joints = f"{self.dof} joint{'s' if self.dof > 1 else ''}"
+        return f"{type(self).__name__}({self.name!r}, {joints}, {self.base!r} -> {self.tip!r}{tool}{where})"
+
+
+_NO_PROOF = "nothing can be proved without axes"
 
 
 def _is_plain(value: Any, shape: tuple[int, ...]) -> TypeGuard[Array]:

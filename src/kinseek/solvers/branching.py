@@ -9,7 +9,7 @@ import weakref
 from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,10 @@ SAMPLES = 1024
 SPREAD = 50
 """Answers in a sample, unless told otherwise."""
 
-ORDERS = ("mid-range", "limits", "dexterity")
+Order = Literal["mid-range", "limits", "dexterity"]
+"""What comes first of several answers; see `Arm.branches`."""
+
+ORDERS: tuple[Order, ...] = get_args(Order)
 
 _CHUNK = 64
 """Targets that a thread takes at a time."""
