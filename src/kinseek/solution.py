@@ -135,7 +135,7 @@ class Solution(Generic[Flag, Number, Count, State]):
 
     def __iter__(self) -> Iterator[Solution]:
         """Go through a batch along its first dimension: one solution a target, or smaller batches."""
-        return (self[i] for i in range(len(self)))
+        return self.each() if len(self._batch) == 1 else (self[i] for i in range(len(self)))
 
     def __getitem__(self, index: Any) -> Solution:
         """Return the answer to one target of a batch, or to some, as a NumPy index takes them: ``3``, ``2:5``, a mask.
@@ -145,6 +145,13 @@ class Solution(Generic[Flag, Number, Count, State]):
             IndexError: Out of the batch's range.
         """
         shape = self._batch
+        if (
+            len(shape) == 1
+            and isinstance(index, int | np.integer)
+            and not isinstance(index, bool)
+            and -shape[0] <= index < shape[0]
+        ):
+            return self._one(int(index) % shape[0])
         try:
             chosen = np.arange(int(np.prod(shape))).reshape(shape)[index]
         except IndexError as error:
