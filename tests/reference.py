@@ -42,7 +42,8 @@ def weighted_error(T: Array, goal: Goal, target: Array | None = None) -> float:
     axes = {"pose": np.eye(3)[:2], "pointing": np.array([goal.tool_axis]), "position": np.empty((0, 3))}[
         goal.kind
     ]
-    turned = sum(1.0 - float((T[:3, :3] @ axis) @ (G[:3, :3] @ axis)) for axis in axes)
+    # 1 - x·x_g is ½ |x - x_g|² for unit vectors, and does not cancel so.
+    turned = sum(float(((T[:3, :3] @ axis - G[:3, :3] @ axis) ** 2).sum()) / 2.0 for axis in axes)
     return position + goal.orientation_weight * turned
 
 

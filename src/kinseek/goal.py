@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import InvalidGoal, InvalidProblem
 from .kernels.arrays import GoalArrays
 from .kernels.deviation import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS
-from .kernels.pose_error import all_rigid
+from .kernels.pose_error import HEAVIEST, LARGEST, LIGHTEST, all_rigid, rigid_each
 from .ranges import (
     AXES,
     FRAMES,
@@ -115,16 +115,27 @@ class Goal:
         """Check every number.
 
         Raises:
-            InvalidGoal: A tolerance is negative or not finite, a weight not positive, the target not a pose.
+            InvalidGoal: A tolerance is negative or not finite, a weight not positive, a number too large or too small to
+                compute with, the target not a pose.
         """
         for name in ("position_tolerance", "orientation_tolerance"):
             value = getattr(self, name)
             if not (isinstance(value, Real) and np.isfinite(float(value)) and float(value) >= 0):
                 raise InvalidGoal(f"{name} must be a finite number >= 0, got {value!r}")
+            if float(value) > LARGEST:
+                raise InvalidGoal(
+                    f"{name} must be at most {LARGEST:g}, got {value!r}: nothing that is reached lies that far off. Where "
+                    f"the position or the orientation does not matter, Goal.pose(..., free=...) or Goal.position say so"
+                )
         for name in ("position_weight", "orientation_weight"):
             value = getattr(self, name)
             if not (isinstance(value, Real) and np.isfinite(float(value)) and float(value) > 0):
                 raise InvalidGoal(f"{name} must be a finite number > 0, got {value!r}")
+            if not LIGHTEST <= float(value) <= HEAVIEST:
+                raise InvalidGoal(
+                    f"{name} must lie between {LIGHTEST:g} and {HEAVIEST:g}, got {value!r}: searches multiply weighted "
+                    f"errors, and beyond that doubles end"
+                )
         if self.kind not in (*KINDS, "box"):
             raise InvalidGoal(f"kind must be 'pose', 'position' or 'pointing', got {self.kind!r}")
         if self.frame not in FRAMES:
@@ -431,7 +442,8 @@ def as_pose(target: Any) -> Array:
         (..., 4, 4), every rotation orthonormal to rounding.
 
     Raises:
-        InvalidGoal: Wrong shape, NaN or infinity, or farther than 1e-6 from a rigid transform.
+        InvalidGoal: Wrong shape, NaN or infinity, farther than 1e-6 from a rigid transform, or a position farther off
+            than arithmetic bears.
     """
     matrix = _matrix_of(target)
     if matrix.ndim < 2 or matrix.shape[-2:] != (4, 4):
@@ -442,7 +454,18 @@ def as_pose(target: Any) -> Array:
         bad = np.argwhere(~np.isfinite(matrix).all(axis=(-2, -1)))
         where = f" at index {_index(bad[0])} of the batch ({len(bad)} such poses)" if matrix.ndim > 2 else ""
         raise InvalidGoal(f"a pose contains NaN or infinity{where}")
-    turn = matrix[..., :3, :3]
+    far = np.abs(matrix[..., :3, 3]).max(axis=-1) > LARGEST
+    if far.any():
+        first = np.argwhere(far)[0]
+        where = f" at index {_index(first)} of the batch" if matrix.ndim > 2 else ""
+        raise InvalidGoal(
+            f"a position must lie within {LARGEST:g} m of the origin along each axis{where}, got "
+            f"{np.abs(matrix[tuple(first)][:3, 3]).max():.6g} m: farther off, rounding of positions comes close to 1e-6 m. "
+            f"Are these other units?"
+        )
+    turn = np.clip(
+        matrix[..., :3, :3], -1e6, 1e6
+    )  # Whatever is larger is no rotation either, and has no square.
     off = np.abs(np.swapaxes(turn, -1, -2) @ turn - np.eye(3)).max(axis=(-2, -1))
     row = np.abs(matrix[..., 3, :] - [0, 0, 0, 1]).max(axis=-1)
     mirrored = np.linalg.det(turn) < 0
@@ -451,7 +474,7 @@ def as_pose(target: Any) -> Array:
         first = np.argwhere(wrong)[0]
         where = f" at index {_index(first)} of the batch" if matrix.ndim > 2 else ""
         raise InvalidGoal(_why_not_rigid(off[tuple(first)], row[tuple(first)], mirrored[tuple(first)], where))
-    loose = (off > 1e-14) | (row > 0)
+    loose = ~rigid_each(np.ascontiguousarray(matrix.reshape(-1, 4, 4))).reshape(matrix.shape[:-2])
     if loose.any():  # Only these: what else is in a batch changes nothing.
         left, _, right = np.linalg.svd(turn[loose])
         matrix[loose, :3, :3] = left @ right

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from .errors import InvalidProblem
 from .goal import Goal
 from .kernels.arrays import ChainArrays
+from .kernels.pose_error import LARGEST
+from .robots.blackbox import BlackBox
 from .robots.chain import SerialChain
 
 Array = NDArray[np.float64]
@@ -134,3 +136,9 @@ def within_limits(chain: SerialChain, q: Array) -> Array:
         turned = q + np.nan_to_num((up - down) * turns, nan=0.0, posinf=0.0, neginf=0.0)
     fits = (turned >= chain.lower) & (turned <= chain.upper)
     return np.clip(np.where(fits, turned, q), chain.lower, chain.upper)
+    if not isinstance(chain, BlackBox) and (np.abs(joints) > LARGEST).any():
+        bad = np.argwhere(np.abs(joints) > LARGEST)[0]
+        raise InvalidProblem(
+            f"{name} must lie within {LARGEST:g} rad or m, got {joints[tuple(bad)]:g} for joint "
+            f"{chain.joint_names[bad[-1]]!r}: farther off, joint values are rounded by more than 1e-9"
+        )

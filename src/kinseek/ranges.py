@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InvalidGoal, suggest
+from .kernels.pose_error import LARGEST
 
 Ranges = tuple[tuple[float, float], ...]
 """Lower and upper ends for x, y, z [m] and rx, ry, rz [rad]."""
@@ -105,6 +106,12 @@ def _range(axis: str, pair: object) -> tuple[float, float]:
         raise InvalidGoal(f"box[{axis!r}] must be a pair (lower, upper), got {pair!r}") from None
     if math.isnan(low) or math.isnan(high) or low > high or low == math.inf or high == -math.inf:
         raise InvalidGoal(f"box[{axis!r}] must have lower <= upper, got ({low}, {high})")
+    for end in (low, high):
+        if math.isfinite(end) and abs(end) > LARGEST:
+            raise InvalidGoal(
+                f"box[{axis!r}] must end within {LARGEST:g} m, or not at all, at infinity; got ({low:g}, {high:g}): farther "
+                f"off, rounding of positions comes close to 1e-6 m"
+            )
     if axis.startswith("r") and (low < -math.pi or high > math.pi):
         raise InvalidGoal(
             f"box[{axis!r}] must lie within [-π, π], got ({low:.6g}, {high:.6g}): no component of a rotation vector "

@@ -33,6 +33,9 @@ ROWS = 18 * LANES
 WRAP = 0.5
 """Turns that lack no more than this of π [rad] may be nearer to a range the other way round."""
 
+INSIDE = 1e-3
+"""A step leads no farther into a range than this [m or rad], however wide the range and the tolerance are."""
+
 HOLD = 0.02
 """Every other lane keeps the row of a component this close to the end of its range, relative to the range: it holds
 what it has reached while it mends the rest."""
@@ -45,7 +48,7 @@ def way_in(value: float, low: float, high: float, tolerance: float, hold: bool) 
     It leads a little past the end, by a tolerance at most, so that rounding does not leave the answer outside.
     """
     width = high - low
-    margin = min(0.25 * width, tolerance)
+    margin = min(0.25 * width, tolerance, INSIDE)
     band = max(HOLD * min(width, 1.0), margin) if hold else margin
     if value < low + band:
         return max(low + margin - value, 0.0) if width > 0.0 else low - value, 1.0

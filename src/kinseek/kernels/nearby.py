@@ -12,7 +12,7 @@ from .desk import Desk, Job, Task, desk_size, handle_at, lanes_of, make_desk, pl
 from .jit import called, exact, hidden, kernel, view
 from .lanes import LANES
 from .pointers import part1
-from .pose_error import is_rigid
+from .pose_error import LARGEST, is_rigid
 from .refine import (
     DEEP_STEPS,
     MORE,
@@ -119,10 +119,10 @@ def conclude_near(
 
 @exact
 def all_finite(values: Array) -> bool:
-    """Are all values finite?"""
+    """Are all values finite, and none beyond `LARGEST`?"""
     strange = 0
     for i in range(len(values)):
-        strange += 0 if abs(values[i]) < 1e300 else 1
+        strange += 0 if abs(values[i]) <= LARGEST else 1
     return strange == 0
 
 

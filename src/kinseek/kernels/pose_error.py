@@ -6,9 +6,23 @@ import math
 
 import numpy as np
 
-from .arrays import Array, ChainArrays, GoalArrays
+from .arrays import Array, ChainArrays, Flags, GoalArrays
 from .forward import forward
 from .jit import exact, hidden, kernel, kernel_exact
+
+ROUNDING = 2e-14
+"""A matrix whose RᵀR is no farther than this from the identity is a rotation to rounding: a product of some fifty
+rotations. It is taken as it is, whichever way it comes; what is farther off is brought onto a rotation or refused."""
+
+LARGEST = 1e7
+"""Largest length [m], angle [rad] and tolerance that is taken. Neighbouring doubles are 1.9e-9 apart there, and forward
+kinematics of twenty links of that length is 4e-8 m off by rounding: the largest power of ten at which it stays below a
+tenth of the default tolerance, 1e-6 m. tests/test_sizes.py measures it."""
+
+HEAVIEST, LIGHTEST = 1e15, 1e-15
+"""Largest and least weight that is taken. Searches square weighted errors, and take the squares' products: with lengths
+up to `LARGEST` these stay within 1e±90, far from where doubles end; beyond a ratio of 1e16 the smaller of two weighted
+errors is rounding of the larger anyway."""
 
 
 @hidden
@@ -48,10 +62,14 @@ def axis_angle(T: Array, target: Array) -> float:
 
 @hidden
 def weighted_error(T: Array, goal: GoalArrays) -> float:
-    """``K_P |p - p_g| + Σ K_c (1 - c·c_g)`` over the columns c that matter (the paper, Sec. 2.2)."""
+    """``K_P |p - p_g| + Σ K_c (1 - c·c_g)`` over the columns c that matter (the paper, Sec. 2.2).
+
+    Written as ``½ |c - c_g|²``, the same for unit vectors: ``1 - c·c_g`` cancels near the goal, and would be negative.
+    """
     error = goal.position_weight * distance(T, goal.target)
     for c in range(3):
-        error += goal.axis_weights[c] * (1.0 - axis_dot(T, goal.target, c))
+        x, y, z = T[0, c] - goal.target[0, c], T[1, c] - goal.target[1, c], T[2, c] - goal.target[2, c]
+        error += 0.5 * goal.axis_weights[c] * (x * x + y * y + z * z)
     return error
 
 
@@ -106,17 +124,20 @@ def judge(chain: ChainArrays, q: Array, targets: Array, goal: GoalArrays) -> Arr
 
 @exact
 def is_rigid(T: Array) -> bool:
-    """Is T, (4, 4), finite and a rigid transform to rounding? Exact: the other kernels may assume that no number is NaN."""
+    """Is T, (4, 4), finite, no farther than `LARGEST`, and a rigid transform to `ROUNDING`?
+
+    Exact: the other kernels may assume that no number is NaN.
+    """
     for r in range(4):
         for c in range(4):
-            if not abs(T[r, c]) < 1e300:
+            if not abs(T[r, c]) <= LARGEST:
                 return False
     if T[3, 0] != 0.0 or T[3, 1] != 0.0 or T[3, 2] != 0.0 or T[3, 3] != 1.0:
         return False
     for c in range(3):
         for d in range(c + 1):
             dot = T[0, c] * T[0, d] + T[1, c] * T[1, d] + T[2, c] * T[2, d]
-            if abs(dot - (1.0 if c == d else 0.0)) > 2e-14:
+            if abs(dot - (1.0 if c == d else 0.0)) > ROUNDING:
                 return False
     volume = T[0, 0] * (T[1, 1] * T[2, 2] - T[1, 2] * T[2, 1])
     volume += T[0, 1] * (T[1, 2] * T[2, 0] - T[1, 0] * T[2, 2])
@@ -134,6 +155,15 @@ def all_rigid(poses: Array) -> bool:
     return loose == 0
 
 
+@kernel
+def rigid_each(poses: Array) -> Flags:
+    """Which poses, (k, 4, 4), are rigid transforms to rounding, see `is_rigid`, (k,)."""
+    result = np.empty(len(poses), dtype=np.bool_)
+    for k in range(len(poses)):
+        result[k] = is_rigid(poses[k])
+    return result
+
+
 @exact
 def is_loose(T: Array, tolerance: float) -> bool:
     """Is a finite T, (4, 4), farther from a rigid transform than `tolerance`, or a reflection?"""
@@ -145,7 +175,7 @@ def is_loose(T: Array, tolerance: float) -> bool:
             dot = T[0, c] * T[0, d] + T[1, c] * T[1, d] + T[2, c] * T[2, d]
             if not abs(dot - (1.0 if c == d else 0.0)) <= tolerance:
                 return True
-        if not abs(T[c, 3]) < 1e300:
+        if not abs(T[c, 3]) <= LARGEST:
             return True
     volume = T[0, 0] * (T[1, 1] * T[2, 2] - T[1, 2] * T[2, 1])
     volume += T[0, 1] * (T[1, 2] * T[2, 0] - T[1, 0] * T[2, 2])

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import FailedKinematics, InvalidRobot, InvalidSolver, suggest
-from kinseek.kernels.pose_error import first_loose
+from kinseek.kernels.pose_error import LARGEST, first_loose
 
 from .chain import CONTINUOUS, PRISMATIC, REVOLUTE
 
@@ -34,6 +34,8 @@ _RIGID = 1e-6
 """How far RᵀR may be from the identity, and the last row from 0 0 0 1: what single precision leaves."""
 _SAME = 1e-6
 """How far a row may differ from itself alone [m], and in an entry of its rotation: what single precision leaves."""
+_MOST = 1e100
+"""Largest joint value, in whatever units: its square is still a number."""
 _MOST_ROWS = 8192
 """Rows that one call of the function gets at most, so that its temporaries fit into the caches."""
 
@@ -205,6 +207,9 @@ class BlackBox:
         off = float(np.abs(T[:3, :3].T @ T[:3, :3] - np.eye(3)).max())
         if off > _RIGID:
             self._fail(f"gave no rotation: RᵀR differs from the identity by {off:.3g}", row)
+        farthest = np.abs(T[:3, 3]).max()
+        if farthest > LARGEST:
+            self._fail(f"gave a position {farthest:g} m off, expected at most {LARGEST:g} m", row)
         if np.linalg.det(T[:3, :3]) < 0:
             self._fail("gave a reflection: the determinant of its rotation is -1", row)
         self._fail(f"gave the last row {T[3]}, expected [0, 0, 0, 1]", row)
@@ -257,6 +262,11 @@ def black_box(
             raise InvalidRobot(
                 f"joint {called[i]!r}: limits must be finite, got [{low[i]}, {high[i]}]; "
                 "a joint that turns without end has kind 'continuous'"
+            )
+        if max(abs(low[i]), abs(high[i])) > _MOST:
+            raise InvalidRobot(
+                f"joint {called[i]!r}: limits must be at most {_MOST:g}, got [{low[i]}, {high[i]}]: what searches square "
+                f"would be infinite"
             )
         if low[i] > high[i]:
             raise InvalidRobot(f"joint {called[i]!r}: lower limit {low[i]} is above upper limit {high[i]}")

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
 from kinseek.kernels.arrays import ChainArrays, chain_arrays
+from kinseek.kernels.pose_error import LARGEST
 
 Array = NDArray[np.float64]
 
@@ -38,7 +39,7 @@ class Joint:
     axis: Array
     """Axis of motion in the joint frame, (3,)."""
     lower: float
-    """[rad] or [m]; ignored for continuous joints. Those of a mimic narrow the range of its leader."""
+    """[rad] or [m], at most 1e7; ignored for continuous joints. Those of a mimic narrow the range of its leader."""
     upper: float
     mimic: str | None = None
     """Name of the joint this one follows; ``multiplier`` and ``offset`` then say how."""
@@ -66,7 +67,7 @@ class SerialChain:
     kinds: tuple[str, ...]
     """Of each variable: revolute, continuous or prismatic."""
     lower: Array
-    """(n,), [rad] or [m]; a continuous joint is kept in [-π, π]."""
+    """(n,), [rad] or [m]; a continuous joint has no limits, and [-π, π] here; see `Problem.placed`."""
     upper: Array
     fixed: Array
     """``A_1 … A_m, A_tip``, (m+1, 3, 4)."""
@@ -148,7 +149,8 @@ def serial_chain(
             added.
 
     Raises:
-        InvalidRobot: No movable joint, a limit missing or inverted, a bad axis, a mimic without its leader.
+        InvalidRobot: No movable joint, a limit missing or inverted, a bad axis, a mimic without its leader, a number
+            larger than arithmetic bears.
     """
     variables = [joint for joint in joints if joint.mimic is None]
     if not joints:
@@ -160,6 +162,13 @@ def serial_chain(
     leader, multiplier, offset = zip(*drive, strict=True)
     variables = _narrowed(variables, joints, drive)
     lower, upper = np.array([_limits(joint) for joint in variables]).T
+    for joint, (i, scale, shift) in zip(joints, drive, strict=True):
+        farthest = abs(shift) + abs(scale) * max(abs(lower[i]), abs(upper[i]))
+        if not max(farthest, abs(scale)) <= LARGEST:
+            raise InvalidRobot(
+                f"joint {joint.name!r} may go as far as {farthest:g} rad or m, and follow its leader {abs(scale):g} times "
+                f"as fast; both must be at most {LARGEST:g}: farther off, joint values are rounded by more than 1e-9"
+            )
 
     fixed = np.empty((len(joints) + 1, 3, 4))
     undo = np.eye(4)
@@ -351,4 +360,9 @@ def _finite_pose(pose: Array, what: str) -> Array:
         raise InvalidRobot(f"{what}: expected shape (4, 4), got {pose.shape}")
     if not np.isfinite(pose).all():
         raise InvalidRobot(f"{what}: contains NaN or infinity")
+    if (farthest := float(np.abs(pose).max())) > LARGEST:
+        raise InvalidRobot(
+            f"{what}: expected lengths of at most {LARGEST:g} m, got {farthest:g} m: farther off, rounding of positions "
+            f"comes close to 1e-6 m. Are these other units?"
+        )
     return pose

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kinseek.errors import InvalidRobot, suggest
+from kinseek.kernels.pose_error import LARGEST
 
 from .chain import (
     CONTINUOUS,
@@ -133,6 +134,11 @@ def _table(rows: Sequence[Row] | Array) -> Array:
         raise InvalidRobot(
             f"DH row {int(np.argmin(np.isfinite(table).all(axis=1)))}: contains NaN or infinity"
         )
+    if (farthest := float(np.abs(table).max())) > LARGEST:
+        raise InvalidRobot(
+            f"DH row {int(np.argmax(np.abs(table).max(axis=1)))}: expected lengths [m] and angles [rad] of at most "
+            f"{LARGEST:g}, got {farthest:g}: farther off, rounding of positions comes close to 1e-6 m"
+        )
     return table
 
 
@@ -159,6 +165,8 @@ def _rigid(pose: ArrayLike | None, what: str) -> Array:
         and np.array_equal(matrix[3], (0, 0, 0, 1))
     ):
         raise InvalidRobot(f"{what} pose: expected a rotation, a translation and the last row 0 0 0 1")
+    if np.abs(matrix[:3, 3]).max() > LARGEST:
+        raise InvalidRobot(f"{what} pose: expected lengths of at most {LARGEST:g} m, got {matrix[:3, 3]}")
     return matrix
 
 
