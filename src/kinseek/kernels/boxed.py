@@ -33,6 +33,7 @@ from .refine import (
     RESTARTS,
     copy_joints,
     into_limits,
+    keep_seed,
     kick,
     load_seed,
     load_seed_row,
@@ -93,7 +94,7 @@ def descend_box(
 
 @called
 def keep_best_box(task: Task, desk: Desk, question: Array, rows: Array) -> None:
-    """Remember the eight best configurations seen; as `refine.keep_best`."""
+    """Remember the eight best configurations seen, no two alike; as `refine.keep_best`."""
     dof = len(task.lower)
     for l in range(LANES):
         if desk.state[l] == 2:
@@ -102,14 +103,7 @@ def keep_best_box(task: Task, desk: Desk, question: Array, rows: Array) -> None:
             desk.seed[i] = desk.lanes.q[i, l]
         place, turn = judge_pose(task, desk, question, rows, desk.seed)
         error = box_weighted(task.wanted[2], task.axis_weights[0], place, turn)
-        worst = 0
-        for k in range(1, LANES):
-            if desk.best_error[k] > desk.best_error[worst]:
-                worst = k
-        if error < desk.best_error[worst]:
-            desk.best_error[worst] = error
-            for i in range(dof):
-                desk.best[worst, i] = desk.seed[i]
+        keep_seed(desk, error)
 
 
 @called

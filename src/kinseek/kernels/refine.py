@@ -268,6 +268,25 @@ def farthest_joint(rows: Array, row: int, q: Array) -> float:
 @hidden
 def keep_best(task: Task, desk: Desk, target: Array) -> None:
     """Remember the eight best configurations seen, no two alike, for a goal that may be out of reach."""
+@hidden
+def keep_seed(desk: Desk, error: float) -> None:
+    """Put the desk's seed among the eight best if its weighted error is less than the worst's, or its twin's.
+
+    No two of the eight are alike: eight copies of one configuration would all be polished to the same end.
+    """
+    worst, twin = 0, -1
+    for k in range(LANES):
+        if desk.best_error[k] > desk.best_error[worst]:
+            worst = k
+        if desk.best_error[k] < np.inf and farthest_joint(desk.best, k, desk.seed) < ALIKE:
+            twin = k
+    worst = twin if twin >= 0 else worst
+    if error < desk.best_error[worst]:
+        desk.best_error[worst] = error
+        for i in range(len(desk.seed)):
+            desk.best[worst, i] = desk.seed[i]
+
+
     dof, goal = len(task.lower), goal_of(task, target)
     for l in range(LANES):
         if desk.state[l] == 2:
@@ -275,18 +294,7 @@ def keep_best(task: Task, desk: Desk, target: Array) -> None:
         for i in range(dof):
             desk.seed[i] = desk.lanes.q[i, l]
         forward(task.chain, desk.seed, desk.spare)
-        error = weighted_error(desk.spare, goal)
-        worst, twin = 0, -1
-        for k in range(LANES):
-            if desk.best_error[k] > desk.best_error[worst]:
-                worst = k
-            if desk.best_error[k] < np.inf and farthest_joint(desk.best, k, desk.seed) < ALIKE:
-                twin = k
-        worst = twin if twin >= 0 else worst
-        if error < desk.best_error[worst]:
-            desk.best_error[worst] = error
-            for i in range(dof):
-                desk.best[worst, i] = desk.seed[i]
+        keep_seed(desk, weighted_error(desk.spare, goal))
 
 
 @hidden
