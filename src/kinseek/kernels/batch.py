@@ -144,9 +144,11 @@ def run_lanes(
     leftover, number, active = 0, begin, LANES
     for l in range(LANES):
         queue.target[l] = -1
-    first = True
-    while active > 0:
-        if not first:
+    # Every target has so many steps at most, and with all targets in one lane they would be made one after the other.
+    for turn in range(1 + (end - begin) * FIRST * (FIRST_STEPS + 1)):
+        if active == 0:
+            break
+        if turn > 0:
             iterate(job.handle, job.wanted, job.memory, True, w)
         for l in range(LANES):
             if queue.target[l] == -2:
@@ -174,7 +176,6 @@ def run_lanes(
             if not busy:
                 queue.target[l] = -2
                 active -= 1
-        first = False
     if leftover < end - begin:
         left[leftover] = -1
 

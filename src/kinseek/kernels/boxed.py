@@ -72,8 +72,7 @@ def descend_box(
     """Refine the eight lanes; the first lane that converged, or -1, and the steps made; as `refine.descend_lanes`."""
     lanes, dof = desk.lanes, len(task.lower)
     position, orientation = task.wanted[0] ** 2, task.wanted[1] ** 2
-    made = 0
-    while True:
+    for made in range(steps + 1):
         iterate_box(job.handle, job.wanted, job.memory, question, rows, made > 0, w)
         waiting, first = 0, -1
         for l in range(LANES):
@@ -89,7 +88,7 @@ def descend_box(
                     return first, made
         if waiting == 0 or made == steps:
             return first, made
-        made += 1
+    return -1, steps  # Never: the last step returns.
 
 
 @called
@@ -194,7 +193,9 @@ def answer_box(
     for k in range(len(used)):
         used[k] = -1
     spent, rounds, begin, persisted, number, restarts, closest = 0, 0, 0, 0, 0, RESTARTS, np.inf
-    while True:
+    # Each pass takes at least one of the poses, the first time or the second, or eight restarts, or persists; see
+    # `refine.PASSES`.
+    for _ in range(2 * len(poses) + MORE_RESTARTS // LANES + 3):
         if begin < len(poses):
             first = 1 if close and begin == 0 else 0
             begin = fill_box(task, desk, poses, begin, first, MORE if persisted == 0 else DEEP, used)

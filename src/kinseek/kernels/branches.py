@@ -207,7 +207,8 @@ def refine_all(
     exact = 1e300 if mode == SAMPLED else EXACT
     for l in range(LANES):
         stand_still(lanes, l)
-    while True:
+    # Every start has so many steps at most, and in one lane they would be made one after the other.
+    for _ in range((last - first) * (most + MORE_STEPS) + 1):
         for l in range(LANES):
             if busy[l] == 0 and number < last:
                 for i in range(dof):
@@ -217,8 +218,7 @@ def refine_all(
                 number += 1
                 active += 1
         if active == 0 or count == len(rows):
-            memory[0] += 0.0  # Its last use, see `solve_pose`.
-            return count
+            break
         iterate(handle, wanted, memory, True, w)
         for l in range(LANES):
             if busy[l] == 0:
@@ -252,6 +252,8 @@ def refine_all(
             if done:
                 busy[l] = 0
                 active -= 1
+    memory[0] += 0.0  # Its last use, see `solve_pose`.
+    return count
 
 
 @kernel
@@ -505,7 +507,10 @@ def find_branches(
     see(task, desk, target)
     coordinates(desk.seen, task.division, desk.point)
     count, told, rounds, begin, late = 0, 0, 0, STARTS, False
-    while count < ROWS:
+    # Each pass tells of an answer at least, or goes on to the next of five kinds of starts.
+    for _ in range(ROWS + 5):
+        if count >= ROWS:
+            break
         mode, first, middle = SEEDED, count, 0
         if told < count:
             last = min(count, told + LANES)
@@ -580,8 +585,8 @@ def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, 
     count = refine_all(
         handle, wanted, memory, target, seeds, 0, many, rows, left, 0, view[2], SAMPLED, spent, w
     )
-    rounds = 0
-    while True:
+    kept = 0
+    for rounds in range(SAMPLE_ROUNDS + 1):
         kept = spread(view[2], rows, count, columns, chosen, distance)
         if kept == number or rounds == SAMPLE_ROUNDS or (kept == 0 and rounds > 0):
             break
@@ -604,7 +609,6 @@ def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, 
         count = refine_all(
             handle, wanted, memory, target, seeds, 0, many, rows, left, count, view[2], SAMPLED, spent, w
         )
-        rounds += 1
     result = np.empty((kept + 1, dof + 3))
     result[kept, 0] = sorted_rows(task, desk, target, chosen, kept, view[0], view[1], result)
     result[kept, 1], result[kept, 2] = spent[0], 1.0

@@ -23,6 +23,10 @@ from .trigonometry import sine_cosine
 
 LANES = 8
 
+LOST = 1e-15
+"""Rounding of the factorisation relative to the sum of the diagonal: what is added to the diagonal must be more. Else a
+row that no joint moves, beside one that a joint moves far, would be divided by zero."""
+
 UNLIMITED = 1e300
 """A joint with limits this wide has none."""
 
@@ -220,7 +224,7 @@ def lanes_hold(lower: Array, upper: Array, lanes: Lanes, w: int) -> None:
 
 @hidden
 def lanes_gram(damping: float, floor: Array, lanes: Lanes, w: int) -> None:
-    """J Jᵀ + λ I of every lane, where λ is damping · |e|² and a floor, (LANES,), that keeps the factor finite.
+    """J Jᵀ + λ I of every lane, where λ is damping · |e|² and a floor, (LANES,), at least `LOST`: the factor is finite.
 
     Two joints at a time, for half of the work is to fetch and to put back the sums; a last odd one counts once.
     """
@@ -258,7 +262,8 @@ def lanes_gram(damping: float, floor: Array, lanes: Lanes, w: int) -> None:
             A[19 * W + l] += a5 * a4 + b5 * b4
             A[20 * W + l] += a5 * a5 + b5 * b5
     for l in range(w):
-        damp = damping * lanes.error[3 * W + l] + floor[l]
+        trace = A[l] + A[2 * W + l] + A[5 * W + l] + A[9 * W + l] + A[14 * W + l] + A[20 * W + l]
+        damp = damping * lanes.error[3 * W + l] + max(floor[l], LOST * trace)
         A[l] += damp
         A[2 * W + l] += damp
         A[5 * W + l] += damp

@@ -87,7 +87,7 @@ def walk_near(
     for l in range(LANES):
         desk.state[l] = 0 if l == 0 else 2
     closest, spent, begin, found, looked_up = np.inf, 0, 0, 0, False
-    while True:
+    for _ in range(MORE + 2):  # The walk from `near`, then passes that each take at least one of the samples.
         if spent + (DEEP_STEPS + 1) * LANES > wanted[3]:
             break
         _, made = descend_lanes(job, task, desk, DEEP_STEPS, True, w)

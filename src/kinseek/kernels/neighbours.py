@@ -116,13 +116,16 @@ def _leaves_beside(points: Array) -> Indices:
 @called
 def _select(points: Array, d: int, order: Indices, first: int, last: int, middle: int) -> None:
     """Rearrange order[first … last] so that place `middle` holds what sorting by dimension d would put there."""
-    while first < last:
+    begin, end = first, last
+    for _ in range(end - begin + 1):  # Each pass leaves out at least one place.
+        if first >= last:
+            return
         pivot = points[order[(first + last) // 2], d]
         i, j = first, last
-        while i <= j:
-            while points[order[i], d] < pivot:
+        while i <= j:  # i and j come closer in every pass.
+            while i < end and points[order[i], d] < pivot:
                 i += 1
-            while points[order[j], d] > pivot:
+            while j > begin and points[order[j], d] > pivot:
                 j -= 1
             if i <= j:
                 order[i], order[j] = order[j], order[i]
@@ -157,7 +160,10 @@ def nearest(
     leaves, dimensions = tree.points.shape[0], tree.points.shape[1]
     found, top, scanned = 0, 1, 0
     stack[0], bound[0] = 0, 0.0
-    while top > 0:
+    # Branches on the stack have no leaf in common, and each pass takes one off it.
+    for _ in range(leaves):
+        if top == 0:
+            break
         top -= 1
         node, low = stack[top], bound[top]
         if found == wanted and (SLACK * low >= distance[found - 1] or scanned >= MOST_LEAVES):

@@ -48,7 +48,7 @@ from .pose_error import errors, is_rigid, weighted_error
 from .settle import STEPS as NEWTON_STEPS
 from .settle import settle
 
-FIRST, MORE, RESTARTS = 8, 40, 64
+FIRST, MORE, RESTARTS, MORE_RESTARTS = 8, 40, 64, 256
 AT_ONCE = 4
 """Of the first samples, so many are refined side by side: the first nearly always leads to an answer."""
 
@@ -59,13 +59,16 @@ STALL, NEARLY = 6, 0.03
 ENDGAME = 2 * (POLISH_STEPS + NEWTON_STEPS + 1) + (DEEP // LANES + 1) * (DEEP_STEPS + 1)
 """FK evaluations that the search for the nearest pose takes at most, a lane."""
 
+PASSES = FIRST + MORE + DEEP + MORE_RESTARTS // LANES + 3
+"""Passes of a search at most: each takes at least one sample of a scan or a lookup, eight restarts, or one of the two
+persistent ones; and a last one that ends it."""
+
 PERSIST_STEPS = 100
 """At a singular answer every step only halves the joint error, and a joint at its limit slows it down further."""
 
 PROMISING = 0.02
-"""Goals with a smaller error left, relative to the arm, are worth that many steps, and more restarts."""
+"""Goals with a smaller error left, relative to the arm, are worth that many steps, and `MORE_RESTARTS`."""
 
-MORE_RESTARTS = 256
 HOPELESS = 1.1
 """A configuration whose error, nearly at its minimum, is so many times the best is not walked to the end."""
 
@@ -121,8 +124,9 @@ def lowest(values: Array) -> float:
 def lowest_row(values: Array) -> int:
     """The first row that holds the least value."""
     row = 0
-    while values[row] > lowest(values):
-        row += 1
+    for i in range(1, len(values)):
+        if values[i] < values[row]:
+            row = i
     return row
 
 
@@ -227,8 +231,7 @@ def descend_lanes(job: Job, task: Task, desk: Desk, steps: int, everyone: bool, 
     or another seed is needed.
     """
     lanes, dof = desk.lanes, len(task.lower)
-    made = 0
-    while True:
+    for made in range(steps + 1):
         iterate(job.handle, job.wanted, job.memory, made > 0, w)
         waiting, first = 0, -1
         for l in range(LANES):
@@ -253,7 +256,7 @@ def descend_lanes(job: Job, task: Task, desk: Desk, steps: int, everyone: bool, 
                 lanes.work[LANES + l] = error
             if not moving:
                 return first, made
-        made += 1
+    return -1, steps  # Never: the last step returns.
 
 
 @hidden
@@ -471,7 +474,7 @@ def search_routine(
     spent, rounds, looked, begin, found, persisted, number = 0, 0, 0, 0, 0, 0, 0
     restarts, patience, most, taken = RESTARTS, DEEP_STEPS, MORE, 0
     leaf = scan(task, desk, target)
-    while True:
+    for _ in range(PASSES):
         if taken == FIRST and begin == found and looked < most:
             looked = most
             begin, found = 0, look_up(task, desk, target, most)
@@ -636,7 +639,9 @@ def look_around(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
         load_target(desk.lanes, l, pose)
     promising = lowest(desk.best_error) <= promise(task)
     found = look_up(task, desk, pose, DEEP if promising else MORE)
-    while begin < found:
+    for _ in range(DEEP + 1):  # The flips, then passes that each take at least one of the samples.
+        if begin == found:
+            break
         if begin < 0:
             begin, filled = 0, fill_from_flips(task, desk)
         else:

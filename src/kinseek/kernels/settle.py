@@ -27,8 +27,14 @@ ENOUGH = 1e-12
 SMOOTH = 1e-9
 """|p - p_g| is rounded off this close to its kink [m]."""
 
+FLAT = 1e-300
+"""A Hessian without a larger entry on its diagonal is none."""
+
 MOST = 1e6
 """Where a damping so many times the largest entry of the Hessian does not help, rounding is all that is left."""
+
+RAISES = 24
+"""How often the damping is raised at most for one step: from 1e-4 to `MOST` times the largest entry it is 17 times."""
 
 LONGEST = 0.5
 """No joint moves farther in one step [rad or m]."""
@@ -172,9 +178,16 @@ def settle(chain: ChainArrays, goal: GoalArrays, lower: Array, upper: Array, q: 
                 steepest = max(steepest, abs(g[i]))
         if steepest * steepest <= ENOUGH * largest * error:
             break
-        while damping <= MOST * largest and not damped_step(H, g, held, damping, L, step):
+        if largest < FLAT:
+            # Straight downhill, as a slide runs towards a goal far ahead: the Hessian gives no scale.
+            largest = steepest
+        raised = 0
+        while raised < RAISES and damping <= MOST * largest:
+            if damped_step(H, g, held, damping, L, step):
+                break
             damping = max(4.0 * damping, 1e-4 * largest)
-        if damping > MOST * largest:
+            raised += 1
+        if raised == RAISES or damping > MOST * largest:
             break
         farthest = LONGEST
         for i in range(n):
