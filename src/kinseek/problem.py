@@ -69,6 +69,24 @@ class Problem:
             return np.asarray((chain.lower + chain.upper) / 2)
         return within_limits(chain, self.near)
 
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """Lower and upper limits, (n,); of a continuous joint, which has none, π to either side of `near` or of 0."""
+        chain = self.chain
+        near = np.zeros(chain.dof) if self.near is None else self.near
+        free = endless(chain)
+        return np.where(free, near - np.pi, chain.lower), np.where(free, near + np.pi, chain.upper)
+
+    def placed(self, q: Array) -> Array:
+        """Choose the full turns of continuous joints, (..., n): within π of `near`, or of 0 where there is none.
+
+        A continuous joint has no limits and no seam: every number of full turns gives the same pose.
+        """
+        centre = np.zeros(self.chain.dof) if self.near is None else self.near
+        near = np.broadcast_to(centre, np.shape(q))
+        turned = q + 2 * np.pi * np.round((near - q) / (2 * np.pi))
+        return np.where(endless(self.chain), np.clip(turned, near - np.pi, near + np.pi), q)
+
     def each(self) -> Iterator[Problem]:
         """One problem a target, in order."""
         if not self.goal.shape:
@@ -123,7 +141,22 @@ def as_joints(chain: SerialChain, q: object, name: str = "q") -> Array:
             f"{name} contains NaN or infinity at index {tuple(int(i) for i in bad)} "
             f"(joint {chain.joint_names[bad[-1]]!r})"
         )
+    if not isinstance(chain, BlackBox) and (np.abs(joints) > LARGEST).any():
+        bad = np.argwhere(np.abs(joints) > LARGEST)[0]
+        raise InvalidProblem(
+            f"{name} must lie within {LARGEST:g} rad or m, got {joints[tuple(bad)]:g} for joint "
+            f"{chain.joint_names[bad[-1]]!r}: farther off, joint values are rounded by more than 1e-9"
+        )
     return joints
+
+
+def endless(chain: SerialChain | BlackBox) -> NDArray[np.bool_]:
+    """Of each variable, (n,): is it a continuous joint that has the same pose after a full turn?
+
+    One with a follower that turns by a broken number of turns has not.
+    """
+    same = np.ones(chain.dof, dtype=np.bool_) if isinstance(chain, BlackBox) else chain.periodic
+    return np.asarray((np.array(chain.kinds) == "continuous") & same)
 
 
 def within_limits(chain: SerialChain, q: Array) -> Array:
@@ -136,9 +169,3 @@ def within_limits(chain: SerialChain, q: Array) -> Array:
         turned = q + np.nan_to_num((up - down) * turns, nan=0.0, posinf=0.0, neginf=0.0)
     fits = (turned >= chain.lower) & (turned <= chain.upper)
     return np.clip(np.where(fits, turned, q), chain.lower, chain.upper)
-    if not isinstance(chain, BlackBox) and (np.abs(joints) > LARGEST).any():
-        bad = np.argwhere(np.abs(joints) > LARGEST)[0]
-        raise InvalidProblem(
-            f"{name} must lie within {LARGEST:g} rad or m, got {joints[tuple(bad)]:g} for joint "
-            f"{chain.joint_names[bad[-1]]!r}: farther off, joint values are rounded by more than 1e-9"
-        )

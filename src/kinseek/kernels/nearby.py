@@ -28,6 +28,9 @@ from .refine import (
     turns_fully,
 )
 
+FAR = 1e4
+"""From this far on [rad] a walk starts from the same angle within the first turn: sines lose digits out there."""
+
 CLOSE = 0.1
 """An answer this close to where the user wants it [rad or m] ends the search for a closer one."""
 
@@ -51,7 +54,12 @@ def load_near(task: Task, desk: Desk, near: Array) -> None:
     """Put the first lane at joint values, (n,), brought into the limits where they bind."""
     for i in range(len(near)):
         low, high = task.chain.lower[i], task.chain.upper[i]
-        desk.seed[i] = near[i] if turns_fully(task, i) else min(max(near[i], low), high)
+        if not turns_fully(task, i):
+            desk.seed[i] = min(max(near[i], low), high)
+        elif abs(near[i]) < FAR:
+            desk.seed[i] = near[i]
+        else:
+            desk.seed[i] = near[i] - 2.0 * math.pi * np.rint(near[i] / (2.0 * math.pi))
     load_seed(desk.lanes, 0, desk.seed)
 
 

@@ -269,9 +269,6 @@ def farthest_joint(rows: Array, row: int, q: Array) -> float:
 
 
 @hidden
-def keep_best(task: Task, desk: Desk, target: Array) -> None:
-    """Remember the eight best configurations seen, no two alike, for a goal that may be out of reach."""
-@hidden
 def keep_seed(desk: Desk, error: float) -> None:
     """Put the desk's seed among the eight best if its weighted error is less than the worst's, or its twin's.
 
@@ -290,6 +287,9 @@ def keep_seed(desk: Desk, error: float) -> None:
             desk.best[worst, i] = desk.seed[i]
 
 
+@hidden
+def keep_best(task: Task, desk: Desk, target: Array) -> None:
+    """Remember the eight best configurations seen, no two alike, for a goal that may be out of reach."""
     dof, goal = len(task.lower), goal_of(task, target)
     for l in range(LANES):
         if desk.state[l] == 2:
@@ -389,10 +389,15 @@ def turns_fully(task: Task, i: int) -> bool:
 
 @hidden
 def into_limits(task: Task, q: Array, near: Array) -> None:
-    """Bring every joint that turns fully inside its limits by whole turns, near `near`, (n,)."""
+    """Bring every joint that turns fully inside its limits by whole turns, near `near`, (n,).
+
+    A continuous joint has no limits: it comes within π of `near`, whose middle of the range, 0, makes that [-π, π].
+    """
     for i in range(len(q)):
         low, high = task.chain.lower[i], task.chain.upper[i]
         if turns_fully(task, i):
+            if math.isinf(task.lower[i]):
+                low, high = near[i] - math.pi, near[i] + math.pi
             q[i] = nearest_copy(q[i], low, high, near[i])
         q[i] = min(max(q[i], low), high)
 

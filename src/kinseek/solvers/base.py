@@ -50,6 +50,7 @@ class Found(NamedTuple):
 def solve_each(problem: Problem, search: Callable[[Problem], Found]) -> Solution:
     """Run a search on every target of a batch, one after the other, and judge the answers."""
     found = [search(one) for one in problem.each()]
-    q = np.array([f.q for f in found]).reshape(-1, problem.chain.dof)
+    rows = [one.placed(f.q) for one, f in zip(problem.each(), found, strict=True)]
+    q = np.array(rows).reshape(-1, problem.chain.dof)
     work = np.array([f[1:] for f in found], dtype=np.int64).reshape(-1, 3)
     return conclude(problem, q, work)

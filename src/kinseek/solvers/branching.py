@@ -193,7 +193,8 @@ def branches_of(
     targets = np.zeros((len(goal.targets), 4, 4))
     targets[:, :3], targets[:, 3, 3] = goal.targets, 1.0
     views = index.view[None]
-    if problem.near is not None:
+    # A proof takes answers inside [-π, π]; they are turned and sorted afterwards.
+    if problem.near is not None and not prove:
         near = np.broadcast_to(problem.near, (*goal.shape, problem.chain.dof)).reshape(-1, problem.chain.dof)
         views = np.stack([near, np.ones_like(near), np.broadcast_to(index.view[2], near.shape)], axis=1)
     found = _search(index, wanted, targets, np.ascontiguousarray(views), number, threads)
@@ -275,6 +276,7 @@ def _finish(
         from .isolation import prove_complete
 
         q, complete = prove_complete(problem, q)
+        q = problem.placed(q)
     if copies:
         q = turned_copies(problem.chain, q)
     if copies or prove:

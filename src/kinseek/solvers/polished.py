@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from kinseek.problem import Problem
-from kinseek.solution import Solution
+from kinseek.solution import Solution, conclude
 
 from .base import Solver
 from .coordinate_descent import CoordinateDescent
@@ -47,4 +47,8 @@ class Polished:
         if not problem.goal.shape:
             merged = {name: value.item() for name, value in merged.items()}
         q = np.where(pick[..., None], first.q, last.q)
+        # The last one stayed near the first, and may have left [-π, π] to do so.
+        if not np.array_equal(problem.placed(q), q):
+            work = [np.ravel(merged[name]) for name in ("evaluations", "nodes_created", "nodes_expanded")]
+            return conclude(problem, problem.placed(q).reshape(-1, q.shape[-1]), np.stack(work, axis=1))
         return replace(last, q=q, problem=problem, **merged)

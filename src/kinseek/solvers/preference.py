@@ -119,14 +119,17 @@ def _slide(
     wanted, target = wanted_of(problem.goal), np.eye(4)
     target[:3] = problem.goal.targets[0]
     value, step, spent, refused = float(measure(q[None])[0]), _FIRST, 0, 0
+    lower, upper = problem.limits
     for _ in range(_SLIDES):
         accepted = False
         ways = _ways_down(problem, index, q, measure)
         while ways and not accepted and step > _LAST:
             for way in ways:
-                aim = np.clip(q + step * way, problem.chain.lower, problem.chain.upper)
+                aim = np.clip(q + step * way, lower, upper)
                 row = solve_near(index.fine.handle, wanted, target, aim, LANES)
-                there, away = row[: len(q)], np.abs(row[: len(q)] - aim).max()
+                away = np.abs(row[: len(q)] - aim).max()
+                # A continuous joint that leaves its range comes in at the other end, and so the cost judges it.
+                there = problem.placed(row[: len(q)])
                 spent += int(row[-1])
                 if row[-4] > wanted[0] or row[-3] > wanted[1] or away > 2 * step:
                     continue
@@ -151,20 +154,20 @@ def _ways_down(
 
     A joint that stands at a limit and would be pushed beyond is held, and the null space taken anew.
     """
-    chain, dof = problem.chain, problem.chain.dof
+    dof, (lower, upper) = problem.chain.dof, problem.limits
     J = constraint_jacobian(problem, q[None])[0]
     held = np.zeros(dof, dtype=bool)
     while index.freedom > held.sum():
         rows = np.vstack([J, np.eye(dof)[held]])
         null = np.linalg.svd(rows)[2][dof - index.freedom + int(held.sum()) :]
         probes = np.concatenate([q + _PROBE * null, q - _PROBE * null])
-        values = measure(np.clip(probes, chain.lower, chain.upper))
+        values = measure(np.clip(probes, lower, upper))
         slopes = values[: len(null)] - values[len(null) :]
         down = -slopes @ null
         if np.linalg.norm(down) == 0.0:
             return []
         down /= np.linalg.norm(down)
-        blocked = ((q <= chain.lower) & (down < -1e-9)) | ((q >= chain.upper) & (down > 1e-9))
+        blocked = ((q <= lower) & (down < -1e-9)) | ((q >= upper) & (down > 1e-9))
         if not (blocked & ~held).any():
             return [down]
         held |= blocked

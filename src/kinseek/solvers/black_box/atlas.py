@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.problem import Problem
+from kinseek.problem import Problem, endless
 from kinseek.robots.blackbox import BlackBox
 from kinseek.solvers.base import Found
 
@@ -79,7 +79,7 @@ def nearest_to(asker: Asker, samples: Samples, problem: Problem, seeds: NDArray[
     with np.errstate(invalid="ignore"):
         turns = np.where(box.full, np.round((problem.near - q) / (2 * np.pi)) * 2 * np.pi, 0.0)
     moved = q + turns
-    q = np.where((moved >= box.lower) & (moved <= box.upper), moved, q)
+    q = np.where(endless(box) | ((moved >= box.lower) & (moved <= box.upper)), moved, q)
     return np.asarray(q[np.argmin(distance(box, q, problem.near))])
 
 
