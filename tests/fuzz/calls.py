@@ -22,7 +22,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ from kinseek import Goal
 from kinseek.errors import InvalidRobot, KinseekError
 from kinseek.ranges import AXES
 from kinseek.robots.chain import Joint, SerialChain, rotation, serial_chain, transform
+from kinseek.solvers.branching import ORDERS
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 plain: Any = importlib.import_module("reference")
@@ -199,7 +200,8 @@ def goal_of(rng: Rng, arm: kinseek.Arm, scale: float, count: int | None, ranges:
     if kind == "pose":
         return Goal.pose(target, **options)
     names = list(rng.permutation(AXES)[: rng.integers(1, 6)])
-    frame = str(rng.choice(["tool", "base"]))
+    frames: tuple[Literal["tool", "base"], ...] = ("tool", "base")
+    frame = frames[rng.integers(2)]
     if kind == "free":
         return Goal.pose(target, free=[str(name) for name in names], frame=frame, **options)
     box = {}
@@ -309,7 +311,7 @@ def call_branches(rng: Rng, arm: kinseek.Arm, scale: float) -> None:
     """Every answer."""
     goal = goal_of(rng, arm, scale, None, ranges=False)
     near = near_of(rng, arm, None) if rng.random() < 0.4 else None
-    order = "mid-range" if near is not None else str(rng.choice(["mid-range", "limits", "dexterity"]))
+    order = "mid-range" if near is not None else ORDERS[rng.integers(3)]
     count = None if rng.random() < 0.5 else int(rng.integers(1, 60))
     copies = bool(rng.random() < 0.1 and (arm.upper - arm.lower).max() < 50.0)
     found: Any = arm.branches(goal, near=near, order=order, count=count, copies=copies)
