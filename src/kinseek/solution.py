@@ -97,7 +97,7 @@ class Solution(Generic[Flag, Number, Count, State]):
     def __post_init__(self) -> None:
         """Give a batch its shape in every field, those that were left at their defaults too."""
         if isinstance(self.success, np.ndarray):
-            for name in ("proved_unreachable", "rejected"):
+            for name in _columns(self):
                 if not isinstance(value := getattr(self, name), np.ndarray):
                     object.__setattr__(self, name, np.full(self.success.shape, value))
 
