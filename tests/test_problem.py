@@ -25,7 +25,7 @@ GOAL = Goal.pose(np.eye(4))
         ),
         (["a"] * 7, "near must be numbers"),
         ([[0.0], [0.0, 1.0]], "near must be numbers"),
-        (np.zeros((3, 7)), r"near must have shape \(7,\), for the goal is one target; got \(3, 7\)"),
+        (np.zeros((3, 7)), r"near must have shape \(7,\), got \(3, 7\): the goal is one target"),
     ],
 )
 def test_a_start_that_does_not_fit(near: object, words: str) -> None:

@@ -158,10 +158,10 @@ def test_the_problem_belongs_to_an_object() -> None:
 def test_near_for_one_goal_names_one_shape() -> None:
     T = ARM.fk(np.zeros(4))
     with pytest.raises(
-        InvalidProblem, match=r"near must have shape \(4,\), for the goal is one target; got \(2, 4\)"
+        InvalidProblem, match=r"near must have shape \(4,\), got \(2, 4\): the goal is one target"
     ):
         Problem(ARM.chain, Goal.pose(T), np.zeros((2, 4)))
-    with pytest.raises(InvalidProblem, match=r"near must have shape \(4,\) or \(3, 4\); got \(2, 4\)"):
+    with pytest.raises(InvalidProblem, match=r"near must have shape \(4,\) or \(3, 4\), got \(2, 4\)"):
         Problem(ARM.chain, Goal.pose([T] * 3), np.zeros((2, 4)))
 
 

@@ -44,8 +44,8 @@ class Problem:
             )
             if not fits:
                 one, many = (self.chain.dof,), (*batch, self.chain.dof)
-                shapes = f"{one} or {many}" if batch else f"{one}, for the goal is one target"
-                raise InvalidProblem(f"near must have shape {shapes}; got {near.shape}")
+                shapes, why = (f"{one} or {many}", "") if batch else (f"{one}", ": the goal is one target")
+                raise InvalidProblem(f"near must have shape {shapes}, got {near.shape}{why}")
             object.__setattr__(self, "near", near)
         if self.budget is not None and self.budget < 1:
             raise InvalidProblem(f"budget must be at least 1 FK evaluation, got {self.budget}")
