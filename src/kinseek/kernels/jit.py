@@ -23,8 +23,10 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
-from numba.core import config, event
+from numba.core import config, event, sigutils
 from numba.core.types import unliteral
+
+from .kept_code import c_function, keep_code
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -87,7 +89,7 @@ _CACHE = _cache_folder()
 NUMERICS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"nnan", "nsz", "contract"}}
 
 _njit: Any = numba.njit  # Its stubs leave out `no_cfunc_wrapper`, which saves compile time.
-_cfunc: Any = vars(numba)["cfunc"]
+_signature_of: Callable[[str], Any] = sigutils.normalize_signature
 _unliteral: Callable[[Any], Any] = unliteral
 
 
@@ -159,10 +161,10 @@ class Routine:
         """Where its machine code stands, compiled by now or read from disk."""
         with _one_thread:
             if self._compiled is None:
-                cached = _CACHE is not None
+                options = {"nopython": True} | NUMERICS
                 with _cached():
-                    make = _cfunc(self._signature, cache=cached, nopython=True, **NUMERICS)
-                    self._compiled = make(self._function)
+                    signature = _signature_of(self._signature)
+                    self._compiled = c_function(signature, self._function, options, _CACHE)
             address: int = self._compiled.address
             return address
 
@@ -177,14 +179,15 @@ def routine(signature: str) -> Callable[[Callable[..., int]], Routine]:
 
 @contextmanager
 def _cached() -> Iterator[None]:
-    """Let Numba keep what is decorated here in our folder: it reads the setting when it builds a function's cache."""
+    """Let Numba keep what is decorated here in our folder: it reads its settings when it builds a function's cache."""
     settings = vars(config)
-    before = settings["CACHE_DIR"]
-    settings["CACHE_DIR"] = str(_CACHE or "")
+    ours = {"CACHE_DIR": str(_CACHE or ""), "CACHE_LOCATOR_CLASSES": ""}
+    before = {name: settings.get(name, "") for name in ours}
+    settings.update(ours)
     try:
         yield
     finally:
-        settings["CACHE_DIR"] = before
+        settings.update(before)
 
 
 def exposed(function: Callable[P, R]) -> Callable[P, R]:
@@ -198,14 +201,11 @@ def exposed(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _compile(function: Callable[P, R], **options: Any) -> Callable[P, R]:
-    with _cached():
-        compiled = _njit(
-            cache=_CACHE is not None,
-            nogil=True,
-            no_cfunc_wrapper=True,
-            **(NUMERICS | options),
-        )(function)
+    compiled = _njit(nogil=True, no_cfunc_wrapper=True, **(NUMERICS | options))(function)
     if hasattr(compiled, "get_call_template"):  # Not so under NUMBA_DISABLE_JIT=1.
+        if _CACHE is not None:
+            with _cached():
+                keep_code(compiled, function, _CACHE)
         _ignore_literals(compiled)
     return cast("Callable[P, R]", compiled)
 

@@ -1,0 +1,146 @@
+"""Machine code on disk that may be damaged, or that cannot be written: then kernels are compiled, and one line says so.
+
+A crash or a full disk leaves files that are cut short or full of zeros. Numba trusts what it finds, so every file here
+begins with a digest of the rest; machine code also names the call that it is for, since two processes that begin together
+may give two kinds of calls the same file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pickle
+import sys
+from pathlib import Path
+from typing import Any
+
+from numba.core import caching
+from numba.core.ccallback import CFunc
+
+_DIGEST = hashlib.sha256().digest_size
+
+_told: set[str] = set()
+
+
+def _tell(what: str, line: str) -> None:
+    """Say something on stderr, once a process."""
+    if what not in _told:
+        _told.add(what)
+        print(f"kinseek: {line}", file=sys.stderr)
+
+
+def _tell_damaged(path: str, error: Exception) -> None:
+    _tell("damaged", f"compiling kernels anew, for their cache is damaged: {path} ({_words(error)})")
+
+
+def tell_unwritten(folder: str | os.PathLike[str], error: Exception) -> None:
+    """Say that compiled kernels cannot be kept."""
+    _tell(
+        "unwritten", f"doing without a cache of compiled kernels, for {folder} takes none ({_words(error)})"
+    )
+
+
+def _words(error: Exception) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())[:200]
+
+
+_Files: Any = caching.IndexDataCacheFile
+_FunctionCache: Any = caching.FunctionCache
+_CFunc: Any = CFunc
+
+
+class _CheckedFiles(_Files):  # type: ignore[misc]
+    """The files of one kernel: an index from calls to numbers, and one file of machine code each."""
+
+    def load(self, key: Any) -> Any:
+        """Machine code for a kind of call, or None."""
+        name = self._load_index().get(key)
+        if name is None:
+            return None
+        known = self._read(self._data_path(name))
+        return known[1] if known is not None and known[0] == repr(key) else None
+
+    def save(self, key: Any, data: Any) -> None:
+        """Keep machine code for a kind of call."""
+        super().save(key, (repr(key), data))
+
+    def _load_index(self) -> Any:
+        version, stamp, overloads = self._read(self._index_path) or (None, None, {})
+        fresh = version == self._version and stamp == self._source_stamp
+        return overloads if fresh else {}
+
+    def _save_index(self, overloads: Any) -> None:
+        self._write(self._index_path, (self._version, self._source_stamp, overloads))
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(self._data_path(name), data)
+
+    def _read(self, path: str) -> Any:
+        """What was written, or None where there is nothing, or nothing whole."""
+        try:
+            content = Path(path).read_bytes()
+            if hashlib.sha256(content[_DIGEST:]).digest() != content[:_DIGEST]:
+                raise ValueError(f"it does not hold what was written, {len(content)} bytes are left")
+            return pickle.loads(content[_DIGEST:])
+        except FileNotFoundError:
+            return None
+        except Exception as error:
+            _tell_damaged(path, error)
+            return None
+
+    def _write(self, path: str, value: Any) -> None:
+        data = self._dump(value)
+        with self._open_for_write(path) as file:
+            file.write(hashlib.sha256(data).digest() + data)
+
+
+class _OurFolder(caching.CompileResultCacheImpl):
+    """Files in our folder or none: beside the sources, where Numba would go next, they would outlive a change of them."""
+
+    _locator_classes = [caching.UserProvidedCacheLocator]  # noqa: RUF012
+
+
+class _KeptCode(_FunctionCache):  # type: ignore[misc]
+    """Numba's cache of one kernel, without its trust in files."""
+
+    _impl_class = _OurFolder
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        self._cache_file = _CheckedFiles(
+            cache_path=self._cache_path,
+            filename_base=self._impl.filename_base,
+            source_stamp=self._impl.locator.get_source_stamp(),
+        )
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Machine code, ready to run, or None."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception as error:
+            _tell_damaged(self._cache_path, error)
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep machine code if the disk takes it."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            tell_unwritten(self._cache_path, error)
+
+
+def keep_code(compiled: Any, function: Any, folder: Path) -> None:
+    """Let a compiled function, a dispatcher or a C function, look into our folder first and keep there what it compiles."""
+    try:
+        compiled._cache = _KeptCode(function)
+    except (OSError, RuntimeError) as error:  # Numba found no place in the folder.
+        tell_unwritten(folder, error)
+
+
+def c_function(signature: Any, function: Any, options: dict[str, Any], folder: Path | None) -> Any:
+    """Compile a C function, or read it from disk."""
+    compiled = _CFunc(function, signature, {}, options)
+    if folder is not None:
+        keep_code(compiled, function, folder)
+    compiled.compile()
+    return compiled
