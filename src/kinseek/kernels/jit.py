@@ -27,6 +27,7 @@ from numba.core import config, event, sigutils
 from numba.core.types import unliteral
 
 from .kept_code import c_function, keep_code
+from .without_jit import WITHOUT_JIT, address_of, plainly
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -95,7 +96,7 @@ _unliteral: Callable[[Any], Any] = unliteral
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile on first call, keep the machine code on disk, release the GIL while running."""
-    return _compile(function)
+    return plainly(_compile(function)) if WITHOUT_JIT else _compile(function)
 
 
 def inner(function: Callable[P, R]) -> Callable[P, R]:
@@ -141,7 +142,8 @@ def exact(function: Callable[P, R]) -> Callable[P, R]:
 
 def kernel_exact(function: Callable[P, R]) -> Callable[P, R]:
     """Compile a kernel that may meet NaN, and must not assume it away."""
-    return _compile(function, fastmath=False)
+    compiled = _compile(function, fastmath=False)
+    return plainly(compiled) if WITHOUT_JIT else compiled
 
 
 class Routine:
@@ -159,6 +161,8 @@ class Routine:
     @property
     def address(self) -> int:
         """Where its machine code stands, compiled by now or read from disk."""
+        if WITHOUT_JIT:
+            return address_of(self._function)
         with _one_thread:
             if self._compiled is None:
                 options = {"nopython": True} | NUMERICS
@@ -202,7 +206,7 @@ def exposed(function: Callable[P, R]) -> Callable[P, R]:
 
 def _compile(function: Callable[P, R], **options: Any) -> Callable[P, R]:
     compiled = _njit(nogil=True, no_cfunc_wrapper=True, **(NUMERICS | options))(function)
-    if hasattr(compiled, "get_call_template"):  # Not so under NUMBA_DISABLE_JIT=1.
+    if not WITHOUT_JIT:
         if _CACHE is not None:
             with _cached():
                 keep_code(compiled, function, _CACHE)

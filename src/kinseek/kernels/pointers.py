@@ -17,16 +17,20 @@ from numpy.typing import NDArray
 
 from .arrays import Array, Indices
 from .jit import view
+from .without_jit import WITHOUT_JIT, call_at, view_at
 
 ROW = 4
 """Numbers a row of a handle holds: address and three dimensions."""
 
 
 types: Any = numba.types  # Untyped in Numba itself.
-carray: Any = vars(numba)["carray"]
+carray: Any = view_at if WITHOUT_JIT else vars(numba)["carray"]
 
 
 def _pointer_to(dtype: Any) -> Any:
+    if WITHOUT_JIT:
+        return lambda address: (address, numba.np.numpy_support.as_dtype(dtype))
+
     @intrinsic
     def pointer(typing_context: Any, address: Any) -> Any:
         """Turn an address into a pointer."""
@@ -56,7 +60,7 @@ def _call(typing_context: Any, address: Any, arguments: Any) -> Any:
     return result(types.int64, arguments), generate
 
 
-call: Any = _call  # To its stubs an intrinsic is called with its typing context.
+call: Any = call_at if WITHOUT_JIT else _call  # To its stubs an intrinsic is called with its typing context.
 
 
 def handle_of(arrays: list[NDArray[Any]]) -> Indices:
