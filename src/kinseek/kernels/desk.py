@@ -9,17 +9,16 @@ from numpy.typing import NDArray
 
 from .arrays import Array, ChainArrays, Indices
 from .atlas import Atlas, Division
-from .jit import hidden, view
-from .lanes import LANES, Lanes, lanes_size, make_lanes
+from .jit import view
+from .lanes import LANES, Lanes
+from .lanes import LAYOUT as LANES_LAYOUT
+from .layout import DOF, Layout, Rows, floats, whole
 from .links import links_of
 from .neighbours import LEAF, Tree
-from .pointers import ROW, flags, floats1, floats2, floats3, integer_part, integers, part1, part2
+from .pointers import ROW, floats1, integer_part, integers, part1
 
 OPEN = 1e300
 """Limit of a joint that turns fully; infinite if it is continuous, for then both ways round count."""
-
-ARRAYS = 24
-"""Arrays of a task, see `task_arrays`."""
 
 WANTED = 7
 """Numbers that say what is wanted, see `task_of`."""
@@ -49,6 +48,61 @@ class Task(NamedTuple):
     """K_A of the x, y and z columns, (3,), see `GoalArrays`."""
 
 
+class TaskRows(NamedTuple):
+    """A task as a handle holds it; arrays that have the name of a field of `Task` are that field."""
+
+    chain: ChainArrays
+    atlas: Atlas
+    lower: Array
+    upper: Array
+    columns: Array
+    numbers: Indices
+    """Head, tail and columns of the division, and LANES, (4,)."""
+    lengths: Array
+    """Lengths of the division and of the task, (2,), [m]."""
+    links: Array
+    routines: Indices
+    """Addresses of what kernels call, see `refine.routines`."""
+    plain: Array
+    """What is wanted of a plain pose, see `task_of`."""
+
+
+ROWS = Rows(
+    TaskRows,
+    chain=Rows(
+        ChainArrays,
+        fixed="floats3",
+        prismatic="flags",
+        leader="integers",
+        multiplier="floats1",
+        offset="floats1",
+        start="integers",
+        lower="floats1",
+        upper="floats1",
+    ),
+    atlas=Rows(
+        Atlas,
+        tree=Rows(Tree, points="floats3", axis="integers", split="floats1", beside="integers"),
+        middle="floats2",
+        poses="floats3",
+        inverse_head="floats2",
+        inverse_tip="floats2",
+    ),
+    lower="floats1",
+    upper="floats1",
+    columns="floats1",
+    numbers="integers",
+    lengths="floats1",
+    links="floats2",
+    routines="integers",
+    plain="floats1",
+)
+"""The rows of a task's handle."""
+
+ARRAYS = ROWS.count
+NUMBERS, ROUTINES, PLAIN = (ROWS.first[name] for name in ("numbers", "routines", "plain"))
+
+
 def task_arrays(
     chain: ChainArrays,
     atlas: Atlas,
@@ -60,15 +114,13 @@ def task_arrays(
     routines: Indices,
     wanted: Array,
 ) -> list[NDArray[Any]]:
-    """The arrays of a task in the order in which `task_of` reads them; `wanted` is that of a plain pose.
-
-    `routines` are the addresses of what kernels call, see `refine.routines`.
-    """
+    """The arrays of a task in the order in which `task_of` reads them; `wanted` is that of a plain pose."""
     numbers = np.array([division.head, division.tail, division.columns, LANES], dtype=np.int64)
     lengths = np.array([division.length, length])
-    sorted_samples = [*atlas.tree, *atlas[1:]]
-    others = (lower, upper, columns, numbers, lengths, links_of(chain), routines, wanted)
-    return [np.ascontiguousarray(array) for array in (*chain, *sorted_samples, *others)]
+    links = links_of(chain)
+    return ROWS.arrays(
+        TaskRows(chain, atlas, lower, upper, columns, numbers, lengths, links, routines, wanted)
+    )
 
 
 @view
@@ -81,22 +133,25 @@ def handle_at(address: int) -> Indices:
 @view
 def plain_wanted(handle: Indices) -> Array:
     """Tolerances and weights of a plain pose, see `task_of`."""
-    seen: Array = floats1(handle, ARRAYS - 1)
+    seen: Array = floats1(handle, PLAIN)
     return seen
 
 
 @view
 def routine_at(handle: Indices, k: int) -> int:
     """Address of routine k."""
-    address: int = integers(handle, ARRAYS - 2)[k]
+    address: int = integers(handle, ROUTINES)[k]
     return address
 
 
 @view
 def lanes_of(handle: Indices) -> int:
     """LANES, as a number that the compiler cannot know."""
-    count: int = integers(handle, 19)[3]
+    count: int = integers(handle, NUMBERS)[3]
     return count
+
+
+rows_of = ROWS.make
 
 
 @view
@@ -108,29 +163,17 @@ def task_of(handle: Indices, wanted: Array) -> Task:
         wanted: Position tolerance [m], orientation tolerance [rad], K_P, most FK evaluations, and K_A of the three
             columns, (7,).
     """
-    chain = ChainArrays(
-        floats3(handle, 0),
-        flags(handle, 1),
-        integers(handle, 2),
-        floats1(handle, 3),
-        floats1(handle, 4),
-        integers(handle, 5),
-        floats1(handle, 6),
-        floats1(handle, 7),
-    )
-    tree = Tree(floats3(handle, 8), integers(handle, 9), floats1(handle, 10), integers(handle, 11))
-    atlas = Atlas(tree, floats2(handle, 12), floats3(handle, 13), floats2(handle, 14), floats2(handle, 15))
-    numbers, lengths = integers(handle, 19), floats1(handle, 20)
+    rows: TaskRows = rows_of(handle, 0)
+    numbers, lengths, address = rows.numbers, rows.lengths, wanted.ctypes.data
     division = Division(numbers[0], numbers[1], numbers[2], lengths[0])
-    address = wanted.ctypes.data
     return Task(
-        chain,
-        floats2(handle, 21),
-        atlas,
+        rows.chain,
+        rows.links,
+        rows.atlas,
         division,
-        floats1(handle, 16),
-        floats1(handle, 17),
-        floats1(handle, 18),
+        rows.lower,
+        rows.upper,
+        rows.columns,
         lengths[1],
         part1(address, 0, 4),
         part1(address, 4, 3),
@@ -181,47 +224,32 @@ class Job(NamedTuple):
     memory: Array
 
 
-@hidden
-def desk_size(dof: int, joints: int) -> int:
-    """Numbers that a desk takes in memory."""
-    return (
-        lanes_size(dof, joints)
-        + 12
-        + 12
-        + 12
-        + 9
-        + 2 * DEEP
-        + 64
-        + 64
-        + LEAF
-        + dof
-        + 2 * LANES * dof
-        + 3 * LANES
-        + 4
-    )
+LAYOUT = Layout(
+    Desk,
+    lanes=LANES_LAYOUT,
+    seen=floats(3, 4),
+    spare=floats(3, 4),
+    between=floats(3, 4),
+    point=floats(9),
+    distance=floats(DEEP),
+    neighbour=whole(DEEP),
+    stack=whole(64),
+    bound=floats(64 + LEAF),
+    seed=floats(DOF),
+    found=floats(LANES, DOF),
+    state=whole(LANES),
+    best=floats(LANES, DOF),
+    best_error=floats(LANES),
+    floor=floats(LANES),
+    mode=floats(4),
+)
+"""Where the desk of an arm stands in memory."""
+
+desk_size, lay_desk = LAYOUT.size, LAYOUT.make
 
 
 @view
 def make_desk(memory: Array, dof: int, joints: int) -> Desk:
     """Lay a desk out in a memory of `desk_size` numbers."""
-    address = memory.ctypes.data
-    o = lanes_size(dof, joints)
-    rest = o + 45 + 2 * DEEP + 128 + LEAF
-    return Desk(
-        make_lanes(address, dof, joints),
-        part2(address, o, 3, 4),
-        part2(address, o + 12, 3, 4),
-        part2(address, o + 24, 3, 4),
-        part1(address, o + 36, 9),
-        part1(address, o + 45, DEEP),
-        integer_part(address, o + 45 + DEEP, DEEP),
-        integer_part(address, o + 45 + 2 * DEEP, 64),
-        part1(address, o + 45 + 2 * DEEP + 64, 64 + LEAF),
-        part1(address, rest, dof),
-        part2(address, rest + dof, LANES, dof),
-        integer_part(address, rest + dof * (1 + LANES), LANES),
-        part2(address, rest + dof * (1 + LANES) + LANES, LANES, dof),
-        part1(address, rest + dof * (1 + 2 * LANES) + LANES, LANES),
-        part1(address, rest + dof * (1 + 2 * LANES) + 2 * LANES, LANES),
-        part1(address, rest + dof * (1 + 2 * LANES) + 3 * LANES, 4),
-    )
+    desk: Desk = lay_desk(memory.ctypes.data, dof, joints)
+    return desk

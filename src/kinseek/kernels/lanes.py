@@ -16,9 +16,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from .arrays import Array, Indices
-from .jit import hidden, view
+from .jit import hidden
+from .layout import DOF, JOINTS, Layout, floats
 from .links import ADDS, SLIDE, TURN
-from .pointers import part1, part2
 from .trigonometry import sine_cosine
 
 LANES = 8
@@ -58,30 +58,21 @@ class Lanes(NamedTuple):
     """Scale of the position rows [1/m] and of the orientation rows, 2 rows."""
 
 
-@hidden
-def lanes_size(dof: int, joints: int) -> int:
-    """Numbers that the lanes of an arm take in memory."""
-    return (8 * dof + 6 * joints + 12 + 12 + 21 + 6 + 4 + 4 + 2) * LANES
-
-
-@view
-def make_lanes(address: int, dof: int, joints: int) -> Lanes:
-    """Lay lanes out in a memory."""
-    W = LANES
-    fixed = (8 * dof + 6 * joints) * W
-    return Lanes(
-        part2(address, 0, dof, W),
-        part1(address, fixed, 12 * W),
-        part1(address, fixed + 12 * W, 12 * W),
-        part2(address, 8 * dof * W, joints, 6 * W),
-        part2(address, dof * W, dof, 6 * W),
-        part1(address, fixed + 24 * W, 21 * W),
-        part1(address, fixed + 45 * W, 6 * W),
-        part2(address, 7 * dof * W, dof, W),
-        part1(address, fixed + 51 * W, 4 * W),
-        part1(address, fixed + 55 * W, 4 * W),
-        part1(address, fixed + 59 * W, 2 * W),
-    )
+LAYOUT = Layout(
+    Lanes,
+    q=floats(DOF, LANES),
+    jacobian=floats(DOF, 6 * LANES),
+    step=floats(DOF, LANES),
+    axes=floats(JOINTS, 6 * LANES),
+    target=floats(12 * LANES),
+    pose=floats(12 * LANES),
+    gram=floats(21 * LANES),
+    residual=floats(6 * LANES),
+    work=floats(4 * LANES),
+    error=floats(4 * LANES),
+    weight=floats(2 * LANES),
+)
+"""Where the lanes of an arm stand in memory."""
 
 
 @hidden

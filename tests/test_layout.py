@@ -1,0 +1,175 @@
+"""Hand-laid memory: no part over another, nothing left over, and every view on the array it is named after."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek.kernels import desk
+from kinseek.kernels.jit import exposed
+from kinseek.kernels.lanes import LANES
+from kinseek.kernels.layout import DOF, JOINTS, Layout, Rows, floats, whole
+from kinseek.kernels.neighbours import LEAF
+from kinseek.kernels.pointers import ROW
+from kinseek.solvers.atlas import PLAIN, AtlasIndex
+
+Array = NDArray[np.float64]
+
+ARMS = [(1, 1), (2, 2), (3, 5), (6, 6), (7, 7), (7, 9), (20, 20)]
+"""Variables and joints; more joints where some mimic others."""
+
+desk_size, make_desk, task_of = (exposed(each) for each in (desk.desk_size, desk.make_desk, desk.task_of))
+
+
+def arrays_of(bundle: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+    for name, value in zip(bundle._fields, bundle, strict=True):
+        if isinstance(value, tuple):
+            yield from ((f"{name}.{each}", array) for each, array in arrays_of(value))
+        elif isinstance(value, np.ndarray):
+            yield name, value
+
+
+def owners(memory: Array, bundle: Any) -> NDArray[np.int64]:
+    """How many parts hold each number of a memory, by what writing to the parts does."""
+    count = np.zeros(len(memory), dtype=np.int64)
+    for name, part in arrays_of(bundle):
+        begin = part.ctypes.data - memory.ctypes.data
+        assert begin % 8 == 0, name
+        assert 0 <= begin <= memory.nbytes - part.nbytes, name
+        assert part.itemsize == 8, name
+        assert part.flags.c_contiguous, name
+        count[begin // 8 : begin // 8 + part.size] += 1
+    return count
+
+
+@pytest.mark.parametrize(("dof", "joints"), ARMS)
+def test_a_desk_fills_its_memory_and_no_part_lies_over_another(dof: int, joints: int) -> None:
+    memory = np.zeros(desk_size(dof, joints))
+    laid = make_desk(memory, dof, joints)
+    np.testing.assert_array_equal(owners(memory, laid), 1)
+    assert {name: array.shape for name, array in arrays_of(laid)} == {
+        "lanes.q": (dof, LANES),
+        "lanes.target": (12 * LANES,),
+        "lanes.pose": (12 * LANES,),
+        "lanes.axes": (joints, 6 * LANES),
+        "lanes.jacobian": (dof, 6 * LANES),
+        "lanes.gram": (21 * LANES,),
+        "lanes.residual": (6 * LANES,),
+        "lanes.step": (dof, LANES),
+        "lanes.work": (4 * LANES,),
+        "lanes.error": (4 * LANES,),
+        "lanes.weight": (2 * LANES,),
+        "seen": (3, 4),
+        "spare": (3, 4),
+        "between": (3, 4),
+        "point": (9,),
+        "distance": (desk.DEEP,),
+        "neighbour": (desk.DEEP,),
+        "stack": (64,),
+        "bound": (64 + LEAF,),
+        "seed": (dof,),
+        "found": (LANES, dof),
+        "state": (LANES,),
+        "best": (LANES, dof),
+        "best_error": (LANES,),
+        "floor": (LANES,),
+        "mode": (4,),
+    }
+    whole_numbers = {name for name, array in arrays_of(laid) if array.dtype == np.int64}
+    assert whole_numbers == {"neighbour", "stack", "state"}
+
+
+@pytest.mark.parametrize(("dof", "joints"), ARMS)
+def test_what_is_written_to_one_part_stands_in_no_other(dof: int, joints: int) -> None:
+    memory = np.zeros(desk_size(dof, joints))
+    parts = list(arrays_of(make_desk(memory, dof, joints)))
+    for number, (_, part) in enumerate(parts, start=1):
+        part[...] = number
+    for number, (name, part) in enumerate(parts, start=1):
+        assert (part == number).all(), name
+
+
+class Inner(NamedTuple):
+    rows: Array
+    number: NDArray[np.int64]
+
+
+class Outer(NamedTuple):
+    first: Array
+    inner: Inner
+    last: Array
+
+
+INNER = Layout(Inner, number=whole(3), rows=floats(DOF, 4))
+OUTER = Layout(Outer, first=floats(5), inner=INNER, last=floats(2, JOINTS))
+
+
+def test_a_layout_says_where_a_bundle_within_a_bundle_stands() -> None:
+    size, make = exposed(OUTER.size), exposed(OUTER.make)
+    for dof, joints in ARMS:
+        memory = np.zeros(size(dof, joints))
+        assert len(memory) == 5 + 3 + 4 * dof + 2 * joints
+        laid = make(memory.ctypes.data, dof, joints)
+        np.testing.assert_array_equal(owners(memory, laid), 1)
+        assert laid.inner.number.ctypes.data == memory[5:].ctypes.data
+        assert laid.inner.rows.shape == (dof, 4)
+        assert laid.last.shape == (2, joints)
+
+
+def test_a_declaration_that_does_not_fit_its_bundle() -> None:
+    with pytest.raises(
+        TypeError, match=r"Inner has the fields \('rows', 'number'\), declared are \('rows',\)"
+    ):
+        Layout(Inner, rows=floats(3))
+    with pytest.raises(TypeError, match="Inner has the fields"):
+        Rows(Inner, rows="floats2", numbers="integers")
+    with pytest.raises(TypeError, match="grows no faster than the arm"):
+        floats(DOF, JOINTS)
+
+
+@pytest.fixture(name="index", scope="module")
+def _index() -> AtlasIndex:
+    arm = kinseek.load("ur10e_rail")
+    return AtlasIndex(arm.chain, "pose", arm.chain.arrays, 64)
+
+
+def test_a_task_views_the_arrays_it_is_made_of(index: AtlasIndex) -> None:
+    chain, atlas = kinseek.load("ur10e_rail").chain.arrays, index.sorted
+    wanted = np.arange(7.0)
+    task = task_of(index._addresses, wanted)
+    for bundle, made_of in ((task.chain, chain), (task.atlas.tree, atlas.tree), (task.atlas, atlas)):
+        for name, array in zip(bundle._fields, bundle, strict=True):
+            if isinstance(array, np.ndarray):
+                np.testing.assert_array_equal(array, getattr(made_of, name), err_msg=name)
+    np.testing.assert_array_equal(task.wanted, [0, 1, 2, 3])
+    np.testing.assert_array_equal(task.axis_weights, [4, 5, 6])
+    np.testing.assert_array_equal(task.columns, [0.5, 0.5, 0.5])
+    np.testing.assert_array_equal(task.lower <= chain.lower, True)
+    np.testing.assert_array_equal(task.upper >= chain.upper, True)
+    assert task.links.shape == (len(chain.leader) + 2, 12)
+    assert task.division.length == task.length > 0
+    assert tuple(task.division)[:3] == (2, 1, 1)
+
+
+def test_numbers_of_a_handle_that_stand_alone(index: AtlasIndex) -> None:
+    handle = index._addresses
+    assert len(handle) == desk.ARRAYS * ROW
+    assert exposed(desk.lanes_of)(handle) == LANES
+    np.testing.assert_array_equal(exposed(desk.plain_wanted)(handle), PLAIN)
+    addresses = [exposed(desk.routine_at)(handle, k) for k in range(3)]
+    np.testing.assert_array_equal(addresses, index._routines)
+    np.testing.assert_array_equal(exposed(desk.handle_at)(handle.ctypes.data), handle)
+
+
+def test_an_array_of_other_elements_or_dimensions_is_refused() -> None:
+    rows = Rows(Inner, rows="floats2", number="integers")
+    assert len(rows.arrays(Inner(np.zeros((2, 3)), np.zeros(4, dtype=np.int64)))) == 2
+    with pytest.raises(TypeError, match="rows is read by floats2, got 1 dimensions of float64, expected 2"):
+        rows.arrays(Inner(np.zeros(3), np.zeros(4, dtype=np.int64)))
+    with pytest.raises(TypeError, match="number is read by integers, got 1 dimensions of float32"):
+        rows.arrays(Inner(np.zeros((2, 3)), np.zeros(4, dtype=np.float32)))  # type: ignore[arg-type]
