@@ -1,0 +1,77 @@
+"""What a search keeps for a goal that may be out of reach: the eight best, no two alike, of poses and boxes by one rule."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek import Goal
+from kinseek.kernels.box_steps import ROWS
+from kinseek.kernels.boxed import keep_best_box
+from kinseek.kernels.desk import desk_size, make_desk, task_of
+from kinseek.kernels.lanes import LANES
+from kinseek.kernels.refine import ALIKE, keep_best
+from kinseek.solvers.atlas import atlas_of, wanted_of
+
+Array = NDArray[np.float64]
+
+
+def _kept(handle: Any, wanted: Array, target: Array, question: Array, boxed: bool, rounds: Array) -> Any:
+    """The eight best of some rounds of eight, (r, LANES, n): their joint values and errors, (LANES, n + 1)."""
+    task = task_of(handle, wanted)
+    dof = len(task.lower)
+    memory, rows = np.zeros(desk_size(dof, len(task.chain.leader))), np.zeros(ROWS + 33)
+    desk, result = make_desk(memory, dof, len(task.chain.leader)), np.empty((LANES, dof + 1))
+    for l in range(LANES):
+        desk.best_error[l] = np.inf
+    for k in range(len(rounds)):
+        for l in range(LANES):
+            desk.state[l] = 0
+            for i in range(dof):
+                desk.lanes.q[i, l] = rounds[k, l, i]
+        if boxed:
+            keep_best_box(task, desk, question, rows)
+        else:
+            keep_best(task, desk, target)
+    for l in range(LANES):
+        result[l, dof] = desk.best_error[l]
+        for i in range(dof):
+            result[l, i] = desk.best[l, i]
+    memory[0] = 0.0  # Views do not keep it alive.
+    return result
+
+
+kept: Any = numba.njit(_kept)
+
+
+@pytest.mark.parametrize("boxed", [False, True])
+def test_no_two_of_the_best_are_alike_and_the_best_of_all_is_among_them(boxed: bool) -> None:
+    arm, rng = kinseek.load("ur5e"), np.random.default_rng(1)
+    centres = rng.uniform(-2, 2, (3, 6))
+    rounds = centres[rng.integers(3, size=(5, LANES))] + rng.uniform(-0.05, 0.05, (5, LANES, 6))
+    target = arm.fk(np.ones(6))
+    pose, box = Goal.pose(target), Goal.pose(target, box={"x": (-0.01, 0.01)}, free="rz")
+    goal = box if boxed else pose
+    best = kept(
+        atlas_of(arm.chain, goal).handle, wanted_of(goal), target[:3], box.questions[0], boxed, rounds
+    )
+    filled = best[np.isfinite(best[:, -1])]
+    assert len(filled) == 3  # One of each of the three places, though eight would fit.
+    for i in range(3):
+        for j in range(i):
+            assert np.abs(filled[i, :6] - filled[j, :6]).max() >= ALIKE
+    least = min(_error(arm, goal, q) for q in rounds.reshape(-1, 6))
+    assert filled[:, -1].min() == pytest.approx(least, rel=1e-12)
+
+
+def _error(arm: kinseek.Arm, goal: Goal, q: Array) -> float:
+    from kinseek.solution import conclude
+
+    return float(
+        conclude(kinseek.Problem(arm.chain, goal), q[None], np.zeros((1, 3), np.int64)).weighted_error
+    )
