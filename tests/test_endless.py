@@ -25,8 +25,8 @@ from kinseek.robots.chain import Joint, rotation, serial_chain, transform
 
 Array = NDArray[np.float64]
 
-PATIENCE = 20
-"""What questions that take some milliseconds may take [s], on a busy machine."""
+PATIENCE = 30
+"""What questions of some milliseconds may take together, in seconds of the processor: the machine may be busy."""
 
 
 def check(arm: kinseek.Arm, goal: Goal) -> None:
@@ -65,7 +65,7 @@ def long_tools() -> None:
 def many_turns() -> None:
     """Arms of two joints that turn many times, the tip on the last axis or all but on it, found by hypothesis."""
 
-    @settings(max_examples=300, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=150, deadline=None, database=None, suppress_health_check=list(HealthCheck))
     @given(st.integers(0, 2**32 - 1), st.floats(-8, 2.5), st.booleans())
     def ends(seed: int, away: float, reached: bool) -> None:
         rng = np.random.default_rng(seed)
@@ -106,7 +106,7 @@ def test_a_question_that_never_ended_does(name: str) -> None:
     done = subprocess.run(
         [sys.executable, __file__, name], check=False, capture_output=True, text=True, timeout=900
     )
-    assert done.returncode != -signal.SIGALRM, f"{name} still runs after {PATIENCE} s"
+    assert done.returncode != -signal.SIGPROF, f"{name} still runs after {PATIENCE} s"
     assert done.returncode == 0, done.stderr
 
 
@@ -150,5 +150,5 @@ if __name__ == "__main__":
     slow = kinseek.Arm.from_dh([[1, 0, 0, 0]] * 2, [-9] * 2, [9] * 2)
     for place in ([1.0, 0.5, 0.0], [5.0, 0.0, 0.0]):  # Compiles what the question needs.
         slow.ik(Goal.position(place, tool=np.eye(4)))
-    signal.alarm(PATIENCE)  # Nobody handles it: it ends the process wherever that is.
+    signal.setitimer(signal.ITIMER_PROF, PATIENCE)  # Nobody handles it: it ends the process wherever that is.
     QUESTIONS[sys.argv[1]]()

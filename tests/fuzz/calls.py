@@ -41,14 +41,14 @@ plain: Any = importlib.import_module("reference")
 Array = NDArray[np.float64]
 Rng = np.random.Generator
 
-PER_ARM = 10
+PER_ARM = 20
 """Calls of each arm."""
 
 MOST_SECONDS = 10.0
-"""What one call may take [s]."""
+"""What one call may take [s], of the clock or of the processors, whichever is less: the machine may be busy."""
 
-PATIENCE = 60
-"""When a call that never returns is given up [s]; the machine may be busy."""
+PATIENCE = 40
+"""When a call that never returns is given up, in seconds of the processors."""
 
 ROUNDING = 1e-13
 """What plain forward kinematics may differ by, relative to all lengths and turns."""
@@ -486,7 +486,7 @@ def run(seed: int, first: int, last: int) -> Iterator[Outcome]:
             arms: dict[int, kinseek.Arm] = {}
             with os.fdopen(writer, "w") as out:
                 for each in range(number, min(number - number % PER_ARM + 40 * PER_ARM, last)):
-                    signal.alarm(PATIENCE)  # Nobody handles it: it ends the process wherever that is.
+                    signal.setitimer(signal.ITIMER_PROF, PATIENCE)  # Nobody handles it: it ends the process.
                     outcome = case(seed, each, arms)
                     out.write(
                         "\t".join(str(value).replace("\n", " ").replace("\t", " ") for value in outcome)
@@ -503,7 +503,7 @@ def run(seed: int, first: int, last: int) -> Iterator[Outcome]:
         _, status = os.waitpid(child, 0)
         if status:
             what = (
-                "never returned" if os.WTERMSIG(status) == signal.SIGALRM else f"ended with status {status}"
+                "never returned" if os.WTERMSIG(status) == signal.SIGPROF else f"ended with status {status}"
             )
             yield Outcome(number, "?", float(PATIENCE), f"the call {what}", False)
             number += 1
