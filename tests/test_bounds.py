@@ -122,7 +122,7 @@ def test_no_box_loses_what_it_holds(name: str) -> None:
     assert sum(nearest_lost(chain, rng) for _ in range(500)) == 0
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(chain=serial_chains(), seed=st.integers(0, 2**32 - 1))
 def test_no_box_loses_what_it_holds_on_any_chain(chain: SerialChain, seed: int) -> None:
     rng = np.random.default_rng(seed)

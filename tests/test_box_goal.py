@@ -158,7 +158,7 @@ def nested(draw: st.DrawFn) -> tuple[dict[str, Any], dict[str, Any]]:
     return {"box": tight}, {"box": loose, "free": free}
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 @given(poses(), nested(), st.sampled_from(["tool", "base"]))
 def test_what_satisfies_the_tighter_goal_satisfies_the_looser(
     target: Array, boxes: tuple[dict[str, Any], dict[str, Any]], frame: Frame

@@ -78,7 +78,7 @@ def test_three_samples_give_the_coefficients(a: float, b: float, c: float, slide
     [0.0, 0.0, -1.0, -1.0, 0.0, -3.0, 0.0, 2.5, 3.0], (False, True)
 )  # Least at one end, nearly so at the other.
 @given(st.lists(COEFFICIENT, min_size=9, max_size=9), st.tuples(st.booleans(), st.booleans()))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_a_pair_is_minimised_over_its_box(numbers: list[float], revolute: tuple[bool, bool]) -> None:
     M, low, high, delta = (
         np.reshape(numbers, (3, 3)),

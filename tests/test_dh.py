@@ -41,7 +41,7 @@ ROWS = st.lists(
 )
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 @given(ROWS, st.booleans())
 def test_any_table_is_the_product_of_its_rows(
     table: list[tuple[str, tuple[float, ...], float]], standard: bool

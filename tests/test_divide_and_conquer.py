@@ -57,7 +57,7 @@ def test_agrees_with_the_papers_algorithms(name: str, size: int, divisions: int)
 
 
 @given(serial_chains(most=3), st.integers(0, 2**32 - 1), st.integers(1, 60), st.integers(2, 5))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_random_chains_agree_with_the_papers_algorithms(
     chain: SerialChain, seed: int, size: int, divisions: int
 ) -> None:

@@ -56,7 +56,7 @@ def search(
 
 
 @given(serial_chains(), st.integers(0, 2**32 - 1), st.data())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_random_chains_agree_with_the_twin(chain: SerialChain, seed: int, data: st.DataObject) -> None:
     rng = np.random.default_rng(seed)
     counts = [data.draw(st.integers(1, 3)) for _ in range(chain.dof)]

@@ -272,7 +272,7 @@ def test_contractions_hold_and_one_percent_less_is_caught(name: str) -> None:
     assert sum(contraction_fails(chain, rng, trust=0.99) for _ in range(150)) > 0
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(chain=serial_chains(), seed=st.integers(0, 2**32 - 1))
 def test_contractions_hold_on_any_chain(chain: SerialChain, seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -78,7 +78,7 @@ def plain_jacobian(chain: SerialChain, q: Array, weight: Array) -> Array:
 
 
 @given(serial_chains(), st.integers(0, 2**32 - 1))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_forward_kinematics_agrees_with_the_twin(chain: SerialChain, seed: int) -> None:
     q = np.random.default_rng(seed).uniform(-4, 4, (LANES, chain.dof))
     lanes = lanes_at(chain, q, np.zeros((LANES, 3, 4)), np.ones(2))
@@ -87,7 +87,7 @@ def test_forward_kinematics_agrees_with_the_twin(chain: SerialChain, seed: int) 
 
 
 @given(serial_chains(), st.integers(0, 2**32 - 1))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_the_jacobian_agrees_with_finite_differences(chain: SerialChain, seed: int) -> None:
     q, weight = np.random.default_rng(seed).uniform(-3, 3, (LANES, chain.dof)), np.array([2.0, 0.7])
     lanes = lanes_at(chain, q, np.zeros((LANES, 3, 4)), weight)

@@ -22,7 +22,7 @@ from reference import fk
 Array = NDArray[np.float64]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(serial_chains(), st.data())
 def test_locked_joints_change_no_pose(chain: SerialChain, data: st.DataObject) -> None:
     arm = Arm(chain)

@@ -18,7 +18,7 @@ from reference import fk
 
 
 @given(chain=serial_chains(), share=st.floats(0, 1))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_the_line_of_an_arm_ends_at_its_tip(chain: SerialChain, share: float) -> None:
     q = chain.lower + share * (chain.upper - chain.lower)
     points = joint_points(chain, q)
