@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from benchmarks.targets import plain_fk, random_joints, singular_joints
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -158,7 +158,7 @@ def nested(draw: st.DrawFn) -> tuple[dict[str, Any], dict[str, Any]]:
     return {"box": tight}, {"box": loose, "free": free}
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=60)
 @given(poses(), nested(), st.sampled_from(["tool", "base"]))
 def test_what_satisfies_the_tighter_goal_satisfies_the_looser(
     target: Array, boxes: tuple[dict[str, Any], dict[str, Any]], frame: Frame

@@ -6,12 +6,13 @@ import ast
 import os
 from pathlib import Path
 
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 
 def test_no_example_is_timed_and_failures_print_how_to_get_them_again() -> None:
     now = settings()
     assert now.deadline is None
+    assert HealthCheck.too_slow in now.suppress_health_check
     assert now.print_blob
     assert now.derandomize == bool(os.environ.get("CI"))
 
