@@ -10,24 +10,64 @@ import numpy as np
 import pytest
 
 import kinseek
-from kinseek import ALL_SOLVERS, BlindSearch, BruteForce, CoordinateDescent, Goal, Problem, Solver
+from kinseek import (
+    ALL_SOLVERS,
+    Atlas,
+    BlindSearch,
+    BruteForce,
+    CoordinateDescent,
+    DivideAndConquer,
+    Goal,
+    Polished,
+    Problem,
+    Solver,
+)
+from kinseek.errors import InvalidSolver
+from kinseek.robots.chain import SerialChain
 from reference import chordal_error, errors, fk, weighted_error
 
-ARMS = ("planar2", "cylindrical3", "scara4", "elbow6", "panda", "irb5400")
+ARMS = ("planar2", "cylindrical3", "scara4", "elbow6", "panda", "irb5400", "fk of planar2", "fk of scara4")
+"""Bundled arms, and two of which a search knows their function alone."""
 SMALL: dict[type[Solver], Solver] = {
     BruteForce: BruteForce(branching_factor=4),
     BlindSearch: BlindSearch(most_steps=30),
 }
 """Instead of the defaults, where those take too long on seven joints."""
-CASES = [pytest.param(cls, name, id=f"{cls.__name__}-{name}") for cls in ALL_SOLVERS for name in ARMS]
+
+FROM_ITS_START = {Atlas: weighted_error, BlindSearch: weighted_error, CoordinateDescent: chordal_error}
+"""Searches that never end worse than where they start, by the error that they look at."""
+WITHOUT_A_START = (BruteForce, DivideAndConquer, Polished)
+"""Searches that look everywhere, and find the same wherever one would start."""
+
+NEEDS_AXES = (BlindSearch,)
+"""Searches that a function alone does not do for."""
+
+CASES = [
+    pytest.param(cls, name, id=f"{cls.__name__}-{name}")
+    for cls in ALL_SOLVERS
+    for name in ARMS
+    if not (cls in NEEDS_AXES and name.startswith("fk of "))
+]
 
 
 def make(cls: type[Solver]) -> Solver:
     return SMALL.get(cls) or cls()
 
 
+def chain_of(name: str) -> SerialChain:
+    """The chain behind an arm, by which answers are judged."""
+    return kinseek.load(name.removeprefix("fk of ")).chain
+
+
+def arm_of(name: str) -> kinseek.Arm:
+    arm = kinseek.load(name.removeprefix("fk of "))
+    if not name.startswith("fk of "):
+        return arm
+    return kinseek.Arm.from_fk(arm.fk, arm.lower, arm.upper, kinds=arm.chain.kinds)
+
+
 def asked(name: str, kind: str = "pose", count: int = 3) -> tuple[kinseek.Arm, Problem]:
-    arm = kinseek.load(name)
+    arm = arm_of(name)
     q, near = np.random.default_rng(11).uniform(arm.lower, arm.upper, (2, count, arm.dof))
     T = arm.fk(q)
     goal = {
@@ -48,7 +88,7 @@ def test_errors_are_those_of_plain_fk_and_limits_are_kept(cls: type[Solver], nam
     assert (solution.evaluations > 0).all()
     goal = problem.goal
     for i, (q, target) in enumerate(zip(solution.q, goal.target, strict=True)):
-        T = fk(arm.chain, q)
+        T = fk(chain_of(name), q)
         position, orientation = errors(T, goal, target)
         assert solution.position_error[i] == pytest.approx(position, rel=1e-9, abs=1e-12)
         assert solution.orientation_error[i] == pytest.approx(orientation, rel=1e-7, abs=1e-8)
@@ -74,18 +114,46 @@ def test_same_bits_twice_from_two_threads_and_in_any_batch(cls: type[Solver], na
     np.testing.assert_array_equal(first.q[1:], solver.solve(part).q)
 
 
-@pytest.mark.parametrize(("cls", "name"), CASES)
+@pytest.mark.parametrize("cls", NEEDS_AXES)
+def test_a_search_that_needs_axes_says_so(cls: type[Solver]) -> None:
+    _, problem = asked("fk of planar2")
+    with pytest.raises(InvalidSolver, match="needs the axes and links"):
+        make(cls).solve(problem)
+
+
+@pytest.mark.parametrize("cls", ALL_SOLVERS)
+def test_every_search_says_what_a_start_is_to_it(cls: type[Solver]) -> None:
+    assert (cls in FROM_ITS_START) != (cls in WITHOUT_A_START)
+
+
+@pytest.mark.parametrize(("cls", "name"), [case for case in CASES if case.values[0] in FROM_ITS_START])
 def test_never_worse_than_its_start(cls: type[Solver], name: str) -> None:
-    """By the measure it minimises; a search without a start has only to answer."""
+    """Where it starts at an answer, the tolerances are all that it may lose."""
     arm, problem = asked(name)
-    solution = make(cls).solve(problem)
-    if cls not in (BlindSearch, CoordinateDescent):
-        assert np.isfinite(solution.weighted_error).all()
-        return
+    chain, measure = chain_of(name), FROM_ITS_START[cls]
     assert problem.near is not None
-    for start, q, one in zip(problem.near, solution.q, problem.each(), strict=True):
-        measure = weighted_error if cls is BlindSearch else chordal_error
-        assert measure(fk(arm.chain, q), one.goal) <= measure(fk(arm.chain, start), one.goal) + 1e-12
+    at_the_answer = np.random.default_rng(11).uniform(arm.lower, arm.upper, (2, 3, arm.dof))[0]
+    for near, more in ((problem.near, 1e-12), (at_the_answer, 1.5e-6)):
+        solution = make(cls).solve(Problem(problem.chain, problem.goal, near))
+        for start, q, one in zip(near, solution.q, problem.each(), strict=True):
+            assert measure(fk(chain, q), one.goal) <= measure(fk(chain, start), one.goal) + more
+
+
+@pytest.mark.parametrize(("cls", "name"), [case for case in CASES if case.values[0] in WITHOUT_A_START])
+def test_the_same_wherever_it_would_start(cls: type[Solver], name: str) -> None:
+    _, problem = asked(name)
+    first = make(cls).solve(problem)
+    again = make(cls).solve(Problem(problem.chain, problem.goal))
+    np.testing.assert_array_equal(first.q, again.q)
+    np.testing.assert_array_equal(first.evaluations, again.evaluations)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_polishing_never_spoils_what_is_polished(name: str) -> None:
+    _, problem = asked(name)
+    rough, fine = Polished().search.solve(problem), Polished().solve(problem)
+    assert (fine.success >= rough.success).all()
+    assert ((fine.weighted_error <= rough.weighted_error) | fine.success).all()
 
 
 @pytest.mark.parametrize(("cls", "name"), CASES)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -20,9 +22,8 @@ from reference import fk, weighted_error
 
 Array = NDArray[np.float64]
 
-settle, derivatives, damped_step = (
-    exposed(each) for each in (newton.settle, newton.derivatives, newton.damped_step)
-)
+settle: Any = exposed(newton.settle)
+derivatives, damped_step = exposed(newton.derivatives), exposed(newton.damped_step)
 
 
 def far_goal(chain: SerialChain, rng: np.random.Generator, far: float = 1.0) -> Goal:
