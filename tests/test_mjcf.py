@@ -130,7 +130,7 @@ def test_xml_that_is_a_urdf_is_read_as_one(tmp_path: Path) -> None:
 
 
 BAD = {
-    "broken XML": ("<mujoco>", "MuJoCo says: .*XML"),
+    "broken XML": ("<mujoco>", "broken XML: .*line 1"),
     "unknown tag": ("<mujoco><wordbody/></mujoco>", "MuJoCo says: .*wordbody"),
     "not MJCF": ("<sdf/>", "MuJoCo says"),
     "endless slide": ('<joint name="s" type="slide"/>', "slide joint 's' has no range"),
@@ -138,7 +138,10 @@ BAD = {
     "free": ('<freejoint name="s"/>', "'s' is a free joint.*Choose base='b'"),
     "inverted range": ('<joint name="s" range="1 -1" limited="true"/>', "MuJoCo says: .*range"),
     "no joint": ("", "no movable joint"),
-    "two leaves": ('<joint/></body><body name="c">', "branches.*b, c"),
+    "two leaves": (
+        '<joint/></body><body name="c">',
+        "branches: it has 2 ends below base 'world'. Choose tip= from: b;",
+    ),
 }
 
 

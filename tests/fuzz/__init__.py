@@ -1,1 +1,1 @@
-"""Random questions by the ten thousand: each module runs by itself, as ``python -m tests.fuzz.NAME``."""
+"""Random input without end: each module runs by itself, and a short part of each in the tests."""

@@ -57,7 +57,8 @@ def read(source: str | Path, base: str | None = None, tip: str | None = None) ->
 
 def _is_urdf(path: Path) -> bool:
     """Return whether an .xml file holds a URDF robot; broken XML is an MJCF matter, for MuJoCo to explain."""
-    from .urdf_xml import file_bytes, root_element
+    from .files import file_bytes
+    from .urdf_xml import root_element
 
     try:
         root = root_element(file_bytes(path), str(path))

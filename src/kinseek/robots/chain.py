@@ -7,6 +7,7 @@ more ``J_k`` driven by the same variable: ``J_k = J(multiplier · q[leader] + of
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,12 +20,17 @@ from kinseek.errors import InvalidRobot
 from kinseek.kernels.arrays import ChainArrays, chain_arrays
 from kinseek.kernels.pose_error import LARGEST
 
+from .files import MOST_JOINTS, require_few
+
 Array = NDArray[np.float64]
 
 REVOLUTE, CONTINUOUS, PRISMATIC = "revolute", "continuous", "prismatic"
 
 _AXIS_ROUNDING = 1e-3
 """How far an axis may be from unit length to pass as a rounded unit vector."""
+
+_RIGID = 1e-5
+"""How far RRᵀ of an origin may be from the identity: `Arm.from_dh` takes a base that is off by 1e-6 in each entry."""
 
 
 @dataclass(frozen=True)
@@ -155,8 +161,8 @@ def serial_chain(
     variables = [joint for joint in joints if joint.mimic is None]
     if not joints:
         raise InvalidRobot(f"{name}: no movable joint between base {base!r} and tip {tip!r}")
-    names = [joint.name for joint in joints]
-    if twice := {joint for joint in names if names.count(joint) > 1}:
+    require_few(len(joints), "moving joints between base and tip", MOST_JOINTS, name)
+    if twice := {joint for joint, count in Counter(joint.name for joint in joints).items() if count > 1}:
         raise InvalidRobot(f"{name}: joint names must be unique, these are not: {', '.join(sorted(twice))}")
     drive = _drive(joints, {joint.name: i for i, joint in enumerate(variables)})
     leader, multiplier, offset = zip(*drive, strict=True)
@@ -176,10 +182,12 @@ def serial_chain(
     for k, joint in enumerate(joints):
         align = np.eye(4)
         align[:3, :3] = _z_to(_unit_axis(joint))
-        fixed[k] = (undo @ _finite_pose(joint.origin, f"origin of joint {joint.name!r}") @ align)[:3]
+        fixed[k] = (undo @ _rigid_pose(joint.origin, f"origin of joint {joint.name!r}") @ align)[:3]
         undo = align.T
         undone.append(undo)
-    fixed[-1] = (undo @ _finite_pose(tip_pose, "tip pose"))[:3]
+    fixed[-1] = (undo @ _rigid_pose(tip_pose, "tip pose"))[:3]
+    if not np.isfinite(fixed).all():
+        raise InvalidRobot(f"{name}: a length overflows: lengths are in metres")
 
     frames: dict[str, Frame] = {}
     moved = [(joint.name, Frame(k + 1, np.eye(4))) for k, joint in enumerate(joints)]
@@ -257,14 +265,14 @@ def follow_mimics(joint: str, mimics: Mapping[str, tuple[str, float, float]]) ->
     Raises:
         InvalidRobot: The mimics form a loop.
     """
-    multiplier, offset, seen = 1.0, 0.0, [joint]
-    while seen[-1] in mimics:
-        leader, factor, shift = mimics[seen[-1]]
+    multiplier, offset, last, seen = 1.0, 0.0, joint, {joint: None}
+    while last in mimics:
+        leader, factor, shift = mimics[last]
         multiplier, offset = multiplier * factor, offset + multiplier * shift
         if leader in seen:
             raise InvalidRobot(f"mimic joints form a loop: {' -> '.join([*seen, leader])}")
-        seen.append(leader)
-    return seen[-1], multiplier, offset
+        seen[leader], last = None, leader
+    return last, multiplier, offset
 
 
 def _drive(joints: Sequence[Joint], index: Mapping[str, int]) -> list[tuple[int, float, float]]:
@@ -354,7 +362,7 @@ def _z_to(axis: Array) -> Array:
     )
 
 
-def _finite_pose(pose: Array, what: str) -> Array:
+def _rigid_pose(pose: Array, what: str) -> Array:
     pose = np.asarray(pose, dtype=float)
     if pose.shape != (4, 4):
         raise InvalidRobot(f"{what}: expected shape (4, 4), got {pose.shape}")
@@ -365,4 +373,8 @@ def _finite_pose(pose: Array, what: str) -> Array:
             f"{what}: expected lengths of at most {LARGEST:g} m, got {farthest:g} m: farther off, rounding of positions "
             f"comes close to 1e-6 m. Are these other units?"
         )
+    turn = pose[:3, :3]
+    off = float(np.abs(turn @ turn.T - np.eye(3)).max())
+    if off > _RIGID:
+        raise InvalidRobot(f"{what}: no rotation: RRᵀ differs from the identity by {off:.3g}")
     return pose

@@ -1,8 +1,8 @@
 """Read a serial arm from a MuJoCo XML file (MJCF).
 
-MuJoCo itself reads the file, so defaults, frames, includes, angle units and automatic limits mean what they
-mean there. Everything with a size or a surface is dropped before it compiles: no mesh or texture has to be
-there. Bodies and sites are the frames; a body comes first where a site has the same name.
+MuJoCo itself reads the bodies, so defaults, frames, angle units and automatic limits mean what they mean there.
+Everything with a size or a surface is dropped before MuJoCo sees it (`mjcf_xml`): no mesh or texture has to be there.
+Bodies and sites are the frames; a body comes first where a site has the same name.
 
 Joint values are MuJoCo's ``qpos``: a joint's ``ref`` is the value it has in the pose the file draws. Equality
 constraints are not followed: each joint of the file is a variable of its own.
@@ -10,6 +10,7 @@ constraints are not followed: each joint of the file is a variable of its own.
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -29,15 +30,9 @@ from .chain import (
     serial_chain,
     transform,
 )
+from .files import MOST_JOINTS, require_few
+from .mjcf_xml import reduced
 from .tree import frame_path
-from .urdf_xml import file_bytes
-
-_DROPPED = (
-    "keys", "sensors", "actuators", "equalities", "tendons", "pairs", "excludes", "tuples", "flexes",
-    "skins", "plugins", "geoms", "cameras", "lights", "meshes", "hfields", "materials", "textures",
-    "numerics", "texts",
-)  # fmt: skip
-"""What a model holds beside bodies, sites and joints; whatever refers to others comes first."""
 
 
 def read_mjcf(path: str | Path, base: str | None = None, tip: str | None = None) -> SerialChain:
@@ -53,17 +48,21 @@ def read_mjcf(path: str | Path, base: str | None = None, tip: str | None = None)
         MissingExtra: MuJoCo is not installed.
     """
     path = Path(path)
-    file_bytes(path)
-    model = _compile(path)
+    with np.errstate(all="ignore"):  # What overflows is refused where the chain is put together.
+        return _read(path, _compile(path), base, tip)
 
-    bodies = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
+
+def _read(path: Path, model: Any, base: str | None, tip: str | None) -> SerialChain:
+    bodies = _names(model, model.name_bodyadr, "body")
     above: dict[str, str | None] = {
         name: bodies[model.body_parentid[i]] if i else None for i, name in enumerate(bodies)
     }
     leaves = above.keys() - set(above.values())
+    moved = {name for i, name in enumerate(bodies) if model.body_jntnum[i]}
     sites = {}
+    table = bytes(model.names)
     for i in range(model.nsite):
-        name = model.site(i).name
+        name = _string(table, int(model.name_siteadr[i]))
         if name and name not in above:
             sites[name] = i
             above[name] = bodies[model.site_bodyid[i]]
@@ -75,18 +74,22 @@ def read_mjcf(path: str | Path, base: str | None = None, tip: str | None = None)
         start = above[base]
         site_pose = _pose(model.site_pos[sites[base]], model.site_quat[sites[base]])
         pose[:] = np.linalg.inv(site_pose)
-    frames = frame_path(above, start, tip, ends=leaves, noun="body or site")
+    frames = frame_path(above, start, tip, ends=leaves, noun="body or site", moving=moved)
+    joints = _names(model, model.name_jntadr, "joint")
+    index = {name: i for i, name in enumerate(bodies)}
+    count = sum(int(model.body_jntnum[index[frame]]) for frame in frames[1:] if frame in index)
+    require_few(count, "moving joints between base and tip", MOST_JOINTS, str(path))
     links = [(frames[0], Frame(0, pose))]
     for frame in frames[1:]:
         if frame in sites:
             pose = pose @ _pose(model.site_pos[sites[frame]], model.site_quat[sites[frame]])
             links.append((frame, Frame(len(moving), pose)))
             continue
-        body = bodies.index(frame)
+        body = index[frame]
         pose = pose @ _pose(model.body_pos[body], model.body_quat[body])
         first = model.body_jntadr[body]
         for joint in range(first, first + model.body_jntnum[body]):
-            moving.append(_moving_joint(model, joint, pose, frame))
+            moving.append(_moving_joint(model, joint, joints[joint], pose, frame))
             # The joint turns about a point of the body: go there, turn, and come back.
             pose = transform(np.eye(3), -model.jnt_pos[joint])
         links.append((frame, Frame(len(moving), pose)))
@@ -107,26 +110,44 @@ def _compile(path: Path) -> Any:
     except ImportError as error:
         raise MissingExtra("reading MJCF", "mjcf") from error
 
+    model = reduced(path)
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        for kind in _DROPPED:
-            for element in list(getattr(spec, kind, ())):
-                spec.delete(element)
-        spec.compiler.fusestatic = False  # A body without a joint is still a frame someone may ask for.
-        for body in spec.bodies[1:]:
-            # Bodies had their masses from their geoms, which are gone; kinematics does not look at them.
-            body.explicitinertial = True
-            body.mass, body.inertia, body.fullinertia = 1.0, np.ones(3), np.full(6, np.nan)
-        return spec.compile()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Of masses and inertias, which are made up below.
+            spec = mujoco.MjSpec.from_string(model.text, include=model.attached)
+            spec.compiler.fusestatic = False  # A body without a joint is still a frame someone may ask for.
+            for body in spec.bodies[1:]:
+                # Bodies had their masses from their geoms, which are gone; kinematics does not look at them.
+                body.explicitinertial = True
+                body.mass, body.inertia, body.fullinertia = 1.0, np.ones(3), np.full(6, np.nan)
+            return spec.compile()
     except Exception as error:  # MuJoCo raises plain ValueError and its own FatalError.
         raise InvalidRobot(f"{path}: MuJoCo says: {error}") from error
 
 
-def _moving_joint(model: Any, joint: int, body_pose: Array, body: str) -> Joint:
+def _names(model: Any, addresses: Any, noun: str) -> list[str]:
+    """Names of all elements of a kind; one that has none is called by its number, as no other is called."""
+    table = bytes(model.names)
+    names = [_string(table, int(address)) for address in addresses]
+    taken = set(names)
+    for i, name in enumerate(names):
+        if not name:
+            own = f"{noun} {i}"
+            while own in taken:
+                own = f"{own}'"
+            names[i] = own
+            taken.add(own)
+    return names
+
+
+def _string(table: bytes, address: int) -> str:
+    return table[address : table.index(b"\0", address)].decode(errors="replace")
+
+
+def _moving_joint(model: Any, joint: int, name: str, body_pose: Array, body: str) -> Joint:
     from mujoco import mjtJoint
 
     kind = mjtJoint(model.jnt_type[joint])
-    name = model.joint(joint).name or f"joint {joint}"
     if kind not in (mjtJoint.mjJNT_HINGE, mjtJoint.mjJNT_SLIDE):
         what = {mjtJoint.mjJNT_FREE: "free", mjtJoint.mjJNT_BALL: "ball"}[kind]
         raise InvalidRobot(
@@ -161,5 +182,5 @@ def _pose(position: Array, quaternion: Array) -> Array:
 
 def _name(model: Any, path: Path) -> str:
     """Return the model's name: the first string of MuJoCo's name table."""
-    name = bytes(model.names).split(b"\0", 1)[0].decode()
+    name = _string(bytes(model.names), 0)
     return name if name and name != "MuJoCo Model" else path.stem

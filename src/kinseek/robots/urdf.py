@@ -27,8 +27,9 @@ from .chain import (
     serial_chain,
     transform,
 )
+from .files import MOST_JOINTS, file_bytes, require_few
 from .tree import frame_path
-from .urdf_xml import expand_xacro, file_bytes, kinematic_part, root_element
+from .urdf_xml import expand_xacro, kinematic_part, root_element
 
 _MOVES = (REVOLUTE, CONTINUOUS, PRISMATIC)
 
@@ -45,6 +46,11 @@ def read_urdf(path: str | Path, base: str | None = None, tip: str | None = None)
         InvalidRobot: The file, the tree of links, or a joint between base and tip cannot be used.
     """
     path = Path(path)
+    with np.errstate(all="ignore"):  # What overflows is refused where the chain is put together.
+        return _read(path, base, tip)
+
+
+def _read(path: Path, base: str | None, tip: str | None) -> SerialChain:
     text = expand_xacro(path) if path.suffix.lower() == ".xacro" else file_bytes(path)
     robot = _parse(
         kinematic_part(root_element(text, str(path)), path.name.split(".")[0], str(path)), str(path)
@@ -52,7 +58,8 @@ def read_urdf(path: str | Path, base: str | None = None, tip: str | None = None)
 
     parents = _link_tree(robot, str(path))
     leaves = parents.keys() - {parent for parent in parents.values() if parent}
-    links = frame_path(parents, base, tip, ends=leaves, noun="link")
+    moved = {joint.child for joint in robot.joints if joint.type != "fixed"}
+    links = frame_path(parents, base, tip, ends=leaves, noun="link", moving=moved)
 
     mimics = {
         joint.name: (
@@ -64,9 +71,12 @@ def read_urdf(path: str | Path, base: str | None = None, tip: str | None = None)
         if joint.mimic is not None and joint.type in _MOVES
     }
     joint_above = {joint.child: joint for joint in robot.joints}
+    path_joints = [joint_above[link] for link in links[1:]]
+    count = sum(joint.type != "fixed" for joint in path_joints)
+    require_few(count, "moving joints between base and tip", MOST_JOINTS, str(path))
     moving, pose = [], np.eye(4)
     of_links, of_joints = [], []
-    for joint in (joint_above[link] for link in links[1:]):
+    for joint in path_joints:
         pose = pose @ _origin(joint)
         if joint.type != "fixed":
             moving.append(_moving_joint(joint, pose, mimics))
@@ -127,13 +137,14 @@ def _link_tree(robot: Any, where: str) -> dict[str, str | None]:
 def _check_loops(parents: dict[str, str | None], where: str) -> None:
     rooted: set[str | None] = {None}
     for start in parents:
-        path: list[str] = []
+        path: dict[str, None] = {}  # In the order in which they were met.
         link: str | None = start
         while link is not None and link not in rooted:
             if link in path:
-                loop = [*path[path.index(link) :], link]
+                met = list(path)
+                loop = [*met[met.index(link) :], link]
                 raise InvalidRobot(f"{where}: the links form a loop: {' -> '.join(reversed(loop))}")
-            path.append(link)
+            path[link] = None
             link = parents[link]
         rooted.update(path)
 

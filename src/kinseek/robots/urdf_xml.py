@@ -9,10 +9,14 @@ from __future__ import annotations
 import contextlib
 import io
 import math
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from kinseek.errors import InvalidRobot, suggest
+
+from .files import MOST_BYTES, MOST_LINKS, file_bytes, require_few
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
@@ -20,6 +24,11 @@ _XACRO = "http://www.ros.org/wiki/xacro"
 
 _KEPT = ("origin", "parent", "child", "axis", "limit", "mimic")
 """Elements of a joint that say where it is and how it moves."""
+
+_XACRO_LOCK = threading.Lock()
+"""xacro keeps what it knows in its module: one file at a time."""
+_MOST_STEPS, _MOST_LETTERS = 50_000, 2**20
+"""Elements that xacro may expand, and how long a value may become."""
 
 _NUMBERS = {
     "origin": {"xyz": 3, "rpy": 3},
@@ -32,22 +41,6 @@ _NUMBERS = {
 _REQUIRED = {"parent": "link", "child": "link", "axis": "xyz", "mimic": "joint"}
 
 
-def file_bytes(path: Path) -> bytes:
-    """Read a whole file.
-
-    Raises:
-        InvalidRobot: There is no such file, or it cannot be read.
-    """
-    try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        nearby = [p.name for p in path.parent.glob("*") if p.suffix in {".urdf", ".xacro", ".xml"}]
-        hint = f" ({suggest(path.name, nearby, 'file')})" if nearby else ""
-        raise InvalidRobot(f"no file {str(path)!r}{hint}") from None
-    except OSError as error:
-        raise InvalidRobot(f"cannot read {str(path)!r}: {error.strerror}") from error
-
-
 def root_element(text: bytes, where: str) -> Any:
     """Parse XML, comments and processing instructions left out.
 
@@ -56,13 +49,12 @@ def root_element(text: bytes, where: str) -> Any:
     """
     from lxml import etree
 
-    parser = etree.XMLParser(
-        remove_comments=True, remove_pis=True, resolve_entities=False, no_network=True, huge_tree=True
-    )
+    # Not huge_tree, which would lift the parser's limits on depth and on entities made of entities.
+    parser = etree.XMLParser(remove_comments=True, remove_pis=True, resolve_entities=False, no_network=True)
     try:
         return etree.fromstring(text, parser)
-    except etree.XMLSyntaxError as error:
-        raise InvalidRobot(f"{where}: broken XML: {error.msg}") from error
+    except (etree.XMLSyntaxError, LookupError) as error:  # An encoding that nobody knows is a LookupError.
+        raise InvalidRobot(f"{where}: broken XML: {getattr(error, 'msg', None) or error}") from error
 
 
 def expand_xacro(path: Path) -> bytes:
@@ -73,22 +65,77 @@ def expand_xacro(path: Path) -> bytes:
     """
     file_bytes(path)
     from xacrodoc import XacroDoc, packages
-    from xacrodoc.xacrodoc import xacro
 
     said = io.StringIO()
-    before = packages._finder
+    with _XACRO_LOCK, _watched_xacro(path):
+        before = packages._finder
+        try:
+            # Packages found on the way up from one file must not answer for the next file: use a copy.
+            packages._finder = packages.PackageFinder()
+            packages._finder.finder_funcs[:] = before.finder_funcs
+            packages._finder.package_cache.update(before.package_cache)
+            with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+                document = XacroDoc.from_file(str(path), resolve_packages=False)
+                return bytes(document.dom.toxml(encoding="utf-8"))
+        except InvalidRobot:
+            raise
+        except Exception as error:  # xacro evaluates expressions of the file: anything may come out of it.
+            refused = _refusal(error)
+            if refused is not None:
+                raise refused from None
+            raise InvalidRobot(f"{path}: xacro failed: {error or type(error).__name__}") from error
+        finally:
+            packages._finder = before
+
+
+@contextlib.contextmanager
+def _watched_xacro(path: Path) -> Iterator[None]:
+    """Let xacro read regular files of a sane size alone, and stop macros and properties that grow without end.
+
+    xacro looks these three functions up in its own module, each time that it calls them.
+    """
+    from xacrodoc.xacrodoc import xacro
+
+    opened, left, steps = open, MOST_BYTES, 0
+    evaluate_all, evaluate_text = xacro.eval_all, xacro.eval_text
+
+    def open_file(name: Any, *rest: Any, **options: Any) -> Any:
+        nonlocal left
+        if Path(name).exists():  # xacro itself says best what is missing.
+            left -= len(file_bytes(Path(name), left))
+        return opened(name, *rest, **options)
+
+    def eval_all(*arguments: Any) -> Any:
+        nonlocal steps
+        steps += 1
+        require_few(steps, "elements to expand", _MOST_STEPS, f"{path}: xacro")
+        return evaluate_all(*arguments)
+
+    def eval_text(*arguments: Any) -> Any:
+        value = evaluate_text(*arguments)
+        if isinstance(value, str):
+            require_few(len(value), "letters in one value", _MOST_LETTERS, f"{path}: xacro")
+        return value
+
     try:
-        # Packages found on the way up from one file must not answer for the next file: use a copy.
-        packages._finder = packages.PackageFinder()
-        packages._finder.finder_funcs[:] = before.finder_funcs
-        packages._finder.package_cache.update(before.package_cache)
+        xacro.open, xacro.eval_all, xacro.eval_text = open_file, eval_all, eval_text
         xacro.init_stacks(str(path))  # Or relative includes would be looked for in the working directory.
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-            return bytes(XacroDoc.from_file(str(path), resolve_packages=False).dom.toxml(encoding="utf-8"))
-    except Exception as error:  # xacro evaluates expressions of the file: anything may come out of it.
-        raise InvalidRobot(f"{path}: xacro failed: {error or type(error).__name__}") from error
+        yield
     finally:
-        packages._finder = before
+        xacro.eval_all, xacro.eval_text = evaluate_all, evaluate_text
+        del xacro.open
+
+
+def _refusal(error: BaseException) -> InvalidRobot | None:
+    """Find our own refusal, which xacro may have wrapped into an error of its own."""
+    inner: BaseException | None = error
+    seen: set[int] = set()
+    while inner is not None and id(inner) not in seen:
+        if isinstance(inner, InvalidRobot):
+            return inner
+        seen.add(id(inner))
+        inner = getattr(inner, "exc", None) or inner.__cause__ or inner.__context__
+    return None
 
 
 def kinematic_part(root: Any, name: str, where: str) -> Any:
@@ -112,6 +159,8 @@ def kinematic_part(root: Any, name: str, where: str) -> Any:
     space = root.tag.removesuffix("robot")
 
     robot = etree.Element("robot", name=root.get("name") or name)
+    for noun in ("link", "joint"):
+        require_few(sum(1 for _ in root.iterchildren(space + noun)), f"{noun}s", MOST_LINKS, where)
     for link in root.iterchildren(f"{space}link"):
         etree.SubElement(robot, "link", name=_name(link, "link", where))
     for joint in root.iterchildren(f"{space}joint"):

@@ -1,0 +1,224 @@
+"""What kinematics needs of an MJCF file, and nothing else of it: bodies, frames, joints, sites and their defaults.
+
+MuJoCo's own reader takes the text as it is: names that are no UTF-8, numbers that are no numbers, counts that fill the
+memory, files that are pipes. So the file is reduced and checked here first, its includes put in place, and MuJoCo gets
+what is left, every element still in its line. A tag that is not known stays: MuJoCo says best what it thinks of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+from kinseek.errors import InvalidRobot
+
+from .files import MOST_BYTES, MOST_LINKS, file_bytes, require_few
+from .urdf_xml import root_element
+
+_SECTIONS = frozenset(
+    [
+        "option",
+        "size",
+        "visual",
+        "statistic",
+        "extension",
+        "custom",
+        "contact",
+        "deformable",
+        "equality",
+        "tendon",
+        "actuator",
+        "sensor",
+        "keyframe",
+    ]
+)
+"""What stands beside the bodies and does not say where they are."""
+_DEFAULTS = frozenset(
+    [
+        "mesh",
+        "material",
+        "geom",
+        "camera",
+        "light",
+        "pair",
+        "equality",
+        "tendon",
+        "general",
+        "motor",
+        "position",
+        "velocity",
+        "intvelocity",
+        "damper",
+        "cylinder",
+        "muscle",
+        "adhesion",
+        "dcmotor",
+        "plugin",
+    ]
+)
+"""Defaults of what is dropped."""
+_ASSETS = frozenset(["mesh", "hfield", "skin", "texture", "material"])
+_IN_BODIES = frozenset(["inertial", "geom", "camera", "light", "composite", "flexcomp", "plugin"])
+_DROPPED = {
+    "mujoco": _SECTIONS,
+    "default": _DEFAULTS,
+    "asset": _ASSETS,
+    "worldbody": _IN_BODIES,
+    "body": _IN_BODIES,
+    "frame": _IN_BODIES,
+    "replicate": _IN_BODIES,
+}
+"""Of each element: which of its children kinematics does not look at."""
+
+_NUMBERS = ("pos", "quat", "euler", "axisangle", "xyaxes", "zaxis", "axis", "range", "ref", "offset")
+"""Attributes that a pose or a limit is made of."""
+
+_COUNTED = ("body", "joint", "freejoint", "site", "frame")
+
+
+@dataclass
+class Reduced:
+    """A model that MuJoCo can be given, and the models that it attaches."""
+
+    text: str
+    attached: dict[str, bytes] = field(default_factory=dict)
+    """Of each model that is attached: its name here, and its own reduced text."""
+
+
+def reduced(path: Path) -> Reduced:
+    """Read an MJCF file with everything that it includes, reduced to its kinematics.
+
+    Raises:
+        InvalidRobot: A file is missing, too large or broken, a number is not finite, or there are too many bodies.
+    """
+    reader = _Reader(path.parent)
+    text, size = reader.model(path, ())
+    require_few(size, "bodies, joints, frames and sites", MOST_LINKS, str(path))
+    return Reduced(text, reader.attached)
+
+
+class _Reader:
+    """Reads one file, and those that it includes or attaches."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.left = MOST_BYTES
+        self.attached: dict[str, bytes] = {}
+
+    def model(self, path: Path, above: tuple[Path, ...]) -> tuple[str, int]:
+        """Text of a model, and how many bodies, joints, frames and sites it has, copies counted."""
+        if path.resolve() in above:
+            raise InvalidRobot(f"{path}: the model attaches itself")
+        root = self._root(path)
+        self._include(root, path, {path.resolve()})
+        sizes = self._attach(root, path, (*above, path.resolve()))
+        size = _size(root, sizes)
+        out: list[str] = []
+        _write(root, None, str(path), out, [1])
+        return "".join(out), size
+
+    def _root(self, path: Path) -> Any:
+        text = file_bytes(path, self.left)
+        self.left -= len(text)
+        return root_element(text, str(path))
+
+    def _include(self, root: Any, path: Path, seen: set[Path]) -> None:
+        """Put the children of every included file in the place of its <include>."""
+        for element in list(root.iter("include")):
+            name = element.get("file")
+            if not name:
+                raise InvalidRobot(f"{path}: <include> in line {element.sourceline} has no file")
+            file = self._find(name, path)
+            if file.resolve() in seen:
+                raise InvalidRobot(f"{path}: file {name!r} is included twice")
+            seen.add(file.resolve())
+            inner = self._root(file)
+            self._include(inner, file, seen)
+            parent, place = element.getparent(), element.getparent().index(element)
+            parent[place : place + 1] = list(inner)
+
+    def _attach(self, root: Any, path: Path, above: tuple[Path, ...]) -> dict[str, int]:
+        """Read the models that the file attaches; how many bodies each has."""
+        sizes = {}
+        for element in root.iterfind("asset/model"):
+            name = element.get("file")
+            if not name:
+                raise InvalidRobot(f"{path}: <model> in line {element.sourceline} has no file")
+            file = self._find(name, path)
+            text, size = self.model(file, above)
+            key = f"attached_{len(self.attached)}.xml"
+            self.attached[key] = text.encode()
+            element.set("file", key)
+            if element.get("name") is None:
+                element.set("name", file.stem)
+            sizes[element.get("name")] = size
+        return sizes
+
+    def _find(self, name: str, beside: Path) -> Path:
+        """Files are looked for beside the main file first, as MuJoCo does it."""
+        try:
+            places = [self.folder / name, beside.parent / name]
+            return next((place for place in places if place.exists()), places[0])
+        except (OSError, ValueError) as error:
+            raise InvalidRobot(f"{beside}: no file can be called {name!r}: {error}") from None
+
+
+def _size(root: Any, attached: dict[str, int]) -> int:
+    """Bodies, joints, frames and sites, with what `replicate` and `attach` make of them."""
+    total, stack = 0, [(root, 1)]
+    while stack:
+        element, times = stack.pop()
+        if element.tag == "replicate":
+            times *= _count(element.get("count"))
+        total += times * (element.tag in _COUNTED)
+        if element.tag == "attach":
+            total += times * attached.get(element.get("model"), 0)
+        stack += [(child, times) for child in _elements(element)]
+    return total
+
+
+def _count(text: str | None) -> int:
+    try:
+        return max(0, int(float(text or "1")))
+    except (ValueError, OverflowError):
+        return 1  # MuJoCo will not take it.
+
+
+def _elements(element: Any) -> Iterator[Any]:
+    """Children that are elements: an entity is none."""
+    return (child for child in element if isinstance(child.tag, str))
+
+
+def _write(element: Any, parent: str | None, where: str, out: list[str], line: list[int]) -> None:
+    """Write what is kept of an element, in its own line as far as that is possible."""
+    if element.tag in _DROPPED.get(parent or "", ()):
+        return
+    if element.sourceline and element.sourceline > line[0]:
+        out.append("\n" * (element.sourceline - line[0]))
+        line[0] = element.sourceline
+    _check_numbers(element, where)
+    tag = element.tag.rpartition("}")[2]
+    out.append(f"<{tag}")
+    out.extend(f" {name}={quoteattr(value)}" for name, value in element.items() if "{" not in name)
+    out.append(">")
+    for child in _elements(element):
+        _write(child, element.tag, where, out, line)
+    out.append(f"</{tag}>")
+
+
+def _check_numbers(element: Any, where: str) -> None:
+    for name in _NUMBERS:
+        for word in (element.get(name) or "").split():
+            try:
+                finite = math.isfinite(float(word))
+            except ValueError:
+                continue  # Not a number: MuJoCo says so.
+            if not finite:
+                raise InvalidRobot(
+                    f"{where}: <{element.tag}> in line {element.sourceline}: "
+                    f"{name}={element.get(name)!r}: {word!r} is not finite"
+                )

@@ -1,0 +1,271 @@
+"""Files that would hang a reader or fill the memory are refused, and the message says the limit."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kinseek.errors import InvalidRobot
+from kinseek.robots import read, read_dh, urdf_xml
+from kinseek.robots.files import MOST_BYTES, MOST_JOINTS, MOST_LINKS
+
+SUFFIXES = (".urdf", ".xacro", ".xml")
+XACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
+MODEL = "<mujoco>{}<worldbody><body name='b'><joint name='j'/>{}</body></worldbody></mujoco>"
+
+
+@contextmanager
+def soon(seconds: float = 10.0) -> Iterator[None]:
+    begin = time.process_time()
+    yield
+    assert time.process_time() - begin < seconds
+
+
+def write(folder: Path, name: str, text: str | bytes) -> Path:
+    path = folder / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def needs(suffix: str) -> None:
+    if suffix == ".xml":
+        pytest.importorskip("mujoco")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_pipe_is_refused(suffix: str, tmp_path: Path) -> None:
+    needs(suffix)
+    path = tmp_path / f"pipe{suffix}"
+    os.mkfifo(path)
+    with pytest.raises(InvalidRobot, match="it is a pipe, expected a regular file"):
+        read(path)
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no such device here")
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_device_is_refused(suffix: str, tmp_path: Path) -> None:
+    needs(suffix)
+    path = tmp_path / f"zero{suffix}"
+    path.symlink_to("/dev/zero")
+    with pytest.raises(InvalidRobot, match="it is a device, expected a regular file"):
+        read(path)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_huge_file_is_refused_unread(suffix: str, tmp_path: Path) -> None:
+    needs(suffix)
+    path = write(tmp_path, f"huge{suffix}", "<robot>")
+    os.truncate(path, 5 * 10**9)
+    with (
+        soon(2.0),
+        pytest.raises(InvalidRobot, match=f"5,000,000,000 bytes, expected at most {MOST_BYTES:,}"),
+    ):
+        read(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+def test_what_a_file_includes_is_no_pipe_either(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    for suffix in (".xacro", ".xml"):
+        os.mkfifo(tmp_path / f"pipe{suffix}")
+    include = '<xacro:include filename="pipe.xacro"/>'
+    with pytest.raises(InvalidRobot, match="it is a pipe, expected a regular file"):
+        read(write(tmp_path, "r.xacro", XACRO.format(include)))
+    with pytest.raises(InvalidRobot, match="it is a pipe, expected a regular file"):
+        read(write(tmp_path, "m.xml", MODEL.format("<include file='pipe.xml'/>", "")))
+    with pytest.raises(InvalidRobot, match="it is a pipe, expected a regular file"):
+        read(write(tmp_path, "n.xml", MODEL.format("<asset><model name='m' file='pipe.xml'/></asset>", "")))
+
+
+def test_included_files_count_together(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    part = "<!--" + "x" * (MOST_BYTES // 4) + "-->"
+    includes = ""
+    for i in range(4):
+        write(tmp_path, f"{i}.xml", f"<x>{part}</x>")
+        includes += f"<include file='{i}.xml'/>"
+    with pytest.raises(InvalidRobot, match="expected at most"):
+        read(write(tmp_path, "m.xml", MODEL.format(includes, "")))
+
+
+def tree(count: int, kind: str, row: bool) -> str:
+    links = "".join(f'<link name="l{i}"/>' for i in range(count + 1))
+    joints = "".join(
+        f'<joint name="j{i}" type="{kind}"><parent link="l{i if row else 0}"/><child link="l{i + 1}"/></joint>'
+        for i in range(count)
+    )
+    return f'<robot name="r">{links}{joints}</robot>'
+
+
+def test_twenty_thousand_joints_are_refused(tmp_path: Path) -> None:
+    with soon(), pytest.raises(InvalidRobot, match=f"20,001 links, expected at most {MOST_LINKS:,}"):
+        read(write(tmp_path, "r.urdf", tree(20_000, "continuous", row=True)))
+    with soon(), pytest.raises(InvalidRobot, match=f"9,999 moving joints.*expected at most {MOST_JOINTS:,}"):
+        read(write(tmp_path, "s.urdf", tree(MOST_LINKS - 1, "continuous", row=True)))
+
+
+@pytest.mark.parametrize("row", [True, False])
+def test_a_file_just_below_the_limit_is_read_soon(row: bool, tmp_path: Path) -> None:
+    path = write(tmp_path, "r.urdf", tree(MOST_LINKS - 1, "fixed" if row else "continuous", row))
+    with (
+        soon(),
+        pytest.raises(InvalidRobot, match="no movable joint" if row else "branches: it has 9999 ends"),
+    ):
+        read(path)
+
+
+def test_a_comb_is_read_soon(tmp_path: Path) -> None:
+    half = MOST_LINKS // 2 - 1
+    text = tree(half, "continuous", row=True).removesuffix("</robot>")
+    text += "".join(
+        f'<link name="t{i}"/><joint name="k{i}" type="fixed"><parent link="l{i}"/><child link="t{i}"/></joint>'
+        for i in range(half)
+    )
+    with soon(), pytest.raises(InvalidRobot, match=r"branches: it has 5000 ends.* and .* more"):
+        read(write(tmp_path, "r.urdf", text + "</robot>"))
+
+
+def test_a_long_table_is_refused() -> None:
+    count = MOST_JOINTS + 1
+    with pytest.raises(InvalidRobot, match="1,001 moving joints"):
+        read_dh(np.zeros((count, 4)), [-1] * count, [1] * count)
+
+
+def test_bodies_that_multiply_are_refused(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    inner = "<body><joint/></body>"
+    for _ in range(4):
+        inner = f"<replicate count='50'>{inner}</replicate>"
+    with soon(), pytest.raises(InvalidRobot, match=f"12,500,002 bodies.*expected at most {MOST_LINKS:,}"):
+        read(write(tmp_path, "m.xml", MODEL.format("", inner)))
+
+
+def test_models_that_attach_each_other_are_refused(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    asset = "<asset><model name='m' file='{}'/></asset>"
+    write(tmp_path, "a.xml", MODEL.format(asset.format("b.xml"), ""))
+    write(tmp_path, "b.xml", MODEL.format(asset.format("a.xml"), ""))
+    with pytest.raises(InvalidRobot, match="attaches itself"):
+        read(tmp_path / "a.xml")
+
+
+def test_an_attached_model_is_read(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    write(
+        tmp_path,
+        "hand.xml",
+        "<mujoco><worldbody><body name='h'><joint name='k'/></body></worldbody></mujoco>",
+    )
+    asset = "<asset><model name='m' file='hand.xml'/></asset>"
+    attach = (
+        "<body name='wrist' pos='0 0 1'><joint name='w'/><attach model='m' body='h' prefix='left_'/></body>"
+    )
+    chain = read(write(tmp_path, "m.xml", MODEL.format(asset, attach)))
+    assert (chain.tip, chain.joint_names) == ("left_h", ("j", "w", "left_k"))
+
+
+def test_includes_are_found_as_mujoco_finds_them(tmp_path: Path) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    (tmp_path / "e").mkdir()
+    body = "<x><worldbody><body name='{}'><joint name='k'/></body></worldbody></x>"
+    write(tmp_path, "e/a.xml", "<x><include file='b.xml'/></x>")
+    write(tmp_path, "e/b.xml", body.format("nested"))
+    path = write(tmp_path, "m.xml", "<mujoco><include file='e/a.xml'/></mujoco>")
+    for name in ("nested", "main"):
+        if name == "main":
+            write(tmp_path, "b.xml", body.format(name))
+        own = mujoco.MjSpec.from_file(str(path)).bodies[-1].name
+        assert read(path).tip == own == name
+    with pytest.raises(InvalidRobot, match=r"'e/a.xml' is included twice"):
+        read(write(tmp_path, "n.xml", "<mujoco><include file='e/a.xml'/><include file='e/a.xml'/></mujoco>"))
+
+
+def test_macros_that_multiply_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert 10_000 < urdf_xml._MOST_STEPS < 10**5
+    monkeypatch.setattr(urdf_xml, "_MOST_STEPS", 2000)
+    macros = '<xacro:macro name="m0"><link name="l"/></xacro:macro>'
+    for i in range(1, 40):
+        macros += f'<xacro:macro name="m{i}"><xacro:m{i - 1}/><xacro:m{i - 1}/></xacro:macro>'
+    with soon(), pytest.raises(InvalidRobot, match="elements to expand, expected at most"):
+        read(write(tmp_path, "r.xacro", XACRO.format(macros + "<xacro:m39/>")))
+
+
+def test_properties_that_grow_are_refused(tmp_path: Path) -> None:
+    properties = '<xacro:property name="p0" value="ha"/>'
+    for i in range(1, 40):
+        properties += f'<xacro:property name="p{i}" value="${{p{i - 1}}}${{p{i - 1}}}"/>'
+    with soon(), pytest.raises(InvalidRobot, match="letters in one value, expected at most"):
+        read(write(tmp_path, "r.xacro", XACRO.format(properties + '<link name="${p39}"/>')))
+
+
+@pytest.mark.parametrize("suffix", [".urdf", ".xml"])
+def test_entities_that_grow_are_refused(suffix: str, tmp_path: Path) -> None:
+    needs(suffix)
+    laughs = "<!ENTITY a0 'ha'>" + "".join(f"<!ENTITY a{i} '{f'&a{i - 1};' * 10}'>" for i in range(1, 12))
+    path = write(tmp_path, f"r{suffix}", f"<!DOCTYPE robot [{laughs}]><robot name='&a11;'/>")
+    with soon(), pytest.raises(InvalidRobot, match=r"entity|entities"):
+        read(path)
+
+
+# Names and numbers of MJCF
+
+
+@pytest.mark.parametrize("place", ["model", "body", "tip", "joint", "site"])
+def test_names_that_are_no_utf_8_are_refused(place: str, tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    names = {
+        each: (b"\xff" if each == place else each.encode())
+        for each in ("model", "body", "tip", "joint", "site")
+    }
+    text = (
+        b"<mujoco model='%(model)s'><worldbody><body name='%(body)s'><joint name='%(joint)s'/><site name='%(site)s'/>\n"
+        b"<body name='%(tip)s'/></body></worldbody></mujoco>"
+    )
+    fields = {key.encode(): value for key, value in names.items()}
+    with pytest.raises(InvalidRobot, match=r"broken XML: .*encoding.*line [12]"):
+        read(write(tmp_path, "m.xml", text % fields))
+
+
+def test_another_encoding_that_says_so_is_read(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    head = '<?xml version="1.0" encoding="iso-8859-1"?>'
+    text = MODEL.format("", "<body name='Händchen'/>")
+    assert read(write(tmp_path, "m.xml", (head + text).encode("iso-8859-1"))).tip == "Händchen"
+
+
+@pytest.mark.parametrize("word", ["nan", "1e400"])
+def test_numbers_that_are_none_are_named(word: str, tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    with pytest.raises(InvalidRobot, match=f"<body> in line 1: pos='0 {word} 0': '{word}' is not finite"):
+        read(write(tmp_path, "m.xml", MODEL.format("", f"<body pos='0 {word} 0'/>")))
+
+
+def test_a_name_like_that_of_a_nameless_body_is_its_own(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    text = "<mujoco><worldbody><body><joint/><body name='body 1'><joint name='joint 0'/></body></body></worldbody></mujoco>"
+    chain = read(write(tmp_path, "m.xml", text))
+    assert (chain.tip, chain.joint_names) == ("body 1", ("joint 0'", "joint 0"))
+
+
+def test_mujoco_names_the_line_of_the_file(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    text = "<mujoco>\n<!-- a\nremark -->\n<option/>\n<worldbody>\n<body>\n<joint typ='hinge'/>\n</body></worldbody></mujoco>"
+    with pytest.raises(InvalidRobot, match=r"(?s)typ.*line 7"):
+        read(write(tmp_path, "m.xml", text))
+
+
+def test_a_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "r.urdf").mkdir()
+    with pytest.raises(InvalidRobot, match="it is a folder"):
+        read(tmp_path / "r.urdf")
+    if sys.platform != "win32":
+        with pytest.raises(InvalidRobot, match="no file can be called"):
+            read("a\0b.urdf")
