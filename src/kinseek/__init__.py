@@ -20,6 +20,7 @@ from .errors import (
     KinseekError,
     MissingExtra,
     NotReached,
+    UnitWarning,
 )
 from .goal import Goal, pose
 from .problem import Problem
@@ -63,6 +64,7 @@ __all__ = [
     "Solution",
     "Solver",
     "Status",
+    "UnitWarning",
     "Verdict",
     "load",
     "pose",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
+from math import hypot
 from pathlib import Path
 from typing import Any, Self, TypedDict, TypeGuard, Unpack, cast, overload
 
@@ -20,7 +21,7 @@ from .kernels.jacobian import jacobian_many
 from .kernels.nearby import solve_plain_near
 from .kernels.refine import solve_plain
 from .problem import Problem, as_joints
-from .robots import BlackBox, black_box, read, read_dh
+from .robots import BlackBox, as_chain, black_box, read, read_dh
 from .robots.chain import SerialChain
 from .robots.variants import with_limits, with_locked, with_tool
 from .shapes import ManyGoals, Matrix, OneGoal, Pose, Poses, Rows, Unshaped, UnshapedGoal, Vector
@@ -30,7 +31,9 @@ from .solvers.atlas import PLAIN, SAMPLES, AtlasIndex, atlas_of
 from .solvers.base import whole
 from .solvers.black_box.samples import samples_of
 from .solvers.branching import SPREAD, BranchIndex, Cost, Order, Valid, branches_of, freedom, index_of
+from .solvers.checks import as_solver, warn_if_far
 from .solvers.preference import preferred
+from .units import warn_of_distance
 
 Array = NDArray[np.float64]
 
@@ -77,7 +80,7 @@ class Arm:
 
     def __init__(self, chain: SerialChain) -> None:
         """Wrap a chain that a reader made."""
-        self.chain = chain
+        self.chain = as_chain(chain)
         self._index: AtlasIndex | None = None
         self._branch_index: BranchIndex | None = None
 
@@ -408,10 +411,14 @@ class Arm:
             if near is None:
                 report = solve_plain(address, goal, q)
                 if report[3] >= 0:
+                    if not report[4]:
+                        warn_of_distance(hypot(*goal[:3, 3]), self.chain.reach, 2)
                     return quick_solution(self.chain, goal, None, q, report)
             elif _is_plain(near, q.shape):
                 report = solve_plain_near(address, goal, near, q)
                 if report[3] >= 0:
+                    if not report[4]:
+                        warn_of_distance(hypot(*goal[:3, 3]), self.chain.reach, 2)
                     return quick_solution(self.chain, goal, near, q, report)
         if prove:
             self._require_axes(_NO_PROOF)
@@ -423,7 +430,9 @@ class Arm:
         if wishes:
             solution = preferred(problem, prefer, cost, valid, threads)
         else:
-            solution = (solver or Atlas(threads=threads, progress=progress)).solve(problem)
+            search = Atlas(threads=threads, progress=progress) if solver is None else as_solver(solver)
+            solution = search.solve(problem)
+            warn_if_far(solution)
         return self._with_proofs(solution) if prove else solution
 
     @overload

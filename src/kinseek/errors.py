@@ -11,6 +11,8 @@
     └── NotReached(RuntimeError)     raised only by Solution.require(); carries the solution
 
 Missing a tolerance is a status of the solution, never an exception.
+
+One warning, `UnitWarning(UserWarning)`: a number is taken as it is, and another unit would explain it better.
 """
 
 from __future__ import annotations
@@ -78,6 +80,10 @@ class NotReached(KinseekError, RuntimeError):
     def __reduce__(self) -> tuple[type[NotReached], tuple[str, Any]]:
         """Pickle with the solution, so that worker processes may raise it."""
         return type(self), (str(self), self.solution)
+
+
+class UnitWarning(UserWarning):
+    """An angle beyond a full turn or a length far beyond the arm: degrees or millimetres, perhaps."""
 
 
 def suggest(got: str, valid: Iterable[str], noun: str) -> str:

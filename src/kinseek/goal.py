@@ -30,6 +30,7 @@ from .ranges import (
     unit,
 )
 from .shapes import Pose
+from .units import warn_of_angles
 
 Array = NDArray[np.float64]
 
@@ -388,6 +389,7 @@ def pose(
     quat_xyzw: Sequence[float] | None = None,
     rpy: Sequence[float] | None = None,
     rotvec: Sequence[float] | None = None,
+    degrees: bool = False,
 ) -> Pose: ...
 @overload
 def pose(
@@ -397,6 +399,7 @@ def pose(
     quat_xyzw: ArrayLike | None = None,
     rpy: ArrayLike | None = None,
     rotvec: ArrayLike | None = None,
+    degrees: bool = False,
 ) -> Array: ...
 def pose(
     position: ArrayLike,
@@ -405,6 +408,7 @@ def pose(
     quat_xyzw: ArrayLike | None = None,
     rpy: ArrayLike | None = None,
     rotvec: ArrayLike | None = None,
+    degrees: bool = False,
 ) -> Array:
     """Write a pose down; at most one rotation, none means no turn.
 
@@ -414,12 +418,16 @@ def pose(
         quat_xyzw: Quaternion with its real part last, (..., 4); need not be of unit length.
         rpy: Roll, pitch, yaw [rad] about the fixed axes x, y, z in this order, as in URDF, (..., 3).
         rotvec: Rotation vector, axis times angle [rad], (..., 3).
+        degrees: `rpy` and `rotvec` are in degrees.
 
     Returns:
         Transform, (..., 4, 4).
 
     Raises:
-        InvalidGoal: Wrong shapes, NaN or infinity, a zero quaternion, more than one rotation.
+        InvalidGoal: Wrong shapes, NaN or infinity, a zero quaternion, more than one rotation, a quaternion in degrees.
+
+    Warns:
+        UnitWarning: `rpy` or `rotvec` has an angle beyond 2π, and `degrees` is not said.
     """
     given = {"quat_wxyz": quat_wxyz, "quat_xyzw": quat_xyzw, "rpy": rpy, "rotvec": rotvec}
     named = {name: value for name, value in given.items() if value is not None}
@@ -427,7 +435,16 @@ def pose(
         raise InvalidGoal(f"give one rotation, got {' and '.join(named)}")
     turn = np.eye(3)
     for name, value in named.items():
-        turn = _rotation_matrix(name, value)
+        if name in ("rpy", "rotvec"):
+            angles = _finite(value, name, 3)
+            if not degrees:
+                lengths = angles if name == "rpy" else np.linalg.norm(angles, axis=-1)
+                warn_of_angles(lengths, name, "say degrees=True", 2)
+            turn = _rotation_matrix(name, np.deg2rad(angles) if degrees else angles)
+        elif degrees:
+            raise InvalidGoal(f"degrees=True is for rpy and rotvec: {name} has no unit")
+        else:
+            turn = _rotation_matrix(name, value)
     return _at(position, turn)
 
 

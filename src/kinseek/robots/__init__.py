@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+from typing import Any, cast
 
 from kinseek.errors import InvalidRobot, suggest
 
@@ -13,10 +15,14 @@ from .dh import read_dh
 from .mjcf import read_mjcf
 from .urdf import read_urdf
 
+MAKERS = "kinseek.load(name or file), Arm.from_dh(rows, lower, upper), Arm.from_fk(function, lower, upper)"
+"""How an arm is made."""
+
 __all__ = [
     "BlackBox",
     "CatalogEntry",
     "SerialChain",
+    "as_chain",
     "black_box",
     "catalog_entry",
     "catalog_names",
@@ -40,11 +46,15 @@ def read(source: str | Path, base: str | None = None, tip: str | None = None) ->
         InvalidRobot: Neither a bundled arm nor a file of these kinds, or the file cannot be used.
         MissingExtra: An MJCF file, and MuJoCo is not installed.
     """
+    _require_readable(source, base, tip)
     if isinstance(source, str) and source in catalog_names():
         entry = catalog_entry(source)
         return read_urdf(catalog_path(source), base or entry.base, tip or entry.tip)
 
-    path = Path(source).expanduser()
+    try:
+        path = Path(source).expanduser()
+    except RuntimeError as error:  # Nobody is called like that.
+        raise InvalidRobot(f"no file {str(source)!r}: {error}") from None
     match path.suffix.lower():
         case ".urdf" | ".xacro":
             return read_urdf(path, base, tip)
@@ -53,6 +63,47 @@ def read(source: str | Path, base: str | None = None, tip: str | None = None) ->
     raise InvalidRobot(
         f"{suggest(str(source), catalog_names(), 'robot')}. A path must end in .urdf, .xacro or .xml"
     )
+
+
+def as_chain(value: Any) -> SerialChain:
+    """Make sure that something is a chain, or a function that stands for one, as `kinseek.Arm` takes it.
+
+    Raises:
+        InvalidRobot: A name, a file, an arm or anything else.
+    """
+    if isinstance(value, SerialChain | BlackBox):
+        return cast("SerialChain", value)
+    if isinstance(value, str | os.PathLike):
+        raise InvalidRobot(
+            f"Arm takes a chain that a reader made, got {value!r}; write kinseek.load({value!r})"
+        )
+    if isinstance(getattr(value, "chain", None), SerialChain | BlackBox):
+        raise InvalidRobot("Arm takes a chain that a reader made, got an Arm: it needs no wrapping")
+    raise InvalidRobot(
+        f"Arm takes a chain that a reader made, got {type(value).__name__}. Ways to make an arm: {MAKERS}"
+    )
+
+
+def _require_readable(source: object, base: object, tip: object) -> None:
+    """Refuse what is neither a name nor a path, the models of other libraries above all."""
+    if not isinstance(source, str | os.PathLike):
+        kind = type(source)
+        package = kind.__module__.partition(".")[0]
+        known = package not in ("builtins", "__main__", "kinseek")
+        what = f"{kind.__module__}.{kind.__qualname__}" if known else kind.__name__
+        hint = "; give the file that it was read from" if known else ""
+        hint = "; it is an arm already" if package == "kinseek" else hint
+        raise InvalidRobot(
+            f"source must be the name of a bundled arm or a path to a .urdf, .xacro or .xml file, got {what}{hint}. "
+            f"Bundled: {', '.join(catalog_names())}"
+        )
+    if isinstance(os.fspath(source), bytes):
+        raise InvalidRobot(f"source must be a path of letters, got bytes: {os.fspath(source)!r}")
+    for name, value in (("base", base), ("tip", tip)):
+        if value is not None and not isinstance(value, str):
+            raise InvalidRobot(
+                f"{name} must be the name of a link, got {value!r:.80} ({type(value).__name__})"
+            )
 
 
 def _is_urdf(path: Path) -> bool:

@@ -112,6 +112,13 @@ class SerialChain:
         return np.asarray((turns > 0.5) & (np.abs(turns - np.round(turns)) < 1e-6) & self.periodic)
 
     @cached_property
+    def reach(self) -> float:
+        """No pose of the tip is farther from the base [m]: the sum of all links and slides."""
+        ends = self.multiplier * np.stack([self.lower, self.upper])[:, self.leader] + self.offset
+        slides = float(np.abs(ends).max(axis=0)[self.prismatic].sum())
+        return float(np.linalg.norm(self.fixed[:, :, 3], axis=1).sum()) + slides
+
+    @cached_property
     def arrays(self) -> ChainArrays:
         """The chain as the kernels take it."""
         return chain_arrays(

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from kinseek.errors import InvalidRobot, MissingExtra
+from kinseek.units import warn_of_joints
 
 from .chain import (
     CONTINUOUS,
@@ -49,7 +50,11 @@ def read_mjcf(path: str | Path, base: str | None = None, tip: str | None = None)
     """
     path = Path(path)
     with np.errstate(all="ignore"):  # What overflows is refused where the chain is put together.
-        return _read(path, _compile(path), base, tip)
+        chain = _read(path, _compile(path), base, tip)
+    warn_of_joints(
+        chain.joint_names, chain.kinds, chain.lower, chain.upper, str(path), 'leave out angle="radian"'
+    )
+    return chain
 
 
 def _read(path: Path, model: Any, base: str | None, tip: str | None) -> SerialChain:

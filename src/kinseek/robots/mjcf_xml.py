@@ -19,26 +19,13 @@ from kinseek.errors import InvalidRobot
 from .files import MOST_BYTES, MOST_LINKS, file_bytes, require_few
 from .urdf_xml import root_element
 
-_SECTIONS = frozenset(
-    [
-        "option",
-        "size",
-        "visual",
-        "statistic",
-        "extension",
-        "custom",
-        "contact",
-        "deformable",
-        "equality",
-        "tendon",
-        "actuator",
-        "sensor",
-        "keyframe",
-    ]
-)
+_SECTIONS = {
+    *("option", "size", "visual", "statistic", "extension", "custom", "contact", "deformable", "equality"),
+    *("tendon", "actuator", "sensor", "keyframe"),
+}
 """What stands beside the bodies and does not say where they are."""
-_DEFAULTS = frozenset(
-    [
+_DEFAULTS = {
+    *(
         "mesh",
         "material",
         "geom",
@@ -50,19 +37,12 @@ _DEFAULTS = frozenset(
         "general",
         "motor",
         "position",
-        "velocity",
-        "intvelocity",
-        "damper",
-        "cylinder",
-        "muscle",
-        "adhesion",
-        "dcmotor",
-        "plugin",
-    ]
-)
+    ),
+    *("velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor", "plugin"),
+}
 """Defaults of what is dropped."""
-_ASSETS = frozenset(["mesh", "hfield", "skin", "texture", "material"])
-_IN_BODIES = frozenset(["inertial", "geom", "camera", "light", "composite", "flexcomp", "plugin"])
+_ASSETS = {"mesh", "hfield", "skin", "texture", "material"}
+_IN_BODIES = {"inertial", "geom", "camera", "light", "composite", "flexcomp", "plugin"}
 _DROPPED = {
     "mujoco": _SECTIONS,
     "default": _DEFAULTS,

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from kinseek.errors import InvalidRobot
+from kinseek.units import warn_of_joints
 
 from .chain import (
     CONTINUOUS,
@@ -47,7 +48,11 @@ def read_urdf(path: str | Path, base: str | None = None, tip: str | None = None)
     """
     path = Path(path)
     with np.errstate(all="ignore"):  # What overflows is refused where the chain is put together.
-        return _read(path, base, tip)
+        chain = _read(path, base, tip)
+    warn_of_joints(
+        chain.joint_names, chain.kinds, chain.lower, chain.upper, str(path), "write radians, as URDF has them"
+    )
+    return chain
 
 
 def _read(path: Path, base: str | None, tip: str | None) -> SerialChain:

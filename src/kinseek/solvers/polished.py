@@ -10,6 +10,7 @@ from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
 
 from .base import Solver
+from .checks import as_solver
 from .coordinate_descent import CoordinateDescent
 from .divide_and_conquer import DivideAndConquer
 
@@ -25,6 +26,15 @@ class Polished:
         default_factory=lambda: DivideAndConquer(branching_factor=10**6, breadth=2, beam=16, children=2)
     )
     finish: Solver = field(default_factory=CoordinateDescent)
+
+    def __post_init__(self) -> None:
+        """Check that both are searches.
+
+        Raises:
+            InvalidSolver: One is none.
+        """
+        as_solver(self.search, "search")
+        as_solver(self.finish, "finish")
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by both searches in turn."""

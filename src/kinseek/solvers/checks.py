@@ -1,0 +1,64 @@
+"""What is said around a search: whether it is one, and whether a goal that it missed is in another unit."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+
+from kinseek.errors import InvalidSolver
+from kinseek.ranges import PINNED
+from kinseek.robots.chain import SerialChain
+from kinseek.solution import Solution
+from kinseek.units import warn_of_distance
+
+from .base import Solver
+
+
+def as_solver(value: Any, what: str = "solver") -> Solver:
+    """Make sure that something is a search: an object with a method ``solve``.
+
+    Args:
+        value: What was given.
+        what: The name of the argument.
+
+    Raises:
+        InvalidSolver: A name, a class instead of an object of it, or anything else without ``solve``.
+    """
+    if not isinstance(value, type) and callable(getattr(value, "solve", None)):
+        return cast(Solver, value)
+    from . import ALL_SOLVERS
+
+    names = [cls.__name__ for cls in ALL_SOLVERS]
+    if isinstance(value, type):
+        own = value.__name__
+        got = (
+            f"the class {own}; write {what}={own}()"
+            if callable(getattr(value, "solve", None))
+            else f"the class {own}"
+        )
+    else:
+        got = f"{value!r:.80} ({type(value).__name__})"
+        plain = value.replace("-", "").replace("_", "").lower() if isinstance(value, str) else None
+        meant = next((name for name in names if name.lower() == plain), None)
+        got += f"; write {what}=kinseek.{meant}()" if meant else ""
+    raise InvalidSolver(
+        f"{what} must be a search, an object with a method solve, got {got}. Valid: {', '.join(f'{n}()' for n in names)}"
+    )
+
+
+def warn_if_far(solution: Solution) -> None:
+    """Warn of missed goals that are many times as far away as the arm is long.
+
+    Warns:
+        UnitWarning: The farthest of them is.
+    """
+    goal, chain = solution.problem.goal, solution.problem.chain
+    if np.all(solution.success) or not isinstance(chain, SerialChain):
+        return
+    if goal.ranges is not None and goal.ranges[:3] != (PINNED,) * 3:
+        return  # How far away it is depends on what is left open.
+    missed = ~np.atleast_1d(np.asarray(solution.success)).reshape(-1)
+    tool = 0.0 if goal.tool is None else float(np.linalg.norm(goal.tool[:3, 3]))
+    far = float(np.linalg.norm(goal.targets[missed, :, 3], axis=1).max())
+    warn_of_distance(far, chain.reach + tool, 3)

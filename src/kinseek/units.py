@@ -1,0 +1,87 @@
+"""Numbers that another unit would explain better: degrees where radians are read, millimetres where metres are.
+
+Nothing is changed and nothing refused: a `UnitWarning` names the value and says what would be written for the other unit.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import UnitWarning
+
+Array = NDArray[np.float64]
+
+TURN = 2 * math.pi
+"""Angles beyond it [rad] are asked about: nobody needs them to write a rotation down."""
+TURNS_OF_A_JOINT = 4 * math.pi * 1.001
+"""Limits beyond it [rad] are asked about: wrists that turn twice to either side are the widest that are sold."""
+FAR = 10.0
+"""Goals farther away than this many times the reach are asked about."""
+
+
+def warn_of_angles(angles: Array | Sequence[float], what: str, advice: str, level: int) -> None:
+    """Warn of angles beyond a full turn.
+
+    Args:
+        angles: Any number of them, [rad].
+        what: What they are called.
+        advice: What to write if they are degrees.
+        level: Calls between here and the line to blame.
+    """
+    most = float(np.abs(angles).max(initial=0.0))
+    if most > TURN * (1 + 1e-9):
+        warnings.warn(
+            f"{what} has an angle of {most:g} rad, more than a full turn: if it is in degrees, {advice}",
+            UnitWarning,
+            stacklevel=level + 1,
+        )
+
+
+def warn_of_joints(
+    names: Sequence[str], kinds: Sequence[str], lower: Array, upper: Array, where: str, advice: str
+) -> None:
+    """Warn of limits of joints that turn, beyond two turns to one side.
+
+    Args:
+        names: Of the joints.
+        kinds: Of the joints.
+        lower: (n,), [rad] or [m].
+        upper: (n,), [rad] or [m].
+        where: The file.
+        advice: How degrees are written there.
+    """
+    wide = [
+        f"{name!r} [{low:g}, {high:g}]"
+        for name, kind, low, high in zip(names, kinds, lower, upper, strict=True)
+        if kind == "revolute" and max(-low, high) > TURNS_OF_A_JOINT
+    ]
+    if wide:
+        listed = ", ".join(wide[:8]) + (f" and {len(wide) - 8} more" if len(wide) > 8 else "")
+        warnings.warn(
+            f"{where}: joints with limits of many turns in rad: {listed}; if these are degrees, {advice}",
+            UnitWarning,
+            stacklevel=2,
+        )
+
+
+def warn_of_distance(far: float, reach: float, level: int) -> None:
+    """Warn of a goal that is many times as far away as the arm is long.
+
+    Args:
+        far: Distance of the goal from the base [m].
+        reach: No pose of the tip is farther from the base [m].
+        level: Calls between here and the line to blame.
+    """
+    if 0.0 < FAR * reach < far:
+        unit = "millimetres" if far <= 1000 * reach else "other units"
+        warnings.warn(
+            f"the goal is {far:g} m from the base, and the arm reaches {reach:.3g} m at most: lengths are in metres; "
+            f"if these are {unit}, divide by {'1000' if unit == 'millimetres' else 'what makes them metres'}",
+            UnitWarning,
+            stacklevel=level + 1,
+        )

@@ -1,0 +1,152 @@
+"""Degrees where radians are read, and millimetres where metres are: a warning names the value."""
+
+from __future__ import annotations
+
+import contextlib
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kinseek
+from kinseek import UnitWarning
+from kinseek.cli import main
+from kinseek.robots import catalog_names
+
+SHARED = Path(__file__).parents[2] / "shared" / "robots"
+ROBOT = (
+    '<robot name="r"><link name="a"/><link name="b"/><joint name="elbow" type="{}"><parent link="a"/><child link="b"/>'
+    '<origin xyz="0 0 0.5"/><limit lower="{}" upper="{}"/></joint></robot>'
+)
+
+
+@pytest.mark.parametrize("name", ["rpy", "rotvec"])
+def test_degrees_in_a_pose_are_asked_about(name: str) -> None:
+    degrees: dict[str, Any] = {name: [180, 0, 0]}
+    with pytest.warns(UnitWarning, match=f"{name} has an angle of 180 rad.*say degrees=True"):
+        kinseek.pose([0, 0, 0], **degrees)
+    turn: dict[str, Any] = {name: [2 * np.pi, 0, 0]}
+    kinseek.pose([0, 0, 0], **turn)
+
+
+def test_the_warning_blames_the_caller() -> None:
+    with pytest.warns(UnitWarning) as caught:
+        kinseek.pose([0, 0, 0], rpy=[[0, 0, 0], [0, 0, -90]])
+    assert caught[0].filename == __file__
+
+
+@pytest.mark.parametrize("name", ["rpy", "rotvec"])
+def test_a_pose_in_degrees(name: str) -> None:
+    degrees = np.array([[30.0, -20.0, 170.0], [0.0, 0.0, 360.0]])
+    given = kinseek.pose([1, 2, 3], degrees=True, **{name: degrees})
+    wanted = kinseek.pose([1, 2, 3], **{name: np.deg2rad(degrees)})
+    np.testing.assert_array_equal(given, wanted)
+    np.testing.assert_array_equal(kinseek.pose([1, 2, 3], degrees=True), kinseek.pose([1, 2, 3]))
+
+
+def test_a_quaternion_has_no_degrees() -> None:
+    with pytest.raises(
+        kinseek.InvalidGoal, match="degrees=True is for rpy and rotvec: quat_wxyz has no unit"
+    ):
+        kinseek.pose([0, 0, 0], quat_wxyz=[1, 0, 0, 0], degrees=True)
+
+
+def test_goals_in_millimetres_are_asked_about() -> None:
+    arm = kinseek.load("planar2")
+    T = kinseek.pose([400, 200, 0])
+    said = r"447.214 m from the base.*reaches 0.75 m at most.*millimetres, divide by 1000"
+    for goal, near in (
+        (T, None),
+        (T, np.zeros(2)),
+        (np.stack([np.eye(4), T]), None),
+        (kinseek.Goal.pose(T), None),
+    ):
+        for _ in range(2):  # The first call compiles, the next takes another way.
+            with pytest.warns(UnitWarning, match=said) as caught:
+                assert not np.all(arm.ik(goal, near=near).success)
+            assert caught[0].filename == __file__
+    with pytest.warns(UnitWarning, match=said):
+        arm.ik(kinseek.Goal.position([400, 200, 0]), solver=kinseek.CoordinateDescent())
+
+
+def test_goals_out_of_reach_by_little_are_not() -> None:
+    arm = kinseek.load("planar2")
+    for far in (0.8, 7.4):
+        assert not arm.ik(kinseek.pose([far, 0, 0])).success
+    assert not arm.ik(kinseek.Goal.pose(kinseek.pose([100, 0, 0.1]), free="x")).success
+    tool = np.eye(4)
+    tool[0, 3] = 40.0
+    assert not arm.ik(kinseek.Goal.position([45, 0, 1], tool=tool)).success
+
+
+def test_limits_in_degrees_are_asked_about(tmp_path: Path) -> None:
+    path = tmp_path / "r.urdf"
+    path.write_text(ROBOT.format("revolute", -180, 180))
+    with pytest.warns(
+        UnitWarning, match=r"r.urdf: joints with limits of many turns in rad: 'elbow' \[-180, 180\]"
+    ):
+        kinseek.load(path)
+    for kind, limit in (("revolute", 12.57), ("prismatic", 180), ("continuous", 180)):
+        path.write_text(ROBOT.format(kind, -limit, limit))
+        kinseek.load(path)
+
+
+def test_limits_of_mjcf_in_degrees_are_asked_about(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    path = tmp_path / "m.xml"
+    model = (
+        "<mujoco><compiler angle='{}'/><worldbody><body><joint name='j' range='-180 180' limited='true'/></body>"
+        "</worldbody></mujoco>"
+    )
+    path.write_text(model.format("radian"))
+    with pytest.warns(UnitWarning, match=r"'j' \[-180, 180\]; if these are degrees, leave out"):
+        kinseek.load(path)
+    path.write_text(model.format("degree"))
+    kinseek.load(path)
+
+
+def test_real_arms_are_not_asked_about() -> None:
+    for name in catalog_names():
+        kinseek.load(name)  # Warnings are errors in these tests.
+    for path in SHARED.rglob("*.urdf") if SHARED.is_dir() else ():
+        with contextlib.suppress(
+            kinseek.InvalidRobot
+        ):  # It branches; the limits of all joints are in its parts.
+            kinseek.load(path)
+
+
+COMMANDS = {
+    "rpy": (
+        ("solve", "planar2", "--at", "0.3", "0.2", "0", "--rpy", "0", "0", "90"),
+        "--rpy 0 0 90 has an angle of 90 rad, more than a full turn: if it is in degrees, add --deg",
+    ),
+    "near": (
+        ("solve", "planar2", "--at", "0.3", "0.2", "0", "--position-only", "--near", "90", "0"),
+        "--near has an angle of 90 rad",
+    ),
+    "fk": (("fk", "planar2", "90", "0"), "fk has an angle of 90 rad"),
+    "millimetres": (
+        ("solve", "planar2", "--at", "300", "200", "0", "--position-only"),
+        "the goal is 360.555 m from the base",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", COMMANDS)
+def test_the_command_line_asks_in_one_line(case: str, capfd: pytest.CaptureFixture[str]) -> None:
+    words, said = COMMANDS[case]
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    lines = [line for line in capfd.readouterr().err.splitlines() if "compiling kernels" not in line]
+    assert len(lines) == 1
+    assert lines[0].startswith(f"kinseek: warning: {said}")
+    assert ended.value.code in (0, 1)
+
+
+def test_other_warnings_go_their_own_way() -> None:
+    from kinseek.cli.output import warnings_in_one_line
+
+    with pytest.warns(UserWarning, match="else"), warnings_in_one_line():
+        warnings.warn("something else", UserWarning, stacklevel=1)
