@@ -76,8 +76,9 @@ def test_robots_lists_every_arm(run: Run) -> None:
 def test_show_gives_limits_in_both_units(run: Run) -> None:
     code, out, _ = run("show", "scara4")
     assert code == 0
-    assert re.search(r"quill +prismatic +0.000000 m +0.250000 m +0.000 mm +250.000 mm", out)
-    assert re.search(r"wrist +revolute +0.000000 rad +6.283185 rad +0.000 deg +360.000 deg", out)
+    assert re.search(r"joint +kind +lower rad or m +upper rad or m +lower deg or mm +upper deg or mm", out)
+    assert re.search(r"quill +prismatic +0.000000 +0.250000 +0.000 +250.000", out)
+    assert re.search(r"wrist +revolute +0.000000 +6.283185 +0.000 +360.000", out)
 
 
 def test_show_knows_joints_without_limits(run: Run) -> None:
@@ -140,7 +141,7 @@ def test_json_holds_everything(run: Run) -> None:
     assert set(facts) == {
         *("arm", "base", "tip", "joint_names", "goal", "solver", "success", "status", "sentence"),
         *("q", "joints", "position_error", "orientation_error", "weighted_error", "evaluations"),
-        *("nodes_created", "nodes_expanded", "seconds"),
+        *("nodes_created", "nodes_expanded", "seconds", "proof"),
     }
     assert facts["joint_names"] == list(arm.joint_names)
     assert facts["success"] is (code == 0) is True

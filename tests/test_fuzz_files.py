@@ -6,7 +6,8 @@ import time
 from collections import Counter
 
 import pytest
-from tests.fuzz.files import MUTATIONS, Case, case, findings, judge, seeds, write
+
+from fuzz.files import MUTATIONS, Case, case, findings, judge, seeds, write
 
 SECONDS = 10.0
 

@@ -35,8 +35,10 @@ from kinseek.robots import SerialChain, catalog_names, catalog_path, read
 
 MOST_SECONDS = 10.0
 """Processor time that one file may take [s]."""
-PATIENCE = 90.0
-"""When a worker that says nothing is given up [s]; the machine may be busy."""
+START = 30.0
+"""Processor time that a worker may take to start, on top [s]."""
+PATIENCE = 60.0
+"""When a worker that neither answers nor computes is given up [s]: it waits for something that does not come."""
 MEMORY = 8 * 2**30
 """What a worker may allocate, in bytes."""
 
@@ -550,6 +552,15 @@ def work(seed: int, corpus: Path | None) -> None:
             print(f"{seconds:.3f} {result!r}", file=answers, flush=True)
 
 
+def _processor_seconds(process: int) -> float:
+    """Processor time that a process has used [s]; wall time where the system does not tell."""
+    try:
+        words = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return time.monotonic()
+    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
+
 class Worker:
     """A process that reads files; when it dies, the next takes its place."""
 
@@ -563,16 +574,26 @@ class Worker:
         """Let it read one case: processor seconds, and how it ended."""
         if self.process is None:
             self.process = subprocess.Popen(
-                self.words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+                self.words,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+                cwd=Path(__file__).parents[2],
             )
         process = self.process
         assert process.stdin is not None
         assert process.stdout is not None
         process.stdin.write(f"{number}\n")
         process.stdin.flush()
-        if not select.select([process.stdout], [], [], PATIENCE)[0]:
-            self.close()
-            return PATIENCE, "HUNG"
+        begin, moved = _processor_seconds(process.pid), time.monotonic()
+        last = begin
+        while not select.select([process.stdout], [], [], 2.0)[0]:
+            now = _processor_seconds(process.pid)
+            if now > last:  # On a busy machine it may get little of the processor, but some.
+                last, moved = now, time.monotonic()
+            if now - begin > MOST_SECONDS + START or time.monotonic() - moved > PATIENCE:
+                self.close()
+                return now - begin, "HUNG"
         line = process.stdout.readline()
         if not line:
             code = process.wait()

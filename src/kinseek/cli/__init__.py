@@ -1,6 +1,6 @@
 """The command line: ``kinseek robots | show | fk | solve``. It computes nothing itself.
 
-Exit codes: 0 done or reached, 1 not reached, 2 misuse.
+Exit codes: 0 done or reached, 1 not reached, 2 misuse or output that cannot be written, 141 the reader of a pipe has gone.
 """
 
 from __future__ import annotations

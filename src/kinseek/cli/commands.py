@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 import time
+import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, Any, cast
 
 import numpy as np
@@ -13,10 +14,15 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek.arm import load
-from kinseek.errors import InvalidGoal, KinseekError
+from kinseek.certificate import Certificate, Verdict
+from kinseek.errors import InvalidGoal, KinseekError, UnitWarning
 from kinseek.goal import Frame, Goal, GoalOptions, pose
+from kinseek.solvers.branch_and_bound import prove as prove_goal
+from kinseek.solvers.branch_and_bound import refuse_ranges
+from kinseek.units import warn_of_angles
 
 from . import report
+from .output import complain, held_output, warnings_in_one_line, write_out
 from .searches import make_search, searches, with_search_options
 from .words import LENGTHS, gather, joint_values, numbers
 
@@ -25,7 +31,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     help="Inverse kinematics of serial robot arms by search. "
-    "Exit codes: 0 done or reached, 1 not reached, 2 misuse.",
+    "Exit codes: 0 done or reached, 1 not reached, 2 misuse or output that cannot be written.",
 )
 
 ArmName = Annotated[
@@ -41,6 +47,12 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and no
 
 def run(arguments: Sequence[str]) -> int:
     """Run one command line and return its exit code; a mistake becomes one line on stderr."""
+    with held_output() as held, warnings_in_one_line():
+        code = _run(arguments)
+    return write_out(held.getvalue(), code)
+
+
+def _run(arguments: Sequence[str]) -> int:
     try:
         words = gather(list(arguments)) or ["--help"]
         return int(app(words, prog_name="kinseek", standalone_mode=False) or 0)
@@ -51,8 +63,7 @@ def run(arguments: Sequence[str]) -> int:
         explain = str if isinstance(error, KinseekError) else getattr(error, "format_message", None)
         if explain is None:
             raise
-        message = str(error) if isinstance(error, KinseekError) else explain()
-        print(f"kinseek: {' '.join(message.split())}", file=sys.stderr)
+        complain(explain() if explain is not str else str(error))
         return 2
 
 
@@ -172,8 +183,14 @@ def solve(
     start = None if near is None else joint_values(loaded, numbers(near, "--near"), "--near", deg)
     search = make_search(solver, search_options)
     clock = time.perf_counter()
-    solution = loaded.ik(goal, near=start, solver=search, prove=prove)
-    report.print_solution(loaded, solution, search, time.perf_counter() - clock, json)
+    if prove:
+        refuse_ranges(goal)
+    solution = loaded.ik(goal, near=start, solver=search)
+    proof: Certificate | None = None
+    if prove:
+        proof = prove_goal(solution.problem, answer=solution)
+        solution = replace(solution, proved_unreachable=proof.verdict is Verdict.UNREACHABLE)
+    report.print_solution(loaded, solution, search, time.perf_counter() - clock, json, proof)
     return 0 if solution.success else 1
 
 
@@ -195,4 +212,8 @@ def _target(at: str | None, turns: dict[str, str], position_only: bool, deg: boo
         values = np.array(numbers(text, option, LENGTHS[option]))
         name = option[2:].replace("-", "_")
         turn[name] = np.deg2rad(values) if deg and name in ("rpy", "rotvec") else values
-    return pose(position, **turn)
+        if name in ("rpy", "rotvec") and not deg:
+            warn_of_angles(values, f"{option} {text}", "add --deg", 1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnitWarning)  # Said above, in the words of a command line.
+        return pose(position, **turn)

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from kinseek.arm import Arm
+from kinseek.certificate import Certificate
+from kinseek.goal import Goal
+from kinseek.ranges import AXES, FREE_PLACE, FREE_TURN, PINNED
 from kinseek.robots import catalog_entry, catalog_names
 from kinseek.solution import Solution
 from kinseek.solvers import Solver
+
+from .tables import sentence, table, terminal_width
 
 Array = NDArray[np.float64]
 
@@ -24,34 +27,50 @@ _POSTURES = 20_000
 
 def print_robots() -> None:
     """Print the bundled arms."""
-    table = _table("name", ">joints", "description")
-    for entry in map(catalog_entry, catalog_names()):
-        table.add_row(entry.name, str(entry.dof), escape(entry.description))
-    _print(table)
+    entries = map(catalog_entry, catalog_names())
+    _print_table(("name", ">joints", "description"), [(e.name, str(e.dof), e.description) for e in entries])
 
 
 def print_arm(arm: Arm) -> None:
     """Print joints, limits and reach."""
     _print(f"{arm.name}: {arm.dof} joints, base {arm.chain.base}, tip {arm.chain.tip}")
-    table = _table("joint", "kind", ">lower", ">upper", ">lower", ">upper")
+    small, large = _units(arm.chain.kinds)
+    rows = []
     for name, kind, lower, upper in zip(arm.joint_names, arm.chain.kinds, arm.lower, arm.upper, strict=True):
-        free = kind == "continuous"
-        limits = ["none"] * 4 if free else [*_both(kind, lower), *_both(kind, upper)]
-        table.add_row(name, kind, limits[0], limits[2], limits[1], limits[3])
-    _print(table)
+        scale, digits = (1000.0, 3) if kind == "prismatic" else (float(np.rad2deg(1.0)), 3)
+        values = [
+            f"{lower:.6f}",
+            f"{upper:.6f}",
+            f"{lower * scale:.{digits}f}",
+            f"{upper * scale:.{digits}f}",
+        ]
+        rows.append((name, kind, *(["none"] * 4 if kind == "continuous" else values)))
+    columns = (
+        "joint",
+        "kind",
+        f">lower\n{small}",
+        f">upper\n{small}",
+        f">lower\n{large}",
+        f">upper\n{large}",
+    )
+    _print_table(columns, rows, (2, 2, 2))
     least, most = reach(arm)
-    _print(f"reach, base to tip: at least {least:.3f} m (the farthest of {_POSTURES:,} random postures),")
-    _print(f"                    at most  {most:.3f} m (the sum of all links and slides)")
+    _print(f"reach: at least {least:.3f} m from base to tip (the farthest of {_POSTURES:,} random postures)")
+    _print(f"reach: at most {most:.3f} m from base to tip (the sum of all links and slides)")
+
+
+def _units(kinds: Sequence[str]) -> tuple[str, str]:
+    """Units of joint values, the small numbers and the large."""
+    slides, turns = "prismatic" in kinds, any(kind != "prismatic" for kind in kinds)
+    if slides and turns:
+        return "rad or m", "deg or mm"
+    return ("m", "mm") if slides else ("rad", "deg")
 
 
 def reach(arm: Arm) -> tuple[float, float]:
     """Largest distance of the tip from the base [m]: one measured, and one bounded by link sums."""
     postures = np.random.default_rng(0).uniform(arm.lower, arm.upper, (_POSTURES, arm.dof))
-    measured = float(np.linalg.norm(arm.fk(postures)[:, :3, 3], axis=1).max())
-    chain = arm.chain
-    ends = chain.multiplier * np.stack([chain.lower, chain.upper])[:, chain.leader] + chain.offset
-    slides = float(np.abs(ends).max(axis=0)[chain.prismatic].sum())
-    return measured, float(np.linalg.norm(chain.fixed[:, :, 3], axis=1).sum()) + slides
+    return float(np.linalg.norm(arm.fk(postures)[:, :3, 3], axis=1).max()), arm.chain.reach
 
 
 def print_pose(arm: Arm, q: Array, T: Array, as_json: bool) -> None:
@@ -65,47 +84,54 @@ def print_pose(arm: Arm, q: Array, T: Array, as_json: bool) -> None:
         _print_json({**_arm_facts(arm), "q": q.tolist(), **{k: v.tolist() for k, v in facts.items()}})
         return
     _print(f"{arm.chain.tip} in {arm.chain.base}")
-    table = Table(box=None, show_header=False, pad_edge=False)
-    table.add_row("position", "x y z in m", _row(T[:3, 3]))
-    table.add_row("quaternion", "w x y z", _row(wxyz))
-    for r in range(4):
-        table.add_row("matrix" if r == 0 else "", f"row {r + 1}", _row(T[r]))
-    _print(table)
+    rows = [("position", "x y z in m", _row(T[:3, 3])), ("quaternion", "w x y z", _row(wxyz))]
+    rows += [("matrix" if r == 0 else "", f"row {r + 1}", _row(T[r])) for r in range(4)]
+    _print_table(("", "", ""), rows)
 
 
 def print_solution(
-    arm: Arm, solution: Solution, search: Solver | None, seconds: float, as_json: bool
+    arm: Arm,
+    solution: Solution,
+    search: Solver | None,
+    seconds: float,
+    as_json: bool,
+    proof: Certificate | None = None,
 ) -> None:
     """Print an answer and how good it is."""
-    facts = solution_facts(arm, solution, search, seconds)
+    facts = solution_facts(arm, solution, search, seconds, proof)
     if as_json:
         _print_json(facts)
         return
     goal = solution.problem.goal
-    table = _table("joint", ">rad or m", ">deg or mm", ">to the nearer limit")
+    rows = []
     for joint in facts["joints"]:
         room = (
             "no limit" if joint["to_limit"] is None else " = ".join(_both(joint["kind"], joint["to_limit"]))
         )
-        table.add_row(joint["name"], *_both(joint["kind"], joint["value"]), room)
-    _print(table)
+        rows.append((joint["name"], *_both(joint["kind"], joint["value"]), room))
+    _print_table(("joint", ">rad or m", ">deg or mm", ">to the nearer limit"), rows)
     _print(f"{solution.status}")
-    lines = _table("", ">error", ">tolerance")
-    lines.add_row("position", f"{solution.position_error:.3g} m", f"{goal.position_tolerance:g} m")
-    if goal.kind == "position":
-        lines.add_row("orientation", "any", "any")
-    else:
-        lines.add_row(
-            "orientation", f"{solution.orientation_error:.3g} rad", f"{goal.orientation_tolerance:g} rad"
+    place = ("position", f"{solution.position_error:.3g} m", f"{goal.position_tolerance:g} m")
+    turn = (
+        ("orientation", "any", "any")
+        if goal.kind == "position"
+        else ("orientation", f"{solution.orientation_error:.3g} rad", f"{goal.orientation_tolerance:g} rad")
+    )
+    _print_table(("", ">error", ">tolerance"), [place, turn])
+    if proof is not None:
+        _print(
+            f"weighted error: {proof.upper_bound:.6g} of the pose found, at least {proof.lower_bound:.6g} of any pose; "
+            f"{proof.boxes:,} boxes examined"
         )
-    _print(lines)
     work = [f"{solution.evaluations:,} FK evaluations"]
     work += [f"{solution.nodes_created:,} nodes created"] * (solution.nodes_created > 0)
     work += [f"{solution.nodes_expanded:,} nodes expanded"] * (solution.nodes_expanded > 0)
     _print(f"{', '.join(work)}, {seconds:.3g} s (loading compiled kernels included)")
 
 
-def solution_facts(arm: Arm, solution: Solution, search: Solver | None, seconds: float) -> dict[str, Any]:
+def solution_facts(
+    arm: Arm, solution: Solution, search: Solver | None, seconds: float, proof: Certificate | None = None
+) -> dict[str, Any]:
     """All that `solve` says, as JSON takes it: lengths in m, angles in rad, time in s."""
     goal = solution.problem.goal
     room = np.minimum(solution.q - arm.lower, arm.upper - solution.q)
@@ -127,6 +153,7 @@ def solution_facts(arm: Arm, solution: Solution, search: Solver | None, seconds:
         "goal": {
             "kind": goal.kind,
             "target": goal.target.tolist(),
+            **_openness(goal),
             "position_tolerance": goal.position_tolerance,
             "orientation_tolerance": goal.orientation_tolerance,
             "position_weight": goal.position_weight,
@@ -145,6 +172,34 @@ def solution_facts(arm: Arm, solution: Solution, search: Solver | None, seconds:
         "nodes_created": int(solution.nodes_created),
         "nodes_expanded": int(solution.nodes_expanded),
         "seconds": seconds,
+        "proof": None if proof is None else _proof_facts(proof),
+    }
+
+
+def _openness(goal: Goal) -> dict[str, Any]:
+    """What a goal leaves open: axes of which any deviation will do, ranges of others, and the frame of all these axes."""
+    if goal.ranges is None:
+        about = AXES[3 + int(np.argmax(np.abs(goal.tool_axis)))]
+        free = {"pose": (), "position": AXES[3:], "pointing": (about,)}[goal.kind]
+        return {"free": list(free), "ranges": {}, "frame": goal.frame}
+    named = dict(zip(AXES, goal.ranges, strict=True))
+    free = tuple(axis for axis, pair in named.items() if pair in (FREE_PLACE, FREE_TURN))
+    ranges = {
+        axis: [end if np.isfinite(end) else None for end in pair]
+        for axis, pair in named.items()
+        if pair != PINNED and axis not in free
+    }
+    return {"free": list(free), "ranges": ranges, "frame": goal.frame}
+
+
+def _proof_facts(proof: Certificate) -> dict[str, Any]:
+    return {
+        "verdict": proof.verdict.name,
+        "sentence": str(proof.verdict),
+        "lower_bound": float(proof.lower_bound),
+        "upper_bound": float(proof.upper_bound),
+        "boxes": int(proof.boxes),
+        "largest_box": float(proof.largest_box),
     }
 
 
@@ -168,25 +223,14 @@ def _row(values: Array) -> str:
     return " ".join(f"{round(value, 9) + 0.0:12.9f}" for value in values)  # Adding zero turns -0 into 0.
 
 
-def _table(*columns: str) -> Table:
-    """A plain table; a column whose name starts with > is set flush right."""
-    table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0))
-    for column in columns:
-        table.add_column(
-            column.removeprefix(">"),
-            justify="right" if column.startswith(">") else "left",
-            no_wrap=column != "description",
-        )
-    return table
+def _print_table(
+    columns: Sequence[str], rows: Sequence[Sequence[str]], blocks: Sequence[int] | None = None
+) -> None:
+    print(table(columns, rows, terminal_width(), blocks))
 
 
-def _print(what: Table | str) -> None:
-    console = Console(highlight=False)
-    if isinstance(what, str):
-        console.print(what, markup=False, soft_wrap=True)
-        return
-    console.width = max(console.width, console.measure(what).minimum)  # Numbers are never cut short.
-    console.print(what)
+def _print(text: str) -> None:
+    print(sentence(text, terminal_width()))
 
 
 def _print_json(facts: dict[str, Any]) -> None:

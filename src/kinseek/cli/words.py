@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.errors import InvalidProblem
+from kinseek.units import warn_of_angles
 
 LENGTHS = {"--at": 3, "--rpy": 3, "--quat-wxyz": 4, "--quat-xyzw": 4, "--rotvec": 3, "--near": None}
 """Options that take a list, and how many numbers; None is as many as follow."""
@@ -69,6 +70,9 @@ def joint_values(arm: Arm, values: Sequence[float], option: str, degrees: bool) 
         raise InvalidProblem(f"{option} needs {arm.dof} numbers, got {len(values)}. Joints: {names}")
     q = np.array(values, dtype=np.float64)
     turns = np.array([kind != "prismatic" for kind in arm.chain.kinds])
+    if not degrees:  # Many turns are no surprise where the limits are as wide.
+        outside = turns & ((q < arm.lower) | (q > arm.upper))
+        warn_of_angles(np.where(outside & np.isfinite(q), q, 0.0), option, "add --deg", 1)
     return np.where(turns & degrees, np.deg2rad(q), q)
 
 

@@ -355,9 +355,11 @@ def _progress_bar(wanted: bool, total: int) -> Iterator[Callable[[int], object]]
         yield lambda count: None
         return
     try:
+        from rich.console import Console
         from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
     except ImportError:
         raise MissingExtra("A progress bar", "cli") from None
-    with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(), TimeRemainingColumn()) as bar:
+    columns = (*Progress.get_default_columns()[:-1], MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task("solving", total=total)
         yield lambda count: bar.advance(task, count)

@@ -1,0 +1,95 @@
+"""One place where output is written: at the end, at once, and a reader that has gone or a full disk is told there."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import io
+import os
+import sys
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+from kinseek.errors import UnitWarning
+
+CANNOT_WRITE, READER_GONE = 2, 141
+"""Exit codes; 141 is what a shell says of a program that a closed pipe ended (128 + SIGPIPE)."""
+
+
+class _Held(io.StringIO):
+    """What is printed, held back; it looks like the stream that it will be written to."""
+
+    def __init__(self, stream: Any) -> None:
+        super().__init__()
+        self._stream = stream
+
+    def isatty(self) -> bool:
+        """Is the stream a terminal?"""
+        return self._stream is not None and bool(self._stream.isatty())
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        """The stream's."""
+        return getattr(self._stream, "encoding", None) or "utf-8"
+
+
+@contextlib.contextmanager
+def held_output() -> Iterator[io.StringIO]:
+    """Hold back what is printed."""
+    held = _Held(sys.stdout)
+    with contextlib.redirect_stdout(held):
+        yield held
+
+
+def write_out(text: str, code: int) -> int:
+    """Write to stdout; the exit code, or another if that fails."""
+    if not text:
+        return code
+    stream = sys.stdout
+    try:
+        if stream is None:
+            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+        encoding = getattr(stream, "encoding", None) or "utf-8"
+        stream.write(text.encode(encoding, "backslashreplace").decode(encoding))  # No letter stops the rest.
+        stream.flush()
+    except BrokenPipeError:
+        _forget(stream)
+        return READER_GONE
+    except OSError as error:
+        _forget(stream)
+        complain(f"cannot write the output: {error.strerror or error}")
+        return CANNOT_WRITE
+    return code
+
+
+def complain(message: str) -> None:
+    """Say something in one line on stderr, if there is one."""
+    with contextlib.suppress(OSError):
+        if sys.stderr is not None:
+            print(f"kinseek: {' '.join(message.split())}", file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def warnings_in_one_line() -> Iterator[None]:
+    """Say what units look wrong in a line each, without the line of our own code that found it."""
+    with warnings.catch_warnings():
+        show = warnings.showwarning
+
+        def show_one(message: Any, category: type[Warning], *where: Any, **rest: Any) -> None:
+            if issubclass(category, UnitWarning):
+                complain(f"warning: {message}")
+            else:
+                show(message, category, *where, **rest)
+
+        warnings.showwarning = show_one
+        warnings.simplefilter("always", UnitWarning)
+        yield
+
+
+def _forget(stream: Any) -> None:
+    """Lead what is left of a stream nowhere, or Python would try to write it once more at its end."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)

@@ -1,0 +1,104 @@
+"""Text as wide as the terminal: tables and sentences that fit it, and in a pipe one row a line with nothing cut.
+
+Where a row is wider than the terminal its cells go on in the next line, set in; a cell that is wider still is broken
+at its blanks. So nothing is ever cut off, however narrow the terminal is.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import textwrap
+from collections.abc import Sequence
+
+_GAP = "  "
+"""Between two columns."""
+_INDENT = "  "
+"""Before what goes on in the next line."""
+
+
+def terminal_width() -> int | None:
+    """Letters in a line of the terminal that is written to; None where it is none: there lines have no end."""
+    return shutil.get_terminal_size().columns if sys.stdout is not None and sys.stdout.isatty() else None
+
+
+def table(
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    width: int | None,
+    blocks: Sequence[int] | None = None,
+) -> str:
+    """Lay a table out.
+
+    Args:
+        columns: Their names, in several lines where that is narrower; one that starts with > is set flush right. Without
+            any name there is no header.
+        rows: Cells, as many as there are columns.
+        width: Letters in a line, or None: every row is one line.
+        blocks: How many neighbouring columns stay together where a row is broken; each for itself unless given.
+    """
+    right = [name.startswith(">") for name in columns]
+    names = [name.removeprefix(">") for name in columns]
+    heads = [name.replace("\n", " ").splitlines() if width is None else name.splitlines() for name in names]
+    tall = max(map(len, heads))
+    header = [[([""] * tall + head)[k - tall] for head in heads] for k in range(tall)]
+    lines = [*header, *rows]
+    wide = [max(len(line[i]) for line in lines) for i in range(len(names))]
+    groups = _groups(wide, width, blocks or [1] * len(wide))
+
+    def laid(line: Sequence[str], g: int) -> str:
+        cells = [line[i].rjust(wide[i]) if right[i] else line[i].ljust(wide[i]) for i in groups[g]]
+        before = sum(wide[i] + len(_GAP) for i in groups[g][:-1]) + (len(_INDENT) if g else 0)
+        return _broken((_INDENT if g else "") + _GAP.join(cells).rstrip(), before, width)
+
+    numbers = range(len(groups))
+    top = [laid(line, g) for g in numbers for line in header]
+    return "\n".join([*top, *(laid(line, g) for line in rows for g in numbers)])
+
+
+def sentence(text: str, width: int | None) -> str:
+    """Break a sentence at its blanks."""
+    return text if width is None else _wrapped(text, width, _INDENT)
+
+
+def _groups(wide: Sequence[int], width: int | None, blocks: Sequence[int]) -> list[list[int]]:
+    """Which columns share a line."""
+    groups: list[list[int]] = [[]]
+    used, first = 0, 0
+    for count in blocks:
+        block = range(first, first + count)
+        first += count
+        letters = sum(wide[i] for i in block) + len(_GAP) * (count - 1)
+        more = letters + (len(_GAP) if groups[-1] else 0)
+        # The last column, if it is text, may be broken where it stands, but not into a ribbon.
+        fits = width is None or used + more <= width or _ribbon(first - 1, wide, used, width)
+        if groups[-1] and not fits:
+            groups.append([])
+            used, more = len(_INDENT), letters
+        groups[-1] += block
+        used += more
+    return groups
+
+
+def _ribbon(i: int, wide: Sequence[int], used: int, width: int) -> bool:
+    return i == len(wide) - 1 and wide[i] > width // 2 and width - used - len(_GAP) >= 40
+
+
+def _broken(text: str, before: int, width: int | None) -> str:
+    """Break a line, the rest of its last cell below the cell's beginning where there is room."""
+    if width is None or len(text) <= width:
+        return text
+    return _wrapped(text, width, " " * before if width - before >= 30 else _INDENT)
+
+
+def _wrapped(text: str, width: int, indent: str) -> str:
+    """Break a line at blanks; those inside it stay as they are."""
+    return textwrap.fill(
+        text,
+        width,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+        drop_whitespace=True,
+        replace_whitespace=False,
+    )

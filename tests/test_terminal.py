@@ -1,0 +1,198 @@
+"""What the commands print fits a terminal, is one row a line in a pipe, and ends well when nobody reads it."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import kinseek
+from kinseek.cli.tables import sentence, table
+from kinseek.robots import catalog_names
+
+MAIN = [sys.executable, "-c", "from kinseek.cli import main; main()"]
+SHOWN = {
+    "show": ("show", "ur5e"),
+    "show a slide": ("show", "scara4"),
+    "show free joints": ("show", "gen3"),
+    "robots": ("robots",),
+    "fk": ("fk", "panda", "0", "0", "0", "-1", "0", "1", "0"),
+}
+
+
+def in_terminal(columns: int, *words: str) -> str:
+    """What a command prints on a terminal that wide."""
+    fcntl, pty = pytest.importorskip("fcntl"), pytest.importorskip("pty")
+    import struct
+    import termios
+
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 50, columns, 0, 0))
+    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
+    process = subprocess.Popen(
+        [*MAIN, *words], stdin=theirs, stdout=theirs, stderr=subprocess.DEVNULL, env=environment
+    )
+    os.close(theirs)
+    said = b""
+    while True:
+        try:
+            piece = os.read(ours, 65536)
+        except OSError:  # Linux says so where others end.
+            break
+        if not piece:
+            break
+        said += piece
+    os.close(ours)
+    assert process.wait() == 0
+    return said.decode().replace("\r", "")
+
+
+def in_pipe(*words: str) -> str:
+    environment = {**os.environ, "COLUMNS": "30"}
+    done = subprocess.run([*MAIN, *words], capture_output=True, text=True, check=True, env=environment)
+    return done.stdout
+
+
+@pytest.mark.parametrize("columns", [80, 40])
+@pytest.mark.parametrize("case", SHOWN)
+def test_nothing_is_cut_and_every_line_fits(case: str, columns: int) -> None:
+    wide, narrow = in_pipe(*SHOWN[case]), in_terminal(columns, *SHOWN[case])
+    assert max(map(len, narrow.splitlines())) <= columns
+    assert "…" not in narrow
+    assert sorted(narrow.split()) == sorted(wide.split())  # Every word is there, and none is broken.
+
+
+def test_every_arm_fits_eighty_columns_in_one_line_a_joint() -> None:
+    for name in ("pr2_left", "ur5e", "ur10e_rail"):
+        said = in_terminal(80, "show", name)
+        for joint in kinseek.load(name).joint_names:
+            assert len(re.findall(rf"^{joint} +\w+( +[-\d.]+| +none){{4}}$", said, re.MULTILINE)) == 1
+
+
+def test_a_pipe_gets_one_row_a_line() -> None:
+    lines = in_pipe("robots").splitlines()
+    assert [line.split()[0] for line in lines] == ["name", *catalog_names()]
+    lines = in_pipe("show", "ur5e").splitlines()
+    assert [line.split()[0] for line in lines[2:8]] == list(kinseek.load("ur5e").joint_names)
+    assert [len(line.split()) for line in lines[2:8]] == [6] * 6
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="other pipes")
+@pytest.mark.parametrize("words", [("robots",), ("show", "planar2"), ("--help",)])
+def test_a_closed_pipe_ends_quietly(words: tuple[str, ...]) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run([*MAIN, *words], stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writing)
+    said = [line for line in done.stderr.splitlines() if "compiling kernels" not in line]
+    assert (done.returncode, said) == (141, [])
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no such device here")
+@pytest.mark.parametrize("words", [("robots",), ("fk", "planar2", "0", "0", "--json"), ("--version",)])
+def test_a_full_disk_is_one_line(words: tuple[str, ...]) -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([*MAIN, *words], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    said = [line for line in done.stderr.splitlines() if "compiling kernels" not in line]
+    assert (done.returncode, len(said)) == (2, 1)
+    assert said[0].startswith("kinseek: cannot write the output: ")
+
+
+def test_letters_that_a_terminal_has_not_are_escaped(tmp_path: Path) -> None:
+    path = tmp_path / "r.urdf"
+    path.write_text(
+        '<robot name="Händchen"><link name="a"/><link name="b"/><joint name="j" type="continuous">'
+        '<parent link="a"/><child link="b"/></joint></robot>',
+        encoding="utf-8",
+    )
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(
+        [*MAIN, "show", str(path)], capture_output=True, text=True, check=False, env=environment
+    )
+    assert (done.returncode, done.stdout.split(":")[0]) == (0, "H\\xe4ndchen")
+
+
+def test_the_progress_bar_is_on_stderr(capfd: pytest.CaptureFixture[str]) -> None:
+    arm = kinseek.load("planar2")
+    targets = arm.fk(arm.chain.lower + (arm.upper - arm.lower) * [[0.3, 0.4], [0.5, 0.6]])
+    arm.ik(targets, progress=True)
+    said = capfd.readouterr()
+    assert said.out == ""
+    assert "solving" in said.err
+
+
+# Layout
+
+
+def test_a_wide_table_goes_on_in_the_next_line() -> None:
+    rows = [("a" * 10, "b" * 10, "1"), ("c", "d", "22")]
+    assert table(("x", "y", ">z"), rows, None).splitlines() == [
+        "x           y            z",
+        "aaaaaaaaaa  bbbbbbbbbb   1",
+        "c           d           22",
+    ]
+    assert table(("x", "y", ">z"), rows, 20).splitlines() == [
+        *("x", "  y            z"),
+        *("aaaaaaaaaa", "  bbbbbbbbbb   1"),
+        *("c", "  d           22"),
+    ]
+
+
+def test_columns_that_belong_together_stay_together() -> None:
+    rows = [("aaaa", "1111", "2222")]
+    assert table(("", "", ""), rows, 12, (1, 2)).splitlines() == ["aaaa", "  1111  2222"]
+
+
+def test_a_sentence_is_broken_at_blanks() -> None:
+    assert sentence("one two three", 8) == "one two\n  three"
+    assert sentence("one two three", None) == "one two three"
+
+
+# What --json says of goals and proofs
+
+AT = ("--at", "0.4", "0.2", "0.3", "--rpy", "180", "0", "0", "--deg", "--json")
+
+
+@pytest.mark.parametrize(
+    ("options", "free", "frame"),
+    [
+        ((), [], "tool"),
+        (("--free", "z,rz"), ["z", "rz"], "tool"),
+        (("--free", "x", "--frame", "base"), ["x"], "base"),
+        (("--free", "rx"), ["rx"], "tool"),
+        (("--free", "rx,ry,rz"), ["rx", "ry", "rz"], "tool"),
+    ],
+)
+def test_json_says_what_is_free(options: tuple[str, ...], free: list[str], frame: str) -> None:
+    goal = json.loads(in_pipe("solve", "ur5e", *AT, *options))["goal"]
+    assert (goal["free"], goal["ranges"], goal["frame"]) == (free, {}, frame)
+
+
+def test_json_says_ranges() -> None:
+    from kinseek.cli.report import solution_facts
+
+    arm = kinseek.load("ur5e")
+    goal = kinseek.Goal.pose(
+        kinseek.pose([0.4, 0.2, 0.3]), free="rz", box={"x": (-0.1, 0.2), "y": (0.0, float("inf"))}
+    )
+    facts = json.loads(json.dumps(solution_facts(arm, arm.ik(goal), None, 0.0), allow_nan=False))
+    assert facts["goal"]["ranges"] == {"x": [-0.1, 0.2], "y": [0.0, None]}
+    assert facts["goal"]["free"] == ["rz"]
+
+
+def test_json_holds_the_proof() -> None:
+    words = ("solve", "planar2", "--at", "0.9", "0", "0", "--position-only", "--json")
+    done = subprocess.run([*MAIN, *words, "--prove"], capture_output=True, text=True, check=False)
+    proof = json.loads(done.stdout)["proof"]
+    assert (done.returncode, proof["verdict"]) == (1, "UNREACHABLE")
+    assert 0.0 < proof["lower_bound"] <= proof["upper_bound"] == pytest.approx(0.15, abs=1e-3)
+    assert proof["boxes"] >= 0
+    done = subprocess.run([*MAIN, *words], capture_output=True, text=True, check=False)
+    assert json.loads(done.stdout)["proof"] is None
+    reached = ("solve", "planar2", "--at", "0.4", "0.3", "0", "--position-only", "--json", "--prove")
+    assert json.loads(in_pipe(*reached))["proof"]["verdict"] == "REACHABLE"
