@@ -172,4 +172,4 @@ def test_an_array_of_other_elements_or_dimensions_is_refused() -> None:
     with pytest.raises(TypeError, match="rows is read by floats2, got 1 dimensions of float64, expected 2"):
         rows.arrays(Inner(np.zeros(3), np.zeros(4, dtype=np.int64)))
     with pytest.raises(TypeError, match="number is read by integers, got 1 dimensions of float32"):
-        rows.arrays(Inner(np.zeros((2, 3)), np.zeros(4, dtype=np.float32)))  # type: ignore[arg-type]
+        rows.arrays(Inner(np.zeros((2, 3)), np.zeros(4, dtype=np.float32)))
