@@ -17,7 +17,7 @@ import numpy as np
 from .arrays import Array, ChainArrays
 from .forward import advance, advance_segment, identity
 from .jit import hidden, kernel
-from .neighbours import Tree, build_tree
+from .neighbours import Tree, make_tree, sort_tree
 from .trigonometry import rough_angle
 
 NONE, TURN, SLIDE = 0, 1, 2
@@ -78,7 +78,6 @@ def coordinates(K: Array, division: Division, out: Array) -> int:
     return used
 
 
-@kernel
 def build_atlas(
     chain: ChainArrays,
     division: Division,
@@ -87,6 +86,17 @@ def build_atlas(
     inverse_head: Array,
     inverse_tip: Array,
 ) -> Atlas:
+    """Compute K and its coordinates for every sample, and sort them; see `fill_atlas`."""
+    count, used = len(middle), (3 if division.head == NONE else 2) + 3 * division.columns
+    atlas = Atlas(
+        make_tree(count, used), np.empty_like(middle), np.empty((count, 3, 4)), inverse_head, inverse_tip
+    )
+    fill_atlas(chain, division, middle, first, atlas)
+    return atlas
+
+
+@kernel
+def fill_atlas(chain: ChainArrays, division: Division, middle: Array, first: int, atlas: Atlas) -> None:
     """Compute K and its coordinates for every sample, and sort them.
 
     Args:
@@ -94,8 +104,7 @@ def build_atlas(
         division: What is divided out.
         middle: Samples of the middle joints, (k, middle joints), k = LEAF · 2^depth.
         first: Index of the first middle variable.
-        inverse_head: See `Atlas`.
-        inverse_tip: See `Atlas`.
+        atlas: The caller's, see `kernels.grid` for why; receives all but the two inverses.
     """
     count, joints = len(middle), len(chain.leader)
     poses, features, q = np.empty((count, 3, 4)), np.empty((count, 9)), np.zeros(len(chain.lower))
@@ -109,8 +118,13 @@ def build_atlas(
         advance(chain.fixed[end], True, 0.0, T)
         used = coordinates(T, division, features[i])
     order = np.empty(count, dtype=np.int64)
-    tree = build_tree(features[:, :used], order)
-    return Atlas(tree, middle[order], poses[order], inverse_head, inverse_tip)
+    sort_tree(features[:, :used], order, atlas.tree)
+    for i in range(count):
+        for j in range(middle.shape[1]):
+            atlas.middle[i, j] = middle[order[i], j]
+        for r in range(3):
+            for c in range(4):
+                atlas.poses[i, r, c] = poses[order[i], r, c]
 
 
 @hidden

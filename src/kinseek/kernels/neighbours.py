@@ -40,18 +40,36 @@ class Tree(NamedTuple):
     """The leaves whose centres are nearest to each leaf's, nearest first, -1 where there are no more, (leaves · BESIDE,)."""
 
 
-@kernel
+def make_tree(count: int, dimensions: int) -> Tree:
+    """Allocate a tree of k = LEAF · 2^depth points."""
+    leaves = count // LEAF
+    inner = max(leaves - 1, 1)
+    return Tree(
+        np.empty((leaves, dimensions, LEAF)),
+        np.zeros(inner, dtype=np.int64),
+        np.zeros(inner),
+        np.full(leaves * BESIDE, -1, dtype=np.int64),
+    )
+
+
 def build_tree(points: Array, order: Indices) -> Tree:
+    """Build a tree; see `sort_tree`."""
+    tree = make_tree(*points.shape)
+    sort_tree(points, order, tree)
+    return tree
+
+
+@kernel
+def sort_tree(points: Array, order: Indices, tree: Tree) -> None:
     """Build a tree.
 
     Args:
         points: (k, dimensions), k = LEAF · 2^depth.
         order: Receives which point stands at each place of the leaves, (k,).
+        tree: From `make_tree`; the caller's, see `kernels.grid` for why.
     """
     count, dimensions = points.shape
-    leaves = count // LEAF
-    axis = np.zeros(max(leaves - 1, 1), dtype=np.int64)
-    split = np.zeros(max(leaves - 1, 1))
+    axis, split, packed = tree.axis, tree.split, tree.points
     for i in range(count):
         order[i] = i
     size, level, node = count, 1, 0
@@ -72,23 +90,22 @@ def build_tree(points: Array, order: Indices) -> Tree:
             node += 1
         size //= 2
         level *= 2
-    packed = np.empty((leaves, dimensions, LEAF))
     for i in range(count):
         for d in range(dimensions):
             packed[i // LEAF, d, i % LEAF] = points[order[i], d]
-    return Tree(packed, axis, split, _leaves_beside(packed))
+    _list_leaves_beside(packed, tree.beside)
 
 
 @called
-def _leaves_beside(points: Array) -> Indices:
-    """List the leaves beside each leaf, see `Tree`."""
+def _list_leaves_beside(points: Array, beside: Indices) -> None:
+    """List the leaves beside each leaf in a list of nothing but -1, see `Tree`."""
     leaves, dimensions = points.shape[0], points.shape[1]
     centres = np.zeros((dimensions, leaves))
     for leaf in range(leaves):
         for d in range(dimensions):
             for j in range(LEAF):
                 centres[d, leaf] += points[leaf, d, j] / LEAF
-    beside, gaps, far = np.full(leaves * BESIDE, -1), np.empty(BESIDE), np.empty(leaves)
+    gaps, far = np.empty(BESIDE), np.empty(leaves)
     for leaf in range(leaves):
         for other in range(leaves):
             far[other] = 0.0
@@ -110,7 +127,6 @@ def _leaves_beside(points: Array) -> Indices:
                 beside[leaf * BESIDE + at] = beside[leaf * BESIDE + at - 1]
                 at -= 1
             gaps[at], beside[leaf * BESIDE + at] = value, other
-    return beside
 
 
 @called
