@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .branches import Branches, BranchesBatch, quick_branches
 from .certificate import Certificate, Verdict
+from .deadline import Deadline
 from .errors import InvalidProblem, suggest
 from .goal import Goal, one_pose
 from .kernels.forward import forward_many
@@ -56,6 +57,7 @@ class IkOptions(TypedDict, total=False):
     prefer: Order | None
     cost: Cost | None
     valid: Valid | None
+    time_limit: float | None
 
 
 class BranchesOptions(TypedDict, total=False):
@@ -69,6 +71,7 @@ class BranchesOptions(TypedDict, total=False):
     count: int | None
     threads: int | None
     prove: bool
+    time_limit: float | None
 
 
 class Arm:
@@ -372,6 +375,7 @@ class Arm:
         prefer: Order | None = None,
         cost: Cost | None = None,
         valid: Valid | None = None,
+        time_limit: float | None = None,
     ) -> Solution:
         """Find joint values that reach a goal, or come as near to it as the search can.
 
@@ -389,6 +393,9 @@ class Arm:
             cost: Instead of `prefer`, a function from joint values, (k, n), to numbers, (k,): the least is best.
             valid: A function from joint values, (n,), to a bool, asked of one answer after the other until it agrees.
                 If it never does, the solution is no success, and `rejected` says how many it refused.
+            time_limit: [s], after which no further part of the work is begun: the answer is the best so far, and
+                `out_of_time` says of each target whether its search was cut short. What an arm needs once, its atlas and
+                the compiled kernels, is made in any case.
 
         Returns:
             Joint values inside the limits, their errors recomputed by FK, and whether these meet the
@@ -404,7 +411,8 @@ class Arm:
             whole("threads", threads, 1)
         wishes = prefer is not None or cost is not None or valid is not None
         serial = type(self.chain) is SerialChain
-        if serial and solver is None and not prove and not wishes and _is_plain(goal, (4, 4)):
+        plain = serial and solver is None and not prove and not wishes and time_limit is None
+        if plain and _is_plain(goal, (4, 4)):
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform. It also
             # gives up on the first that is out of reach: what that takes is compiled on the other way.
             q, address = np.empty(self.chain.dof), (self._index or self._serial_atlas()).address
@@ -420,11 +428,12 @@ class Arm:
                     if not report[4]:
                         warn_of_distance(hypot(*goal[:3, 3]), self.chain.reach, 2)
                     return quick_solution(self.chain, goal, near, q, report)
+        deadline = Deadline(time_limit)
         if prove:
             self._require_axes(_NO_PROOF)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self.chain, near, "near")
-        problem = Problem(self.chain, asked, start)
+        problem = Problem(self.chain, asked, start, time_limit=time_limit)
         if wishes and solver is not None:
             raise InvalidProblem("prefer, cost and valid choose among all branches; they take no solver")
         if wishes:
@@ -433,7 +442,7 @@ class Arm:
             search = Atlas(threads=threads, progress=progress) if solver is None else as_solver(solver)
             solution = search.solve(problem)
             warn_if_far(solution)
-        return self._with_proofs(solution) if prove else solution
+        return self._with_proofs(solution, deadline) if prove else solution
 
     @overload
     def branches(  # type: ignore[overload-overlap]  # Wanted: of an array without a shape neither answer is promised.
@@ -457,6 +466,7 @@ class Arm:
         count: int | None = None,
         threads: int | None = None,
         prove: bool = False,
+        time_limit: float | None = None,
     ) -> Branches | BranchesBatch:
         """Find every distinct answer to a goal; where the arm has joints to spare, a well-spread sample of them.
 
@@ -474,6 +484,8 @@ class Arm:
             threads: Threads for a batch; every core unless given.
             prove: Prove that there is no other answer, and find what is lacking, by branch and bound; `complete` then
                 says whether the proof succeeded. See docs/proof.md.
+            time_limit: [s], after which no further part of the work is begun; `out_of_time` then says that answers, or
+                the proof, may be lacking.
 
         Returns:
             The answers to one goal, every one inside the limits and within the tolerances by plain FK; for a batch a
@@ -490,6 +502,7 @@ class Arm:
         plain = (
             near is None and order == "mid-range" and cost is None and valid is None and not (copies or prove)
         )
+        plain = plain and time_limit is None
         if plain and count is None and type(self.chain) is SerialChain and _is_plain(goal, (4, 4)):
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform.
             index = self._branches
@@ -499,7 +512,7 @@ class Arm:
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self.chain, near, "near")
         return branches_of(
-            Problem(self.chain, asked, start),
+            Problem(self.chain, asked, start, time_limit=time_limit),
             order=order,
             cost=cost,
             valid=valid,
@@ -516,7 +529,13 @@ class Arm:
         return self._branch_index
 
     def prove(
-        self, goal: Any, *, gap: float | None = None, budget: int = 2_000_000, threads: int | None = None
+        self,
+        goal: Any,
+        *,
+        gap: float | None = None,
+        budget: int = 2_000_000,
+        threads: int | None = None,
+        time_limit: float | None = None,
     ) -> Certificate:
         """Decide by branch and bound whether any joint values inside the limits reach a goal.
 
@@ -526,6 +545,7 @@ class Arm:
                 the upper one.
             budget: Boxes of joint values to examine; 0 gives valid, wide bounds.
             threads: Threads that share the boxes; every core unless given. The certificate has the same bits.
+            time_limit: [s], after which no further boxes are begun; the bounds hold as far as they are then.
 
         Returns:
             The verdict, a witness or the best pose found, and bounds on the error of every pose.
@@ -540,24 +560,31 @@ class Arm:
             whole("threads", threads, 1)
         from .solvers.branch_and_bound import prove
 
+        deadline = Deadline(time_limit)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
-        return prove(Problem(self.chain, asked), gap=gap, budget=budget, threads=threads)
+        problem = Problem(self.chain, asked, time_limit=time_limit)
+        return prove(problem, gap=gap, budget=budget, threads=threads, deadline=deadline)
 
     def _require_axes(self, why: str) -> None:
         """Refuse what a function has not; `why` says what would need it."""
         if isinstance(self.chain, BlackBox):
             raise InvalidProblem(f"{why}, and {self.name!r} is a function of which only values are known")
 
-    def _with_proofs(self, solution: Solution) -> Solution:
+    def _with_proofs(self, solution: Solution, deadline: Deadline) -> Solution:
         from .solvers.branch_and_bound import prove, refuse_ranges
 
         refuse_ranges(solution.problem.goal)
         missed = [
-            not one.success and prove(one.problem, answer=one).verdict is Verdict.UNREACHABLE
+            not (one.success or deadline.passed)
+            and prove(one.problem, answer=one, deadline=deadline).verdict is Verdict.UNREACHABLE
             for one in solution.each()
         ]
         shape = solution.problem.goal.shape
-        return replace(solution, proved_unreachable=np.reshape(missed, shape) if shape else bool(missed[0]))
+        proved = np.reshape(missed, shape) if shape else bool(missed[0])
+        late = solution.out_of_time
+        if deadline.passed:
+            late = late | ~(np.asarray(solution.success) | proved)
+        return replace(solution, proved_unreachable=proved, out_of_time=late if shape else bool(late))
 
     def __repr__(self) -> str:
         """Name, joints and frames; whether it carries a tool, and where joints are locked."""

@@ -32,6 +32,7 @@ class Branches:
         evaluations: FK evaluations spent, the deterministic measure of work.
         rejected: How many answers the user's `valid` refused; they are left out.
         problem: What was asked.
+        out_of_time: Did the time limit end the search, or the proof, before it was done?
     """
 
     q: Array
@@ -45,6 +46,7 @@ class Branches:
         problem: Problem
     else:
         problem: Problem = MadeWhenAsked()
+    out_of_time: bool = False
 
     def __len__(self) -> int:
         """Return the number of answers."""

@@ -35,3 +35,8 @@ class Deadline:
     def passed(self) -> bool:
         """Is the time up?"""
         return self.end < math.inf and time.monotonic() >= self.end
+
+    @property
+    def left(self) -> float | None:
+        """Seconds left, as a time limit for a part of the work: above 0 even if the time is up; None without an end."""
+        return None if self.end == math.inf else max(self.end - time.monotonic(), 1e-9)

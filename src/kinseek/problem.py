@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .deadline import Deadline
 from .errors import InvalidProblem
 from .goal import Goal
 from .kernels.arrays import ChainArrays
@@ -25,7 +26,7 @@ class Problem:
     """One inverse-kinematics question, or a batch of them that differ in their targets.
 
     Raises:
-        InvalidProblem: `near` of a wrong shape or not finite, a budget below one.
+        InvalidProblem: `near` of a wrong shape or not finite, a budget below one, a time limit that is none.
     """
 
     chain: SerialChain
@@ -34,6 +35,10 @@ class Problem:
     """Joint values to start from and to stay close to, (n,) or (..., n), [rad] or [m]."""
     budget: int | None = None
     """FK evaluations a search may spend per target; None leaves it to the search's own parameters."""
+    time_limit: float | None = None
+    """Seconds after which a search begins no further part of its work, and gives the best it has; None sets no limit.
+
+    What an arm needs once, its atlas and the compiled kernels, is made in any case."""
 
     def __post_init__(self) -> None:
         """Check the start against the arm."""
@@ -49,6 +54,7 @@ class Problem:
             object.__setattr__(self, "near", near)
         if self.budget is not None and self.budget < 1:
             raise InvalidProblem(f"budget must be at least 1 FK evaluation, got {self.budget}")
+        Deadline(self.time_limit)
 
     @cached_property
     def arrays(self) -> ChainArrays:

@@ -40,6 +40,7 @@ class Status(Enum):
     BEST_EFFORT = "Best effort: the nearest pose found; a tolerance is missed."
     REJECTED = "Rejected: answers were found, and the user's `valid` refused every one."
     PROVED_UNREACHABLE = "Proved unreachable: no joint values within the limits meet the tolerances."
+    OUT_OF_TIME = "Out of time: the nearest pose found before the time limit; a tolerance is missed."
 
     def __str__(self) -> str:
         """The sentence."""
@@ -72,6 +73,7 @@ class Solution(Generic[Flag, Number, Count, State]):
         proved_unreachable: Is it proved that no joint values inside the limits reach the goal? bool or (...) bool.
         rejected: How many answers the user's `valid` refused, int or (...); without success, every answer that was
             found.
+        out_of_time: Did the time limit end the search before it was done? bool or (...) bool.
 
     For type checkers this class is generic in the types of its flags, numbers, counts and status. An array's type need not
     tell its shape, so `Arm.ik` fills them in where the goal's type says that it is one pose or a batch: then ``success`` is
@@ -93,6 +95,7 @@ class Solution(Generic[Flag, Number, Count, State]):
         problem: Problem = MadeWhenAsked()
     proved_unreachable: Flag = _NO
     rejected: Count = _NONE
+    out_of_time: Flag = _NO
 
     def __post_init__(self) -> None:
         """Give a batch its shape in every field, those that were left at their defaults too."""
@@ -106,13 +109,19 @@ class Solution(Generic[Flag, Number, Count, State]):
         """`Status`, or an object array of them, (...)."""
         solution: Solution = self
         if isinstance(solution.success, np.ndarray):
-            names = np.array([*Status], dtype=object)  # Solved, best effort, rejected, proved unreachable.
-            missed = np.where(solution.proved_unreachable, 3, np.where(solution.rejected > 0, 2, 1))
+            names = np.array(
+                [*Status], dtype=object
+            )  # Solved, best effort, rejected, proved unreachable, late.
+            missed = np.where(solution.rejected > 0, 2, 1)
+            missed = np.where(solution.out_of_time, 4, missed)
+            missed = np.where(solution.proved_unreachable, 3, missed)
             return cast("State", names[np.where(solution.success, 0, missed)])
         if solution.success:
             return cast("State", Status.SOLVED)
         if solution.proved_unreachable:
             return cast("State", Status.PROVED_UNREACHABLE)
+        if solution.out_of_time:
+            return cast("State", Status.OUT_OF_TIME)
         return cast("State", Status.REJECTED if solution.rejected else Status.BEST_EFFORT)
 
     def __bool__(self) -> bool:

@@ -20,7 +20,6 @@ from .refine import (
     middle,
     reset_weights,
     scan,
-    solve_pose,
     take_seed,
     within,
 )
@@ -87,21 +86,32 @@ def next_target(task: Task, desk: Desk, queue: Queue, targets: Array, number: in
 
 @kernel
 def solve_many(
-    handle: Indices, wanted: Array, targets: Array, results: Array, begin: int, end: int, w: int
-) -> None:
+    handle: Indices,
+    wanted: Array,
+    targets: Array,
+    results: Array,
+    left: Indices,
+    begin: int,
+    end: int,
+    w: int,
+) -> int:
     """Answer targets begin … end-1, one in each lane, a lane that is done taking the next.
 
     A target's lane walks exactly as lane after lane does in `solve_pose`: the same bits come out. What its first eight
-    samples do not solve is left to `solve_pose`'s own way afterwards.
+    samples do not solve is left to `solve_pose`'s own way afterwards: each of these may take milliseconds.
 
     Args:
         handle: The task, see `task_of`.
         wanted: See `task_of`.
         targets: Rigid transforms, (k, 4, 4), lengths in [m].
         results: Receives what `solve_pose` returns, (k, n + 4).
+        left: Receives the numbers of the targets that are left, (end - begin,).
         begin: First target.
         end: One past the last target.
         w: LANES.
+
+    Returns:
+        How many are left.
     """
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
@@ -115,14 +125,9 @@ def solve_many(
         integer_part(at, 2 * LANES, LANES),
         integer_part(at, 3 * LANES, LANES),
     )
-    left = np.empty(end - begin, dtype=np.int64)
-    run_lanes(Job(handle, wanted, memory), task, desk, queue, targets, results, left, begin, end, w)
+    count = run_lanes(Job(handle, wanted, memory), task, desk, queue, targets, results, left, begin, end, w)
     memory[0], numbers[0] = 0.0, 0  # Their last use, see `solve_pose`.
-    count = 0
-    while count < end - begin and left[count] >= 0:
-        i = left[count]
-        results[i] = solve_pose(handle, wanted, targets[i], w)
-        count += 1
+    return count
 
 
 @hidden
@@ -137,8 +142,8 @@ def run_lanes(
     begin: int,
     end: int,
     w: int,
-) -> None:
-    """Work the queue off; numbers of the targets left over go into `left`, closed by -1 if there is room."""
+) -> int:
+    """Work the queue off; put the numbers of the targets left over into `left`, and return how many they are."""
     lanes = desk.lanes
     reset_weights(task, desk)
     leftover, number, active = 0, begin, LANES
@@ -176,8 +181,7 @@ def run_lanes(
             if not busy:
                 queue.target[l] = -2
                 active -= 1
-    if leftover < end - begin:
-        left[leftover] = -1
+    return leftover
 
 
 @hidden

@@ -5,6 +5,10 @@ nothing: the pose of a prefix q_1 … q_s is computed once for all leaves below 
 tabulated once, so that a leaf is a few products in SIMD lanes. With P the prefix's pose, the goal is
 brought into its frame, G' = P⁻¹ G, and compared with each tabulated pose of the tip seen from there.
 
+All memory is the caller's, arrays in bundles that go in and never come out: to hand a bundle back to Python, Numba calls
+its class, a signal handler may raise there, and Numba does not look. A search of many leaves is done in parts, so that
+signals are heard and time limits kept between them; the parts of a search find the same bits as one.
+
 Plain loops stand where NumPy has a shorter word (`a == b`, `.max()`, `a[i] = b[j]`): each of those costs the
 first run up to four seconds of compiling.
 """
@@ -12,6 +16,7 @@ first run up to four seconds of compiling.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +28,15 @@ from .jit import inner, kernel
 
 MOST_LANES = 8000
 """Leaves tabulated at most; ten doubles each, so the table stays in a core's second-level cache."""
+
+PART = 1 << 22
+"""Work of one part of a search, in leaves: some ten milliseconds."""
+
+_PREFIX, _TABLE = 16, 16
+"""What the pose of a prefix, and an entry of the table, cost in leaves, about."""
+
+WHOLE, EARLY, PAUSED = 0, 1, 2
+"""How a part of a search ended: everything is searched; a stop or the budget ended it; there is more to do."""
 
 
 class Window(NamedTuple):
@@ -48,7 +62,7 @@ class Beam(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Memory of one call."""
+    """Memory of one search."""
 
     lanes: Array
     """Columns x, y, z and p of the tabulated tips without z, (9, MOST_LANES)."""
@@ -62,9 +76,8 @@ class Scratch(NamedTuple):
     """(n,)"""
 
 
-@kernel
 def make_scratch(dof: int) -> Scratch:
-    """Allocate the memory that one call of `search_window` needs."""
+    """Allocate the memory that one search needs."""
     return Scratch(
         np.empty((9, MOST_LANES)),
         np.empty(MOST_LANES),
@@ -74,12 +87,14 @@ def make_scratch(dof: int) -> Scratch:
     )
 
 
-@kernel
 def make_beam(size: int, dof: int) -> Beam:
     """Allocate an empty beam."""
-    beam = Beam(np.empty(size), np.empty((size, dof), dtype=np.int64), np.empty((size, dof)))
-    clear(beam)
-    return beam
+    return Beam(np.full(size, np.inf), np.empty((size, dof), dtype=np.int64), np.empty((size, dof)))
+
+
+def make_window(dof: int, most: int) -> Window:
+    """Allocate a window of at most so many values of any joint."""
+    return Window(np.empty((dof, most)), np.empty((dof, most), dtype=np.int64), np.empty(dof, dtype=np.int64))
 
 
 @inner
@@ -240,38 +255,49 @@ def nodes_until(counts: Indices, leaf: int) -> int:
 
 
 @kernel
-def search_window(
+def search_part(
     chain: ChainArrays,
     goal: GoalArrays,
     window: Window,
     stop_below: float,
     budget: int,
+    begin: int,
+    work: int,
     beam: Beam,
     scratch: Scratch,
-) -> tuple[int, bool]:
-    """Search the whole window, last joint fastest, and keep the best leaves.
+) -> tuple[int, int, int]:
+    """Search a window from a leaf on, last joint fastest, and keep the best leaves.
 
     Args:
         chain: The arm.
         goal: What is wanted.
         window: The values of each joint.
         stop_below: Stop at the first leaf in order whose error is below this.
-        budget: Leaves that may be evaluated; the search stops short of the next.
+        budget: Leaves that may be evaluated, from the first of the window on; the search stops short of the next.
+        begin: Leaf to begin at; where it is not 0 the scratch has to be as the part before left it.
+        work: What this part may do, in leaves; it does a little more.
         beam: The best leaves so far; a leaf replaces the worst only if it is strictly better.
         scratch: Memory from `make_scratch`.
 
     Returns:
-        Leaves evaluated in order up to the stop, and whether the search ended early.
+        Leaves evaluated in order from the first of the window on, WHOLE, EARLY or PAUSED, and the work left over.
     """
     dof, path, q, poses = len(window.counts), scratch.path, scratch.q, scratch.poses
     s = split_depth(chain, window.counts)
-    lanes = tabulate(chain, window, s, scratch)
+    lanes = 1
+    for i in range(s, dof):
+        lanes *= window.counts[i]
+    if begin == 0:
+        tabulate(chain, window, s, scratch)
+        work -= _TABLE * lanes
     nodes = np.empty(dof, dtype=np.int64)
     to_beat = worst_error(beam)
-    for i in range(dof):
-        path[i] = 0
+    block = begin // lanes
+    leaves, skip, d = block * lanes, begin - block * lanes, 0
+    for i in range(s - 1, -1, -1):
+        path[i] = block % window.counts[i]
+        block //= window.counts[i]
     identity(poses[0])
-    leaves = d = 0
     while leaves < budget:
         while d < s:
             q[d] = window.values[d, path[d]]
@@ -281,22 +307,51 @@ def search_window(
         count = min(lanes, budget - leaves)
         smallest = lane_errors(poses[s], goal, scratch.lanes, count, scratch.errors)
         if smallest < to_beat or smallest < stop_below:
-            for lane in range(count):
+            for lane in range(skip, count):
                 error = scratch.errors[lane]
                 if error < to_beat:
                     choose_lane(window, s, lane, scratch, nodes)
                     to_beat = offer(beam, error, nodes, q)
+                    work -= len(beam.errors)
                 if error < stop_below:
-                    return leaves + lane + 1, True
+                    return leaves + lane + 1, EARLY, work
+                if work <= 0 and lane + 1 < count:
+                    return leaves + lane + 1, PAUSED, work
+        skip = 0
         leaves += count
+        work -= count + _PREFIX
         d = s - 1
         while d >= 0 and path[d] + 1 == window.counts[d]:
             path[d] = 0
             d -= 1
         if d < 0:
-            return leaves, count < lanes
+            return leaves, EARLY if count < lanes else WHOLE, work
         path[d] += 1
-    return leaves, True
+        if work <= 0 and leaves < budget:
+            return leaves, PAUSED, work
+    return leaves, EARLY, work
+
+
+def search_window(
+    chain: ChainArrays,
+    goal: GoalArrays,
+    window: Window,
+    stop_below: float,
+    budget: int,
+    beam: Beam,
+    scratch: Scratch,
+    out_of_time: Callable[[], bool] = lambda: False,
+    part: int = PART,
+) -> tuple[int, bool]:
+    """Search a window part after part; see `search_part`.
+
+    Returns:
+        Leaves evaluated in order up to the stop, and whether the search ended early.
+    """
+    leaves, ended = 0, PAUSED
+    while ended == PAUSED and not (leaves and out_of_time()):
+        leaves, ended, _ = search_part(chain, goal, window, stop_below, budget, leaves, part, beam, scratch)
+    return leaves, ended != WHOLE
 
 
 @inner

@@ -18,6 +18,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
@@ -163,6 +164,9 @@ class Routine:
         """Where its machine code stands, compiled by now or read from disk."""
         if WITHOUT_JIT:
             return address_of(self._function)
+        return undisturbed(self._address)
+
+    def _address(self) -> int:
         with _one_thread:
             if self._compiled is None:
                 options = {"nopython": True} | NUMERICS
@@ -174,6 +178,27 @@ class Routine:
 
 
 _one_thread = threading.Lock()
+
+
+def undisturbed(work: Callable[[], R]) -> R:
+    """Compile something, or read it from disk, where no signal handler runs: in a thread of its own.
+
+    Handlers run in the main thread, and may raise in the middle of what LLVM asks of Numba; LLVM goes on without the
+    answer, and the kernel has no machine code. So the main thread waits, hears Ctrl-C at once, and what was begun is
+    finished behind it.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return work()
+    result = Future[R]()
+
+    def run() -> None:
+        try:
+            result.set_result(work())
+        except BaseException as error:
+            result.set_exception(error)
+
+    threading.Thread(target=run, name="kinseek compiles").start()
+    return result.result()
 
 
 def routine(signature: str) -> Callable[[Callable[..., int]], Routine]:
@@ -211,7 +236,13 @@ def _compile(function: Callable[P, R], **options: Any) -> Callable[P, R]:
             with _cached():
                 keep_code(compiled, function, _CACHE)
         _ignore_literals(compiled)
+        _compile_undisturbed(compiled)
     return cast("Callable[P, R]", compiled)
+
+
+def _compile_undisturbed(compiled: Any) -> None:
+    compile_for_args = compiled._compile_for_args
+    compiled._compile_for_args = lambda *args, **kws: undisturbed(lambda: compile_for_args(*args, **kws))
 
 
 def _ignore_literals(compiled: Any) -> None:

@@ -177,6 +177,10 @@ def solve_many_near(
     dof = len(task.lower)
     memory = np.zeros(desk_size(dof, len(task.chain.leader)))
     for i in range(begin, end):
+        for k in range(len(memory)):
+            memory[k] = (
+                0.0  # Nothing of one target is left for the next: the same bits whatever else is in the batch.
+            )
         q, report = results[i, :dof], results[i, dof:]
         report[3] = walk_near(handle, wanted, memory, targets[i], near[i], q, w)
         conclude_near(handle, wanted, memory, targets[i], near[i], q, report)

@@ -7,21 +7,20 @@ sorted: see `kernels.atlas` for the idea, and `kernels.refine` for what happens 
 from __future__ import annotations
 
 import math
-import os
 import threading
 import time
 import weakref
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from kinseek.deadline import Deadline
 from kinseek.errors import MissingExtra
 from kinseek.goal import KINDS, Goal
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
@@ -37,14 +36,18 @@ from kinseek.problem import Problem
 from kinseek.ranges import free_turns
 from kinseek.robots.blackbox import BlackBox
 from kinseek.robots.chain import SerialChain
-from kinseek.solution import Solution
+from kinseek.solution import Solution, conclude
 
 from .base import Found, solve_each, whole
+from .threads import GoOn, spread
 
 SAMPLES = 16_384
 
 CHUNK = 1024
 """Targets that a thread takes at a time: some milliseconds, so that Ctrl-C is heard."""
+
+_PIECE = 16
+"""Targets with a start that are done at a stretch: some milliseconds if they are hard."""
 
 
 @dataclass(frozen=True)
@@ -78,79 +81,61 @@ class Atlas:
             from .boxed import solve_ranges
 
             return solve_ranges(self, problem)
+        deadline = Deadline(problem.time_limit)
         index = atlas_of(chain, goal, self.samples)
         wanted = wanted_of(goal, problem.budget)
         targets = goal.targets
-        near = None
-        if problem.near is not None:
-            near = np.ascontiguousarray(np.broadcast_to(problem.near, (*goal.shape, chain.dof))).reshape(
-                -1, chain.dof
-            )
-        results = np.empty((len(targets), chain.dof + 4))
-        if near is None and (problem.budget is not None or len(targets) == 1):
-            for i, target in enumerate(targets):
-                results[i] = solve_pose(index.handle, wanted, target, LANES)
+        results, done = np.empty((len(targets), chain.dof + 4)), np.zeros(len(targets), dtype=bool)
+
+        def one_by_one(some: Iterable[int], go_on: GoOn) -> None:
+            for i in some:
+                if not go_on():
+                    return
+                results[i] = solve_pose(index.handle, wanted, targets[i], LANES)
+                done[i] = True
+
+        def in_lanes(begin: int, end: int, go_on: GoOn) -> None:
+            left = np.empty(end - begin, dtype=np.int64)
+            count = solve_many(index.handle, wanted, targets, results, left, begin, end, LANES)
+            done[begin:end] = True
+            done[left[:count]] = False
+            one_by_one(left[:count], go_on)
+
+        if problem.near is None and (problem.budget is not None or len(targets) == 1):
+            one_by_one(range(len(targets)), lambda: not deadline.passed)
+        elif problem.near is None:
+            self.spread(in_lanes, len(targets), deadline)
         else:
-            self._run(index, wanted, targets, near, results)
-        return batch_solution(problem, results)
+            near = np.ascontiguousarray(np.broadcast_to(problem.near, (*goal.shape, chain.dof)))
+            near = near.reshape(-1, chain.dof)
+
+            def from_starts(begin: int, end: int, go_on: GoOn) -> None:
+                for first in range(begin, end, _PIECE):
+                    if not go_on():
+                        return
+                    last = min(first + _PIECE, end)
+                    solve_many_near(index.handle, wanted, targets, near, results, first, last, LANES)
+                    done[first:last] = True
+
+            self.spread(from_starts, len(targets), deadline)
+        return batch_solution(problem, results, done)
 
     def _ask(self, box: BlackBox, problem: Problem) -> Solution:
         from .black_box.atlas import answer
 
         with _progress_bar(self.progress, len(problem.goal.targets)) as advance:
 
-            def search(one: Problem) -> Found:
-                found = answer(box, one, self.samples)
+            def search(one: Problem, deadline: Deadline) -> Found:
+                found = answer(box, one, self.samples, deadline)
                 advance(1)
                 return found
 
             return solve_each(problem, search)
 
-    def _run(
-        self, index: AtlasIndex, wanted: Array, targets: Array, near: Array | None, results: Array
-    ) -> None:
-        def work(begin: int) -> int:
-            end = min(begin + CHUNK, len(targets))
-            if near is None:
-                solve_many(index.handle, wanted, targets, results, begin, end, LANES)
-            else:
-                solve_many_near(index.handle, wanted, targets, near, results, begin, end, LANES)
-            return end - begin
-
-        self.spread(work, len(targets))
-
-    def spread(self, work: Callable[[int], int], count: int) -> None:
-        """Do the work that begins at target 0, 1024, …; it returns how many targets it was. On all threads."""
-        chunks = range(0, count, CHUNK)
-        threads = min(self.threads or os.cpu_count() or 1, len(chunks))
+    def spread(self, work: Callable[[int, int, GoOn], None], count: int, deadline: Deadline) -> None:
+        """Do the work on all targets, on all threads, with a progress bar; see `threads.spread`."""
         with _progress_bar(self.progress, count) as advance:
-            if threads <= 1:
-                for begin in chunks:
-                    advance(work(begin))
-                return
-            left, finished = iter(chunks), SimpleQueue[int]()
-
-            def drain() -> None:
-                try:
-                    for begin in left:  # Each thread takes the next chunk that nobody has.
-                        finished.put(work(begin))
-                finally:
-                    finished.put(0)
-
-            pool = ThreadPoolExecutor(threads)
-            try:
-                drains = [pool.submit(drain) for _ in range(threads)]
-                ended = 0
-                while ended < threads:
-                    targets = finished.get()
-                    ended += targets == 0
-                    advance(targets)
-                for future in drains:
-                    future.result()
-            finally:
-                for _ in left:  # After Ctrl-C nobody takes another.
-                    pass
-                pool.shutdown(wait=True)
+            spread(work, count, CHUNK, self.threads, deadline, advance)
 
 
 class AtlasIndex:
@@ -258,8 +243,11 @@ def wanted_of(goal: Goal, budget: int | None = None) -> Array:
     )
 
 
-def batch_solution(problem: Problem, results: Array) -> Solution:
-    """Make a solution of the rows that the kernels write, (k, n + 4)."""
+def batch_solution(problem: Problem, results: Array, done: NDArray[np.bool_]) -> Solution:
+    """Make a solution of the rows that the kernels write, (k, n + 4); those not done, (k,), get where a search starts."""
+    late = ~done
+    if late.any():
+        results[late] = _starts(problem, late)
     goal, dof, shape = problem.goal, problem.chain.dof, problem.goal.shape
     position, orientation, weighted, spent = (results[:, dof + i] for i in range(4))
     success = (position <= goal.position_tolerance) & (orientation <= goal.orientation_tolerance)
@@ -278,7 +266,20 @@ def batch_solution(problem: Problem, results: Array) -> Solution:
         nodes_created=field(nothing),
         nodes_expanded=field(nothing),
         problem=problem,
+        out_of_time=field(late),
     )
+
+
+def _starts(problem: Problem, late: NDArray[np.bool_]) -> Array:
+    """Rows as the kernels write them for targets that were not begun, (k, n + 4)."""
+    goal, dof = problem.goal, problem.chain.dof
+    q = np.broadcast_to(problem.start, (*goal.shape, dof)).reshape(-1, dof)[late]
+    targets = np.asarray(goal.target).reshape(-1, *goal.target.shape[len(goal.shape) :])[late]
+    judged = conclude(
+        replace(problem, goal=goal.at(targets), near=None), q, np.zeros((len(q), 3), dtype=np.int64)
+    )
+    errors = judged.position_error, judged.orientation_error, judged.weighted_error, np.zeros(len(q))
+    return np.column_stack([q, *errors])
 
 
 def middle_samples(chain: SerialChain, division: Division, samples: int) -> tuple[Array, int]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from operator import index
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
@@ -45,12 +47,28 @@ class Found(NamedTuple):
     evaluations: int
     nodes_created: int = 0
     nodes_expanded: int = 0
+    out_of_time: bool = False
 
 
-def solve_each(problem: Problem, search: Callable[[Problem], Found]) -> Solution:
-    """Run a search on every target of a batch, one after the other, and judge the answers."""
-    found = [search(one) for one in problem.each()]
+def solve_each(
+    problem: Problem, search: Callable[[Problem, Deadline], Found], deadline: Deadline | None = None
+) -> Solution:
+    """Run a search on every target of a batch, one after the other, and judge the answers.
+
+    When the time is up the targets that are left get what their search would start from.
+    """
+    deadline = deadline or Deadline(problem.time_limit)
+    found = [
+        Found(one.start, 0, out_of_time=True) if deadline.passed else search(one, deadline)
+        for one in problem.each()
+    ]
     rows = [one.placed(f.q) for one, f in zip(problem.each(), found, strict=True)]
     q = np.array(rows).reshape(-1, problem.chain.dof)
-    work = np.array([f[1:] for f in found], dtype=np.int64).reshape(-1, 3)
-    return conclude(problem, q, work)
+    work = np.array([f[1:4] for f in found], dtype=np.int64).reshape(-1, 3)
+    return timed(conclude(problem, q, work), np.array([f.out_of_time for f in found], dtype=bool))
+
+
+def timed(solution: Solution, out_of_time: NDArray[np.bool_]) -> Solution:
+    """Say of each target of a solution whether its search was cut short, (k,)."""
+    shape = solution.problem.goal.shape
+    return replace(solution, out_of_time=out_of_time.reshape(shape) if shape else bool(out_of_time[0]))

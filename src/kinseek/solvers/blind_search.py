@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
-from kinseek.kernels.arrays import Array, ChainArrays, Flags, GoalArrays
+from kinseek.kernels.arrays import Array, ChainArrays, Flags, GoalArrays, Indices
 from kinseek.kernels.forward import forward
-from kinseek.kernels.grid import Window, make_beam, make_scratch, search_window, window_nodes
+from kinseek.kernels.grid import (
+    PART,
+    PAUSED,
+    Beam,
+    Scratch,
+    Window,
+    make_beam,
+    make_scratch,
+    make_window,
+    nodes_until,
+    search_part,
+    window_nodes,
+)
 from kinseek.kernels.jit import inner, kernel
 from kinseek.kernels.pose_error import errors, weighted_error
 from kinseek.problem import Problem
@@ -51,7 +65,7 @@ class BlindSearch:
         """Answer by the best configuration on the way from `problem.start`."""
         return solve_each(problem, self._search)
 
-    def _search(self, problem: Problem) -> Found:
+    def _search(self, problem: Problem, deadline: Deadline) -> Found:
         leaves_a_step = 3**problem.chain.dof
         require_memory(leaves_a_step // 1000, "one step of blind search tries 3^n combinations")
         most = self.most_steps
@@ -61,15 +75,50 @@ class BlindSearch:
         q = problem.start.copy()
         goal = problem.goal
         tolerances = np.array([goal.position_tolerance, goal.orientation_tolerance])
-        leaves, expanded = walk(problem.arrays, goal.arrays, problem.chain.wraps, tolerances, parameters, q)
-        return Found(q, leaves, expanded, expanded)
+        dof, best, at = len(q), np.array([self.step, np.inf]), np.zeros(4, dtype=np.int64)
+        memory = Memory(make_window(dof, 3), make_scratch(dof), make_beam(1, dof), best)
+        given = problem.arrays, goal.arrays, problem.chain.wraps, tolerances, parameters
+        done = walk(*given, PART, memory, at, q)
+        while not done and not deadline.passed:
+            done = walk(*given, PART, memory, at, q)
+        leaves, expanded = int(at[LEAVES]), int(at[EXPANDED])
+        if at[LEAF] > 0:  # The time ended in the middle of a step.
+            leaves += int(at[LEAF])
+            expanded += nodes_until(memory.window.counts, int(at[LEAF]) - 1)
+            if memory.beam.errors[0] < best[BEST]:
+                q = memory.beam.q[0].copy()
+        return Found(q, leaves, expanded, expanded, not done)
+
+
+class Memory(NamedTuple):
+    """Memory of a walk, and what it knows."""
+
+    window: Window
+    scratch: Scratch
+    beam: Beam
+    """Of one leaf."""
+    now: Array
+    """The step Δ, and the weighted error at q, (2,)."""
+
+
+STEP, BEST = range(2)
+LEAF, LEAVES, EXPANDED, STEPS = range(4)
+"""Where a walk is at: the next leaf of its step's window; and of the steps that are done, leaves, nodes and their number."""
 
 
 @kernel
 def walk(
-    chain: ChainArrays, goal: GoalArrays, wraps: Flags, tolerances: Array, parameters: Array, q: Array
-) -> tuple[int, int]:
-    """Walk q downhill in place; return leaves evaluated and nodes expanded.
+    chain: ChainArrays,
+    goal: GoalArrays,
+    wraps: Flags,
+    tolerances: Array,
+    parameters: Array,
+    work: int,
+    memory: Memory,
+    at: Indices,
+    q: Array,
+) -> bool:
+    """Walk q downhill in place; say whether the walk is done.
 
     Args:
         chain: The arm.
@@ -77,33 +126,41 @@ def walk(
         wraps: Of each joint, may it cross from one end of its range to the other?
         tolerances: Stop within these, [m] and [rad], (2,).
         parameters: First step, shrink factor, smallest step, most steps, (4,).
+        work: What this call may do, in leaves; it does a little more.
+        memory: With the first step and no error at the beginning.
+        at: Where the walk is, see `LEAF`: zeros at its beginning.
         q: Start, and then the answer, (n,).
     """
-    dof = len(q)
-    step, shrink, smallest, most = parameters[0], parameters[1], parameters[2], parameters[3]
-    window = Window(np.empty((dof, 3)), np.empty((dof, 3), dtype=np.int64), np.empty(dof, dtype=np.int64))
-    scratch, beam, T = make_scratch(dof), make_beam(1, dof), np.empty((3, 4))
+    dof, window, scratch, beam, now = len(q), memory.window, memory.scratch, memory.beam, memory.now
+    T = np.empty((3, 4))
     forward(chain, q, T)
-    best = weighted_error(T, goal)
-    leaves, expanded, steps = 1, 0, 0
-    while step >= smallest and steps < most:
-        position, orientation = errors(T, goal)
-        if position <= tolerances[0] and orientation <= tolerances[1]:
-            break
-        combinations(chain, wraps, q, step, window)
-        beam.errors[0] = best
-        more, _ = search_window(chain, goal, window, -1.0, 1 << 62, beam, scratch)
-        leaves += more
-        expanded += window_nodes(window.counts)
-        steps += 1
-        if beam.errors[0] < best * (1.0 - 1e-15):
-            best = beam.errors[0]
+    if at[LEAVES] == 0:
+        now[BEST], at[LEAVES] = weighted_error(T, goal), 1
+    while now[STEP] >= parameters[2] and at[STEPS] < parameters[3]:
+        if at[LEAF] == 0:
+            position, orientation = errors(T, goal)
+            if position <= tolerances[0] and orientation <= tolerances[1]:
+                break
+            combinations(chain, wraps, q, now[STEP], window)
+            beam.errors[0] = now[BEST]
+        leaf, ended, work = search_part(chain, goal, window, -1.0, 1 << 62, at[LEAF], work, beam, scratch)
+        at[LEAF] = leaf
+        if ended == PAUSED:
+            return False
+        at[LEAF] = 0
+        at[LEAVES] += leaf
+        at[EXPANDED] += window_nodes(window.counts)
+        at[STEPS] += 1
+        if beam.errors[0] < now[BEST] * (1.0 - 1e-15):
+            now[BEST] = beam.errors[0]
             for d in range(dof):
                 q[d] = beam.q[0, d]
             forward(chain, q, T)
         else:
-            step *= shrink
-    return leaves, expanded
+            now[STEP] *= parameters[1]
+        if work <= 0:
+            return False
+    return True
 
 
 @inner

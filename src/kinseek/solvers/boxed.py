@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kinseek.deadline import Deadline
 from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.boxed import solve_boxes
@@ -19,10 +20,11 @@ from kinseek.ranges import Ranges
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
 
-from .atlas import CHUNK, arm_length, atlas_of, batch_solution, low_discrepancy, wanted_of
+from .atlas import arm_length, atlas_of, batch_solution, low_discrepancy, wanted_of
 
 if TYPE_CHECKING:
     from .atlas import Atlas
+    from .threads import GoOn
 
 POSES = 32
 """Poses of the ranges at which seeds are looked up."""
@@ -30,39 +32,46 @@ POSES = 32
 _GROUP = 64
 """Targets whose poses are made at once."""
 
+_PIECE = 8
+"""Targets that are done at a stretch: some ten milliseconds if they are hard."""
+
 
 def solve_ranges(search: Atlas, problem: Problem) -> Solution:
     """Answer a goal with ranges, or a batch, one after the other on every thread."""
     goal, chain = problem.goal, problem.chain
+    deadline = Deadline(problem.time_limit)
     index = atlas_of(chain, goal, search.samples)
     wanted = wanted_of(goal, problem.budget)
     count = len(goal.targets)
     near = (chain.lower + chain.upper) / 2 if problem.near is None else problem.near
     nears = np.ascontiguousarray(np.broadcast_to(near, (*goal.shape, chain.dof))).reshape(-1, chain.dof)
-    results = np.empty((count, chain.dof + 4))
+    results, done = np.empty((count, chain.dof + 4)), np.zeros(count, dtype=bool)
     assert goal.ranges is not None
     asked, (spread, turns) = goal.questions, deviations(goal.ranges, goal.swing)
 
-    def work(begin: int) -> int:
-        end = min(begin + CHUNK, count)
+    def work(begin: int, end: int, go_on: GoOn) -> None:
         for first in range(begin, end, _GROUP):
             last = min(first + _GROUP, end)
             poses = seed_poses(chain, goal, spread, turns, slice(first, last))
-            solve_boxes(
-                index.handle,
-                wanted,
-                asked[first:last],
-                poses,
-                nears[first:last],
-                problem.near is not None,
-                results,
-                first,
-                LANES,
-            )
-        return end - begin
+            for piece in range(first, last, _PIECE):
+                if not go_on():
+                    return
+                until = min(piece + _PIECE, last)
+                solve_boxes(
+                    index.handle,
+                    wanted,
+                    asked[piece:until],
+                    poses[piece - first : until - first],
+                    nears[piece:until],
+                    problem.near is not None,
+                    results,
+                    piece,
+                    LANES,
+                )
+                done[piece:until] = True
 
-    search.spread(work, count)
-    return batch_solution(problem, results)
+    search.spread(work, count, deadline)
+    return batch_solution(problem, results, done)
 
 
 @lru_cache(maxsize=64)

@@ -19,6 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from kinseek.certificate import Certificate, Verdict
+from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array
@@ -52,6 +53,7 @@ def prove(
     budget: int = BUDGET,
     answer: Solution | None = None,
     threads: int | None = None,
+    deadline: Deadline | None = None,
 ) -> Certificate:
     """Prove that a goal is out of reach, or find joint values that reach it.
 
@@ -62,6 +64,7 @@ def prove(
         budget: Boxes to examine at most, over both searches, >= 0; the bounds hold whenever the search stops.
         answer: A solution of the same problem, if there is one already; else the atlas is asked.
         threads: Threads that share the boxes; every core unless given. The certificate has the same bits.
+        deadline: After which no further boxes are begun.
 
     Raises:
         InvalidProblem: A batch, an empty one included; a gap or budget out of its range.

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import itertools
-import os
 import threading
 import weakref
 from collections import OrderedDict
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches import Branches, BranchesBatch
+from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem, suggest
 from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array
@@ -28,6 +27,7 @@ from kinseek.robots.blackbox import BlackBox
 from kinseek.robots.chain import SerialChain
 
 from .atlas import KEPT, AtlasIndex, atlas_of, open_limits, wanted_of
+from .threads import GoOn, spread
 
 Cost = Callable[[Array], Any]
 """Joint values, (k, n), to numbers, (k,); the least is best."""
@@ -47,6 +47,9 @@ ORDERS: tuple[Order, ...] = get_args(Order)
 
 _CHUNK = 64
 """Targets that a thread takes at a time."""
+
+_PIECE = 4
+"""Targets that are done at a stretch: some ten milliseconds if they are hard."""
 
 _MOST_MIRRORED = 8
 """Joints up to which mirror images are looked for: there are 2ⁿ patterns of signs."""
@@ -187,6 +190,7 @@ def branches_of(
 ) -> Branches | BranchesBatch:
     """Find every branch of every target of a problem; see `Arm.branches`."""
     _check(problem, order, cost, count)
+    deadline = Deadline(problem.time_limit)
     index, goal = index_of(problem), problem.goal
     number = (count or SPREAD) if index.freedom else 0
     wanted = wanted_of(goal)
@@ -197,9 +201,11 @@ def branches_of(
     if problem.near is not None and not prove:
         near = np.broadcast_to(problem.near, (*goal.shape, problem.chain.dof)).reshape(-1, problem.chain.dof)
         views = np.stack([near, np.ones_like(near), np.broadcast_to(index.view[2], near.shape)], axis=1)
-    found = _search(index, wanted, targets, np.ascontiguousarray(views), number, threads)
+    found = _search(index, wanted, targets, np.ascontiguousarray(views), number, threads, deadline)
     each = tuple(
-        _finish(one, rows, index, order, cost, valid, copies, count, prove)
+        _none(one, index)
+        if rows is None
+        else _finish(one, rows, index, order, cost, valid, copies, count, prove, deadline)
         for one, rows in zip(problem.each(), found, strict=True)
     )
     return BranchesBatch(each, goal.shape) if goal.shape else each[0]
@@ -224,38 +230,63 @@ def _given(problem: Problem, order: str, cost: Cost | None) -> list[tuple[str, b
 
 
 def _search(
-    index: BranchIndex, wanted: Array, targets: Array, views: Array, number: int, threads: int | None
-) -> list[Array]:
-    """Rows of answers to each target, (k, 4, 4)."""
+    index: BranchIndex,
+    wanted: Array,
+    targets: Array,
+    views: Array,
+    number: int,
+    threads: int | None,
+    deadline: Deadline,
+) -> list[Array | None]:
+    """Rows of answers to each target, (k, 4, 4); None for those that the time was too short for."""
+    found: list[Array | None] = [None] * len(targets)
     if len(targets) == 1:
-        return [index.search(wanted, targets[0], views[0], number)]
+        if not deadline.passed:
+            found[0] = index.search(wanted, targets[0], views[0], number)
+        return found
     most, width = number or ROWS, views.shape[-1] + 3
 
-    def work(begin: int) -> list[Array]:
-        end = min(begin + _CHUNK, len(targets))
-        results, counts = np.empty((end - begin, most + 1, width)), np.empty(end - begin, dtype=np.int64)
-        many_branches(
-            index.coarse.handle,
-            index.fine.handle,
-            wanted,
-            index.mirrors,
-            targets,
-            views,
-            number,
-            begin,
-            end,
-            results,
-            counts,
-            LANES,
-        )
-        return [rows[:size].copy() for rows, size in zip(results, counts, strict=True)]
+    def work(begin: int, end: int, go_on: GoOn) -> None:
+        results, counts = np.empty((_PIECE, most + 1, width)), np.empty(_PIECE, dtype=np.int64)
+        for first in range(begin, end, _PIECE):
+            if not go_on():
+                return
+            last = min(first + _PIECE, end)
+            many_branches(
+                index.coarse.handle,
+                index.fine.handle,
+                wanted,
+                index.mirrors,
+                targets,
+                views,
+                number,
+                first,
+                last,
+                results,
+                counts,
+                LANES,
+            )
+            for i in range(first, last):
+                found[i] = results[i - first, : counts[i - first]].copy()
 
-    chunks = range(0, len(targets), _CHUNK)
-    workers = min(threads or os.cpu_count() or 1, len(chunks))
-    if workers <= 1:
-        return [rows for begin in chunks for rows in work(begin)]
-    with ThreadPoolExecutor(workers) as pool:
-        return [rows for some in pool.map(work, chunks) for rows in some]
+    spread(work, len(targets), _CHUNK, threads, deadline)
+    return found
+
+
+def _none(problem: Problem, index: BranchIndex) -> Branches:
+    """What is told of a target that the time was too short for."""
+    nothing = np.empty(0)
+    return Branches(
+        q=np.empty((0, problem.chain.dof)),
+        position_error=nothing,
+        orientation_error=nothing,
+        complete=False,
+        sampled=bool(index.freedom),
+        evaluations=0,
+        rejected=0,
+        problem=problem,
+        out_of_time=True,
+    )
 
 
 def _finish(
@@ -268,14 +299,16 @@ def _finish(
     copies: bool,
     count: int | None,
     prove: bool,
+    deadline: Deadline,
 ) -> Branches:
     """Prove, sort, filter and judge the answers to one target."""
-    number, dof, complete = int(rows[-1, 0]), problem.chain.dof, False
+    number, dof, complete, late = int(rows[-1, 0]), problem.chain.dof, False, False
     q, errors = rows[:number, :dof].copy(), rows[:number, dof : dof + 2]
     if prove:
         from .isolation import prove_complete
 
-        q, complete = prove_complete(problem, q)
+        q, complete = prove_complete(problem, q, deadline=deadline)
+        late = not complete and deadline.passed
         q = problem.placed(q)
     if copies:
         q = turned_copies(problem.chain, q)
@@ -299,6 +332,7 @@ def _finish(
         evaluations=int(rows[-1, 1]),
         rejected=rejected,
         problem=problem,
+        out_of_time=late,
     )
 
 

@@ -6,16 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
-from kinseek.kernels.arrays import ChainArrays, GoalArrays, Indices
-from kinseek.kernels.grid import Beam, Window, make_beam, make_scratch, nodes_until, search_window
-from kinseek.kernels.jit import kernel
+from kinseek.kernels.arrays import Indices
+from kinseek.kernels.grid import Window, equation_1, make_beam, make_scratch, nodes_until, search_window
 from kinseek.problem import Problem
 from kinseek.robots.blackbox import BlackBox
 from kinseek.solution import Solution
 
 from .base import Found, solve_each, whole
-from .nodes import Grid, joint_grid, require_memory
+from .nodes import MOST_NODES, Grid, joint_grid, require_memory, require_patience
 
 ORDERS = ("paper", "low-discrepancy", "random")
 
@@ -28,7 +28,7 @@ class BruteForce:
     improvements and leaves them out; both are here: stop at an error, and another order of the values.
 
     Raises:
-        InvalidSolver: A parameter out of its range, or a tree too large for memory.
+        InvalidSolver: A parameter out of its range, or a tree too large for memory or for `most_nodes`.
     """
 
     branching_factor: int = 60
@@ -39,11 +39,16 @@ class BruteForce:
     """Of a joint's values. ``"paper"``: from the lower limit up; ``"low-discrepancy"``: in steps of the
     golden ratio; ``"random"``: shuffled by `seed`."""
     seed: int = 0
+    """Of the random order."""
+    most_nodes: int | None = MOST_NODES
+    """Nodes of the largest tree that is searched without a time limit, about a minute of them; None sets no limit."""
 
     def __post_init__(self) -> None:
         """Check the parameters."""
         whole("branching_factor", self.branching_factor, 1)
         whole("seed", self.seed, 0)
+        if self.most_nodes is not None:
+            whole("most_nodes", self.most_nodes, 1)
         if not self.stop_below >= 0:
             raise InvalidSolver(f"stop_below must be a number >= 0, got {self.stop_below}")
         if self.order not in ORDERS:
@@ -53,38 +58,49 @@ class BruteForce:
         """Answer by the best node of the grid."""
         return solve_each(problem, self._search)
 
-    def _search(self, problem: Problem) -> Found:
+    def _search(self, problem: Problem, deadline: Deadline) -> Found:
         dof, count = problem.chain.dof, self.branching_factor
         require_memory(dof * count, "brute force keeps every node")
+        nodes = equation_1(count, dof)
+        require_patience(problem, nodes, self.most_nodes, "a smaller branching_factor")
         if count**dof > np.iinfo(np.int64).max:
             raise InvalidSolver(
                 f"{count}^{dof} leaves cannot be counted in 64 bits; choose a smaller branching_factor"
             )
         grid = joint_grid(problem.chain, count)
-        nodes = np.stack([self._order(count, joint) for joint in range(dof)])
+        order = np.stack([self._order(count, joint) for joint in range(dof)])
         if isinstance(problem.chain, BlackBox):
-            return self._ask(problem.chain, problem, grid, nodes)
-        window = Window(grid.values_of(nodes), nodes, np.full(dof, count, dtype=np.int64))
+            return self._ask(problem.chain, problem, grid, order, deadline)
+        window = Window(grid.values_of(order), order, np.full(dof, count, dtype=np.int64))
         budget = count**dof if problem.budget is None else problem.budget
-        beam, leaves = search_grid(
-            problem.arrays, problem.goal.arrays, window, float(self.stop_below), int(budget)
+        beam = make_beam(1, dof)
+        leaves, early = search_window(
+            problem.arrays,
+            problem.goal.arrays,
+            window,
+            float(self.stop_below),
+            int(budget),
+            beam,
+            make_scratch(dof),
+            lambda: deadline.passed,
         )
         expanded = nodes_until(window.counts, leaves - 1) if leaves else 0
         q = beam.q[0] if leaves else problem.start
-        return Found(q, leaves, dof * count, expanded)
+        cut = early and leaves < budget and not beam.errors[0] < self.stop_below
+        return Found(q, leaves, dof * count, expanded, cut)
 
-    def _ask(self, box: BlackBox, problem: Problem, grid: Grid, nodes: Indices) -> Found:
+    def _ask(self, box: BlackBox, problem: Problem, grid: Grid, order: Indices, deadline: Deadline) -> Found:
         from .black_box.asking import Asker
         from .black_box.grid import Cells, best_or_start, node_values, search_window
 
-        asker, cells = Asker(box, problem), Cells.empty(1, box.dof)
-        values = [node_values(grid, d, each) for d, each in enumerate(nodes)]
-        leaves = search_window(asker, values, list(nodes), cells, float(self.stop_below) or -1.0)
+        asker, cells = Asker(box, problem, deadline), Cells.empty(1, box.dof)
+        values = [node_values(grid, d, each) for d, each in enumerate(order)]
+        leaves = search_window(asker, values, list(order), cells, float(self.stop_below) or -1.0)
         expanded = (
             nodes_until(np.full(box.dof, self.branching_factor, dtype=np.int64), leaves - 1) if leaves else 0
         )
         q = best_or_start(cells.q[0] if len(cells.q) else None, box, problem.start)
-        return Found(q, asker.spent, box.dof * self.branching_factor, expanded)
+        return Found(q, asker.spent, box.dof * self.branching_factor, expanded, asker.out_of_time)
 
     def _order(self, count: int, joint: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
         if self.order == "paper":
@@ -95,14 +111,3 @@ class BruteForce:
             np.arange(count) * 0.6180339887498949
         ) % 1.0  # Weyl's sequence: every prefix is well spread.
         return np.argsort(np.argsort(golden)).astype(np.int64)
-
-
-@kernel
-def search_grid(
-    chain: ChainArrays, goal: GoalArrays, window: Window, stop_below: float, budget: int
-) -> tuple[Beam, int]:
-    """Search one window and keep the single best leaf; return it and the leaves evaluated."""
-    beam = make_beam(1, len(window.counts))
-    scratch = make_scratch(len(window.counts))
-    leaves, _ = search_window(chain, goal, window, stop_below, budget, beam, scratch)
-    return beam, leaves

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
-from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays
+from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
 from kinseek.kernels.forward import forward
 from kinseek.kernels.jit import inner, kernel
 from kinseek.kernels.pose_error import chordal_error, errors
@@ -26,6 +27,9 @@ from .base import Found, solve_each, whole
 
 SCANS, SECTIONS = 24, 30
 """Samples of a range, and golden sections after them, where a joint has no closed form."""
+
+PART = 1 << 16
+"""FK evaluations between two looks at the clock and at signals: some ten milliseconds."""
 
 
 @dataclass(frozen=True)
@@ -56,12 +60,12 @@ class CoordinateDescent:
         """Answer by the lowest point of the descent from `problem.start`."""
         return solve_each(problem, self._search)
 
-    def _search(self, problem: Problem) -> Found:
+    def _search(self, problem: Problem, deadline: Deadline) -> Found:
         goal = problem.goal
         if isinstance(problem.chain, BlackBox):
             from .black_box.coordinates import answer
 
-            return answer(problem.chain, problem, self.most_sweeps, self.pairs, self.stall)
+            return answer(problem.chain, problem, deadline, self.most_sweeps, self.pairs, self.stall)
         # Squared weights, and half of K_A², so that near the goal the sum is (K_P |Δp|)² + (K_A Δφ)².
         turn_weight = goal.orientation_weight**2 / 2
         columns = (np.arange(3) < goal.columns).astype(float)
@@ -71,8 +75,16 @@ class CoordinateDescent:
         )
         q = problem.start.copy()
         budget = np.iinfo(np.int64).max if problem.budget is None else problem.budget
-        evaluations = sweep_down(problem.arrays, squared, goal.arrays, limits, self.pairs, int(budget), q)
-        return Found(q, evaluations)
+        at = np.zeros(2, dtype=np.int64)
+        given = problem.arrays, squared, goal.arrays, limits, self.pairs, int(budget)
+        done = sweep_down(*given, PART, at, q)
+        while not done and not deadline.passed:
+            done = sweep_down(*given, PART, at, q)
+        return Found(q, int(at[SPENT]), out_of_time=not done)
+
+
+SPENT, SWEEPS = range(2)
+"""Where a descent is at: FK evaluations spent, and sweeps made."""
 
 
 @kernel
@@ -110,9 +122,11 @@ def sweep_down(
     limits: Array,
     pairs: bool,
     budget: int,
+    part: int,
+    at: Indices,
     q: Array,
-) -> int:
-    """Descend in place; return the FK evaluations spent.
+) -> bool:
+    """Descend in place; say whether the descent is done.
 
     Args:
         chain: The arm.
@@ -121,37 +135,42 @@ def sweep_down(
         limits: Position tolerance [m], orientation tolerance [rad], most sweeps, stall, (4,).
         pairs: Minimise over pairs of joints too.
         budget: FK evaluations to stay within.
+        part: FK evaluations after which this call ends, once its sweep does.
+        at: Where the descent is, see `SPENT`: zeros at its beginning.
         q: Start inside the limits, and then the answer, (n,).
     """
     dof, T, kinds = len(q), np.empty((3, 4)), joint_kinds(chain)
     error = error_at(chain, squared, q, T)
-    spent, sweeps = 1, 0
-    while sweeps < limits[2]:
+    at[SPENT] = max(at[SPENT], 1)
+    end = at[SPENT] + part
+    while at[SWEEPS] < limits[2]:
         position, orientation = errors(T, goal)
         if position <= limits[0] and orientation <= limits[1]:
             break
         before = error
         for i in range(dof):
-            if spent + (3 if kinds[i] < 2 else SCANS + 2 * SECTIONS + 1) > budget:
-                return spent
+            if at[SPENT] + (3 if kinds[i] < 2 else SCANS + 2 * SECTIONS + 1) > budget:
+                return True
             cost, error = descend_one(chain, squared, kinds, i, error, q, T)
-            spent += cost
+            at[SPENT] += cost
         if pairs:
             for i in range(dof - 1):
                 for j in range(i + 1, dof):
-                    if spent + 9 > budget:
-                        return spent
+                    if at[SPENT] + 9 > budget:
+                        return True
                     if kinds[i] < 2 and kinds[j] < 2:
                         error = descend_two(chain, squared, kinds, i, j, error, q, T)
-                        spent += 9
-        if spent >= budget:
-            return spent
+                        at[SPENT] += 9
+        if at[SPENT] >= budget:
+            return True
         error = error_at(chain, squared, q, T)
-        spent += 1
-        sweeps += 1
+        at[SPENT] += 1
+        at[SWEEPS] += 1
         if before - error <= limits[3] * before:
             break
-    return spent
+        if at[SPENT] >= end:
+            return False
+    return True
 
 
 @kernel

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.isolation import isolate_boxes
@@ -99,7 +100,9 @@ def isolate(
     )
 
 
-def prove_complete(problem: Problem, answers: ArrayLike, *, budget: int = BUDGET) -> tuple[Array, bool]:
+def prove_complete(
+    problem: Problem, answers: ArrayLike, *, budget: int = BUDGET, deadline: Deadline | None = None
+) -> tuple[Array, bool]:
     """What `Arm.branches` asks for: its answers and those it lacks, (k, n), and whether these are proved to be all.
 
     The call is ``q, complete = prove_complete(Problem(chain, goal), q)``.

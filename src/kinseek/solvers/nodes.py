@@ -10,7 +10,18 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arrays import Array, Indices
+from kinseek.problem import Problem
+from kinseek.robots.blackbox import BlackBox
 from kinseek.robots.chain import SerialChain
+
+MOST_NODES = 2 * 10**10
+"""Nodes that a search visits unless told otherwise: about a minute."""
+
+NODES_A_SECOND = 3e8
+"""What one core visits, by benchmarks/test_searches.py, to tell how long a search would take."""
+
+A_POSE, A_ROW = 300, 3000
+"""Nodes that one pose of a function counts as: a microsecond, or ten where Python runs for every row."""
 
 
 class Grid(NamedTuple):
@@ -75,3 +86,48 @@ def physical_memory() -> int:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):
         return 8 * 2**30
+
+
+def require_patience(problem: Problem, nodes: int, most_nodes: int | None, change: str) -> None:
+    """Refuse a search that would take for ever; one with a time limit ends anyway.
+
+    Args:
+        problem: One target or a batch: what is counted is the work for one.
+        nodes: That the search visits.
+        most_nodes: That it may visit; None lifts the guard.
+        change: Which parameters make it fewer.
+
+    Raises:
+        InvalidSolver: With the number of nodes, and how long they would take.
+    """
+    if most_nodes is None or problem.time_limit is not None:
+        return
+    chain = problem.chain
+    if problem.budget is not None:
+        nodes = min(nodes, problem.budget)
+    weight = 1
+    if isinstance(chain, BlackBox):
+        weight = A_POSE if chain.cheap else A_ROW
+    if nodes * weight <= most_nodes:
+        return
+    counted = f", each pose of a function counted as {weight:,}" if weight > 1 else ""
+    raise InvalidSolver(
+        f"the search would visit {_rounded(nodes)} nodes{counted}, about {_duration(nodes * weight)} a target; "
+        f"most_nodes allows {most_nodes:,}. Choose {change}, give a time_limit, or lift the guard by most_nodes=None"
+    )
+
+
+def _rounded(nodes: int) -> str:
+    return f"{nodes:,}" if nodes < 10**15 else f"{nodes:.2g}"
+
+
+def _duration(nodes: int) -> str:
+    seconds = nodes / NODES_A_SECOND
+    for name, length in (("years", 3.156e7), ("days", 86_400.0), ("hours", 3600.0), ("minutes", 60.0)):
+        if seconds >= 2 * length:
+            return (
+                f"{seconds / length:,.0f} {name}"
+                if seconds < 1e6 * length
+                else f"{seconds / length:.1e} {name}"
+            )
+    return f"{seconds:.0f} seconds"

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from kinseek.deadline import Deadline
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
 
@@ -19,7 +20,7 @@ from .divide_and_conquer import DivideAndConquer
 class Polished:
     """Start the second search where the first one ends; the better of the two answers counts.
 
-    Each may spend half of a problem's budget.
+    Each may spend half of a problem's budget; of a time limit the first takes half at most.
     """
 
     search: Solver = field(
@@ -38,12 +39,18 @@ class Polished:
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by both searches in turn."""
-        budget = problem.budget
-        first = self.search.solve(problem if budget is None else replace(problem, budget=(budget + 1) // 2))
+        budget, limit, deadline = problem.budget, problem.time_limit, Deadline(problem.time_limit)
+        first = self.search.solve(
+            replace(
+                problem,
+                budget=None if budget is None else (budget + 1) // 2,
+                time_limit=None if limit is None else limit / 2,
+            )
+        )
         if budget == 1:
             return replace(first, problem=problem)
         half = None if budget is None else budget // 2
-        last = self.finish.solve(replace(problem, near=first.q, budget=half))
+        last = self.finish.solve(replace(problem, near=first.q, budget=half, time_limit=deadline.left))
         better = first.success | (last.weighted_error > first.weighted_error) & ~np.asarray(last.success)
         pick = np.asarray(better)
         merged = {
@@ -54,6 +61,8 @@ class Polished:
             name: np.asarray(getattr(first, name) + getattr(last, name))
             for name in ("evaluations", "nodes_created", "nodes_expanded")
         }
+        cut = np.logical_or(first.out_of_time, last.out_of_time)
+        merged["out_of_time"] = np.broadcast_to(cut, pick.shape).copy()
         if not problem.goal.shape:
             merged = {name: value.item() for name, value in merged.items()}
         q = np.where(pick[..., None], first.q, last.q)

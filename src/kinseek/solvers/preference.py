@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from kinseek.branches import Branches, BranchesBatch
+from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem, suggest
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.lanes import LANES
@@ -16,6 +17,7 @@ from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
 
 from .atlas import Atlas, wanted_of
+from .base import timed
 from .branching import (
     ORDERS,
     BranchIndex,
@@ -52,16 +54,17 @@ def preferred(
     chosen = [name for name, value in given if value is not None]
     if len(chosen) > 1:
         raise InvalidProblem(f"{' and '.join(chosen)} both say what comes first; give one of them")
+    deadline = Deadline(problem.time_limit)
     order, index = prefer or ORDERS[0], index_of(problem)
     found = branches_of(problem, order=order, cost=cost, copies=cost is not None, threads=threads)
     each = found if isinstance(found, BranchesBatch) else [found]
     picks = [
-        _pick(one, branches, order, cost, valid, index)
+        _pick(one, branches, order, cost, valid, index, deadline)
         for one, branches in zip(problem.each(), each, strict=True)
     ]
     q = np.array([pick[0] for pick in picks]).reshape(-1, problem.chain.dof)
     work = np.array([[pick[1], 0, 0] for pick in picks], dtype=np.int64).reshape(-1, 3)
-    solution = conclude(problem, q, work)
+    solution = timed(conclude(problem, q, work), np.array([pick[4] for pick in picks], dtype=bool))
     shape = problem.goal.shape
     passed, refused = (np.reshape([pick[k] for pick in picks], shape) for k in (2, 3))
     if not shape:
@@ -78,23 +81,34 @@ def _pick(
     cost: Cost | None,
     valid: Valid | None,
     index: BranchIndex,
-) -> tuple[Array, int, bool, int]:
-    """Choose an answer to one target: joint values, FK evaluations, whether it passed, and how many were refused."""
+    deadline: Deadline,
+) -> tuple[Array, int, bool, int, bool]:
+    """Choose an answer to one target.
+
+    Returns:
+        Joint values, FK evaluations, whether it passed, how many were refused, and whether the time was too short.
+    """
     candidates, spent, refused = branches.q, branches.evaluations, 0
     if not len(candidates):
-        last = Atlas().solve(problem)
+        last = Atlas().solve(replace(problem, time_limit=deadline.left))
         spent += last.evaluations
         if not last.success:
-            return last.q, spent, True, 0  # Missed: the errors say so, and nobody was asked.
+            return (
+                last.q,
+                spent,
+                True,
+                0,
+                last.out_of_time,
+            )  # Missed: the errors say so, and nobody was asked.
         candidates = last.q[None]
     if valid is not None:
         while refused < len(candidates) and not is_valid(valid, candidates[refused]):
             refused += 1
         if refused == len(candidates):
-            return candidates[0], spent, False, refused
+            return candidates[0], spent, False, refused, branches.out_of_time
     best = candidates[refused]
     if not index.freedom:
-        return best, spent, True, refused
+        return best, spent, True, refused, branches.out_of_time
 
     def measure(q: Array) -> Array:
         return scores(problem, q, order, cost)
@@ -102,14 +116,19 @@ def _pick(
     starts = [best] if valid is not None else list(candidates[:_SLIDERS])
     ends = []
     for start in starts:
-        end, value, more, no = _slide(problem, index, start, measure, valid)
+        end, value, more, no = _slide(problem, index, start, measure, valid, deadline)
         spent, refused = spent + more, refused + no
         ends.append((value, end))
-    return min(ends, key=lambda pair: pair[0])[1], spent, True, refused
+    return min(ends, key=lambda pair: pair[0])[1], spent, True, refused, deadline.passed
 
 
 def _slide(
-    problem: Problem, index: BranchIndex, q: Array, measure: Callable[[Array], Array], valid: Valid | None
+    problem: Problem,
+    index: BranchIndex,
+    q: Array,
+    measure: Callable[[Array], Array],
+    valid: Valid | None,
+    deadline: Deadline,
 ) -> tuple[Array, float, int, int]:
     """Go downhill along the self-motion; return where that ends, its cost, FK evaluations and answers refused.
 
@@ -121,6 +140,8 @@ def _slide(
     value, step, spent, refused = float(measure(q[None])[0]), _FIRST, 0, 0
     lower, upper = problem.limits
     for _ in range(_SLIDES):
+        if deadline.passed:
+            break
         accepted = False
         ways = _ways_down(problem, index, q, measure)
         while ways and not accepted and step > _LAST:

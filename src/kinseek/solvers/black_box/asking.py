@@ -1,10 +1,11 @@
-"""A function, a goal and a budget: what of its poses matters, and how many were asked for."""
+"""A function, a goal, a budget and a deadline: what of its poses matters, and how many were asked for."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.deadline import Deadline
 from kinseek.errors import InvalidGoal
 from kinseek.problem import Problem
 from kinseek.robots.blackbox import BlackBox
@@ -24,8 +25,10 @@ class Asker:
     from the target's are smooth everywhere, and along one joint of a serial arm sinusoids or straight lines.
     """
 
-    def __init__(self, box: BlackBox, problem: Problem) -> None:
+    def __init__(self, box: BlackBox, problem: Problem, deadline: Deadline) -> None:
         """Take one target; one pose of the budget is kept for judging the answer.
+
+        When the time is up nothing is left of the budget.
 
         Raises:
             InvalidGoal: A kind of goal that is not known here.
@@ -40,13 +43,21 @@ class Asker:
         self.columns = COLUMNS[goal.kind]
         self.tip = goal.tip
         self.target = features(np.asarray(goal.targets[:1]), None, self.columns)[0]
-        self.left = (NO_BUDGET if problem.budget is None else problem.budget) - 1
+        self.deadline, self.out_of_time = deadline, False
+        self._left = (NO_BUDGET if problem.budget is None else problem.budget) - 1
         self.spent = 1
+
+    @property
+    def left(self) -> int:
+        """Poses that may still be asked for."""
+        if self._left > 0 and self.deadline.passed:
+            self._left, self.out_of_time = 0, True
+        return self._left
 
     def ask(self, q: Array) -> Array:
         """Features less the target's at joint values inside the limits, (k, n) -> (k, m); NaN where nothing closes."""
         self.spent += len(q)
-        self.left -= len(q)
+        self._left -= len(q)
         return np.asarray(features(self.box.poses(q), self.tip, self.columns) - self.target)
 
     def errors(self, away: Array) -> tuple[Array, Array]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.deadline import Deadline
 from kinseek.problem import Problem, endless
 from kinseek.robots.blackbox import BlackBox
 from kinseek.solvers.base import Found
@@ -30,31 +31,31 @@ PROMISING = 1e-2
 NEAR = 32
 
 
-def answer(box: BlackBox, problem: Problem, count: int) -> Found:
+def answer(box: BlackBox, problem: Problem, count: int, deadline: Deadline) -> Found:
     """Answer one target."""
     samples = samples_of(box, count)
-    asker = Asker(box, problem)
+    asker = Asker(box, problem, deadline)
     seeds = samples.nearest(problem.goal, asker.target, SEEDS + MORE)
     if problem.near is not None:
         q = nearest_to(asker, samples, problem, seeds)
         if q is not None:
-            return Found(q, asker.spent)
+            return Found(q, asker.spent, out_of_time=asker.out_of_time)
     best = Best(asker, samples, samples.q[seeds[0]])
     first = SEEDS if box.cheap else SEEDS // 2
     for begin, end, steps in ((0, first, FIRST_STEPS), (first, SEEDS + MORE, MORE_STEPS)):
         if best.take(walk(asker, samples.length, samples.q[seeds[begin:end]], steps)):
-            return Found(best.answer(), asker.spent)
+            return Found(best.answer(), asker.spent, out_of_time=asker.out_of_time)
     starts = spread(box, RESTARTS * ROUNDS)
     for round_number in range(ROUNDS):
         rows = starts[round_number::ROUNDS].copy()
         around = into_range(box, best.q[np.arange(RESTARTS // 2) % len(best.q)] + kicks(box, round_number))
         rows[: RESTARTS // 2] = around
         if best.take(walk(asker, samples.length, rows, MORE_STEPS)):
-            return Found(best.answer(), asker.spent)
+            return Found(best.answer(), asker.spent, out_of_time=asker.out_of_time)
         if best.hopeless():
             break
     best.polish()
-    return Found(best.answer(), asker.spent)
+    return Found(best.answer(), asker.spent, out_of_time=asker.out_of_time)
 
 
 def kicks(box: BlackBox, round_number: int) -> Array:

@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.sinusoid import minimise_pair, minimiser
 from kinseek.problem import Problem
@@ -33,13 +34,15 @@ FITS = 1e-8
 _forms: weakref.WeakKeyDictionary[BlackBox, Flags] = weakref.WeakKeyDictionary()
 
 
-def answer(box: BlackBox, problem: Problem, most_sweeps: int, pairs: bool, stall: float) -> Found:
+def answer(
+    box: BlackBox, problem: Problem, deadline: Deadline, most_sweeps: int, pairs: bool, stall: float
+) -> Found:
     """Descend from `problem.start`.
 
     Raises:
         InvalidSolver: Along some joint the error is neither a sinusoid nor a parabola; it names the joint.
     """
-    asker = Asker(box, problem)
+    asker = Asker(box, problem, deadline)
     if box not in _forms:
         _forms[box] = turning(box)
     form = _forms[box]
@@ -55,7 +58,7 @@ def answer(box: BlackBox, problem: Problem, most_sweeps: int, pairs: bool, stall
 
     q = problem.start.copy()
     if asker.left < 1:
-        return Found(q, asker.spent)
+        return Found(q, asker.spent, out_of_time=asker.out_of_time)
     away = asker.ask(q[None])
     error = float(((away**2) @ weights)[0])
     plan: list[tuple[int, ...]] = [(i,) for i in range(box.dof)]
@@ -67,7 +70,7 @@ def answer(box: BlackBox, problem: Problem, most_sweeps: int, pairs: bool, stall
         before = error
         for joints in plan:
             if 3 ** len(joints) + 1 > asker.left:
-                return Found(q, asker.spent)
+                return Found(q, asker.spent, out_of_time=asker.out_of_time)
             trial = (
                 line(box, form, joints[0], q, errors_at)
                 if len(joints) == 1
@@ -81,7 +84,7 @@ def answer(box: BlackBox, problem: Problem, most_sweeps: int, pairs: bool, stall
         away = asker.ask(q[None])
         if before - error <= stall * before:
             break
-    return Found(q, asker.spent)
+    return Found(q, asker.spent, out_of_time=asker.out_of_time)
 
 
 def line(box: BlackBox, form: Flags, i: int, q: Array, errors_at: Errors) -> Array:

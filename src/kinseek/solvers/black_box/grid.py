@@ -20,8 +20,8 @@ from .asking import Asker
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_CHUNK = 8192
-"""Leaves asked for at once."""
+_CHUNK, _DEAR_CHUNK = 8192, 256
+"""Leaves asked for at once; fewer where Python runs for every row, so that a time limit is seen."""
 
 
 @dataclass
@@ -69,10 +69,11 @@ def search_window(
     """
     counts = tuple(len(each) for each in values)
     total, asked = math.prod(counts), 0
-    chunk = _CHUNK if stop_below < 0 else 64
-    while asked < total and asker.left > 0:
-        flat = np.arange(asked, asked + min(chunk, total - asked, asker.left))
-        chunk = min(2 * chunk, _CHUNK)
+    most = _CHUNK if asker.box.cheap else _DEAR_CHUNK
+    chunk = most if stop_below < 0 else 64
+    while asked < total and (left := asker.left) > 0:
+        flat = np.arange(asked, asked + min(chunk, total - asked, left))
+        chunk = min(2 * chunk, most)
         place = np.unravel_index(flat, counts)
         q = np.stack([each[i] for each, i in zip(values, place, strict=True)], axis=1)
         named = np.stack([each[i] for each, i in zip(nodes, place, strict=True)], axis=1)

@@ -153,7 +153,8 @@ def _other_side(asker: Asker, q: Array, step: Array, got: Array) -> Array:
     behind = q - step
     again = np.isnan(got[:, 1:, 0]) & ~np.isnan(got[:, :1, 0]) & (behind >= box.lower) & (behind <= box.upper)
     lane, joint = np.nonzero(again)
-    lane, joint = lane[: max(asker.left, 0)], joint[: max(asker.left, 0)]
+    left = max(asker.left, 0)
+    lane, joint = lane[:left], joint[:left]
     if len(lane):
         rows = q[lane].copy()
         rows[np.arange(len(lane)), joint] = behind[lane, joint]

@@ -1,0 +1,74 @@
+"""Share the targets of a batch out to threads; after Ctrl-C, or when the time is up, nobody begins another piece."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from queue import SimpleQueue
+
+from kinseek.deadline import Deadline
+
+GoOn = Callable[[], bool]
+"""May another piece of work be begun?"""
+
+
+def spread(
+    work: Callable[[int, int, GoOn], None],
+    count: int,
+    chunk: int,
+    threads: int | None,
+    deadline: Deadline,
+    advance: Callable[[int], object] = lambda targets: None,
+) -> None:
+    """Do some work for every target, in chunks that threads take one after the other.
+
+    Args:
+        work: Takes the first target, one past the last, and what it has to ask between pieces of some ten milliseconds:
+            so long takes Ctrl-C, which only the thread that waits can hear.
+        count: Number of targets.
+        chunk: Targets that a thread takes at a time.
+        threads: None takes every core.
+        deadline: After it no further piece is begun.
+        advance: Told how many more targets are done.
+    """
+    chunks = range(0, count, chunk)
+    workers = min(threads or os.cpu_count() or 1, len(chunks))
+    if workers <= 1:
+        for begin in chunks:
+            if deadline.passed:
+                return
+            end = min(begin + chunk, count)
+            work(begin, end, lambda: not deadline.passed)
+            advance(end - begin)
+        return
+    left, finished, stopped = iter(chunks), SimpleQueue[int](), threading.Event()
+
+    def go_on() -> bool:
+        return not (stopped.is_set() or deadline.passed)
+
+    def drain() -> None:
+        try:
+            for begin in left:  # Each thread takes the next chunk that nobody has.
+                if not go_on():
+                    return
+                end = min(begin + chunk, count)
+                work(begin, end, go_on)
+                finished.put(end - begin)
+        finally:
+            finished.put(0)
+
+    pool = ThreadPoolExecutor(workers)
+    try:
+        drains = [pool.submit(drain) for _ in range(workers)]
+        ended = 0
+        while ended < workers:
+            targets = finished.get()
+            ended += targets == 0
+            advance(targets)
+        for future in drains:
+            future.result()
+    finally:
+        stopped.set()
+        pool.shutdown(wait=True)

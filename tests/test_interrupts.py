@@ -1,0 +1,133 @@
+"""Ctrl-C: heard within half a second at any moment, never a crash, and the arm works on."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib import import_module
+from pkgutil import walk_packages
+from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
+
+import numpy as np
+import pytest
+from numba.core.dispatcher import Dispatcher
+from numba.core.types import Array as ArrayType
+from numba.core.types import BaseTuple
+
+import kinseek
+from fuzz.interrupts import CALLS, outside
+from kinseek.kernels.arrays import Array
+
+MOMENTS = 4
+"""Of each call; `python -m tests.fuzz.interrupts` tries more."""
+
+
+def kernels() -> Iterator[tuple[str, Any]]:
+    """Every kernel that Python can call."""
+    for module in walk_packages(kinseek.__path__, "kinseek."):
+        if module.name.endswith("__main__"):
+            continue
+        for name, value in vars(import_module(module.name)).items():
+            ours = isinstance(value, Dispatcher) and value.__module__ == module.name
+            if ours and not value.targetoptions.get("no_cpython_wrapper"):
+                yield f"{module.name}.{name}", value
+
+
+def hands_back_a_bundle(annotation: Any, inside: bool = False) -> bool:
+    """Is it a NamedTuple, or a tuple with an array in it?"""
+    if isinstance(annotation, type) and issubclass(annotation, tuple) and hasattr(annotation, "_fields"):
+        return True
+    if get_origin(annotation) is tuple:
+        return any(hands_back_a_bundle(part, inside=True) for part in get_args(annotation))
+    return inside and (get_origin(annotation) is np.ndarray or annotation is np.ndarray)
+
+
+class Bundle(NamedTuple):
+    """To see whether one is seen."""
+
+    one: float
+
+
+@pytest.mark.parametrize(
+    ("annotation", "bundle"),
+    [
+        (Bundle, True),
+        (tuple[int, Array], True),
+        (tuple[Bundle, int], True),
+        (tuple[int, float], False),
+        (Array, False),
+    ],
+)
+def test_bundles_are_seen(annotation: Any, bundle: bool) -> None:
+    assert hands_back_a_bundle(annotation) == bundle
+
+
+def test_no_kernel_hands_a_bundle_back_to_python() -> None:
+    """To make one, Numba calls its class: a signal handler that raises there kills the process."""
+    seen = dict(kernels())
+    assert len(seen) > 30
+    bundles = [
+        name for name, kernel in seen.items() if hands_back_a_bundle(get_type_hints(kernel.py_func)["return"])
+    ]
+    assert bundles == []
+
+
+def test_nor_does_what_is_compiled() -> None:
+    """What is annotated is what is handed back."""
+    arm = kinseek.load("planar2")
+    T = arm.fk(arm.lower)
+    for solver in kinseek.ALL_SOLVERS:
+        arm.ik(T, solver=kinseek.BruteForce(4) if solver is kinseek.BruteForce else solver())
+    for name, kernel in kernels():
+        for signature in kernel.nopython_signatures:
+            handed: Any = signature.return_type
+            if issubclass(type(handed), BaseTuple):
+                assert not hasattr(handed, "fields"), name
+                assert not any(isinstance(part, ArrayType | BaseTuple) for part in handed), name
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_ctrl_c_is_heard_and_the_arm_works_on(name: str) -> None:
+    report = outside([name], MOMENTS, seed=1)[name]
+    assert report["wrong"] == []
+    assert report["heard"] == MOMENTS
+
+
+LOADING = """
+import os, signal
+from numba.core import codegen
+given, seen = codegen.CPUCodeLibrary.__dict__["_object_getbuffer_hook"].__func__, []
+def hook(cls, module):
+    seen.append(module)
+    if len(seen) == {moment}:
+        os.kill(os.getpid(), signal.SIGINT)
+    return given(cls, module)
+codegen.CPUCodeLibrary._object_getbuffer_hook = classmethod(hook)
+import numpy as np
+import kinseek
+arm = kinseek.load("planar2")
+T = np.diag([1.0, -1.0, -1.0, 1.0])
+T[0, 3] = 1.0
+try:
+    arm.ik(T)
+    print("not heard", len(seen))
+except KeyboardInterrupt:
+    print("heard", end=" ")
+print(arm.ik(T).q.tobytes().hex())
+"""
+"""SIGINT at the very moment in which LLVM asks Numba for a kernel's machine code."""
+
+
+def test_ctrl_c_while_a_kernel_is_read_from_disk() -> None:
+    def run(moment: int) -> str:
+        code = LOADING.format(moment=moment)
+        ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        assert ended.returncode == 0, ended.stderr
+        return ended.stdout
+
+    loads = int(run(0).split()[2])
+    never = run(0).split()[-1]
+    assert loads > 1
+    for moment in (1, loads):
+        assert run(moment).split()[-2:] == ["heard", never]

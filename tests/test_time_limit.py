@@ -1,0 +1,304 @@
+"""Time limits, searches in parts, and the refusal of those that would take for ever."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kinseek
+from kinseek import ALL_SOLVERS, BruteForce, DivideAndConquer, Goal, Problem, Solver, Status
+from kinseek.errors import InvalidProblem, InvalidSolver
+from kinseek.kernels import grid
+from kinseek.solvers import blind_search, brute_force, coordinate_descent, divide_and_conquer
+from reference import errors, fk
+
+SHORT = 1e-9
+"""[s] Over before anything begins."""
+
+
+def make(cls: type[Solver]) -> Solver:
+    return BruteForce(4) if cls is BruteForce else cls()
+
+
+def poses(arm: kinseek.Arm, count: int) -> np.ndarray:
+    return arm.fk(np.random.default_rng(2).uniform(arm.lower, arm.upper, (count, arm.dof)))
+
+
+def judged(arm: kinseek.Arm, solution: kinseek.Solution) -> None:
+    """Inside the limits, with the errors of plain FK."""
+    assert ((solution.q >= arm.lower) & (solution.q <= arm.upper)).all()
+    for one in solution.each():
+        position, orientation = errors(fk(arm.chain, one.q), one.problem.goal)
+        assert one.position_error == pytest.approx(position, rel=1e-9, abs=1e-12)
+        assert one.orientation_error == pytest.approx(orientation, rel=1e-7, abs=1e-8)
+
+
+@pytest.mark.parametrize("cls", ALL_SOLVERS)
+@pytest.mark.parametrize("shape", [(), (3,), (2, 2), (0,)])
+def test_no_time_gives_the_start_and_says_so(cls: type[Solver], shape: tuple[int, ...]) -> None:
+    arm = kinseek.load("scara4")
+    T = poses(arm, 5)[: int(np.prod(shape))].reshape(*shape, 4, 4) if shape else poses(arm, 1)[0]
+    near = arm.lower + 0.3 * (arm.upper - arm.lower)
+    for start in (None, near):
+        solution = make(cls).solve(Problem(arm.chain, Goal.pose(T), start, time_limit=SHORT))
+        expected = (arm.lower + arm.upper) / 2 if start is None else near
+        np.testing.assert_array_equal(solution.q, np.broadcast_to(expected, (*shape, 4)))
+        assert np.all(solution.out_of_time)
+        assert np.all(np.asarray(solution.status) == Status.OUT_OF_TIME)
+        assert np.all(solution.evaluations == 0)
+        judged(arm, solution)
+
+
+@pytest.mark.parametrize("cls", ALL_SOLVERS)
+def test_time_enough_changes_nothing(cls: type[Solver]) -> None:
+    arm = kinseek.load("scara4")
+    T = poses(arm, 3)
+    plain, limited = arm.ik(T, solver=make(cls)), arm.ik(T, solver=make(cls), time_limit=1e6)
+    np.testing.assert_array_equal(plain.q, limited.q)
+    np.testing.assert_array_equal(plain.evaluations, limited.evaluations)
+    assert not np.any(limited.out_of_time)
+    assert list(plain.status) == list(limited.status)
+
+
+@pytest.mark.parametrize(
+    ("name", "solver"),
+    [
+        ("panda", BruteForce()),
+        ("scara4", BruteForce(5000)),
+        ("ur5e", DivideAndConquer(breadth=100)),
+        ("ur5e", DivideAndConquer(breadth=2, beam=10**5, branching_factor=10**12)),
+        ("ur5e", DivideAndConquer(breadth="tuned", node_budget=10**9)),
+        ("panda", kinseek.Polished(BruteForce())),
+        ("panda", kinseek.Polished(kinseek.Atlas(), BruteForce())),
+    ],
+)
+def test_a_search_without_end_ends(name: str, solver: Solver) -> None:
+    """It gives the best so far within the limits; processor time, for other work on the machine is not its fault."""
+    arm = kinseek.load(name)
+    T = poses(arm, 2)[1]
+    T[:3, 3] *= 4.0  # Out of reach: nothing is ever good enough.
+    for first in (kinseek.Atlas(), BruteForce(3), kinseek.CoordinateDescent(), DivideAndConquer(divisions=2)):
+        arm.ik(T, solver=first)  # What is needed once is made in any case.
+    began = time.process_time()
+    solution = arm.ik(T, solver=solver, time_limit=0.3)
+    assert time.process_time() - began < 1.0
+    assert solution.status is Status.OUT_OF_TIME
+    assert not solution.success
+    judged(arm, solution)
+    middle = Problem(arm.chain, Goal.pose(T), time_limit=SHORT)
+    assert solution.weighted_error <= make(BruteForce).solve(middle).weighted_error
+
+
+def test_success_wins_over_a_time_limit() -> None:
+    arm = kinseek.load("planar2")
+    q = np.array([np.pi / 2, np.pi])  # A node of the grid, and the first pass hits it.
+    solution = DivideAndConquer(divisions=4).solve(Problem(arm.chain, Goal.pose(arm.fk(q))))
+    assert solution.success
+    late = replace(solution, out_of_time=True)
+    assert late.status is Status.SOLVED
+    assert replace(late, success=False).status is Status.OUT_OF_TIME
+    assert str(Status.OUT_OF_TIME).startswith("Out of time:")
+
+
+@pytest.mark.parametrize("options", [{}, {"near": np.zeros(7)}, {"threads": 1}])
+def test_a_batch_keeps_what_is_done(options: dict[str, Any]) -> None:
+    arm = kinseek.load("panda")
+    T = poses(arm, 6000)
+    T[:, :3, 3] *= 3.0  # Out of reach: milliseconds each.
+    whole = arm.ik(T[:50], **options)
+    began = time.process_time()
+    solution = arm.ik(T, time_limit=0.2, **options)
+    assert time.process_time() - began < 1.5
+    late = solution.out_of_time
+    assert late.any()
+    assert not late.all()
+    middle = options.get("near", (arm.lower + arm.upper) / 2)
+    np.testing.assert_array_equal(
+        solution.q[late], np.broadcast_to(np.clip(middle, arm.lower, arm.upper), (late.sum(), 7))
+    )
+    done = np.flatnonzero(~late[:50])
+    np.testing.assert_array_equal(solution.q[done], whole.q[done])
+    assert (solution.evaluations[~late] > 0).all()
+    assert {one.status for one in list(solution.each())[-20:]} <= {Status.OUT_OF_TIME, Status.BEST_EFFORT}
+
+
+def test_ranges_and_preferences_keep_the_time() -> None:
+    arm = kinseek.load("panda")
+    T = poses(arm, 400)
+    boxes = arm.ik(Goal.pose(T, free="rz"), time_limit=SHORT)
+    assert boxes.out_of_time.all()
+    np.testing.assert_array_equal(boxes.q, np.broadcast_to((arm.lower + arm.upper) / 2, (400, 7)))
+    arm.ik(T[:2], prefer="dexterity")
+    began = time.process_time()
+    preferred = arm.ik(T, prefer="dexterity", time_limit=0.3)
+    assert time.process_time() - began < 2.0
+    assert preferred.out_of_time.any()
+    judged(arm, preferred)
+
+
+def test_branches_keep_the_time() -> None:
+    arm = kinseek.load("panda")
+    T = poses(arm, 3000)
+    everything: Any = arm.branches(T[:3])
+    began = time.process_time()
+    batch: Any = arm.branches(T, time_limit=0.2)
+    assert time.process_time() - began < 1.5
+    assert batch[-1].out_of_time
+    assert len(batch[-1]) == 0
+    for some, full in zip(batch[:3], everything, strict=True):
+        assert some.out_of_time or np.array_equal(some.q, full.q)
+    nothing: Any = arm.branches(T[0], time_limit=SHORT)
+    assert nothing.out_of_time
+    plenty: Any = arm.branches(T[0], time_limit=1e6)
+    assert not plenty.out_of_time
+    np.testing.assert_array_equal(plenty.q, everything[0].q)
+
+
+def test_proofs_take_the_time_limit() -> None:
+    arm = kinseek.load("planar2")
+    T = arm.fk(np.array([0.3, 0.4]))
+    assert arm.prove(T, time_limit=1e6).verdict.name == "REACHABLE"
+    with pytest.raises(InvalidProblem, match="time_limit"):
+        arm.prove(T, time_limit=0.0)
+
+
+@pytest.mark.parametrize("limit", [0.0, -1.0, float("nan"), "3", True])
+def test_what_is_no_time_is_refused(limit: Any) -> None:
+    arm = kinseek.load("planar2")
+    for call in (arm.ik, arm.branches, arm.prove):
+        with pytest.raises(InvalidProblem, match="time_limit must be a number of seconds above 0"):
+            call(arm.fk(arm.lower), time_limit=limit)
+
+
+def slow_function(arm: kinseek.Arm, seconds: float) -> kinseek.Arm:
+    def fk_of_one(q: np.ndarray) -> np.ndarray:
+        time.sleep(seconds)
+        return np.asarray(arm.fk(q))
+
+    return kinseek.Arm.from_fk(fk_of_one, arm.lower, arm.upper, vectorized=False, kinds="revolute")
+
+
+@pytest.mark.parametrize(
+    "solver",
+    [kinseek.Atlas(8), BruteForce(60), DivideAndConquer(beam=9), kinseek.CoordinateDescent(10**6, stall=0.0)],
+)
+def test_a_slow_function_is_not_asked_for_ever(solver: Solver) -> None:
+    arm = kinseek.load("planar2")
+    box = slow_function(arm, 0.0002)
+    T = arm.fk(np.array([0.3, 0.4]))
+    T[:3, 3] *= 5.0
+    box.ik(T, solver=solver, time_limit=SHORT)  # The samples are made in any case.
+    began = time.perf_counter()
+    solution = box.ik(T[None].repeat(50, axis=0), solver=solver, time_limit=0.25)
+    assert time.perf_counter() - began < 1.3
+    assert solution.out_of_time.any()
+    np.testing.assert_array_equal(solution.q[-1], (arm.lower + arm.upper) / 2)
+
+
+@pytest.mark.parametrize(
+    ("name", "solver", "count"),
+    [
+        ("panda", BruteForce(), "2,846,806,779,660 nodes"),
+        ("panda", BruteForce(7200), "nodes"),
+        ("ur5e", DivideAndConquer(breadth=100), "nodes"),
+        ("ur5e", DivideAndConquer(breadth=4, beam=10**6), "nodes"),
+        ("planar2", BruteForce(10, most_nodes=109), "110 nodes"),
+        ("planar2", DivideAndConquer(divisions=3, branching_factor=9, most_nodes=20), "24 nodes"),
+    ],
+)
+def test_a_search_for_ever_is_refused(name: str, solver: Solver, count: str) -> None:
+    arm = kinseek.load(name)
+    began = time.perf_counter()
+    with pytest.raises(InvalidSolver, match="most_nodes allows") as refused:
+        arm.ik(poses(arm, 1)[0], solver=solver)
+    assert time.perf_counter() - began < 1.0
+    said = str(refused.value)
+    assert count in said
+    assert "most_nodes=None" in said
+    assert "time_limit" in said
+
+
+def test_what_is_counted_is_what_is_visited() -> None:
+    arm = kinseek.load("planar2")
+    T = poses(arm, 1)[0]
+    for solver, nodes in ((BruteForce(10), 110), (DivideAndConquer(divisions=3, branching_factor=9), 24)):
+        kind: Any = type(solver)
+        assert arm.ik(T, solver=solver).nodes_expanded == nodes
+        enough = replace(solver, most_nodes=nodes)
+        assert arm.ik(T, solver=enough).nodes_expanded == nodes
+        with pytest.raises(InvalidSolver):
+            kind(most_nodes=0)
+
+
+def test_a_budget_and_none_lift_the_guard() -> None:
+    arm = kinseek.load("panda")
+    goal = Goal.pose(poses(arm, 1)[0])
+    assert BruteForce().solve(Problem(arm.chain, goal, budget=1000)).evaluations == 1000
+    assert BruteForce(most_nodes=None).solve(Problem(arm.chain, goal, budget=1000)).evaluations == 1000
+    few = BruteForce(2, most_nodes=None)
+    assert arm.ik(goal, solver=few).evaluations == 2**7
+
+
+def test_a_function_counts_for_more() -> None:
+    arm = kinseek.load("scara4")
+    solver = BruteForce(100)
+    assert solver.most_nodes is not None
+    assert solver.most_nodes > 100**4
+    box = kinseek.Arm.from_fk(arm.fk, arm.lower, arm.upper)
+    with pytest.raises(InvalidSolver, match="each pose of a function"):
+        box.ik(poses(arm, 1)[0], solver=solver)
+
+
+@pytest.mark.parametrize("part", [1, 37, 5000])
+@pytest.mark.parametrize("name", ["planar2", "scara4", "irb5400"])
+def test_parts_find_the_same_bits_as_one(part: int, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the parts are: leaves, counts, beams, walks and descents."""
+    arm = kinseek.load(name)
+    T = poses(arm, 2)
+    solvers: list[tuple[Any, str, Solver]] = [
+        (grid, "PART", BruteForce({"planar2": 60, "scara4": 9, "irb5400": 3}[name])),
+        (grid, "PART", BruteForce({"planar2": 60, "scara4": 9, "irb5400": 3}[name], stop_below=0.6)),
+        (divide_and_conquer, "PART", DivideAndConquer(branching_factor=500)),
+        (divide_and_conquer, "PART", DivideAndConquer(branching_factor=500, beam=5, children=2, divisions=2)),
+        (divide_and_conquer, "PART", DivideAndConquer(branching_factor=500, beam=4, divisions=2)),
+        (blind_search, "PART", kinseek.BlindSearch(most_steps=8)),
+        (coordinate_descent, "PART", kinseek.CoordinateDescent(most_sweeps=40, stall=0.0)),
+    ]
+    start = arm.lower + 0.4 * (arm.upper - arm.lower)
+    for module, constant, solver in solvers:
+        for budget in (None, 333):
+            problem = Problem(arm.chain, Goal.pose(T), start, budget)
+            whole = solver.solve(problem)
+            with monkeypatch.context() as patch:
+                patch.setattr(module, constant, part)
+                if module is grid:
+                    patch.setattr(brute_force, "search_window", in_parts(part))
+                some = solver.solve(problem)
+            for field in ("q", "evaluations", "nodes_created", "nodes_expanded", "weighted_error"):
+                np.testing.assert_array_equal(
+                    getattr(whole, field), getattr(some, field), err_msg=str(solver)
+                )
+            assert not np.any(some.out_of_time)
+
+
+def in_parts(part: int) -> Any:
+    def search(*given: Any) -> tuple[int, bool]:
+        found: tuple[int, bool] = vars(grid)["search_window"](*given, part)
+        return found
+
+    return search
+
+
+def test_a_batch_near_a_start_has_the_bits_of_each_alone() -> None:
+    """Nothing of one target is left in memory for the next."""
+    arm = kinseek.load("planar2")
+    T = poses(arm, 200)
+    T[::7, :3, 3] *= 2.0
+    near = arm.lower + 0.4 * (arm.upper - arm.lower)
+    batch = arm.ik(T, near=near, threads=1)
+    for i, one in enumerate(T):
+        np.testing.assert_array_equal(arm.ik(Goal.pose(one[None]), near=near).q[0], batch.q[i])
