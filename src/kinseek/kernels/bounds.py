@@ -22,7 +22,6 @@ from .atlas import SLIDE, TURN
 from .boxes import (
     BACK,
     CHORD,
-    LEAST,
     MARGIN,
     MARGIN_A,
     OFFSET,
@@ -34,6 +33,7 @@ from .boxes import (
     Form,
     Wanted,
     motion,
+    rounding,
     turning,
 )
 from .jit import hidden
@@ -60,6 +60,7 @@ def cut_arc(desk: Desk, i: int, middle: float, psi: float) -> bool:
     if psi >= math.pi:
         return True
     c, h = desk.c[i], desk.h[i]
+    psi += 4.0 * rounding(c, h)
     turn = 2.0 * math.pi
     off = middle - c
     off -= turn * math.floor(off / turn + 0.5)
@@ -72,7 +73,7 @@ def cut_arc(desk: Desk, i: int, middle: float, psi: float) -> bool:
             desk.c[i], desk.h[i] = c + off, psi
         return True
     low, high = max(-h, off - psi), min(h, off + psi)
-    desk.c[i], desk.h[i] = c + 0.5 * (low + high), max(0.5 * (high - low), 0.0) + LEAST
+    desk.c[i], desk.h[i] = c + 0.5 * (low + high), max(0.5 * (high - low), 0.0) + rounding(c, h)
     return True
 
 
@@ -135,10 +136,13 @@ def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
     if form.head == TURN:
         rw, rg = math.sqrt(w0 * w0 + w1 * w1), math.sqrt(g0 * g0 + g1 * g1)
         ra, rb = math.sqrt(a0 * a0 + a1 * a1), math.sqrt(b0 * b0 + b1 * b1)
+        desk.s[0] = ra  # For `widest`: what became of the box before must not matter.
         far = math.sqrt((rw - rg) * (rw - rg) + (w2 - g2) * (w2 - g2))
         tilt = math.sqrt((ra - rb) * (ra - rb) + (a2 - b2) * (a2 - b2))
     else:
-        d2 = 0.0 if form.head == SLIDE else w2 - g2
+        d2 = w2 - g2
+        if form.head == SLIDE:
+            d2 = desk.s[0] = 0.0
         far = math.sqrt((w0 - g0) * (w0 - g0) + (w1 - g1) * (w1 - g1) + d2 * d2)
         tilt = math.sqrt((a0 - b0) * (a0 - b0) + (a1 - b1) * (a1 - b1) + (a2 - b2) * (a2 - b2))
     if form.columns == 0:
@@ -178,5 +182,6 @@ def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
         high = min(desk.c[0] + desk.h[0], g2 - w2 + reach)
         if low > high:
             return False
-        desk.c[0], desk.h[0] = 0.5 * (low + high), 0.5 * (high - low) + LEAST
+        grown = rounding(desk.c[0], desk.h[0])
+        desk.c[0], desk.h[0] = 0.5 * (low + high), 0.5 * (high - low) + grown
     return True

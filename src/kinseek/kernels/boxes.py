@@ -14,11 +14,22 @@ import numpy as np
 from .arrays import Array, Flags, Indices
 from .atlas import SLIDE, TURN
 from .forward import advance, identity
-from .jit import hidden, kernel
+from .jit import hidden, view
 
 TINY = 1e-300
 LEAST = 1e-15
-"""No half width is ever smaller [rad] or [m]."""
+"""No half width is ever smaller [rad] or [m]. Relative to a number, more than twice what rounding takes from it."""
+NARROW = 1e-10
+"""A box whose widest half width is smaller, relative to one plus its centre, is not split again [rad] or [m].
+
+It moves the hand by less than the tightest tolerances that people ask for, and by no less than a hundred times the margins
+for rounding: narrower boxes would be judged by those alone.
+"""
+NEAR = 1.5
+"""Boxes that turn the hand by less [rad] are near enough to an answer in them for steps from their middle to find it.
+
+An axis that is off by a quarter turn or more, which this all but is, no longer says which way to go.
+"""
 HEAD = 0.3
 """How much less urgent it is to split a first joint that turns: its range is cut as the others' ranges shrink."""
 
@@ -30,11 +41,14 @@ TRUST = 3  # 1; tests shrink all bounds by it, and must notice.
 WEIGHT_P = 4  # K_P.
 WEIGHT_A = 5  # K_A.
 OFFSET = 6  # Distance of the tip from the last axis' point [m].
-LENGTH = 7  # Length that an angle of one radian counts as when splitting [m].
+LENGTH = (
+    7  # Length that an angle of one radian counts as, where angles count, when splitting and stepping [m].
+)
 MARGIN_A = 8  # Margin for rounding of directions.
 BACK = 9  # Distance of another point from the hand's, back along its first column, that moves less [m].
 SIDE = 10  # Where a second column of the hand counts too: its part along the goal's second and third columns (11); else 0.
-SCALARS = 12
+ANGLE = 12  # Tolerance of the hand's whole turn [rad].
+SCALARS = 13
 
 
 class Form(NamedTuple):
@@ -68,7 +82,7 @@ class Wanted(NamedTuple):
     last: Array
     """Pose of the last joint's frame at zero that the target asks for, (3, 4), if `Form.tail`."""
     scalars: Array
-    """Of the module's constants `POSITION` and following, (12,)."""
+    """Of the module's constants `POSITION` and following, (13,)."""
 
 
 class Desk(NamedTuple):
@@ -122,7 +136,7 @@ class Desk(NamedTuple):
     """Error at the centre of the box; lower bound; (2,)."""
 
 
-@kernel
+@view
 def make_desk(joints: int, dof: int) -> Desk:
     """Allocate the memory of one search."""
     return Desk(
@@ -297,6 +311,27 @@ def store_box(boxes: Array, row: int, desk: Desk) -> None:
     for i in range(dof):
         boxes[row, i] = desk.c[i]
         boxes[row, dof + i] = desk.h[i]
+
+
+@hidden
+def rounding(centre: float, half: float) -> float:
+    """By how much a half width grows where its box is moved or cut, so that rounding of either end loses nothing.
+
+    Relative to the numbers: a slide that stands at 1e6 m is rounded to 1e-10 m.
+    """
+    return LEAST * (1.0 + abs(centre) + half)
+
+
+@hidden
+def halve(desk: Desk, i: int, boxes: Array, first: int, second: int) -> None:
+    """Cut the box in half along variable i, and write the halves to two rows; the desk keeps the middle."""
+    centre, half = desk.c[i], 0.5 * desk.h[i]
+    desk.h[i] = half + rounding(centre, half)
+    desk.c[i] = centre - half
+    store_box(boxes, first, desk)
+    desk.c[i] = centre + half
+    store_box(boxes, second, desk)
+    desk.c[i] = centre
 
 
 @hidden

@@ -14,7 +14,6 @@ import numpy as np
 from .boxes import (
     BACK,
     CHORD,
-    LEAST,
     MARGIN,
     MARGIN_A,
     POSITION,
@@ -25,6 +24,7 @@ from .boxes import (
     Desk,
     Form,
     Wanted,
+    rounding,
     turn_goal,
     widths,
 )
@@ -276,4 +276,4 @@ def cut_box(desk: Desk, spare: float) -> None:
             continue
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         desk.c[i] += -middle if desk.g[i] < 0.0 else middle
-        desk.h[i] = half + LEAST
+        desk.h[i] = half + rounding(desk.c[i], h)

@@ -14,6 +14,10 @@ from .arrays import ChainArrays
 from .boxes import CHORD, MARGIN, MARGIN_A, POSITION, TRUST, WEIGHT_A, WEIGHT_P, Form, Wanted
 from .jit import hidden, kernel
 
+CROSSED = 1e-4
+"""sin² of the angle between two axes from which on their common normal is used: its foot is a hundred lengths away at most,
+so that rounding of its place stays within the margin."""
+
 
 @hidden
 def gate(form: Form, wanted: Wanted, chain: ChainArrays) -> tuple[bool, float]:
@@ -58,7 +62,7 @@ def out_of_annulus(form: Form, wanted: Wanted, chain: ChainArrays, normals: bool
         elif normals and k < last:
             d0, d1, d2 = form.fixed[k + 1, 0, 2], form.fixed[k + 1, 1, 2], form.fixed[k + 1, 2, 2]
             apart = 1.0 - d2 * d2
-            if apart > 1e-6:
+            if apart > CROSSED:
                 along = (z - d2 * (d0 * x + d1 * y + d2 * z)) / apart
         shift = 0.0 if form.prismatic[k] else z - along
         near = math.sqrt(x * x + y * y + shift * shift)

@@ -14,19 +14,23 @@ from .arrays import Array
 from .boxes import LENGTH, TINY, Desk, Form, Wanted
 from .jit import hidden
 
+NOISE = 1e-14
+"""What rounding makes of a pivot that should be zero, relative to its diagonal element."""
+
 
 @hidden
 def halfway(form: Form, wanted: Wanted, desk: Desk) -> int:
     """The joint from which on the hand is moved, and before which the goal: where the rests of third order are least."""
     m, T, goal = len(form.leader), desk.T, desk.goal
+    counts = wanted.scalars[LENGTH] if form.columns > 0 else 0.0
     for k in range(m):
         z0, z1, z2 = desk.z[k, 0], desk.z[k, 1], desk.z[k, 2]
         v0, v1, v2 = T[0, 3] - desk.p[k, 0], T[1, 3] - desk.p[k, 1], T[2, 3] - desk.p[k, 2]
         x0, x1, x2 = z1 * v2 - z2 * v1, z2 * v0 - z0 * v2, z0 * v1 - z1 * v0
-        desk.r[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2) + wanted.scalars[LENGTH]
+        desk.r[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2) + counts
         v0, v1, v2 = goal[0, 3] - desk.p[k, 0], goal[1, 3] - desk.p[k, 1], goal[2, 3] - desk.p[k, 2]
         x0, x1, x2 = z1 * v2 - z2 * v1, z2 * v0 - z0 * v2, z0 * v1 - z1 * v0
-        desk.s[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2) + wanted.scalars[LENGTH]
+        desk.s[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2) + counts
     least_rest, best = np.inf, 0
     for middle in range(m):
         spread = rest = 0.0
@@ -188,13 +192,17 @@ def downhill(form: Form, desk: Desk, weight_p: float, weight_c: float, columns: 
 
 @hidden
 def solve(N: Array, D: Array, x: Array) -> None:
-    """Solve ``(N + diag D) x = b`` in place by LDLᵀ, N given by its lower half."""
+    """Solve ``(N + diag D) x = b`` in place by LDLᵀ, N given by its lower half.
+
+    A pivot below rounding is noise, of either sign: it is raised to that, else a step along it has no end.
+    """
     dof = len(x)
     for j in range(dof):
         pivot = N[j, j] + D[j] * (1.0 + 1e-12)
+        noise = NOISE * pivot + TINY
         for k in range(j):
             pivot -= N[j, k] * N[j, k] * N[k, k]
-        pivot = max(pivot, TINY)
+        pivot = max(pivot, noise)
         N[j, j] = pivot
         inverse = 1.0 / pivot
         for i in range(j + 1, dof):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from .arrays import Array, ChainArrays
 from .atlas import TURN, nearest_copy
 from .bounds import cut_arc
-from .boxes import CHORD, MARGIN_A, TRUST, WEIGHT_A, Desk, Form, Wanted, place, turn_goal, turned, widths
+from .boxes import ANGLE, MARGIN_A, TRUST, WEIGHT_A, Desk, Form, Wanted, place, turn_goal, turned, widths
 from .jit import hidden
 
 
@@ -25,7 +25,10 @@ class Roll(NamedTuple):
 
 @hidden
 def best_twist(desk: Desk) -> tuple[float, float]:
-    """The turn of the last joint that brings the other columns nearest to the goal's [rad]; cosine of the axis' tilt."""
+    """The turn of the last joint that brings the other columns nearest to the goal's [rad]; cosine of the axis' tilt.
+
+    It is the direction of a vector ``1 + cos τ`` long, τ the tilt: any direction where the axis points backwards.
+    """
     T, goal = desk.T, desk.goal
     m00 = m01 = m10 = m11 = dot = 0.0
     for r in range(3):
@@ -38,6 +41,19 @@ def best_twist(desk: Desk) -> tuple[float, float]:
 
 
 @hidden
+def twist_noise(wanted: Wanted, dot: float) -> float:
+    """How far rounding may turn the best twist where the axis leans by acos(dot) [rad]; π: anything.
+
+    Every entry of the rotation may be off by the margin, and so the vector whose direction the best twist is by 2√2 margins.
+    """
+    margin: float = wanted.scalars[MARGIN_A]
+    length = 1.0 + dot - 2.0 * margin
+    if length <= 8.0 * margin:
+        return math.pi
+    return 4.0 * margin / length + 1e-12
+
+
+@hidden
 def twist_slack(wanted: Wanted, omega: float, dot: float) -> float:
     """How far the best twist may be off where the others turn by omega and the axis leans by acos(dot) [rad]; π: anything.
 
@@ -45,10 +61,12 @@ def twist_slack(wanted: Wanted, omega: float, dot: float) -> float:
     2 sin(Ω/4).
     """
     moved = 2.0 * math.sin(0.25 * min(omega, math.pi)) * wanted.scalars[TRUST]
-    length = math.sqrt(max(0.5 * (1.0 + dot), 0.0)) - wanted.scalars[MARGIN_A]
-    if omega >= math.pi or moved >= length:
+    square = (
+        0.5 * (1.0 + dot) - wanted.scalars[MARGIN_A]
+    )  # Not its root: near zero that is off by the root of the margin.
+    if omega >= math.pi or moved * moved >= square:
         return math.pi
-    return 2.0 * math.asin(moved / length) + 1e-9
+    return min(2.0 * math.asin(moved / math.sqrt(square)) + twist_noise(wanted, dot), math.pi)
 
 
 @hidden
@@ -63,13 +81,14 @@ def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
     desk.u[2] = nearest_copy(best, roll.lower, roll.upper, middle)
     if half >= math.pi:
         return True
-    omega = wanted.scalars[CHORD] * 1.1 + wanted.scalars[MARGIN_A]
+    omega, margin = wanted.scalars[ANGLE] + wanted.scalars[MARGIN_A], wanted.scalars[MARGIN_A]
     omega += turned(form, desk, len(form.leader))
-    if omega >= math.pi:
+    noise = twist_noise(wanted, dot)
+    if omega >= math.pi or noise >= math.pi:
         return True
-    ratio = math.cos(0.5 * omega) / math.sqrt(max(0.5 * (1.0 + dot), 1e-30))
-    # The slack of sqrt(1e-12) covers rounding where the ratio is close to one.
-    miss = 2.0 * math.acos(min(ratio, 1.0)) + 2e-6
+    # Margins on either side: near one, the angle is off by the root of what the ratio is off by.
+    ratio = (math.cos(0.5 * omega) - margin) / math.sqrt(0.5 * (1.0 + dot) + margin)
+    miss = 2.0 * math.acos(min(ratio, 1.0)) + noise
     off = best - middle
     off -= 2.0 * math.pi * math.floor(off / (2.0 * math.pi) + 0.5)
     return abs(off) <= half + miss
@@ -99,6 +118,10 @@ def cut_twist(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
 
     The arm is placed anew, at the centre of what is left. A twist β short of the best one turns the hand by β at least,
     which costs ``K_A (1 - cos β)`` at least.
+
+    The best twist is worked out as in `best_twist`, from what of the rotation lies across the axis. Of the quaternion's real
+    part and its part along the axis it could be had as well, were these not both noise, as traces tell them, where the hand
+    is half a turn away from the goal: then the twist may be anything though the axis does not lean at all.
     """
     T, goal, last, K_A = desk.T, desk.goal, len(form.leader) - 1, wanted.scalars[WEIGHT_A]
     turn_goal(form, wanted, desk)
@@ -114,8 +137,10 @@ def cut_twist(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
             along += desk.z[last, r] * entry * desk.z[last, s]
         for i in range(3):
             dot += desk.z[last, r] * (T[behind, i] * goal[after, i] - T[after, i] * goal[behind, i])
-    beta = math.acos(1.0 - ceiling / K_A) + twist_slack(wanted, turned(form, desk, last), along)
-    ahead = 2.0 * math.atan2(dot, 1.0 + trace)
+    # acos(1 - x) loses what is below rounding of one: its half-angle form, and a margin, do not.
+    beta = 2.0 * math.asin(math.sqrt(min(0.5 * ceiling / K_A + wanted.scalars[MARGIN_A], 1.0)))
+    beta += twist_slack(wanted, turned(form, desk, last), along)
+    ahead = math.atan2(dot, trace - along)
     left = cut_arc(desk, form.leader[last], desk.c[form.leader[last]] - ahead, beta)
     place(form, desk)
     widths(form, desk)

@@ -6,9 +6,11 @@ import math
 
 import numpy as np
 
+from kinseek.errors import InvalidProblem
 from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.atlas import NONE, TURN
 from kinseek.kernels.boxes import (
+    ANGLE,
     BACK,
     CHORD,
     LEAST,
@@ -26,6 +28,7 @@ from kinseek.kernels.boxes import (
     Wanted,
 )
 from kinseek.kernels.forward import forward_many
+from kinseek.kernels.gate import CROSSED
 from kinseek.kernels.roll import Roll
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
@@ -34,6 +37,12 @@ from .atlas import arm_length, divide, inverse
 
 ROUNDING = 1e-12
 """Margin, relative to all lengths that are added: a thousand times what rounding takes."""
+
+LARGEST = 1e12
+"""Lengths that a proof bears, added up [m]: with longer ones the margin for rounding is a metre and more."""
+
+MANY_TURNS = 1e3
+"""Angles of all joints together [rad] from which on rounding of the angles counts, not only that of what is made of them."""
 
 _AXIS_COUNTS = 0.1
 """A direction counts, when a box is split, as this part of the arm's length."""
@@ -50,7 +59,7 @@ def question(problem: Problem, trust: float = 1.0) -> tuple[Form, Wanted, Roll]:
     fixed, target, head, tail = _divided(problem)
     angle = min(goal.orientation_tolerance, math.pi)
     chord = 2.0 * math.sin(angle / 2)
-    slack, columns = goal.position_tolerance, goal.columns
+    slack, columns, foot = goal.position_tolerance, goal.columns, 0.0
     if tail:
         foot = _foot(fixed, chain)
         slack += chord * float(np.linalg.norm(fixed[-1, :, 3] - [0.0, 0.0, foot]))
@@ -58,8 +67,9 @@ def question(problem: Problem, trust: float = 1.0) -> tuple[Form, Wanted, Roll]:
         columns = 1
     if columns == 3:
         chord *= math.sqrt(2.0)
-    scalars = _scalars(problem, target, columns, trust)
+    scalars = _scalars(problem, target, columns, trust, foot)
     scalars[POSITION], scalars[CHORD] = slack, chord if columns else 0.0
+    scalars[ANGLE] = angle if columns else 0.0
     return (
         _form(chain, fixed, head, columns, 0, 0.0),
         Wanted(target, np.zeros((3, 4)), scalars),
@@ -95,9 +105,11 @@ def error_question(
             roll = _roll(chain, True, goal.orientation_weight if aligned else 0.0)
             return _form(chain, cut, head, 1, 0, 0.0), wanted, roll
     columns = goal.paper_columns
-    scalars, last, foot = _scalars(problem, target, columns, trust), np.zeros((3, 4)), 0.0
+    last, foot = np.zeros((3, 4)), 0.0
+    scalars = _scalars(problem, target, columns, trust)
     if tail and len(fixed) > 2:
         foot = _foot(fixed, chain)
+        scalars[MARGIN] += ROUNDING * abs(foot)
         place_of_foot = np.eye(4)
         place_of_foot[2, 3] = foot
         last = np.ascontiguousarray((_square(target) @ _square(inverse(fixed[-1])) @ place_of_foot)[:3])
@@ -165,7 +177,7 @@ def _foot(fixed: Array, chain: SerialChain) -> float:
     back = inverse(fixed[-2])
     axis, point = back[:, 2], back[:, 3]
     apart = 1.0 - axis[2] ** 2
-    return float((point[2] - axis[2] * (axis @ point)) / apart) if apart > 1e-6 else tip
+    return float((point[2] - axis[2] * (axis @ point)) / apart) if apart > CROSSED else tip
 
 
 def _cut(fixed: Array, target: Array, along: float) -> tuple[Array, Array]:
@@ -198,26 +210,37 @@ def _roll(chain: SerialChain, present: bool, weight: float = 0.0) -> Roll:
     return Roll(present, float(chain.lower[-1]), float(chain.upper[-1]), weight)
 
 
-def _scalars(problem: Problem, target: Array, columns: int, trust: float) -> Array:
-    """Weights and margins: 1e-12 of all lengths involved, a thousand times what rounding takes."""
+def _scalars(problem: Problem, target: Array, columns: int, trust: float, foot: float = 0.0) -> Array:
+    """Weights and margins: 1e-12 of all lengths involved, a thousand times what rounding takes.
+
+    Raises:
+        InvalidProblem: The lengths leave nothing to be proved.
+    """
     chain, goal, scalars = problem.chain, problem.goal, np.zeros(SCALARS)
     length = arm_length(chain)
-    slides = sum(
-        max(abs(chain.lower[i]), abs(chain.upper[i])) * abs(chain.multiplier[k]) + abs(chain.offset[k])
-        for k, i in enumerate(chain.leader)
-        if chain.prismatic[k]
-    )
+    values = np.maximum(np.abs(chain.lower), np.abs(chain.upper))[chain.leader] * np.abs(chain.multiplier)
+    values += np.abs(chain.offset)
+    slides = float(values[chain.prismatic].sum())
     reach = (
         length + slides + float(np.linalg.norm(target[:, 3])) + float(np.linalg.norm(chain.fixed[0, :, 3]))
     )
     if goal.tool is not None:
         reach += float(np.linalg.norm(goal.tool[:3, 3]))
-    scalars[MARGIN], scalars[MARGIN_A] = ROUNDING * (1.0 + reach), ROUNDING
+    reach += abs(foot)
+    if not reach <= LARGEST:
+        raise InvalidProblem(
+            f"the lengths of the arm and the goal add up to {reach:.3g} m: beyond {LARGEST:g} m numbers round by so much "
+            f"that nothing can be proved; expected metres"
+        )
+    scalars[MARGIN_A] = ROUNDING * max(1.0, float(values[~chain.prismatic].sum()) / MANY_TURNS)
+    scalars[MARGIN] = scalars[MARGIN_A] * (1.0 + reach)
     scalars[TRUST], scalars[WEIGHT_P] = trust, goal.position_weight
     scalars[WEIGHT_A] = goal.orientation_weight if columns else 0.0
-    scalars[LENGTH] = _AXIS_COUNTS * length if columns else 0.0
+    scalars[LENGTH] = _AXIS_COUNTS * length
     return scalars
 
 
 def _square(A: Array) -> Array:
-    return np.vstack([A, [0.0, 0.0, 0.0, 1.0]])
+    square = np.zeros((4, 4))
+    square[:3], square[3, 3] = A, 1.0
+    return square
