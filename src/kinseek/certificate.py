@@ -29,7 +29,7 @@ class Certificate:
 
     The errors bounded here are the paper's weighted error ``E = K_P |p - p_g| + K_A [(1 - x·x_g) + (1 - y·y_g)]``; for a
     pointing goal the bracket holds the tool axis alone, for a position goal it is missing. Every q inside the limits has
-    ``E(q) >= lower_bound``, and `q` has ``E = upper_bound``: also when the verdict is UNDECIDED, and for any budget.
+    ``E(q) >= lower_bound >= 0``, and `q` has ``E = upper_bound``: also when the verdict is UNDECIDED, and for any budget.
     """
 
     verdict: Verdict
@@ -49,6 +49,8 @@ class Certificate:
     """Half width of the widest variable of the boxes that are left, [rad] or [m]; 0 when none is."""
     problem: Problem
     """What was asked."""
+    out_of_time: bool = False
+    """Did a time limit end the search, before its budget did? The bounds and `q` are what was known by then."""
 
     @property
     def gap(self) -> float:
@@ -60,6 +62,7 @@ class Certificate:
         return (
             f"{self.verdict} Weighted error of the best pose found {self.upper_bound:.4g}, of any pose at least "
             f"{self.lower_bound:.4g}; {self.boxes} boxes examined, the widest one left ±{self.largest_box:.3g}."
+            + (" The time was up." if self.out_of_time else "")
         )
 
     def __repr__(self) -> str:

@@ -8,26 +8,29 @@ from .arrays import Array, ChainArrays, GoalArrays, Indices
 from .bounds import first_order
 from .boxes import (
     HEAD,
-    LEAST,
+    NARROW,
     Form,
     Wanted,
+    halve,
     load_box,
     make_desk,
     place,
-    store_box,
     turn_goal,
     turned,
     volume,
     widest,
     widths,
 )
-from .exclusion import ENDED, STOPPED, Search
+from .exclusion import COUNT, ENDED, FULL, SEEN, STOPPED, STUCK, UPPER
 from .forms import underestimate
 from .forward import forward
 from .gate import gate
-from .jit import hidden, kernel, view
+from .jit import hidden, kernel
 from .pose_error import weighted_error
 from .roll import Roll, complete, cut_twist, roll_fits, twist_cost
+
+USED = 2  # Rows that have held a box: those of boxes that are done are taken again. Beside COUNT and SEEN.
+FLOOR = 2  # Least bound of the boxes given up as too narrow. Beside UPPER and STUCK.
 
 FINE = 1.2
 """Boxes that turn the hand by less [rad] are cut along a first joint as along any other: azimuths hardly cut them."""
@@ -67,12 +70,19 @@ def enclose(
     roll: Roll,
     chain: ChainArrays,
     goal: GoalArrays,
-    boxes: Array,
+    rows: Array,
+    bound: Array,
+    order: Indices,
     q: Array,
     tuning: Array,
+    counts: Indices,
+    figures: Array,
+    until: int,
     budget: int,
-) -> Search:
+) -> int:
     """Enclose the least weighted error inside the limits, best box first.
+
+    It may be called again to go on where it stopped, and finds the same as if it had not stopped.
 
     Args:
         form: The part of the arm that the boxes are about.
@@ -80,28 +90,35 @@ def enclose(
         roll: The last joint, where it is divided out.
         chain: The arm again, to judge joint values by plain forward kinematics.
         goal: The goal as it was asked.
-        boxes: Boxes to start with, (k, 2 dof + 1): centres, half widths, and a lower bound of the error in each.
-        q: The best joint values known, (n,).
+        rows: Boxes, (room, 2 dof): centres, half widths.
+        bound: A lower bound of the error in each, (room,).
+        order: Rows of the boxes that are left, the first COUNT of it, as a heap; then rows to be taken again, (room,).
+        q: The best joint values known, (n,); better ones are written here.
         tuning: Largest spread for the second order [rad], shrink that earns another look, relative gap.
-        budget: Boxes to examine.
+        counts: COUNT, SEEN and USED, (3,); with USED = 0 the search begins, with the first COUNT rows.
+        figures: UPPER, STUCK and FLOOR, (3,).
+        until: Boxes that may have been examined by the end of this call.
+        budget: Boxes that may be examined in all.
+
+    Returns:
+        ENDED, STOPPED or FULL.
     """
-    dof, count, seen = boxes.shape[1] // 2, len(boxes), 0
-    desk = make_desk(len(form.leader), dof)
-    capacity = 1024 + count
-    rows, bound, order = np.empty((capacity, 2 * dof)), np.zeros(capacity), np.empty(capacity, dtype=np.int64)
-    least = gate(form, wanted, chain)[1]
-    for row in range(count):
-        for i in range(2 * dof):
-            rows[row, i] = boxes[row, i]
-        bound[row], order[row] = max(boxes[row, 2 * dof], least), row
-        sift_up(bound, order, row)
-    used = count
-    best, trial, T = q.copy(), q.copy(), np.empty((3, 4))
-    forward(chain, q, T)
-    upper = weighted_error(T, goal)
+    dof, count, seen, used = rows.shape[1] // 2, counts[COUNT], counts[SEEN], counts[USED]
+    desk, trial, T = make_desk(len(form.leader), dof), q.copy(), np.empty((3, 4))
+    if used == 0:
+        least = gate(form, wanted, chain)[1]
+        for row in range(count):
+            bound[row], order[row] = max(bound[row], least), row
+            sift_up(bound, order, row)
+        used = count
+        forward(chain, q, T)
+        figures[UPPER] = weighted_error(T, goal)
+    upper, stuck_width, stuck_bound, outcome = figures[UPPER], figures[STUCK], figures[FLOOR], ENDED
     ceiling = (1.0 - tuning[2]) * upper
-    stuck_bound, stuck_width = np.inf, 0.0
-    while count > 0 and seen < budget:
+    while count > 0:
+        if seen >= until or count == len(rows):
+            outcome = STOPPED if seen >= until else FULL
+            break
         row = order[0]
         if bound[row] >= ceiling:
             break
@@ -139,12 +156,12 @@ def enclose(
                     upper = error
                     ceiling = (1.0 - tuning[2]) * upper
                     for i in range(len(q)):
-                        best[i] = trial[i]
-            if not kept or volume(desk) > tuning[1] * before or seen >= budget:
+                        q[i] = trial[i]
+            if not kept or not volume(desk) < tuning[1] * before or seen >= budget:
                 break
         if kept and below < ceiling:
             i = widest(form, wanted, desk, HEAD if spread > FINE else 1.0)
-            if desk.h[i] < 1e-10 * (1.0 + abs(desk.c[i])):
+            if desk.h[i] < NARROW * (1.0 + abs(desk.c[i])):
                 stuck_bound, stuck_width = min(stuck_bound, below), max(stuck_width, desk.h[i])
                 kept = False
         if not kept or below >= ceiling:
@@ -152,48 +169,15 @@ def enclose(
             order[0], order[count] = order[count], order[0]
             sift_down(bound, order, count)
             continue
-        if count + 1 > used and used == capacity:
-            rows, bound, order = grown(rows, bound, order)
-            capacity = len(bound)
-        centre, half = desk.c[i], 0.5 * desk.h[i]
-        desk.h[i] = half + LEAST
-        desk.c[i] = centre - half
-        store_box(rows, row, desk)
-        bound[row] = below
-        sift_down(bound, order, count)
         if count == used:
             order[count] = used
             used += 1
-        desk.c[i] = centre + half
-        store_box(rows, order[count], desk)
-        bound[order[count]] = below
+        other = order[count]
+        halve(desk, i, rows, row, other)
+        bound[row] = bound[other] = below
+        sift_down(bound, order, count)
         sift_up(bound, order, count)
         count += 1
-    lower, largest, outcome, open_ = min(ceiling, stuck_bound), stuck_width, ENDED, 0
-    left = np.empty((count, 2 * dof + 1))
-    for k in range(count):
-        row = order[k]
-        if bound[row] < ceiling:
-            lower = min(lower, bound[row])
-            for i in range(2 * dof):
-                left[open_, i] = rows[row, i]
-            left[open_, 2 * dof] = bound[row]
-            open_ += 1
-            for i in range(dof):
-                largest = max(largest, rows[row, dof + i])
-    if open_ > 0 or stuck_bound < ceiling:
-        outcome = STOPPED
-    return Search(outcome, seen, largest, best, lower, upper, left[:open_].copy(), stuck_width, stuck_bound)
-
-
-@view
-def grown(rows: Array, bound: Array, order: Indices) -> tuple[Array, Array, Indices]:
-    """Twice the room for boxes."""
-    more = 2 * len(bound)
-    new_rows, new_bound = np.empty((more, rows.shape[1])), np.empty(more)
-    new_order = np.empty(more, dtype=np.int64)
-    for i in range(len(bound)):
-        for j in range(rows.shape[1]):
-            new_rows[i, j] = rows[i, j]
-        new_bound[i], new_order[i] = bound[i], order[i]
-    return new_rows, new_bound, new_order
+    counts[COUNT], counts[SEEN], counts[USED] = count, seen, used
+    figures[UPPER], figures[STUCK], figures[FLOOR] = upper, stuck_width, stuck_bound
+    return outcome

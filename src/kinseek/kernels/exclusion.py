@@ -1,19 +1,24 @@
-"""Every box of joint values, one after another, until none is left: then the goal is out of reach."""
+"""Every box of joint values, one after another, until none is left: then the goal is out of reach.
+
+All memory is the caller's: a kernel that hands a bundle of arrays to Python has Python build it, and where that is
+interrupted there is nothing to hand back.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from .arrays import Array, ChainArrays, GoalArrays
+from .arrays import Array, ChainArrays, GoalArrays, Indices
 from .bounds import first_order
 from .boxes import (
     CHORD,
     HEAD,
+    NARROW,
+    NEAR,
     POSITION,
     Form,
     Wanted,
+    halve,
     load_box,
     make_desk,
     place,
@@ -32,32 +37,20 @@ from .jit import kernel
 from .pose_error import errors, weighted_error
 from .roll import Roll, cut_twist, roll_fits, twist_cost
 
-ENDED, FOUND, STOPPED = 0, 1, 2
+ENDED, FOUND, STOPPED, FULL = 0, 1, 2, 3
+"""No box is left; an answer was found; as many boxes as were asked for have been examined; there is no room for more."""
 
 TRIAL = 16
 """Every so many boxes that are kept, steps from the middle of one look for an answer."""
+STEPS = 8
+"""So many: an answer that they do not come close to is not in the box."""
 
-
-class Search(NamedTuple):
-    """How a search went."""
-
-    outcome: int
-    """ENDED: no box left; FOUND: `q` is within the tolerances; STOPPED: by the budget or by rounding."""
-    boxes: int
-    largest: float
-    """Widest box that is left, the half width of its widest variable [rad] or [m]; 0 if none."""
-    q: Array
-    """(n,), the best joint values seen."""
-    lower: float
-    """Lower bound on the weighted error."""
-    upper: float
-    """Weighted error of `q`."""
-    left: Array
-    """Boxes that are left where the budget ended the search, (k, 2 dof), or with their bounds, (k, 2 dof + 1)."""
-    stuck: float
-    """Widest box that is left because it is as small as numbers allow, [rad] or [m]; 0 if none."""
-    floor: float
-    """Lower bound on the weighted error in such boxes; inf if none."""
+# What a search counts, and what it knows; `enclosure` and `isolation` go on from here.
+COUNT = 0  # Boxes that are left.
+SEEN = 1  # Boxes examined.
+KEPT = 2  # Boxes cut in half.
+UPPER = 0  # Weighted error of the best joint values seen.
+STUCK = 1  # Widest box that was given up as too narrow, [rad] or [m].
 
 
 @kernel
@@ -67,11 +60,16 @@ def exclude(
     roll: Roll,
     chain: ChainArrays,
     goal: GoalArrays,
-    boxes: Array,
+    stack: Array,
+    q: Array,
     tuning: Array,
-    budget: int,
-) -> Search:
+    counts: Indices,
+    figures: Array,
+    until: int,
+) -> int:
     """Look for any q within both tolerances, box after box, the last one first; none, if the gate is shut.
+
+    It may be called again to go on where it stopped, and finds the same as if it had not stopped.
 
     Args:
         form: The part of the arm that the boxes are about.
@@ -79,22 +77,25 @@ def exclude(
         roll: The last joint, where it is divided out.
         chain: The whole arm, for the witness.
         goal: The goal as it was asked.
-        boxes: Boxes to start with, (k, 2 dof): centres and half widths.
-        tuning: Largest spread for the second order [rad], passes, shrink that earns another look.
-        budget: Boxes to examine.
+        stack: The boxes that are left, (room, 2 dof): centres and half widths.
+        q: The best joint values seen are written here, the answer if one is found, (n,).
+        tuning: Largest spread for the second order [rad], passes, shrink that earns another look, tolerances.
+        counts: COUNT, SEEN and KEPT, (3,).
+        figures: UPPER and STUCK, (2,).
+        until: Boxes that may have been examined by the end of this call.
+
+    Returns:
+        ENDED, FOUND, STOPPED or FULL.
     """
-    dof, count, seen = boxes.shape[1] // 2, len(boxes), 0
-    desk = make_desk(len(form.leader), dof)
-    stack = np.empty((count + 64 * dof + 64, 2 * dof))
-    for i in range(count):
-        for j in range(2 * dof):
-            stack[i, j] = boxes[i, j]
-    q, T, best = np.zeros(len(chain.lower)), np.empty((3, 4)), np.inf
-    trial = np.zeros(len(chain.lower))
-    stuck, kept = 0.0, 0
+    dof, count, seen, kept = stack.shape[1] // 2, counts[COUNT], counts[SEEN], counts[KEPT]
+    best, stuck, outcome = figures[UPPER], figures[STUCK], ENDED
+    desk, T, trial = make_desk(len(form.leader), dof), np.empty((3, 4)), np.zeros(len(q))
     if not gate(form, wanted, chain)[0]:
         count = 0
-    while count > 0 and seen < budget:
+    while count > 0:
+        if seen >= until or count == len(stack):
+            outcome = STOPPED if seen >= until else FULL
+            break
         count -= 1
         load_box(stack, count, desk)
         seen += 1
@@ -115,42 +116,31 @@ def exclude(
                 count += 1
                 continue
         i = widest(form, wanted, desk, HEAD)
-        if desk.h[i] < 1e-10 * (1.0 + abs(desk.c[i])):
+        if desk.h[i] < NARROW * (1.0 + abs(desk.c[i])):
             stuck = max(stuck, desk.h[i])
             continue
-        half = 0.5 * desk.h[i]
-        centre = desk.c[i]
-        desk.h[i] = half + 1e-15
-        desk.c[i] = centre - half
-        store_box(stack, count, desk)
-        desk.c[i] = centre + half
-        store_box(stack, count + 1, desk)
+        halve(desk, i, stack, count, count + 1)
         count += 2
         kept += 1
         # Now and then, steps look for an answer. Wide tolerances may allow one in the middle, though no descent ends there.
-        steps = 8 if spread < 1.5 and kept % TRIAL == 0 else 0
+        steps = STEPS if spread < NEAR and kept % TRIAL == 0 else 0
         if steps == 0 and (near_p > wanted.scalars[POSITION] or near_c > wanted.scalars[CHORD]):
             continue
-        desk.c[i] = centre
         approach(form, wanted, roll, chain, steps, desk, trial)
         forward(chain, trial, T)
         position, orientation = errors(T, goal)
         error = weighted_error(T, goal)
-        if error < best:
+        met = position <= tuning[3] and orientation <= tuning[4]
+        if met or error < best:
             best = error
             for j in range(len(q)):
                 q[j] = trial[j]
-        if position <= tuning[3] and orientation <= tuning[4]:
-            return Search(FOUND, seen, 0.0, trial, 0.0, error, stack[:0].copy(), stuck, np.inf)
-    largest = stuck
-    for k in range(count):
-        for i in range(dof):
-            largest = max(largest, stack[k, dof + i])
-    ended = count == 0 and stuck == 0.0
-    floor = 0.0 if stuck > 0.0 else np.inf
-    return Search(
-        ENDED if ended else STOPPED, seen, largest, q, 0.0, best, stack[:count].copy(), stuck, floor
-    )
+        if met:
+            outcome = FOUND
+            break
+    counts[COUNT], counts[SEEN], counts[KEPT] = count, seen, kept
+    figures[UPPER], figures[STUCK] = best, stuck
+    return outcome
 
 
 @kernel

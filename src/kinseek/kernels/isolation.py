@@ -27,11 +27,14 @@ from .boxes import (
     LENGTH,
     MARGIN,
     MARGIN_A,
+    NARROW,
+    NEAR,
     POSITION,
     TRUST,
     Desk,
     Form,
     Wanted,
+    halve,
     load_box,
     make_desk,
     place,
@@ -43,11 +46,11 @@ from .boxes import (
     widths,
 )
 from .descent import approach, step
-from .exclusion import TRIAL
+from .exclusion import COUNT, ENDED, FULL, KEPT, SEEN, STOPPED
 from .forms import separate
 from .forward import forward
 from .halfway import derivatives, differentiate, normal_matrix, rests, solve
-from .jit import hidden, kernel
+from .jit import hidden, kernel, view
 from .pose_error import errors
 from .roll import Roll, roll_fits
 
@@ -59,6 +62,19 @@ BLIND = 0.05
 
 MOST = 64
 """Answers that a search may find beside those given; of two in one neighbourhood the second does not count."""
+
+OFTEN, STEPS = 4, 12
+"""Every so many boxes that are kept, so many steps from the middle of one look for an answer.
+
+More than in `exclusion`, which wants any one answer and mostly finds that there is none: here an answer that is found early
+spares all the boxes in its neighbourhood, and it must be met to the tolerance, not to be in the box.
+"""
+
+# What the search counts beside COUNT, SEEN and KEPT.
+LEFT = 3  # Boxes that are too narrow to be split, or passed over near an answer without a neighbourhood.
+GIVEN = 4  # Answers given that have been looked at.
+KNOWN = 5  # Answers that are no others' neighbours.
+COUNTS = 6
 
 
 class Expansion(NamedTuple):
@@ -81,25 +97,23 @@ class Expansion(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Answers and their neighbourhoods, and what the search came to."""
+    """Answers and their neighbourhoods; the memory is the caller's."""
 
-    complete: bool
-    """Every box is excluded or lies in the neighbourhood of an answer."""
-    boxes: int
-    """Boxes examined."""
-    left: int
-    """Boxes not examined, too small to be split, or passed over near an answer without a neighbourhood."""
     isolated: Flags
-    """Has it a neighbourhood? (k,)"""
+    """Has it a neighbourhood? (most,)"""
     number: Indices
-    """Which of the given answers it is, or -1, (k,)."""
+    """Which of the given answers it is, or -1, (most,)."""
     q: Array
-    """(k, n)"""
+    """(most, n)"""
+    centre: Array
+    """Of the neighbourhood, (most, reduced n)."""
+    radius: Array
+    """Half widths of the neighbourhood, (most, reduced n)."""
     distance: Array
-    """Of anything within the tolerances in its neighbourhood from the centre of it, (k, reduced n)."""
+    """Of anything within the tolerances in its neighbourhood from the centre of it, (most, reduced n)."""
 
 
-@kernel
+@view
 def make_expansion(dof: int) -> Expansion:
     """Allocate the memory of one search."""
     return Expansion(
@@ -276,13 +290,17 @@ def isolate_boxes(
     roll: Roll,
     chain: ChainArrays,
     goal: GoalArrays,
-    boxes: Array,
+    stack: Array,
     periodic: Flags,
     answers: Array,
+    places: Places,
     tuning: Array,
-    budget: int,
-) -> Places:
+    counts: Indices,
+    until: int,
+) -> int:
     """Put a neighbourhood around every answer, and look in all boxes outside of them for others.
+
+    It may be called again to go on where it stopped, and finds the same as if it had not stopped.
 
     Args:
         form: The part of the arm that the boxes are about.
@@ -290,34 +308,38 @@ def isolate_boxes(
         roll: The last joint, where it is divided out.
         chain: The whole arm.
         goal: The goal as it was asked.
-        boxes: Boxes to start with, (k, 2 dof): centres and half widths.
+        stack: The boxes that are left, (room, 2 dof): centres and half widths.
         periodic: Is a whole turn of the variable as good as none? (dof,)
         answers: Joint values that are known to meet the tolerances, (k, n); none are needed.
+        places: What is found is written here, the first KNOWN of each.
         tuning: Largest spread for the second order [rad], passes, shrink that earns another look, tolerances.
-        budget: Boxes to examine.
+        counts: COUNT, SEEN, KEPT, LEFT, GIVEN and KNOWN, (6,).
+        until: Boxes that may have been examined by the end of this call.
+
+    Returns:
+        ENDED, STOPPED or FULL; ENDED too where there is room for no more answers.
     """
-    dof, n, most = boxes.shape[1] // 2, len(chain.lower), MOST + len(answers)
+    dof, n, most = stack.shape[1] // 2, len(chain.lower), len(places.q)
     desk, around = make_desk(len(form.leader), dof), make_expansion(dof)
-    q, T = np.zeros((most, n)), np.empty((3, 4))
-    number, isolated = np.zeros(most, dtype=np.int64), np.zeros(most, dtype=np.bool_)
-    centre, radius, distance = np.zeros((most, dof)), np.zeros((most, dof)), np.zeros((most, dof))
-    given, known, count, seen, kept, left = 0, 0, len(boxes), 0, 0, 0
-    stack, trial = np.empty((len(boxes) + 64 * dof + 64, 2 * dof)), np.zeros(n)
-    for i in range(count):
-        for j in range(2 * dof):
-            stack[i, j] = boxes[i, j]
+    T, trial, outcome = np.empty((3, 4)), np.zeros(n), ENDED
+    centre, radius, distance = places.centre, places.radius, places.distance
+    count, seen, kept = counts[COUNT], counts[SEEN], counts[KEPT]
+    left, given, known = counts[LEFT], counts[GIVEN], counts[KNOWN]
     while known < most:
         if given < len(answers):
             for i in range(n):
                 trial[i] = answers[given, i]
             given += 1
-        elif count > 0 and seen < budget:
+        elif count > 0:
+            if seen >= until or count == len(stack):
+                outcome = STOPPED if seen >= until else FULL
+                break
             count -= 1
             load_box(stack, count, desk)
             seen += 1
             held = inside(desk, periodic, centre, radius, known, 1.0)
             if held >= 0:
-                left += 0 if isolated[held] else 1
+                left += 0 if places.isolated[held] else 1
                 continue
             place(form, desk)
             widths(form, desk)
@@ -335,20 +357,15 @@ def isolate_boxes(
                     count += 1
                     continue
             i = widest(form, wanted, desk, HEAD)
-            if desk.h[i] < 1e-8 * (1.0 + abs(desk.c[i])):
+            if desk.h[i] < NARROW * (1.0 + abs(desk.c[i])):
                 left += 1
                 continue
-            middle, half = desk.c[i], 0.5 * desk.h[i]
-            desk.h[i] = half + LEAST
-            desk.c[i] = middle - half
-            store_box(stack, count, desk)
-            desk.c[i] = middle + half
-            store_box(stack, count + 1, desk)
+            halve(desk, i, stack, count, count + 1)
             count += 2
             kept += 1
-            if spread >= 1.5 or kept % (TRIAL // 4) != 0:
+            if spread >= NEAR or kept % OFTEN != 0:
                 continue
-            approach(form, wanted, roll, chain, 12, desk, trial)
+            approach(form, wanted, roll, chain, STEPS, desk, trial)
         else:
             break
         forward(chain, trial, T)
@@ -360,15 +377,15 @@ def isolate_boxes(
         if inside(desk, periodic, centre, radius, known, 0.0) >= 0:
             continue
         for i in range(n):
-            q[known, i] = trial[i]
-        number[known] = given - 1 if seen == 0 else -1
+            places.q[known, i] = trial[i]
+        places.number[known] = given - 1 if seen == 0 else -1
         for _ in range(3):  # The centre may lie beyond a limit by what the tolerances allow.
             step(form, wanted, desk)
             for i in range(dof):
                 desk.c[i] += desk.delta[i]
-        isolated[known] = neighbourhood(form, wanted, desk, around, radius[known], distance[known])
+        isolated = neighbourhood(form, wanted, desk, around, radius[known], distance[known])
         held = -1
-        if isolated[known]:
+        if isolated:
             for i in range(dof):
                 centre[known, i] = desk.c[i]
                 desk.c[i] = trial[i]
@@ -376,12 +393,11 @@ def isolate_boxes(
             for i in range(dof):
                 desk.h[i] = 0.0
             held = inside(desk, periodic, centre[known : known + 1], radius[known : known + 1], 1, 0.0)
+        places.isolated[known] = held >= 0
         if held < 0:
-            isolated[known] = False
             for i in range(dof):
                 centre[known, i], radius[known, i], distance[known, i] = trial[i], BLIND, np.inf
         known += 1
-    whole = count == 0 and left == 0
-    for k in range(known):
-        whole = whole and isolated[k]
-    return Places(whole, seen, left + count, isolated[:known], number[:known], q[:known], distance[:known])
+    counts[COUNT], counts[SEEN], counts[KEPT] = count, seen, kept
+    counts[LEFT], counts[GIVEN], counts[KNOWN] = left, given, known
+    return outcome

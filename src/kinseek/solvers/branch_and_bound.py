@@ -8,13 +8,13 @@ boxes gone: nothing inside the limits reaches the goal. Best box first, the same
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,18 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.enclosure import enclose
-from kinseek.kernels.exclusion import ENDED, FOUND, STOPPED, Search, exclude
+from kinseek.kernels.enclosure import FLOOR, enclose
+from kinseek.kernels.exclusion import (
+    COUNT,
+    ENDED,
+    FOUND,
+    FULL,
+    SEEN,
+    STOPPED,
+    STUCK,
+    UPPER,
+    exclude,
+)
 from kinseek.kernels.gate import least_by_gate
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
@@ -40,10 +50,55 @@ SPREAD, SHRINK = 2.5, 0.5
 
 
 PIECE = 8192
-"""Boxes that one thread examines at a stretch: some milliseconds."""
+"""Boxes that one thread examines at a stretch: some tens of milliseconds."""
 
 HANDS = 16
 """Parts that the boxes left over are dealt into, each with a thread for a stretch."""
+
+CHUNK = 60_000
+"""A kernel comes back after so many boxes, divided by the square of the joints, to be asked to go on: the longest that an
+interrupt or a deadline waits, some hundredth of a second. What is found does not depend on it."""
+
+ENDLESS = Deadline()
+
+
+class Search(NamedTuple):
+    """How a search went."""
+
+    outcome: int
+    """ENDED: no box left; FOUND: `q` is within the tolerances; STOPPED: by the budget, the time or by rounding."""
+    boxes: int
+    largest: float
+    """Widest box that is left, the half width of its widest variable [rad] or [m]; 0 if none."""
+    q: Array
+    """(n,), the best joint values seen."""
+    lower: float
+    """Lower bound on the weighted error."""
+    upper: float
+    """Weighted error of `q`."""
+    left: Array
+    """Boxes that are left where the budget ended the search, (k, 2 dof), or with their bounds, (k, 2 dof + 1)."""
+    stuck: float
+    """Widest box that is left because it is as small as numbers allow, [rad] or [m]; 0 if none."""
+    floor: float
+    """Lower bound on the weighted error in such boxes; inf if none."""
+
+
+@dataclass
+class Watch:
+    """Says to all threads of a search when to come back."""
+
+    deadline: Deadline = ENDLESS
+    interrupted: bool = False
+    cut: bool = False
+    """Has the deadline ended anything early?"""
+
+    @property
+    def over(self) -> bool:
+        """Ask it before more work is begun, and do none if it says so."""
+        if self.deadline.passed:
+            self.cut = True
+        return self.cut or self.interrupted
 
 
 def prove(
@@ -53,7 +108,7 @@ def prove(
     budget: int = BUDGET,
     answer: Solution | None = None,
     threads: int | None = None,
-    deadline: Deadline | None = None,
+    deadline: Deadline = ENDLESS,
 ) -> Certificate:
     """Prove that a goal is out of reach, or find joint values that reach it.
 
@@ -64,10 +119,11 @@ def prove(
         budget: Boxes to examine at most, over both searches, >= 0; the bounds hold whenever the search stops.
         answer: A solution of the same problem, if there is one already; else the atlas is asked.
         threads: Threads that share the boxes; every core unless given. The certificate has the same bits.
-        deadline: After which no further boxes are begun.
+        deadline: When to stop; the bounds hold then too, and the certificate says that its time was up.
 
     Raises:
-        InvalidProblem: A batch, an empty one included; a gap or budget out of its range.
+        InvalidProblem: A batch, an empty one included; a gap or budget out of its range; an arm or a goal of a size that
+            numbers do not bear.
     """
     if problem.goal.shape:
         raise InvalidProblem(f"a proof is about one target, got a batch of shape {problem.goal.shape}")
@@ -79,7 +135,8 @@ def prove(
     best = answer if answer is not None else Atlas().solve(replace(problem, budget=None))
     if best.success:
         return _certificate(problem, Verdict.REACHABLE, best.q, 0.0, 0, 0.0)
-    search = excluded(problem, budget, threads=threads)
+    watch = Watch(deadline)
+    search = excluded(problem, budget, threads=threads, watch=watch)
     if search.outcome == FOUND:
         return _certificate(problem, Verdict.REACHABLE, search.q, 0.0, search.boxes, 0.0)
     q = search.q if search.upper < best.weighted_error else best.q
@@ -90,14 +147,14 @@ def prove(
             form, wanted, _ = error_question(problem, q, 0.5)
             lower = max(lower, least_by_gate(form, wanted, problem.arrays))
     if gap is not None:
-        nearest = enclosed(problem, q, gap, budget - boxes, threads=threads)
+        nearest = enclosed(problem, q, gap, budget - boxes, threads=threads, watch=watch)
         q, boxes, largest = nearest.q, boxes + nearest.boxes, nearest.largest
         lower = max(lower, nearest.lower)
-    certificate = _certificate(problem, verdict, q, lower, boxes, largest)
+    certificate = _certificate(problem, verdict, q, lower, boxes, largest, watch.cut)
     goal = problem.goal
     met = certificate.position_error <= goal.position_tolerance
     if met and certificate.orientation_error <= goal.orientation_tolerance:
-        return replace(certificate, verdict=Verdict.REACHABLE, lower_bound=0.0)
+        return replace(certificate, verdict=Verdict.REACHABLE, lower_bound=0.0, out_of_time=False)
     if lower > ROUNDING and lower > most_inside(goal):
         return replace(certificate, verdict=Verdict.UNREACHABLE)
     return certificate
@@ -129,23 +186,59 @@ def most_inside(goal: Goal) -> float:
     return (position + axes * goal.orientation_weight * 2.0 * math.sin(angle / 2) ** 2) * (1.0 + ROUNDING)
 
 
-def excluded(problem: Problem, budget: int, trust: float = 1.0, threads: int | None = None) -> Search:
+def excluded(
+    problem: Problem,
+    budget: int,
+    trust: float = 1.0,
+    threads: int | None = None,
+    watch: Watch | None = None,
+) -> Search:
     """Look in every box for joint values within both tolerances; see `exclude`.
 
     What a stretch of boxes leaves over is shared out, a box to a thread, round after round. What becomes of a box depends on
     nothing but itself, and the results are read in order: so the verdict, the witness and the count are the same for any
     number of threads.
     """
-    goal = problem.goal
+    goal, watch = problem.goal, watch or Watch()
     form, wanted, roll = question(problem, trust)
     tuning = np.array([SPREAD, 2, SHRINK, goal.position_tolerance, goal.orientation_tolerance])
-    boxes, arrays = start_boxes(problem.chain, roll.present), (problem.arrays, goal.arrays)
+    arrays, chunk = (problem.arrays, goal.arrays), chunk_of(problem)
 
-    def stretch(_: Search, some: Array, most: int) -> Search:
-        return exclude(form, wanted, roll, *arrays, np.ascontiguousarray(some), tuning, most)
+    def stretch(_: Search | None, boxes: Array, most: int) -> Search:
+        stack, q = roomy(boxes), np.zeros(problem.chain.dof)
+        counts, figures = np.array([len(boxes), 0, 0]), np.array([np.inf, 0.0])
+        outcome = STOPPED
+        while outcome in (STOPPED, FULL) and not (counts[SEEN] and watch.over):
+            until = min(int(counts[SEEN]) + chunk, most)
+            outcome = exclude(form, wanted, roll, *arrays, stack, q, tuning, counts, figures, until)
+            if outcome == FULL:
+                stack = roomy(stack)
+            elif counts[SEEN] >= most:
+                break
+        seen, upper, stuck = int(counts[SEEN]), float(figures[UPPER]), float(figures[STUCK])
+        if outcome == FOUND:
+            return Search(FOUND, seen, 0.0, q, 0.0, upper, stack[:0], stuck, np.inf)
+        left = stack[: counts[COUNT]].copy()
+        largest = left[:, left.shape[1] // 2 :].max(initial=stuck)
+        outcome = STOPPED if len(left) or stuck > 0.0 else ENDED
+        return Search(
+            outcome, seen, float(largest), q, 0.0, upper, left, stuck, 0.0 if stuck > 0.0 else np.inf
+        )
 
-    search = exclude(form, wanted, roll, *arrays, boxes, tuning, min(budget, PIECE))
-    return _shared(search, stretch, budget, sys.maxsize, threads)
+    search = stretch(None, start_boxes(problem.chain, roll.present), min(budget, PIECE))
+    return _shared(search, stretch, budget, sys.maxsize, threads, watch)
+
+
+def chunk_of(problem: Problem) -> int:
+    """Boxes after which a kernel comes back."""
+    return max(CHUNK // len(problem.chain.leader) ** 2, 1)
+
+
+def roomy(boxes: Array) -> Array:
+    """Room for more boxes behind these: that of 64 halvings of every variable, which are enough for all but giants."""
+    more = np.empty((len(boxes) + 32 * boxes.shape[1] + 64, boxes.shape[1]))
+    more[: len(boxes)] = boxes
+    return more
 
 
 def _shared(
@@ -154,21 +247,39 @@ def _shared(
     budget: int,
     hands: int,
     threads: int | None,
+    watch: Watch,
     settle: Callable[[Search], Search] = lambda search: search,
 ) -> Search:
-    """Go on with the boxes left, dealt out to so many `hands`, round after round, until none is left or the budget ends."""
-    if not len(search.left) or search.boxes >= budget:
+    """Go on with the boxes left, dealt out to so many `hands`, round after round, until none is left or the budget ends.
+
+    Where the time is up, what has not been examined is left as it is.
+    """
+    if not len(search.left) or search.boxes >= budget or watch.over:
         return search
+
+    def one(boxes: Array) -> Search:
+        return _untouched(search, boxes) if watch.over else stretch(search, boxes, most)
+
     with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-        while len(search.left):
-            parts = min(hands, len(search.left))
-            most = min(PIECE, (budget - search.boxes) // parts)
-            if most == 0:
-                break
-            dealt = [search.left[part::parts] for part in range(parts)]
-            pieces = pool.map(stretch, itertools.repeat(search), dealt, itertools.repeat(most))
-            search = settle(_together(search, list(pieces)))
+        try:
+            while len(search.left) and not watch.over:
+                parts = min(hands, len(search.left))
+                most = min(PIECE, (budget - search.boxes) // parts)
+                if most == 0:
+                    break
+                dealt = [search.left[part::parts] for part in range(parts)]
+                search = settle(_together(search, list(pool.map(one, dealt))))
+        except BaseException:
+            watch.interrupted = True  # Leaving waits for the threads.
+            raise
     return search
+
+
+def _untouched(search: Search, boxes: Array) -> Search:
+    """What comes of boxes that nobody looks at."""
+    dof = boxes.shape[1] // 2
+    largest = float(boxes[:, dof : 2 * dof].max())
+    return search._replace(outcome=STOPPED, boxes=0, largest=largest, left=boxes, stuck=0.0, floor=np.inf)
 
 
 def _together(before: Search, pieces: Sequence[Search]) -> Search:
@@ -193,35 +304,78 @@ def _together(before: Search, pieces: Sequence[Search]) -> Search:
 
 
 def enclosed(
-    problem: Problem, q: Array, gap: float, budget: int, trust: float = 1.0, threads: int | None = None
+    problem: Problem,
+    q: Array,
+    gap: float,
+    budget: int,
+    trust: float = 1.0,
+    threads: int | None = None,
+    watch: Watch | None = None,
 ) -> Search:
     """Enclose the least weighted error, starting from joint values q, (n,); see `enclose`.
 
     What a stretch of boxes leaves over is dealt out to `HANDS` threads or fewer, the same hands for any number of them, so
     that the bounds, the pose and the count are the same too.
     """
-    chain = problem.chain
+    chain, watch = problem.chain, watch or Watch()
     form, wanted, roll = error_question(problem, q, gap, trust)
     arrays, tuning = (problem.arrays, problem.goal.arrays), np.array([SPREAD, SHRINK, gap])
-    boxes = start_boxes(chain, roll.present)
+    chunk = chunk_of(problem)
 
-    def stretch(known: Search, some: Array, most: int) -> Search:
-        return enclose(form, wanted, roll, *arrays, np.ascontiguousarray(some), known.q, tuning, most)
+    def stretch(known: Search, boxes: Array, most: int) -> Search:
+        room = len(boxes) + 1024
+        rows, bound, order = (
+            np.empty((room, boxes.shape[1] - 1)),
+            np.zeros(room),
+            np.zeros(room, dtype=np.int64),
+        )
+        rows[: len(boxes)], bound[: len(boxes)], best = boxes[:, :-1], boxes[:, -1], known.q.copy()
+        counts, figures = np.array([len(boxes), 0, 0]), np.array([np.inf, 0.0, np.inf])
+        outcome = STOPPED
+        while outcome in (STOPPED, FULL) and not (counts[SEEN] and watch.over):
+            until = 0 if watch.over else min(int(counts[SEEN]) + chunk, most)
+            outcome = enclose(
+                form, wanted, roll, *arrays, rows, bound, order, best, tuning, counts, figures, until, most
+            )
+            if outcome == FULL:
+                rows, bound, order = (
+                    np.concatenate([each, np.zeros_like(each)]) for each in (rows, bound, order)
+                )
+            elif counts[SEEN] >= until == most or until == 0:
+                break
+        return settle(
+            Search(
+                STOPPED,
+                int(counts[SEEN]),
+                0.0,
+                best,
+                0.0,
+                float(figures[UPPER]),
+                np.c_[rows, bound][order[: counts[COUNT]]],
+                float(figures[STUCK]),
+                float(figures[FLOOR]),
+            )
+        )
 
     def settle(search: Search) -> Search:
-        """Drop what the best pose known by now rules out; the boxes with the lowest bounds first."""
+        """Drop what the best pose known by now rules out."""
         ceiling = (1.0 - gap) * search.upper
         left = search.left[search.left[:, -1] < ceiling]
         return search._replace(
             outcome=STOPPED if len(left) or search.floor < ceiling else ENDED,
-            left=left[np.argsort(left[:, -1], kind="stable")],
+            left=left,
             lower=min([ceiling, search.floor, *left[:, -1]]),
-            largest=left[:, left.shape[1] // 2 : -1].max(initial=search.stuck),
+            largest=float(left[:, left.shape[1] // 2 : -1].max(initial=search.stuck)),
         )
 
-    first, start = np.c_[boxes, 0.0], np.ascontiguousarray(q)
-    search = enclose(form, wanted, roll, *arrays, first, start, tuning, min(budget, PIECE))
-    if not len(search.left) or search.boxes >= budget:
+    def sort(search: Search) -> Search:
+        """The boxes with the lowest bounds first."""
+        settled = settle(search)
+        return settled._replace(left=settled.left[np.argsort(settled.left[:, -1], kind="stable")])
+
+    start = Search(STOPPED, 0, 0.0, np.ascontiguousarray(q), 0.0, np.inf, np.empty((0, 0)), 0.0, np.inf)
+    search = stretch(start, np.c_[start_boxes(chain, roll.present), 0.0], min(budget, PIECE))
+    if not len(search.left) or search.boxes >= budget or watch.over:
         return search
     off = max(math.pi - (roll.upper - roll.lower) / 2, 0.0)
     if roll.present and 2.0 * problem.goal.orientation_weight * (1.0 - math.cos(off)) > gap * search.upper:
@@ -230,21 +384,29 @@ def enclosed(
         last = [chain.dof - 1, 2 * chain.dof - 2]
         middle_and_half = start_boxes(chain, False)[0, [chain.dof - 1, 2 * chain.dof - 1]]
         search = search._replace(left=np.insert(search.left, last, middle_and_half, axis=1))
-    return _shared(settle(search), stretch, budget, HANDS, threads, settle)
+    return _shared(sort(search), stretch, budget, HANDS, threads, watch, sort)
 
 
 def _certificate(
-    problem: Problem, verdict: Verdict, q: Array, lower: float, boxes: int, largest: float
+    problem: Problem,
+    verdict: Verdict,
+    q: Array,
+    lower: float,
+    boxes: int,
+    largest: float,
+    out_of_time: bool = False,
 ) -> Certificate:
     judged = conclude(problem, q[None], np.zeros((1, 3), dtype=np.int64))
+    upper = max(float(judged.weighted_error), 0.0)
     return Certificate(
         verdict=verdict,
         q=judged.q,
-        lower_bound=float(min(lower, judged.weighted_error)),
-        upper_bound=float(judged.weighted_error),
+        lower_bound=min(max(float(lower), 0.0), upper),
+        upper_bound=upper,
         position_error=float(judged.position_error),
         orientation_error=float(judged.orientation_error),
         boxes=int(boxes),
         largest_box=float(largest),
         problem=problem,
+        out_of_time=out_of_time,
     )

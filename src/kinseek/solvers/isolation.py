@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.isolation import isolate_boxes
+from kinseek.kernels.exclusion import COUNT, ENDED, FULL, SEEN
+from kinseek.kernels.isolation import COUNTS, KNOWN, LEFT, MOST, Places, isolate_boxes
 from kinseek.kernels.pose_error import judge
 from kinseek.problem import Problem, as_joints
 
-from .branch_and_bound import SHRINK, SPREAD
+from .branch_and_bound import ENDLESS, SHRINK, SPREAD, chunk_of, roomy
 from .questions import question, start_boxes
 
 BUDGET = 200_000
@@ -48,6 +49,8 @@ class Isolation:
     """Boxes examined."""
     undecided: int
     """Boxes that are left; 0 if `complete`."""
+    out_of_time: bool = False
+    """Did a time limit end the search, before its budget did?"""
 
     def __repr__(self) -> str:
         """Short enough to print in a shell."""
@@ -57,7 +60,12 @@ class Isolation:
 
 
 def isolate(
-    problem: Problem, answers: ArrayLike | None = None, *, budget: int = BUDGET, trust: float = 1.0
+    problem: Problem,
+    answers: ArrayLike | None = None,
+    *,
+    budget: int = BUDGET,
+    trust: float = 1.0,
+    deadline: Deadline = ENDLESS,
 ) -> Isolation:
     """Prove that a goal has no other answers than those given, or find some.
 
@@ -69,6 +77,7 @@ def isolate(
         answers: Joint values that meet the tolerances, (k, n); none by default, then all are looked for.
         budget: Boxes to examine at most, >= 0.
         trust: 1; tests make every bound smaller by it, and must notice.
+        deadline: When to stop; what was found by then is in the result, which is not complete.
 
     Raises:
         InvalidProblem: A batch; a negative budget; answers of a wrong shape, outside the limits or the tolerances.
@@ -87,21 +96,53 @@ def isolate(
     if spare:
         nothing = np.full(known.shape, np.inf)
         return Isolation(False, known, nothing, np.arange(len(known)), 0, len(boxes))
-    places = isolate_boxes(
-        form, wanted, roll, problem.arrays, goal.arrays, boxes, periodic, known, tuning, budget
+    dof, most = boxes.shape[1] // 2, MOST + len(known)
+    stack, counts, chunk = roomy(boxes), np.zeros(COUNTS, dtype=np.int64), chunk_of(problem)
+    counts[COUNT] = len(boxes)
+    places = Places(
+        np.zeros(most, dtype=np.bool_),
+        np.zeros(most, dtype=np.int64),
+        np.zeros((most, chain.dof)),
+        *np.zeros((3, most, dof)),
     )
+    out_of_time = False
+    while True:
+        until = min(int(counts[SEEN]) + chunk, budget)
+        outcome = isolate_boxes(
+            form,
+            wanted,
+            roll,
+            problem.arrays,
+            goal.arrays,
+            stack,
+            periodic,
+            known,
+            places,
+            tuning,
+            counts,
+            until,
+        )
+        if outcome == FULL:
+            stack = roomy(stack)
+        elif outcome == ENDED or until == budget:
+            break
+        if deadline.passed:
+            out_of_time = True
+            break
+    count, left = int(counts[KNOWN]), int(counts[COUNT] + counts[LEFT])
     return Isolation(
-        complete=bool(places.complete),
-        q=places.q,
-        distance=_distances(problem, places.distance, roll.present),
-        given=places.number,
-        boxes=int(places.boxes),
-        undecided=int(places.left),
+        complete=left == 0 and bool(places.isolated[:count].all()),
+        q=places.q[:count].copy(),
+        distance=_distances(problem, places.distance[:count], roll.present),
+        given=places.number[:count].copy(),
+        boxes=int(counts[SEEN]),
+        undecided=left,
+        out_of_time=out_of_time,
     )
 
 
 def prove_complete(
-    problem: Problem, answers: ArrayLike, *, budget: int = BUDGET, deadline: Deadline | None = None
+    problem: Problem, answers: ArrayLike, *, budget: int = BUDGET, deadline: Deadline = ENDLESS
 ) -> tuple[Array, bool]:
     """What `Arm.branches` asks for: its answers and those it lacks, (k, n), and whether these are proved to be all.
 
@@ -110,7 +151,7 @@ def prove_complete(
     Raises:
         InvalidProblem: As `isolate`.
     """
-    isolation = isolate(problem, answers, budget=budget)
+    isolation = isolate(problem, answers, budget=budget, deadline=deadline)
     return isolation.q, isolation.complete
 
 
