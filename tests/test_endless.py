@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal
+from kinseek.errors import InvalidProblem
 from kinseek.kernels import lanes as eight
 from kinseek.kernels import settle as newton
 from kinseek.kernels.arrays import GoalArrays
@@ -144,6 +145,20 @@ def test_a_step_is_finite_however_far_one_joint_moves_the_tip(length: float) -> 
     # Where 1 + 2 + 4 = 7 is asked of a row of squared length 21, the step is a third of one over the length. What no joint
     # can do is divided by little more than rounding, which leaves the step some percent off.
     np.testing.assert_allclose(lanes.q, min(7.0 / (21.0 * length), 0.8), rtol=0.1)
+
+
+def test_copies_without_number_are_refused() -> None:
+    arm = kinseek.Arm.from_dh([[1.0, 0, 0, 0]] * 3, [-4000.0] * 3, [4000.0] * 3)
+    target = arm.fk([0.3, 0.7, -0.4])
+    with pytest.raises(InvalidProblem, match="more than 100,000, too many for copies=True"):
+        arm.branches(target, copies=True)
+    with pytest.raises(InvalidProblem, match="narrow the limits by with_limits"):
+        arm.ik(target, cost=lambda q: np.abs(q).sum(axis=1))
+    few = kinseek.Arm.from_dh([[1.0, 0, 0, 0]] * 3, [-10.0] * 3, [10.0] * 3)
+    assert (
+        len(few.branches(target, copies=True)) >= 2 * 3**3
+    )  # Two answers, each joint at three turns or more.
+    assert few.ik(target, cost=lambda q: np.abs(q).sum(axis=1)).success
 
 
 if __name__ == "__main__":

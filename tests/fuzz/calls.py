@@ -313,7 +313,7 @@ def call_branches(rng: Rng, arm: kinseek.Arm, scale: float) -> None:
     near = near_of(rng, arm, None) if rng.random() < 0.4 else None
     order = "mid-range" if near is not None else ORDERS[rng.integers(3)]
     count = None if rng.random() < 0.5 else int(rng.integers(1, 60))
-    copies = bool(rng.random() < 0.1 and (arm.upper - arm.lower).max() < 50.0)
+    copies = bool(rng.random() < 0.1)
     found: Any = arm.branches(goal, near=near, order=order, count=count, copies=copies)
     check_joints(arm, found.q, near)
     for q in found.q:

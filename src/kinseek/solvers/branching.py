@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import threading
 import weakref
 from collections import OrderedDict
@@ -44,6 +45,9 @@ Order = Literal["mid-range", "limits", "dexterity"]
 """What comes first of several answers; see `Arm.branches`."""
 
 ORDERS: tuple[Order, ...] = get_args(Order)
+
+MOST_COPIES = 100_000
+"""Answers at most, turned by full turns: two joints of ±4,000 rad have more than a million copies of each answer."""
 
 _CHUNK = 64
 """Targets that a thread takes at a time."""
@@ -340,8 +344,11 @@ def turned_copies(chain: SerialChain, q: Array) -> Array:
     """Every answer, and it turned by every number of full turns that the limits allow, (k, n) -> (K, n).
 
     A continuous joint has no copies: its values are angles.
+
+    Raises:
+        InvalidProblem: There are more than `MOST_COPIES`.
     """
-    rows = []
+    rows: list[tuple[float, ...]] = []
     open_lower, _ = open_limits(chain)
     for answer in q:
         choices = []
@@ -353,6 +360,13 @@ def turned_copies(chain: SerialChain, q: Array) -> Array:
             most = np.floor((chain.upper[i] - value) / (2 * np.pi) + 1e-12)
             turned = value + 2 * np.pi * np.arange(least, most + 1)
             choices.append(np.clip(turned, chain.lower[i], chain.upper[i]))
+        count = len(rows) + math.prod(len(values) for values in choices)
+        if count > MOST_COPIES:
+            raise InvalidProblem(
+                f"turned by all full turns that the limits of {chain.name!r} allow, the answers to this goal are "
+                f"more than {MOST_COPIES:,}, too many for copies=True and for a cost, which judges each of them; "
+                f"narrow the limits by with_limits, or choose among the answers of branches() yourself"
+            )
         rows += list(itertools.product(*choices))
     return np.array(rows).reshape(-1, chain.dof)
 
