@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -112,3 +113,49 @@ def test_any_object_that_solves_is_a_search() -> None:
 
     arm = kinseek.load("planar2")
     assert arm.ik(arm.fk([0.1, 0.2]), solver=Mine()).success
+
+
+ODD: list[Any] = [
+    None,
+    3,
+    2.5,
+    b"x",
+    [None],
+    [[1]],
+    object(),
+    1 + 2j,
+    [1 + 2j, 2],
+    [[], []],
+    np.array(3),
+    True,
+    10**400,
+]
+ROWS = [[0.1, 0.0, 0.0, 0.0], [0.2, 0.0, 0.0, 0.0]]
+
+
+@pytest.mark.parametrize("odd", ODD, ids=[type(odd).__name__ + str(i) for i, odd in enumerate(ODD)])
+def test_tables_limits_and_names_that_are_none(odd: Any) -> None:
+    from_dh, from_fk = kinseek.Arm.from_dh, kinseek.Arm.from_fk
+
+    def still(q: Any) -> Any:
+        return np.tile(np.eye(4), (len(q), 1, 1))
+
+    calls: list[Callable[[], Any]] = [
+        lambda: from_dh(odd, [-1, -1], [1, 1]),
+        lambda: from_dh(ROWS, odd, [1, 1]),
+        lambda: from_fk(odd, [-1, -1], [1, 1]),
+        lambda: from_fk(still, odd, [1, 1]),
+        lambda: kinseek.pose(odd),
+        lambda: kinseek.load("planar2").with_limits({"joint1": odd}),
+        lambda: kinseek.load("planar2").with_locked(odd),
+    ]
+    if odd is not None:
+        calls += [
+            lambda: from_dh(ROWS, [-1, -1], [1, 1], kinds=odd),
+            lambda: from_dh(ROWS, [-1, -1], [1, 1], names=odd),
+            lambda: from_fk(still, [-1, -1], [1, 1], names=odd),
+            lambda: from_fk(still, [-1, -1], [1, 1], kinds=odd),
+        ]
+    for call in calls:
+        with pytest.raises(kinseek.KinseekError):
+            call()

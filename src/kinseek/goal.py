@@ -586,7 +586,7 @@ def _at(position: ArrayLike, turn: Array) -> Array:
 def _finite(value: ArrayLike, name: str, size: int) -> Array:
     try:
         numbers = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InvalidGoal(f"{name} must be numbers of shape (..., {size}): {error}") from error
     if numbers.ndim == 0 or numbers.shape[-1] != size:
         raise InvalidGoal(f"{name} must have shape ({size},) or (..., {size}), got {numbers.shape}")

@@ -247,10 +247,16 @@ def black_box(
     if low.shape != high.shape:
         raise InvalidRobot(f"lower and upper must be equally long, got {len(low)} and {len(high)}")
     dof = len(low)
-    called = tuple(names) if names is not None else tuple(f"joint{i + 1}" for i in range(dof))
-    if len(called) != dof or len(set(called)) != dof or not all(isinstance(each, str) for each in called):
+    called = tuple(f"joint{i + 1}" for i in range(dof)) if names is None else _listed(names, "names")
+    if len(called) != dof or not all(isinstance(each, str) for each in called) or len(set(called)) != dof:
         raise InvalidRobot(f"names must be {dof} different strings, one a joint, got {called}")
-    kind_of = (NUMBER,) * dof if kinds is None else (kinds,) * dof if isinstance(kinds, str) else tuple(kinds)
+    kind_of = (
+        (NUMBER,) * dof
+        if kinds is None
+        else (kinds,) * dof
+        if isinstance(kinds, str)
+        else _listed(kinds, "kinds")
+    )
     if len(kind_of) != dof:
         raise InvalidRobot(f"kinds must be one word, or {dof}, one a joint; got {len(kind_of)}")
     for i, kind in enumerate(kind_of):
@@ -300,10 +306,17 @@ def _require_own_rows(box: BlackBox) -> None:
         )
 
 
+def _listed(values: Any, name: str) -> tuple[Any, ...]:
+    try:
+        return tuple(values)
+    except TypeError:
+        raise InvalidRobot(f"{name} must be words, one a joint, got {values!r:.80}") from None
+
+
 def _limits(values: ArrayLike, name: str) -> Array:
     try:
         numbers = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InvalidRobot(f"{name} must be numbers, one a joint: {error}") from error
     if numbers.ndim != 1 or not len(numbers):
         raise InvalidRobot(f"{name} must have shape (n,), one number a joint, got shape {numbers.shape}")

@@ -12,6 +12,7 @@ added to theta where the joint turns, and to d where it slides.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -73,11 +74,13 @@ def read_dh(
     table = _table(rows)
     count = len(table)
     letters = "R" * count if kinds is None else kinds
+    if not isinstance(letters, str):
+        raise InvalidRobot(f"kinds must be a word of one letter a joint, such as 'RRP', got {kinds!r:.80}")
     if unknown := sorted(set(letters) - set("RP")):
         raise InvalidRobot(
             f"unknown joint kind {unknown[0]!r} in kinds={letters!r}. Valid: R (turns), P (slides)"
         )
-    names = [f"joint{i + 1}" for i in range(count)] if names is None else list(names)
+    names = [f"joint{i + 1}" for i in range(count)] if names is None else _names(names)
     for what, values in (("kinds", letters), ("names", names)):
         if len(values) != count:
             raise InvalidRobot(f"{what} has {len(values)} entries, expected {count}: one per DH row")
@@ -112,9 +115,26 @@ def _kind(letter: str, lower: float, upper: float) -> str:
     return CONTINUOUS if lower == -np.inf and upper == np.inf else REVOLUTE
 
 
+def _listed(values: Any) -> list[Any] | None:
+    try:
+        return list(values)
+    except TypeError:
+        return None
+
+
+def _names(names: Sequence[str]) -> list[str]:
+    listed = _listed(names)
+    if listed is None or not all(isinstance(name, str) for name in listed):
+        raise InvalidRobot(f"names must be strings, one a joint, got {names!r:.80}")
+    return listed
+
+
 def _table(rows: Sequence[Row] | Array) -> Array:
+    given = _listed(rows)
+    if given is None:
+        raise InvalidRobot(f"the DH table must be rows of 4 numbers, one row a joint, got {rows!r:.80}")
     listed = []
-    for i, row in enumerate(rows):
+    for i, row in enumerate(given):
         if isinstance(row, Mapping):
             if set(row) != set(_COLUMNS):
                 raise InvalidRobot(
@@ -173,5 +193,5 @@ def _rigid(pose: ArrayLike | None, what: str) -> Array:
 def _numbers(values: object, what: str) -> Array:
     try:
         return np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InvalidRobot(f"{what}: expected numbers: {error}") from error

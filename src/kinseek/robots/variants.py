@@ -96,7 +96,7 @@ def with_limits(chain: SerialChain, limits: Mapping[str, tuple[float, float]]) -
         i = chain.joint_names.index(name)
         try:
             low, high = (_number(end, f"a limit of joint {name!r}") for end in pair)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             if isinstance(error, InvalidRobot):
                 raise
             raise InvalidRobot(
@@ -140,7 +140,7 @@ def _named(chain: SerialChain, given: Any, noun: str) -> list[tuple[str, Any]]:
 def _number(value: Any, what: str) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
         raise InvalidRobot(f"{what} must be a finite number, got {value!r}")
