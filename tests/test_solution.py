@@ -45,7 +45,7 @@ def test_require_returns_or_raises_with_the_solution() -> None:
     assert caught.value.solution is missed
     batch = ARM.ik(ARM.fk(np.stack([Q, Q])), near=Q, solver=kinseek.CoordinateDescent())
     assert batch.require() is batch
-    far = ARM.ik(kinseek.pose([[6.0, 0.0, 0.0]] * 3), solver=kinseek.DivideAndConquer())
+    far = ARM.ik(kinseek.pose([[7.0, 0.0, 0.0]] * 3), solver=kinseek.DivideAndConquer())
     with pytest.raises(NotReached, match="3 of 3 targets not reached"):
         far.require()
 
