@@ -54,7 +54,8 @@ class Problem:
             object.__setattr__(self, "near", near)
         if self.budget is not None and self.budget < 1:
             raise InvalidProblem(f"budget must be at least 1 FK evaluation, got {self.budget}")
-        Deadline(self.time_limit)
+        if self.time_limit is not None:
+            Deadline(self.time_limit)
 
     @cached_property
     def arrays(self) -> ChainArrays:

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from .arrays import Array, ChainArrays, GoalArrays, Indices
 from .forward import advance, advance_segment, copy_pose, identity
-from .jit import inner, kernel
+from .jit import inner, kernel, view
+from .pointers import integer_part, integer_part2, part1, part2, part3
 
 MOST_LANES = 8000
 """Leaves tabulated at most; ten doubles each, so the table stays in a core's second-level cache."""
@@ -95,6 +96,58 @@ def make_beam(size: int, dof: int) -> Beam:
 def make_window(dof: int, most: int) -> Window:
     """Allocate a window of at most so many values of any joint."""
     return Window(np.empty((dof, most)), np.empty((dof, most), dtype=np.int64), np.empty(dof, dtype=np.int64))
+
+
+@inner
+def scratch_size(dof: int) -> int:
+    """Numbers that a scratch takes in a memory."""
+    return 10 * MOST_LANES + 12 * (dof + 1) + 2 * dof
+
+
+@view
+def scratch_at(address: int, o: int, dof: int) -> Scratch:
+    """View a scratch in a memory from number `o` on, see `scratch_size`."""
+    poses = o + 10 * MOST_LANES
+    rest = poses + 12 * (dof + 1)
+    return Scratch(
+        part2(address, o, 9, MOST_LANES),
+        part1(address, o + 9 * MOST_LANES, MOST_LANES),
+        part3(address, poses, dof + 1, 3, 4),
+        integer_part(address, rest, dof),
+        part1(address, rest + dof, dof),
+    )
+
+
+@inner
+def beam_size(size: int, dof: int) -> int:
+    """Numbers that a beam takes in a memory."""
+    return size * (1 + 2 * dof)
+
+
+@view
+def beam_at(address: int, o: int, size: int, dof: int) -> Beam:
+    """View a beam in a memory from number `o` on, see `beam_size`."""
+    return Beam(
+        part1(address, o, size),
+        integer_part2(address, o + size, size, dof),
+        part2(address, o + size * (1 + dof), size, dof),
+    )
+
+
+@inner
+def window_size(dof: int, most: int) -> int:
+    """Numbers that a window takes in a memory."""
+    return dof * (2 * most + 1)
+
+
+@view
+def window_at(address: int, o: int, dof: int, most: int) -> Window:
+    """View a window in a memory from number `o` on, see `window_size`."""
+    return Window(
+        part2(address, o, dof, most),
+        integer_part2(address, o + dof * most, dof, most),
+        integer_part(address, o + 2 * dof * most, dof),
+    )
 
 
 @inner
@@ -284,19 +337,23 @@ def search_part(
     """
     dof, path, q, poses = len(window.counts), scratch.path, scratch.q, scratch.poses
     s = split_depth(chain, window.counts)
-    lanes = 1
-    for i in range(s, dof):
-        lanes *= window.counts[i]
+    leaves = skip = d = 0
     if begin == 0:
-        tabulate(chain, window, s, scratch)
+        lanes = tabulate(chain, window, s, scratch)
         work -= _TABLE * lanes
+        for i in range(dof):
+            path[i] = 0
+    else:
+        lanes = 1
+        for i in range(s, dof):
+            lanes *= window.counts[i]
+        block = begin // lanes
+        leaves, skip = block * lanes, begin - block * lanes
+        for i in range(s - 1, -1, -1):
+            path[i] = block % window.counts[i]
+            block //= window.counts[i]
     nodes = np.empty(dof, dtype=np.int64)
     to_beat = worst_error(beam)
-    block = begin // lanes
-    leaves, skip, d = block * lanes, begin - block * lanes, 0
-    for i in range(s - 1, -1, -1):
-        path[i] = block % window.counts[i]
-        block //= window.counts[i]
     identity(poses[0])
     while leaves < budget:
         while d < s:

@@ -124,3 +124,17 @@ def integer_part(address: int, first: int, count: int) -> Indices:
     """View `count` integers in a memory of 8-byte numbers from number `first` on."""
     seen: Indices = carray(_integers(address + 8 * first), (count,))
     return seen
+
+
+@view
+def integer_part2(address: int, first: int, rows: int, columns: int) -> Indices:
+    """View a table of integers in a memory of 8-byte numbers from number `first` on."""
+    seen: Indices = carray(_integers(address + 8 * first), (rows, columns))
+    return seen
+
+
+@view
+def part3(address: int, first: int, tables: int, rows: int, columns: int) -> Array:
+    """View tables of floats in a memory from number `first` on."""
+    seen: Array = carray(_floats(address + 8 * first), (tables, rows, columns))
+    return seen

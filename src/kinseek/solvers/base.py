@@ -71,4 +71,6 @@ def solve_each(
 def timed(solution: Solution, out_of_time: NDArray[np.bool_]) -> Solution:
     """Say of each target of a solution whether its search was cut short, (k,)."""
     shape = solution.problem.goal.shape
+    if not (shape or out_of_time.any()):
+        return solution
     return replace(solution, out_of_time=out_of_time.reshape(shape) if shape else bool(out_of_time[0]))

@@ -61,12 +61,11 @@ class BruteForce:
     def _search(self, problem: Problem, deadline: Deadline) -> Found:
         dof, count = problem.chain.dof, self.branching_factor
         require_memory(dof * count, "brute force keeps every node")
-        nodes = equation_1(count, dof)
-        require_patience(problem, nodes, self.most_nodes, "a smaller branching_factor")
         if count**dof > np.iinfo(np.int64).max:
             raise InvalidSolver(
                 f"{count}^{dof} leaves cannot be counted in 64 bits; choose a smaller branching_factor"
             )
+        require_patience(problem, equation_1(count, dof), self.most_nodes, "a smaller branching_factor")
         grid = joint_grid(problem.chain, count)
         order = np.stack([self._order(count, joint) for joint in range(dof)])
         if isinstance(problem.chain, BlackBox):

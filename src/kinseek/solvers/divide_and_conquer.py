@@ -19,7 +19,7 @@ import numpy as np
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.goal import Goal
-from kinseek.kernels.arrays import ChainArrays, GoalArrays, Indices
+from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
 from kinseek.kernels.forward import forward_many
 from kinseek.kernels.grid import (
     PART,
@@ -28,16 +28,19 @@ from kinseek.kernels.grid import (
     Beam,
     Scratch,
     Window,
+    beam_at,
+    beam_size,
     clear,
-    make_beam,
-    make_scratch,
-    make_window,
     nodes_until,
     offer,
+    scratch_at,
+    scratch_size,
     search_part,
+    window_at,
     window_nodes,
+    window_size,
 )
-from kinseek.kernels.jit import exact, inner, kernel
+from kinseek.kernels.jit import exact, inner, kernel, view
 from kinseek.problem import Problem
 from kinseek.robots.blackbox import BlackBox
 from kinseek.robots.chain import SerialChain
@@ -45,7 +48,7 @@ from kinseek.solution import Solution
 
 from .base import Found, solve_each, whole
 from .breadth_tuning import probe_joints, widen_by_trial, window_leaves
-from .nodes import MOST_NODES, Grid, joint_grid, require_patience
+from .nodes import A_ROW, MOST_NODES, Grid, joint_grid, require_patience
 
 _MOST_CELLS = 10**6
 """Of a beam, and of a breadth: more would not fit into memory, or never end."""
@@ -117,12 +120,10 @@ class DivideAndConquer:
             plan = self._plan(problem, deadline)
         except _OutOfTimeError:
             return solve_each(problem, lambda one, _: Found(one.start, 0, out_of_time=True), deadline)
-        require_patience(
-            problem, self._most_nodes(plan), self.most_nodes, "a smaller breadth, beam or number of divisions"
-        )
+        self._require_patience(problem, plan)
         if isinstance(problem.chain, BlackBox):
             return solve_each(problem, lambda one, _: self._ask(one, plan, deadline), deadline)
-        memory = self._memory(plan)
+        memory = np.empty(memory_size(*self._sizes(plan)))
         return solve_each(problem, lambda one, _: self._search(one, plan, memory, deadline), deadline)
 
     def breadths(self, problem: Problem, deadline: Deadline | None = None) -> tuple[int, ...]:
@@ -154,47 +155,42 @@ class DivideAndConquer:
         later = [min(2 * (self.divisions // 2 + b) - 1, count) for b in self.breadths(problem, deadline)]
         return grid, np.array(spacings, dtype=np.int64), np.array(later, dtype=np.int64)
 
-    def _most_nodes(self, plan: tuple[Grid, Indices, Indices]) -> int:
-        """Nodes that the passes visit at most."""
-        grid, spacings, later = plan
-        first = min(self.divisions, grid.size)
-        counts = [[first] * len(later), [int(count) for count in later]]
-        nodes = [sum(math.prod(each[: d + 1]) for d in range(len(each))) for each in counts]
-        return nodes[0] + (len(spacings) - 1) * self.beam * nodes[1]
-
-    def _memory(self, plan: tuple[Grid, Indices, Indices]) -> Memory:
-        """Memory for one descent after the other."""
+    def _sizes(self, plan: tuple[Grid, Indices, Indices]) -> tuple[int, int, int, int]:
+        """Joints, values of any joint at most, cells, and children of a cell."""
         grid, _, later = plan
-        dof, most = len(later), max(min(self.divisions, grid.size), *later.tolist())
-        return Memory(
-            make_window(dof, most),
-            make_scratch(dof),
-            make_beam(self.beam, dof),
-            make_beam(self.beam, dof),
-            make_beam(min(self.children or self.beam, self.beam), dof),
-        )
+        most = max(min(self.divisions, grid.size), *later.tolist())
+        return len(later), most, self.beam, min(self.children or self.beam, self.beam)
+
+    def _require_patience(self, problem: Problem, plan: tuple[Grid, Indices, Indices]) -> None:
+        """Count the nodes that the passes visit at most."""
+        if self.most_nodes is None:
+            return
+        grid, spacings, later = plan
+        first, counts = min(self.divisions, grid.size), later.tolist()
+        passes = (len(spacings) - 1) * self.beam
+        dof = len(counts)
+        if dof * (first**dof + passes * max(counts) ** dof) * A_ROW <= self.most_nodes:
+            return  # Seen at a glance.
+        nodes = sum(first**d for d in range(1, dof + 1))
+        nodes += passes * sum(math.prod(counts[:d]) for d in range(1, dof + 1))
+        require_patience(problem, nodes, self.most_nodes, "a smaller breadth, beam or number of divisions")
 
     def _search(
-        self, problem: Problem, plan: tuple[Grid, Indices, Indices], memory: Memory, deadline: Deadline
+        self, problem: Problem, plan: tuple[Grid, Indices, Indices], memory: Array, deadline: Deadline
     ) -> Found:
         grid, spacings, later = plan
         budget = int(np.iinfo(np.int64).max if problem.budget is None else problem.budget)
-        passes = Passes(spacings, later, self.divisions, self.beam, len(memory.litter.errors))
-        arrays, goal, at = problem.arrays, problem.goal.arrays, np.array([0, -1, 0, -1, 0, 0], dtype=np.int64)
-        done = descend(arrays, goal, grid, passes, budget, PART, memory, at)
-        while not done and not deadline.passed:
-            done = descend(arrays, goal, grid, passes, budget, PART, memory, at)
-        expanded, leaves = int(at[EXPANDED]), int(at[LEAVES])
-        if at[LEAF] > 0:  # The time ended in the middle of a window.
-            leaves += int(at[LEAF])
-            expanded += nodes_until(memory.window.counts, int(at[LEAF]) - 1)
-        last, before = (
-            (memory.second, memory.first) if len(spacings) % 2 == 0 else (memory.first, memory.second)
+        passes = Passes(
+            spacings, later, self.divisions, self.beam, min(self.children or self.beam, self.beam)
         )
-        beam = last if done else min(last, before, memory.litter, key=lambda each: each.errors.min())
+        arrays, goal, q = problem.arrays, problem.goal.arrays, np.empty(problem.chain.dof)
+        at = np.array(BEGINNING)
+        done = descend(arrays, goal, grid, passes, budget, PART, memory, at, q)
+        while not done and not deadline.passed:
+            done = descend(arrays, goal, grid, passes, budget, PART, memory, at, q)
+        leaves, expanded = int(at[TRIED]), int(at[VISITED])
         created = problem.chain.dof * self.branching_factor if self.tree == "static" else expanded
-        q = beam.q[np.argmin(beam.errors)].copy() if leaves else problem.start
-        return Found(q, leaves, created, expanded, not done)
+        return Found(q if leaves else problem.start, leaves, created, expanded, not done)
 
     def _ask(self, problem: Problem, plan: tuple[Grid, Indices, Indices], deadline: Deadline) -> Found:
         from .black_box.asking import Asker
@@ -219,22 +215,26 @@ class Passes(NamedTuple):
     children: int
 
 
-class Memory(NamedTuple):
-    """Memory of a descent, and what it knows."""
-
-    window: Window
-    scratch: Scratch
-    first: Beam
-    """Of the first pass, the third, and so on, (K,)."""
-    second: Beam
-    """Of the second pass, the fourth, and so on, (K,)."""
-    litter: Beam
-    """What one cell leaves to the next pass, where that is limited."""
-
-
-PASS, CELL, LEAF, MERGED, LEAVES, EXPANDED = range(6)
+PASS, CELL, LEAF, MERGED, LEAVES, EXPANDED, TRIED, VISITED = range(8)
 """Where a descent is at: its pass; the cell of it, -1 before the first; the next leaf of that cell's window; the next place
-of the litter to merge, -1 before its window is searched; and of the windows that are done, the leaves and the nodes."""
+of the litter to merge, -1 before its window is searched; of the windows that are done, the leaves and the nodes; and the
+same with what is done of the last window."""
+
+LINE = 64
+"""[bytes] of a line of the processor's cache: the tabulated leaves are read fastest from the beginning of one."""
+
+BEGINNING = (0, -1, 0, -1, 0, 0, 0, 0)
+
+
+@inner
+def memory_size(dof: int, most: int, cells: int, children: int) -> int:
+    """Numbers that a descent needs in its memory: a window, a scratch, the beams of two passes, and a litter.
+
+    A litter is what one cell leaves to the next pass, where that is limited. One array and not thirty: each that a kernel
+    takes costs a third of a microsecond.
+    """
+    beams = 2 * beam_size(cells, dof) + beam_size(children, dof)
+    return LINE // 8 + scratch_size(dof) + window_size(dof, most) + beams
 
 
 @exact
@@ -294,8 +294,9 @@ def descend(
     passes: Passes,
     budget: int,
     work: int,
-    memory: Memory,
+    memory: Array,
     at: Indices,
+    q: Array,
 ) -> bool:
     """Go on with a descent; say whether it is done.
 
@@ -306,20 +307,73 @@ def descend(
         passes: The plan.
         budget: Leaves that may be evaluated in all passes.
         work: What this call may do, in leaves; it does a little more.
-        memory: What is known so far; the best leaves of the last pass are in its beam.
-        at: Where the descent is, see `PASS`: 0, -1, 0, -1, 0, 0 at its beginning.
+        memory: What is known so far, of `memory_size`.
+        at: Where the descent is, see `PASS`; `BEGINNING` at first.
+        q: Receives the best joint values so far, (n,).
     """
-    window, scratch, litter = memory.window, memory.scratch, memory.litter
+    dof = len(grid.lower)
+    most = min(passes.divisions, grid.size)
+    for d in range(dof):
+        most = max(most, passes.later[d])
+    address, o = (memory.ctypes.data + LINE - 1) // LINE * LINE, scratch_size(dof)
+    scratch, window = scratch_at(address, 0, dof), window_at(address, o, dof, most)
+    o += window_size(dof, most)
+    size = beam_size(passes.beam, dof)
+    first, second = beam_at(address, o, passes.beam, dof), beam_at(address, o + size, passes.beam, dof)
+    litter = beam_at(address, o + 2 * size, passes.children, dof)
+    if at[PASS] == 0 and at[CELL] < 0:
+        clear(first)
+        clear(second)
+        clear(litter)
+    done = go_on(chain, goal, grid, passes, budget, work, window, scratch, first, second, litter, at)
+    at[TRIED], at[VISITED] = at[LEAVES], at[EXPANDED]
+    least = np.inf
+    if done:
+        least = copy_best(second if len(passes.spacings) % 2 == 0 else first, least, q)
+    else:
+        if at[LEAF] > 0:
+            at[TRIED] += at[LEAF]
+            at[VISITED] += nodes_until(window.counts, at[LEAF] - 1)
+        least = copy_best(first, least, q)
+        least = copy_best(second, least, q)
+        least = copy_best(litter, least, q)
+    return done
+
+
+@inner
+def copy_best(beam: Beam, least: float, q: Array) -> float:
+    """Write the best leaf of a beam into q, (n,), if its error is less than `least`; return what is least now."""
+    for k in range(len(beam.errors)):
+        if beam.errors[k] < least:
+            least = beam.errors[k]
+            for d in range(len(q)):
+                q[d] = beam.q[k, d]
+    return least
+
+
+@view
+def go_on(
+    chain: ChainArrays,
+    goal: GoalArrays,
+    grid: Grid,
+    passes: Passes,
+    budget: int,
+    work: int,
+    window: Window,
+    scratch: Scratch,
+    first: Beam,
+    second: Beam,
+    litter: Beam,
+    at: Indices,
+) -> bool:
+    """Do what `descend` does, once its memory is laid out: `first` is the beam of the first pass, the third, and so on."""
     while at[PASS] < len(passes.spacings):
         k = at[PASS]
-        cells, beam = memory.second, memory.first
+        cells, beam = second, first
         if k % 2 == 1:
-            cells, beam = memory.first, memory.second
+            cells, beam = first, second
         limited = k > 0 and passes.children < passes.beam
         if at[CELL] < 0:
-            if k == 0:
-                clear(cells)
-                clear(litter)
             keep_best(cells, beam)
             at[CELL] = 0
         while at[CELL] < (1 if k == 0 else passes.beam):
@@ -335,17 +389,20 @@ def descend(
                         continue
                     clear(litter)
                 found = litter if limited else beam
+                left = budget - at[LEAVES]
                 leaf, ended, work = search_part(
-                    chain, goal, window, -1.0, budget - at[LEAVES], at[LEAF], work, found, scratch
+                    chain, goal, window, -1.0, left, at[LEAF], work, found, scratch
                 )
                 at[LEAF] = leaf
                 if ended == PAUSED:
                     return False
                 at[LEAVES] += leaf
-                at[EXPANDED] += (
-                    window_nodes(window.counts) if ended == WHOLE else nodes_until(window.counts, leaf - 1)
-                )
-                at[LEAF], at[MERGED] = 0, 0 if limited else len(litter.errors)
+                if ended == WHOLE:
+                    at[EXPANDED] += window_nodes(window.counts)
+                else:
+                    at[EXPANDED] += nodes_until(window.counts, leaf - 1)
+                at[LEAF] = 0
+                at[MERGED] = 0 if limited else len(litter.errors)
             while at[MERGED] < len(litter.errors):
                 m = at[MERGED]
                 if litter.errors[m] < np.inf:

@@ -40,13 +40,9 @@ class Polished:
     def solve(self, problem: Problem) -> Solution:
         """Answer by both searches in turn."""
         budget, limit, deadline = problem.budget, problem.time_limit, Deadline(problem.time_limit)
-        first = self.search.solve(
-            replace(
-                problem,
-                budget=None if budget is None else (budget + 1) // 2,
-                time_limit=None if limit is None else limit / 2,
-            )
-        )
+        half, soon = None if budget is None else (budget + 1) // 2, None if limit is None else limit / 2
+        part = problem if (half, soon) == (None, None) else replace(problem, budget=half, time_limit=soon)
+        first = self.search.solve(part)
         if budget == 1:
             return replace(first, problem=problem)
         half = None if budget is None else budget // 2
@@ -61,8 +57,7 @@ class Polished:
             name: np.asarray(getattr(first, name) + getattr(last, name))
             for name in ("evaluations", "nodes_created", "nodes_expanded")
         }
-        cut = np.logical_or(first.out_of_time, last.out_of_time)
-        merged["out_of_time"] = np.broadcast_to(cut, pick.shape).copy()
+        merged["out_of_time"] = np.asarray(first.out_of_time | last.out_of_time)
         if not problem.goal.shape:
             merged = {name: value.item() for name, value in merged.items()}
         q = np.where(pick[..., None], first.q, last.q)
