@@ -23,6 +23,7 @@ from kinseek.kernels.arrays import GoalArrays
 from kinseek.kernels.jit import exposed
 from kinseek.kernels.lanes import LANES
 from kinseek.robots.chain import Joint, rotation, serial_chain, transform
+from kinseek.solvers.black_box.refine import bounded_step
 
 Array = NDArray[np.float64]
 
@@ -159,6 +160,21 @@ def test_copies_without_number_are_refused() -> None:
         len(few.branches(target, copies=True)) >= 2 * 3**3
     )  # Two answers, each joint at three turns or more.
     assert few.ik(target, cost=lambda q: np.abs(q).sum(axis=1)).success
+
+
+def test_a_function_whose_joints_move_nothing_gets_a_step_however_small_its_damping() -> None:
+    """Three joints do the same, one twice and one four times as fast, and the last does nothing."""
+    box: Any = kinseek.Arm.from_fk(
+        lambda q: np.tile(np.eye(4), (len(q), 1, 1)), [-1.0] * 4, [1.0] * 4, kinds="prismatic"
+    ).chain
+    slopes = np.zeros((1, 3, 4))
+    slopes[0, 0] = [1.0, 2.0, 4.0, 0.0]
+    for damping in (1e-2, 1e-12, 1e-20, 1e-200):
+        move, promised = bounded_step(
+            np.array([[0.7, 0.0, 0.0]]), slopes, np.array([damping]), np.zeros((1, 4)), box
+        )
+        assert np.isfinite(move).all()
+        assert promised[0] > 0.0
 
 
 if __name__ == "__main__":

@@ -26,6 +26,9 @@ COARSE = 3e-4
 """The same for a function in single precision."""
 LONGEST = 0.2
 """Part of its range that a joint may move in one step."""
+LOST = 1e-14
+"""Damping of each joint that is never gone below: less is lost in rounding beside the slopes, and where a joint moves
+nothing there is no step left to compute."""
 DAMPING = 1e-2
 """First damping, as a part of the mean diagonal of the squared slopes."""
 
@@ -176,7 +179,7 @@ def bounded_step(
     H = np.swapaxes(slopes, 1, 2) @ slopes
     g = -(np.swapaxes(slopes, 1, 2) @ residual[:, :, None])[:, :, 0]
     mean = np.maximum(np.trace(H, axis1=1, axis2=2) / dof, 1e-30)
-    shift = damping * mean
+    shift = np.maximum(damping, LOST * dof) * mean
     A = H + shift[:, None, None] * np.eye(dof)
     with np.errstate(invalid="ignore", divide="ignore"):
         down = np.where(span > 0, (box.lower - q) / span, 0.0)
