@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -23,7 +24,7 @@ from kinseek.kernels.boxes import (
     halve,
     make_desk,
 )
-from kinseek.kernels.exclusion import FOUND, examine
+from kinseek.kernels.exclusion import FOUND, STOPPED, examine
 from kinseek.kernels.halfway import solve
 from kinseek.kernels.jit import exposed
 from kinseek.kernels.roll import best_twist, twist_noise, twist_slack
@@ -226,17 +227,24 @@ def test_halves_of_a_box_hold_all_of_it() -> None:
 
 
 def test_isolation_splits_boxes_as_far_as_exclusion_does() -> None:
-    """A goal 5 nm beyond a limit, tolerance 1 nm: boxes wider than that cannot tell."""
+    """Without any tolerance boxes around an answer are split until they are too narrow: by the same measure in both."""
     chain = chain_of(
-        ("revolute", AXES["z"], 0.0, 1.0), ("revolute", AXES["z"], 0.0, 1.0), tip=(0.5, 0.0, 0.0)
+        ("revolute", AXES["z"], -1.0, 1.0), ("revolute", AXES["z"], 0.1, 1.0), tip=(0.5, 0.0, 0.0)
     )
-    q = np.array([1.0 + 5e-9, 0.5])
-    goal = Goal.pose(fk(chain, q), position_tolerance=1e-9, orientation_tolerance=1e-9)
-    nothing = isolate(Problem(chain, goal))
-    assert nothing.complete
+    aside = transform(Rotation.random(random_state=1).as_matrix(), [0.1, 0.2, 0.3])
+    chain = replace(
+        chain,
+        fixed=np.concatenate(
+            [(aside @ np.vstack([chain.fixed[0], [0, 0, 0, 1]]))[None, :3], chain.fixed[1:]]
+        ),
+    )
+    goal = Goal.pose(fk(chain, np.array([0.3, 0.7])), position_tolerance=0.0, orientation_tolerance=0.0)
+    alone, nothing = excluded(Problem(chain, goal), 10_000), isolate(Problem(chain, goal), budget=10_000)
+    assert alone.outcome == STOPPED
+    assert 0.0 < alone.stuck < 2 * NARROW
     assert len(nothing.q) == 0
-    assert excluded(Problem(chain, goal), 10_000).outcome == 0
-    assert NARROW < 1e-9
+    assert not nothing.complete
+    assert nothing.boxes == alone.boxes
 
 
 @pytest.mark.parametrize("scale", [1e-12, 1.0, 1e15, 1e30])
