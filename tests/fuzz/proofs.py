@@ -40,6 +40,9 @@ KNOWN = 6
 BOXES = 8
 """Boxes around the joint values that nearly reach the goal, tested one by one."""
 
+PROGRESS = 10_000
+"""How often the long command says how far it is."""
+
 SLACK = 1e-13
 """What rounding may take of a measured error, relative to all lengths; the bounds themselves stay 1e-12 below."""
 
@@ -268,6 +271,8 @@ def wrong_cases(count: int, seed: int) -> Iterator[tuple[int, Case, list[str]]]:
     """Every case in which something is wrong, with its number."""
     rng = np.random.default_rng((seed, 1))
     for number, case in enumerate(cases(count, seed)):
+        if number and number % PROGRESS == 0:
+            print(f"{number} proofs", file=sys.stderr, flush=True)
         try:
             wrong = wrong_certificate(case) + wrong_boxes(case, rng)
         except KinseekError:
@@ -288,11 +293,8 @@ def main() -> int:
     begin, bad = time.perf_counter(), 0
     for number, case, wrong in wrong_cases(given.count, given.seed):
         bad += 1
-        print(
-            f"case {number}: {case.chain.dof} joints, {case.goal.kind}, gap {case.gap}, budget {case.budget}"
-        )
-        for line in wrong:
-            print(f"    {line}")
+        what = f"{case.chain.dof} joints, {case.goal.kind}, gap {case.gap}, budget {case.budget}"
+        print(f"case {number}: {what}", *wrong, sep="\n    ", flush=True)
         if bad == given.most:
             print(f"stopped in case {number}")
             return 1
