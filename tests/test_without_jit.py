@@ -1,0 +1,304 @@
+"""The kernels as plain Python, where an index out of range is an error, beside the same ones compiled.
+
+Under NUMBA_DISABLE_JIT=1 this file runs every search on small inputs, in plain Python, and compares with what machine code
+answers in another process. In the ordinary suite it is skipped: `.ci/run` runs it, and fails where less of `kernels/` is
+covered than it covered before.
+
+Plain arrays, like compiled ones, take a negative index from their end without a word. What kernels are given and what they
+view by address refuses it here, see `kernels.without_jit`; arrays that a kernel makes for itself do not.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek import Atlas, Goal, Problem, Solver
+from kinseek.kernels.exclusion import examine
+from kinseek.kernels.isolation import contractions
+from kinseek.kernels.without_jit import WITHOUT_JIT, Bounded, bounded, call_at, unbounded, view_at
+from kinseek.solvers import branch_and_bound, branching, isolation
+from kinseek.solvers.questions import error_question, question
+
+Array = NDArray[np.float64]
+
+SMALL = Atlas(samples=64, threads=1)
+
+TWO = kinseek.Arm.from_dh([(0.3, 1.2, 0.2, 0), (0.5, 0, 0.1, 0)], [-2.5, -2], [2.5, 3], name="two")
+"""Two turns about skew axes."""
+
+SLIDES = kinseek.Arm.from_dh(
+    [(0.2, 1.5, 0.1, 0.3), (0.1, 0.2, 0, 0.4), (0.3, 0, 0, 0)],
+    [0, -2, -1],
+    [1, 2, 1],
+    kinds="PRR",
+    name="slides",
+)
+"""A slide that carries two turns."""
+
+
+def targets(arm: kinseek.Arm, count: int, seed: int = 3) -> Array:
+    poses: Array = arm.fk(np.random.default_rng(seed).uniform(arm.lower, arm.upper, (count, arm.dof)))
+    return poses
+
+
+def away(arm: kinseek.Arm) -> Array:
+    """A pose out of reach."""
+    T: Array = targets(arm, 1)[0]
+    T[:3, 3] *= 2.5
+    return T
+
+
+def one(name: str) -> Any:
+    arm = kinseek.load(name)
+    solution = arm.ik(targets(arm, 1)[0], solver=SMALL)
+    return solution.q, solution.success, solution.evaluations, solution.weighted_error
+
+
+def batch(name: str) -> Any:
+    arm = kinseek.load(name)
+    solution = arm.ik(targets(arm, 12), solver=SMALL)
+    return solution.q, solution.success, solution.evaluations
+
+
+def near(name: str) -> Any:
+    arm = kinseek.load(name)
+    q = np.random.default_rng(3).uniform(arm.lower, arm.upper, (2, arm.dof))
+    few = arm.ik(arm.fk(q), near=q + 0.1, solver=SMALL)
+    alone = arm.ik(arm.fk(q[0]), near=q[1], solver=SMALL)
+    return few.q, few.success, alone.q, alone.success
+
+
+def out_of_reach(name: str) -> Any:
+    arm = kinseek.load(name)
+    solution = arm.ik(away(arm), solver=SMALL)
+    return solution.q, solution.success, solution.weighted_error
+
+
+def positions_and_directions(name: str) -> Any:
+    arm = kinseek.load(name)
+    T = targets(arm, 2)
+    position = arm.ik(Goal.position(T[:, :3, 3]), solver=SMALL)
+    pointing = arm.ik(Goal.pointing(T[0, :3, 3], T[0, :3, 2], (0.0, 0.0, 1.0)), solver=SMALL)
+    return position.q, position.success, pointing.q, pointing.success
+
+
+def box(name: str) -> Any:
+    arm = kinseek.load(name)
+    T = targets(arm, 1)[0]
+    within = arm.ik(Goal.pose(T, free="rx", box={"x": (-0.05, 0.1)}), solver=SMALL)
+    beyond = arm.ik(Goal.pose(away(arm), box={"x": (-0.05, 0.1), "rx": (-0.2, 0.3)}), solver=SMALL)
+    return within.success, within.position_error < 1e-6, beyond.success, beyond.weighted_error
+
+
+def plain_calls() -> Any:
+    """The short way of a single pose, with the index that `ik` makes itself: all of two joints are few samples."""
+    q = np.array([0.3, -0.7])
+    alone, beside = TWO.ik(TWO.fk(q)), TWO.ik(TWO.fk(q), near=q + 0.05)
+    return alone.q, alone.success, beside.q, TWO.ik(away(TWO)).weighted_error
+
+
+def branches(name: str) -> Any:
+    arm = kinseek.load(name)
+    found = arm.branches(targets(arm, 1)[0])
+    few = arm.branches(targets(arm, 2), near=arm.lower)
+    return len(found), in_order(found.q), [len(each) for each in few]
+
+
+def free_branches() -> Any:
+    arm = kinseek.load("scara4")
+    found: Any = arm.branches(Goal.position(targets(arm, 1)[0, :3, 3]), count=4)
+    return len(found), found.sampled
+
+
+def all_branches(arm: kinseek.Arm) -> Any:
+    found: Any = arm.branches(targets(arm, 1)[0], prove=True)
+    return found.complete, in_order(found.q)
+
+
+def in_order(q: Array) -> Array:
+    return np.asarray(q[np.lexsort(np.round(q, 6).T)])
+
+
+def beside(arm: kinseek.Arm, kind: str) -> Problem:
+    """A goal out of reach by so little that boxes have to be looked at."""
+    T = targets(arm, 1)[0]
+    T[:3, 3] += (0.0, 0.02, 0.05)
+    goal = {
+        "pose": Goal.pose(T),
+        "position": Goal.position(T[:3, 3]),
+        "pointing": Goal.pointing(T[:3, 3], T[:3, 2], (0.0, 0.0, 1.0)),
+    }[kind]
+    return Problem(arm.chain, goal)
+
+
+def proof(arm: kinseek.Arm, kind: str, gap: float | None, budget: int) -> Any:
+    problem = beside(arm, kind)
+    known = SMALL.solve(problem)
+    found = branch_and_bound.prove(problem, gap=gap, budget=budget, threads=1, answer=known)
+    return found.verdict.name, found.boxes, found.lower_bound, found.upper_bound
+
+
+def bounds(arm: kinseek.Arm, kind: str, budget: int) -> Any:
+    """Both searches of a proof, and the tests of single boxes.
+
+    Which of two equally good boxes is cut first hangs on the last bit, so what a search knows when its budget ends does too.
+    """
+    problem, middle = beside(arm, kind), (arm.lower + arm.upper) / 2
+    without = branch_and_bound.excluded(problem, budget, threads=1)
+    least = branch_and_bound.enclosed(problem, middle, 0.1, budget, threads=1)
+    found: list[Any] = [without.boxes, least.boxes, least.lower <= least.upper]
+    for form, wanted, roll in (question(problem), error_question(problem, middle, 0.1)):
+        dof, rng = arm.dof - (1 if roll.present else 0), np.random.default_rng(1)
+        half = (arm.upper - arm.lower)[:dof] / 2 * np.array([[1.0], [0.3], [0.1], [0.03], [0.01]])
+        boxes = np.hstack([middle[:dof] + rng.uniform(-1, 1, (5, dof)) * (half[0] - half), half])
+        found += [examine(form, wanted, roll, boxes, ceiling, 2)[:, :2] for ceiling in (-1.0, 0.5, 0.05)]
+        found.append(contractions(form, wanted, boxes))
+    return found
+
+
+def reachable_proof() -> Any:
+    """A poor answer handed in, so that the proof has to find a better one itself."""
+    T = targets(TWO, 1)[0]
+    problem = Problem(TWO.chain, Goal.pose(T, position_tolerance=0.05, orientation_tolerance=0.05))
+    poor = replace(SMALL.solve(Problem(TWO.chain, Goal.pose(away(TWO)))), problem=problem)
+    found = branch_and_bound.prove(problem, budget=300, threads=1, answer=poor)
+    return found.verdict.name, found.position_error <= 0.05
+
+
+def isolated(arm: kinseek.Arm, budget: int) -> Any:
+    found = isolation.isolate(Problem(arm.chain, Goal.pose(targets(arm, 1)[0])), budget=budget)
+    return found.complete, in_order(found.q)
+
+
+def other_searches() -> Any:
+    arm = kinseek.load("cylindrical3")
+    T = targets(arm, 1)[0]
+    searches: list[Solver] = [
+        kinseek.BruteForce(branching_factor=4),
+        kinseek.DivideAndConquer(branching_factor=64, divisions=3, breadth=2),
+        kinseek.BlindSearch(most_steps=10),
+        kinseek.CoordinateDescent(),
+    ]
+    return [arm.ik(T, solver=each).q for each in searches]
+
+
+def any_mechanism() -> Any:
+    arm = kinseek.Arm.from_fk(kinseek.load("planar2").fk, [-3, -3], [3, 3], kinds="revolute")
+    return arm.ik(kinseek.load("planar2").fk([0.4, 0.9]), solver=Atlas(samples=32)).success
+
+
+RUNS: list[tuple[Any, ...]] = [
+    *[(one, name) for name in ("planar2", "cylindrical3", "scara4", "elbow6")],
+    *[(batch, name) for name in ("planar2", "scara4", "elbow6")],
+    *[(near, name) for name in ("cylindrical3", "scara4", "ur5e")],
+    *[(out_of_reach, name) for name in ("planar2", "elbow6")],
+    (positions_and_directions, "elbow6"),
+    (box, "elbow6"),
+    (plain_calls,),
+    *[(branches, name) for name in ("planar2", "elbow6")],
+    (free_branches,),
+    *[(all_branches, arm) for arm in (TWO, SLIDES)],
+    (proof, SLIDES, "pose", None, 60),
+    (proof, TWO, "pose", 0.05, 100),
+    (proof, SLIDES, "position", 0.2, 60),
+    (proof, SLIDES, "pointing", 0.2, 40),
+    (bounds, kinseek.load("elbow6"), "pose", 12),
+    (bounds, kinseek.load("cylindrical3"), "pose", 40),
+    (bounds, kinseek.load("cylindrical3"), "pointing", 40),
+    (bounds, TWO, "pose", 60),
+    (reachable_proof,),
+    (isolated, SLIDES, 100),
+    (isolated, TWO, 200),
+    (other_searches,),
+    (any_mechanism,),
+]
+CASES: dict[str, Callable[[], Any]] = {
+    " ".join(
+        [function.__name__, *(each.name if isinstance(each, kinseek.Arm) else str(each) for each in given)]
+    ): partial(function, *given)
+    for function, *given in RUNS
+}
+
+
+def few_samples() -> None:
+    """Branches shall make do with small atlases too."""
+    whole = vars(branching)["atlas_of"]
+    vars(branching).update(SAMPLES=64, atlas_of=lambda chain, goal: whole(chain, goal, 64))
+
+
+@pytest.fixture(name="compiled", scope="module")
+def _compiled(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What machine code answers in all the cases."""
+    to = tmp_path_factory.mktemp("compiled") / "answers"
+    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_DISABLE_JIT"}
+    subprocess.run([sys.executable, __file__, str(to)], env=environment, check=True)
+    answers: dict[str, Any] = pickle.loads(to.read_bytes())
+    return answers
+
+
+plainly = pytest.mark.skipif(not WITHOUT_JIT, reason="for NUMBA_DISABLE_JIT=1, see the top of the file")
+
+
+@plainly
+@pytest.mark.parametrize("name", CASES)
+def test_the_same_answers_as_compiled(
+    name: str, compiled: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for changed in ("SAMPLES", "atlas_of"):
+        monkeypatch.setitem(vars(branching), changed, vars(branching)[changed])
+    few_samples()
+    agree(CASES[name](), compiled[name])
+
+
+def agree(plain: Any, compiled: Any) -> None:
+    if isinstance(plain, tuple | list):
+        assert len(plain) == len(compiled)
+        for each, other in zip(plain, compiled, strict=True):
+            agree(each, other)
+    elif np.asarray(plain).dtype.kind == "f":
+        np.testing.assert_allclose(plain, compiled, atol=1e-6)
+    else:
+        np.testing.assert_array_equal(plain, compiled)
+
+
+@plainly
+def test_a_routine_is_called_by_its_number() -> None:
+    from kinseek.kernels.refine import routines
+
+    numbers = routines()
+    assert numbers[2] == 0
+    with pytest.raises(TypeError, match="positional arguments"):
+        call_at(numbers[0], (1, 2))
+
+
+def test_indices_that_machine_code_would_follow_anywhere_are_refused() -> None:
+    memory = np.arange(12.0)
+    view: Any = view_at((memory.ctypes.data + 16, np.float64), (2, 4))
+    np.testing.assert_array_equal(unbounded(view), memory[2:10].reshape(2, 4))
+    for key in (2, -1, (0, 4), (0, -1), np.int64(-2), slice(0, 3), slice(-1, None), (0, slice(2, 5))):
+        with pytest.raises(IndexError):
+            view[key]
+        with pytest.raises(IndexError):
+            view[key] = 1.0
+    view[1, 1:3] = 7.0
+    assert memory.tolist() == [0, 1, 2, 3, 4, 5, 6, 7, 7, 9, 10, 11]
+    assert isinstance(bounded((memory, 1))[0][:4], Bounded)
+    assert type(unbounded(bounded((memory, 1)))[0]) is np.ndarray
+
+
+if __name__ == "__main__":
+    few_samples()
+    Path(sys.argv[1]).write_bytes(pickle.dumps({name: case() for name, case in CASES.items()}))
