@@ -87,11 +87,16 @@ def test_nor_does_what_is_compiled() -> None:
                 assert not any(isinstance(part, ArrayType | BaseTuple) for part in handed), name
 
 
+@pytest.fixture(name="reports", scope="module")
+def _reports() -> dict[str, dict[str, Any]]:
+    """All calls in one process, for it takes seconds to start; after a crash the rest in another."""
+    return outside(list(CALLS), MOMENTS, seed=1)
+
+
 @pytest.mark.parametrize("name", CALLS)
-def test_ctrl_c_is_heard_and_the_arm_works_on(name: str) -> None:
-    report = outside([name], MOMENTS, seed=1)[name]
-    assert report["wrong"] == []
-    assert report["heard"] == MOMENTS
+def test_ctrl_c_is_heard_and_the_arm_works_on(reports: dict[str, dict[str, Any]], name: str) -> None:
+    assert reports[name]["wrong"] == []
+    assert reports[name]["heard"] == MOMENTS
 
 
 LOADING = """
