@@ -98,8 +98,9 @@ class Atlas:
             left = np.empty(end - begin, dtype=np.int64)
             count = solve_many(index.handle, wanted, targets, results, left, begin, end, LANES)
             done[begin:end] = True
-            done[left[:count]] = False
-            one_by_one(left[:count], go_on)
+            if count:
+                done[left[:count]] = False
+                one_by_one(left[:count], go_on)
 
         if problem.near is None and (problem.budget is not None or len(targets) == 1):
             one_by_one(range(len(targets)), lambda: not deadline.passed)
@@ -134,6 +135,10 @@ class Atlas:
 
     def spread(self, work: Callable[[int, int, GoOn], None], count: int, deadline: Deadline) -> None:
         """Do the work on all targets, on all threads, with a progress bar; see `threads.spread`."""
+        if 0 < count <= CHUNK and not self.progress:  # The same, without what takes as long as a target does.
+            if not deadline.passed:
+                work(0, count, lambda: not deadline.passed)
+            return
         with _progress_bar(self.progress, count) as advance:
             spread(work, count, CHUNK, self.threads, deadline, advance)
 
@@ -245,9 +250,9 @@ def wanted_of(goal: Goal, budget: int | None = None) -> Array:
 
 def batch_solution(problem: Problem, results: Array, done: NDArray[np.bool_]) -> Solution:
     """Make a solution of the rows that the kernels write, (k, n + 4); those not done, (k,), get where a search starts."""
-    late = ~done
-    if late.any():
-        results[late] = _starts(problem, late)
+    late = problem.time_limit is not None and not done.all()
+    if late:
+        results[~done] = _starts(problem, ~done)
     goal, dof, shape = problem.goal, problem.chain.dof, problem.goal.shape
     position, orientation, weighted, spent = (results[:, dof + i] for i in range(4))
     success = (position <= goal.position_tolerance) & (orientation <= goal.orientation_tolerance)
@@ -266,7 +271,7 @@ def batch_solution(problem: Problem, results: Array, done: NDArray[np.bool_]) ->
         nodes_created=field(nothing),
         nodes_expanded=field(nothing),
         problem=problem,
-        out_of_time=field(late),
+        out_of_time=field(~done) if late else np.zeros(shape, dtype=bool) if shape else False,
     )
 
 
