@@ -43,7 +43,8 @@ class Count:
 
     def __str__(self) -> str:
         """The same as an expression."""
-        return f"({self.fixed} + {self.dof} * dof + {self.joints} * joints)"
+        terms = [f"{self.dof} * dof"] * bool(self.dof) + [f"{self.joints} * joints"] * bool(self.joints)
+        return f"({' + '.join([*terms, str(self.fixed)])})"
 
 
 DOF, JOINTS = Count(0, dof=1), Count(0, joints=1)
@@ -88,16 +89,16 @@ class Layout:
         _check_names(bundle, parts)
         self.count = Count(0)
         """Numbers that the memory holds."""
-        views = []
+        views = {}
         for name, part in parts.items():
-            views.append(f"{name}={part.at(self.count, name)}")
+            views[name] = part.at(self.count, name)
             self.count = self.count + part.count
         name = bundle.__name__.lower()
         below = {f"make_{each}": part.make for each, part in parts.items() if isinstance(part, Layout)}
         self.size: Any = hidden(_function(f"{name}_size(dof, joints)", str(self.count), {}))
         """A kernel of dof and joints: the numbers that a memory takes."""
         self.make: Any = view(
-            _function(f"make_{name}(address, dof, joints)", f"bundle({', '.join(views)})", below, bundle)
+            _function(f"make_{name}(address, dof, joints)", _bundled(bundle, views), below, bundle)
         )
         """A kernel of an address, dof and joints: the views."""
 
@@ -122,15 +123,15 @@ class Rows:
         """Row where each field begins."""
         self.count = 0
         """Rows in all."""
-        views = []
+        views = {}
         for name, row in rows.items():
             function, count = (row, 1) if isinstance(row, str) else (f"make_{name}", row.count)
-            views.append(f"{name}={function}(handle, first + {self.count})")
+            views[name] = f"{function}(handle, first + {self.count})"
             self.first[name] = self.count
             self.count += count
         below = {f"make_{name}": row.make for name, row in rows.items() if isinstance(row, Rows)}
         signature = f"{bundle.__name__.lower()}_of(handle, first)"
-        self.make: Any = view(_function(signature, f"bundle({', '.join(views)})", below, bundle))
+        self.make: Any = view(_function(signature, _bundled(bundle, views), below, bundle))
         """A kernel of a handle and the row to begin with: the views."""
 
     def arrays(self, values: Any) -> list[NDArray[Any]]:
@@ -167,6 +168,10 @@ _VIEWED = {
 def _check_names(bundle: Any, declared: dict[str, Any]) -> None:
     if sorted(declared) != sorted(bundle._fields):
         raise TypeError(f"{bundle.__name__} has the fields {bundle._fields}, declared are {tuple(declared)}")
+
+
+def _bundled(bundle: Any, views: dict[str, str]) -> str:
+    return f"bundle({', '.join(views[name] for name in bundle._fields)})"
 
 
 def _function(signature: str, result: str, below: dict[str, Any], bundle: Any = None) -> Any:
