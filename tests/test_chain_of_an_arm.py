@@ -62,7 +62,7 @@ def test_the_jacobian_is_pinocchios(name: str) -> None:
 
 
 @given(serial_chains(), st.integers(0, 2**32 - 1))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_the_jacobian_is_the_derivative_of_fk(chain: SerialChain, seed: int) -> None:
     arm = Arm(chain).with_tool(kinseek.pose([0.1, -0.2, 0.3], rotvec=[0.3, 0.2, 1.0]))
     q, step = np.random.default_rng(seed).uniform(-3, 3, chain.dof), 1e-5
@@ -116,7 +116,7 @@ def test_every_link_and_joint_stands_where_pinocchio_has_it(name: str) -> None:
 
 
 @given(serial_chains(), st.data())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_links_stay_where_they_are_when_joints_are_locked(chain: SerialChain, data: st.DataObject) -> None:
     arm = Arm(chain)
     q = arm.sample(1, seed=3)[0]
@@ -195,7 +195,7 @@ def test_names_and_kinds() -> None:
 
 
 @given(serial_chains(), st.integers(0, 2**31), st.integers(0, 40))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_samples_lie_inside_the_limits_and_come_again(chain: SerialChain, seed: int, n: int) -> None:
     arm = Arm(chain)
     q = arm.sample(n, seed)

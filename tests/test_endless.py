@@ -67,7 +67,7 @@ def long_tools() -> None:
 def many_turns() -> None:
     """Arms of two joints that turn many times, the tip on the last axis or all but on it, found by hypothesis."""
 
-    @settings(max_examples=150, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=150, suppress_health_check=list(HealthCheck))
     @given(st.integers(0, 2**32 - 1), st.floats(-8, 2.5), st.booleans())
     def ends(seed: int, away: float, reached: bool) -> None:
         rng = np.random.default_rng(seed)

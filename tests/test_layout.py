@@ -10,13 +10,14 @@ import pytest
 from numpy.typing import NDArray
 
 import kinseek
+from kinseek import Goal
 from kinseek.kernels import desk
 from kinseek.kernels.jit import exposed
 from kinseek.kernels.lanes import LANES
 from kinseek.kernels.layout import DOF, JOINTS, Layout, Rows, floats, whole
 from kinseek.kernels.neighbours import LEAF
 from kinseek.kernels.pointers import ROW
-from kinseek.solvers.atlas import PLAIN, AtlasIndex
+from kinseek.solvers.atlas import PLAIN, AtlasIndex, wanted_of
 
 Array = NDArray[np.float64]
 
@@ -161,6 +162,7 @@ def test_numbers_of_a_handle_that_stand_alone(index: AtlasIndex) -> None:
     assert len(handle) == desk.ARRAYS * ROW
     assert exposed(desk.lanes_of)(handle) == LANES
     np.testing.assert_array_equal(exposed(desk.plain_wanted)(handle), PLAIN)
+    np.testing.assert_array_equal(PLAIN, wanted_of(Goal.pose(np.eye(4))))
     addresses = [exposed(desk.routine_at)(handle, k) for k in range(3)]
     np.testing.assert_array_equal(addresses, index._routines)
     np.testing.assert_array_equal(exposed(desk.handle_at)(handle.ctypes.data), handle)

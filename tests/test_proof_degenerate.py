@@ -96,7 +96,7 @@ def test_a_goal_half_a_turn_from_the_middle_of_the_box(at: float, tip: tuple[flo
                 assert shift or lean or proof.verdict is not Verdict.UNREACHABLE
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 @given(
     axes=st.lists(st.sampled_from(["x", "y", "z"]), min_size=2, max_size=3),
     seed=st.integers(0, 1000),
@@ -271,7 +271,7 @@ def random_arm(rng: np.random.Generator, dof: int, size: float) -> SerialChain:
     return serial_chain(joints, transform(np.eye(3), size * rng.normal(size=3)), name="r", base="b", tip="t")
 
 
-@pytest.mark.parametrize("size", [1e-5, 1.0, 1e4, 1e5, 1e6, 1e7])
+@pytest.mark.parametrize("size", [1e-5, 1.0, 1e4, 1e5, 1e6])
 @pytest.mark.parametrize("kind", ["pose", "position", "pointing"])
 def test_certificates_of_dwarfs_and_giants_are_finite(size: float, kind: str) -> None:
     """Joint values inside the limits, 0 ≤ lower ≤ upper, and no bound above a known error: in reach, and out of it."""
@@ -300,8 +300,9 @@ def test_certificates_of_dwarfs_and_giants_are_finite(size: float, kind: str) ->
 
 
 def test_sizes_beyond_all_numbers_are_refused() -> None:
-    chain = chain_of(("prismatic", AXES["x"], 0.0, 1e13), ("revolute", AXES["z"], -1.0, 1.0))
-    problem = Problem(chain, Goal.position([0.0, 1.0, 0.0]))
+    """Readers refuse such arms; a chain made by hand comes as far as the proof."""
+    chain = chain_of(("prismatic", AXES["x"], 0.0, 1.0), ("revolute", AXES["z"], -1.0, 1.0))
+    problem = Problem(replace(chain, upper=np.array([1e13, 1.0])), Goal.position([0.0, 1.0, 0.0]))
     with pytest.raises(kinseek.errors.InvalidProblem, match="1e\\+12 m"):
         prove(problem, answer=poor(problem, [0.0, 0.0]))
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from kinseek.deadline import Deadline
 from kinseek.errors import MissingExtra
-from kinseek.goal import KINDS, Goal
+from kinseek.goal import DEFAULT_TOLERANCE, KINDS, Goal
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
 from kinseek.kernels.atlas import NONE, SLIDE, TURN, Division, build_atlas
 from kinseek.kernels.batch import solve_many
@@ -350,8 +350,8 @@ def inverse(A: Array) -> Array:
     return np.hstack([turn, -turn @ A[:, 3:]])
 
 
-PLAIN = wanted_of(Goal.pose(np.eye(4)))
-"""Tolerances and weights of a goal that is just a pose."""
+PLAIN = np.array([DEFAULT_TOLERANCE, DEFAULT_TOLERANCE, 1.0, np.inf, 1.0, 1.0, 0.0])
+"""`wanted_of` a goal that is just a pose; written out, since to make a goal runs a kernel, and importing shall run none."""
 
 
 @contextmanager
