@@ -465,7 +465,7 @@ def as_pose(target: Any) -> Array:
     matrix = _matrix_of(target)
     if matrix.ndim < 2 or matrix.shape[-2:] != (4, 4):
         raise InvalidGoal(f"a pose must have shape (4, 4) or (..., 4, 4), got {matrix.shape}{_hint(matrix)}")
-    if matrix.ndim > 2 and all_rigid(np.ascontiguousarray(matrix.reshape(-1, 4, 4))):
+    if all_rigid(np.ascontiguousarray(matrix.reshape(-1, 4, 4))):
         return matrix
     if not np.isfinite(matrix).all():
         bad = np.argwhere(~np.isfinite(matrix).all(axis=(-2, -1)))

@@ -89,10 +89,13 @@ class Problem:
 
         A continuous joint has no limits and no seam: every number of full turns gives the same pose.
         """
+        free = endless(self.chain)
+        if not free.any():
+            return q
         centre = np.zeros(self.chain.dof) if self.near is None else self.near
         near = np.broadcast_to(centre, np.shape(q))
         turned = q + 2 * np.pi * np.round((near - q) / (2 * np.pi))
-        return np.where(endless(self.chain), np.clip(turned, near - np.pi, near + np.pi), q)
+        return np.where(free, np.clip(turned, near - np.pi, near + np.pi), q)
 
     def each(self) -> Iterator[Problem]:
         """One problem a target, in order."""

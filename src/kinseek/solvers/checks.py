@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, cast
 
 import numpy as np
@@ -58,7 +59,7 @@ def warn_if_far(solution: Solution) -> None:
         return
     if goal.ranges is not None and goal.ranges[:3] != (PINNED,) * 3:
         return  # How far away it is depends on what is left open.
-    missed = ~np.atleast_1d(np.asarray(solution.success)).reshape(-1)
+    places = goal.targets[~np.atleast_1d(solution.success).reshape(-1), :, 3]
     tool = 0.0 if goal.tool is None else float(np.linalg.norm(goal.tool[:3, 3]))
-    far = float(np.linalg.norm(goal.targets[missed, :, 3], axis=1).max())
+    far = math.sqrt((places * places).sum(axis=1).max())
     warn_of_distance(far, chain.reach + tool, 3)
