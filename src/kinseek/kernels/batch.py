@@ -20,6 +20,7 @@ from .refine import (
     middle,
     reset_weights,
     scan,
+    solve_pose,
     take_seed,
     within,
 )
@@ -128,6 +129,23 @@ def solve_many(
     count = run_lanes(Job(handle, wanted, memory), task, desk, queue, targets, results, left, begin, end, w)
     memory[0], numbers[0] = 0.0, 0  # Their last use, see `solve_pose`.
     return count
+
+
+@kernel
+def solve_some(
+    handle: Indices,
+    wanted: Array,
+    targets: Array,
+    results: Array,
+    some: Indices,
+    begin: int,
+    end: int,
+    w: int,
+) -> int:
+    """Answer the targets whose numbers are some[begin:end], (k,), one after the other, as `solve_pose`; return how many."""
+    for k in range(begin, end):
+        results[some[k]] = solve_pose(handle, wanted, targets[some[k]], w)
+    return end - begin
 
 
 @hidden

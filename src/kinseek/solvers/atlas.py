@@ -11,7 +11,7 @@ import threading
 import time
 import weakref
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,13 +25,13 @@ from kinseek.errors import MissingExtra
 from kinseek.goal import DEFAULT_TOLERANCE, KINDS, Goal
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
 from kinseek.kernels.atlas import NONE, SLIDE, TURN, Division, build_atlas
-from kinseek.kernels.batch import solve_many
+from kinseek.kernels.batch import solve_many, solve_some
 from kinseek.kernels.desk import OPEN, task_arrays
 from kinseek.kernels.lanes import LANES
 from kinseek.kernels.nearby import solve_many_near
 from kinseek.kernels.neighbours import LEAF
 from kinseek.kernels.pointers import handle_of
-from kinseek.kernels.refine import add_ending, routines, solve_pose
+from kinseek.kernels.refine import add_ending, routines
 from kinseek.problem import Problem
 from kinseek.ranges import free_turns
 from kinseek.robots.blackbox import BlackBox
@@ -47,7 +47,7 @@ CHUNK = 1024
 """Targets that a thread takes at a time: some milliseconds, so that Ctrl-C is heard."""
 
 _PIECE = 16
-"""Targets with a start that are done at a stretch: some milliseconds if they are hard."""
+"""Targets that are done at a stretch one after the other: some milliseconds if they are hard."""
 
 
 @dataclass(frozen=True)
@@ -87,12 +87,13 @@ class Atlas:
         targets = goal.targets
         results, done = np.empty((len(targets), chain.dof + 4)), np.zeros(len(targets), dtype=bool)
 
-        def one_by_one(some: Iterable[int], go_on: GoOn) -> None:
-            for i in some:
+        def one_by_one(some: Indices, go_on: GoOn) -> None:
+            for first in range(0, len(some), _PIECE):
                 if not go_on():
                     return
-                results[i] = solve_pose(index.handle, wanted, targets[i], LANES)
-                done[i] = True
+                last = min(first + _PIECE, len(some))
+                solve_some(index.handle, wanted, targets, results, some, first, last, LANES)
+                done[some[first:last]] = True
 
         def in_lanes(begin: int, end: int, go_on: GoOn) -> None:
             left = np.empty(end - begin, dtype=np.int64)
@@ -103,7 +104,7 @@ class Atlas:
                 one_by_one(left[:count], go_on)
 
         if problem.near is None and (problem.budget is not None or len(targets) == 1):
-            one_by_one(range(len(targets)), lambda: not deadline.passed)
+            one_by_one(np.arange(len(targets)), lambda: not deadline.passed)
         elif problem.near is None:
             self.spread(in_lanes, len(targets), deadline)
         else:
