@@ -34,6 +34,7 @@ def targets_of(arm: kinseek.Arm, count: int, seed: int = 1) -> Array:
 # The same bits
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 def test_a_batch_has_the_same_bits_however_it_is_solved(name: str) -> None:
     arm = kinseek.load(name)
@@ -194,6 +195,7 @@ def test_out_of_reach_gives_the_best_effort_in_bounded_work(name: str) -> None:
         solution.require()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("weights", [(1.0, 1.0), (10.0, 0.1), (0.1, 10.0)])
 @pytest.mark.parametrize("name", ["panda", "ur5e"])
 def test_out_of_reach_is_no_worse_than_restarts(name: str, weights: tuple[float, float]) -> None:
@@ -316,6 +318,7 @@ def test_a_bad_number_in_a_batch_names_its_index(bad: float) -> None:
         arm.ik(targets[77_123])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-9, 1e-12, 0.0])
 @pytest.mark.parametrize("name", ["panda", "ur5e", "ur10e_rail"])
 def test_a_tolerance_is_met_or_reported_as_missed(name: str, tolerance: float) -> None:
@@ -382,6 +385,7 @@ ODD_ARMS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ODD_ARMS, ids=lambda arm: arm.name)
 def test_odd_arms_reach_what_they_can(arm: kinseek.Arm) -> None:
     q = random_joints(arm.chain, 200, 21)

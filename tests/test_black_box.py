@@ -76,6 +76,7 @@ LOWER, UPPER = np.full(3, -3.0), np.full(3, 3.0)
 # --- what is solved -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("kinds", [True, False])
 def test_a_catalog_arm_as_a_function_is_solved_as_often(name: str, kinds: bool) -> None:
@@ -88,6 +89,7 @@ def test_a_catalog_arm_as_a_function_is_solved_as_often(name: str, kinds: bool) 
     np.testing.assert_array_equal(strict(arm.chain, solution.q, targets), solution.success)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["pose", "position", "pointing"])
 def test_errors_are_those_of_the_function_and_limits_are_kept(kind: str) -> None:
     arm, box = wrapped("panda")
@@ -127,6 +129,7 @@ def test_tighter_than_a_difference_quotient() -> None:
     assert solution.position_error.max() <= 1e-11
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5e", "so101", "scara4"])
 def test_out_of_reach_it_comes_as_near_as_the_compiled_atlas(name: str) -> None:
     arm, box = wrapped(name)
@@ -227,6 +230,7 @@ def test_a_joint_without_a_range_stays() -> None:
     assert (solution.q[:, 2] == 0.3).all()
 
 
+@pytest.mark.slow
 def test_one_row_at_a_time_and_compiled_rows() -> None:
     slow = kinseek.Arm.from_fk(planar, LOWER, UPPER, vectorized=False)
     fast = kinseek.Arm.from_fk(planar_compiled, LOWER, UPPER, vectorized=False)
@@ -264,6 +268,7 @@ def test_a_joint_that_is_an_angle_takes_the_turn_nearest_to_near() -> None:
     assert not number.ik(T, near=[6.5]).q[0] > 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("example", "variable"), [("07_continuum", "robot"), ("08_five_bar", "linkage")])
 def test_the_mechanisms_of_the_examples_are_solved(example: str, variable: str) -> None:
     case = example_case(example, variable, 100, 2)
@@ -297,6 +302,7 @@ def test_a_progress_bar_does_no_harm() -> None:
 # --- the other searches ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "solver",
     [

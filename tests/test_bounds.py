@@ -114,6 +114,7 @@ def nearest_lost(chain: SerialChain, rng: np.random.Generator, trust: float = 1.
     return lost(form, result, inside) + int((result[:, 1] > error + 1e-11).sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", catalog_names())
 def test_no_box_loses_what_it_holds(name: str) -> None:
     """Two million joint vectors over all arms, each in a box."""
@@ -122,6 +123,7 @@ def test_no_box_loses_what_it_holds(name: str) -> None:
     assert sum(nearest_lost(chain, rng) for _ in range(500)) == 0
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(chain=serial_chains(), seed=st.integers(0, 2**32 - 1))
 def test_no_box_loses_what_it_holds_on_any_chain(chain: SerialChain, seed: int) -> None:
@@ -130,6 +132,7 @@ def test_no_box_loses_what_it_holds_on_any_chain(chain: SerialChain, seed: int) 
     assert sum(nearest_lost(chain, rng) for _ in range(3)) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 def test_bounds_one_percent_too_small_are_caught(name: str) -> None:
     chain, rng = kinseek.load(name).chain, np.random.default_rng(0)

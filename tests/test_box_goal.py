@@ -82,6 +82,7 @@ def targets_from(T: Array, deviations: Array, frame: str) -> Array:
     return wanted
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frame", ["tool", "base"])
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 @pytest.mark.parametrize("name", ["ur5e", "so101", "scara4", "ur10e_rail"])

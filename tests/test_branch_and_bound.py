@@ -50,6 +50,7 @@ def grid_errors(chain: SerialChain, goal: Goal, steps: int) -> tuple[float, floa
     return least, float(slope * half.sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "steps"), [("planar2", 61), ("cylindrical3", 17)])
 def test_lower_bounds_hold_against_a_grid(name: str, steps: int) -> None:
     arm, rng = kinseek.load(name), np.random.default_rng(0)
@@ -81,6 +82,7 @@ TWO = kinseek.Arm.from_dh([(0.3, 1.2, 0.2, 0), (0.5, 0, 0.1, 0)], [-2.5, -2], [2
 """Two turns about skew axes."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["pose", "position", "pointing"])
 @pytest.mark.parametrize(
     ("arm", "steps"), [(TWO, 300), (ELBOW, 50), (SKEW, 50)], ids=["two", "elbow", "skew"]
@@ -152,6 +154,7 @@ def test_the_verdict_in_reach_comes_with_a_witness(name: str) -> None:
         assert found.lower_bound <= found.upper_bound
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FLEET)
 def test_far_goals_are_proved_unreachable(name: str) -> None:
     arm, rng = kinseek.load(name), np.random.default_rng(3)
@@ -232,6 +235,7 @@ def stretched(name: str, seed: int) -> tuple[kinseek.Arm, NDArray[np.float64]]:
     return arm, np.where(rng.random(q.shape) < 0.6, quarter, q)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FLEET)
 def test_the_gate_lets_through_whatever_is_in_reach(name: str) -> None:
     arm, joints = stretched(name, 4)
@@ -325,6 +329,7 @@ def test_what_is_no_question_is_an_error() -> None:
         Goal.pose(goal.target, position_tolerance=-1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gap", [None, 0.02])
 @pytest.mark.parametrize("name", ["ur5e", "panda", "so101"])
 def test_threads_change_nothing(name: str, gap: float | None) -> None:

@@ -48,6 +48,7 @@ def some(found: Branches | BranchesBatch) -> BranchesBatch:
 # Proof
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5e", "puma560", "jaco2_6"])
 def test_a_proof_says_that_none_is_lacking(name: str) -> None:
     arm = kinseek.load(name)
@@ -121,6 +122,7 @@ def eaik_branches(arm: kinseek.Arm) -> Any:
     return solve
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5e", "puma560", "irb120", "kr6r900"])
 def test_the_same_answers_as_a_closed_form(name: str) -> None:
     arm = kinseek.load(name)

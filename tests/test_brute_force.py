@@ -15,6 +15,7 @@ from reference import exhaustive
 ORDERS = ["paper", "low-discrepancy", "random"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "size"), [("planar2", 30), ("cylindrical3", 9), ("scara4", 5), ("irb5400", 3)]
 )

@@ -329,6 +329,7 @@ def test_options_are_named_after_fields() -> None:
     assert option_of("branching_factor") == "--branching-factor"
 
 
+@pytest.mark.slow
 def test_as_a_program() -> None:
     words = [sys.executable, "-c", "from kinseek.cli import main; main()"]
     words += ["solve", "planar2", *REACHABLE, "--position-only", "--json"]

@@ -38,6 +38,7 @@ def lint(folder: Path) -> tuple[int, str]:
     return done.returncode, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("above", ["certificate", "solution", "branches", "arm", "cli.words", "plots"])
 def test_a_problem_knows_nothing_of_what_is_made_of_it(copy: Path, above: str) -> None:
     with (copy / "site" / "kinseek" / "problem.py").open("a", encoding="utf-8") as file:

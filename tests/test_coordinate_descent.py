@@ -33,6 +33,7 @@ def fields(arm: kinseek.Arm) -> dict[str, object]:
     return {name: getattr(arm.chain, name) for name in arm.chain.__dataclass_fields__}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "joint"),
     [

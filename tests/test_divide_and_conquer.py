@@ -42,6 +42,7 @@ def agrees_with_the_paper(
     assert solution.nodes_expanded == plain.expanded
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["planar2", "cylindrical3", "scara4", "irb5400"])
 @pytest.mark.parametrize(
     ("size", "divisions"), [(3, 3), (10, 3), (7200, 3), (100, 4), (50, 2), (2, 5), (1, 3)]
@@ -66,6 +67,7 @@ def test_random_chains_agree_with_the_papers_algorithms(
     agrees_with_the_paper(chain, goal, size, divisions, [int(b) for b in rng.integers(1, 3, chain.dof)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["planar2", "scara4", "elbow6", "irb5400"])
 @pytest.mark.parametrize("breadth", [1, 2, "tuned"])
 @pytest.mark.parametrize("beam", [1, 3])
@@ -126,6 +128,7 @@ def test_tuned_breadth_follows_the_arm_and_the_weights() -> None:
     assert for_position != tuned_breadth(elbow, kinseek.Goal.pose(np.eye(4)), 3, 2500)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "budget"), [("cylindrical3", 130), ("scara4", 700), ("elbow6", 2500)])
 def test_tuned_breadth_beats_constant_breadth_within_the_same_window(name: str, budget: int) -> None:
     arm = kinseek.load(name)
@@ -208,6 +211,7 @@ def test_a_beam_never_loses_to_its_own_first_cell() -> None:
     assert errors[2] < errors[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "count"), [("planar2", 1000), ("cylindrical3", 1000), ("scara4", 1000), ("elbow6", 100)]
 )

@@ -78,6 +78,7 @@ def asked(name: str, kind: str = "pose", count: int = 3) -> tuple[kinseek.Arm, P
     return arm, Problem(arm.chain, goal, near)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cls", "name"), CASES)
 @pytest.mark.parametrize("kind", ["pose", "position", "pointing"])
 def test_errors_are_those_of_plain_fk_and_limits_are_kept(cls: type[Solver], name: str, kind: str) -> None:
@@ -99,6 +100,7 @@ def test_errors_are_those_of_plain_fk_and_limits_are_kept(cls: type[Solver], nam
         assert solution.success[i] == (met and solution.orientation_error[i] <= goal.orientation_tolerance)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cls", "name"), CASES)
 def test_same_bits_twice_from_two_threads_and_in_any_batch(cls: type[Solver], name: str) -> None:
     _, problem = asked(name)
@@ -126,6 +128,7 @@ def test_every_search_says_what_a_start_is_to_it(cls: type[Solver]) -> None:
     assert (cls in FROM_ITS_START) != (cls in WITHOUT_A_START)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cls", "name"), [case for case in CASES if case.values[0] in FROM_ITS_START])
 def test_never_worse_than_its_start(cls: type[Solver], name: str) -> None:
     """Where it starts at an answer, the tolerances are all that it may lose."""
@@ -139,6 +142,7 @@ def test_never_worse_than_its_start(cls: type[Solver], name: str) -> None:
             assert measure(fk(chain, q), one.goal) <= measure(fk(chain, start), one.goal) + more
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cls", "name"), [case for case in CASES if case.values[0] in WITHOUT_A_START])
 def test_the_same_wherever_it_would_start(cls: type[Solver], name: str) -> None:
     _, problem = asked(name)
@@ -148,6 +152,7 @@ def test_the_same_wherever_it_would_start(cls: type[Solver], name: str) -> None:
     np.testing.assert_array_equal(first.evaluations, again.evaluations)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 def test_polishing_never_spoils_what_is_polished(name: str) -> None:
     _, problem = asked(name)
@@ -156,6 +161,7 @@ def test_polishing_never_spoils_what_is_polished(name: str) -> None:
     assert ((fine.weighted_error <= rough.weighted_error) | fine.success).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cls", "name"), CASES)
 @pytest.mark.parametrize("budget", [1, 100, 5000])
 def test_a_budget_is_kept(cls: type[Solver], name: str, budget: int) -> None:

@@ -16,6 +16,8 @@ from experiments.store import Store, read_rows
 
 import kinseek
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("matplotlib")
 pytest.importorskip("rich")
 

@@ -34,6 +34,7 @@ def check(arm: kinseek.Arm, made_from: Array) -> None:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", catalog_names())
 def test_random_targets_are_solved(name: str) -> None:
     arm = kinseek.load(name)
@@ -41,6 +42,7 @@ def test_random_targets_are_solved(name: str) -> None:
     check(arm, q)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", catalog_names())
 def test_targets_near_singularities_and_limits_are_solved(name: str) -> None:
     arm = kinseek.load(name)

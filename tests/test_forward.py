@@ -32,6 +32,7 @@ def test_catalog_arms_agree_with_the_twin(name: str) -> None:
     np.testing.assert_allclose(arm.fk(q), [fk(arm.chain, each) for each in q], atol=1e-13)
 
 
+@pytest.mark.slow
 @given(serial_chains(), st.integers(0, 2**32 - 1))
 @settings(max_examples=100)
 def test_random_chains_agree_with_the_twin(chain: SerialChain, seed: int) -> None:

@@ -55,6 +55,7 @@ def search(
     return beam, *search_window(arrays, goal.arrays, window, stop, budget, beam, make_scratch(chain.dof))
 
 
+@pytest.mark.slow
 @given(serial_chains(), st.integers(0, 2**32 - 1), st.data())
 @settings(max_examples=60)
 def test_random_chains_agree_with_the_twin(chain: SerialChain, seed: int, data: st.DataObject) -> None:

@@ -24,6 +24,7 @@ def loaded() -> set[str]:
     return set(done.stdout.split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", HEAVY)
 def test_import_does_not_load(loaded: set[str], package: str) -> None:
     assert "kinseek" in loaded

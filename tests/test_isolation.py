@@ -139,6 +139,7 @@ def test_restarts_find_nothing_more(name: str) -> None:
     assert proved > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "kind", "steps", "loose"),
     [
@@ -265,6 +266,7 @@ def contraction_fails(chain: SerialChain, rng: np.random.Generator, trust: float
     return int((reach < np.abs(delta) - 1e-13).any(axis=1).sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["planar2", "scara4", "cylindrical3", "ur5e", "jaco2_6", "so101"])
 def test_contractions_hold_and_one_percent_less_is_caught(name: str) -> None:
     chain, rng = kinseek.load(name).chain, np.random.default_rng(0)

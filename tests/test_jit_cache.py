@@ -17,6 +17,8 @@ import pytest
 import kinseek
 from kinseek.kernels.jit import kernel_sources, source_digest
 
+pytestmark = pytest.mark.slow
+
 PACKAGE = Path(kinseek.__file__).parent
 
 CALL = """

@@ -15,6 +15,8 @@ import pytest
 
 import kinseek
 
+pytestmark = pytest.mark.slow
+
 PACKAGE = Path(kinseek.__file__).parent
 
 TINY = """

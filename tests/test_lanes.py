@@ -77,6 +77,7 @@ def plain_jacobian(chain: SerialChain, q: Array, weight: Array) -> Array:
     return J
 
 
+@pytest.mark.slow
 @given(serial_chains(), st.integers(0, 2**32 - 1))
 @settings(max_examples=60)
 def test_forward_kinematics_agrees_with_the_twin(chain: SerialChain, seed: int) -> None:
@@ -86,6 +87,7 @@ def test_forward_kinematics_agrees_with_the_twin(chain: SerialChain, seed: int) 
     np.testing.assert_allclose(poses_of(lanes), [fk(chain, each)[:3] for each in q], atol=1e-11)
 
 
+@pytest.mark.slow
 @given(serial_chains(), st.integers(0, 2**32 - 1))
 @settings(max_examples=60)
 def test_the_jacobian_agrees_with_finite_differences(chain: SerialChain, seed: int) -> None:
@@ -118,6 +120,7 @@ def test_the_residual_agrees_with_the_twin(columns: Array) -> None:
             assert error[1, k] == pytest.approx(np.sin(angle) ** 2, abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at_limits", [False, True])
 @pytest.mark.parametrize("name", ["panda", "ur10e_rail", "scara4", "planar5"])
 def test_a_damped_step_agrees_with_the_twin(name: str, at_limits: bool) -> None:

@@ -36,6 +36,7 @@ def clouds(dimensions: int) -> dict[str, Array]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dimensions", [1, 2, 5, 9])
 @pytest.mark.parametrize("wanted", [1, 8, 40])
 def test_neighbours_against_brute_force(dimensions: int, wanted: int) -> None:

@@ -27,6 +27,7 @@ def test_the_line_of_an_arm_ends_at_its_tip(chain: SerialChain, share: float) ->
     np.testing.assert_allclose(points[-1], fk(chain, q)[:3, 3], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_picture_is_written(tmp_path: Path) -> None:
     arm = kinseek.load("scara4")
     figure, axes = plots.space()

@@ -34,6 +34,7 @@ def far_goal(chain: SerialChain, rng: np.random.Generator, far: float = 1.0) -> 
     return Goal.pose(T, position_weight=rng.uniform(0.5, 3), orientation_weight=rng.uniform(0, 2))
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(chain=serial_chains(), seed=st.integers(0, 2**32 - 1))
 def test_derivatives_agree_with_differences(chain: SerialChain, seed: int) -> None:
@@ -59,6 +60,7 @@ def test_derivatives_agree_with_differences(chain: SerialChain, seed: int) -> No
         np.testing.assert_allclose(H[i], (at(ahead)[0] - at(behind)[0]) / (2 * step), atol=1e-4 * size)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(chain=serial_chains(), seed=st.integers(0, 2**32 - 1))
 def test_it_stays_inside_the_limits_and_is_never_worse(chain: SerialChain, seed: int) -> None:
