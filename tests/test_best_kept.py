@@ -18,6 +18,8 @@ from kinseek.kernels.lanes import LANES
 from kinseek.kernels.refine import ALIKE, keep_best
 from kinseek.solvers.atlas import atlas_of, wanted_of
 
+pytestmark = pytest.mark.slow
+
 Array = NDArray[np.float64]
 
 

@@ -12,6 +12,8 @@ import pytest
 
 import kinseek
 
+pytestmark = pytest.mark.slow
+
 PACKAGE = Path(kinseek.__file__).parent
 PROJECT = Path(__file__).parent.parent / "pyproject.toml"
 

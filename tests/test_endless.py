@@ -25,6 +25,8 @@ from kinseek.kernels.lanes import LANES
 from kinseek.robots.chain import Joint, rotation, serial_chain, transform
 from kinseek.solvers.black_box.refine import bounded_step
 
+pytestmark = pytest.mark.slow
+
 Array = NDArray[np.float64]
 
 PATIENCE = 30

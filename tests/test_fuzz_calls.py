@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import pytest
+
 import kinseek
 from fuzz.calls import MOST_SECONDS, case
+
+pytestmark = pytest.mark.slow
 
 COUNT = 300
 

@@ -9,6 +9,8 @@ import pytest
 
 from fuzz.files import MUTATIONS, Case, case, findings, judge, seeds, write
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 10.0
 
 

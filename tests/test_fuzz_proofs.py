@@ -6,6 +6,8 @@ import pytest
 
 from fuzz.proofs import wrong_cases
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_poor_answers_break_no_bound(seed: int) -> None:

@@ -19,6 +19,8 @@ import kinseek
 from fuzz.interrupts import CALLS, outside
 from kinseek.kernels.arrays import Array
 
+pytestmark = pytest.mark.slow
+
 MOMENTS = 4
 """Of each call; `python -m tests.fuzz.interrupts` tries more."""
 

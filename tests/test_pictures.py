@@ -16,6 +16,8 @@ from experiments.store import Store
 import kinseek
 from legible import faults
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("matplotlib")
 
 ROOT = Path(__file__).resolve().parents[1]

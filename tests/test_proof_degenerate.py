@@ -35,6 +35,8 @@ from kinseek.solvers.isolation import isolate
 from kinseek.solvers.questions import ROUNDING, error_question, start_boxes
 from reference import fk, weighted_error
 
+pytestmark = pytest.mark.slow
+
 Array = NDArray[np.float64]
 
 AXES = {"x": np.eye(3)[0], "y": np.eye(3)[1], "z": np.eye(3)[2]}

@@ -22,6 +22,8 @@ from kinseek.solution import Solution, conclude
 from kinseek.solvers.branch_and_bound import prove
 from kinseek.solvers.isolation import isolate, prove_complete
 
+pytestmark = pytest.mark.slow
+
 ENDLESS_BUDGET = 10**12
 
 

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ("benchmarks", "experiments", "docs")
 PARTS = {"__init__", "command", "targets"}

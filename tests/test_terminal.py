@@ -15,6 +15,8 @@ import kinseek
 from kinseek.cli.tables import sentence, table
 from kinseek.robots import catalog_names
 
+pytestmark = pytest.mark.slow
+
 MAIN = [sys.executable, "-c", "from kinseek.cli import main; main()"]
 SHOWN = {
     "show": ("show", "ur5e"),

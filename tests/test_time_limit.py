@@ -16,6 +16,8 @@ from kinseek.kernels import grid
 from kinseek.solvers import blind_search, brute_force, coordinate_descent, divide_and_conquer
 from reference import errors, fk
 
+pytestmark = pytest.mark.slow
+
 SHORT = 1e-9
 """[s] Over before anything begins."""
 

@@ -12,6 +12,8 @@ import pytest
 
 import kinseek
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("mypy")
 
 HEAD = """
