@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import plots
-from kinseek.kernels import atlas, neighbours
-from kinseek.kernels import lanes as eight
-from kinseek.kernels.atlas import Atlas, Division, build_atlas
+from kinseek.kernels.arm.links import links_of
+from kinseek.kernels.atlas import lanes as eight
+from kinseek.kernels.atlas import samples as atlas
+from kinseek.kernels.atlas import tree as neighbours
+from kinseek.kernels.atlas.lanes import LANES, Lanes
+from kinseek.kernels.atlas.one_goal import DAMPING, LONGEST, MARGIN
+from kinseek.kernels.atlas.samples import Atlas, Division, build_atlas
+from kinseek.kernels.atlas.tree import LEAF
 from kinseek.kernels.jit import exposed
-from kinseek.kernels.lanes import LANES, Lanes
-from kinseek.kernels.links import links_of
-from kinseek.kernels.neighbours import LEAF
-from kinseek.kernels.refine import DAMPING, LONGEST, MARGIN
-from kinseek.solvers.atlas import SAMPLES, divide, inverse, middle_samples, open_limits
+from kinseek.solvers.atlas.solver import SAMPLES, divide, inverse, middle_samples, open_limits
 
 from .command import PICTURES, command, writes
 

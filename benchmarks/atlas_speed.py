@@ -20,8 +20,8 @@ import kinseek
 from benchmarks.command import under_pytest
 from benchmarks.fleet import single_times
 from benchmarks.targets import plain_fk, random_joints
-from kinseek.kernels.refine import solve_plain
-from kinseek.solvers.atlas import SAMPLES, AtlasIndex
+from kinseek.kernels.atlas.one_goal import solve_plain
+from kinseek.solvers.atlas.solver import SAMPLES, AtlasIndex
 
 Array = NDArray[np.float64]
 

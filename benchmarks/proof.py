@@ -28,12 +28,12 @@ from scipy.spatial.transform import Rotation
 
 import kinseek
 from kinseek import Goal, Problem
-from kinseek.kernels.exclusion import ENDED, FOUND
+from kinseek.kernels.proof.exclusion import ENDED, FOUND
+from kinseek.proof.branch_and_bound import excluded, prove
+from kinseek.proof.isolation import isolate
 from kinseek.robots.catalog import catalog_names
 from kinseek.solution import Solution
-from kinseek.solvers.atlas import Atlas, arm_length
-from kinseek.solvers.branch_and_bound import excluded, prove
-from kinseek.solvers.isolation import isolate
+from kinseek.solvers.atlas.solver import Atlas, arm_length
 
 from .command import arm_name, at_least_one, command
 

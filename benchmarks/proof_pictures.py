@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal, Problem, plots
-from kinseek.kernels.exclusion import ENDED, examine
+from kinseek.kernels.proof.exclusion import ENDED, examine
+from kinseek.proof.branch_and_bound import enclosed, excluded
+from kinseek.proof.reduce import question, start_boxes
 from kinseek.solution import Solution
-from kinseek.solvers.branch_and_bound import enclosed, excluded
-from kinseek.solvers.questions import question, start_boxes
 
 from .command import ROOT, command, writes
 from .proof import unreachable

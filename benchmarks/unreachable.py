@@ -26,10 +26,10 @@ from benchmarks.command import arm_name, at_least_one, command, writes
 from benchmarks.peers.__main__ import ENVIRONMENTS, HERE, PEERS, VENVS, environment, write_arm
 from benchmarks.proof import unreachable
 from benchmarks.targets import load, machine
-from kinseek.kernels.pose_error import judge
+from kinseek.kernels.arm.pose_error import judge
 from kinseek.problem import Problem
+from kinseek.proof.branch_and_bound import prove
 from kinseek.solution import Status
-from kinseek.solvers.branch_and_bound import prove
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ from benchmarks.targets import plain_fk, pose_errors, random_joints
 from numpy.typing import NDArray
 
 import kinseek
-from kinseek.kernels.refine import solve_plain
+from kinseek.kernels.atlas.one_goal import solve_plain
 from kinseek.robots.chain import Joint, rotation, serial_chain, transform
-from kinseek.solvers.atlas import AtlasIndex
+from kinseek.solvers.atlas.solver import AtlasIndex
 from reference import errors, weighted_error
 
 Array = NDArray[np.float64]

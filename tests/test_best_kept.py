@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal
-from kinseek.kernels.box_steps import ROWS
-from kinseek.kernels.boxed import keep_best_box
-from kinseek.kernels.desk import desk_size, make_desk, task_of
-from kinseek.kernels.lanes import LANES
-from kinseek.kernels.refine import ALIKE, keep_best
-from kinseek.solvers.atlas import atlas_of, wanted_of
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.one_goal import ALIKE, keep_best
+from kinseek.kernels.atlas.range_steps import ROWS
+from kinseek.kernels.atlas.ranges import keep_best_box
+from kinseek.kernels.atlas.task import desk_size, make_desk, task_of
+from kinseek.solvers.atlas.solver import atlas_of, wanted_of
 
 pytestmark = pytest.mark.slow
 

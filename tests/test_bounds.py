@@ -14,12 +14,12 @@ from scipy.spatial.transform import Rotation
 import kinseek
 from chains import serial_chains
 from kinseek import Goal, Problem
-from kinseek.kernels.boxes import Form, chord_of
-from kinseek.kernels.exclusion import examine
 from kinseek.kernels.jit import exposed
+from kinseek.kernels.proof.box import Form, chord_of
+from kinseek.kernels.proof.exclusion import examine
+from kinseek.proof.reduce import error_question, question, start_boxes
 from kinseek.robots.catalog import catalog_names
 from kinseek.robots.chain import SerialChain
-from kinseek.solvers.questions import error_question, question, start_boxes
 from reference import fk, weighted_error
 
 Array = NDArray[np.float64]

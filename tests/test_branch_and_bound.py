@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 
 import kinseek
 from kinseek import Goal, Problem
-from kinseek.certificate import Certificate, Verdict
 from kinseek.errors import InvalidGoal, InvalidProblem
-from kinseek.kernels.exclusion import ENDED
+from kinseek.kernels.proof.exclusion import ENDED
+from kinseek.proof.branch_and_bound import excluded, prove
+from kinseek.proof.certificate import Certificate, Verdict
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Status
-from kinseek.solvers.branch_and_bound import excluded, prove
 from reference import errors, fk, weighted_error
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Branches, BranchesBatch, Goal, InvalidGoal, InvalidProblem
-from kinseek.kernels.jacobian import jacobian_many
+from kinseek.kernels.arm.jacobian import jacobian_many
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import pytest
 import kinseek
 from kinseek import BruteForce
 from kinseek.errors import InvalidSolver
-from kinseek.kernels.grid import equation_1
+from kinseek.kernels.grid.window import equation_1
 from kinseek.problem import Problem
 from reference import exhaustive
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from kinseek.errors import InvalidRobot
-from kinseek.kernels.forward import forward_many
+from kinseek.kernels.arm.forward import forward_many
 from kinseek.robots import catalog_entry, catalog_names, catalog_path, read
 
 SHARED = Path(__file__).parents[2] / "shared" / "robots"

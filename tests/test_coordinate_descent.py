@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import kinseek
 from kinseek import CoordinateDescent
 from kinseek.errors import InvalidSolver
-from kinseek.kernels.sinusoid import coefficients, minimise_pair, minimiser, value_at
+from kinseek.kernels.grid.sinusoid import coefficients, minimise_pair, minimiser, value_at
 from kinseek.problem import Problem
 from reference import Array, chordal_error, fk
 

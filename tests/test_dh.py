@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kinseek.errors import InvalidRobot
-from kinseek.kernels.forward import forward_many
+from kinseek.kernels.arm.forward import forward_many
 from kinseek.robots import read_dh
 from kinseek.robots.chain import Array
 

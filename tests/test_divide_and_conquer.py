@@ -13,7 +13,7 @@ import kinseek
 from chains import serial_chains
 from kinseek import DivideAndConquer
 from kinseek.errors import InvalidSolver
-from kinseek.kernels.grid import Window
+from kinseek.kernels.grid.window import Window
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.solvers.divide_and_conquer import first_window, later_window, tuned_breadth

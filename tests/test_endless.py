@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import Goal
 from kinseek.errors import InvalidProblem
-from kinseek.kernels import lanes as eight
-from kinseek.kernels import settle as newton
 from kinseek.kernels.arrays import GoalArrays
+from kinseek.kernels.atlas import lanes as eight
+from kinseek.kernels.atlas import newton as newton
+from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.jit import exposed
-from kinseek.kernels.lanes import LANES
 from kinseek.robots.chain import Joint, rotation, serial_chain, transform
 from kinseek.solvers.black_box.refine import bounded_step
 

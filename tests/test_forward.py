@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 import kinseek
 from chains import serial_chains
-from kinseek.kernels import forward as kernels
-from kinseek.kernels import pose_error
+from kinseek.kernels.arm import forward as kernels
+from kinseek.kernels.arm import pose_error
+from kinseek.kernels.arm.forward import forward_many
+from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import GoalArrays
-from kinseek.kernels.forward import forward_many
 from kinseek.kernels.jit import exposed
-from kinseek.kernels.pose_error import judge
 from kinseek.robots.chain import SerialChain
 from reference import chordal_error, errors, fk, weighted_error
 

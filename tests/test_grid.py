@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import kinseek
 from chains import serial_chains
-from kinseek.kernels.grid import (
+from kinseek.kernels.grid.window import (
     MOST_LANES,
     Beam,
     Window,

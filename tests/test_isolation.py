@@ -17,10 +17,10 @@ import kinseek
 from chains import serial_chains
 from kinseek import Goal, Problem
 from kinseek.errors import InvalidProblem
-from kinseek.kernels.isolation import contractions
+from kinseek.kernels.proof.isolation import contractions
+from kinseek.proof.isolation import Isolation, isolate, prove_complete
+from kinseek.proof.reduce import question
 from kinseek.robots.chain import SerialChain
-from kinseek.solvers.isolation import Isolation, isolate, prove_complete
-from kinseek.solvers.questions import question
 from reference import errors, fk
 from test_bounds import awkward_joints, goal_near
 

@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 
 import kinseek
 from chains import serial_chains
-from kinseek.kernels import lanes as eight
-from kinseek.kernels import trigonometry
+from kinseek.kernels.arm import trigonometry
+from kinseek.kernels.arm.links import links_of
+from kinseek.kernels.atlas import lanes as eight
+from kinseek.kernels.atlas.lanes import LANES, Lanes
 from kinseek.kernels.jit import exposed
-from kinseek.kernels.lanes import LANES, Lanes
-from kinseek.kernels.links import links_of
 from kinseek.robots.chain import SerialChain
 from reference import fk
 

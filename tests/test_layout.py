@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal
-from kinseek.kernels import desk
+from kinseek.kernels.atlas import task as desk
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.tree import LEAF
 from kinseek.kernels.jit import exposed
-from kinseek.kernels.lanes import LANES
 from kinseek.kernels.layout import DOF, JOINTS, Layout, Rows, floats, whole
-from kinseek.kernels.neighbours import LEAF
 from kinseek.kernels.pointers import ROW
-from kinseek.solvers.atlas import PLAIN, AtlasIndex, wanted_of
+from kinseek.solvers.atlas.solver import PLAIN, AtlasIndex, wanted_of
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from kinseek.errors import InvalidRobot, MissingExtra
-from kinseek.kernels.forward import forward_many
+from kinseek.kernels.arm.forward import forward_many
 from kinseek.robots import read, read_mjcf
 from kinseek.robots.chain import Array
 

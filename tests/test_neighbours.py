@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from kinseek.kernels import neighbours
+from kinseek.kernels.atlas import tree as neighbours
+from kinseek.kernels.atlas.tree import BESIDE, LEAF, SLACK, Tree, build_tree
 from kinseek.kernels.jit import exposed
-from kinseek.kernels.neighbours import BESIDE, LEAF, SLACK, Tree, build_tree
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal, InvalidProblem, NotReached, Status
+from kinseek.branches.find import ORDERS, Order, constraint_jacobian, freedom, scores
 from kinseek.problem import Problem
-from kinseek.solvers.branching import ORDERS, Order, constraint_jacobian, freedom, scores
 
 Array = NDArray[np.float64]
 

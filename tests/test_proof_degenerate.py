@@ -15,24 +15,16 @@ from scipy.spatial.transform import Rotation
 
 import kinseek
 from kinseek import Goal, Problem, Verdict
-from kinseek.kernels.boxes import (
-    MARGIN_A,
-    NARROW,
-    SCALARS,
-    TRUST,
-    Wanted,
-    halve,
-    make_desk,
-)
-from kinseek.kernels.exclusion import FOUND, STOPPED, examine
-from kinseek.kernels.halfway import solve
 from kinseek.kernels.jit import exposed
-from kinseek.kernels.roll import best_twist, twist_noise, twist_slack
+from kinseek.kernels.proof.box import MARGIN_A, NARROW, SCALARS, TRUST, Wanted, halve, make_desk
+from kinseek.kernels.proof.exclusion import FOUND, STOPPED, examine
+from kinseek.kernels.proof.last_joint import best_twist, twist_noise, twist_slack
+from kinseek.kernels.proof.taylor import solve
+from kinseek.proof.branch_and_bound import excluded, prove
+from kinseek.proof.isolation import isolate
+from kinseek.proof.reduce import ROUNDING, error_question, start_boxes
 from kinseek.robots.chain import Joint, SerialChain, rotation, serial_chain, transform
 from kinseek.solution import Solution, conclude
-from kinseek.solvers.branch_and_bound import excluded, prove
-from kinseek.solvers.isolation import isolate
-from kinseek.solvers.questions import ROUNDING, error_question, start_boxes
 from reference import fk, weighted_error
 
 pytestmark = pytest.mark.slow

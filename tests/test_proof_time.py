@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import Goal, Problem, Verdict
 from kinseek.deadline import Deadline
-from kinseek.kernels import enclosure, exclusion, isolation
+from kinseek.kernels.proof import enclosure, exclusion, isolation
+from kinseek.proof.branch_and_bound import prove
+from kinseek.proof.isolation import isolate, prove_complete
 from kinseek.solution import Solution, conclude
-from kinseek.solvers.branch_and_bound import prove
-from kinseek.solvers.isolation import isolate, prove_complete
 
 pytestmark = pytest.mark.slow
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 import kinseek
 from chains import serial_chains
 from kinseek import Goal
-from kinseek.kernels import settle as newton
+from kinseek.kernels.atlas import newton as newton
 from kinseek.kernels.jit import exposed
 from kinseek.robots.chain import SerialChain
 from reference import fk, weighted_error

@@ -14,7 +14,7 @@ import kinseek
 from kinseek import Goal
 from kinseek.errors import InvalidGoal, InvalidProblem, InvalidRobot
 from kinseek.goal import as_pose
-from kinseek.kernels.pose_error import LARGEST, ROUNDING, weighted_error
+from kinseek.kernels.arm.pose_error import LARGEST, ROUNDING, weighted_error
 from kinseek.robots.chain import Joint, serial_chain, transform
 from reference import weighted_error as plain_weighted_error
 
@@ -205,7 +205,7 @@ def test_weighted_errors_of_boxes_do_not_cancel() -> None:
     arm = kinseek.load("panda")
     pose = arm.fk(np.random.default_rng(4).uniform(arm.lower, arm.upper))
     turn = 1e-9
-    from kinseek.kernels import deviation
+    from kinseek.kernels.arm import range_error as deviation
     from kinseek.kernels.jit import exposed
 
     weighted = exposed(deviation.box_weighted)(1.0, 1e12, 0.0, turn)

@@ -12,7 +12,7 @@ import pytest
 import kinseek
 from kinseek import ALL_SOLVERS, BruteForce, DivideAndConquer, Goal, Problem, Solver, Status
 from kinseek.errors import InvalidProblem, InvalidSolver
-from kinseek.kernels import grid
+from kinseek.kernels.grid import window as grid
 from kinseek.solvers import blind_search, brute_force, coordinate_descent, divide_and_conquer
 from reference import errors, fk
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from kinseek.errors import InvalidRobot
-from kinseek.kernels.forward import forward_many
+from kinseek.kernels.arm.forward import forward_many
 from kinseek.robots import SerialChain, read, read_urdf
 from kinseek.robots.chain import Array, rotation, transform
 

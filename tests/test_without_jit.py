@@ -26,11 +26,12 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Atlas, Goal, Problem, Solver
-from kinseek.kernels.exclusion import examine
-from kinseek.kernels.isolation import contractions
+from kinseek.branches import find as branching
+from kinseek.kernels.proof.exclusion import examine
+from kinseek.kernels.proof.isolation import contractions
 from kinseek.kernels.without_jit import WITHOUT_JIT, Bounded, bounded, call_at, unbounded, view_at
-from kinseek.solvers import branch_and_bound, branching, isolation
-from kinseek.solvers.questions import error_question, question
+from kinseek.proof import branch_and_bound, isolation
+from kinseek.proof.reduce import error_question, question
 
 Array = NDArray[np.float64]
 
@@ -276,7 +277,7 @@ def agree(plain: Any, compiled: Any) -> None:
 
 @plainly
 def test_a_routine_is_called_by_its_number() -> None:
-    from kinseek.kernels.refine import routines
+    from kinseek.kernels.atlas.one_goal import routines
 
     numbers = routines()
     assert numbers[2] == 0

@@ -8,8 +8,7 @@
 """
 
 from .arm import Arm, load
-from .branches import Branches, BranchesBatch
-from .certificate import Certificate, Verdict
+from .branches.result import Branches, BranchesBatch
 from .errors import (
     FailedKinematics,
     InvalidGoal,
@@ -24,6 +23,7 @@ from .errors import (
 )
 from .goal import Goal, pose
 from .problem import Problem
+from .proof.certificate import Certificate, Verdict
 from .solution import Solution, Status
 from .solvers import (
     ALL_SOLVERS,

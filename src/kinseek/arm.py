@@ -12,28 +12,28 @@ from typing import Any, Self, TypedDict, TypeGuard, Unpack, cast, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .branches import Branches, BranchesBatch, quick_branches
-from .certificate import Certificate, Verdict
+from .branches.find import SPREAD, BranchIndex, Cost, Order, Valid, branches_of, freedom, index_of
+from .branches.prefer import preferred
+from .branches.result import Branches, BranchesBatch, quick_branches
 from .deadline import Deadline
 from .errors import InvalidProblem, suggest
 from .goal import Goal, one_pose
-from .kernels.forward import forward_many
-from .kernels.jacobian import jacobian_many
-from .kernels.nearby import solve_plain_near
-from .kernels.refine import solve_plain
+from .kernels.arm.forward import forward_many
+from .kernels.arm.jacobian import jacobian_many
+from .kernels.atlas.near import solve_plain_near
+from .kernels.atlas.one_goal import solve_plain
 from .problem import Problem, as_joints
+from .proof.certificate import Certificate, Verdict
 from .robots import BlackBox, as_chain, black_box, read, read_dh
 from .robots.chain import SerialChain
 from .robots.variants import with_limits, with_locked, with_tool
 from .shapes import ManyGoals, Matrix, OneGoal, Pose, Poses, Rows, Unshaped, UnshapedGoal, Vector
 from .solution import Solution, Status, quick_solution
 from .solvers import Atlas, Solver
-from .solvers.atlas import PLAIN, SAMPLES, AtlasIndex, atlas_of
+from .solvers.atlas.solver import PLAIN, SAMPLES, AtlasIndex, atlas_of
 from .solvers.base import whole
 from .solvers.black_box.samples import samples_of
-from .solvers.branching import SPREAD, BranchIndex, Cost, Order, Valid, branches_of, freedom, index_of
 from .solvers.checks import as_solver, warn_if_far
-from .solvers.preference import preferred
 from .units import warn_of_distance
 
 Array = NDArray[np.float64]
@@ -558,7 +558,7 @@ class Arm:
         self._require_axes(_NO_PROOF)
         if threads is not None:
             whole("threads", threads, 1)
-        from .solvers.branch_and_bound import prove
+        from .proof.branch_and_bound import prove
 
         deadline = Deadline(time_limit)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
@@ -571,7 +571,7 @@ class Arm:
             raise InvalidProblem(f"{why}, and {self.name!r} is a function of which only values are known")
 
     def _with_proofs(self, solution: Solution, deadline: Deadline) -> Solution:
-        from .solvers.branch_and_bound import prove, refuse_ranges
+        from .proof.branch_and_bound import prove, refuse_ranges
 
         refuse_ranges(solution.problem.goal)
         missed = [

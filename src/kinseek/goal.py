@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidGoal, InvalidProblem
+from .kernels.arm.pose_error import HEAVIEST, LARGEST, LIGHTEST, all_rigid, rigid_each
+from .kernels.arm.range_error import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS
 from .kernels.arrays import GoalArrays
-from .kernels.deviation import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS
-from .kernels.pose_error import HEAVIEST, LARGEST, LIGHTEST, all_rigid, rigid_each
 from .ranges import (
     AXES,
     FRAMES,

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from .deadline import Deadline
 from .errors import InvalidProblem
 from .goal import Goal
+from .kernels.arm.pose_error import LARGEST
 from .kernels.arrays import ChainArrays
-from .kernels.pose_error import LARGEST
 from .robots.blackbox import BlackBox
 from .robots.chain import SerialChain
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InvalidGoal, suggest
-from .kernels.pose_error import LARGEST
+from .kernels.arm.pose_error import LARGEST
 
 Ranges = tuple[tuple[float, float], ...]
 """Lower and upper ends for x, y, z [m] and rx, ry, rz [rad]."""

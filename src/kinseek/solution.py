@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from .errors import InvalidUse, NotReached
 from .goal import Goal
-from .kernels.deviation import judge_boxes
-from .kernels.pose_error import judge, judge_poses
+from .kernels.arm.pose_error import judge, judge_poses
+from .kernels.arm.range_error import judge_boxes
 from .problem import MadeWhenAsked, Problem
 from .robots.blackbox import BlackBox
 from .robots.chain import SerialChain

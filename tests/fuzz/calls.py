@@ -30,10 +30,10 @@ from scipy.spatial.transform import Rotation
 
 import kinseek
 from kinseek import Goal
+from kinseek.branches.find import ORDERS
 from kinseek.errors import InvalidRobot, KinseekError
 from kinseek.ranges import AXES
 from kinseek.robots.chain import Joint, SerialChain, rotation, serial_chain, transform
-from kinseek.solvers.branching import ORDERS
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 plain: Any = importlib.import_module("reference")

@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 
 from kinseek import Goal, Problem, Verdict
 from kinseek.errors import KinseekError
-from kinseek.kernels.exclusion import examine
-from kinseek.kernels.forward import forward_many
+from kinseek.kernels.arm.forward import forward_many
+from kinseek.kernels.proof.exclusion import examine
+from kinseek.proof.branch_and_bound import prove
+from kinseek.proof.reduce import error_question, question, start_boxes
 from kinseek.robots.chain import Joint, SerialChain, rotation, serial_chain, transform
 from kinseek.solution import conclude
-from kinseek.solvers.branch_and_bound import prove
-from kinseek.solvers.questions import error_question, question, start_boxes
 
 Array = NDArray[np.float64]
 

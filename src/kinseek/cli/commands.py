@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek.arm import load
-from kinseek.certificate import Certificate, Verdict
 from kinseek.errors import InvalidGoal, KinseekError, UnitWarning
 from kinseek.goal import Frame, Goal, GoalOptions, pose
-from kinseek.solvers.branch_and_bound import prove as prove_goal
-from kinseek.solvers.branch_and_bound import refuse_ranges
+from kinseek.proof.branch_and_bound import prove as prove_goal
+from kinseek.proof.branch_and_bound import refuse_ranges
+from kinseek.proof.certificate import Certificate, Verdict
 from kinseek.units import warn_of_angles
 
 from . import report

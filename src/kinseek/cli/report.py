@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
-from kinseek.certificate import Certificate
 from kinseek.goal import Goal
+from kinseek.proof.certificate import Certificate
 from kinseek.ranges import AXES, FREE_PLACE, FREE_TURN, PINNED
 from kinseek.robots import catalog_entry, catalog_names
 from kinseek.solution import Solution

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import FailedKinematics, InvalidRobot, InvalidSolver, suggest
-from kinseek.kernels.pose_error import LARGEST, first_loose
+from kinseek.kernels.arm.pose_error import LARGEST, first_loose
 
 from .chain import CONTINUOUS, PRISMATIC, REVOLUTE
 

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
+from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.kernels.arrays import ChainArrays, chain_arrays
-from kinseek.kernels.pose_error import LARGEST
 
 from .files import MOST_JOINTS, require_few
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kinseek.errors import InvalidRobot, suggest
-from kinseek.kernels.pose_error import LARGEST
+from kinseek.kernels.arm.pose_error import LARGEST
 
 from .chain import (
     CONTINUOUS,

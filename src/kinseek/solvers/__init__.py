@@ -15,7 +15,7 @@ one is a file here and a line in `ALL_SOLVERS`; from then on the tests cover it.
 
 from __future__ import annotations
 
-from .atlas import Atlas
+from .atlas.solver import Atlas
 from .base import Solver
 from .blind_search import BlindSearch
 from .brute_force import BruteForce

@@ -9,9 +9,10 @@ import numpy as np
 
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
+from kinseek.kernels.arm.forward import forward
+from kinseek.kernels.arm.pose_error import errors, weighted_error
 from kinseek.kernels.arrays import Array, ChainArrays, Flags, GoalArrays, Indices
-from kinseek.kernels.forward import forward
-from kinseek.kernels.grid import (
+from kinseek.kernels.grid.window import (
     PART,
     PAUSED,
     Beam,
@@ -25,7 +26,6 @@ from kinseek.kernels.grid import (
     window_nodes,
 )
 from kinseek.kernels.jit import inner, kernel
-from kinseek.kernels.pose_error import errors, weighted_error
 from kinseek.problem import Problem
 from kinseek.solution import Solution
 

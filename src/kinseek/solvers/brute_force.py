@@ -9,7 +9,14 @@ import numpy as np
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arrays import Indices
-from kinseek.kernels.grid import Window, equation_1, make_beam, make_scratch, nodes_until, search_window
+from kinseek.kernels.grid.window import (
+    Window,
+    equation_1,
+    make_beam,
+    make_scratch,
+    nodes_until,
+    search_window,
+)
 from kinseek.problem import Problem
 from kinseek.robots.blackbox import BlackBox
 from kinseek.solution import Solution

@@ -14,11 +14,11 @@ import numpy as np
 
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
+from kinseek.kernels.arm.forward import forward
+from kinseek.kernels.arm.pose_error import chordal_error, errors
 from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
-from kinseek.kernels.forward import forward
+from kinseek.kernels.grid.sinusoid import TURN, coefficients, minimise_pair, minimiser
 from kinseek.kernels.jit import inner, kernel
-from kinseek.kernels.pose_error import chordal_error, errors
-from kinseek.kernels.sinusoid import TURN, coefficients, minimise_pair, minimiser
 from kinseek.problem import Problem
 from kinseek.robots.blackbox import BlackBox
 from kinseek.solution import Solution

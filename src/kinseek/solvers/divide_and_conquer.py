@@ -19,9 +19,9 @@ import numpy as np
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.goal import Goal
+from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
-from kinseek.kernels.forward import forward_many
-from kinseek.kernels.grid import (
+from kinseek.kernels.grid.window import (
     PART,
     PAUSED,
     WHOLE,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
-from kinseek.kernels.sinusoid import minimise_pair, minimiser
+from kinseek.kernels.grid.sinusoid import minimise_pair, minimiser
 from kinseek.problem import Problem
 from kinseek.robots.blackbox import NUMBER, PRISMATIC, BlackBox
 from kinseek.solvers.base import Found

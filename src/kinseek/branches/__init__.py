@@ -1,0 +1,1 @@
+"""Every branch of a goal, and which of them to choose."""

@@ -1,0 +1,195 @@
+"""What to prefer: choose among the branches, and where the arm has joints to spare, slide along the self-motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from kinseek.deadline import Deadline
+from kinseek.errors import InvalidProblem, suggest
+from kinseek.kernels.arrays import Array
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.near import solve_near
+from kinseek.problem import Problem
+from kinseek.solution import Solution, conclude
+from kinseek.solvers.atlas.solver import Atlas, wanted_of
+from kinseek.solvers.base import timed
+
+from .find import (
+    ORDERS,
+    BranchIndex,
+    Cost,
+    Valid,
+    branches_of,
+    constraint_jacobian,
+    index_of,
+    is_valid,
+    scores,
+)
+from .result import Branches, BranchesBatch
+
+_SLIDERS = 3
+"""Answers of a sample, the best ones, that slide."""
+
+_SLIDES = 60
+"""Steps of a slide at most."""
+
+_FIRST, _LAST, _PROBE = 0.3, 1e-4, 1e-4
+"""Length of the first step, of the shortest worth trying, and of the probes of a gradient [rad or m]."""
+
+
+def preferred(
+    problem: Problem, prefer: str | None, cost: Cost | None, valid: Valid | None, threads: int | None
+) -> Solution:
+    """Answer every target by what is preferred; see `Arm.ik`.
+
+    Raises:
+        InvalidProblem: An unknown preference, more than one, or a `cost` or `valid` that fails.
+    """
+    if prefer is not None and prefer not in ORDERS:
+        raise InvalidProblem(suggest(str(prefer), ORDERS, "preference"))
+    given = [("near", problem.near), ("prefer", prefer), ("cost", cost)]
+    chosen = [name for name, value in given if value is not None]
+    if len(chosen) > 1:
+        raise InvalidProblem(f"{' and '.join(chosen)} both say what comes first; give one of them")
+    deadline = Deadline(problem.time_limit)
+    order, index = prefer or ORDERS[0], index_of(problem)
+    found = branches_of(problem, order=order, cost=cost, copies=cost is not None, threads=threads)
+    each = found if isinstance(found, BranchesBatch) else [found]
+    picks = [
+        _pick(one, branches, order, cost, valid, index, deadline)
+        for one, branches in zip(problem.each(), each, strict=True)
+    ]
+    q = np.array([pick[0] for pick in picks]).reshape(-1, problem.chain.dof)
+    work = np.array([[pick[1], 0, 0] for pick in picks], dtype=np.int64).reshape(-1, 3)
+    solution = timed(conclude(problem, q, work), np.array([pick[4] for pick in picks], dtype=bool))
+    shape = problem.goal.shape
+    passed, refused = (np.reshape([pick[k] for pick in picks], shape) for k in (2, 3))
+    if not shape:
+        return replace(solution, success=solution.success and bool(passed), rejected=int(refused))
+    return replace(
+        solution, success=solution.success & passed.astype(bool), rejected=refused.astype(np.int64)
+    )
+
+
+def _pick(
+    problem: Problem,
+    branches: Branches,
+    order: str,
+    cost: Cost | None,
+    valid: Valid | None,
+    index: BranchIndex,
+    deadline: Deadline,
+) -> tuple[Array, int, bool, int, bool]:
+    """Choose an answer to one target.
+
+    Returns:
+        Joint values, FK evaluations, whether it passed, how many were refused, and whether the time was too short.
+    """
+    candidates, spent, refused = branches.q, branches.evaluations, 0
+    if not len(candidates):
+        last = Atlas().solve(replace(problem, time_limit=deadline.left))
+        spent += last.evaluations
+        if not last.success:
+            return (
+                last.q,
+                spent,
+                True,
+                0,
+                last.out_of_time,
+            )  # Missed: the errors say so, and nobody was asked.
+        candidates = last.q[None]
+    if valid is not None:
+        while refused < len(candidates) and not is_valid(valid, candidates[refused]):
+            refused += 1
+        if refused == len(candidates):
+            return candidates[0], spent, False, refused, branches.out_of_time
+    best = candidates[refused]
+    if not index.freedom:
+        return best, spent, True, refused, branches.out_of_time
+
+    def measure(q: Array) -> Array:
+        return scores(problem, q, order, cost)
+
+    starts = [best] if valid is not None else list(candidates[:_SLIDERS])
+    ends = []
+    for start in starts:
+        end, value, more, no = _slide(problem, index, start, measure, valid, deadline)
+        spent, refused = spent + more, refused + no
+        ends.append((value, end))
+    return min(ends, key=lambda pair: pair[0])[1], spent, True, refused, deadline.passed
+
+
+def _slide(
+    problem: Problem,
+    index: BranchIndex,
+    q: Array,
+    measure: Callable[[Array], Array],
+    valid: Valid | None,
+    deadline: Deadline,
+) -> tuple[Array, float, int, int]:
+    """Go downhill along the self-motion; return where that ends, its cost, FK evaluations and answers refused.
+
+    Every step follows the gradient inside the null space of what the goal fixes, is brought back onto the self-motion by
+    the atlas's own walk, and counts only if the tolerances are met there, the cost is less, and `valid` agrees.
+    """
+    wanted, target = wanted_of(problem.goal), np.eye(4)
+    target[:3] = problem.goal.targets[0]
+    value, step, spent, refused = float(measure(q[None])[0]), _FIRST, 0, 0
+    lower, upper = problem.limits
+    for _ in range(_SLIDES):
+        if deadline.passed:
+            break
+        accepted = False
+        ways = _ways_down(problem, index, q, measure)
+        while ways and not accepted and step > _LAST:
+            for way in ways:
+                aim = np.clip(q + step * way, lower, upper)
+                row = solve_near(index.fine.handle, wanted, target, aim, LANES)
+                away = np.abs(row[: len(q)] - aim).max()
+                # A continuous joint that leaves its range comes in at the other end, and so the cost judges it.
+                there = problem.placed(row[: len(q)])
+                spent += int(row[-1])
+                if row[-4] > wanted[0] or row[-3] > wanted[1] or away > 2 * step:
+                    continue
+                less = float(measure(there[None])[0])
+                if less >= value:
+                    continue
+                if valid is not None and not is_valid(valid, there):
+                    refused += 1
+                    continue
+                q, value, accepted = there, less, True
+                break
+            step = 1.5 * step if accepted else 0.5 * step
+        if not accepted:
+            break
+    return q, value, spent, refused
+
+
+def _ways_down(
+    problem: Problem, index: BranchIndex, q: Array, measure: Callable[[Array], Array]
+) -> list[Array]:
+    """Unit directions in the null space along which the cost falls, the steepest first; none where it is flat.
+
+    A joint that stands at a limit and would be pushed beyond is held, and the null space taken anew.
+    """
+    dof, (lower, upper) = problem.chain.dof, problem.limits
+    J = constraint_jacobian(problem, q[None])[0]
+    held = np.zeros(dof, dtype=bool)
+    while index.freedom > held.sum():
+        rows = np.vstack([J, np.eye(dof)[held]])
+        null = np.linalg.svd(rows)[2][dof - index.freedom + int(held.sum()) :]
+        probes = np.concatenate([q + _PROBE * null, q - _PROBE * null])
+        values = measure(np.clip(probes, lower, upper))
+        slopes = values[: len(null)] - values[len(null) :]
+        down = -slopes @ null
+        if np.linalg.norm(down) == 0.0:
+            return []
+        down /= np.linalg.norm(down)
+        blocked = ((q <= lower) & (down < -1e-9)) | ((q >= upper) & (down > 1e-9))
+        if not (blocked & ~held).any():
+            return [down]
+        held |= blocked
+    return []

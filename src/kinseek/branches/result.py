@@ -1,0 +1,145 @@
+"""What `Arm.branches` brings back: all distinct answers to a goal, or a sample of them where there are endlessly many."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.problem import MadeWhenAsked, Problem
+from kinseek.robots.chain import SerialChain
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Branches:
+    """The answers to one goal, in the order that was asked for; every one meets both tolerances.
+
+    Errors are recomputed from `q` by plain forward kinematics. Without an answer `q` has no rows. It is a sequence, so it
+    is true as a list is: where there is an answer.
+
+    Attributes:
+        q: Joint values inside the limits, (k, n), [rad] or [m]; no two are equal modulo 2π unless copies were asked for.
+        position_error: [m], (k,).
+        orientation_error: [rad], (k,).
+        complete: Is it proved that there is no other answer, but for those that `valid` refused? Only ``prove=True`` can
+            tell.
+        sampled: Are these only a sample of endlessly many? So it is with joints to spare, and exactly at a singularity.
+        evaluations: FK evaluations spent, the deterministic measure of work.
+        rejected: How many answers the user's `valid` refused; they are left out.
+        problem: What was asked.
+        out_of_time: Did the time limit end the search, or the proof, before it was done?
+    """
+
+    q: Array
+    position_error: Array
+    orientation_error: Array
+    complete: bool
+    sampled: bool
+    evaluations: int
+    rejected: int
+    if TYPE_CHECKING:
+        problem: Problem
+    else:
+        problem: Problem = MadeWhenAsked()
+    out_of_time: bool = False
+
+    def __len__(self) -> int:
+        """Return the number of answers."""
+        return len(self.q)
+
+    def __iter__(self) -> Iterator[Array]:
+        """Joint values of one answer after the other, (n,) each."""
+        return iter(self.q)
+
+    def __getitem__(self, index: int) -> Array:
+        """Joint values of one answer, (n,)."""
+        answer: Array = self.q[index]
+        return answer
+
+    def __repr__(self) -> str:
+        """Short enough to print in a shell."""
+        what = "a sample" if self.sampled else "complete" if self.complete else "not proved complete"
+        refused = f", {self.rejected} rejected" if self.rejected else ""
+        return f"Branches({len(self)} answers, {what}{refused}, q{self.q.shape})"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BranchesBatch(Sequence[Branches]):
+    """The answers to a batch of goals: a flat sequence of `Branches`, one a goal in C order.
+
+    Goals have different numbers of answers, so there is no rectangular array. `q` holds the answers of all goals one
+    after the other, and ``q[offsets[i]:offsets[i + 1]]`` are those of goal i. It is true where there is a goal; whether
+    there are answers, `counts` says.
+
+    Attributes:
+        each: The answers, one `Branches` a goal.
+        shape: Shape of the batch.
+    """
+
+    each: tuple[Branches, ...]
+    shape: tuple[int, ...]
+
+    @overload
+    def __getitem__(self, index: int) -> Branches: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Branches]: ...
+    def __getitem__(self, index: int | slice) -> Branches | Sequence[Branches]:
+        """Return the answers to one goal by its flat number, or those to some."""
+        return self.each[index]
+
+    def __len__(self) -> int:
+        """Return the number of goals."""
+        return len(self.each)
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """Number of answers to each goal, of the batch's shape."""
+        return np.array([len(one) for one in self.each], dtype=np.int64).reshape(self.shape)
+
+    @property
+    def offsets(self) -> NDArray[np.int64]:
+        """Where the answers to each goal begin in `q`, and their number at the end, (goals + 1,)."""
+        return np.concatenate([[0], np.cumsum(self.counts.ravel())]).astype(np.int64)
+
+    @property
+    def q(self) -> Array:
+        """Answers of all goals, one after the other, (K, n), [rad] or [m]."""
+        if not self.each:
+            return np.zeros((0, 0))
+        return np.concatenate([one.q for one in self.each])
+
+    def __repr__(self) -> str:
+        """Short enough to print in a shell."""
+        counts = self.counts
+        span = f"{counts.min()} to {counts.max()} answers each" if counts.size else "empty"
+        return f"BranchesBatch(shape={self.shape}, {span})"
+
+
+def quick_branches(chain: SerialChain, target: Array, found: Array, sampled: bool) -> Branches:
+    """Make branches of one pose under the default tolerances as fast as Python can.
+
+    Args:
+        chain: The arm.
+        target: (4, 4).
+        found: What `kernels.branches.find_branches` returns.
+        sampled: Does the arm have joints to spare?
+    """
+    dof, last = chain.dof, found[-1]
+    count = int(last[0])
+    branches = object.__new__(Branches)
+    branches.__dict__.update(
+        q=found[:count, :dof],
+        position_error=found[:count, dof],
+        orientation_error=found[:count, dof + 1],
+        complete=False,
+        sampled=sampled or last[2] > 0.0,
+        evaluations=int(last[1]),
+        rejected=0,
+        _question=(chain, target.copy(), None),  # The caller may write the next target into the same array.
+    )
+    return branches

@@ -1,0 +1,60 @@
+"""A chain in the form that takes the fewest products: a twist, two offsets, and a joint that turns and slides.
+
+Any fixed transform is ``Rz(a) Tz(c) Tr(u, v, 0) Rx(α) Rz(b)``. Turns and slides about the z axis of the joint before it
+go into that joint, turns about its own z axis into its own, so that ``Tr(u, v, 0) Rx(α)`` is left: 33 products a joint
+where the whole transform takes 51. It is the idea of Denavit and Hartenberg (1955) without a common normal, so axes that
+are almost parallel do no harm.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from kinseek.kernels.arrays import Array, ChainArrays
+
+TWIST_SINE, TWIST_COSINE, U, V, TURN, TURN_OFFSET, SLIDE, SLIDE_OFFSET, ADDS = range(9)
+"""What stands in the row of a joint: its angle is ``TURN · q + TURN_OFFSET`` [rad], its slide alike [m]. ADDS is 1 where
+an earlier joint is moved by the same variable."""
+
+
+def links_of(chain: ChainArrays) -> Array:
+    """Bring a chain into this form.
+
+    Returns:
+        (m + 2, 12): a row a joint, then what stands before the first joint, then the tip, (3, 4) row by row each.
+    """
+    joints = len(chain.leader)
+    links = np.zeros((joints + 2, 12))
+    for k in range(joints):
+        R, t = chain.fixed[k, :, :3], chain.fixed[k, :, 3]
+        twist = math.atan2(math.hypot(R[0, 2], R[1, 2]), R[2, 2])
+        before = math.atan2(R[0, 2], -R[1, 2]) if math.sin(twist) > 1e-12 else 0.0
+        left = _about_z(before) @ _about_x(twist)
+        rest = left.T @ R
+        moved = _about_z(before).T @ t
+        row = links[k]
+        row[TWIST_SINE], row[TWIST_COSINE], row[U], row[V] = math.sin(twist), math.cos(twist), *moved[:2]
+        row[SLIDE if chain.prismatic[k] else TURN] = chain.multiplier[k]
+        row[SLIDE_OFFSET if chain.prismatic[k] else TURN_OFFSET] = chain.offset[k]
+        row[TURN_OFFSET] += math.atan2(rest[1, 0], rest[0, 0])
+        row[ADDS] = float(chain.leader[k] in chain.leader[:k])
+        if k > 0:
+            links[k - 1, TURN_OFFSET] += before
+            links[k - 1, SLIDE_OFFSET] += moved[2]
+        else:
+            links[joints] = np.column_stack([left, t]).ravel()
+            row[TWIST_SINE], row[TWIST_COSINE], row[U], row[V] = 0.0, 1.0, 0.0, 0.0
+    links[joints + 1] = chain.fixed[joints].ravel()
+    return links
+
+
+def _about_x(angle: float) -> Array:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def _about_z(angle: float) -> Array:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -1,0 +1,210 @@
+"""How far a pose is from a goal: the paper's weighted error, and the errors in [m] and [rad] that decide."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from kinseek.kernels.arrays import Array, ChainArrays, Flags, GoalArrays
+from kinseek.kernels.jit import exact, hidden, kernel, kernel_exact
+
+from .forward import forward
+
+ROUNDING = 2e-14
+"""A matrix whose RᵀR is no farther than this from the identity is a rotation to rounding: a product of some fifty
+rotations. It is taken as it is, whichever way it comes; what is farther off is brought onto a rotation or refused."""
+
+LARGEST = 1e7
+"""Largest length [m], angle [rad] and tolerance that is taken. Neighbouring doubles are 1.9e-9 apart there, and forward
+kinematics of twenty links of that length is 4e-8 m off by rounding: the largest power of ten at which it stays below a
+tenth of the default tolerance, 1e-6 m. tests/test_sizes.py measures it."""
+
+HEAVIEST, LIGHTEST = 1e15, 1e-15
+"""Largest and least weight that is taken. Searches square weighted errors, and take the squares' products: with lengths
+up to `LARGEST` these stay within 1e±90, far from where doubles end; beyond a ratio of 1e16 the smaller of two weighted
+errors is rounding of the larger anyway."""
+
+
+@hidden
+def distance(T: Array, target: Array) -> float:
+    """Distance between the origins of two poses, (3, 4) or (4, 4), in [m]."""
+    x, y, z = T[0, 3] - target[0, 3], T[1, 3] - target[1, 3], T[2, 3] - target[2, 3]
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@hidden
+def axis_dot(T: Array, target: Array, c: int) -> float:
+    """Dot product of column c of two rotations."""
+    dot: float = T[0, c] * target[0, c] + T[1, c] * target[1, c] + T[2, c] * target[2, c]
+    return dot
+
+
+@hidden
+def rotation_angle(T: Array, target: Array) -> float:
+    """Angle of the rotation between two poses, in [rad], accurate at 0 and at π alike."""
+    xx, yy, zz = axis_dot(T, target, 0), axis_dot(T, target, 1), axis_dot(T, target, 2)
+    sx = sy = sz = 0.0  # Twice the sine times the axis: sum of the cross products of the columns.
+    for c in range(3):
+        sx += T[1, c] * target[2, c] - T[2, c] * target[1, c]
+        sy += T[2, c] * target[0, c] - T[0, c] * target[2, c]
+        sz += T[0, c] * target[1, c] - T[1, c] * target[0, c]
+    return math.atan2(math.sqrt(sx * sx + sy * sy + sz * sz), xx + yy + zz - 1.0)
+
+
+@hidden
+def axis_angle(T: Array, target: Array) -> float:
+    """Angle between the x columns of two poses, in [rad]."""
+    ax, ay, az = T[0, 0], T[1, 0], T[2, 0]
+    bx, by, bz = target[0, 0], target[1, 0], target[2, 0]
+    cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    return math.atan2(math.sqrt(cx * cx + cy * cy + cz * cz), ax * bx + ay * by + az * bz)
+
+
+@hidden
+def weighted_error(T: Array, goal: GoalArrays) -> float:
+    """``K_P |p - p_g| + Σ K_c (1 - c·c_g)`` over the columns c that matter (the paper, Sec. 2.2).
+
+    Written as ``½ |c - c_g|²``, the same for unit vectors: ``1 - c·c_g`` cancels near the goal, and would be negative.
+    """
+    error = goal.position_weight * distance(T, goal.target)
+    for c in range(3):
+        x, y, z = T[0, c] - goal.target[0, c], T[1, c] - goal.target[1, c], T[2, c] - goal.target[2, c]
+        error += 0.5 * goal.axis_weights[c] * (x * x + y * y + z * z)
+    return error
+
+
+@hidden
+def chordal_error(T: Array, goal: GoalArrays) -> float:
+    """``K_P |p - p_g|² + Σ K_c |c - c_g|²``: along one joint an exact sinusoid or parabola."""
+    error = 0.0
+    for c in range(4):
+        weight = goal.position_weight if c == 3 else goal.axis_weights[c]
+        x, y, z = (
+            T[0, c] - goal.target[0, c],
+            T[1, c] - goal.target[1, c],
+            T[2, c] - goal.target[2, c],
+        )
+        error += weight * (x * x + y * y + z * z)
+    return error
+
+
+@hidden
+def errors(T: Array, goal: GoalArrays) -> tuple[float, float]:
+    """Position error [m] and orientation error [rad], each zero where the goal does not ask for it."""
+    position = distance(T, goal.target) if goal.position_weight > 0.0 else 0.0
+    if goal.axis_weights[1] > 0.0:
+        return position, rotation_angle(T, goal.target)
+    if goal.axis_weights[0] > 0.0:
+        return position, axis_angle(T, goal.target)
+    return position, 0.0
+
+
+@kernel
+def judge(chain: ChainArrays, q: Array, targets: Array, goal: GoalArrays) -> Array:
+    """Recompute what joint values reach, from nothing but plain FK.
+
+    Args:
+        chain: The arm.
+        q: Joint values, (k, n).
+        targets: Wanted poses, (k, 3, 4), lengths in [m].
+        goal: The weights, which also say what of a pose matters.
+
+    Returns:
+        Position error [m], orientation error [rad] and weighted error of each, (k, 3).
+    """
+    result = np.empty((len(q), 3))
+    T = np.empty((3, 4))
+    for k in range(len(q)):
+        forward(chain, q[k], T)
+        this = GoalArrays(targets[k], goal.position_weight, goal.axis_weights)
+        result[k, 0], result[k, 1] = errors(T, this)
+        result[k, 2] = weighted_error(T, this)
+    return result
+
+
+@exact
+def is_rigid(T: Array) -> bool:
+    """Is T, (4, 4), finite, no farther than `LARGEST`, and a rigid transform to `ROUNDING`?
+
+    Exact: the other kernels may assume that no number is NaN.
+    """
+    for r in range(4):
+        for c in range(4):
+            if not abs(T[r, c]) <= LARGEST:
+                return False
+    if T[3, 0] != 0.0 or T[3, 1] != 0.0 or T[3, 2] != 0.0 or T[3, 3] != 1.0:
+        return False
+    for c in range(3):
+        for d in range(c + 1):
+            dot = T[0, c] * T[0, d] + T[1, c] * T[1, d] + T[2, c] * T[2, d]
+            if abs(dot - (1.0 if c == d else 0.0)) > ROUNDING:
+                return False
+    volume = T[0, 0] * (T[1, 1] * T[2, 2] - T[1, 2] * T[2, 1])
+    volume += T[0, 1] * (T[1, 2] * T[2, 0] - T[1, 0] * T[2, 2])
+    volume += T[0, 2] * (T[1, 0] * T[2, 1] - T[1, 1] * T[2, 0])
+    upright: bool = volume > 0.0
+    return upright
+
+
+@kernel
+def all_rigid(poses: Array) -> bool:
+    """Are all poses, (k, 4, 4), finite and rigid transforms to rounding?"""
+    loose = 0
+    for k in range(len(poses)):
+        loose += 0 if is_rigid(poses[k]) else 1
+    return loose == 0
+
+
+@kernel
+def rigid_each(poses: Array) -> Flags:
+    """Which poses, (k, 4, 4), are rigid transforms to rounding, see `is_rigid`, (k,)."""
+    result = np.empty(len(poses), dtype=np.bool_)
+    for k in range(len(poses)):
+        result[k] = is_rigid(poses[k])
+    return result
+
+
+@exact
+def is_loose(T: Array, tolerance: float) -> bool:
+    """Is a finite T, (4, 4), farther from a rigid transform than `tolerance`, or a reflection?"""
+    for c in range(4):
+        if not abs(T[3, c] - (1.0 if c == 3 else 0.0)) <= tolerance:
+            return True
+    for c in range(3):
+        for d in range(c + 1):
+            dot = T[0, c] * T[0, d] + T[1, c] * T[1, d] + T[2, c] * T[2, d]
+            if not abs(dot - (1.0 if c == d else 0.0)) <= tolerance:
+                return True
+        if not abs(T[c, 3]) <= LARGEST:
+            return True
+    volume = T[0, 0] * (T[1, 1] * T[2, 2] - T[1, 2] * T[2, 1])
+    volume += T[0, 1] * (T[1, 2] * T[2, 0] - T[1, 0] * T[2, 2])
+    volume += T[0, 2] * (T[1, 0] * T[2, 1] - T[1, 1] * T[2, 0])
+    mirrored: bool = not volume > 0.0
+    return mirrored
+
+
+@kernel_exact
+def first_loose(poses: Array, tolerance: float, nan_is_fine: bool) -> int:
+    """Index of the first pose of (k, 4, 4) that is no rigid transform, or -1; with `nan_is_fine` NaN is passed over."""
+    for k in range(len(poses)):
+        absent = False
+        if nan_is_fine:
+            for r in range(4):
+                for c in range(4):
+                    absent = absent or poses[k, r, c] != poses[k, r, c]
+        if not absent and is_loose(poses[k], tolerance):
+            return k
+    return -1
+
+
+@kernel
+def judge_poses(poses: Array, targets: Array, goal: GoalArrays) -> Array:
+    """Errors of poses that are there already, (k, 4, 4), as `judge` gives them, (k, 3)."""
+    result = np.empty((len(poses), 3))
+    for k in range(len(poses)):
+        this = GoalArrays(targets[k], goal.position_weight, goal.axis_weights)
+        result[k, 0], result[k, 1] = errors(poses[k], this)
+        result[k, 2] = weighted_error(poses[k], this)
+    return result

@@ -1,0 +1,215 @@
+"""Many goals at once: each lane refines a goal of its own, and takes the next when it is done."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from kinseek.kernels.arrays import Array, GoalArrays, Indices
+from kinseek.kernels.jit import hidden, kernel
+from kinseek.kernels.pointers import integer_part
+
+from .lanes import LANES, Lanes
+from .one_goal import (
+    FIRST,
+    FIRST_STEPS,
+    finish,
+    iterate,
+    load_seed,
+    middle,
+    reset_weights,
+    scan,
+    solve_pose,
+    take_seed,
+    within,
+)
+from .task import Desk, Job, Task, desk_size, make_desk, task_of
+
+
+class Queue(NamedTuple):
+    """What each lane of a batch is at."""
+
+    target: Indices
+    """Number of its target; -1 before the first, -2 when there are no more, (LANES,)."""
+    next: Indices
+    """How many of its samples are taken, (LANES,)."""
+    steps: Indices
+    """Steps made from the current sample, (LANES,)."""
+    spent: Indices
+    """FK evaluations spent on the target, (LANES,)."""
+
+
+@hidden
+def stand_still(lanes: Lanes, l: int) -> None:
+    """Forget what lane l was at: with no pose, no axes and no error its next step is zero, whatever they were."""
+    for k in range(lanes.axes.shape[0]):
+        for r in range(6):
+            lanes.axes[k, r * LANES + l] = 0.0
+    for r in range(12):
+        lanes.pose[r * LANES + l] = 0.0
+    for r in range(6):
+        lanes.residual[r * LANES + l] = 0.0
+    for r in range(4):
+        lanes.error[r * LANES + l] = 0.0
+
+
+@hidden
+def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int) -> bool:
+    """Put lane l at the next sample of its target that is worth a try; say whether there was one.
+
+    A second sample is seldom needed, so the scan is made again rather than remembered for every lane.
+    """
+    for r in range(3):
+        for c in range(4):
+            desk.spare[r, c] = targets[queue.target[l], r, c]
+    leaf = scan(task, desk, desk.spare)
+    for taken in range(FIRST):
+        more, worth = take_seed(task, desk, leaf)
+        if not more:
+            break
+        if worth and taken >= queue.next[l]:
+            queue.next[l], queue.steps[l] = taken + 1, 0
+            load_seed(desk.lanes, l, desk.seed)
+            stand_still(desk.lanes, l)
+            return True
+    return False
+
+
+@hidden
+def next_target(task: Task, desk: Desk, queue: Queue, targets: Array, number: int, l: int) -> bool:
+    """Give lane l a target and its nearest sample; say whether there is one that is worth a try."""
+    queue.target[l], queue.next[l], queue.spent[l] = number, 0, 0
+    for r in range(3):
+        for c in range(4):
+            desk.lanes.target[(4 * r + c) * LANES + l] = targets[number, r, c]
+    return next_seed(task, desk, queue, targets, l)
+
+
+@kernel
+def solve_many(
+    handle: Indices,
+    wanted: Array,
+    targets: Array,
+    results: Array,
+    left: Indices,
+    begin: int,
+    end: int,
+    w: int,
+) -> int:
+    """Answer targets begin … end-1, one in each lane, a lane that is done taking the next.
+
+    A target's lane walks exactly as lane after lane does in `solve_pose`: the same bits come out. What its first eight
+    samples do not solve is left to `solve_pose`'s own way afterwards: each of these may take milliseconds.
+
+    Args:
+        handle: The task, see `task_of`.
+        wanted: See `task_of`.
+        targets: Rigid transforms, (k, 4, 4), lengths in [m].
+        results: Receives what `solve_pose` returns, (k, n + 4).
+        left: Receives the numbers of the targets that are left, (end - begin,).
+        begin: First target.
+        end: One past the last target.
+        w: LANES.
+
+    Returns:
+        How many are left.
+    """
+    task = task_of(handle, wanted)
+    dof, joints = len(task.lower), len(task.chain.leader)
+    memory = np.zeros(desk_size(dof, joints))
+    desk = make_desk(memory, dof, joints)
+    numbers = np.zeros(4 * LANES, dtype=np.int64)
+    at = numbers.ctypes.data
+    queue = Queue(
+        integer_part(at, 0, LANES),
+        integer_part(at, LANES, LANES),
+        integer_part(at, 2 * LANES, LANES),
+        integer_part(at, 3 * LANES, LANES),
+    )
+    count = run_lanes(Job(handle, wanted, memory), task, desk, queue, targets, results, left, begin, end, w)
+    memory[0], numbers[0] = 0.0, 0  # Their last use, see `solve_pose`.
+    return count
+
+
+@kernel
+def solve_some(
+    handle: Indices,
+    wanted: Array,
+    targets: Array,
+    results: Array,
+    some: Indices,
+    begin: int,
+    end: int,
+    w: int,
+) -> int:
+    """Answer the targets whose numbers are some[begin:end], (k,), one after the other, as `solve_pose`; return how many."""
+    for k in range(begin, end):
+        results[some[k]] = solve_pose(handle, wanted, targets[some[k]], w)
+    return end - begin
+
+
+@hidden
+def run_lanes(
+    job: Job,
+    task: Task,
+    desk: Desk,
+    queue: Queue,
+    targets: Array,
+    results: Array,
+    left: Indices,
+    begin: int,
+    end: int,
+    w: int,
+) -> int:
+    """Work the queue off; put the numbers of the targets left over into `left`, and return how many they are."""
+    lanes = desk.lanes
+    reset_weights(task, desk)
+    leftover, number, active = 0, begin, LANES
+    for l in range(LANES):
+        queue.target[l] = -1
+    # Every target has so many steps at most, and with all targets in one lane they would be made one after the other.
+    for turn in range(1 + (end - begin) * FIRST * (FIRST_STEPS + 1)):
+        if active == 0:
+            break
+        if turn > 0:
+            iterate(job.handle, job.wanted, job.memory, True, w)
+        for l in range(LANES):
+            if queue.target[l] == -2:
+                continue
+            busy = queue.target[l] >= 0
+            if busy:
+                queue.spent[l] += 1
+                done = within(task, lanes, l)
+                if done:
+                    write_result(task, desk, queue, targets, results, l)
+                busy = not done
+                if busy and queue.steps[l] == FIRST_STEPS:
+                    busy = next_seed(task, desk, queue, targets, l)
+                    if not busy:
+                        left[leftover] = queue.target[l]
+                        leftover += 1
+                else:
+                    queue.steps[l] += 1
+            while not busy and number < end:
+                busy = next_target(task, desk, queue, targets, number, l)
+                if not busy:
+                    left[leftover] = number
+                    leftover += 1
+                number += 1
+            if not busy:
+                queue.target[l] = -2
+                active -= 1
+    return leftover
+
+
+@hidden
+def write_result(task: Task, desk: Desk, queue: Queue, targets: Array, results: Array, l: int) -> None:
+    """Judge lane l by plain FK and write its row."""
+    i, dof = queue.target[l], len(task.lower)
+    for j in range(dof):
+        results[i, j] = desk.lanes.q[j, l]
+    goal = GoalArrays(targets[i], task.wanted[2], task.axis_weights)
+    middle(task, desk.seed)
+    finish(task, desk, goal, desk.seed, results[i, :dof], results[i, dof:])
+    results[i, dof + 3] = queue.spent[l]

@@ -1,0 +1,213 @@
+"""The last steps to the nearest pose of a goal that is out of reach: Newton's method on the weighted error itself.
+
+``E = K_P |p - p_g| + Σ K_c (1 - c·c_g)`` has large residuals where the goal is out of reach, so the steps of Gauss and
+Newton, which leave out their curvature, crawl. Here the Hessian is whole: for joints a ≤ b of a serial chain, a revolute,
+``∂²p/∂q_a∂q_b = z_a × ∂p/∂q_b``, and likewise for every column c of the rotation (Erleben and Andrews 2019, Sec. 4). Joints
+that stand at a limit and are pushed outward are held (Bertsekas 1982); the Hessian is damped until it is positive and the
+step helps.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from kinseek.kernels.arm.forward import advance, forward, identity
+from kinseek.kernels.arm.pose_error import weighted_error
+from kinseek.kernels.arrays import Array, ChainArrays, Flags, GoalArrays
+from kinseek.kernels.jit import called, hidden
+
+STEPS = 40
+"""Newton steps at most."""
+
+ENOUGH = 1e-12
+"""Less is not worth a step, relative to the error."""
+
+SMOOTH = 1e-9
+"""|p - p_g| is rounded off this close to its kink [m]."""
+
+FLAT = 1e-300
+"""A Hessian without a larger entry on its diagonal is none."""
+
+MOST = 1e6
+"""Where a damping so many times the largest entry of the Hessian does not help, rounding is all that is left."""
+
+RAISES = 24
+"""How often the damping is raised at most for one step: from 1e-4 to `MOST` times the largest entry it is 17 times."""
+
+LONGEST = 0.5
+"""No joint moves farther in one step [rad or m]."""
+
+
+@hidden
+def derivatives(
+    chain: ChainArrays, goal: GoalArrays, q: Array, T: Array, axes: Array, moves: Array, g: Array, H: Array
+) -> None:
+    """Gradient, (n,), and lower triangle of the Hessian, (n, n), of the weighted error at q.
+
+    Args:
+        chain: The arm.
+        goal: Target and weights.
+        q: Joint values, (n,).
+        T: Receives the pose of the tip, (3, 4).
+        axes: Memory for axes and points on them, (m, 6).
+        moves: Memory for the velocity of the tip by each joint, (m, 3).
+        g: Receives the gradient.
+        H: Receives the Hessian.
+    """
+    joints = len(chain.leader)
+    identity(T)
+    for k in range(joints):
+        value = chain.multiplier[k] * q[chain.leader[k]] + chain.offset[k]
+        advance(chain.fixed[k], chain.prismatic[k], value, T)
+        for r in range(3):
+            axes[k, r], axes[k, 3 + r] = T[r, 2], T[r, 3]
+    advance(chain.fixed[joints], True, 0.0, T)
+    for i in range(len(q)):
+        g[i] = 0.0
+        for j in range(len(q)):
+            H[i, j] = 0.0
+    G, weights = goal.target, goal.axis_weights
+    dx, dy, dz = T[0, 3] - G[0, 3], T[1, 3] - G[1, 3], T[2, 3] - G[2, 3]
+    far = math.sqrt(dx * dx + dy * dy + dz * dz + SMOOTH * SMOOTH)
+    ux, uy, uz = dx / far, dy / far, dz / far
+    # Σ K_c c × c_g, Σ K_c c·c_g, and Σ K_c c c_gᵀ.
+    wx = wy = wz = total = 0.0
+    m00 = m01 = m02 = m10 = m11 = m12 = m20 = m21 = m22 = 0.0
+    for c in range(3):
+        K = weights[c]
+        ax, ay, az = K * T[0, c], K * T[1, c], K * T[2, c]
+        bx, by, bz = G[0, c], G[1, c], G[2, c]
+        wx, wy, wz = wx + ay * bz - az * by, wy + az * bx - ax * bz, wz + ax * by - ay * bx
+        total += ax * bx + ay * by + az * bz
+        m00, m01, m02 = m00 + ax * bx, m01 + ax * by, m02 + ax * bz
+        m10, m11, m12 = m10 + ay * bx, m11 + ay * by, m12 + ay * bz
+        m20, m21, m22 = m20 + az * bx, m21 + az * by, m22 + az * bz
+    for b in range(joints):
+        j, scale = chain.leader[b], chain.multiplier[b]
+        zx, zy, zz = axes[b, 0], axes[b, 1], axes[b, 2]
+        slope = 0.0
+        if chain.prismatic[b]:
+            vx, vy, vz = zx, zy, zz
+        else:
+            px, py, pz = T[0, 3] - axes[b, 3], T[1, 3] - axes[b, 4], T[2, 3] - axes[b, 5]
+            vx, vy, vz = zy * pz - zz * py, zz * px - zx * pz, zx * py - zy * px
+            slope = -(zx * wx + zy * wy + zz * wz)
+        moves[b, 0], moves[b, 1], moves[b, 2] = vx, vy, vz
+        along = ux * vx + uy * vy + uz * vz
+        g[j] += scale * (goal.position_weight * along + slope)
+        # M z_b, and v_b × u, for u · (z_a × v_b) = z_a · (v_b × u).
+        ox, oy, oz = (
+            m00 * zx + m01 * zy + m02 * zz,
+            m10 * zx + m11 * zy + m12 * zz,
+            m20 * zx + m21 * zy + m22 * zz,
+        )
+        cx, cy, cz = vy * uz - vz * uy, vz * ux - vx * uz, vx * uy - vy * ux
+        for a in range(b + 1):
+            i = chain.leader[a]
+            before = ux * moves[a, 0] + uy * moves[a, 1] + uz * moves[a, 2]
+            value = (moves[a, 0] * vx + moves[a, 1] * vy + moves[a, 2] * vz - before * along) / far
+            turn = 0.0
+            if not chain.prismatic[a]:
+                value += axes[a, 0] * cx + axes[a, 1] * cy + axes[a, 2] * cz
+                if not chain.prismatic[b]:
+                    turn = total * (axes[a, 0] * zx + axes[a, 1] * zy + axes[a, 2] * zz)
+                    turn -= axes[a, 0] * ox + axes[a, 1] * oy + axes[a, 2] * oz
+            value = scale * chain.multiplier[a] * (goal.position_weight * value + turn)
+            low, high = min(i, j), max(i, j)
+            H[high, low] += value
+            if a != b and i == j:
+                H[high, low] += value
+
+
+@hidden
+def damped_step(H: Array, g: Array, held: Flags, damping: float, L: Array, step: Array) -> bool:
+    """Solve (H + damping · I) step = -g over the joints that are not held; False where the matrix is not positive."""
+    n = len(g)
+    for i in range(n):
+        for j in range(i + 1):
+            value = H[i, j] + (damping if i == j else 0.0)
+            if held[i] or held[j]:
+                value = abs(H[i, i]) + damping if i == j else 0.0
+            for k in range(j):
+                value -= L[i, k] * L[j, k]
+            if i == j:
+                if value <= 1e-14 * (abs(H[i, i]) + damping):
+                    return False
+                L[i, i] = math.sqrt(value)
+            else:
+                L[i, j] = value / L[j, j]
+    for i in range(n):
+        value = 0.0 if held[i] else -g[i]
+        for k in range(i):
+            value -= L[i, k] * step[k]
+        step[i] = value / L[i, i]
+    for back in range(n):
+        i = n - 1 - back
+        value = step[i]
+        for k in range(i + 1, n):
+            value -= L[k, i] * step[k]
+        step[i] = value / L[i, i]
+    return True
+
+
+@called
+def settle(chain: ChainArrays, goal: GoalArrays, lower: Array, upper: Array, q: Array) -> int:
+    """Walk from q, (n,), to the nearest minimum of the weighted error inside the limits; return FK evaluations.
+
+    Args:
+        chain: The arm.
+        goal: Target and weights.
+        lower: Limits, (n,); none for a joint that turns fully.
+        upper: Same.
+        q: The start, replaced by the minimiser; never worse.
+    """
+    n, joints = len(q), len(chain.leader)
+    T, axes, moves = np.empty((3, 4)), np.empty((joints, 6)), np.empty((joints, 3))
+    g, step, trial = np.empty(n), np.empty(n), np.empty(n)
+    H, L, held = np.empty((n, n)), np.empty((n, n)), np.empty(n, dtype=np.bool_)
+    derivatives(chain, goal, q, T, axes, moves, g, H)
+    error, spent, damping = weighted_error(T, goal), 1, 0.0
+    for _ in range(STEPS):
+        largest, steepest = 0.0, 0.0
+        for i in range(n):
+            held[i] = (q[i] <= lower[i] and g[i] > 0.0) or (q[i] >= upper[i] and g[i] < 0.0)
+            largest = max(largest, abs(H[i, i]))
+            if not held[i]:
+                steepest = max(steepest, abs(g[i]))
+        if steepest * steepest <= ENOUGH * largest * error:
+            break
+        if largest < FLAT:
+            # Straight downhill, as a slide runs towards a goal far ahead: the Hessian gives no scale.
+            largest = steepest
+        raised = 0
+        while raised < RAISES and damping <= MOST * largest:
+            if damped_step(H, g, held, damping, L, step):
+                break
+            damping = max(4.0 * damping, 1e-4 * largest)
+            raised += 1
+        if raised == RAISES or damping > MOST * largest:
+            break
+        farthest = LONGEST
+        for i in range(n):
+            farthest = max(farthest, abs(step[i]))
+        for i in range(n):
+            trial[i] = min(max(q[i] + step[i] * LONGEST / farthest, lower[i]), upper[i])
+        forward(chain, trial, T)
+        spent += 1
+        now = weighted_error(T, goal)
+        if now < error:
+            small = error - now <= ENOUGH * error
+            for i in range(n):
+                q[i] = trial[i]
+            if small:
+                break
+            damping *= 0.1
+            if damping < 1e-9 * largest:
+                damping = 0.0
+            derivatives(chain, goal, q, T, axes, moves, g, H)
+            error = now
+        else:
+            damping = max(8.0 * damping, 1e-6 * largest)
+    return spent

@@ -1,0 +1,172 @@
+"""Goals with free axes and ranges: steps that look only at what sticks out.
+
+The deviation of a pose from the wanted one has six components in a frame, see `kinseek.goal.Goal`. A component outside its
+range has a row in the Jacobian and the way to the range as residual; one inside has neither, so the step is free to move
+it. With D the rotation that deviates, seen in the frame, and w = log D, a turn ω of the hand changes w by ``J_l(w)⁻¹ ω``
+with ``J_l⁻¹ = I - [w]/2 + (1/θ² - cot(θ/2)/2θ) [w]²`` the inverse of SO(3)'s left Jacobian (Solà, Deray and Atchuthan 2018,
+Sec. 4): so the rows are exact however far the turn is.
+"""
+
+from __future__ import annotations
+
+import math
+
+from kinseek.kernels.arm.range_error import FRAME, HIGH, LOW, SWINGS, beyond, box_errors, deviation
+from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.jit import hidden, kernel
+
+from .lanes import (
+    LANES,
+    Lanes,
+    lanes_forward,
+    lanes_gram,
+    lanes_hold,
+    lanes_jacobian,
+    lanes_move,
+    lanes_solve,
+)
+from .one_goal import LONGEST
+from .task import Desk, Task, make_desk, task_of
+
+ROWS = 18 * LANES
+"""Numbers that the rows of all lanes take, and after them the deviation (6,) and room to work (27,)."""
+
+WRAP = 0.5
+"""Turns that lack no more than this of π [rad] may be nearer to a range the other way round."""
+
+INSIDE = 1e-3
+"""A step leads no farther into a range than this [m or rad], however wide the range and the tolerance are."""
+
+HOLD = 0.02
+"""Every other lane keeps the row of a component this close to the end of its range, relative to the range: it holds
+what it has reached while it mends the rest."""
+
+
+@hidden
+def way_in(value: float, low: float, high: float, tolerance: float, hold: bool) -> tuple[float, float]:
+    """The way from a value into its range, and whether it has a row, 1 or 0.
+
+    It leads a little past the end, by a tolerance at most, so that rounding does not leave the answer outside.
+    """
+    width = high - low
+    margin = min(0.25 * width, tolerance, INSIDE)
+    band = max(HOLD * min(width, 1.0), margin) if hold else margin
+    if value < low + band:
+        return max(low + margin - value, 0.0) if width > 0.0 else low - value, 1.0
+    if value > high - band:
+        return min(high - margin - value, 0.0) if width > 0.0 else high - value, 1.0
+    return 0.0, 0.0
+
+
+@hidden
+def past_the_half_turn(out: Array, question: Array) -> None:
+    """Write the rotation vector in out[3:6], where it is long, as the turn the other way round if that is nearer.
+
+    A rotation a little more than π about an axis has a rotation vector that points the other way: far from a range that
+    ends at 3 rad, though the hand is close to it. So the way to such a range is measured past π.
+    """
+    angle = math.sqrt(out[3] * out[3] + out[4] * out[4] + out[5] * out[5])
+    if angle < math.pi - WRAP:
+        return
+    other = 1.0 - 2.0 * math.pi / angle
+    here, there = 0.0, 0.0
+    for i in range(3, 6):
+        gap = beyond(out[i], question[LOW + i], question[HIGH + i])
+        here += gap * gap
+        gap = beyond(other * out[i], question[LOW + i], question[HIGH + i])
+        there += gap * gap
+    if there < here:
+        for i in range(3, 6):
+            out[i] *= other
+
+
+@hidden
+def rows_of(task: Task, desk: Desk, question: Array, rows: Array, l: int) -> None:
+    """Residual, errors and rows of lane l at its pose."""
+    W, F, lanes, out, work = LANES, question[FRAME:LOW], desk.lanes, rows[ROWS : ROWS + 6], rows[ROWS + 6 :]
+    for r in range(3):
+        for c in range(4):
+            desk.spare[r, c] = lanes.pose[(4 * r + c) * W + l]
+    deviation(desk.spare, question, out, work)
+    place, turn = box_errors(out, question)
+    lanes.error[l], lanes.error[W + l], lanes.error[2 * W + l] = place * place, turn * turn, 0.0
+    total, hold, swings = 0.0, l % 2 == 1, question[SWINGS] != 0.0
+    for i in range(3):
+        way, has = way_in(out[i], question[LOW + i], question[HIGH + i], task.wanted[0], hold)
+        e = lanes.weight[l] * way
+        lanes.residual[i * W + l] = e
+        total += e * e
+        for c in range(3):
+            rows[(3 * i + c) * W + l] = has * F[3 * c + i]
+    if not swings:
+        past_the_half_turn(out, question)
+    x, y, z = out[3], out[4], out[5]
+    square = x * x + y * y + z * z
+    curve = 1.0 / 12.0
+    if square > 1e-6:
+        angle = math.sqrt(square)
+        curve = 1.0 / square - math.cos(0.5 * angle) / (2.0 * angle * math.sin(0.5 * angle))
+    for i in range(3):
+        way, has = -out[3 + i], 1.0
+        if swings:
+            a, b, c = -work[9 + i] * work[9], -work[9 + i] * work[10], -work[9 + i] * work[11]
+            diagonal = 1.0
+        else:
+            way, has = way_in(out[3 + i], question[LOW + 3 + i], question[HIGH + 3 + i], task.wanted[1], hold)
+            # Row i of I - [w]/2 + curve (w wᵀ - |w|² I).
+            own = out[3 + i]
+            a, b, c = curve * own * x, curve * own * y, curve * own * z
+            diagonal = 1.0 - curve * square
+            if i == 0:
+                b, c = b + 0.5 * z, c - 0.5 * y
+            elif i == 1:
+                a, c = a - 0.5 * z, c + 0.5 * x
+            else:
+                a, b = a + 0.5 * y, b - 0.5 * x
+        a, b, c = (
+            a + (diagonal if i == 0 else 0.0),
+            b + (diagonal if i == 1 else 0.0),
+            c + (diagonal if i == 2 else 0.0),
+        )
+        e = lanes.weight[W + l] * way
+        lanes.residual[(3 + i) * W + l] = e
+        total += e * e
+        for k in range(3):
+            rows[(9 + 3 * i + k) * W + l] = has * (a * F[3 * k] + b * F[3 * k + 1] + c * F[3 * k + 2])
+    lanes.error[3 * W + l] = total
+
+
+@hidden
+def turn_rows(lanes: Lanes, rows: Array, w: int) -> None:
+    """Multiply the rows of every lane's Jacobian by the lane's matrices."""
+    W, J = LANES, lanes.jacobian
+    for i in range(J.shape[0]):
+        for half in range(2):
+            o, m = 3 * half * W, 9 * half * W
+            for l in range(w):
+                a, b, c = J[i, o + l], J[i, o + W + l], J[i, o + 2 * W + l]
+                J[i, o + l] = rows[m + l] * a + rows[m + W + l] * b + rows[m + 2 * W + l] * c
+                J[i, o + W + l] = rows[m + 3 * W + l] * a + rows[m + 4 * W + l] * b + rows[m + 5 * W + l] * c
+                J[i, o + 2 * W + l] = (
+                    rows[m + 6 * W + l] * a + rows[m + 7 * W + l] * b + rows[m + 8 * W + l] * c
+                )
+
+
+@kernel
+def iterate_box(
+    handle: Indices, wanted: Array, memory: Array, question: Array, rows: Array, move: bool, w: int
+) -> None:
+    """One damped step of every lane, if `move`, and where it ends; as `refine.iterate`."""
+    task = task_of(handle, wanted)
+    desk = make_desk(memory, len(task.lower), len(task.chain.leader))
+    lanes = desk.lanes
+    if move:
+        lanes_jacobian(task.chain.leader, task.links, lanes, 0.0, w)
+        turn_rows(lanes, rows, w)
+        lanes_hold(task.lower, task.upper, lanes, w)
+        lanes_gram(desk.mode[3], desk.floor, lanes, w)
+        lanes_solve(lanes, w)
+        lanes_move(task.lower, task.upper, LONGEST, lanes, w)
+    lanes_forward(task.chain.leader, task.links, lanes, w)
+    for l in range(LANES):
+        rows_of(task, desk, question, rows, l)

@@ -1,0 +1,197 @@
+"""The atlas: samples of the middle joints, sorted by where they bring the hand.
+
+Write the arm as ``A_1 J_1 K J_n A_tip`` with ``K = A_2 J_2 … A_n``, the pose of the last axis seen from the first. A turn
+about the first axis changes nothing of K but its azimuth, a turn about the last axis nothing but itself; a slide along
+the first axis changes one coordinate. Divide them out, and a pose becomes four numbers in five coordinates: radius and
+height of a point, and a direction. By these the samples are sorted into a k-d tree. A goal has the same coordinates; its
+nearest samples give q_2 … q_{n-1}, the azimuths give q_1, and what rotation remains gives q_n.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from kinseek.kernels.arm.forward import advance, advance_segment, identity
+from kinseek.kernels.arm.trigonometry import rough_angle
+from kinseek.kernels.arrays import Array, ChainArrays
+from kinseek.kernels.jit import hidden, kernel
+
+from .tree import Tree, make_tree, sort_tree
+
+NONE, TURN, SLIDE = 0, 1, 2
+
+
+class Division(NamedTuple):
+    """What of the arm is divided out of the atlas, and what of the pose is kept."""
+
+    head: int
+    """The first joint: NONE, TURN or SLIDE."""
+    tail: int
+    """The last joint: NONE or TURN."""
+    columns: int
+    """Directions kept: 2 the whole orientation, 1 an axis, 0 none."""
+    length: float
+    """Length that a direction counts as, [m]."""
+
+
+class Atlas(NamedTuple):
+    """Samples of the middle joints, in the order of the tree's leaves."""
+
+    tree: Tree
+    middle: Array
+    """Joint values of the samples [rad] or [m], (k, middle joints)."""
+    poses: Array
+    """K of the samples, (k, 3, 4), lengths in [m]."""
+    inverse_head: Array
+    """A_1⁻¹ where the first joint is divided out, else the identity, (3, 4)."""
+    inverse_tip: Array
+    """A_tip⁻¹ where the last joint is divided out, else the inverse of a tool that the samples leave out, (3, 4)."""
+
+
+@hidden
+def coordinates(K: Array, division: Division, out: Array) -> int:
+    """Write the coordinates that are left of a pose, (3, 4), into `out`; return how many."""
+    x, y, z = K[0, 3], K[1, 3], K[2, 3]
+    cosine, sine, flat = 1.0, 0.0, division.length
+    if division.head == TURN:
+        r = math.sqrt(x * x + y * y)
+        if r > 0.0:
+            cosine, sine = x / r, y / r
+        out[0], out[1] = r, z
+        # Close to the axis the azimuth means little: a turn of the first joint makes up for it at a small cost.
+        flat = division.length * r / math.sqrt(r * r + division.length * division.length)
+        used = 2
+    elif division.head == SLIDE:
+        out[0], out[1] = x, y
+        used = 2
+    else:
+        out[0], out[1], out[2] = x, y, z
+        used = 3
+    for i in range(division.columns):
+        c = 2 if division.tail == TURN else i
+        out[used] = flat * (cosine * K[0, c] + sine * K[1, c])
+        out[used + 1] = flat * (cosine * K[1, c] - sine * K[0, c])
+        out[used + 2] = division.length * K[2, c]
+        used += 3
+    return used
+
+
+def build_atlas(
+    chain: ChainArrays,
+    division: Division,
+    middle: Array,
+    first: int,
+    inverse_head: Array,
+    inverse_tip: Array,
+) -> Atlas:
+    """Compute K and its coordinates for every sample, and sort them; see `fill_atlas`."""
+    count, used = len(middle), (3 if division.head == NONE else 2) + 3 * division.columns
+    atlas = Atlas(
+        make_tree(count, used), np.empty_like(middle), np.empty((count, 3, 4)), inverse_head, inverse_tip
+    )
+    fill_atlas(chain, division, middle, first, atlas)
+    return atlas
+
+
+@kernel
+def fill_atlas(chain: ChainArrays, division: Division, middle: Array, first: int, atlas: Atlas) -> None:
+    """Compute K and its coordinates for every sample, and sort them.
+
+    Args:
+        chain: The arm.
+        division: What is divided out.
+        middle: Samples of the middle joints, (k, middle joints), k = LEAF · 2^depth.
+        first: Index of the first middle variable.
+        atlas: The caller's, see `kernels.grid` for why; receives all but the two inverses.
+    """
+    count, joints = len(middle), len(chain.leader)
+    poses, features, q = np.empty((count, 3, 4)), np.empty((count, 9)), np.zeros(len(chain.lower))
+    used, begin, end = 0, 0 if division.head == NONE else 1, joints - 1 if division.tail == TURN else joints
+    for i in range(count):
+        T = poses[i]
+        identity(T)
+        for j in range(middle.shape[1]):
+            q[first + j] = middle[i, j]
+        advance_segment(chain, begin, end, q, T)
+        advance(chain.fixed[end], True, 0.0, T)
+        used = coordinates(T, division, features[i])
+    order = np.empty(count, dtype=np.int64)
+    sort_tree(features[:, :used], order, atlas.tree)
+    for i in range(count):
+        for j in range(middle.shape[1]):
+            atlas.middle[i, j] = middle[order[i], j]
+        for r in range(3):
+            for c in range(4):
+                atlas.poses[i, r, c] = poses[order[i], r, c]
+
+
+@hidden
+def product(A: Array, B: Array, C: Array) -> None:
+    """Write the product of two transforms, (3, 4), into C."""
+    for r in range(3):
+        for c in range(4):
+            C[r, c] = A[r, 0] * B[0, c] + A[r, 1] * B[1, c] + A[r, 2] * B[2, c]
+        C[r, 3] += A[r, 3]
+
+
+@hidden
+def nearest_copy(value: float, low: float, high: float, to: float) -> float:
+    """Add full turns to bring an angle into [low, high], near `to`; where none fits, as near to the range as it gets."""
+    turn = 2.0 * math.pi
+    value += turn * np.rint((to - value) / turn)
+    if value > high:
+        down = value - turn * np.ceil((value - high) / turn)
+        return down if down >= low or low - down < value - high else value
+    if value < low:
+        up = value + turn * np.ceil((low - value) / turn)
+        return up if up <= high or up - high < low - value else value
+    return value
+
+
+@hidden
+def complete_seed(
+    atlas: Atlas, division: Division, G: Array, i: int, lower: Array, upper: Array, margin: float, q: Array
+) -> bool:
+    """Fill q, (n,), from sample i for a goal G, already seen from the first joint; say whether it is worth a try.
+
+    A first or last joint that comes out beyond its limits by more than `margin` [rad or m] is not; one within the margin
+    is brought back to the limit, for the sample is only near the answer.
+    """
+    dof, K = len(lower), atlas.poses[i]
+    first = 0 if division.head == NONE else 1
+    for j in range(atlas.middle.shape[1]):
+        q[first + j] = atlas.middle[i, j]
+    cosine, sine = 1.0, 0.0
+    if division.head == TURN:
+        dot, cross = K[0, 3] * G[0, 3] + K[1, 3] * G[1, 3], K[0, 3] * G[1, 3] - K[1, 3] * G[0, 3]
+        weight = division.length * division.length
+        for k in range(division.columns):
+            c = 2 if division.tail == TURN else k
+            dot += weight * (K[0, c] * G[0, c] + K[1, c] * G[1, c])
+            cross += weight * (K[0, c] * G[1, c] - K[1, c] * G[0, c])
+        q[0] = nearest_copy(rough_angle(cross, dot), lower[0], upper[0], 0.5 * (lower[0] + upper[0]))
+        far = math.sqrt(dot * dot + cross * cross)
+        if far > 0.0:
+            cosine, sine = dot / far, cross / far
+    elif division.head == SLIDE:
+        q[0] = G[2, 3] - K[2, 3]
+    if division.tail == TURN:
+        # M = (J_1 K)ᵀ G: the turn about z that is closest to it.
+        gx, gy, gz = cosine * G[0, 0] + sine * G[1, 0], cosine * G[1, 0] - sine * G[0, 0], G[2, 0]
+        along = K[0, 0] * gx + K[1, 0] * gy + K[2, 0] * gz
+        across = K[0, 1] * gx + K[1, 1] * gy + K[2, 1] * gz
+        gx, gy, gz = cosine * G[0, 1] + sine * G[1, 1], cosine * G[1, 1] - sine * G[0, 1], G[2, 1]
+        along += K[0, 1] * gx + K[1, 1] * gy + K[2, 1] * gz
+        across -= K[0, 0] * gx + K[1, 0] * gy + K[2, 0] * gz
+        last = dof - 1
+        q[last] = nearest_copy(
+            rough_angle(across, along), lower[last], upper[last], 0.5 * (lower[last] + upper[last])
+        )
+    for j in (0, dof - 1):
+        if q[j] < lower[j] - margin or q[j] > upper[j] + margin:
+            return False
+        q[j] = min(max(q[j], lower[j]), upper[j])
+    return True

@@ -1,0 +1,271 @@
+"""Nearest neighbours in a balanced k-d tree whose leaves are scanned eight points at a time.
+
+Two ways lead to them. `nearest` walks the tree, for as many as are wanted. `scan_beside` and `take_nearest` are for the
+first few: every leaf knows the leaves beside it, and only these are scanned, with no branch to guess wrong; one leaf's
+list serves a point in its corner less well, so now and then a nearer point is overlooked.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.jit import called, hidden, kernel
+
+LEAF = 8
+
+SLACK = 4.0
+"""A branch is left out unless it may hold a point this many times closer (squared) than the worst one kept."""
+
+
+MOST_LEAVES = 256
+"""Leaves that one search scans at most: a point far from all others is about as far from each of them."""
+
+BESIDE = 12
+"""Leaves that `scan_beside` looks at, the point's own first."""
+
+
+class Tree(NamedTuple):
+    """A complete binary tree over ``LEAF · 2^depth`` points: node i has the children 2i+1 and 2i+2."""
+
+    points: Array
+    """Points leaf by leaf, (leaves, dimensions, LEAF)."""
+    axis: Indices
+    """Dimension that each inner node splits, (leaves - 1,); at least one entry."""
+    split: Array
+    """Where it splits it, same shape."""
+    beside: Indices
+    """The leaves whose centres are nearest to each leaf's, nearest first, -1 where there are no more, (leaves · BESIDE,)."""
+
+
+def make_tree(count: int, dimensions: int) -> Tree:
+    """Allocate a tree of k = LEAF · 2^depth points."""
+    leaves = count // LEAF
+    inner = max(leaves - 1, 1)
+    return Tree(
+        np.empty((leaves, dimensions, LEAF)),
+        np.zeros(inner, dtype=np.int64),
+        np.zeros(inner),
+        np.full(leaves * BESIDE, -1, dtype=np.int64),
+    )
+
+
+def build_tree(points: Array, order: Indices) -> Tree:
+    """Build a tree; see `sort_tree`."""
+    tree = make_tree(*points.shape)
+    sort_tree(points, order, tree)
+    return tree
+
+
+@kernel
+def sort_tree(points: Array, order: Indices, tree: Tree) -> None:
+    """Build a tree.
+
+    Args:
+        points: (k, dimensions), k = LEAF · 2^depth.
+        order: Receives which point stands at each place of the leaves, (k,).
+        tree: From `make_tree`; the caller's, see `kernels.grid` for why.
+    """
+    count, dimensions = points.shape
+    axis, split, packed = tree.axis, tree.split, tree.points
+    for i in range(count):
+        order[i] = i
+    size, level, node = count, 1, 0
+    while size > LEAF:
+        for j in range(level):
+            first = j * size
+            widest, width = 0, -1.0
+            for d in range(dimensions):
+                low, high = np.inf, -np.inf
+                for i in range(first, first + size):
+                    value = points[order[i], d]
+                    low, high = min(low, value), max(high, value)
+                if high - low > width:
+                    widest, width = d, high - low
+            middle = first + size // 2
+            _select(points, widest, order, first, first + size - 1, middle)
+            axis[node], split[node] = widest, points[order[middle], widest]
+            node += 1
+        size //= 2
+        level *= 2
+    for i in range(count):
+        for d in range(dimensions):
+            packed[i // LEAF, d, i % LEAF] = points[order[i], d]
+    _list_leaves_beside(packed, tree.beside)
+
+
+@called
+def _list_leaves_beside(points: Array, beside: Indices) -> None:
+    """List the leaves beside each leaf in a list of nothing but -1, see `Tree`."""
+    leaves, dimensions = points.shape[0], points.shape[1]
+    centres = np.zeros((dimensions, leaves))
+    for leaf in range(leaves):
+        for d in range(dimensions):
+            for j in range(LEAF):
+                centres[d, leaf] += points[leaf, d, j] / LEAF
+    gaps, far = np.empty(BESIDE), np.empty(leaves)
+    for leaf in range(leaves):
+        for other in range(leaves):
+            far[other] = 0.0
+        for d in range(dimensions):
+            x = centres[d, leaf]
+            for other in range(leaves):
+                gap = centres[d, other] - x
+                far[other] += gap * gap
+        far[leaf] = -1.0  # Its own first, also where leaves coincide.
+        for b in range(BESIDE):
+            gaps[b] = np.inf
+        for other in range(leaves):
+            value = far[other]
+            if value >= gaps[BESIDE - 1]:
+                continue
+            at = BESIDE - 1
+            while at > 0 and gaps[at - 1] > value:
+                gaps[at] = gaps[at - 1]
+                beside[leaf * BESIDE + at] = beside[leaf * BESIDE + at - 1]
+                at -= 1
+            gaps[at], beside[leaf * BESIDE + at] = value, other
+
+
+@called
+def _select(points: Array, d: int, order: Indices, first: int, last: int, middle: int) -> None:
+    """Rearrange order[first … last] so that place `middle` holds what sorting by dimension d would put there."""
+    begin, end = first, last
+    for _ in range(end - begin + 1):  # Each pass leaves out at least one place.
+        if first >= last:
+            return
+        pivot = points[order[(first + last) // 2], d]
+        i, j = first, last
+        while i <= j:  # i and j come closer in every pass.
+            while i < end and points[order[i], d] < pivot:
+                i += 1
+            while j > begin and points[order[j], d] > pivot:
+                j -= 1
+            if i <= j:
+                order[i], order[j] = order[j], order[i]
+                i += 1
+                j -= 1
+        if middle <= j:
+            last = j
+        elif middle >= i:
+            first = i
+        else:
+            return
+
+
+@hidden
+def nearest(
+    tree: Tree, point: Array, wanted: int, distance: Array, index: Indices, stack: Indices, bound: Array
+) -> int:
+    """Find the nearest points, nearest first.
+
+    Args:
+        tree: Where to look.
+        point: (dimensions,)
+        wanted: How many.
+        distance: Receives squared distances, at least (wanted,).
+        index: Receives places in the leaves, at least (wanted,).
+        stack: Memory, (64,).
+        bound: Memory, (64 + LEAF,).
+
+    Returns:
+        How many were found.
+    """
+    leaves, dimensions = tree.points.shape[0], tree.points.shape[1]
+    found, top, scanned = 0, 1, 0
+    stack[0], bound[0] = 0, 0.0
+    # Branches on the stack have no leaf in common, and each pass takes one off it.
+    for _ in range(leaves):
+        if top == 0:
+            break
+        top -= 1
+        node, low = stack[top], bound[top]
+        if found == wanted and (SLACK * low >= distance[found - 1] or scanned >= MOST_LEAVES):
+            continue
+        while node < leaves - 1:
+            gap = point[tree.axis[node]] - tree.split[node]
+            near = 2 * node + 1 if gap < 0.0 else 2 * node + 2
+            stack[top], bound[top] = 4 * node + 3 - near, max(low, gap * gap)
+            top += 1
+            node = near
+        leaf = node - (leaves - 1)
+        scanned += 1
+        for j in range(LEAF):
+            bound[64 + j] = 0.0
+        for d in range(dimensions):
+            x = point[d]
+            for j in range(LEAF):
+                gap = tree.points[leaf, d, j] - x
+                bound[64 + j] += gap * gap
+        for j in range(LEAF):
+            value = bound[64 + j]
+            if found == wanted and value >= distance[found - 1]:
+                continue
+            at = found if found < wanted else found - 1
+            found = min(found + 1, wanted)
+            while at > 0 and distance[at - 1] > value:
+                distance[at], index[at] = distance[at - 1], index[at - 1]
+                at -= 1
+            distance[at], index[at] = value, leaf * LEAF + j
+    return found
+
+
+@hidden
+def scan_beside(tree: Tree, point: Array, distance: Array, least: Array) -> int:
+    """Measure the points of the leaves beside a point.
+
+    Args:
+        tree: Where to look.
+        point: (dimensions,)
+        distance: Receives squared distances, at least (BESIDE · LEAF,).
+        least: Receives the least of every leaf, at least (BESIDE,).
+
+    Returns:
+        The leaf that the point lies in, for `take_nearest`.
+    """
+    leaves, dimensions = tree.points.shape[0], tree.points.shape[1]
+    node = 0
+    while node < leaves - 1:
+        node = 2 * node + (1 if point[tree.axis[node]] < tree.split[node] else 2)
+    own: int = node - (leaves - 1)
+    for b in range(BESIDE):
+        leaf, o = tree.beside[own * BESIDE + b], b * LEAF
+        if leaf < 0:
+            least[b] = np.inf
+            continue
+        for j in range(LEAF):
+            distance[o + j] = 0.0
+        for d in range(dimensions):
+            x = point[d]
+            for j in range(LEAF):
+                gap = tree.points[leaf, d, j] - x
+                distance[o + j] += gap * gap
+        low = distance[o]
+        for j in range(1, LEAF):
+            low = min(low, distance[o + j])
+        least[b] = low
+    return own
+
+
+@hidden
+def take_nearest(tree: Tree, own: int, distance: Array, least: Array) -> int:
+    """Take the nearest point that is left after `scan_beside`; return its place in the leaves, -1 if none is left."""
+    low, which = least[0], 0
+    for b in range(1, BESIDE):
+        low = min(low, least[b])
+    if low == np.inf:
+        return -1
+    for b in range(BESIDE):
+        which = b if least[b] == low else which
+    o, place = which * LEAF, 0
+    for j in range(LEAF):
+        place = j if distance[o + j] == low else place
+    distance[o + place] = np.inf
+    low = np.inf
+    for j in range(LEAF):
+        low = min(low, distance[o + j])
+    least[which] = low
+    found: int = tree.beside[own * BESIDE + which] * LEAF + place
+    return found

@@ -1,0 +1,433 @@
+"""Exhaustive search of a small grid of joint values: the inner loop of every tree search.
+
+The tree is searched depth first, last joint fastest, as in the paper. Two things make it fast and change
+nothing: the pose of a prefix q_1 … q_s is computed once for all leaves below it, and the last joints are
+tabulated once, so that a leaf is a few products in SIMD lanes. With P the prefix's pose, the goal is
+brought into its frame, G' = P⁻¹ G, and compared with each tabulated pose of the tip seen from there.
+
+All memory is the caller's, arrays in bundles that go in and never come out: to hand a bundle back to Python, Numba calls
+its class, a signal handler may raise there, and Numba does not look. A search of many leaves is done in parts, so that
+signals are heard and time limits kept between them; the parts of a search find the same bits as one.
+
+Plain loops stand where NumPy has a shorter word (`a == b`, `.max()`, `a[i] = b[j]`): each of those costs the
+first run up to four seconds of compiling.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.kernels.arm.forward import advance, advance_segment, copy_pose, identity
+from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
+from kinseek.kernels.jit import inner, kernel, view
+from kinseek.kernels.pointers import integer_part, integer_part2, part1, part2, part3
+
+MOST_LANES = 8000
+"""Leaves tabulated at most; ten doubles each, so the table stays in a core's second-level cache."""
+
+PART = 1 << 22
+"""Work of one part of a search, in leaves: some ten milliseconds."""
+
+_PREFIX, _TABLE = 16, 16
+"""What the pose of a prefix, and an entry of the table, cost in leaves, about."""
+
+WHOLE, EARLY, PAUSED = 0, 1, 2
+"""How a part of a search ended: everything is searched; a stop or the budget ended it; there is more to do."""
+
+
+class Window(NamedTuple):
+    """The grid to search: for each joint some values, in order."""
+
+    values: Array
+    """Joint values [rad] or [m], (n, most values of any joint)."""
+    nodes: Indices
+    """What the caller calls these values, same shape."""
+    counts: Indices
+    """How many of them each joint has, (n,)."""
+
+
+class Beam(NamedTuple):
+    """The K best leaves so far, in no order."""
+
+    errors: Array
+    """Weighted errors, (K,); infinity where a place is empty."""
+    nodes: Indices
+    """Their nodes, (K, n)."""
+    q: Array
+    """Their joint values, (K, n)."""
+
+
+class Scratch(NamedTuple):
+    """Memory of one search."""
+
+    lanes: Array
+    """Columns x, y, z and p of the tabulated tips without z, (9, MOST_LANES)."""
+    errors: Array
+    """(MOST_LANES,)"""
+    poses: Array
+    """Poses along the current path, (n+1, 3, 4)."""
+    path: Indices
+    """Which value of each joint is on the current path, (n,)."""
+    q: Array
+    """(n,)"""
+
+
+def make_scratch(dof: int) -> Scratch:
+    """Allocate the memory that one search needs."""
+    return Scratch(
+        np.empty((9, MOST_LANES)),
+        np.empty(MOST_LANES),
+        np.empty((dof + 1, 3, 4)),
+        np.empty(dof, dtype=np.int64),
+        np.empty(dof),
+    )
+
+
+def make_beam(size: int, dof: int) -> Beam:
+    """Allocate an empty beam."""
+    return Beam(np.full(size, np.inf), np.empty((size, dof), dtype=np.int64), np.empty((size, dof)))
+
+
+def make_window(dof: int, most: int) -> Window:
+    """Allocate a window of at most so many values of any joint."""
+    return Window(np.empty((dof, most)), np.empty((dof, most), dtype=np.int64), np.empty(dof, dtype=np.int64))
+
+
+@inner
+def scratch_size(dof: int) -> int:
+    """Numbers that a scratch takes in a memory."""
+    return 10 * MOST_LANES + 12 * (dof + 1) + 2 * dof
+
+
+@view
+def scratch_at(address: int, o: int, dof: int) -> Scratch:
+    """View a scratch in a memory from number `o` on, see `scratch_size`."""
+    poses = o + 10 * MOST_LANES
+    rest = poses + 12 * (dof + 1)
+    return Scratch(
+        part2(address, o, 9, MOST_LANES),
+        part1(address, o + 9 * MOST_LANES, MOST_LANES),
+        part3(address, poses, dof + 1, 3, 4),
+        integer_part(address, rest, dof),
+        part1(address, rest + dof, dof),
+    )
+
+
+@inner
+def beam_size(size: int, dof: int) -> int:
+    """Numbers that a beam takes in a memory."""
+    return size * (1 + 2 * dof)
+
+
+@view
+def beam_at(address: int, o: int, size: int, dof: int) -> Beam:
+    """View a beam in a memory from number `o` on, see `beam_size`."""
+    return Beam(
+        part1(address, o, size),
+        integer_part2(address, o + size, size, dof),
+        part2(address, o + size * (1 + dof), size, dof),
+    )
+
+
+@inner
+def window_size(dof: int, most: int) -> int:
+    """Numbers that a window takes in a memory."""
+    return dof * (2 * most + 1)
+
+
+@view
+def window_at(address: int, o: int, dof: int, most: int) -> Window:
+    """View a window in a memory from number `o` on, see `window_size`."""
+    return Window(
+        part2(address, o, dof, most),
+        integer_part2(address, o + dof * most, dof, most),
+        integer_part(address, o + 2 * dof * most, dof),
+    )
+
+
+@inner
+def clear(beam: Beam) -> None:
+    """Empty a beam."""
+    for k in range(len(beam.errors)):
+        beam.errors[k] = np.inf
+
+
+@inner
+def split_depth(chain: ChainArrays, counts: Indices) -> int:
+    """Choose how many joints s form the prefix; the other n - s are tabulated.
+
+    The cost is the inner nodes above and below. The table must fit, and must be the same for every prefix: no
+    joint of the suffix may mimic one of the prefix. Where nothing can be tabulated s is n, with one lane.
+    """
+    dof = len(counts)
+    nodes, above, below, lanes = 1.0, 0.0, 0.0, 1.0
+    for d in range(dof):
+        nodes *= counts[d]
+        above += nodes
+    best, best_cost = dof, np.inf
+    for s in range(dof - 1, -1, -1):
+        above -= nodes
+        nodes /= counts[s]
+        below = counts[s] * (1.0 + below)
+        lanes *= counts[s]
+        pure = lanes <= MOST_LANES
+        for k in range(chain.start[s], len(chain.leader)):
+            pure = pure and chain.leader[k] >= s
+        if pure and above + below < best_cost:
+            best, best_cost = s, above + below
+    return best
+
+
+@kernel
+def tabulate(chain: ChainArrays, window: Window, s: int, scratch: Scratch) -> int:
+    """Fill the lanes with the tip's pose for every combination of joints s … n-1; return how many."""
+    dof, joints = len(window.counts), len(chain.prismatic)
+    path, q, poses, T = scratch.path, scratch.q, scratch.poses, np.empty((3, 4))
+    for d in range(s, dof):
+        path[d] = 0
+    identity(poses[s])
+    lane = 0
+    d = s
+    while True:
+        while d < dof:
+            q[d] = window.values[d, path[d]]
+            copy_pose(poses[d], poses[d + 1])
+            advance_segment(chain, chain.start[d], chain.start[d + 1], q, poses[d + 1])
+            d += 1
+        copy_pose(poses[dof], T)
+        advance(chain.fixed[joints], True, 0.0, T)
+        for r in range(3):
+            scratch.lanes[r, lane] = T[r, 0]
+            scratch.lanes[3 + r, lane] = T[r, 1]
+            scratch.lanes[6 + r, lane] = T[r, 3]
+        lane += 1
+        d = dof - 1
+        while d >= s and path[d] + 1 == window.counts[d]:
+            path[d] = 0
+            d -= 1
+        if d < s:
+            return lane
+        path[d] += 1
+
+
+@inner
+def lane_errors(P: Array, goal: GoalArrays, lanes: Array, count: int, errors: Array) -> float:
+    """Write the weighted error of every tabulated leaf below the prefix pose P; return the smallest."""
+    G = goal.target
+    dx, dy, dz = G[0, 3] - P[0, 3], G[1, 3] - P[1, 3], G[2, 3] - P[2, 3]
+    px = P[0, 0] * dx + P[1, 0] * dy + P[2, 0] * dz
+    py = P[0, 1] * dx + P[1, 1] * dy + P[2, 1] * dz
+    pz = P[0, 2] * dx + P[1, 2] * dy + P[2, 2] * dz
+    kp, kx, ky = goal.position_weight, goal.axis_weights[0], goal.axis_weights[1]
+    xx = kx * (P[0, 0] * G[0, 0] + P[1, 0] * G[1, 0] + P[2, 0] * G[2, 0])
+    xy = kx * (P[0, 1] * G[0, 0] + P[1, 1] * G[1, 0] + P[2, 1] * G[2, 0])
+    xz = kx * (P[0, 2] * G[0, 0] + P[1, 2] * G[1, 0] + P[2, 2] * G[2, 0])
+    yx = ky * (P[0, 0] * G[0, 1] + P[1, 0] * G[1, 1] + P[2, 0] * G[2, 1])
+    yy = ky * (P[0, 1] * G[0, 1] + P[1, 1] * G[1, 1] + P[2, 1] * G[2, 1])
+    yz = ky * (P[0, 2] * G[0, 1] + P[1, 2] * G[1, 1] + P[2, 2] * G[2, 1])
+    smallest = np.inf
+    for j in range(count):
+        ex, ey, ez = lanes[6, j] - px, lanes[7, j] - py, lanes[8, j] - pz
+        x_dot = lanes[0, j] * xx + lanes[1, j] * xy + lanes[2, j] * xz
+        y_dot = lanes[3, j] * yx + lanes[4, j] * yy + lanes[5, j] * yz
+        error = kp * math.sqrt(ex * ex + ey * ey + ez * ez) + ((kx - x_dot) + (ky - y_dot))
+        errors[j] = error
+        smallest = min(smallest, error)
+    return smallest
+
+
+@inner
+def offer(beam: Beam, error: float, nodes: Indices, q: Array) -> float:
+    """Put a leaf into the beam unless it is there already; return the error to beat from now on."""
+    worst, twin = 0, False
+    for k in range(len(beam.errors)):
+        if abs(beam.errors[k] - error) <= 1e-12 * (1.0 + error):
+            twin = twin or same_nodes(beam, k, nodes)
+        if beam.errors[k] > beam.errors[worst]:
+            worst = k
+    if not twin and error < beam.errors[worst]:
+        beam.errors[worst] = error
+        for d in range(len(nodes)):
+            beam.nodes[worst, d] = nodes[d]
+            beam.q[worst, d] = q[d]
+    return worst_error(beam)
+
+
+@inner
+def worst_error(beam: Beam) -> float:
+    """Return the error a leaf must beat to enter a beam."""
+    worst: float = beam.errors[0]
+    for k in range(1, len(beam.errors)):
+        worst = max(worst, beam.errors[k])
+    return worst
+
+
+@inner
+def same_nodes(beam: Beam, k: int, nodes: Indices) -> bool:
+    """Return whether place k of a beam holds these nodes."""
+    same = True
+    for d in range(len(nodes)):
+        same = same and beam.nodes[k, d] == nodes[d]
+    return same
+
+
+@inner
+def merge(litter: Beam, beam: Beam) -> None:
+    """Offer every leaf of one beam to another."""
+    for k in range(len(litter.errors)):
+        if litter.errors[k] < np.inf:
+            offer(beam, litter.errors[k], litter.nodes[k], litter.q[k])
+
+
+@inner
+def choose_lane(window: Window, s: int, lane: int, scratch: Scratch, nodes: Indices) -> None:
+    """Write the leaf that a lane stands for below the current prefix: nodes and, in scratch.q, values."""
+    for d in range(len(window.counts)):
+        nodes[d] = window.nodes[d, scratch.path[d]]
+        scratch.q[d] = window.values[d, scratch.path[d]]
+    for d in range(len(window.counts) - 1, s - 1, -1):
+        value = lane % window.counts[d]
+        lane //= window.counts[d]
+        nodes[d] = window.nodes[d, value]
+        scratch.q[d] = window.values[d, value]
+
+
+@inner
+def nodes_until(counts: Indices, leaf: int) -> int:
+    """Nodes that a depth-first search has expanded once it comes to leaf number `leaf`, itself included."""
+    total, below = 0, 1
+    for d in range(len(counts) - 1, -1, -1):
+        total += leaf // below + 1
+        below *= counts[d]
+    return total
+
+
+@kernel
+def search_part(
+    chain: ChainArrays,
+    goal: GoalArrays,
+    window: Window,
+    stop_below: float,
+    budget: int,
+    begin: int,
+    work: int,
+    beam: Beam,
+    scratch: Scratch,
+) -> tuple[int, int, int]:
+    """Search a window from a leaf on, last joint fastest, and keep the best leaves.
+
+    Args:
+        chain: The arm.
+        goal: What is wanted.
+        window: The values of each joint.
+        stop_below: Stop at the first leaf in order whose error is below this.
+        budget: Leaves that may be evaluated, from the first of the window on; the search stops short of the next.
+        begin: Leaf to begin at; where it is not 0 the scratch has to be as the part before left it.
+        work: What this part may do, in leaves; it does a little more.
+        beam: The best leaves so far; a leaf replaces the worst only if it is strictly better.
+        scratch: Memory from `make_scratch`.
+
+    Returns:
+        Leaves evaluated in order from the first of the window on, WHOLE, EARLY or PAUSED, and the work left over.
+    """
+    dof, path, q, poses = len(window.counts), scratch.path, scratch.q, scratch.poses
+    s = split_depth(chain, window.counts)
+    leaves = skip = d = 0
+    if begin == 0:
+        lanes = tabulate(chain, window, s, scratch)
+        work -= _TABLE * lanes
+        for i in range(dof):
+            path[i] = 0
+    else:
+        lanes = 1
+        for i in range(s, dof):
+            lanes *= window.counts[i]
+        block = begin // lanes
+        leaves, skip = block * lanes, begin - block * lanes
+        for i in range(s - 1, -1, -1):
+            path[i] = block % window.counts[i]
+            block //= window.counts[i]
+    nodes = np.empty(dof, dtype=np.int64)
+    to_beat = worst_error(beam)
+    identity(poses[0])
+    while leaves < budget:
+        while d < s:
+            q[d] = window.values[d, path[d]]
+            copy_pose(poses[d], poses[d + 1])
+            advance_segment(chain, chain.start[d], chain.start[d + 1], q, poses[d + 1])
+            d += 1
+        count = min(lanes, budget - leaves)
+        smallest = lane_errors(poses[s], goal, scratch.lanes, count, scratch.errors)
+        if smallest < to_beat or smallest < stop_below:
+            for lane in range(skip, count):
+                error = scratch.errors[lane]
+                if error < to_beat:
+                    choose_lane(window, s, lane, scratch, nodes)
+                    to_beat = offer(beam, error, nodes, q)
+                    work -= len(beam.errors)
+                if error < stop_below:
+                    return leaves + lane + 1, EARLY, work
+                if work <= 0 and lane + 1 < count:
+                    return leaves + lane + 1, PAUSED, work
+        skip = 0
+        leaves += count
+        work -= count + _PREFIX
+        d = s - 1
+        while d >= 0 and path[d] + 1 == window.counts[d]:
+            path[d] = 0
+            d -= 1
+        if d < 0:
+            return leaves, EARLY if count < lanes else WHOLE, work
+        path[d] += 1
+        if work <= 0 and leaves < budget:
+            return leaves, PAUSED, work
+    return leaves, EARLY, work
+
+
+def search_window(
+    chain: ChainArrays,
+    goal: GoalArrays,
+    window: Window,
+    stop_below: float,
+    budget: int,
+    beam: Beam,
+    scratch: Scratch,
+    out_of_time: Callable[[], bool] = lambda: False,
+    part: int = PART,
+) -> tuple[int, bool]:
+    """Search a window part after part; see `search_part`.
+
+    Returns:
+        Leaves evaluated in order up to the stop, and whether the search ended early.
+    """
+    leaves, ended = 0, PAUSED
+    while ended == PAUSED and not (leaves and out_of_time()):
+        leaves, ended, _ = search_part(chain, goal, window, stop_below, budget, leaves, part, beam, scratch)
+    return leaves, ended != WHOLE
+
+
+@inner
+def window_nodes(counts: Indices) -> int:
+    """Nodes of the full tree over a window: Σ_d Π_{i ≤ d} counts_i, Eq. 1 of the paper where all are B."""
+    total, level = 0, 1
+    for d in range(len(counts)):
+        level *= counts[d]
+        total += level
+    return total
+
+
+def equation_1(branching_factor: int, dof: int) -> int:
+    """Nodes that brute force expands: Σ_{i=1}^{DOF} B^i (the paper, Eq. 1)."""
+    return sum(branching_factor**i for i in range(1, dof + 1))
+
+
+def best_first(beam: Beam) -> NDArray[np.int64]:
+    """Order of the filled places of a beam, best first, ties by node."""
+    filled = np.flatnonzero(np.isfinite(beam.errors))
+    keys = (*beam.nodes[filled].T[::-1], beam.errors[filled])
+    return np.asarray(filled[np.lexsort(keys)])

@@ -1,0 +1,1 @@
+"""Bounds of boxes of joint values, and the searches that use them."""

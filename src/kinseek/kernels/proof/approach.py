@@ -1,0 +1,44 @@
+"""From the middle of a box to an answer nearby, by Gauss-Newton steps inside the limits."""
+
+from __future__ import annotations
+
+from kinseek.kernels.arrays import Array, ChainArrays
+from kinseek.kernels.atlas.samples import TURN
+from kinseek.kernels.jit import hidden, spliced
+
+from .box import LEAST, LENGTH, Desk, Form, Wanted, place, turn_goal
+from .last_joint import Roll, complete, roll_fits
+from .taylor import differentiate, downhill, normal_matrix, solve
+
+
+@hidden
+def step(form: Form, wanted: Wanted, desk: Desk) -> None:
+    """Write the Gauss-Newton step from the middle of the box to the goal into ``desk.delta``."""
+    scale = 1.0 / (wanted.scalars[LENGTH] * wanted.scalars[LENGTH] + LEAST)
+    weight = 1.0 if form.columns > 0 else 0.0
+    place(form, desk)
+    turn_goal(form, wanted, desk)
+    differentiate(form, desk, 0, form.columns)
+    normal_matrix(form, desk, scale, weight, form.columns)
+    downhill(form, desk, scale, weight, form.columns)
+    for i in range(len(desk.c)):
+        desk.D[i] = 1e-9
+    solve(desk.N, desk.D, desk.delta)
+
+
+@spliced
+def approach(
+    form: Form, wanted: Wanted, roll: Roll, chain: ChainArrays, steps: int, desk: Desk, q: Array
+) -> None:
+    """Gauss-Newton steps from the middle of the box; the joint values they lead to, (n,), inside the limits."""
+    for _ in range(steps):
+        step(form, wanted, desk)
+        for i in range(len(desk.c)):
+            desk.c[i] += desk.delta[i]
+            if i > 0 or form.head != TURN:
+                desk.c[i] = min(max(desk.c[i], chain.lower[i]), chain.upper[i])
+    place(form, desk)
+    turn_goal(form, wanted, desk)
+    if roll.present:
+        roll_fits(form, wanted, roll, desk)
+    complete(form, roll, chain, desk, q)

@@ -1,0 +1,188 @@
+"""What no joint vector of a box can do: bounds on the hand's motion, and the tests that they allow.
+
+A box is a centre c and half widths h of the joint variables. Write the arm as a product of exponentials about its centre:
+``T(q) = E_1 E_2 … E_m T(c)``, where E_k turns by δ_k about the axis that joint k has *at the centre* (Brockett 1984).
+Going from c to q one joint at a time, base first, every joint that still moves finds the joints after it at the centre.
+So all bounds need the radii ``r_k = |z_k x (p - p_k)|`` at the centre alone:
+
+- *first order*: a point moves by at most ``Σ r_k 2 sin(h_k/2)``, a direction likewise with ``s_k = |z_k x a|`` for r_k;
+- *third order* (`kernels.forms`): the Taylor polynomial of degree two is off by at most
+  ``Σ r_k ((S_k)³ - (S_{k-1})³)/6``, with ``S_k = h_1 + … + h_k`` over the joints that turn. (Of
+  ``E_1 … E_{k-1} v_k(δ_k)`` keep the terms up to degree two; what is left over is at most
+  ``r_k (h³/6 + S h²/2 + S² h/2)``. A slide adds ``h S²/2``.)
+
+Every test compares with the goal and adds a margin for rounding: `Wanted.margin`.
+"""
+
+from __future__ import annotations
+
+import math
+
+from kinseek.kernels.atlas.samples import SLIDE, TURN
+from kinseek.kernels.jit import hidden
+
+from .box import (
+    BACK,
+    CHORD,
+    MARGIN,
+    MARGIN_A,
+    OFFSET,
+    POSITION,
+    TRUST,
+    WEIGHT_A,
+    WEIGHT_P,
+    Desk,
+    Form,
+    Wanted,
+    motion,
+    rounding,
+    turning,
+)
+
+
+@hidden
+def arc(rc: float, zc: float, rg: float, zg: float, rho: float) -> float:
+    """How far a turn about z may miss, [rad], to bring a point at radius rc, height zc within `rho` of one at rg, zg.
+
+    Negative where no turn does. By the law of cosines ``4 rc rg sin²(ψ/2) = rho² - (rc - rg)² - (zc - zg)²``.
+    """
+    left = rho * rho - (rc - rg) * (rc - rg) - (zc - zg) * (zc - zg)
+    if left < 0.0:
+        return -1.0
+    full = 4.0 * rc * rg
+    if left >= full:
+        return math.pi
+    return 2.0 * math.asin(math.sqrt(left / full)) + 1e-12
+
+
+@hidden
+def cut_arc(desk: Desk, i: int, middle: float, psi: float) -> bool:
+    """Cut the range of variable i, which turns one joint, to the arc middle ± psi [rad]; say whether anything is left."""
+    if psi >= math.pi:
+        return True
+    c, h = desk.c[i], desk.h[i]
+    psi += 4.0 * rounding(c, h)
+    turn = 2.0 * math.pi
+    off = middle - c
+    off -= turn * math.floor(off / turn + 0.5)
+    if abs(off) > h + psi:
+        return False
+    if (
+        abs(off) > turn - h - psi
+    ):  # Two pieces. A full turn becomes the arc; limits stay until the arc is smaller.
+        if h > 3.14159:
+            desk.c[i], desk.h[i] = c + off, psi
+        return True
+    low, high = max(-h, off - psi), min(h, off + psi)
+    desk.c[i], desk.h[i] = c + 0.5 * (low + high), max(0.5 * (high - low), 0.0) + rounding(c, h)
+    return True
+
+
+@hidden
+def least_error(wanted: Wanted, far: float, tilt: float, b: float) -> float:
+    """Least weighted error with a point b [m] from the tip `far` away [m] and the last axis off by a chord of `tilt`.
+
+    With σ = 2 sin(φ/2) ≥ tilt of the hand's whole turn φ the tip is no nearer than far - σ b, and the paper's
+    error of the orientation is at least K_A (1 - cos φ) = K_A σ²/2.
+    """
+    K_P, K_A = wanted.scalars[WEIGHT_P], wanted.scalars[WEIGHT_A]
+    far, sigma = max(far, 0.0), max(tilt, 0.0)
+    if K_A > 0.0 and b > 0.0:
+        sigma = min(max(sigma, min(K_P * b / K_A, far / b)), 2.0)
+    error: float = K_P * max(far - b * sigma, 0.0) + 0.5 * K_A * sigma * sigma
+    return error
+
+
+@hidden
+def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
+    """Compare azimuth, radius, height and last axis with the goal's; say whether anything of the box is left.
+
+    With `ceiling` negative the tolerances decide, else the weighted error: what cannot stay below `ceiling` is gone. The
+    first joint's range is cut to what the azimuths leave. ``desk.out[1]`` becomes a lower bound of the weighted error.
+    """
+    T, m = desk.T, len(form.leader)
+    trust, margin, margin_a = wanted.scalars[TRUST], wanted.scalars[MARGIN], wanted.scalars[MARGIN_A]
+    begin = 1 if form.head != 0 else 0
+    end = m
+    w0, w1, w2, a0, a1, a2 = T[0, 3], T[1, 3], T[2, 3], T[0, 0], T[1, 0], T[2, 0]
+    goal = wanted.target
+    column = 0
+    if form.tail == 1:
+        end, goal, column = m - 1, wanted.last, 2
+        a0, a1, a2 = desk.z[end, 0], desk.z[end, 1], desk.z[end, 2]
+        w0, w1, w2 = (
+            desk.p[end, 0] + form.foot * a0,
+            desk.p[end, 1] + form.foot * a1,
+            desk.p[end, 2] + form.foot * a2,
+        )
+    g0, g1, g2 = goal[0, 3], goal[1, 3], goal[2, 3]
+    b0, b1, b2 = goal[0, column], goal[1, column], goal[2, column]
+    behind, back = 0.0, wanted.scalars[BACK]
+    if back != 0.0 and ceiling >= 0.0:  # How far away the point that lies back along the first column stays.
+        e0, e1, e2 = w0 - back * a0, w1 - back * a1, w2 - back * a2
+        d0, d1, d2 = g0 - back * b0, g1 - back * b1, g2 - back * b2
+        if form.head == TURN:
+            off = math.sqrt(e0 * e0 + e1 * e1) - math.sqrt(d0 * d0 + d1 * d1)
+            behind = math.sqrt(off * off + (e2 - d2) * (e2 - d2))
+        else:
+            d2 = e2 if form.head == SLIDE else d2
+            behind = math.sqrt((e0 - d0) * (e0 - d0) + (e1 - d1) * (e1 - d1) + (e2 - d2) * (e2 - d2))
+        behind -= trust * motion(form, desk, begin, end, e0, e1, e2) + margin
+    rho = trust * motion(form, desk, begin, end, w0, w1, w2) + margin
+    if begin == 1:
+        desk.lever[0] = math.sqrt(w0 * w0 + w1 * w1) if form.head == TURN else 1.0
+    sigma = 0.0
+    if form.columns > 0:
+        sigma = trust * turning(form, desk, begin, end, a0, a1, a2) + margin_a
+    if form.head == TURN:
+        rw, rg = math.sqrt(w0 * w0 + w1 * w1), math.sqrt(g0 * g0 + g1 * g1)
+        ra, rb = math.sqrt(a0 * a0 + a1 * a1), math.sqrt(b0 * b0 + b1 * b1)
+        desk.s[0] = ra  # For `widest`: what became of the box before must not matter.
+        far = math.sqrt((rw - rg) * (rw - rg) + (w2 - g2) * (w2 - g2))
+        tilt = math.sqrt((ra - rb) * (ra - rb) + (a2 - b2) * (a2 - b2))
+    else:
+        d2 = w2 - g2
+        if form.head == SLIDE:
+            d2 = desk.s[0] = 0.0
+        far = math.sqrt((w0 - g0) * (w0 - g0) + (w1 - g1) * (w1 - g1) + d2 * d2)
+        tilt = math.sqrt((a0 - b0) * (a0 - b0) + (a1 - b1) * (a1 - b1) + (a2 - b2) * (a2 - b2))
+    if form.columns == 0:
+        tilt = 0.0
+    if ceiling < 0.0:
+        rho += wanted.scalars[POSITION]
+        sigma += wanted.scalars[CHORD] if form.columns < 3 else wanted.scalars[CHORD] / math.sqrt(2.0)
+        if far > rho or tilt > sigma:
+            return False
+    else:
+        bound = least_error(wanted, far - rho, tilt - sigma, wanted.scalars[OFFSET])
+        if wanted.scalars[BACK] != 0.0:
+            bound = max(bound, least_error(wanted, behind, tilt - sigma, abs(wanted.scalars[BACK])))
+        desk.out[1] = max(desk.out[1], bound)
+        if bound > ceiling:
+            return False
+        largest = 2.0
+        if wanted.scalars[WEIGHT_A] > 0.0:
+            largest = min(math.sqrt(2.0 * ceiling / wanted.scalars[WEIGHT_A]), 2.0)
+        rho += ceiling / wanted.scalars[WEIGHT_P] + wanted.scalars[OFFSET] * largest
+        sigma += largest
+    if form.head == TURN:
+        psi = arc(rw, w2, rg, g2, rho)
+        if psi < 0.0 or not (
+            psi >= math.pi or cut_arc(desk, 0, math.atan2(g1, g0) - math.atan2(w1, w0), psi)
+        ):
+            return False
+        if form.columns > 0:
+            psi = arc(ra, a2, rb, b2, sigma)
+            if psi < 0.0 or not (
+                psi >= math.pi or cut_arc(desk, 0, math.atan2(b1, b0) - math.atan2(a1, a0), psi)
+            ):
+                return False
+    elif form.head == SLIDE:
+        reach = math.sqrt(max(rho * rho - far * far, 0.0))
+        low = max(desk.c[0] - desk.h[0], g2 - w2 - reach)
+        high = min(desk.c[0] + desk.h[0], g2 - w2 + reach)
+        if low > high:
+            return False
+        grown = rounding(desk.c[0], desk.h[0])
+        desk.c[0], desk.h[0] = 0.5 * (low + high), 0.5 * (high - low) + grown
+    return True

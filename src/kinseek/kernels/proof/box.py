@@ -1,0 +1,343 @@
+"""A box of joint values: what it is about, its memory, and where the arm stands at its centre.
+
+A box is a centre c and half widths h of the joint variables. `place` writes down where every axis and the hand are at the
+centre; `motion` and `turning` how far each joint carries a point, and turns a direction, within the box.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from kinseek.kernels.arm.forward import advance, identity
+from kinseek.kernels.arrays import Array, Flags, Indices
+from kinseek.kernels.atlas.samples import SLIDE, TURN
+from kinseek.kernels.jit import hidden, view
+
+TINY = 1e-300
+LEAST = 1e-15
+"""No half width is ever smaller [rad] or [m]. Relative to a number, more than twice what rounding takes from it."""
+NARROW = 1e-10
+"""A box whose widest half width is smaller, relative to one plus its centre, is not split again [rad] or [m].
+
+It moves the hand by less than the tightest tolerances that people ask for, and by no less than a hundred times the margins
+for rounding: narrower boxes would be judged by those alone.
+"""
+NEAR = 1.5
+"""Boxes that turn the hand by less [rad] are near enough to an answer in them for steps from their middle to find it.
+
+An axis that is off by a quarter turn or more, which this all but is, no longer says which way to go.
+"""
+HEAD = 0.3
+"""How much less urgent it is to split a first joint that turns: its range is cut as the others' ranges shrink."""
+
+# Scalars of `Wanted`.
+POSITION = 0  # Tolerance of the point [m].
+CHORD = 1  # Tolerance of the columns together, as a Frobenius norm.
+MARGIN = 2  # Margin for rounding [m].
+TRUST = 3  # 1; tests shrink all bounds by it, and must notice.
+WEIGHT_P = 4  # K_P.
+WEIGHT_A = 5  # K_A.
+OFFSET = 6  # Distance of the tip from the last axis' point [m].
+LENGTH = (
+    7  # Length that an angle of one radian counts as, where angles count, when splitting and stepping [m].
+)
+MARGIN_A = 8  # Margin for rounding of directions.
+BACK = 9  # Distance of another point from the hand's, back along its first column, that moves less [m].
+SIDE = 10  # Where a second column of the hand counts too: its part along the goal's second and third columns (11); else 0.
+ANGLE = 12  # Tolerance of the hand's whole turn [rad].
+SCALARS = 13
+
+
+class Form(NamedTuple):
+    """The part of the arm that the boxes are about."""
+
+    fixed: Array
+    """``A_1 … A_m, A_tip``, (m+1, 3, 4); where the first joint is divided out A_1 is the identity."""
+    prismatic: Flags
+    """(m,)"""
+    leader: Indices
+    """(m,)"""
+    multiplier: Array
+    """(m,)"""
+    offset: Array
+    """(m,)"""
+    head: int
+    """The first joint: NONE, TURN or SLIDE are divided out by comparing azimuths or heights."""
+    columns: int
+    """How many columns of the hand count: 0 none, 1 the x axis, 2 x and y (the paper's error), 3 all."""
+    tail: int
+    """1 where the last joint, a turn, is part of the chain and can be divided out of first-order tests."""
+    foot: float
+    """Point on the last axis that these compare, as a distance along it from the joint's origin [m]."""
+
+
+class Wanted(NamedTuple):
+    """What is asked of the hand."""
+
+    target: Array
+    """(3, 4), seen from the first joint's frame where that is divided out."""
+    last: Array
+    """Pose of the last joint's frame at zero that the target asks for, (3, 4), if `Form.tail`."""
+    scalars: Array
+    """Of the module's constants `POSITION` and following, (13,)."""
+
+
+class Desk(NamedTuple):
+    """Memory of one search."""
+
+    T: Array
+    """(3, 4)"""
+    z: Array
+    """Axes at the centre, (m, 3)."""
+    p: Array
+    """Points on them, (m, 3)."""
+    velocity: Array
+    """Of the point, by each joint, (m, 3)."""
+    slopes: Array
+    """Of the columns, by each joint, (m, 3, 3)."""
+    half: Array
+    """Half width of each physical joint, (m,)."""
+    chord: Array
+    """2 sin(h/2) of each physical joint; of a slide h, (m,)."""
+    r: Array
+    """(m,)"""
+    s: Array
+    """(m,)"""
+    lever: Array
+    """Radii of the point that first-order tests compare, (m,)."""
+    back: Array
+    """Radii of the point that lies back along the first column, (m,)."""
+    goal: Array
+    """The target turned back by the first joint, (3, 4)."""
+    c: Array
+    """Centre of the box, (n,)."""
+    h: Array
+    """Its half widths, (n,)."""
+    N: Array
+    """Normal matrix, (n, n)."""
+    H: Array
+    """Second derivatives of the form, (n, n)."""
+    g: Array
+    """First derivatives, (n,)."""
+    delta: Array
+    """(n,)"""
+    D: Array
+    """Weights of the box in the normal matrix, (n,)."""
+    v: Array
+    """(n,)"""
+    y: Array
+    """The form: columns x, y, z, p as in a pose, (3, 4)."""
+    u: Array
+    """(3,)"""
+    out: Array
+    """Error at the centre of the box; lower bound; (2,)."""
+
+
+@view
+def make_desk(joints: int, dof: int) -> Desk:
+    """Allocate the memory of one search."""
+    return Desk(
+        np.zeros((3, 4)),
+        np.zeros((joints, 3)),
+        np.zeros((joints, 3)),
+        np.zeros((joints, 3)),
+        np.zeros((joints, 3, 3)),
+        np.zeros(joints),
+        np.zeros(joints),
+        np.zeros(joints),
+        np.zeros(joints),
+        np.zeros(joints),
+        np.zeros(joints),
+        np.zeros((3, 4)),
+        np.zeros(dof),
+        np.zeros(dof),
+        np.zeros((dof, dof)),
+        np.zeros((dof, dof)),
+        np.zeros(dof),
+        np.zeros(dof),
+        np.zeros(dof),
+        np.zeros(dof),
+        np.zeros((3, 4)),
+        np.zeros(3),
+        np.zeros(2),
+    )
+
+
+@hidden
+def place(form: Form, desk: Desk) -> None:
+    """Axes and hand at the centre of the box, seen from the frame that the first joint moves where it is divided out."""
+    T, m = desk.T, len(form.leader)
+    identity(T)
+    begin = 0
+    if form.head != 0:
+        for i in range(3):
+            desk.z[0, i], desk.p[0, i] = 0.0, 0.0
+        desk.z[0, 2] = 1.0
+        begin = 1
+    for k in range(begin, m):
+        advance(form.fixed[k], True, 0.0, T)
+        for i in range(3):
+            desk.z[k, i], desk.p[k, i] = T[i, 2], T[i, 3]
+        value = form.multiplier[k] * desk.c[form.leader[k]] + form.offset[k]
+        if form.prismatic[k]:
+            for i in range(3):
+                T[i, 3] += value * T[i, 2]
+        else:
+            cosine, sine = math.cos(value), math.sin(value)
+            for i in range(3):
+                x, y = T[i, 0], T[i, 1]
+                T[i, 0] = x * cosine + y * sine
+                T[i, 1] = y * cosine - x * sine
+    advance(form.fixed[m], True, 0.0, T)
+
+
+@hidden
+def chord_of(angle: float) -> float:
+    """An upper bound of 2 sin(angle/2) for angle ≥ 0, and 2 beyond π: its Taylor polynomial ends on a positive term."""
+    if angle > 3.0:
+        return 2.0
+    square = angle * angle
+    return min(angle * (1.0 - square * (1.0 / 24.0 - square / 1920.0)), 2.0)
+
+
+@hidden
+def widths(form: Form, desk: Desk) -> None:
+    """Half widths and chords of the physical joints."""
+    for k in range(len(form.leader)):
+        desk.half[k] = abs(form.multiplier[k]) * desk.h[form.leader[k]]
+        desk.chord[k] = desk.half[k] if form.prismatic[k] else chord_of(desk.half[k])
+
+
+@hidden
+def turned(form: Form, desk: Desk, count: int) -> float:
+    """How far the first `count` joints turn what they carry, at most, each from the centre of the box [rad]."""
+    total = 0.0
+    for k in range(count):
+        total += 0.0 if form.prismatic[k] else desk.half[k]
+    return total
+
+
+@hidden
+def turn_goal(form: Form, wanted: Wanted, desk: Desk) -> None:
+    """The target as the frame after the first joint sees it, with that joint at the centre of its range."""
+    goal, target = desk.goal, wanted.target
+    if form.head == TURN:
+        cosine, sine = math.cos(desk.c[0]), math.sin(desk.c[0])
+        for i in range(4):
+            x, y = target[0, i], target[1, i]
+            goal[0, i] = cosine * x + sine * y
+            goal[1, i] = cosine * y - sine * x
+            goal[2, i] = target[2, i]
+        return
+    for r in range(3):
+        for i in range(4):
+            goal[r, i] = target[r, i]
+    if form.head == SLIDE:
+        goal[2, 3] -= desk.c[0]
+
+
+@hidden
+def motion(form: Form, desk: Desk, begin: int, end: int, wx: float, wy: float, wz: float) -> float:
+    """Largest motion of the point w by joints begin … end-1 within the box [m]; leaves their radii in the desk."""
+    total = 0.0
+    for k in range(begin, end):
+        z0, z1, z2 = desk.z[k, 0], desk.z[k, 1], desk.z[k, 2]
+        if form.prismatic[k]:
+            desk.velocity[k, 0], desk.velocity[k, 1], desk.velocity[k, 2] = z0, z1, z2
+            desk.r[k] = 1.0
+            desk.lever[k] = 1.0
+        else:
+            v0, v1, v2 = wx - desk.p[k, 0], wy - desk.p[k, 1], wz - desk.p[k, 2]
+            x0, x1, x2 = z1 * v2 - z2 * v1, z2 * v0 - z0 * v2, z0 * v1 - z1 * v0
+            desk.velocity[k, 0], desk.velocity[k, 1], desk.velocity[k, 2] = x0, x1, x2
+            desk.r[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
+            desk.lever[k] = desk.r[k]
+        total += desk.r[k] * desk.chord[k]
+    return total
+
+
+@hidden
+def turning(form: Form, desk: Desk, begin: int, end: int, ax: float, ay: float, az: float) -> float:
+    """Largest motion of the unit vector a by joints begin … end-1 within the box; leaves the sines in the desk."""
+    total = 0.0
+    for k in range(begin, end):
+        if form.prismatic[k]:
+            desk.s[k] = 0.0
+            continue
+        z0, z1, z2 = desk.z[k, 0], desk.z[k, 1], desk.z[k, 2]
+        x0, x1, x2 = z1 * az - z2 * ay, z2 * ax - z0 * az, z0 * ay - z1 * ax
+        desk.s[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
+        total += desk.s[k] * desk.chord[k]
+    return total
+
+
+@hidden
+def widest(form: Form, wanted: Wanted, desk: Desk, head: float) -> int:
+    """The variable whose range moves the hand most; a first joint that turns counts for `head`."""
+    best, index = -1.0, 0
+    for i in range(len(desk.c)):
+        desk.delta[i] = 0.0
+    for k in range(len(form.leader)):
+        turn = (
+            0.0 if form.prismatic[k] else wanted.scalars[LENGTH] * (desk.s[k] if form.columns == 1 else 1.0)
+        )
+        if form.columns == 0:
+            turn = 0.0
+        i = form.leader[k]
+        share = head if k == 0 and form.head == TURN else 1.0
+        desk.delta[i] += abs(form.multiplier[k]) * desk.h[i] * (desk.lever[k] + turn) * share
+    for i in range(len(desk.c)):
+        if desk.delta[i] > best:
+            best, index = desk.delta[i], i
+    return index
+
+
+@hidden
+def load_box(boxes: Array, row: int, desk: Desk) -> None:
+    """Take a box from row `row` of the list."""
+    dof = len(desk.c)
+    for i in range(dof):
+        desk.c[i] = boxes[row, i]
+        desk.h[i] = boxes[row, dof + i]
+
+
+@hidden
+def store_box(boxes: Array, row: int, desk: Desk) -> None:
+    """Write the box of the desk to row `row`."""
+    dof = len(desk.c)
+    for i in range(dof):
+        boxes[row, i] = desk.c[i]
+        boxes[row, dof + i] = desk.h[i]
+
+
+@hidden
+def rounding(centre: float, half: float) -> float:
+    """By how much a half width grows where its box is moved or cut, so that rounding of either end loses nothing.
+
+    Relative to the numbers: a slide that stands at 1e6 m is rounded to 1e-10 m.
+    """
+    return LEAST * (1.0 + abs(centre) + half)
+
+
+@hidden
+def halve(desk: Desk, i: int, boxes: Array, first: int, second: int) -> None:
+    """Cut the box in half along variable i, and write the halves to two rows; the desk keeps the middle."""
+    centre, half = desk.c[i], 0.5 * desk.h[i]
+    desk.h[i] = half + rounding(centre, half)
+    desk.c[i] = centre - half
+    store_box(boxes, first, desk)
+    desk.c[i] = centre + half
+    store_box(boxes, second, desk)
+    desk.c[i] = centre
+
+
+@hidden
+def volume(desk: Desk) -> float:
+    """Volume of the box."""
+    product = 1.0
+    for i in range(len(desk.h)):
+        product *= desk.h[i]
+    return product

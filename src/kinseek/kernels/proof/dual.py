@@ -1,0 +1,121 @@
+"""The form that bounds the weighted error in a box best, to first order: the dual of a least step inside the box.
+
+To first order the hand misses ``v = f + J δ`` after a step δ, and no step inside the box brings the error
+``K_P |v_p| + ½ K_A |v_c|²`` below its least value there. At that step the form ``y = (K_P v_p/|v_p|, K_A v_c)`` bounds
+the error from below by that very value (convex duality; Rockafellar 1970, §31). Any other form is a bound too, only a
+weaker one, so the step need not be exact: it is improved until its form comes close to what it reaches, or until it
+reaches so low that no form can exclude the box.
+"""
+
+from __future__ import annotations
+
+import math
+
+from kinseek.kernels.jit import hidden
+
+from .box import SIDE, TINY, TRUST, WEIGHT_A, WEIGHT_P, Desk, Form, Wanted, turned
+from .taylor import normal_matrix, slope, solve, step_miss, weight_miss
+
+STEPS = 6
+CLOSE = 0.02
+"""Steps end where the bound is this close to what the step reaches, relative to it."""
+SOFT = 0.03
+"""Part of the normal matrix, as large as the box is wide, that is added to its diagonal: without it steps run to and fro."""
+BLUNT = 1e-3
+"""Distance, in units of the ceiling, at which the length of v_p is rounded off: its direction jumps at zero."""
+
+
+@hidden
+def support(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> None:
+    """Write the form of a nearly least step inside the box into ``desk.y``; the part for the point is at most K_P long.
+
+    Weighted least squares with the weight ``K_P/|v_p|`` for the point, which follows the step. Newton steps for the
+    variables that are not held at an end of their range, cut off at the ends.
+    """
+    dof, columns = len(desk.c), form.columns
+    K_P, K_A = wanted.scalars[WEIGHT_P], wanted.scalars[WEIGHT_A] if columns > 0 else 0.0
+    for i in range(dof):
+        desk.delta[i] = 0.0
+    for attempt in range(STEPS):
+        step_miss(form, desk, columns)
+        far = turned = 0.0
+        for r in range(3):
+            far += desk.y[r, 3] * desk.y[r, 3]
+            for i in range(columns):
+                turned += desk.y[r, i] * desk.y[r, i]
+        far = math.sqrt(far)
+        weight_p = K_P / (far + BLUNT * ceiling / K_P + TINY)
+        weight_miss(desk, weight_p, K_A, columns)
+        turned += count_side(wanted, desk)
+        slope(form, desk, columns, desk.v)
+        reached, short = K_P * far + 0.5 * K_A * turned, 0.0
+        for i in range(dof):
+            short += abs(desk.v[i]) * desk.h[i] + desk.v[i] * desk.delta[i]
+        if attempt + 1 == STEPS or (attempt > 0 and (reached < ceiling or short < CLOSE * reached)):
+            return
+        normal_matrix(form, desk, weight_p, K_A, columns)
+        soft = 0.0
+        for i in range(dof):
+            soft += desk.N[i, i] * desk.h[i] * desk.h[i]
+        soft *= SOFT / dof
+        for i in range(dof):
+            desk.D[i] = soft / (desk.h[i] * desk.h[i])
+            desk.g[i] = -desk.v[i]
+            if abs(desk.delta[i]) >= desk.h[i] and desk.v[i] * desk.delta[i] < 0.0:  # Held at an end.
+                for j in range(dof):
+                    desk.N[i, j] = desk.N[j, i] = 0.0
+                desk.N[i, i] = 1.0
+                desk.g[i] = 0.0
+        solve(desk.N, desk.D, desk.g)
+        for i in range(dof):
+            desk.delta[i] = min(max(desk.delta[i] + desk.g[i], -desk.h[i]), desk.h[i])
+
+
+@hidden
+def count_side(wanted: Wanted, desk: Desk) -> float:
+    """Where a second column of the hand counts, add its part to the form's first column; what it adds to ``|v_c|²``.
+
+    Let x be the last joint's axis, and let the columns x and y of the hand count. The best turn about x leaves y·y_g at
+    ``√(1 - (x·y_g)²)``, so the second column costs ``½ K_A (x·y_g)²`` at least: as if v_c counted twice along y_g.
+    """
+    s0, s1, s2 = side(wanted, desk)
+    along = s0 * desk.y[0, 0] + s1 * desk.y[1, 0] + s2 * desk.y[2, 0]
+    desk.y[0, 0] += along * s0
+    desk.y[1, 0] += along * s1
+    desk.y[2, 0] += along * s2
+    added: float = along * along / (wanted.scalars[WEIGHT_A] * wanted.scalars[WEIGHT_A])
+    return added
+
+
+@hidden
+def side(wanted: Wanted, desk: Desk) -> tuple[float, float, float]:
+    """The goal's second column that counts, where there is one; else zero."""
+    a, b, goal = wanted.scalars[SIDE], wanted.scalars[SIDE + 1], desk.goal
+    return (
+        a * goal[0, 1] + b * goal[0, 2],
+        a * goal[1, 1] + b * goal[1, 2],
+        a * goal[2, 1] + b * goal[2, 2],
+    )
+
+
+@hidden
+def gain_of_side(form: Form, wanted: Wanted, desk: Desk, middle: int) -> float:
+    """What a second column that counts adds to the bound: its value; its slope goes to ``desk.g``.
+
+    It takes ``b²/(4 K_A)`` off the form's conjugate, b the part of y_c along the goal's column. As seen from halfway that
+    column turns with the joints before: ``b(δ)² ≥ b² + 2 b (b(δ) - b)``, to second order in their widths.
+    """
+    if wanted.scalars[SIDE] == 0.0 and wanted.scalars[SIDE + 1] == 0.0:
+        return 0.0
+    s0, s1, s2 = side(wanted, desk)
+    y0, y1, y2 = desk.y[0, 0], desk.y[1, 0], desk.y[2, 0]
+    c0, c1, c2 = s1 * y2 - s2 * y1, s2 * y0 - s0 * y2, s0 * y1 - s1 * y0
+    b = s0 * y0 + s1 * y1 + s2 * y2
+    half, turn = 0.5 / wanted.scalars[WEIGHT_A], turned(form, desk, middle)
+    for k in range(middle):
+        if not form.prismatic[k]:
+            slope = desk.z[k, 0] * c0 + desk.z[k, 1] * c1 + desk.z[k, 2] * c2
+            desk.g[form.leader[k]] -= half * b * form.multiplier[k] * slope
+    rest = 0.5 * abs(b) * math.sqrt(y0 * y0 + y1 * y1 + y2 * y2) * turn * turn
+    gain: float = half * (0.5 * b * b - wanted.scalars[TRUST] * rest)
+    return gain

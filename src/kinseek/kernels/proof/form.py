@@ -1,0 +1,280 @@
+"""One linear form of the hand's pose, to second order: what it excludes, and what it cuts off a box.
+
+Bounds of first order add up how far each joint can carry the hand, whichever way. A form looks at one direction, in which
+the joints may work against each other, and its gradient and Hessian are written down from the axes alone.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from kinseek.kernels.jit import hidden, spliced
+
+from .box import (
+    BACK,
+    CHORD,
+    MARGIN,
+    MARGIN_A,
+    POSITION,
+    TINY,
+    TRUST,
+    WEIGHT_A,
+    WEIGHT_P,
+    Desk,
+    Form,
+    Wanted,
+    rounding,
+    turn_goal,
+    widths,
+)
+from .dual import gain_of_side, support
+from .taylor import (
+    derivatives,
+    differentiate,
+    downhill,
+    halfway,
+    normal_matrix,
+    radii_behind,
+    rests,
+    solve,
+    step_miss,
+    weight_miss,
+)
+
+
+class Rests(NamedTuple):
+    """What the Taylor polynomials of a box leave over, at most."""
+
+    middle: int
+    """The joint that the hand is seen from."""
+    two_p: float
+    """Of the point, to first order [m]."""
+    two_c: float
+    """Of the columns."""
+    three_p: float
+    """Of the point, to second order [m]."""
+    three_c: float
+    """Of the columns."""
+    three_b: float
+    """Of the point that lies back along the first column [m]."""
+
+
+@hidden
+def expand(form: Form, wanted: Wanted, desk: Desk) -> Rests:
+    """Write down what the hand misses at the centre of the box, and its derivatives; what they leave over.
+
+    Let f be the hand's point and columns less the goal's, as seen from halfway along the arm: so it is as long as seen from
+    the base, but the joints before move the goal, those behind the hand, and rests of third order are some four times
+    smaller than if all of them moved the hand. For any form y, ``y·f(q) = y·f + g·δ + ½ δᵀHδ + rest`` with |rest| bounded to
+    third order.
+    """
+    turn_goal(form, wanted, desk)
+    widths(form, desk)
+    middle = halfway(form, wanted, desk)
+    differentiate(form, desk, middle, form.columns)
+    two_p, two_c, three_p, three_c = rests(form, desk, desk.r, middle)
+    three_b = three_p
+    if wanted.scalars[BACK] != 0.0:
+        radii_behind(form, desk, middle, wanted.scalars[BACK])
+        _, _, three_b, _ = rests(form, desk, desk.back, middle)
+    far = turned = 0.0
+    for r in range(3):
+        far += (desk.T[r, 3] - desk.goal[r, 3]) * (desk.T[r, 3] - desk.goal[r, 3])
+        for i in range(form.columns):
+            turned += (desk.T[r, i] - desk.goal[r, i]) * (desk.T[r, i] - desk.goal[r, i])
+    desk.u[0], desk.u[1] = math.sqrt(far), math.sqrt(turned)
+    desk.out[0] = wanted.scalars[WEIGHT_P] * desk.u[0] + 0.5 * wanted.scalars[WEIGHT_A] * turned
+    return Rests(middle, two_p, two_c, three_p, three_c, three_b)
+
+
+@spliced
+def underestimate(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
+    """Bound the weighted error from below by one form; cut the box where it excludes an end; say whether anything is left.
+
+    ``K_P |f_p| ≥ y_p·f_p`` for |y_p| ≤ K_P and ``½ K_A |f_c|² ≥ y_c·f_c - |y_c|²/(2 K_A)`` make every form a lower bound
+    (Fenchel's inequality); taken is the one that is best to first order. The bound goes to ``desk.out[1]``.
+    """
+    rest = expand(form, wanted, desk)
+    support(form, wanted, desk, ceiling)
+    bound = weigh(form, wanted, desk, rest, wanted.scalars[MARGIN], wanted.scalars[MARGIN_A])
+    if form.columns > 0:
+        bound -= 0.5 * size_of_columns(form, desk) ** 2 / wanted.scalars[WEIGHT_A]
+    desk.out[1] = max(desk.out[1], bound)
+    if bound > ceiling:
+        return False
+    cut_box(desk, ceiling - bound)
+    return True
+
+
+@spliced
+def separate(form: Form, wanted: Wanted, desk: Desk, passes: int) -> bool:
+    """Look for a form that lies between box and tolerances; cut the box where it excludes an end; is anything left?
+
+    A form y excludes every q where y·f(q) is larger than its dual norm times the tolerances. It is the residual of a
+    least-squares step that the box holds back, as an ellipsoid: the direction in which the goal lies outside of what the box
+    reaches. So many `passes` are tried, each with what the one before has shown.
+    """
+    rest, dof, columns = expand(form, wanted, desk), len(desk.c), form.columns
+    slack_p = wanted.scalars[POSITION] + wanted.scalars[MARGIN]
+    slack_c = wanted.scalars[CHORD] + wanted.scalars[MARGIN_A]
+    weight_p = 1.0 / ((rest.two_p * 0.5 + slack_p) * (rest.two_p * 0.5 + slack_p))
+    weight_c = 1.0 / ((rest.two_c * 0.5 + slack_c) * (rest.two_c * 0.5 + slack_c))
+    for i in range(dof):
+        desk.D[i] = 1.0 / (desk.h[i] * desk.h[i])
+    for attempt in range(passes):
+        normal_matrix(form, desk, weight_p, weight_c, columns)
+        downhill(form, desk, weight_p, weight_c, columns)
+        solve(desk.N, desk.D, desk.delta)
+        step_miss(form, desk, columns)
+        weight_miss(desk, weight_p, weight_c, columns)
+        surplus = weigh(form, wanted, desk, rest, slack_p, slack_c)
+        if surplus > 0.0:
+            return False
+        if attempt + 1 == passes:
+            cut_box(desk, -surplus)
+            break
+        # Weights that make the ellipsoid touch the box and the balls where this form touched them.
+        size_p, size_c = size_of_point(desk), size_of_columns(form, desk)
+        total = TINY + size_p * slack_p + size_c * slack_c
+        for i in range(dof):
+            total += abs(desk.g[i]) * desk.h[i]
+        for i in range(dof):
+            desk.D[i] = (abs(desk.g[i]) + 0.05 * total / desk.h[i]) / desk.h[i]
+        weight_p = (size_p + TINY) / (slack_p + rest.three_p)
+        weight_c = (size_c + TINY) / (slack_c + rest.three_c)
+    return True
+
+
+@hidden
+def weigh(form: Form, wanted: Wanted, desk: Desk, rest: Rests, slack_p: float, slack_c: float) -> float:
+    """The least value that the form in ``desk.y`` has anywhere in the box, slacks taken off: of point and columns.
+
+    Leaves the polynomial in `desk`, one that is separable, for `cut_box`.
+    """
+    dof, y, back = len(desk.c), desk.y, wanted.scalars[BACK]
+    value = 0.0
+    for r in range(3):
+        value += y[r, 3] * (desk.T[r, 3] - desk.goal[r, 3])
+        for i in range(form.columns):
+            value += y[r, i] * (desk.T[r, i] - desk.goal[r, i])
+    derivatives(form, desk, rest.middle, form.columns)
+    value += gain_of_side(form, wanted, desk, rest.middle)
+    # The least value of the polynomial in the box, one variable at a time.
+    bent = curvature(desk)
+    straight = 0.0
+    for i in range(dof):
+        straight -= abs(desk.g[i]) * desk.h[i]
+    lost = 0.0
+    for i in range(dof):
+        for j in range(dof):
+            if j != i:
+                desk.H[i, i] -= abs(desk.H[i, j]) * desk.h[j] / desk.h[i]
+        lost += least(desk.g[i], desk.H[i, i], desk.h[i])
+    if straight + bent > lost:
+        lost = straight + bent
+        for i in range(dof):
+            desk.H[i, i] = 0.0
+    size_p, size_c = size_of_point(desk), size_of_columns(form, desk)
+    over = size_p * rest.three_p + size_c * rest.three_c
+    if back != 0.0:
+        # The form is as well one of a point further back, which moves less, and of the first column.
+        b0, b1, b2 = y[0, 0] + back * y[0, 3], y[1, 0] + back * y[1, 3], y[2, 0] + back * y[2, 3]
+        over = min(over, size_p * rest.three_b + math.sqrt(b0 * b0 + b1 * b1 + b2 * b2) * rest.three_c)
+    over *= wanted.scalars[TRUST]
+    over += size_p * slack_p + size_c * slack_c + 1e-14 * (abs(value) - lost)
+    least_value: float = value + lost - over
+    return least_value
+
+
+@hidden
+def size_of_point(desk: Desk) -> float:
+    """Length of the form's part for the point."""
+    y = desk.y
+    return math.sqrt(y[0, 3] * y[0, 3] + y[1, 3] * y[1, 3] + y[2, 3] * y[2, 3])
+
+
+@hidden
+def size_of_columns(form: Form, desk: Desk) -> float:
+    """Length of the form's part for the columns."""
+    total = 0.0
+    for i in range(form.columns):
+        for r in range(3):
+            total += desk.y[r, i] * desk.y[r, i]
+    return math.sqrt(total)
+
+
+@hidden
+def curvature(desk: Desk) -> float:
+    """A lower bound of ½ δᵀHδ in the box, by completing squares: those with a positive weight are dropped.
+
+    After each square what remains is a form in the remaining variables, bounded by its entries' magnitudes.
+    """
+    dof, S = len(desk.h), desk.N
+    for i in range(dof):
+        for j in range(dof):
+            S[i, j] = desk.H[i, j] * desk.h[i] * desk.h[j]
+        desk.v[i] = 1.0
+    best = -np.inf
+    for _ in range(dof + 1):
+        total, pivot, top = 0.0, -1, 0.0
+        for i in range(dof):
+            if desk.v[i] == 0.0:
+                continue
+            row = S[i, i]
+            if row > top:
+                top, pivot = row, i
+            for j in range(dof):
+                if j != i and desk.v[j] != 0.0:
+                    row -= abs(S[i, j])
+            total += min(row, 0.0)
+        best = max(best, total)
+        if pivot < 0 or total == 0.0:
+            break
+        inverse = 1.0 / top
+        desk.v[pivot] = 0.0
+        for i in range(dof):
+            if desk.v[i] != 0.0:
+                factor = S[i, pivot] * inverse
+                for j in range(dof):
+                    if desk.v[j] != 0.0:
+                        S[i, j] -= factor * S[pivot, j]
+    return 0.5 * best
+
+
+@hidden
+def least(g: float, H: float, h: float) -> float:
+    """Least value of g δ + ½ H δ² for |δ| ≤ h."""
+    if H * h > abs(g):
+        return -0.5 * g * g / H
+    return -abs(g) * h + 0.5 * H * h * h
+
+
+@hidden
+def cut_box(desk: Desk, spare: float) -> None:
+    """Keep of every variable what can stay within `spare` above the least value of the separable polynomial."""
+    dof = len(desk.c)
+    for i in range(dof):
+        g, H, h = abs(desk.g[i]), desk.H[i, i], desk.h[i]
+        # Seen from the good end: δ = -h there, the polynomial g δ + ½ H δ².
+        limit = least(g, H, h) + spare
+        end = g * h + 0.5 * H * h * h
+        if end <= limit:
+            continue
+        # The far end is out: the largest δ with g δ + ½ H δ² ≤ limit, by the root that the far end falls beyond.
+        disc = g * g + 2.0 * H * limit
+        if disc < 0.0 or g + math.sqrt(disc) < TINY:
+            continue
+        root = 2.0 * limit / (g + math.sqrt(disc))
+        low = -h
+        if H > 0.0:
+            low = max(low, (-g - math.sqrt(disc)) / H)
+        high = min(root + 1e-12 * (1.0 + h), h)
+        low = max(low - 1e-12 * (1.0 + h), -h)
+        if high <= low:
+            continue
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        desk.c[i] += -middle if desk.g[i] < 0.0 else middle
+        desk.h[i] = half + rounding(desk.c[i], h)

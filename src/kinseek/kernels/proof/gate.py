@@ -1,0 +1,116 @@
+"""Before any box: what the lengths and the angles of the arm rule out, wherever its joints stand.
+
+A turn about an axis leaves the distance from any point of that axis as it is, and the angle to the axis. So the distance of
+the hand from a point of each axis lies in an interval that grows, from the tip to the base, by the distance of one such
+point to the next (the triangle's inequality): at the base it is the annulus that the arm reaches. The angle between each
+axis and a direction of the hand lies in an interval likewise, by the inequality of spherical triangles.
+"""
+
+from __future__ import annotations
+
+import math
+
+from kinseek.kernels.arrays import ChainArrays
+from kinseek.kernels.jit import hidden, kernel
+
+from .box import CHORD, MARGIN, MARGIN_A, POSITION, TRUST, WEIGHT_A, WEIGHT_P, Form, Wanted
+
+CROSSED = 1e-4
+"""sin² of the angle between two axes from which on their common normal is used: its foot is a hundred lengths away at most,
+so that rounding of its place stays within the margin."""
+
+
+@hidden
+def gate(form: Form, wanted: Wanted, chain: ChainArrays) -> tuple[bool, float]:
+    """Can the hand be within both tolerances, as far as lengths and angles tell? And a lower bound of the weighted error."""
+    far = max(out_of_annulus(form, wanted, chain, False), out_of_annulus(form, wanted, chain, True), 0.0)
+    open_, error, chord = (
+        far <= wanted.scalars[POSITION],
+        wanted.scalars[WEIGHT_P] * far,
+        wanted.scalars[CHORD],
+    )
+    if form.columns == 3:  # Of all columns together: one of them is off by no more than this.
+        chord /= math.sqrt(2.0)
+    for i in range(form.columns):
+        tilt = 2.0 * math.sin(0.5 * max(out_of_tilt(form, wanted, i), 0.0))
+        open_ = open_ and tilt <= chord
+        error += 0.5 * wanted.scalars[WEIGHT_A] * tilt * tilt
+    return open_, error
+
+
+@kernel
+def least_by_gate(form: Form, wanted: Wanted, chain: ChainArrays) -> float:
+    """Lower bound of the weighted error, as far as lengths and angles tell."""
+    return gate(form, wanted, chain)[1]
+
+
+@hidden
+def out_of_annulus(form: Form, wanted: Wanted, chain: ChainArrays, normals: bool) -> float:
+    """How far the goal's point lies outside of what the lengths allow [m], negative inside.
+
+    The points on the axes are each the nearest to the next one, or the feet of the common normals.
+    """
+    last = len(form.leader) - 1
+    x, y, z = form.fixed[last + 1, 0, 3], form.fixed[last + 1, 1, 3], form.fixed[last + 1, 2, 3]
+    low = high = 0.0
+    for index in range(last + 1):
+        k = last - index
+        along, travel = z, 0.0
+        if form.prismatic[k]:
+            lower, upper = chain.lower[form.leader[k]], chain.upper[form.leader[k]]
+            travel = 0.5 * abs(form.multiplier[k]) * (upper - lower)
+            along += 0.5 * form.multiplier[k] * (lower + upper) + form.offset[k]
+        elif normals and k < last:
+            d0, d1, d2 = form.fixed[k + 1, 0, 2], form.fixed[k + 1, 1, 2], form.fixed[k + 1, 2, 2]
+            apart = 1.0 - d2 * d2
+            if apart > CROSSED:
+                along = (z - d2 * (d0 * x + d1 * y + d2 * z)) / apart
+        shift = 0.0 if form.prismatic[k] else z - along
+        near = math.sqrt(x * x + y * y + shift * shift)
+        wide = math.sqrt(near * near + travel * travel)
+        low, high = max(low - wide, near - high, 0.0), high + wide
+        F = form.fixed
+        x = F[k, 0, 2] * along + F[k, 0, 3]
+        y = F[k, 1, 2] * along + F[k, 1, 3]
+        z = F[k, 2, 2] * along + F[k, 2, 3]
+    goal = wanted.target
+    d0, d1, d2 = goal[0, 3] - x, goal[1, 3] - y, goal[2, 3] - z
+    far = math.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
+    beyond: float = outside(far, low, high, wanted.scalars[TRUST]) - wanted.scalars[MARGIN]
+    return beyond
+
+
+@hidden
+def out_of_tilt(form: Form, wanted: Wanted, column: int) -> float:
+    """How far a column of the goal is tilted beyond what the angles between the axes allow [rad], negative inside."""
+    last = len(form.leader) - 1
+    F = form.fixed
+    x, y, z = F[last + 1, 0, column], F[last + 1, 1, column], F[last + 1, 2, column]
+    low = high = 0.0
+    for index in range(last + 1):
+        k = last - index
+        if not form.prismatic[k]:
+            angle = math.atan2(math.sqrt(x * x + y * y), z)
+            least = max(angle - high, low - angle, 0.0)
+            if high < math.pi - angle:
+                high = angle + high
+            else:
+                high = math.pi if low <= math.pi - angle else 2.0 * math.pi - angle - low
+            low, x, y, z = least, 0.0, 0.0, 1.0
+        x, y, z = (
+            F[k, 0, 0] * x + F[k, 0, 1] * y + F[k, 0, 2] * z,
+            F[k, 1, 0] * x + F[k, 1, 1] * y + F[k, 1, 2] * z,
+            F[k, 2, 0] * x + F[k, 2, 1] * y + F[k, 2, 2] * z,
+        )
+    g0, g1, g2 = wanted.target[0, column], wanted.target[1, column], wanted.target[2, column]
+    c0, c1, c2 = y * g2 - z * g1, z * g0 - x * g2, x * g1 - y * g0
+    angle = math.atan2(math.sqrt(c0 * c0 + c1 * c1 + c2 * c2), x * g0 + y * g1 + z * g2)
+    beyond: float = outside(angle, low, high, wanted.scalars[TRUST]) - 10.0 * wanted.scalars[MARGIN_A]
+    return beyond
+
+
+@hidden
+def outside(value: float, low: float, high: float, trust: float) -> float:
+    """How far a value lies outside of an interval, negative inside; tests shrink the interval by `trust`."""
+    middle, half = 0.5 * (low + high), 0.5 * (high - low) * trust
+    return abs(value - middle) - half

@@ -1,0 +1,159 @@
+"""The last joint, where it is divided out of the boxes: do its limits allow what is left of the rotation?"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from kinseek.kernels.arrays import Array, ChainArrays
+from kinseek.kernels.atlas.samples import TURN, nearest_copy
+from kinseek.kernels.jit import hidden
+
+from .bounds import cut_arc
+from .box import ANGLE, MARGIN_A, TRUST, WEIGHT_A, Desk, Form, Wanted, place, turn_goal, turned, widths
+
+
+class Roll(NamedTuple):
+    """The last joint, where it is divided out."""
+
+    present: bool
+    lower: float
+    upper: float
+    """Limits [rad]; at least a full turn apart where they do not matter."""
+    weight: float
+    """K_A where the joint's axis is the z axis of the tip, so that a twist costs ``K_A (1 + cos τ)(1 - cos β)``, else 0."""
+
+
+@hidden
+def best_twist(desk: Desk) -> tuple[float, float]:
+    """The turn of the last joint that brings the other columns nearest to the goal's [rad]; cosine of the axis' tilt.
+
+    It is the direction of a vector ``1 + cos τ`` long, τ the tilt: any direction where the axis points backwards.
+    """
+    T, goal = desk.T, desk.goal
+    m00 = m01 = m10 = m11 = dot = 0.0
+    for r in range(3):
+        m00 += T[r, 1] * goal[r, 1]
+        m01 += T[r, 1] * goal[r, 2]
+        m10 += T[r, 2] * goal[r, 1]
+        m11 += T[r, 2] * goal[r, 2]
+        dot += T[r, 0] * goal[r, 0]
+    return math.atan2(m10 - m01, m00 + m11), dot
+
+
+@hidden
+def twist_noise(wanted: Wanted, dot: float) -> float:
+    """How far rounding may turn the best twist where the axis leans by acos(dot) [rad]; π: anything.
+
+    Every entry of the rotation may be off by the margin, and so the vector whose direction the best twist is by 2√2 margins.
+    """
+    margin: float = wanted.scalars[MARGIN_A]
+    length = 1.0 + dot - 2.0 * margin
+    if length <= 8.0 * margin:
+        return math.pi
+    return 4.0 * margin / length + 1e-12
+
+
+@hidden
+def twist_slack(wanted: Wanted, omega: float, dot: float) -> float:
+    """How far the best twist may be off where the others turn by omega and the axis leans by acos(dot) [rad]; π: anything.
+
+    The twist part of a unit quaternion is cos(τ/2) long, τ the tilt, and moves by no more than the quaternion does,
+    2 sin(Ω/4).
+    """
+    moved = 2.0 * math.sin(0.25 * min(omega, math.pi)) * wanted.scalars[TRUST]
+    square = (
+        0.5 * (1.0 + dot) - wanted.scalars[MARGIN_A]
+    )  # Not its root: near zero that is off by the root of the margin.
+    if omega >= math.pi or moved * moved >= square:
+        return math.pi
+    return min(2.0 * math.asin(moved / math.sqrt(square)) + twist_noise(wanted, dot), math.pi)
+
+
+@hidden
+def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
+    """Can the last joint, within its limits, make up for what is left of the rotation? Its best value goes to ``u[2]``.
+
+    The hand without its last turn is off by a rotation of at most Ω. Write the turn that is asked for as a quaternion: its
+    part about the last axis is cos(τ/2) long, τ the tilt. So the last joint is within ``2 acos(cos(Ω/2)/cos(τ/2))``.
+    """
+    best, dot = best_twist(desk)
+    middle, half = 0.5 * (roll.lower + roll.upper), 0.5 * (roll.upper - roll.lower)
+    desk.u[2] = nearest_copy(best, roll.lower, roll.upper, middle)
+    if half >= math.pi:
+        return True
+    omega, margin = wanted.scalars[ANGLE] + wanted.scalars[MARGIN_A], wanted.scalars[MARGIN_A]
+    omega += turned(form, desk, len(form.leader))
+    noise = twist_noise(wanted, dot)
+    if omega >= math.pi or noise >= math.pi:
+        return True
+    # Margins on either side: near one, the angle is off by the root of what the ratio is off by.
+    ratio = (math.cos(0.5 * omega) - margin) / math.sqrt(0.5 * (1.0 + dot) + margin)
+    miss = 2.0 * math.acos(min(ratio, 1.0)) + noise
+    off = best - middle
+    off -= 2.0 * math.pi * math.floor(off / (2.0 * math.pi) + 0.5)
+    return abs(off) <= half + miss
+
+
+@hidden
+def twist_cost(form: Form, wanted: Wanted, roll: Roll, desk: Desk, ceiling: float) -> float:
+    """What the limits of the last joint add to the weighted error at least, where nothing above `ceiling` matters.
+
+    With tilt τ and a twist β short of the best one the columns cost ``K_A [(1 - cos τ) + (1 + cos τ)(1 - cos β)]``.
+    """
+    middle, half = 0.5 * (roll.lower + roll.upper), 0.5 * (roll.upper - roll.lower)
+    if half >= math.pi or roll.weight == 0.0:
+        return 0.0
+    best, dot = best_twist(desk)
+    off = best - middle
+    off -= 2.0 * math.pi * math.floor(off / (2.0 * math.pi) + 0.5)
+    beta = abs(off) - half - twist_slack(wanted, turned(form, desk, len(form.leader)), dot)
+    if beta <= 0.0:
+        return 0.0
+    return max(2.0 * roll.weight - ceiling, 0.0) * 2.0 * math.sin(0.5 * beta) ** 2
+
+
+@hidden
+def cut_twist(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
+    """Cut the range of a last joint that is part of the box to what the ceiling leaves; say whether anything is left.
+
+    The arm is placed anew, at the centre of what is left. A twist β short of the best one turns the hand by β at least,
+    which costs ``K_A (1 - cos β)`` at least.
+
+    The best twist is worked out as in `best_twist`, from what of the rotation lies across the axis. Of the quaternion's real
+    part and its part along the axis it could be had as well, were these not both noise, as traces tell them, where the hand
+    is half a turn away from the goal: then the twist may be anything though the axis does not lean at all.
+    """
+    T, goal, last, K_A = desk.T, desk.goal, len(form.leader) - 1, wanted.scalars[WEIGHT_A]
+    turn_goal(form, wanted, desk)
+    widths(form, desk)
+    if ceiling >= 2.0 * K_A:
+        return True
+    trace = dot = along = 0.0
+    for r in range(3):
+        after, behind = (r + 1) % 3, (r + 2) % 3
+        for s in range(3):
+            entry = T[r, 0] * goal[s, 0] + T[r, 1] * goal[s, 1] + T[r, 2] * goal[s, 2]
+            trace += entry if r == s else 0.0
+            along += desk.z[last, r] * entry * desk.z[last, s]
+        for i in range(3):
+            dot += desk.z[last, r] * (T[behind, i] * goal[after, i] - T[after, i] * goal[behind, i])
+    # acos(1 - x) loses what is below rounding of one: its half-angle form, and a margin, do not.
+    beta = 2.0 * math.asin(math.sqrt(min(0.5 * ceiling / K_A + wanted.scalars[MARGIN_A], 1.0)))
+    beta += twist_slack(wanted, turned(form, desk, last), along)
+    ahead = math.atan2(dot, trace - along)
+    left = cut_arc(desk, form.leader[last], desk.c[form.leader[last]] - ahead, beta)
+    place(form, desk)
+    widths(form, desk)
+    return left
+
+
+@hidden
+def complete(form: Form, roll: Roll, chain: ChainArrays, desk: Desk, q: Array) -> None:
+    """Joint values of the box' centre, (n,), inside the limits."""
+    for i in range(len(q)):
+        value = desk.u[2] if roll.present and i == len(q) - 1 else desk.c[i]
+        if (i == 0 and form.head == TURN) or (i == len(q) - 1 and form.tail == 1):
+            middle = 0.5 * (chain.lower[i] + chain.upper[i])
+            value = nearest_copy(value, chain.lower[i], chain.upper[i], middle)
+        q[i] = min(max(value, chain.lower[i]), chain.upper[i])

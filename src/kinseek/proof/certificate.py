@@ -1,0 +1,73 @@
+"""What a proof comes back with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.problem import Problem
+
+
+class Verdict(Enum):
+    """What is proved; the value is the sentence to show."""
+
+    REACHABLE = "Reachable: the witness meets both tolerances."
+    UNREACHABLE = "Unreachable: no joint values within the limits meet both tolerances."
+    UNDECIDED = "Undecided: neither an answer nor a proof that there is none."
+
+    def __str__(self) -> str:
+        """The sentence."""
+        return self.value
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """A theorem about one goal, and how near the arm can come to it.
+
+    The errors bounded here are the paper's weighted error ``E = K_P |p - p_g| + K_A [(1 - x·x_g) + (1 - y·y_g)]``; for a
+    pointing goal the bracket holds the tool axis alone, for a position goal it is missing. Every q inside the limits has
+    ``E(q) >= lower_bound >= 0``, and `q` has ``E = upper_bound``: also when the verdict is UNDECIDED, and for any budget.
+    """
+
+    verdict: Verdict
+    q: NDArray[np.float64]
+    """The witness, or the best joint values found, (n,), [rad] or [m]; always inside the limits."""
+    lower_bound: float
+    """No q inside the limits has a smaller weighted error."""
+    upper_bound: float
+    """Weighted error of `q`."""
+    position_error: float
+    """Of `q`, [m]."""
+    orientation_error: float
+    """Of `q`, [rad]."""
+    boxes: int
+    """Boxes examined, the deterministic measure of work."""
+    largest_box: float
+    """Half width of the widest variable of the boxes that are left, [rad] or [m]; 0 when none is."""
+    problem: Problem
+    """What was asked."""
+    out_of_time: bool = False
+    """Did a time limit end the search, before its budget did? The bounds and `q` are what was known by then."""
+
+    @property
+    def gap(self) -> float:
+        """``(upper_bound - lower_bound) / upper_bound``; 0 when both are 0."""
+        return 1.0 - self.lower_bound / self.upper_bound if self.upper_bound > 0.0 else 0.0
+
+    def __str__(self) -> str:
+        """One sentence with the figures."""
+        return (
+            f"{self.verdict} Weighted error of the best pose found {self.upper_bound:.4g}, of any pose at least "
+            f"{self.lower_bound:.4g}; {self.boxes} boxes examined, the widest one left ±{self.largest_box:.3g}."
+            + (" The time was up." if self.out_of_time else "")
+        )
+
+    def __repr__(self) -> str:
+        """Short enough to print in a shell."""
+        return (
+            f"Certificate({self.verdict.name}, lower_bound={self.lower_bound:.6g}, "
+            f"upper_bound={self.upper_bound:.6g}, boxes={self.boxes})"
+        )

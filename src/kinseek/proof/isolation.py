@@ -1,0 +1,192 @@
+"""Prove of a list of answers that there are no others.
+
+Around every answer a neighbourhood is proved to hold nothing else; the rest of the joint space is cut into boxes, and each
+is excluded as in `branch_and_bound`. Answers that the list lacks are found on the way. See `kernels.isolation`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kinseek.deadline import Deadline
+from kinseek.errors import InvalidProblem
+from kinseek.kernels.arm.pose_error import judge
+from kinseek.kernels.arrays import Array
+from kinseek.kernels.proof.exclusion import COUNT, ENDED, FULL, SEEN
+from kinseek.kernels.proof.isolation import COUNTS, KNOWN, LEFT, MOST, Places, isolate_boxes
+from kinseek.problem import Problem, as_joints
+
+from .branch_and_bound import ENDLESS, SHRINK, SPREAD, chunk_of, roomy
+from .reduce import question, start_boxes
+
+BUDGET = 200_000
+"""Boxes, unless told otherwise: a fraction of a second."""
+
+_CONSTRAINTS = {"pose": 6, "pointing": 5, "position": 3}
+
+
+@dataclass(frozen=True, eq=False)
+class Isolation:
+    """Answers, one a branch, and whether it is proved that there are no others.
+
+    If `complete`, every joint vector inside the limits that meets both tolerances lies within `distance[i]` of `q[i]` for
+    one i, joint by joint, whole turns left out of account.
+    """
+
+    complete: bool
+    """Is it proved?"""
+    q: NDArray[np.float64]
+    """The answers given, one of those that share a branch, then those found; inside the limits, (k, n), [rad] or [m]."""
+    distance: NDArray[np.float64]
+    """How far the tolerances reach along each joint, (k, n), [rad] or [m]; infinite for a singular answer."""
+    given: NDArray[np.int64]
+    """Which of the answers given it is, or -1 for one that was not among them, (k,)."""
+    boxes: int
+    """Boxes examined."""
+    undecided: int
+    """Boxes that are left; 0 if `complete`."""
+    out_of_time: bool = False
+    """Did a time limit end the search, before its budget did?"""
+
+    def __repr__(self) -> str:
+        """Short enough to print in a shell."""
+        known = "complete" if self.complete else f"not proved complete, {self.undecided} boxes left"
+        found = int((self.given < 0).sum())
+        return f"Isolation({len(self.q)} answers, {found} of them not given; {known}; {self.boxes} boxes)"
+
+
+def isolate(
+    problem: Problem,
+    answers: ArrayLike | None = None,
+    *,
+    budget: int = BUDGET,
+    trust: float = 1.0,
+    deadline: Deadline = ENDLESS,
+) -> Isolation:
+    """Prove that a goal has no other answers than those given, or find some.
+
+    Singular answers cannot be told from their neighbours: with one of them, and for arms that have joints to spare, the
+    result is not complete.
+
+    Args:
+        problem: One target.
+        answers: Joint values that meet the tolerances, (k, n); none by default, then all are looked for.
+        budget: Boxes to examine at most, >= 0.
+        trust: 1; tests make every bound smaller by it, and must notice.
+        deadline: When to stop; what was found by then is in the result, which is not complete.
+
+    Raises:
+        InvalidProblem: A batch; a negative budget; answers of a wrong shape, outside the limits or the tolerances.
+    """
+    goal, chain = problem.goal, problem.chain
+    if goal.shape:
+        raise InvalidProblem(f"a proof is about one target, got a batch of shape {goal.shape}")
+    if budget < 0:
+        raise InvalidProblem(f"budget must be at least 0 boxes, got {budget}")
+    known = _checked(problem, answers)
+    form, wanted, roll = question(problem, trust)
+    boxes = start_boxes(chain, roll.present)
+    spare = chain.dof > _CONSTRAINTS[goal.kind]
+    periodic = chain.periodic[: boxes.shape[1] // 2].copy()
+    tuning = np.array([SPREAD, 2, SHRINK, goal.position_tolerance, goal.orientation_tolerance])
+    if spare:
+        nothing = np.full(known.shape, np.inf)
+        return Isolation(False, known, nothing, np.arange(len(known)), 0, len(boxes))
+    dof, most = boxes.shape[1] // 2, MOST + len(known)
+    stack, counts, chunk = roomy(boxes), np.zeros(COUNTS, dtype=np.int64), chunk_of(problem)
+    counts[COUNT] = len(boxes)
+    places = Places(
+        np.zeros(most, dtype=np.bool_),
+        np.zeros(most, dtype=np.int64),
+        np.zeros((most, chain.dof)),
+        *np.zeros((3, most, dof)),
+    )
+    out_of_time = False
+    while True:
+        until = min(int(counts[SEEN]) + chunk, budget)
+        outcome = isolate_boxes(
+            form,
+            wanted,
+            roll,
+            problem.arrays,
+            goal.arrays,
+            stack,
+            periodic,
+            known,
+            places,
+            tuning,
+            counts,
+            until,
+        )
+        if outcome == FULL:
+            stack = roomy(stack)
+        elif outcome == ENDED or until == budget:
+            break
+        if deadline.passed:
+            out_of_time = True
+            break
+    count, left = int(counts[KNOWN]), int(counts[COUNT] + counts[LEFT])
+    return Isolation(
+        complete=left == 0 and bool(places.isolated[:count].all()),
+        q=places.q[:count].copy(),
+        distance=_distances(problem, places.distance[:count], roll.present),
+        given=places.number[:count].copy(),
+        boxes=int(counts[SEEN]),
+        undecided=left,
+        out_of_time=out_of_time,
+    )
+
+
+def prove_complete(
+    problem: Problem, answers: ArrayLike, *, budget: int = BUDGET, deadline: Deadline = ENDLESS
+) -> tuple[Array, bool]:
+    """What `Arm.branches` asks for: its answers and those it lacks, (k, n), and whether these are proved to be all.
+
+    The call is ``q, complete = prove_complete(Problem(chain, goal), q)``.
+
+    Raises:
+        InvalidProblem: As `isolate`.
+    """
+    isolation = isolate(problem, answers, budget=budget, deadline=deadline)
+    return isolation.q, isolation.complete
+
+
+def _checked(problem: Problem, answers: ArrayLike | None) -> Array:
+    chain, goal = problem.chain, problem.goal
+    if answers is None:
+        return np.empty((0, chain.dof))
+    known = as_joints(chain, answers, "answers")
+    if known.ndim != 2:
+        raise InvalidProblem(f"answers must have shape (k, {chain.dof}), got {known.shape}")
+    outside = np.argwhere((known < chain.lower) | (known > chain.upper))
+    if len(outside):
+        row, i = (int(each) for each in outside[0])
+        raise InvalidProblem(
+            f"answers must lie inside the limits, got {known[row, i]:.6g} for joint {chain.joint_names[i]!r} in row "
+            f"{row}; its range is [{chain.lower[i]:.6g}, {chain.upper[i]:.6g}]"
+        )
+    targets = np.repeat(goal.targets, len(known), axis=0)
+    measured = judge(problem.arrays, known, targets, goal.arrays)
+    missed = (measured[:, 0] > goal.position_tolerance) | (measured[:, 1] > goal.orientation_tolerance)
+    if missed.any():
+        row = int(missed.argmax())
+        raise InvalidProblem(
+            f"answers must meet the tolerances {goal.position_tolerance:g} m and {goal.orientation_tolerance:g} rad, "
+            f"row {row} misses the goal by {measured[row, 0]:.3g} m and {measured[row, 1]:.3g} rad"
+        )
+    return np.ascontiguousarray(known)
+
+
+def _distances(problem: Problem, reduced: Array, without_last: bool) -> Array:
+    """From distances to the centre of a neighbourhood to those from an answer within it, last joint included."""
+    distance, chain = 2.0 * reduced, problem.chain
+    if not without_last:
+        return distance
+    turning = [k for k in range(len(chain.leader) - 1) if not chain.prismatic[k]]
+    turned = sum(abs(chain.multiplier[k]) * distance[:, chain.leader[k]] for k in turning)
+    last = np.minimum(turned + 2.0 * min(problem.goal.orientation_tolerance, math.pi), math.pi)
+    return np.column_stack([distance, np.broadcast_to(last, len(distance))])

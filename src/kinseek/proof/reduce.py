@@ -1,0 +1,245 @@
+"""Put a goal into the form that boxes are tested in: divide out what the last joint, or the first, can make up for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from kinseek.errors import InvalidProblem
+from kinseek.kernels.arm.forward import forward_many
+from kinseek.kernels.arrays import Array, ChainArrays
+from kinseek.kernels.atlas.samples import NONE, TURN
+from kinseek.kernels.proof.box import (
+    ANGLE,
+    BACK,
+    CHORD,
+    LEAST,
+    LENGTH,
+    MARGIN,
+    MARGIN_A,
+    OFFSET,
+    POSITION,
+    SCALARS,
+    SIDE,
+    TRUST,
+    WEIGHT_A,
+    WEIGHT_P,
+    Form,
+    Wanted,
+)
+from kinseek.kernels.proof.gate import CROSSED
+from kinseek.kernels.proof.last_joint import Roll
+from kinseek.problem import Problem
+from kinseek.robots.chain import SerialChain
+from kinseek.solvers.atlas.solver import arm_length, divide, inverse
+
+ROUNDING = 1e-12
+"""Margin, relative to all lengths that are added: a thousand times what rounding takes."""
+
+LARGEST = 1e12
+"""Lengths that a proof bears, added up [m]: with longer ones the margin for rounding is a metre and more."""
+
+MANY_TURNS = 1e3
+"""Angles of all joints together [rad] from which on rounding of the angles counts, not only that of what is made of them."""
+
+_AXIS_COUNTS = 0.1
+"""A direction counts, when a box is split, as this part of the arm's length."""
+
+
+def question(problem: Problem, trust: float = 1.0) -> tuple[Form, Wanted, Roll]:
+    """Put the question of the tolerances into the kernels' form.
+
+    A last joint that turns is divided out: its axis shall lie along the goal's, and the point of it that the axis before
+    moves least shall be where the goal wants it. That point may miss by the tolerance of the tip and by what the tolerated
+    turn moves it.
+    """
+    goal, chain = problem.goal, problem.chain
+    fixed, target, head, tail = _divided(problem)
+    angle = min(goal.orientation_tolerance, math.pi)
+    chord = 2.0 * math.sin(angle / 2)
+    slack, columns, foot = goal.position_tolerance, goal.columns, 0.0
+    if tail:
+        foot = _foot(fixed, chain)
+        slack += chord * float(np.linalg.norm(fixed[-1, :, 3] - [0.0, 0.0, foot]))
+        fixed, target = _cut(fixed, target, foot)
+        columns = 1
+    if columns == 3:
+        chord *= math.sqrt(2.0)
+    scalars = _scalars(problem, target, columns, trust, foot)
+    scalars[POSITION], scalars[CHORD] = slack, chord if columns else 0.0
+    scalars[ANGLE] = angle if columns else 0.0
+    return (
+        _form(chain, fixed, head, columns, 0, 0.0),
+        Wanted(target, np.zeros((3, 4)), scalars),
+        _roll(chain, tail),
+    )
+
+
+def error_question(
+    problem: Problem, q: Array, gap: float, trust: float = 1.0, whole: bool = False
+) -> tuple[Form, Wanted, Roll]:
+    """Put the question of the least weighted error into the kernels' form.
+
+    Where the tip lies on the axis of the last joint, that joint changes nothing but the turn about it. Leaving it out
+    gives a lower bound: the error itself where its axis is the tip's z and its limits allow the best twist (what they cost
+    is added by `twist_cost`), nearly the error where its axis is the tip's x or y (`count_side`). Elsewhere it is left out
+    if at q that loses less than half the gap. It stays in if a limit holds it at q: then the twist is part of the trade
+    that the bound has to weigh; or if the `whole` arm is asked for.
+    """
+    chain, goal = problem.chain, problem.goal
+    fixed, target, head, tail = _divided(problem)
+    off_axis = float(np.hypot(*fixed[-1, :2, 3]))
+    if tail and off_axis < 1e-6 and not (whole or _last_is_held(chain, q)):
+        cut, axis = _cut(fixed, target, float(fixed[-1, 2, 3]))
+        wanted = Wanted(axis, np.zeros((3, 4)), _scalars(problem, axis, 1, trust))
+        wanted.scalars[MARGIN] += 2.0 * off_axis
+        back = float(fixed[-1, 2, 3]) - _foot(fixed, chain)
+        wanted.scalars[BACK] = back if abs(back) < arm_length(chain) else 0.0
+        along = [bool(np.hypot(*np.delete(fixed[-1, 2, :3], i)) < ROUNDING) for i in range(3)]
+        aligned, sideways = along[2], along[0] or along[1]
+        if sideways:  # The other column that counts lies across the axis: its place in the plane of x and y.
+            wanted.scalars[SIDE : SIDE + 2] = fixed[-1, :2, 1 if along[0] else 0]
+        if aligned or sideways or _loss_of_last(problem, q) < 0.5 * gap:
+            roll = _roll(chain, True, goal.orientation_weight if aligned else 0.0)
+            return _form(chain, cut, head, 1, 0, 0.0), wanted, roll
+    columns = goal.paper_columns
+    last, foot = np.zeros((3, 4)), 0.0
+    scalars = _scalars(problem, target, columns, trust)
+    if tail and len(fixed) > 2:
+        foot = _foot(fixed, chain)
+        scalars[MARGIN] += ROUNDING * abs(foot)
+        place_of_foot = np.eye(4)
+        place_of_foot[2, 3] = foot
+        last = np.ascontiguousarray((_square(target) @ _square(inverse(fixed[-1])) @ place_of_foot)[:3])
+        scalars[OFFSET] = np.linalg.norm(fixed[-1, :, 3] - [0.0, 0.0, foot])
+    else:
+        tail = False
+    return (
+        _form(chain, fixed, head, columns, int(tail), foot),
+        Wanted(target, last, scalars),
+        Roll(False, 0.0, 0.0, 0.0),
+    )
+
+
+def _last_is_held(chain: SerialChain, q: Array) -> bool:
+    """Is the last joint at a limit that it could not turn past the other way round?"""
+    lower, upper = float(chain.lower[-1]), float(chain.upper[-1])
+    return upper - lower < 2 * np.pi and min(float(q[-1]) - lower, upper - float(q[-1])) < 1e-6
+
+
+def _loss_of_last(problem: Problem, q: Array) -> float:
+    """Part of the weighted error at q, (n,), that is lost when the columns are compared by the last joint's axis alone."""
+    goal, target = problem.goal, problem.goal.targets[0]
+    T = forward_pose(problem.arrays, q)
+    axis = inverse(problem.arrays.fixed[-1])[:, 2]
+    miss = goal.position_weight * float(np.linalg.norm(T[:, 3] - target[:, 3]))
+    half = 0.5 * goal.orientation_weight
+    tilted = half * float(np.sum(((T - target)[:, :3] @ axis) ** 2))
+    turned = half * float(np.sum((T - target)[:, :2] ** 2))
+    return 1.0 - (miss + tilted) / max(miss + turned, 1e-300)
+
+
+def start_boxes(chain: SerialChain, without_last: bool) -> Array:
+    """The whole range of the joints as one box, (1, 2 dof); a joint that turns more than once turns once."""
+    lower, upper = chain.lower.copy(), chain.upper.copy()
+    for i in range(chain.dof):
+        if chain.periodic[i] and upper[i] - lower[i] > 2 * np.pi:
+            middle = (lower[i] + upper[i]) / 2
+            lower[i], upper[i] = middle - np.pi, middle + np.pi
+    count = chain.dof - int(without_last)
+    half = (upper - lower) / 2
+    half += LEAST + 1e-15 * np.abs(lower + upper)
+    return np.concatenate([(lower + upper)[:count] / 2, half[:count]])[None]
+
+
+def forward_pose(chain: ChainArrays, q: Array) -> Array:
+    """Pose of the tip, (3, 4)."""
+    return forward_many(chain, np.ascontiguousarray(q)[None])[0, :3]
+
+
+def _divided(problem: Problem) -> tuple[Array, Array, int, bool]:
+    """Fixed transforms and target with the first joint's place divided out; first joint's kind; is the last one a turn?"""
+    division = divide(problem.chain, problem.goal.kind)
+    fixed, target = problem.arrays.fixed.copy(), problem.goal.targets[0].copy()
+    if division.head != NONE:
+        target = (_square(inverse(fixed[0])) @ _square(target))[:3]
+        fixed[0] = np.eye(4)[:3]
+    return fixed, np.ascontiguousarray(target), division.head, division.tail == TURN
+
+
+def _foot(fixed: Array, chain: SerialChain) -> float:
+    """Where along the last axis the axis before it is nearest [m]; where they are parallel, the tip."""
+    tip = float(fixed[-1, 2, 3])
+    if len(fixed) < 3 or chain.prismatic[-2]:
+        return tip
+    back = inverse(fixed[-2])
+    axis, point = back[:, 2], back[:, 3]
+    apart = 1.0 - axis[2] ** 2
+    return float((point[2] - axis[2] * (axis @ point)) / apart) if apart > CROSSED else tip
+
+
+def _cut(fixed: Array, target: Array, along: float) -> tuple[Array, Array]:
+    """Leave the last joint out: the tip becomes the point `along` its axis, its columns axis, x and y."""
+    turned = np.array(
+        [[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, along], [0.0, 0.0, 0.0, 1.0]]
+    )
+    short = fixed[:-1].copy()
+    short[-1] = (_square(short[-1]) @ turned)[:3]
+    wanted = _square(target) @ _square(inverse(fixed[-1])) @ turned
+    return short, np.ascontiguousarray(wanted[:3])
+
+
+def _form(chain: SerialChain, fixed: Array, head: int, columns: int, tail: int, foot: float) -> Form:
+    joints = len(fixed) - 1
+    return Form(
+        np.ascontiguousarray(fixed),
+        np.ascontiguousarray(chain.prismatic[:joints]),
+        np.ascontiguousarray(chain.leader[:joints]),
+        np.ascontiguousarray(chain.multiplier[:joints]),
+        np.ascontiguousarray(chain.offset[:joints]),
+        head,
+        columns,
+        tail,
+        foot,
+    )
+
+
+def _roll(chain: SerialChain, present: bool, weight: float = 0.0) -> Roll:
+    return Roll(present, float(chain.lower[-1]), float(chain.upper[-1]), weight)
+
+
+def _scalars(problem: Problem, target: Array, columns: int, trust: float, foot: float = 0.0) -> Array:
+    """Weights and margins: 1e-12 of all lengths involved, a thousand times what rounding takes.
+
+    Raises:
+        InvalidProblem: The lengths leave nothing to be proved.
+    """
+    chain, goal, scalars = problem.chain, problem.goal, np.zeros(SCALARS)
+    length = arm_length(chain)
+    values = np.maximum(np.abs(chain.lower), np.abs(chain.upper))[chain.leader] * np.abs(chain.multiplier)
+    values += np.abs(chain.offset)
+    slides = float(values[chain.prismatic].sum())
+    reach = (
+        length + slides + float(np.linalg.norm(target[:, 3])) + float(np.linalg.norm(chain.fixed[0, :, 3]))
+    )
+    if goal.tool is not None:
+        reach += float(np.linalg.norm(goal.tool[:3, 3]))
+    reach += abs(foot)
+    if not reach <= LARGEST:
+        raise InvalidProblem(
+            f"the lengths of the arm and the goal add up to {reach:.3g} m: beyond {LARGEST:g} m numbers round by so much "
+            f"that nothing can be proved; expected metres"
+        )
+    scalars[MARGIN_A] = ROUNDING * max(1.0, float(values[~chain.prismatic].sum()) / MANY_TURNS)
+    scalars[MARGIN] = scalars[MARGIN_A] * (1.0 + reach)
+    scalars[TRUST], scalars[WEIGHT_P] = trust, goal.position_weight
+    scalars[WEIGHT_A] = goal.orientation_weight if columns else 0.0
+    scalars[LENGTH] = _AXIS_COUNTS * length
+    return scalars
+
+
+def _square(A: Array) -> Array:
+    square = np.zeros((4, 4))
+    square[:3], square[3, 3] = A, 1.0
+    return square

@@ -1,0 +1,140 @@
+"""Goals with free axes and ranges, by the atlas: seeds spread over the ranges, steps that look at what sticks out.
+
+See `kernels.boxed`; `Atlas` hands such goals on to here.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kinseek.deadline import Deadline
+from kinseek.goal import Goal
+from kinseek.kernels.arrays import Array
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.ranges import solve_boxes
+from kinseek.problem import Problem
+from kinseek.ranges import Ranges
+from kinseek.robots.chain import SerialChain
+from kinseek.solution import Solution
+
+from .solver import arm_length, atlas_of, batch_solution, low_discrepancy, wanted_of
+
+if TYPE_CHECKING:
+    from kinseek.solvers.threads import GoOn
+
+    from .solver import Atlas
+
+POSES = 32
+"""Poses of the ranges at which seeds are looked up."""
+
+_GROUP = 64
+"""Targets whose poses are made at once."""
+
+_PIECE = 8
+"""Targets that are done at a stretch: some ten milliseconds if they are hard."""
+
+
+def solve_ranges(search: Atlas, problem: Problem) -> Solution:
+    """Answer a goal with ranges, or a batch, one after the other on every thread."""
+    goal, chain = problem.goal, problem.chain
+    deadline = Deadline(problem.time_limit)
+    index = atlas_of(chain, goal, search.samples)
+    wanted = wanted_of(goal, problem.budget)
+    count = len(goal.targets)
+    near = (chain.lower + chain.upper) / 2 if problem.near is None else problem.near
+    nears = np.ascontiguousarray(np.broadcast_to(near, (*goal.shape, chain.dof))).reshape(-1, chain.dof)
+    results, done = np.empty((count, chain.dof + 4)), np.zeros(count, dtype=bool)
+    assert goal.ranges is not None
+    asked, (spread, turns) = goal.questions, deviations(goal.ranges, goal.swing)
+
+    def work(begin: int, end: int, go_on: GoOn) -> None:
+        for first in range(begin, end, _GROUP):
+            last = min(first + _GROUP, end)
+            poses = seed_poses(chain, goal, spread, turns, slice(first, last))
+            for piece in range(first, last, _PIECE):
+                if not go_on():
+                    return
+                until = min(piece + _PIECE, last)
+                solve_boxes(
+                    index.handle,
+                    wanted,
+                    asked[piece:until],
+                    poses[piece - first : until - first],
+                    nears[piece:until],
+                    problem.near is not None,
+                    results,
+                    piece,
+                    LANES,
+                )
+                done[piece:until] = True
+
+    search.spread(work, count, deadline)
+    return batch_solution(problem, results, done)
+
+
+@lru_cache(maxsize=64)
+def deviations(ranges: Ranges, swing: tuple[float, float, float] | None) -> tuple[Array, Array]:
+    """Deviations spread over ranges: shares of x, y and z in [0, 1], (POSES, 3), and rotations, (POSES, 3, 3)."""
+    open_axes = [i for i, (low, high) in enumerate(ranges) if low < high]
+    if swing is not None:
+        open_axes = [i for i in open_axes if i < 3] + [3]
+    spread = np.zeros((POSES, 6))
+    spread[:, open_axes] = low_discrepancy(POSES, len(open_axes)) if open_axes else 0.0
+    return spread[:, :3], rotations(turn_vectors(ranges, swing, spread))
+
+
+def seed_poses(chain: SerialChain, goal: Goal, spread: Array, turns: Array, targets: slice) -> Array:
+    """Poses spread over the ranges about each target, the first as near to it as they allow, (k, POSES, 3, 4)."""
+    wanted, frames = goal.targets[targets], goal.frames[targets]
+    low, high = place_ranges(chain, goal, wanted, frames)
+    place = low[:, None] + spread[None] * (high - low)[:, None]
+    place[:, 0] = np.clip(0.0, low, high)
+    poses = np.empty((len(wanted), POSES, 3, 4))
+    poses[..., 3:] = wanted[:, None, :, 3:] + _product(frames[:, None], place[..., None])
+    back = _product(np.swapaxes(frames, 1, 2), wanted[:, :, :3])
+    poses[..., :3] = _product(_product(frames[:, None], turns[None]), back[:, None])
+    return poses
+
+
+def place_ranges(chain: SerialChain, goal: Goal, wanted: Array, frames: Array) -> tuple[Array, Array]:
+    """Ranges of x, y and z cut to what the arm can reach, lower and upper ends, (k, 3) each."""
+    ends = np.array(goal.ranges)[:3]
+    tool = 0.0 if goal.tool is None else float(np.linalg.norm(goal.tool[:3, 3]))
+    reach = arm_length(chain) + tool
+    away = chain.fixed[0, :, 3] - wanted[:, :, 3]
+    shoulder = _product(np.swapaxes(frames, 1, 2), away[..., None])[..., 0]
+    low, high = np.maximum(ends[:, 0], shoulder - reach), np.minimum(ends[:, 1], shoulder + reach)
+    none = low > high  # The range lies out of reach: its nearer end is as good as any.
+    nearer = np.clip(shoulder, ends[:, 0], ends[:, 1])
+    return np.where(none, nearer, low), np.where(none, nearer, high)
+
+
+def turn_vectors(ranges: Ranges, swing: tuple[float, float, float] | None, spread: Array) -> Array:
+    """Rotation vectors spread over the ranges, the first as short as they allow, (POSES, 3)."""
+    if swing is not None:
+        angles = np.pi * (2.0 * spread[:, 3] - 1.0)
+        angles[0] = 0.0
+        return np.asarray(angles[:, None] * np.array(swing))
+    ends = np.array(ranges)[3:]
+    vectors = ends[:, 0] + spread[:, 3:] * (ends[:, 1] - ends[:, 0])
+    vectors[0] = np.clip(0.0, ends[:, 0], ends[:, 1])
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors * np.minimum(1.0, np.pi / np.maximum(lengths, 1e-300)))
+
+
+def rotations(vectors: Array) -> Array:
+    """Rotation matrices of rotation vectors, (m, 3) -> (m, 3, 3), by Rodrigues' formula."""
+    angles = np.linalg.norm(vectors, axis=1)
+    x, y, z = (vectors / np.maximum(angles, 1e-300)[:, None]).T
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    sine, cosine = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
+    return np.asarray(np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross))
+
+
+def _product(A: Array, B: Array) -> Array:
+    """Products of 3x3 matrices with matrices of three rows, written out: the same bits in every batch."""
+    return np.asarray(sum(A[..., :, j : j + 1] * B[..., j : j + 1, :] for j in range(3)))
