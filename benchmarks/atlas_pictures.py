@@ -12,16 +12,20 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import plots
+from kinseek.kernels.arm.division import Division
 from kinseek.kernels.arm.links import links_of
 from kinseek.kernels.atlas import lanes as eight
 from kinseek.kernels.atlas import samples as atlas
 from kinseek.kernels.atlas import tree as neighbours
+from kinseek.kernels.atlas.descent import DAMPING, LONGEST
 from kinseek.kernels.atlas.lanes import LANES, Lanes
-from kinseek.kernels.atlas.one_goal import DAMPING, LONGEST, MARGIN
-from kinseek.kernels.atlas.samples import Atlas, Division, build_atlas
+from kinseek.kernels.atlas.samples import Atlas, build_atlas
+from kinseek.kernels.atlas.seeds import MARGIN
 from kinseek.kernels.atlas.tree import LEAF
 from kinseek.kernels.jit import exposed
-from kinseek.solvers.atlas.solver import SAMPLES, divide, inverse, middle_samples, open_limits
+from kinseek.robots.geometry import divide, inverse, open_limits
+from kinseek.robots.sampling import middle_samples
+from kinseek.solvers.atlas.index import SAMPLES
 
 from .command import PICTURES, command, writes
 

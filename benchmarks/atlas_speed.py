@@ -21,7 +21,7 @@ from benchmarks.command import under_pytest
 from benchmarks.fleet import single_times
 from benchmarks.targets import plain_fk, random_joints
 from kinseek.kernels.atlas.one_goal import solve_plain
-from kinseek.solvers.atlas.solver import SAMPLES, AtlasIndex
+from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
 
 Array = NDArray[np.float64]
 

@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
-from kinseek.branches.find import BranchIndex
+from kinseek.branches.index import BranchIndex
 from kinseek.goal import Goal
 from kinseek.problem import Problem
-from kinseek.solvers.atlas.solver import SAMPLES, AtlasIndex
+from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
 
 from .command import arm_name, at_least_one, command, writes
 from .targets import load, machine, plain_fk, random_joints, strict

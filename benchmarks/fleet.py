@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
-from kinseek.solvers.atlas.solver import SAMPLES, AtlasIndex
+from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
 
 from .command import arm_name, at_least_one, command, writes
 from .targets import fleet_arm, fleet_names, load, machine, plain_fk, random_joints, singular_joints, strict

@@ -29,11 +29,13 @@ from scipy.spatial.transform import Rotation
 import kinseek
 from kinseek import Goal, Problem
 from kinseek.kernels.proof.exclusion import ENDED, FOUND
-from kinseek.proof.branch_and_bound import excluded, prove
+from kinseek.proof.boxes import excluded
+from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.isolation import isolate
 from kinseek.robots.catalog import catalog_names
+from kinseek.robots.geometry import arm_length
 from kinseek.solution import Solution
-from kinseek.solvers.atlas.solver import Atlas, arm_length
+from kinseek.solvers.atlas.solver import Atlas
 
 from .command import arm_name, at_least_one, command
 

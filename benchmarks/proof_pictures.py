@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import Goal, Problem, plots
 from kinseek.kernels.proof.exclusion import ENDED, examine
-from kinseek.proof.branch_and_bound import enclosed, excluded
+from kinseek.proof.boxes import enclosed, excluded
 from kinseek.proof.reduce import question, start_boxes
 from kinseek.solution import Solution
 

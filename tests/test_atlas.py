@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek.kernels.atlas.one_goal import solve_plain
 from kinseek.robots.chain import Joint, rotation, serial_chain, transform
-from kinseek.solvers.atlas.solver import AtlasIndex
+from kinseek.solvers.atlas.index import AtlasIndex
 from reference import errors, weighted_error
 
 Array = NDArray[np.float64]

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal
+from kinseek.kernels.atlas.descent import ALIKE, keep_best
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.one_goal import ALIKE, keep_best
+from kinseek.kernels.atlas.memory import desk_size, make_desk
 from kinseek.kernels.atlas.range_steps import ROWS
 from kinseek.kernels.atlas.ranges import keep_best_box
-from kinseek.kernels.atlas.task import desk_size, make_desk, task_of
-from kinseek.solvers.atlas.solver import atlas_of, wanted_of
+from kinseek.kernels.atlas.task import task_of
+from kinseek.solvers.atlas.index import atlas_of, wanted_of
 
 pytestmark = pytest.mark.slow
 

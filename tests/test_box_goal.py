@@ -21,7 +21,7 @@ from kinseek.goal import Frame
 from kinseek.kernels.arm.range_error import judge_boxes
 from kinseek.ranges import AXES
 from kinseek.robots import catalog_entry, catalog_names
-from kinseek.solvers.atlas.solver import KEPT, atlas_of
+from kinseek.solvers.atlas.index import KEPT, atlas_of
 
 Array = NDArray[np.float64]
 
@@ -337,7 +337,7 @@ def test_tools_share_samples_and_are_forgotten() -> None:
         assert index.sorted.tree.points is own.sorted.tree.points
         atlas_of(arm.chain, Goal.position(np.zeros(3), tool=tool), 64)
     assert atlas_of(arm.chain) is own
-    from kinseek.solvers.atlas.solver import _indices
+    from kinseek.solvers.atlas.index import _indices
 
     assert len(_indices[arm.chain]) <= KEPT + 2
 

@@ -14,7 +14,8 @@ import kinseek
 from kinseek import Goal, Problem
 from kinseek.errors import InvalidGoal, InvalidProblem
 from kinseek.kernels.proof.exclusion import ENDED
-from kinseek.proof.branch_and_bound import excluded, prove
+from kinseek.proof.boxes import excluded
+from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.certificate import Certificate, Verdict
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Status

@@ -17,7 +17,7 @@ import kinseek
 from chains import serial_chains
 from kinseek import Goal, Problem
 from kinseek.errors import InvalidProblem
-from kinseek.kernels.proof.isolation import contractions
+from kinseek.kernels.proof.neighbourhood import contractions
 from kinseek.proof.isolation import Isolation, isolate, prove_complete
 from kinseek.proof.reduce import question
 from kinseek.robots.chain import SerialChain

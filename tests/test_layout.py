@@ -17,7 +17,7 @@ from kinseek.kernels.atlas.tree import LEAF
 from kinseek.kernels.jit import exposed
 from kinseek.kernels.layout import DOF, JOINTS, Layout, Rows, floats, whole
 from kinseek.kernels.pointers import ROW
-from kinseek.solvers.atlas.solver import PLAIN, AtlasIndex, wanted_of
+from kinseek.solvers.atlas.index import PLAIN, AtlasIndex, wanted_of
 
 Array = NDArray[np.float64]
 

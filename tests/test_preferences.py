@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal, InvalidProblem, NotReached, Status
-from kinseek.branches.find import ORDERS, Order, constraint_jacobian, freedom, scores
+from kinseek.branches.index import constraint_jacobian, freedom
+from kinseek.branches.order import ORDERS, Order, scores
 from kinseek.problem import Problem
 
 Array = NDArray[np.float64]

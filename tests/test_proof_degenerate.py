@@ -20,7 +20,8 @@ from kinseek.kernels.proof.box import MARGIN_A, NARROW, SCALARS, TRUST, Wanted, 
 from kinseek.kernels.proof.exclusion import FOUND, STOPPED, examine
 from kinseek.kernels.proof.last_joint import best_twist, twist_noise, twist_slack
 from kinseek.kernels.proof.taylor import solve
-from kinseek.proof.branch_and_bound import excluded, prove
+from kinseek.proof.boxes import excluded
+from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.isolation import isolate
 from kinseek.proof.reduce import ROUNDING, error_question, start_boxes
 from kinseek.robots.chain import Joint, SerialChain, rotation, serial_chain, transform

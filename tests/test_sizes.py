@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import Goal
 from kinseek.errors import InvalidGoal, InvalidProblem, InvalidRobot
-from kinseek.goal import as_pose
 from kinseek.kernels.arm.pose_error import LARGEST, ROUNDING, weighted_error
+from kinseek.poses import as_pose
 from kinseek.robots.chain import Joint, serial_chain, transform
 from reference import weighted_error as plain_weighted_error
 

@@ -28,7 +28,7 @@ import kinseek
 from kinseek import Atlas, Goal, Problem, Solver
 from kinseek.branches import find as branching
 from kinseek.kernels.proof.exclusion import examine
-from kinseek.kernels.proof.isolation import contractions
+from kinseek.kernels.proof.neighbourhood import contractions
 from kinseek.kernels.without_jit import WITHOUT_JIT, Bounded, bounded, call_at, unbounded, view_at
 from kinseek.proof import branch_and_bound, isolation
 from kinseek.proof.reduce import error_question, question

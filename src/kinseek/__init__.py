@@ -21,7 +21,8 @@ from .errors import (
     NotReached,
     UnitWarning,
 )
-from .goal import Goal, pose
+from .goal import Goal
+from .poses import pose
 from .problem import Problem
 from .proof.certificate import Certificate, Verdict
 from .solution import Solution, Status

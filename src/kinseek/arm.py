@@ -12,16 +12,19 @@ from typing import Any, Self, TypedDict, TypeGuard, Unpack, cast, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .branches.find import SPREAD, BranchIndex, Cost, Order, Valid, branches_of, freedom, index_of
+from .branches.find import SPREAD, branches_of
+from .branches.index import BranchIndex, freedom, index_of
+from .branches.order import Cost, Order, Valid
 from .branches.prefer import preferred
 from .branches.result import Branches, BranchesBatch, quick_branches
 from .deadline import Deadline
 from .errors import InvalidProblem, suggest
-from .goal import Goal, one_pose
+from .goal import Goal
 from .kernels.arm.forward import forward_many
 from .kernels.arm.jacobian import jacobian_many
 from .kernels.atlas.near import solve_plain_near
 from .kernels.atlas.one_goal import solve_plain
+from .poses import one_pose
 from .problem import Problem, as_joints
 from .proof.certificate import Certificate, Verdict
 from .robots import BlackBox, as_chain, black_box, read, read_dh
@@ -30,7 +33,7 @@ from .robots.variants import with_limits, with_locked, with_tool
 from .shapes import ManyGoals, Matrix, OneGoal, Pose, Poses, Rows, Unshaped, UnshapedGoal, Vector
 from .solution import Solution, Status, quick_solution
 from .solvers import Atlas, Solver
-from .solvers.atlas.solver import PLAIN, SAMPLES, AtlasIndex, atlas_of
+from .solvers.atlas.index import PLAIN, SAMPLES, AtlasIndex, atlas_of
 from .solvers.base import whole
 from .solvers.black_box.samples import samples_of
 from .solvers.checks import as_solver, warn_if_far

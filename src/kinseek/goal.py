@@ -5,17 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from numbers import Real
-from typing import Any, Literal, Self, TypedDict, Unpack, overload
+from typing import Any, Literal, Self, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidGoal, InvalidProblem
-from .kernels.arm.pose_error import HEAVIEST, LARGEST, LIGHTEST, all_rigid, rigid_each
+from .kernels.arm.pose_error import HEAVIEST, LARGEST, LIGHTEST
 from .kernels.arm.range_error import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS
 from .kernels.arrays import GoalArrays
+from .poses import _at, _rotation_onto, _unit, _x_onto, as_pose, one_pose
 from .ranges import (
     AXES,
     FRAMES,
@@ -29,13 +30,8 @@ from .ranges import (
     read_ranges,
     unit,
 )
-from .shapes import Pose
-from .units import warn_of_angles
 
 Array = NDArray[np.float64]
-
-_REPAIRABLE = 1e-6
-"""A matrix closer than this to a rotation is brought onto one; farther away it is refused."""
 
 
 KINDS = {"pose": 3, "pointing": 1, "position": 0}
@@ -379,246 +375,3 @@ def _rpy(turn: Array) -> tuple[float, float, float]:
     if level < 1e-9:
         return math.atan2(-turn[1, 2], turn[1, 1]), pitch, 0.0
     return math.atan2(turn[2, 1], turn[2, 2]), pitch, math.atan2(turn[1, 0], turn[0, 0])
-
-
-@overload
-def pose(
-    position: Sequence[float],
-    *,
-    quat_wxyz: Sequence[float] | None = None,
-    quat_xyzw: Sequence[float] | None = None,
-    rpy: Sequence[float] | None = None,
-    rotvec: Sequence[float] | None = None,
-    degrees: bool = False,
-) -> Pose: ...
-@overload
-def pose(
-    position: ArrayLike,
-    *,
-    quat_wxyz: ArrayLike | None = None,
-    quat_xyzw: ArrayLike | None = None,
-    rpy: ArrayLike | None = None,
-    rotvec: ArrayLike | None = None,
-    degrees: bool = False,
-) -> Array: ...
-def pose(
-    position: ArrayLike,
-    *,
-    quat_wxyz: ArrayLike | None = None,
-    quat_xyzw: ArrayLike | None = None,
-    rpy: ArrayLike | None = None,
-    rotvec: ArrayLike | None = None,
-    degrees: bool = False,
-) -> Array:
-    """Write a pose down; at most one rotation, none means no turn.
-
-    Args:
-        position: [m], (..., 3).
-        quat_wxyz: Quaternion with its real part first, (..., 4); need not be of unit length.
-        quat_xyzw: Quaternion with its real part last, (..., 4); need not be of unit length.
-        rpy: Roll, pitch, yaw [rad] about the fixed axes x, y, z in this order, as in URDF, (..., 3).
-        rotvec: Rotation vector, axis times angle [rad], (..., 3).
-        degrees: `rpy` and `rotvec` are in degrees.
-
-    Returns:
-        Transform, (..., 4, 4).
-
-    Raises:
-        InvalidGoal: Wrong shapes, NaN or infinity, a zero quaternion, more than one rotation, a quaternion in degrees.
-
-    Warns:
-        UnitWarning: `rpy` or `rotvec` has an angle beyond 2π, and `degrees` is not said.
-    """
-    given = {"quat_wxyz": quat_wxyz, "quat_xyzw": quat_xyzw, "rpy": rpy, "rotvec": rotvec}
-    named = {name: value for name, value in given.items() if value is not None}
-    if len(named) > 1:
-        raise InvalidGoal(f"give one rotation, got {' and '.join(named)}")
-    turn = np.eye(3)
-    for name, value in named.items():
-        if name in ("rpy", "rotvec"):
-            angles = _finite(value, name, 3)
-            if not degrees:
-                lengths = angles if name == "rpy" else np.linalg.norm(angles, axis=-1)
-                warn_of_angles(lengths, name, "say degrees=True", 2)
-            turn = _rotation_matrix(name, np.deg2rad(angles) if degrees else angles)
-        elif degrees:
-            raise InvalidGoal(f"degrees=True is for rpy and rotvec: {name} has no unit")
-        else:
-            turn = _rotation_matrix(name, value)
-    return _at(position, turn)
-
-
-def as_pose(target: Any) -> Array:
-    """Read a pose, or a batch of them, from an array or from an object that carries a 4x4.
-
-    Args:
-        target: (..., 4, 4), lengths in [m]; or an object with ``.homogeneous``, ``.A`` or ``.as_matrix()``;
-            or a list of such objects.
-
-    Returns:
-        (..., 4, 4), every rotation orthonormal to rounding.
-
-    Raises:
-        InvalidGoal: Wrong shape, NaN or infinity, farther than 1e-6 from a rigid transform, or a position farther off
-            than arithmetic bears.
-    """
-    matrix = _matrix_of(target)
-    if matrix.ndim < 2 or matrix.shape[-2:] != (4, 4):
-        raise InvalidGoal(f"a pose must have shape (4, 4) or (..., 4, 4), got {matrix.shape}{_hint(matrix)}")
-    if all_rigid(np.ascontiguousarray(matrix.reshape(-1, 4, 4))):
-        return matrix
-    if not np.isfinite(matrix).all():
-        bad = np.argwhere(~np.isfinite(matrix).all(axis=(-2, -1)))
-        where = f" at index {_index(bad[0])} of the batch ({len(bad)} such poses)" if matrix.ndim > 2 else ""
-        raise InvalidGoal(f"a pose contains NaN or infinity{where}")
-    far = np.abs(matrix[..., :3, 3]).max(axis=-1) > LARGEST
-    if far.any():
-        first = np.argwhere(far)[0]
-        where = f" at index {_index(first)} of the batch" if matrix.ndim > 2 else ""
-        raise InvalidGoal(
-            f"a position must lie within {LARGEST:g} m of the origin along each axis{where}, got "
-            f"{np.abs(matrix[tuple(first)][:3, 3]).max():.6g} m: farther off, rounding of positions comes close to 1e-6 m. "
-            f"Are these other units?"
-        )
-    turn = np.clip(
-        matrix[..., :3, :3], -1e6, 1e6
-    )  # Whatever is larger is no rotation either, and has no square.
-    off = np.abs(np.swapaxes(turn, -1, -2) @ turn - np.eye(3)).max(axis=(-2, -1))
-    row = np.abs(matrix[..., 3, :] - [0, 0, 0, 1]).max(axis=-1)
-    mirrored = np.linalg.det(turn) < 0
-    wrong = (off > _REPAIRABLE) | (row > _REPAIRABLE) | mirrored
-    if wrong.any():
-        first = np.argwhere(wrong)[0]
-        where = f" at index {_index(first)} of the batch" if matrix.ndim > 2 else ""
-        raise InvalidGoal(_why_not_rigid(off[tuple(first)], row[tuple(first)], mirrored[tuple(first)], where))
-    loose = ~rigid_each(np.ascontiguousarray(matrix.reshape(-1, 4, 4))).reshape(matrix.shape[:-2])
-    if loose.any():  # Only these: what else is in a batch changes nothing.
-        left, _, right = np.linalg.svd(turn[loose])
-        matrix[loose, :3, :3] = left @ right
-        matrix[loose, 3, :] = [0, 0, 0, 1]
-    return matrix
-
-
-def one_pose(value: Any, name: str) -> Array:
-    """Read one pose, (4, 4), as `as_pose`; errors begin with its name."""
-    try:
-        matrix = as_pose(value)
-    except InvalidGoal as error:
-        raise InvalidGoal(f"{name}: {error}") from None
-    if matrix.shape != (4, 4):
-        raise InvalidGoal(f"{name} must be one pose, (4, 4), for the whole batch, got {matrix.shape}")
-    return matrix
-
-
-def _matrix_of(target: Any) -> Array:
-    for attribute in ("homogeneous", "A", "as_matrix"):
-        carried = None if isinstance(target, np.ndarray) else getattr(target, attribute, None)
-        if carried is not None:
-            target = carried() if callable(carried) else carried
-            break
-    if isinstance(target, list | tuple) and target and not np.isscalar(target[0]):
-        first = target[0]
-        if any(hasattr(first, name) for name in ("homogeneous", "A", "as_matrix")):
-            target = [_matrix_of(each) for each in target]
-    try:
-        return np.array(target, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidGoal(
-            f"a pose must be a (..., 4, 4) array or an object with .homogeneous, .A or .as_matrix(), "
-            f"got {type(target).__name__}: {error}"
-        ) from error
-
-
-def _hint(matrix: Array) -> str:
-    if matrix.shape[-1:] == (7,) or matrix.shape[-1:] == (6,):
-        return "; write kinseek.pose(position, quat_wxyz=... | quat_xyzw=... | rpy=...): names say the order"
-    if matrix.shape[-2:] == (3, 3):
-        return "; this is a rotation alone, the position is missing"
-    if matrix.shape[-1:] == (3,):
-        return "; for a position alone use Goal.position"
-    return ""
-
-
-def _why_not_rigid(off: float, row: float, mirrored: bool, where: str) -> str:
-    if off > _REPAIRABLE:
-        reason = f"RᵀR differs from the identity by {off:.3g}"
-    elif mirrored:
-        reason = "its determinant is -1, a reflection"
-    else:
-        reason = f"its last row differs from [0, 0, 0, 1] by {row:.3g}"
-    return f"not a rigid transform{where}: {reason} (repaired up to {_REPAIRABLE:g}, refused above)"
-
-
-def _rotation_matrix(name: str, value: ArrayLike) -> Array:
-    from scipy.spatial.transform import Rotation
-
-    numbers = _finite(value, name, 4 if name.startswith("quat") else 3)
-    if name == "rpy":
-        return np.asarray(Rotation.from_euler("xyz", numbers.reshape(-1, 3)).as_matrix()).reshape(
-            *numbers.shape[:-1], 3, 3
-        )
-    if name == "rotvec":
-        return np.asarray(Rotation.from_rotvec(numbers.reshape(-1, 3)).as_matrix()).reshape(
-            *numbers.shape[:-1], 3, 3
-        )
-    length = np.linalg.norm(numbers, axis=-1)
-    if (length < 1e-9).any():
-        raise InvalidGoal(f"{name} has length {length.min():.3g}: a zero quaternion is no rotation")
-    xyzw = numbers if name == "quat_xyzw" else np.roll(numbers, -1, axis=-1)
-    return np.asarray(Rotation.from_quat(xyzw.reshape(-1, 4)).as_matrix()).reshape(*numbers.shape[:-1], 3, 3)
-
-
-def _at(position: ArrayLike, turn: Array) -> Array:
-    point = _finite(position, "position", 3)
-    try:
-        batch = np.broadcast_shapes(point.shape[:-1], turn.shape[:-2])
-    except ValueError as error:
-        raise InvalidGoal(
-            f"position of shape {point.shape} and rotation of batch shape {turn.shape[:-2]} do not broadcast"
-        ) from error
-    result = np.zeros((*batch, 4, 4))
-    result[..., :3, :3] = turn
-    result[..., :3, 3] = point
-    result[..., 3, 3] = 1.0
-    return result
-
-
-def _finite(value: ArrayLike, name: str, size: int) -> Array:
-    try:
-        numbers = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InvalidGoal(f"{name} must be numbers of shape (..., {size}): {error}") from error
-    if numbers.ndim == 0 or numbers.shape[-1] != size:
-        raise InvalidGoal(f"{name} must have shape ({size},) or (..., {size}), got {numbers.shape}")
-    if not np.isfinite(numbers).all():
-        raise InvalidGoal(f"{name} contains NaN or infinity: {numbers}")
-    return numbers
-
-
-def _unit(value: ArrayLike, name: str) -> Array:
-    vector = _finite(value, name, 3)
-    if vector.ndim != 1 or np.linalg.norm(vector) < 1e-9:
-        raise InvalidGoal(f"{name} must be one vector (3,) longer than zero, got {vector}")
-    return np.asarray(vector / np.linalg.norm(vector))
-
-
-def _rotation_onto(start: Array, end: Array) -> Array:
-    """Return a rotation that takes the unit vector `start` onto `end`, (3, 3)."""
-    frames = []
-    for axis in (start, end):
-        other = np.eye(3)[np.argmin(np.abs(axis))]
-        second = np.cross(axis, other)
-        second /= np.linalg.norm(second)
-        frames.append(np.stack([axis, second, np.cross(axis, second)], axis=1))
-    return np.asarray(frames[1] @ frames[0].T)
-
-
-@lru_cache(maxsize=64)
-def _x_onto(axis: tuple[float, ...]) -> Array:
-    turn = _rotation_onto(np.array([1.0, 0.0, 0.0]), np.array(axis))
-    turn.flags.writeable = False
-    return turn
-
-
-def _index(where: NDArray[np.int64]) -> str:
-    return str(int(where[0])) if len(where) == 1 else str(tuple(int(i) for i in where))

@@ -30,7 +30,7 @@ from scipy.spatial.transform import Rotation
 
 import kinseek
 from kinseek import Goal
-from kinseek.branches.find import ORDERS
+from kinseek.branches.order import ORDERS
 from kinseek.errors import InvalidRobot, KinseekError
 from kinseek.ranges import AXES
 from kinseek.robots.chain import Joint, SerialChain, rotation, serial_chain, transform

@@ -14,20 +14,13 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.near import solve_near
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
-from kinseek.solvers.atlas.solver import Atlas, wanted_of
+from kinseek.solvers.atlas.index import wanted_of
+from kinseek.solvers.atlas.solver import Atlas
 from kinseek.solvers.base import timed
 
-from .find import (
-    ORDERS,
-    BranchIndex,
-    Cost,
-    Valid,
-    branches_of,
-    constraint_jacobian,
-    index_of,
-    is_valid,
-    scores,
-)
+from .find import branches_of
+from .index import BranchIndex, constraint_jacobian, index_of
+from .order import ORDERS, Cost, Valid, is_valid, scores
 from .result import Branches, BranchesBatch
 
 _SLIDERS = 3

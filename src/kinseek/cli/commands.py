@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek.arm import load
 from kinseek.errors import InvalidGoal, KinseekError, UnitWarning
-from kinseek.goal import Frame, Goal, GoalOptions, pose
+from kinseek.goal import Frame, Goal, GoalOptions
+from kinseek.poses import pose
 from kinseek.proof.branch_and_bound import prove as prove_goal
 from kinseek.proof.branch_and_bound import refuse_ranges
 from kinseek.proof.certificate import Certificate, Verdict

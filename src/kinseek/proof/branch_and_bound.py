@@ -9,12 +9,7 @@ boxes gone: nothing inside the limits reaches the goal. Best box first, the same
 from __future__ import annotations
 
 import math
-import os
-import sys
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,73 +17,18 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.proof.enclosure import FLOOR, enclose
-from kinseek.kernels.proof.exclusion import COUNT, ENDED, FOUND, FULL, SEEN, STOPPED, STUCK, UPPER, exclude
+from kinseek.kernels.proof.exclusion import ENDED, FOUND
 from kinseek.kernels.proof.gate import least_by_gate
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.solver import Atlas
 
+from .boxes import ENDLESS, Watch, enclosed, excluded
 from .certificate import Certificate, Verdict
-from .reduce import ROUNDING, error_question, question, start_boxes
+from .reduce import ROUNDING, error_question
 
 BUDGET = 2_000_000
 """Boxes, unless told otherwise: some seconds."""
-
-SPREAD, SHRINK = 2.5, 0.5
-"""Boxes that turn the hand by less [rad] are looked at to second order; those that shrink to less of their volume, again."""
-
-
-PIECE = 8192
-"""Boxes that one thread examines at a stretch: some tens of milliseconds."""
-
-HANDS = 16
-"""Parts that the boxes left over are dealt into, each with a thread for a stretch."""
-
-CHUNK = 60_000
-"""A kernel comes back after so many boxes, divided by the square of the joints, to be asked to go on: the longest that an
-interrupt or a deadline waits, some hundredth of a second. What is found does not depend on it."""
-
-ENDLESS = Deadline()
-
-
-class Search(NamedTuple):
-    """How a search went."""
-
-    outcome: int
-    """ENDED: no box left; FOUND: `q` is within the tolerances; STOPPED: by the budget, the time or by rounding."""
-    boxes: int
-    largest: float
-    """Widest box that is left, the half width of its widest variable [rad] or [m]; 0 if none."""
-    q: Array
-    """(n,), the best joint values seen."""
-    lower: float
-    """Lower bound on the weighted error."""
-    upper: float
-    """Weighted error of `q`."""
-    left: Array
-    """Boxes that are left where the budget ended the search, (k, 2 dof), or with their bounds, (k, 2 dof + 1)."""
-    stuck: float
-    """Widest box that is left because it is as small as numbers allow, [rad] or [m]; 0 if none."""
-    floor: float
-    """Lower bound on the weighted error in such boxes; inf if none."""
-
-
-@dataclass
-class Watch:
-    """Says to all threads of a search when to come back."""
-
-    deadline: Deadline = ENDLESS
-    interrupted: bool = False
-    cut: bool = False
-    """Has the deadline ended anything early?"""
-
-    @property
-    def over(self) -> bool:
-        """Ask it before more work is begun, and do none if it says so."""
-        if self.deadline.passed:
-            self.cut = True
-        return self.cut or self.interrupted
 
 
 def prove(
@@ -174,207 +114,6 @@ def most_inside(goal: Goal) -> float:
     axes = goal.paper_columns
     angle = min(goal.orientation_tolerance, math.pi)
     return (position + axes * goal.orientation_weight * 2.0 * math.sin(angle / 2) ** 2) * (1.0 + ROUNDING)
-
-
-def excluded(
-    problem: Problem,
-    budget: int,
-    trust: float = 1.0,
-    threads: int | None = None,
-    watch: Watch | None = None,
-) -> Search:
-    """Look in every box for joint values within both tolerances; see `exclude`.
-
-    What a stretch of boxes leaves over is shared out, a box to a thread, round after round. What becomes of a box depends on
-    nothing but itself, and the results are read in order: so the verdict, the witness and the count are the same for any
-    number of threads.
-    """
-    goal, watch = problem.goal, watch or Watch()
-    form, wanted, roll = question(problem, trust)
-    tuning = np.array([SPREAD, 2, SHRINK, goal.position_tolerance, goal.orientation_tolerance])
-    arrays, chunk = (problem.arrays, goal.arrays), chunk_of(problem)
-
-    def stretch(_: Search | None, boxes: Array, most: int) -> Search:
-        stack, q = roomy(boxes), np.zeros(problem.chain.dof)
-        counts, figures = np.array([len(boxes), 0, 0]), np.array([np.inf, 0.0])
-        outcome = STOPPED
-        while outcome in (STOPPED, FULL) and not (counts[SEEN] and watch.over):
-            until = min(int(counts[SEEN]) + chunk, most)
-            outcome = exclude(form, wanted, roll, *arrays, stack, q, tuning, counts, figures, until)
-            if outcome == FULL:
-                stack = roomy(stack)
-            elif counts[SEEN] >= most:
-                break
-        seen, upper, stuck = int(counts[SEEN]), float(figures[UPPER]), float(figures[STUCK])
-        if outcome == FOUND:
-            return Search(FOUND, seen, 0.0, q, 0.0, upper, stack[:0], stuck, np.inf)
-        left = stack[: counts[COUNT]].copy()
-        largest = left[:, left.shape[1] // 2 :].max(initial=stuck)
-        outcome = STOPPED if len(left) or stuck > 0.0 else ENDED
-        return Search(
-            outcome, seen, float(largest), q, 0.0, upper, left, stuck, 0.0 if stuck > 0.0 else np.inf
-        )
-
-    search = stretch(None, start_boxes(problem.chain, roll.present), min(budget, PIECE))
-    return _shared(search, stretch, budget, sys.maxsize, threads, watch)
-
-
-def chunk_of(problem: Problem) -> int:
-    """Boxes after which a kernel comes back."""
-    return max(CHUNK // len(problem.chain.leader) ** 2, 1)
-
-
-def roomy(boxes: Array) -> Array:
-    """Room for more boxes behind these: that of 64 halvings of every variable, which are enough for all but giants."""
-    more = np.empty((len(boxes) + 32 * boxes.shape[1] + 64, boxes.shape[1]))
-    more[: len(boxes)] = boxes
-    return more
-
-
-def _shared(
-    search: Search,
-    stretch: Callable[[Search, Array, int], Search],
-    budget: int,
-    hands: int,
-    threads: int | None,
-    watch: Watch,
-    settle: Callable[[Search], Search] = lambda search: search,
-) -> Search:
-    """Go on with the boxes left, dealt out to so many `hands`, round after round, until none is left or the budget ends.
-
-    Where the time is up, what has not been examined is left as it is.
-    """
-    if not len(search.left) or search.boxes >= budget or watch.over:
-        return search
-
-    def one(boxes: Array) -> Search:
-        return _untouched(search, boxes) if watch.over else stretch(search, boxes, most)
-
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-        try:
-            while len(search.left) and not watch.over:
-                parts = min(hands, len(search.left))
-                most = min(PIECE, (budget - search.boxes) // parts)
-                if most == 0:
-                    break
-                dealt = [search.left[part::parts] for part in range(parts)]
-                search = settle(_together(search, list(pool.map(one, dealt))))
-        except BaseException:
-            watch.interrupted = True  # Leaving waits for the threads.
-            raise
-    return search
-
-
-def _untouched(search: Search, boxes: Array) -> Search:
-    """What comes of boxes that nobody looks at."""
-    dof = boxes.shape[1] // 2
-    largest = float(boxes[:, dof : 2 * dof].max())
-    return search._replace(outcome=STOPPED, boxes=0, largest=largest, left=boxes, stuck=0.0, floor=np.inf)
-
-
-def _together(before: Search, pieces: Sequence[Search]) -> Search:
-    """What a round of pieces adds to a search."""
-    boxes = before.boxes + sum(piece.boxes for piece in pieces)
-    best = min([before, *pieces], key=lambda piece: piece.upper)
-    for piece in pieces:
-        if piece.outcome == FOUND:
-            return piece._replace(boxes=boxes)
-    left, stuck = (
-        np.concatenate([piece.left for piece in pieces]),
-        max(piece.stuck for piece in [before, *pieces]),
-    )
-    return best._replace(
-        outcome=STOPPED if len(left) or stuck > 0.0 else ENDED,
-        boxes=boxes,
-        largest=max([stuck, *(piece.largest for piece in pieces if len(piece.left))]),
-        left=left,
-        stuck=stuck,
-        floor=min(before.floor, *(piece.floor for piece in pieces)),
-    )
-
-
-def enclosed(
-    problem: Problem,
-    q: Array,
-    gap: float,
-    budget: int,
-    trust: float = 1.0,
-    threads: int | None = None,
-    watch: Watch | None = None,
-) -> Search:
-    """Enclose the least weighted error, starting from joint values q, (n,); see `enclose`.
-
-    What a stretch of boxes leaves over is dealt out to `HANDS` threads or fewer, the same hands for any number of them, so
-    that the bounds, the pose and the count are the same too.
-    """
-    chain, watch = problem.chain, watch or Watch()
-    form, wanted, roll = error_question(problem, q, gap, trust)
-    arrays, tuning = (problem.arrays, problem.goal.arrays), np.array([SPREAD, SHRINK, gap])
-    chunk = chunk_of(problem)
-
-    def stretch(known: Search, boxes: Array, most: int) -> Search:
-        room = len(boxes) + 1024
-        rows, bound, order = (
-            np.empty((room, boxes.shape[1] - 1)),
-            np.zeros(room),
-            np.zeros(room, dtype=np.int64),
-        )
-        rows[: len(boxes)], bound[: len(boxes)], best = boxes[:, :-1], boxes[:, -1], known.q.copy()
-        counts, figures = np.array([len(boxes), 0, 0]), np.array([np.inf, 0.0, np.inf])
-        outcome = STOPPED
-        while outcome in (STOPPED, FULL) and not (counts[SEEN] and watch.over):
-            until = 0 if watch.over else min(int(counts[SEEN]) + chunk, most)
-            outcome = enclose(
-                form, wanted, roll, *arrays, rows, bound, order, best, tuning, counts, figures, until, most
-            )
-            if outcome == FULL:
-                rows, bound, order = (
-                    np.concatenate([each, np.zeros_like(each)]) for each in (rows, bound, order)
-                )
-            elif counts[SEEN] >= until == most or until == 0:
-                break
-        return settle(
-            Search(
-                STOPPED,
-                int(counts[SEEN]),
-                0.0,
-                best,
-                0.0,
-                float(figures[UPPER]),
-                np.c_[rows, bound][order[: counts[COUNT]]],
-                float(figures[STUCK]),
-                float(figures[FLOOR]),
-            )
-        )
-
-    def settle(search: Search) -> Search:
-        """Drop what the best pose known by now rules out."""
-        ceiling = (1.0 - gap) * search.upper
-        left = search.left[search.left[:, -1] < ceiling]
-        return search._replace(
-            outcome=STOPPED if len(left) or search.floor < ceiling else ENDED,
-            left=left,
-            lower=min([ceiling, search.floor, *left[:, -1]]),
-            largest=float(left[:, left.shape[1] // 2 : -1].max(initial=search.stuck)),
-        )
-
-    def sort(search: Search) -> Search:
-        """The boxes with the lowest bounds first."""
-        settled = settle(search)
-        return settled._replace(left=settled.left[np.argsort(settled.left[:, -1], kind="stable")])
-
-    start = Search(STOPPED, 0, 0.0, np.ascontiguousarray(q), 0.0, np.inf, np.empty((0, 0)), 0.0, np.inf)
-    search = stretch(start, np.c_[start_boxes(chain, roll.present), 0.0], min(budget, PIECE))
-    if not len(search.left) or search.boxes >= budget or watch.over:
-        return search
-    off = max(math.pi - (roll.upper - roll.lower) / 2, 0.0)
-    if roll.present and 2.0 * problem.goal.orientation_weight * (1.0 - math.cos(off)) > gap * search.upper:
-        # What the limits of the last joint can cost is more than the gap: from here on it is part of the boxes.
-        form, wanted, roll = error_question(problem, search.q, gap, trust, whole=True)
-        last = [chain.dof - 1, 2 * chain.dof - 2]
-        middle_and_half = start_boxes(chain, False)[0, [chain.dof - 1, 2 * chain.dof - 1]]
-        search = search._replace(left=np.insert(search.left, last, middle_and_half, axis=1))
-    return _shared(sort(search), stretch, budget, HANDS, threads, watch, sort)
 
 
 def _certificate(

@@ -20,7 +20,7 @@ from kinseek.kernels.proof.exclusion import COUNT, ENDED, FULL, SEEN
 from kinseek.kernels.proof.isolation import COUNTS, KNOWN, LEFT, MOST, Places, isolate_boxes
 from kinseek.problem import Problem, as_joints
 
-from .branch_and_bound import ENDLESS, SHRINK, SPREAD, chunk_of, roomy
+from .boxes import ENDLESS, SHRINK, SPREAD, chunk_of, roomy
 from .reduce import question, start_boxes
 
 BUDGET = 200_000

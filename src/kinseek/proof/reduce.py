@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from kinseek.errors import InvalidProblem
+from kinseek.kernels.arm.division import NONE, TURN
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arrays import Array, ChainArrays
-from kinseek.kernels.atlas.samples import NONE, TURN
 from kinseek.kernels.proof.box import (
     ANGLE,
     BACK,
@@ -32,7 +32,7 @@ from kinseek.kernels.proof.gate import CROSSED
 from kinseek.kernels.proof.last_joint import Roll
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
-from kinseek.solvers.atlas.solver import arm_length, divide, inverse
+from kinseek.robots.geometry import arm_length, divide, inverse
 
 ROUNDING = 1e-12
 """Margin, relative to all lengths that are added: a thousand times what rounding takes."""

@@ -10,21 +10,12 @@ from kinseek.kernels.arrays import Array, GoalArrays, Indices
 from kinseek.kernels.jit import hidden, kernel
 from kinseek.kernels.pointers import integer_part
 
+from .descent import FIRST_STEPS, iterate, reset_weights, within
 from .lanes import LANES, Lanes
-from .one_goal import (
-    FIRST,
-    FIRST_STEPS,
-    finish,
-    iterate,
-    load_seed,
-    middle,
-    reset_weights,
-    scan,
-    solve_pose,
-    take_seed,
-    within,
-)
-from .task import Desk, Job, Task, desk_size, make_desk, task_of
+from .memory import Desk, desk_size, make_desk
+from .one_goal import finish, solve_pose
+from .seeds import FIRST, load_seed, middle, scan, take_seed
+from .task import Job, Task, task_of
 
 
 class Queue(NamedTuple):

@@ -6,28 +6,18 @@ import math
 
 import numpy as np
 
+from kinseek.kernels.arm.division import nearest_copy
 from kinseek.kernels.arm.pose_error import LARGEST, is_rigid
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.jit import called, exact, hidden, kernel, view
 from kinseek.kernels.pointers import part1
 
+from .descent import DEEP_STEPS, descend_lanes, goal_of, start
 from .lanes import LANES
-from .one_goal import (
-    DEEP_STEPS,
-    MORE,
-    copy_joints,
-    descend_lanes,
-    fill_from_lookup,
-    finish,
-    goal_of,
-    load_seed,
-    look_up,
-    solve_target,
-    start,
-    turns_fully,
-)
-from .samples import nearest_copy
-from .task import Desk, Job, Task, desk_size, handle_at, lanes_of, make_desk, plain_wanted, task_of
+from .memory import Desk, desk_size, make_desk
+from .one_goal import finish, solve_target
+from .seeds import MORE, copy_joints, fill_from_lookup, load_seed, look_up, turns_fully
+from .task import Job, Task, handle_at, lanes_of, plain_wanted, task_of
 
 FAR = 1e4
 """From this far on [rad] a walk starts from the same angle within the first turn: sines lose digits out there."""

@@ -15,6 +15,7 @@ from kinseek.kernels.arm.range_error import FRAME, HIGH, LOW, SWINGS, beyond, bo
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.jit import hidden, kernel
 
+from .descent import LONGEST
 from .lanes import (
     LANES,
     Lanes,
@@ -25,8 +26,8 @@ from .lanes import (
     lanes_move,
     lanes_solve,
 )
-from .one_goal import LONGEST
-from .task import Desk, Task, make_desk, task_of
+from .memory import Desk, make_desk
+from .task import Task, task_of
 
 ROWS = 18 * LANES
 """Numbers that the rows of all lanes take, and after them the deviation (6,) and room to work (27,)."""

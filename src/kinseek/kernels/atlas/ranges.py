@@ -17,34 +17,37 @@ from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.jit import called, hidden, kernel
 from kinseek.kernels.pointers import part1
 
-from .lanes import LANES
-from .near import keep_closest, load_near
-from .one_goal import (
+from .descent import (
     DAMPING,
     DEEP_STEPS,
-    MARGIN,
-    MORE,
-    MORE_RESTARTS,
     PERSIST_STEPS,
     POLISH_STEPS,
     RESTART_STEPS,
+    keep_seed,
+    lowest,
+    lowest_row,
+)
+from .ending import promise
+from .lanes import LANES
+from .memory import DEEP, Desk, desk_size, make_desk
+from .near import keep_closest, load_near
+from .range_steps import ROWS, iterate_box
+from .samples import complete_seed
+from .seeds import (
+    MARGIN,
+    MORE,
+    MORE_RESTARTS,
     RESTARTS,
     copy_joints,
     into_limits,
-    keep_seed,
     kick,
     load_seed,
     load_seed_row,
     look_up,
-    lowest,
-    lowest_row,
     middle,
-    promise,
     restart,
 )
-from .range_steps import ROWS, iterate_box
-from .samples import complete_seed
-from .task import DEEP, Desk, Job, Task, desk_size, make_desk, task_of
+from .task import Job, Task, task_of
 
 
 @called

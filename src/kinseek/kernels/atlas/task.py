@@ -1,4 +1,4 @@
-"""The task of a call and the memory it works on, as kernels see them: views by address, nothing copied."""
+"""The task of a call as kernels see it: views by address, nothing copied."""
 
 from __future__ import annotations
 
@@ -7,25 +7,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.kernels.arm.division import Division
 from kinseek.kernels.arm.links import links_of
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
 from kinseek.kernels.jit import view
-from kinseek.kernels.layout import DOF, Layout, Rows, floats, whole
+from kinseek.kernels.layout import Rows
 from kinseek.kernels.pointers import ROW, floats1, integer_part, integers, part1
 
-from .lanes import LANES, Lanes
-from .lanes import LAYOUT as LANES_LAYOUT
-from .samples import Atlas, Division
-from .tree import LEAF, Tree
+from .lanes import LANES
+from .samples import Atlas
+from .tree import Tree
 
 OPEN = 1e300
 """Limit of a joint that turns fully; infinite if it is continuous, for then both ways round count."""
 
+
 WANTED = 7
 """Numbers that say what is wanted, see `task_of`."""
-
-DEEP = 160
-"""Samples looked up at most for one goal."""
 
 
 class Task(NamedTuple):
@@ -100,7 +98,10 @@ ROWS = Rows(
 )
 """The rows of a task's handle."""
 
+
 ARRAYS = ROWS.count
+
+
 NUMBERS, ROUTINES, PLAIN = (ROWS.first[name] for name in ("numbers", "routines", "plain"))
 
 
@@ -181,76 +182,9 @@ def task_of(handle: Indices, wanted: Array) -> Task:
     )
 
 
-class Desk(NamedTuple):
-    """Memory of one call."""
-
-    lanes: Lanes
-    seen: Array
-    """The goal as the atlas sees it, (3, 4)."""
-    spare: Array
-    """(3, 4)"""
-    between: Array
-    """(3, 4)"""
-    point: Array
-    """Its coordinates, (9,)."""
-    distance: Array
-    """(DEEP,)"""
-    neighbour: Indices
-    """(DEEP,)"""
-    stack: Indices
-    """(64,)"""
-    bound: Array
-    """(64 + LEAF,)"""
-    seed: Array
-    """(n,)"""
-    found: Array
-    """Where each lane converged, (LANES, n)."""
-    state: Indices
-    """Of each lane: 0 on its way, 1 converged, 2 empty, (LANES,)."""
-    best: Array
-    """The best of every lane so far, (LANES, n)."""
-    best_error: Array
-    """Their weighted errors, (LANES,)."""
-    floor: Array
-    """Least damping of each lane, (LANES,)."""
-    mode: Array
-    """Weights of the columns, and the damping, (4,)."""
-
-
 class Job(NamedTuple):
     """The same by address, for kernels that are called and not inlined."""
 
     handle: Indices
     wanted: Array
     memory: Array
-
-
-LAYOUT = Layout(
-    Desk,
-    lanes=LANES_LAYOUT,
-    seen=floats(3, 4),
-    spare=floats(3, 4),
-    between=floats(3, 4),
-    point=floats(9),
-    distance=floats(DEEP),
-    neighbour=whole(DEEP),
-    stack=whole(64),
-    bound=floats(64 + LEAF),
-    seed=floats(DOF),
-    found=floats(LANES, DOF),
-    state=whole(LANES),
-    best=floats(LANES, DOF),
-    best_error=floats(LANES),
-    floor=floats(LANES),
-    mode=floats(4),
-)
-"""Where the desk of an arm stands in memory."""
-
-desk_size, lay_desk = LAYOUT.size, LAYOUT.make
-
-
-@view
-def make_desk(memory: Array, dof: int, joints: int) -> Desk:
-    """Lay a desk out in a memory of `desk_size` numbers."""
-    desk: Desk = lay_desk(memory.ctypes.data, dof, joints)
-    return desk

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from kinseek.kernels.arm.division import TURN
 from kinseek.kernels.arrays import Array, ChainArrays
-from kinseek.kernels.atlas.samples import TURN
 from kinseek.kernels.jit import hidden, spliced
 
 from .box import LEAST, LENGTH, Desk, Form, Wanted, place, turn_goal

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 
-from kinseek.kernels.atlas.samples import SLIDE, TURN
+from kinseek.kernels.arm.division import SLIDE, TURN
 from kinseek.kernels.jit import hidden
 
 from .box import (

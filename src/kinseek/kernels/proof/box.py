@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from kinseek.kernels.arm.division import SLIDE, TURN
 from kinseek.kernels.arm.forward import advance, identity
 from kinseek.kernels.arrays import Array, Flags, Indices
-from kinseek.kernels.atlas.samples import SLIDE, TURN
 from kinseek.kernels.jit import hidden, view
 
 TINY = 1e-300

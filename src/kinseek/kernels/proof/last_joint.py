@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from kinseek.kernels.arm.division import TURN, nearest_copy
 from kinseek.kernels.arrays import Array, ChainArrays
-from kinseek.kernels.atlas.samples import TURN, nearest_copy
 from kinseek.kernels.jit import hidden
 
 from .bounds import cut_arc

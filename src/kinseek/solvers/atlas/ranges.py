@@ -18,9 +18,12 @@ from kinseek.kernels.atlas.ranges import solve_boxes
 from kinseek.problem import Problem
 from kinseek.ranges import Ranges
 from kinseek.robots.chain import SerialChain
+from kinseek.robots.geometry import arm_length
+from kinseek.robots.sampling import low_discrepancy
 from kinseek.solution import Solution
 
-from .solver import arm_length, atlas_of, batch_solution, low_discrepancy, wanted_of
+from .index import atlas_of, wanted_of
+from .solver import batch_solution
 
 if TYPE_CHECKING:
     from kinseek.solvers.threads import GoOn

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidRobot
 from kinseek.goal import Goal
 from kinseek.robots.blackbox import BlackBox
-from kinseek.solvers.atlas.solver import low_discrepancy
+from kinseek.robots.sampling import low_discrepancy
 
 from .asking import COLUMNS, features
 

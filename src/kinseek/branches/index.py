@@ -1,0 +1,157 @@
+"""What an arm needs once before its branches can be found."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import weakref
+from collections import OrderedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidProblem
+from kinseek.goal import Goal
+from kinseek.kernels.arm.forward import forward_many
+from kinseek.kernels.arm.jacobian import jacobian_many
+from kinseek.kernels.arrays import Array
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.branches.sample import sample_branches
+from kinseek.kernels.branches.search import find_branches
+from kinseek.problem import Problem
+from kinseek.robots.blackbox import BlackBox
+from kinseek.robots.chain import SerialChain
+from kinseek.solvers.atlas.index import KEPT, AtlasIndex, atlas_of, wanted_of
+
+SAMPLES = 1024
+"""Samples of the coarse atlas; see `kernels.branches` for why so few."""
+
+
+_MOST_MIRRORED = 8
+"""Joints up to which mirror images are looked for: there are 2ⁿ patterns of signs."""
+
+
+class BranchIndex:
+    """What an arm needs once, for one kind of goal, before its branches can be found: immutable, shared by threads."""
+
+    def __init__(self, problem: Problem) -> None:
+        """Sort coarse samples, count the freedom that the goal leaves, and look for mirror images."""
+        chain, kind = problem.chain, problem.goal.kind
+        self.freedom = freedom(problem)
+        """Joints that the goal leaves to choose: 0 for isolated answers, 1 for curves, and so on."""
+        self.coarse = AtlasIndex(chain, kind, problem.arrays, SAMPLES)
+        self.fine = atlas_of(chain, problem.goal)
+        middle, half = (chain.lower + chain.upper) / 2, (chain.upper - chain.lower) / 2
+        turning = np.where(chain.periodic, 0.5 / np.pi, 0.0)
+        self.view: Array = np.array([middle, 1 / np.maximum(half, 1e-12), turning])
+        """How `kernels.branches` shall see the answers: from the middle of every range, in halves of it, (3, n)."""
+        self.mirrors: Array = np.zeros((0, 3, chain.dof))
+        """Signs, shifts and whether the joint turns, of every mirror image of the arm, (k, 3, n)."""
+        if not self.freedom and chain.dof <= _MOST_MIRRORED:
+            self.mirrors = self._mirrors(problem)
+
+    def search(self, wanted: Array, target: Array, view: Array, count: int) -> Array:
+        """Rows of answers to one target, (4, 4), as `kernels.branches.find_branches` returns them."""
+        if self.freedom:
+            return sample_branches(self.fine.handle, wanted, target, view, count, LANES)
+        return find_branches(self.coarse.handle, self.fine.handle, wanted, self.mirrors, target, view, LANES)
+
+    def _mirrors(self, problem: Problem) -> Array:
+        """Look for images q → signs · q + shifts that leave every pose as it is.
+
+        Any image takes a configuration to another branch of its own pose. So the branches of one pose tell all the shifts
+        there can be, and a second configuration tells which of them hold.
+        """
+        chain, dof = problem.chain, problem.chain.dof
+        turns = chain.periodic
+        signs = np.array(list(itertools.product((1.0, -1.0), repeat=dof)))
+        wanted, width = wanted_of(Goal.pose(np.eye(4))), chain.upper - chain.lower
+        probe = chain.lower + 0.381966 * width
+        pose = forward_many(problem.arrays, probe[None])[0]
+        found: list[Array] = []
+        for share in (0.45, 0.6, 0.7):  # Where an image of a configuration lies inside the limits differs.
+            q = chain.lower + share * np.linspace(0.9, 1.1, dof) * width
+            target = forward_many(problem.arrays, q[None])[0]
+            rows = self.search(wanted, target, self.view, 0)
+            if not len(rows):
+                continue
+            for other in rows[: int(rows[-1, 0]), :dof]:
+                shifts = other - signs * q
+                whole = np.round(shifts / np.pi) * np.pi
+                shifts = np.where(turns & (np.abs(shifts - whole) < 1e-6), whole, shifts)
+                reached = forward_many(problem.arrays, np.ascontiguousarray(signs * probe + shifts))
+                for k in np.flatnonzero(np.abs(reached - pose).max(axis=(1, 2)) < 1e-9):
+                    image = np.array([signs[k], shifts[k], turns])
+                    turned = np.where(turns, (shifts[k] + np.pi) % (2 * np.pi) - np.pi, shifts[k])
+                    itself = (signs[k] > 0).all() and np.abs(turned).max() < 1e-6
+                    if not itself and not any(_same_image(image, known, turns) for known in found):
+                        found.append(image)
+        return np.array(found).reshape(-1, 3, dof)
+
+
+def _same_image(one: Array, other: Array, turns: NDArray[np.bool_]) -> bool:
+    apart = one[1] - other[1]
+    apart = np.where(turns, (apart + np.pi) % (2 * np.pi) - np.pi, apart)
+    return bool((one[0] == other[0]).all() and np.abs(apart).max() < 1e-6)
+
+
+_Shelf = OrderedDict[tuple[str, bytes | None], BranchIndex]
+
+
+_indices: weakref.WeakKeyDictionary[SerialChain, _Shelf] = weakref.WeakKeyDictionary()
+
+
+_building = threading.Lock()
+
+
+def index_of(problem: Problem) -> BranchIndex:
+    """The index of an arm for a kind of goal: built at the first call, dropped with the arm.
+
+    Those of the last `KEPT` tools and tool axes are kept.
+
+    Raises:
+        InvalidProblem: An arm or a goal whose branches are not known here.
+    """
+    goal = problem.goal
+    if isinstance(problem.chain, BlackBox):
+        raise InvalidProblem(
+            f"{problem.chain.name!r} is a function: branches are looked for along axes, and it has none"
+        )
+    if goal.kind == "box":
+        raise InvalidProblem(
+            "a goal with free axes or ranges has endless answers; ask ik for one, or branches of a pose, a position or a "
+            "direction"
+        )
+    key = (goal.kind, None if goal.tip is None else goal.tip.tobytes())
+    with _building:
+        mine = _indices.setdefault(problem.chain, OrderedDict())
+        if key not in mine:
+            mine[key] = BranchIndex(problem)
+        mine.move_to_end(key)
+        of_tools = [other for other in mine if other[1] is not None]
+        for oldest in of_tools[:-KEPT]:
+            del mine[oldest]
+        return mine[key]
+
+
+def constraint_jacobian(problem: Problem, q: Array) -> Array:
+    """Derivatives of what the goal fixes of the pose, (k, n) -> (k, rows, n); rows are [m] or [rad] a joint unit."""
+    J = jacobian_many(problem.arrays, np.ascontiguousarray(q))
+    if problem.goal.kind == "position":
+        return J[:, :3]
+    if problem.goal.kind == "pointing":
+        tool = forward_many(problem.arrays, np.ascontiguousarray(q))[:, :3, 0]
+        across = J[:, 3:] - tool[:, :, None] * np.einsum("kr,krn->kn", tool, J[:, 3:])[:, None, :]
+        return np.concatenate([J[:, :3], across], axis=1)
+    return J
+
+
+def freedom(problem: Problem) -> int:
+    """Joints less the constraints of a goal, as they are anywhere but at singularities."""
+    chain = problem.chain
+    shares = (0.5 + np.arange(1, 8)[:, None] * np.sqrt([2.0, 3, 5, 7, 11, 13, 17, 19])[None]) % 1.0
+    shares = np.tile(shares, -(-chain.dof // shares.shape[1]))[:, : chain.dof]
+    q = chain.lower + (0.1 + 0.8 * shares) * (chain.upper - chain.lower)
+    values = np.linalg.svd(constraint_jacobian(problem, q), compute_uv=False)
+    rank = int((values > 1e-6 * values.max()).sum(axis=1).max())
+    return chain.dof - rank

@@ -1,0 +1,105 @@
+"""What comes first of several answers: ranges, limits, dexterity, a start, or what the user says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from kinseek.errors import InvalidProblem
+from kinseek.kernels.arrays import Array
+from kinseek.problem import Problem
+
+from .index import constraint_jacobian, index_of
+
+Cost = Callable[[Array], Any]
+"""Joint values, (k, n), to numbers, (k,); the least is best."""
+
+
+Valid = Callable[[Array], Any]
+"""Joint values, (n,), to a bool."""
+
+
+Order = Literal["mid-range", "limits", "dexterity"]
+"""What comes first of several answers; see `Arm.branches`."""
+
+
+ORDERS: tuple[Order, ...] = get_args(Order)
+
+
+def scores(problem: Problem, q: Array, order: str, cost: Cost | None) -> Array:
+    """What each answer costs, (k,); the least is best."""
+    chain = problem.chain
+    if not len(q):
+        return np.zeros(0)
+    if cost is not None:
+        return cost_of(cost, q)
+    if problem.near is not None:
+        gap = q - problem.near
+        turning = np.array(chain.kinds) == "continuous"
+        gap = np.where(turning, (gap + np.pi) % (2 * np.pi) - np.pi, gap)
+        return np.asarray(np.linalg.norm(gap, axis=-1))
+    if order == "dexterity":
+        return -manipulability(problem, q)
+    half = np.maximum((chain.upper - chain.lower) / 2, 1e-12)
+    away = (q - (chain.lower + chain.upper) / 2) / half
+    if order == "limits":
+        limited = np.array(chain.kinds) != "continuous"
+        return np.asarray(np.abs(away[..., limited]).max(axis=-1, initial=0.0))
+    return np.asarray(np.linalg.norm(away, axis=-1))
+
+
+def manipulability(problem: Problem, q: Array) -> Array:
+    """Product of the singular values of what the goal fixes, (k, n) -> (k,) (Yoshikawa 1985, eq. 4).
+
+    Only as many of them as the arm can have anywhere: a planar arm moves in three directions of six.
+    """
+    values = np.linalg.svd(constraint_jacobian(problem, q), compute_uv=False)
+    return np.asarray(values[:, : problem.chain.dof - index_of(problem).freedom].prod(axis=1))
+
+
+def cost_of(cost: Cost, q: Array) -> Array:
+    """Ask the user's cost.
+
+    Raises:
+        InvalidProblem: It raised, or what it returned is not one number for each answer.
+    """
+    try:
+        raw = cost(q.copy())
+        values = np.asarray(raw, dtype=np.float64)
+    except Exception as error:
+        raise InvalidProblem(
+            f"cost raised {type(error).__name__}: {error}, for {len(q)} answers, the first q = {_written(q[0])}"
+        ) from error
+    if values.shape != (len(q),):
+        raise InvalidProblem(
+            f"cost must take (k, n) and return (k,): for {q.shape} it returned {values.shape}, "
+            f"the first q = {_written(q[0])}"
+        )
+    if np.isnan(values).any():
+        raise InvalidProblem(f"cost returned NaN for q = {_written(q[np.isnan(values)][0])}")
+    return values
+
+
+def is_valid(valid: Valid, q: Array) -> bool:
+    """Ask the user's predicate about one answer, (n,).
+
+    Raises:
+        InvalidProblem: It raised, or returned no bool.
+    """
+    try:
+        answer = valid(q.copy())
+    except Exception as error:
+        raise InvalidProblem(
+            f"valid raised {type(error).__name__}: {error}, for q = {_written(q)}"
+        ) from error
+    if isinstance(answer, bool | np.bool_) or (
+        isinstance(answer, np.ndarray) and answer.shape == () and answer.dtype == bool
+    ):
+        return bool(answer)
+    raise InvalidProblem(f"valid must return a bool, got {answer!r} for q = {_written(q)}")
+
+
+def _written(q: Array) -> str:
+    return np.array2string(q, precision=6, separator=", ", max_line_width=1000)

@@ -1,0 +1,49 @@
+"""What of an arm can be divided out of a search: its first joint and its last; and whole turns of a joint."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from kinseek.kernels.arrays import Array
+from kinseek.kernels.jit import hidden
+
+NONE, TURN, SLIDE = 0, 1, 2
+
+
+class Division(NamedTuple):
+    """What of the arm is divided out of the atlas, and what of the pose is kept."""
+
+    head: int
+    """The first joint: NONE, TURN or SLIDE."""
+    tail: int
+    """The last joint: NONE or TURN."""
+    columns: int
+    """Directions kept: 2 the whole orientation, 1 an axis, 0 none."""
+    length: float
+    """Length that a direction counts as, [m]."""
+
+
+@hidden
+def product(A: Array, B: Array, C: Array) -> None:
+    """Write the product of two transforms, (3, 4), into C."""
+    for r in range(3):
+        for c in range(4):
+            C[r, c] = A[r, 0] * B[0, c] + A[r, 1] * B[1, c] + A[r, 2] * B[2, c]
+        C[r, 3] += A[r, 3]
+
+
+@hidden
+def nearest_copy(value: float, low: float, high: float, to: float) -> float:
+    """Add full turns to bring an angle into [low, high], near `to`; where none fits, as near to the range as it gets."""
+    turn = 2.0 * math.pi
+    value += turn * np.rint((to - value) / turn)
+    if value > high:
+        down = value - turn * np.ceil((value - high) / turn)
+        return down if down >= low or low - down < value - high else value
+    if value < low:
+        up = value + turn * np.ceil((low - value) / turn)
+        return up if up <= high or up - high < low - value else value
+    return value

@@ -1,0 +1,235 @@
+"""Eight configurations on their way downhill, and the best of those that did not arrive."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kinseek.kernels.arm.forward import forward
+from kinseek.kernels.arm.pose_error import weighted_error
+from kinseek.kernels.arrays import Array, GoalArrays, Indices
+from kinseek.kernels.jit import hidden, routine, view
+from kinseek.kernels.pointers import call, part1
+
+from .lanes import (
+    LANES,
+    Lanes,
+    lanes_forward,
+    lanes_gram,
+    lanes_hold,
+    lanes_jacobian,
+    lanes_move,
+    lanes_residual,
+    lanes_solve,
+)
+from .memory import Desk, desk_size, make_desk
+from .seeds import load_target
+from .task import WANTED, Job, Task, handle_at, routine_at, task_of
+
+FIRST_STEPS, DEEP_STEPS, RESTART_STEPS, POLISH_STEPS = 10, 20, 30, 20
+
+
+STALL, NEARLY = 6, 0.03
+"""A descent is given up when no lane has halved its squared error in so many steps, unless one is as near as that."""
+
+
+PERSIST_STEPS = 100
+"""At a singular answer every step only halves the joint error, and a joint at its limit slows it down further."""
+
+
+ALIKE = 0.3
+"""Two configurations closer than this in every joint [rad or m] lead to the same end."""
+
+
+DAMPING = 0.1
+
+
+LONGEST = 0.8
+
+
+@hidden
+def make_stubborn(lanes: Lanes, stubborn: float) -> None:
+    """Make every other lane stubborn, or none, see `lanes_hold`; nothing is known of a last step."""
+    for l in range(LANES):
+        lanes.work[3 * LANES + l] = stubborn * (l % 2)
+        for i in range(lanes.step.shape[0]):
+            lanes.step[i, l] = 0.0
+
+
+@hidden
+def lowest(values: Array) -> float:
+    """The least of some values."""
+    least: float = values[0]
+    for i in range(1, len(values)):
+        least = min(least, values[i])
+    return least
+
+
+@hidden
+def lowest_row(values: Array) -> int:
+    """The first row that holds the least value."""
+    row = 0
+    for i in range(1, len(values)):
+        if values[i] < values[row]:
+            row = i
+    return row
+
+
+@hidden
+def reset_weights(task: Task, desk: Desk) -> None:
+    """Scale residuals so that metres and radians compare."""
+    lanes = desk.lanes
+    for c in range(3):
+        desk.mode[c] = task.columns[c]
+    desk.mode[3] = DAMPING
+    for l in range(LANES):
+        desk.floor[l] = 1e-11
+        lanes.weight[l] = 1.0 / task.length
+        lanes.weight[LANES + l] = 1.0 if task.columns[0] > 0.0 else 0.0
+
+
+@view
+def goal_of(task: Task, target: Array) -> GoalArrays:
+    """A target, (3, 4), with the weights of the task."""
+    return GoalArrays(target, task.wanted[2], task.axis_weights)
+
+
+@hidden
+def free_turn(task: Task) -> float:
+    """Return 1 if a turn about the tool's x axis does not count, else 0."""
+    return 1.0 if task.columns[0] > 0.0 and task.columns[1] == 0.0 else 0.0
+
+
+@view
+def iterate(handle: Indices, wanted: Array, memory: Array, move: bool, w: int) -> int:
+    """One damped step of every lane, if `move`, and the poses, residuals and errors where it ends."""
+    at = (handle.ctypes.data, wanted.ctypes.data, memory.ctypes.data)
+    done: int = call(routine_at(handle, ITERATE), (*at, int(move), w))
+    return done
+
+
+@routine("int64(int64, int64, int64, int64, int64)")
+def iterate_routine(handle_address: int, wanted_address: int, memory_address: int, move: int, w: int) -> int:
+    """See `iterate`."""
+    handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
+    task = task_of(handle, wanted)
+    memory = part1(memory_address, 0, desk_size(len(task.lower), len(task.chain.leader)))
+    desk = make_desk(memory, len(task.lower), len(task.chain.leader))
+    lanes, mode = desk.lanes, desk.mode  # The columns' weights and the damping.
+    if move:
+        lanes_jacobian(task.chain.leader, task.links, lanes, free_turn(task), w)
+        lanes_hold(task.lower, task.upper, lanes, w)
+        lanes_gram(mode[3], desk.floor, lanes, w)
+        lanes_solve(lanes, w)
+        lanes_move(task.lower, task.upper, LONGEST, lanes, w)
+    lanes_forward(task.chain.leader, task.links, lanes, w)
+    lanes_residual(lanes, mode, w)
+    return 0
+
+
+@hidden
+def within(task: Task, lanes: Lanes, l: int) -> bool:
+    """Is lane l inside both tolerances?"""
+    position, orientation = task.wanted[0], task.wanted[1]
+    if lanes.error[l] > position * position:
+        return False
+    if task.columns[0] == 0.0:
+        return True
+    # The weighted cosine of a pose is (1 + 2 cos φ)/2, of a direction cos φ.
+    cosine = lanes.error[2 * LANES + l]
+    ahead = cosine > 0.5 if task.columns[1] > 0.0 else cosine > 0.0
+    # sin φ ≤ sin t where φ < t < π/2; for small t the sine is t less t³/6, on the safe side.
+    bound = min(orientation, 1.5)
+    bound -= bound * bound * bound / 6.0
+    small: bool = lanes.error[LANES + l] <= bound * bound
+    return ahead and small
+
+
+@hidden
+def descend_lanes(job: Job, task: Task, desk: Desk, steps: int, everyone: bool, w: int) -> tuple[int, int]:
+    """Refine the eight lanes; return the first lane that converged, or -1, and the steps made.
+
+    The nearest seed has the first say: a later lane's answer counts only once all before it have had their steps. With
+    `everyone`, every lane gets its steps. All stop where none has come much nearer for a while: such a goal is out of reach,
+    or another seed is needed.
+    """
+    lanes, dof = desk.lanes, len(task.lower)
+    for made in range(steps + 1):
+        iterate(job.handle, job.wanted, job.memory, made > 0, w)
+        waiting, first = 0, -1
+        for l in range(LANES):
+            if desk.state[l] == 0 and within(task, lanes, l):
+                desk.state[l] = 1
+                for i in range(dof):
+                    desk.found[l, i] = lanes.q[i, l]
+            if desk.state[l] == 0:
+                waiting += 1
+            elif desk.state[l] == 1 and first < 0:
+                first = l
+                if waiting == 0 and not everyone:
+                    return first, made
+        if waiting == 0 or made == steps:
+            return first, made
+        if made % STALL == 0 and steps > FIRST_STEPS:
+            moving = made == 0
+            for l in range(LANES):
+                error = lanes.error[3 * LANES + l]
+                hopeful = error < 0.5 * lanes.work[LANES + l] or error < NEARLY * NEARLY
+                moving = moving or (desk.state[l] == 0 and hopeful)
+                lanes.work[LANES + l] = error
+            if not moving:
+                return first, made
+    return -1, steps  # Never: the last step returns.
+
+
+@hidden
+def farthest_joint(rows: Array, row: int, q: Array) -> float:
+    """The largest difference of a joint between a row and q, (n,), [rad or m]."""
+    far = 0.0
+    for i in range(len(q)):
+        far = max(far, abs(rows[row, i] - q[i]))
+    return far
+
+
+@hidden
+def keep_seed(desk: Desk, error: float) -> None:
+    """Put the desk's seed among the eight best if its weighted error is less than the worst's, or its twin's.
+
+    No two of the eight are alike: eight copies of one configuration would all be polished to the same end.
+    """
+    worst, twin = 0, -1
+    for k in range(LANES):
+        if desk.best_error[k] > desk.best_error[worst]:
+            worst = k
+        if desk.best_error[k] < np.inf and farthest_joint(desk.best, k, desk.seed) < ALIKE:
+            twin = k
+    worst = twin if twin >= 0 else worst
+    if error < desk.best_error[worst]:
+        desk.best_error[worst] = error
+        for i in range(len(desk.seed)):
+            desk.best[worst, i] = desk.seed[i]
+
+
+@hidden
+def keep_best(task: Task, desk: Desk, target: Array) -> None:
+    """Remember the eight best configurations seen, no two alike, for a goal that may be out of reach."""
+    dof, goal = len(task.lower), goal_of(task, target)
+    for l in range(LANES):
+        if desk.state[l] == 2:
+            continue
+        for i in range(dof):
+            desk.seed[i] = desk.lanes.q[i, l]
+        forward(task.chain, desk.seed, desk.spare)
+        keep_seed(desk, weighted_error(desk.spare, goal))
+
+
+@hidden
+def start(task: Task, desk: Desk, target: Array) -> None:
+    """Clear the desk for a target, (3, 4)."""
+    for l in range(LANES):
+        load_target(desk.lanes, l, target)
+        desk.best_error[l] = np.inf
+    reset_weights(task, desk)
+
+
+ITERATE, SEARCH, ENDING = range(3)
+"""Places of the routines among those of a task, see `desk.task_arrays`."""

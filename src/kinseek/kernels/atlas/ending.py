@@ -1,0 +1,191 @@
+"""What is done for a goal that seems out of reach: the nearest pose, looked for from the best that were seen."""
+
+from __future__ import annotations
+
+import math
+
+from kinseek.kernels.arm.division import nearest_copy
+from kinseek.kernels.arm.forward import forward
+from kinseek.kernels.arm.pose_error import weighted_error
+from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.jit import hidden, routine, spliced, view
+from kinseek.kernels.pointers import call, part1, part2
+
+from .descent import (
+    DEEP_STEPS,
+    ENDING,
+    FIRST_STEPS,
+    POLISH_STEPS,
+    descend_lanes,
+    goal_of,
+    iterate,
+    keep_best,
+    lowest,
+    lowest_row,
+    reset_weights,
+)
+from .lanes import LANES
+from .memory import DEEP, Desk, desk_size, make_desk
+from .newton import STEPS as NEWTON_STEPS
+from .newton import settle
+from .seeds import MORE, copy_joints, fill_from_lookup, load_seed, load_seed_row, load_target, look_up
+from .task import WANTED, Job, Task, handle_at, routine_at, task_of
+
+ENDGAME = 2 * (POLISH_STEPS + NEWTON_STEPS + 1) + (DEEP // LANES + 1) * (DEEP_STEPS + 1)
+"""FK evaluations that the search for the nearest pose takes at most, a lane."""
+
+
+PROMISING = 0.02
+"""Goals with a smaller error left, relative to the arm, are worth that many steps, and `MORE_RESTARTS`."""
+
+
+HOPELESS = 1.1
+"""A configuration whose error, nearly at its minimum, is so many times the best is not walked to the end."""
+
+
+@hidden
+def fill_from_flips(task: Task, desk: Desk) -> int:
+    """Put flips of the best into the lanes, ``(q_i + π, -q_{i+1}, q_{i+2} + π)``; return the lanes filled.
+
+    Where three axes meet, a shoulder or a wrist, that is another way to hold the hand just so; elsewhere it is a start.
+    """
+    chain, best, filled = task.chain, lowest_row(desk.best_error), 0
+    for i in range(1, len(task.lower) - 1):
+        if filled == LANES:
+            break
+        copy_joints(desk.best, best, desk.seed)
+        desk.seed[i - 1] += math.pi
+        desk.seed[i] *= -1.0
+        desk.seed[i + 1] += math.pi
+        for j in range(i - 1, i + 2):
+            low, high = chain.lower[j], chain.upper[j]
+            value = nearest_copy(desk.seed[j], low, high, 0.5 * (low + high))
+            desk.seed[j] = min(max(value, low), high)
+        load_seed(desk.lanes, filled, desk.seed)
+        desk.state[filled] = 0
+        filled += 1
+    for l in range(filled, LANES):
+        desk.state[l] = 2
+    return filled
+
+
+@view
+def find_nearest_pose(handle: Indices, wanted: Array, memory: Array, target: Array, w: int) -> int:
+    """Lead the eight best to the nearest pose to a target, (3, 4), that is out of reach; return FK evaluations."""
+    at = (handle.ctypes.data, wanted.ctypes.data, memory.ctypes.data, target.ctypes.data)
+    spent: int = call(routine_at(handle, ENDING), (*at, w))
+    return spent
+
+
+@routine("int64(int64, int64, int64, int64, int64)")
+def ending_routine(
+    handle_address: int, wanted_address: int, memory_address: int, target_address: int, w: int
+) -> int:
+    """See `find_nearest_pose`."""
+    handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
+    task = task_of(handle, wanted)
+    dof, joints = len(task.lower), len(task.chain.leader)
+    memory, target = part1(memory_address, 0, desk_size(dof, joints)), part2(target_address, 0, 3, 4)
+    desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
+    spent = 0
+    for turn in range(2):
+        if turn > 0:
+            spent += look_around(job, task, desk, target, w)
+        spent += polish(job, task, desk, target, w)
+    return spent
+
+
+@spliced
+def polish(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
+    """Minimise the weighted error itself from the eight best, by reweighted steps; return FK evaluations.
+
+    ``K_P |Δp| + ½ Σ K_c |c - c_g|²`` has in |Δp| a kink that least squares lacks: the squared distance is weighted by
+    K_P/|Δp|, anew in every step (Weiszfeld 1937). A lane whose step does not help goes back and damps more. Newton's
+    method, lane by lane, does the rest.
+    """
+    goal, lanes, dof, floor = goal_of(task, target), desk.lanes, len(task.lower), desk.floor
+    largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
+    for l in range(LANES):
+        floor[l] = 0.1 * (goal.position_weight * task.length + largest)
+        desk.state[l] = 0
+        load_seed_row(lanes, l, desk.best)
+        lanes.weight[LANES + l] = math.sqrt(largest)
+    for c in range(3):
+        desk.mode[c] = goal.axis_weights[c]
+    desk.mode[3] = 0.0
+    for step in range(POLISH_STEPS):
+        iterate(job.handle, job.wanted, job.memory, step > 0, w)
+        for l in range(LANES):
+            for r in range(3):
+                for c in range(4):
+                    desk.spare[r, c] = lanes.pose[(4 * r + c) * LANES + l]
+            error = weighted_error(desk.spare, goal)
+            far = math.sqrt(goal.position_weight / max(math.sqrt(lanes.error[l]), 1e-9))
+            # Rows are scaled by the roots of the weights. The orientation rows hold K_A times √K_A by now.
+            scale_p, scale_o = far / lanes.weight[l], 1.0 / largest if largest > 0.0 else 0.0
+            lanes.weight[l] = far
+            if error <= desk.best_error[l]:
+                if desk.state[l] == 0:
+                    floor[l] = max(0.3 * floor[l], 1e-9)
+                desk.state[l] = 0
+                desk.best_error[l] = error
+                for i in range(dof):
+                    desk.best[l, i] = lanes.q[i, l]
+            else:
+                floor[l] *= 4.0
+                desk.state[l] = 1
+                load_seed_row(lanes, l, desk.best)
+                scale_p, scale_o = 0.0, 0.0  # This lane stands still once, and steps anew from its best.
+            for r in range(3):
+                lanes.residual[r * LANES + l] *= scale_p
+                lanes.residual[(3 + r) * LANES + l] *= scale_o
+    spent, worth = POLISH_STEPS * LANES, HOPELESS * lowest(desk.best_error)
+    for l in range(LANES):
+        if desk.best_error[l] > worth:
+            continue
+        copy_joints(desk.best, l, desk.seed)
+        spent += settle(task.chain, goal, task.lower, task.upper, desk.seed)
+        forward(task.chain, desk.seed, desk.spare)
+        error = weighted_error(desk.spare, goal)
+        if error < desk.best_error[l]:
+            desk.best_error[l] = error
+            for i in range(dof):
+                desk.best[l, i] = desk.seed[i]
+    return spent
+
+
+@hidden
+def promise(task: Task) -> float:
+    """A goal with a smaller weighted error left is worth more work."""
+    limit: float = PROMISING * (task.wanted[2] * task.length + 1.0)
+    return limit
+
+
+@spliced
+def look_around(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
+    """Reach the best pose found by other ways, for one of them may lead on to a better; return FK evaluations.
+
+    The nearest poses to a goal out of reach often come in mirror images, as near as each other but for the limits.
+    """
+    pose, spent, begin = desk.spare, 0, -1
+    copy_joints(desk.best, lowest_row(desk.best_error), desk.seed)
+    forward(task.chain, desk.seed, pose)
+    reset_weights(task, desk)
+    for l in range(LANES):
+        load_target(desk.lanes, l, pose)
+    promising = lowest(desk.best_error) <= promise(task)
+    found = look_up(task, desk, pose, DEEP if promising else MORE)
+    for _ in range(DEEP + 1):  # The flips, then passes that each take at least one of the samples.
+        if begin == found:
+            break
+        if begin < 0:
+            begin, filled = 0, fill_from_flips(task, desk)
+        else:
+            begin, filled = fill_from_lookup(task, desk, begin, found)
+        if filled > 0:
+            _, made = descend_lanes(job, task, desk, DEEP_STEPS if promising else FIRST_STEPS, True, w)
+            spent += (made + 1) * LANES
+            keep_best(task, desk, target)
+    for l in range(LANES):
+        load_target(desk.lanes, l, target)
+    return spent

@@ -1,0 +1,84 @@
+"""The memory that a call works on, laid out in one piece."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.jit import view
+from kinseek.kernels.layout import DOF, Layout, floats, whole
+
+from .lanes import LANES, Lanes
+from .lanes import LAYOUT as LANES_LAYOUT
+from .tree import LEAF
+
+DEEP = 160
+"""Samples looked up at most for one goal."""
+
+
+class Desk(NamedTuple):
+    """Memory of one call."""
+
+    lanes: Lanes
+    seen: Array
+    """The goal as the atlas sees it, (3, 4)."""
+    spare: Array
+    """(3, 4)"""
+    between: Array
+    """(3, 4)"""
+    point: Array
+    """Its coordinates, (9,)."""
+    distance: Array
+    """(DEEP,)"""
+    neighbour: Indices
+    """(DEEP,)"""
+    stack: Indices
+    """(64,)"""
+    bound: Array
+    """(64 + LEAF,)"""
+    seed: Array
+    """(n,)"""
+    found: Array
+    """Where each lane converged, (LANES, n)."""
+    state: Indices
+    """Of each lane: 0 on its way, 1 converged, 2 empty, (LANES,)."""
+    best: Array
+    """The best of every lane so far, (LANES, n)."""
+    best_error: Array
+    """Their weighted errors, (LANES,)."""
+    floor: Array
+    """Least damping of each lane, (LANES,)."""
+    mode: Array
+    """Weights of the columns, and the damping, (4,)."""
+
+
+LAYOUT = Layout(
+    Desk,
+    lanes=LANES_LAYOUT,
+    seen=floats(3, 4),
+    spare=floats(3, 4),
+    between=floats(3, 4),
+    point=floats(9),
+    distance=floats(DEEP),
+    neighbour=whole(DEEP),
+    stack=whole(64),
+    bound=floats(64 + LEAF),
+    seed=floats(DOF),
+    found=floats(LANES, DOF),
+    state=whole(LANES),
+    best=floats(LANES, DOF),
+    best_error=floats(LANES),
+    floor=floats(LANES),
+    mode=floats(4),
+)
+"""Where the desk of an arm stands in memory."""
+
+
+desk_size, lay_desk = LAYOUT.size, LAYOUT.make
+
+
+@view
+def make_desk(memory: Array, dof: int, joints: int) -> Desk:
+    """Lay a desk out in a memory of `desk_size` numbers."""
+    desk: Desk = lay_desk(memory.ctypes.data, dof, joints)
+    return desk

@@ -1,0 +1,177 @@
+"""Where a descent starts: samples beside the goal, and starts that owe nothing to it."""
+
+from __future__ import annotations
+
+import math
+
+from kinseek.kernels.arm.division import nearest_copy, product
+from kinseek.kernels.arrays import Array
+from kinseek.kernels.jit import hidden
+
+from .lanes import LANES, Lanes
+from .memory import Desk
+from .samples import complete_seed, coordinates
+from .task import OPEN, Task
+from .tree import nearest, scan_beside, take_nearest
+
+FIRST, MORE, RESTARTS, MORE_RESTARTS = 8, 40, 64, 256
+
+
+AT_ONCE = 4
+"""Of the first samples, so many are refined side by side: the first nearly always leads to an answer."""
+
+
+MARGIN = 0.5
+
+
+@hidden
+def copy_joints(rows: Array, row: int, q: Array) -> None:
+    """Copy one row of joint values."""
+    for i in range(len(q)):
+        q[i] = rows[row, i]
+
+
+@hidden
+def load_target(lanes: Lanes, lane: int, target: Array) -> None:
+    """Give one lane its target, (3, 4)."""
+    for r in range(3):
+        for c in range(4):
+            lanes.target[(4 * r + c) * LANES + lane] = target[r, c]
+
+
+@hidden
+def load_seed(lanes: Lanes, lane: int, seed: Array) -> None:
+    """Put one lane at a start, (n,)."""
+    for i in range(len(seed)):
+        lanes.q[i, lane] = seed[i]
+
+
+@hidden
+def load_seed_row(lanes: Lanes, lane: int, rows: Array) -> None:
+    """Put one lane at the start in its row, (LANES, n)."""
+    for i in range(rows.shape[1]):
+        lanes.q[i, lane] = rows[lane, i]
+
+
+@hidden
+def see(task: Task, desk: Desk, target: Array) -> None:
+    """Write a target, (3, 4), as the atlas sees it into the desk."""
+    product(task.atlas.inverse_head, target, desk.between)
+    product(desk.between, task.atlas.inverse_tip, desk.seen)
+
+
+@hidden
+def look_up(task: Task, desk: Desk, target: Array, wanted: int) -> int:
+    """Find the samples nearest to a target, (3, 4); return how many."""
+    see(task, desk, target)
+    coordinates(desk.seen, task.division, desk.point)
+    return nearest(task.atlas.tree, desk.point, wanted, desk.distance, desk.neighbour, desk.stack, desk.bound)
+
+
+@hidden
+def fill_from_lookup(task: Task, desk: Desk, begin: int, found: int) -> tuple[int, int]:
+    """Put neighbours into the lanes from number `begin` on; return the next number and the lanes filled."""
+    filled = 0
+    while begin < found and filled < LANES:
+        i = desk.neighbour[begin]
+        begin += 1
+        if complete_seed(
+            task.atlas, task.division, desk.seen, i, task.chain.lower, task.chain.upper, MARGIN, desk.seed
+        ):
+            load_seed(desk.lanes, filled, desk.seed)
+            desk.state[filled] = 0
+            filled += 1
+    for l in range(filled, LANES):
+        desk.state[l] = 2
+    return begin, filled
+
+
+@hidden
+def scan(task: Task, desk: Desk, target: Array) -> int:
+    """Measure the samples beside a target, (3, 4), for `fill_from_scan`; return the leaf it lies in."""
+    see(task, desk, target)
+    coordinates(desk.seen, task.division, desk.point)
+    return scan_beside(task.atlas.tree, desk.point, desk.distance, desk.bound)
+
+
+@hidden
+def take_seed(task: Task, desk: Desk, leaf: int) -> tuple[bool, bool]:
+    """Put the next sample of a scan into the desk's seed; say whether there was one, and whether it is worth a try."""
+    i = take_nearest(task.atlas.tree, leaf, desk.distance, desk.bound)
+    if i < 0:
+        return False, False
+    chain = task.chain
+    return True, complete_seed(
+        task.atlas, task.division, desk.seen, i, chain.lower, chain.upper, MARGIN, desk.seed
+    )
+
+
+@hidden
+def fill_from_scan(task: Task, desk: Desk, leaf: int, taken: int) -> tuple[int, int]:
+    """Put the next samples of a scan into lanes; return how many are taken by now and the lanes filled."""
+    filled, more = 0, True
+    while more and taken < FIRST and filled < AT_ONCE:
+        more, worth = take_seed(task, desk, leaf)
+        taken = taken + 1 if more else FIRST
+        if worth:
+            load_seed(desk.lanes, filled, desk.seed)
+            desk.state[filled] = 0
+            filled += 1
+    for l in range(filled, LANES):
+        desk.state[l] = 2
+    return taken, filled
+
+
+@hidden
+def turns_fully(task: Task, i: int) -> bool:
+    """Does the range of joint i hold a full turn? Then its limits are open, infinitely so where it never ends."""
+    full: bool = task.lower[i] <= -OPEN
+    return full
+
+
+@hidden
+def into_limits(task: Task, q: Array, near: Array) -> None:
+    """Bring every joint that turns fully inside its limits by whole turns, near `near`, (n,).
+
+    A continuous joint has no limits: it comes within π of `near`, whose middle of the range, 0, makes that [-π, π].
+    """
+    for i in range(len(q)):
+        low, high = task.chain.lower[i], task.chain.upper[i]
+        if turns_fully(task, i):
+            if math.isinf(task.lower[i]):
+                low, high = near[i] - math.pi, near[i] + math.pi
+            q[i] = nearest_copy(q[i], low, high, near[i])
+        q[i] = min(max(q[i], low), high)
+
+
+@hidden
+def middle(task: Task, q: Array) -> None:
+    """Write the middle of every range into q, (n,)."""
+    for i in range(len(q)):
+        q[i] = 0.5 * (task.chain.lower[i] + task.chain.upper[i])
+
+
+@hidden
+def restart(task: Task, number: int, q: Array) -> None:
+    """Write start `number` of a low-discrepancy sequence over the limits (Roberts 2018, R_d)."""
+    dof = len(q)
+    g = 2.0
+    for _ in range(30):
+        g = (1.0 + g) ** (1.0 / (dof + 1))
+    step = 1.0
+    for i in range(dof):
+        step /= g
+        low, high = task.chain.lower[i], task.chain.upper[i]
+        q[i] = low + ((0.5 + (number + 1) * step) % 1.0) * (high - low)
+
+
+@hidden
+def kick(task: Task, rows: Array, row: int, size: float, q: Array) -> None:
+    """Turn a start that is spread over the limits, (n,), into one around a row, brought back to the limits.
+
+    Answers hide in the corners of the limits, where a start inside leads past them; here many starts lie in one.
+    """
+    for i in range(len(q)):
+        low, high = task.chain.lower[i], task.chain.upper[i]
+        share = (q[i] - low) / max(high - low, 1e-12) - 0.5
+        q[i] = min(max(rows[row, i] + size * share * min(high - low, 1.0), low), high)

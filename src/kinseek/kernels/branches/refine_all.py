@@ -1,0 +1,268 @@
+"""Many starts to answers, eight at a time, each answer once."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from kinseek.kernels.arm.forward import forward
+from kinseek.kernels.arm.pose_error import errors
+from kinseek.kernels.arrays import Array, GoalArrays, Indices
+from kinseek.kernels.atlas.batch import stand_still
+from kinseek.kernels.atlas.descent import iterate, within
+from kinseek.kernels.atlas.lanes import LANES, Lanes
+from kinseek.kernels.atlas.memory import Desk, make_desk
+from kinseek.kernels.atlas.samples import complete_seed
+from kinseek.kernels.atlas.seeds import MARGIN, into_limits
+from kinseek.kernels.atlas.task import Task, task_of
+from kinseek.kernels.atlas.tree import nearest
+from kinseek.kernels.jit import hidden, kernel
+
+SEEDED, SIBLING, SAMPLED = 0, 1, 2
+"""How `refine_all` treats its starts: give up those that lead to what is known; never that; take what is good enough."""
+
+
+STEPS, SIBLING_STEPS, MORE_STEPS = 12, 20, 20
+"""Steps of a start, of a sibling, and more for one that is within the tolerances and not exact yet."""
+
+
+EXACT = 1e-22
+"""Squared scaled error to converge to, so that answers near a singularity can be told apart."""
+
+
+EQUAL, ALIKE = 1e-4, 0.1
+"""Answers this close [rad or m] are one. At a singularity, where a start may get no closer than the tolerances, so are
+those alike that meet them half-way as well."""
+
+
+PATIENCE, STRIKES, WORTH = 4, 3, 0.7
+"""From this step on, that many steps which leave more than this share of the squared error end a start."""
+
+
+NEAR, HEADING, WITHIN_SIGHT = 0.1, 0.5, 0.6
+"""A start ends this close to a known answer, or within sight of it if the last step halved the distance."""
+
+
+@hidden
+def joint_gap(a: float, b: float, rate: float) -> float:
+    """Difference of two joint values, the short way round where `rate` is one over 2π and not 0."""
+    gap: float = a - b
+    gap -= 2.0 * math.pi * np.floor(gap * rate + 0.5)
+    return gap
+
+
+@hidden
+def squared_gap(rates: Array, rows: Array, row: int, q: Array) -> float:
+    """Squared distance between a row of joint values and q, modulo full turns."""
+    total = 0.0
+    for i in range(len(q)):
+        gap = joint_gap(rows[row, i], q[i], rates[i])
+        total += gap * gap
+    return total
+
+
+@hidden
+def match(
+    task: Task,
+    desk: Desk,
+    goal: GoalArrays,
+    rates: Array,
+    rows: Array,
+    left: Array,
+    count: int,
+    error: float,
+    q: Array,
+    half: Array,
+) -> int:
+    """Return which of the first `count` rows q is, or -1.
+
+    Args:
+        task: The task.
+        desk: Its memory.
+        goal: The goal.
+        rates: See `joint_gap`, (n,).
+        rows: Answers, (capacity, n).
+        left: Their squared scaled errors, (capacity,).
+        count: How many there are.
+        error: That of q.
+        q: Joint values, (n,).
+        half: Memory, (n,).
+    """
+    for j in range(count):
+        gap = squared_gap(rates, rows, j, q)
+        if gap < EQUAL * EQUAL:
+            return j
+        if gap < ALIKE * ALIKE and max(error, left[j]) > EXACT:
+            for i in range(len(q)):
+                half[i] = q[i] + 0.5 * joint_gap(rows[j, i], q[i], rates[i])
+            forward(task.chain, half, desk.spare)
+            position, orientation = errors(desk.spare, goal)
+            if position <= task.wanted[0] and orientation <= task.wanted[1]:
+                return j
+    return -1
+
+
+@hidden
+def heads_for_known(lanes: Lanes, l: int, rates: Array, rows: Array, count: int) -> bool:
+    """Is lane l at a known answer, or did its last step bring it much closer to one?"""
+    for j in range(count):
+        now, before = 0.0, 0.0
+        for i in range(rows.shape[1]):
+            gap = joint_gap(lanes.q[i, l], rows[j, i], rates[i])
+            now += gap * gap
+            gap -= lanes.work[l] * lanes.step[i, l]
+            before += gap * gap
+        if now < NEAR * NEAR or (now < WITHIN_SIGHT * WITHIN_SIGHT and now < HEADING * HEADING * before):
+            return True
+    return False
+
+
+@kernel
+def refine_all(
+    handle: Indices,
+    wanted: Array,
+    memory: Array,
+    target: Array,
+    seeds: Array,
+    first: int,
+    last: int,
+    rows: Array,
+    left: Array,
+    count: int,
+    rates: Array,
+    mode: int,
+    spent: Array,
+    w: int,
+) -> int:
+    """Refine seeds first … last-1, a lane that is done taking the next; append new answers; return how many there are.
+
+    Args:
+        handle: The task, see `task_of`.
+        wanted: See `task_of`.
+        memory: The desk, its target and weights set.
+        target: (4, 4), lengths in [m].
+        seeds: Joint values to start from, (k, n).
+        first: First seed.
+        last: One past the last seed.
+        rows: Answers, (capacity, n).
+        left: Their squared scaled errors, (capacity,).
+        count: How many are known already.
+        rates: See `joint_gap`, (n,).
+        mode: SEEDED, SIBLING or SAMPLED.
+        spent: Its first number is increased by the FK evaluations spent, (3,).
+        w: LANES.
+    """
+    task = task_of(handle, wanted)
+    dof = len(task.lower)
+    desk = make_desk(memory, dof, len(task.chain.leader))
+    goal, lanes = GoalArrays(target, task.wanted[2], task.axis_weights), desk.lanes
+    busy, made = np.zeros(LANES, dtype=np.int64), np.zeros(LANES, dtype=np.int64)
+    strikes, before, half = np.zeros(LANES, dtype=np.int64), np.zeros(LANES), np.zeros(dof)
+    number, active, most = first, 0, SIBLING_STEPS if mode == SIBLING else STEPS
+    exact = 1e300 if mode == SAMPLED else EXACT
+    for l in range(LANES):
+        stand_still(lanes, l)
+    # Every start has so many steps at most, and in one lane they would be made one after the other.
+    for _ in range((last - first) * (most + MORE_STEPS) + 1):
+        for l in range(LANES):
+            if busy[l] == 0 and number < last:
+                for i in range(dof):
+                    lanes.q[i, l] = seeds[number, i]
+                stand_still(lanes, l)
+                busy[l], made[l], strikes[l] = 1, 0, 0
+                number += 1
+                active += 1
+        if active == 0 or count == len(rows):
+            break
+        iterate(handle, wanted, memory, True, w)
+        for l in range(LANES):
+            if busy[l] == 0:
+                continue
+            spent[0] += 1.0
+            made[l] += 1
+            error, done = lanes.error[3 * LANES + l], made[l] >= most
+            if made[l] > 1 and error > WORTH * before[l]:
+                strikes[l] += 1
+            before[l] = error
+            if within(task, lanes, l):
+                done = error < exact or made[l] >= most + MORE_STEPS
+                if done and count < len(rows):
+                    for i in range(dof):
+                        desk.seed[i] = lanes.q[i, l]
+                    j = -1
+                    if mode != SAMPLED:
+                        j = match(task, desk, goal, rates, rows, left, count, error, desk.seed, half)
+                    if j < 0:
+                        j = count
+                        count += 1
+                        left[j] = np.inf
+                    if error < left[j]:
+                        left[j] = error
+                        for i in range(dof):
+                            rows[j, i] = desk.seed[i]
+            elif not done:
+                done = made[l] >= PATIENCE and strikes[l] >= STRIKES
+                if mode == SEEDED and made[l] > 1 and not done:
+                    done = heads_for_known(lanes, l, rates, rows, count)
+            if done:
+                busy[l] = 0
+                active -= 1
+    memory[0] += 0.0  # Its last use, see `solve_pose`.
+    return count
+
+
+@hidden
+def starts(
+    task: Task,
+    desk: Desk,
+    wanted: int,
+    begin: int,
+    distance: Array,
+    neighbour: Indices,
+    seeds: Array,
+) -> int:
+    """Complete the samples from number `begin` to number `wanted` into seeds, nearest first; return how many."""
+    found = nearest(task.atlas.tree, desk.point, wanted, distance, neighbour, desk.stack, desk.bound)
+    lower, upper, many = task.chain.lower, task.chain.upper, 0
+    for k in range(begin, found):
+        if complete_seed(task.atlas, task.division, desk.seen, neighbour[k], lower, upper, MARGIN, desk.seed):
+            for i in range(len(desk.seed)):
+                seeds[many, i] = desk.seed[i]
+            many += 1
+    return many
+
+
+@hidden
+def sorted_rows(
+    task: Task, desk: Desk, target: Array, rows: Array, count: int, centre: Array, scale: Array, result: Array
+) -> int:
+    """Judge rows by plain FK, and write those that reach the target sorted by their distance from `centre`.
+
+    Each row of the result is q, position error [m], orientation error [rad] and squared scaled distance, (n + 3,).
+    """
+    goal, dof, kept = GoalArrays(target, task.wanted[2], task.axis_weights), len(centre), 0
+    for j in range(count):
+        for i in range(dof):
+            desk.seed[i] = rows[j, i]
+        into_limits(task, desk.seed, centre)
+        forward(task.chain, desk.seed, desk.spare)
+        position, orientation = errors(desk.spare, goal)
+        if position > task.wanted[0] or orientation > task.wanted[1]:
+            continue
+        score = 0.0
+        for i in range(dof):
+            gap = desk.seed[i] - centre[i]
+            if math.isinf(task.lower[i]):
+                gap = joint_gap(desk.seed[i], centre[i], 0.5 / math.pi)
+            score += gap * gap * scale[i] * scale[i]
+        at = kept
+        while at > 0 and result[at - 1, dof + 2] > score:
+            for i in range(dof + 3):
+                result[at, i] = result[at - 1, i]
+            at -= 1
+        for i in range(dof):
+            result[at, i] = desk.seed[i]
+        result[at, dof], result[at, dof + 1], result[at, dof + 2] = position, orientation, score
+        kept += 1
+    return kept

@@ -1,0 +1,124 @@
+"""A well-spread sample of the answers of an arm that has joints to spare."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kinseek.kernels.arm.pose_error import is_rigid
+from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.atlas.descent import start
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.memory import desk_size, make_desk
+from kinseek.kernels.atlas.one_goal import solve_pose
+from kinseek.kernels.atlas.samples import coordinates
+from kinseek.kernels.atlas.seeds import kick, restart, see
+from kinseek.kernels.atlas.task import task_of
+from kinseek.kernels.jit import hidden, kernel
+
+from .refine_all import EQUAL, SAMPLED, joint_gap, refine_all, sorted_rows, starts
+
+SAMPLE_ROUNDS, SAMPLE_KICK = 16, 1.5
+"""Rounds of starts around what was found, and how far around [rad or m], where a sample comes out too small."""
+
+
+@kernel
+def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, number: int, w: int) -> Array:
+    """Find a well-spread sample of the answers to one target that leaves the arm some freedom.
+
+    Half as many starts again as answers are wanted, the nearest samples, are refined; if limits leave too few, more are
+    tried around what was found. Of all these the farthest from those already chosen is chosen next (Gonzalez 1985).
+
+    Args:
+        handle: The task, see `task_of`.
+        wanted: See `task_of`.
+        target: (4, 4), lengths in [m].
+        view: See `find_branches`.
+        number: How many answers are wanted.
+        w: LANES.
+
+    Returns:
+        As `find_branches`.
+    """
+    task = task_of(handle, wanted)
+    dof, joints = len(task.lower), len(task.chain.leader)
+    if not is_rigid(target):
+        return np.empty((0, dof + 3))
+    memory = np.zeros(desk_size(dof, joints))
+    desk = make_desk(memory, dof, joints)
+    most = max(number + number // 2, 4 * LANES)
+    rows, chosen, seeds = np.empty((most, dof)), np.empty((number, dof)), np.empty((most, dof))
+    columns, left = np.empty((dof, most)), np.empty(most)
+    distance, neighbour, spent = np.empty(2 * most), np.empty(most, dtype=np.int64), np.zeros(3)
+    start(task, desk, target)
+    see(task, desk, target)
+    coordinates(desk.seen, task.division, desk.point)
+    many = starts(task, desk, most, 0, distance, neighbour, seeds)
+    count = refine_all(
+        handle, wanted, memory, target, seeds, 0, many, rows, left, 0, view[2], SAMPLED, spent, w
+    )
+    kept = 0
+    for rounds in range(SAMPLE_ROUNDS + 1):
+        kept = spread(view[2], rows, count, columns, chosen, distance)
+        if kept == number or rounds == SAMPLE_ROUNDS or (kept == 0 and rounds > 0):
+            break
+        many, count = 4 * LANES, kept
+        if count == 0:
+            other = solve_pose(handle, wanted, target, w)
+            spent[0] += other[dof + 3]
+            for i in range(dof):
+                seeds[0, i] = other[i]
+            many = 1
+        else:
+            for k in range(count):
+                for i in range(dof):
+                    rows[k, i] = chosen[k, i]
+            for k in range(many):
+                restart(task, rounds * many + k, desk.seed)
+                kick(task, rows, (rounds * many + k) % count, SAMPLE_KICK, desk.seed)
+                for i in range(dof):
+                    seeds[k, i] = desk.seed[i]
+        count = refine_all(
+            handle, wanted, memory, target, seeds, 0, many, rows, left, count, view[2], SAMPLED, spent, w
+        )
+    result = np.empty((kept + 1, dof + 3))
+    result[kept, 0] = sorted_rows(task, desk, target, chosen, kept, view[0], view[1], result)
+    result[kept, 1], result[kept, 2] = spent[0], 1.0
+    memory[0] = 0.0  # Its last use, see `solve_pose`.
+    return result
+
+
+@hidden
+def spread(rates: Array, rows: Array, count: int, columns: Array, chosen: Array, distance: Array) -> int:
+    """Copy the rows that lie farthest from one another into `chosen`; return how many.
+
+    Args:
+        rates: See `joint_gap`, (n,).
+        rows: Answers, (capacity, n).
+        count: How many there are.
+        columns: Memory, (n, capacity): joint by joint, so that the innermost loop runs over answers.
+        chosen: Receives rows, (most, n).
+        distance: Memory, (capacity,).
+    """
+    kept, last = 0, 0
+    for j in range(count):
+        distance[j] = np.inf
+        for i in range(rows.shape[1]):
+            columns[i, j] = rows[j, i]
+    while kept < min(count, len(chosen)):
+        for j in range(count):
+            distance[count + j] = 0.0
+        for i in range(rows.shape[1]):
+            chosen[kept, i] = rows[last, i]
+            here, rate = rows[last, i], rates[i]
+            for j in range(count):
+                gap = joint_gap(columns[i, j], here, rate)
+                distance[count + j] += gap * gap
+        kept += 1
+        farthest = -1.0
+        for j in range(count):
+            distance[j] = min(distance[j], distance[count + j])
+            if distance[j] > farthest:
+                farthest, last = distance[j], j
+        if farthest < EQUAL * EQUAL:
+            break
+    return kept

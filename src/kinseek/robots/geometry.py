@@ -1,0 +1,47 @@
+"""What a chain's lengths, limits and joints mean to a search."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kinseek.kernels.arm.division import NONE, SLIDE, TURN, Division
+from kinseek.kernels.arrays import Array
+from kinseek.kernels.atlas.task import OPEN
+
+from .chain import SerialChain
+
+
+def open_limits(chain: SerialChain) -> tuple[Array, Array]:
+    """Limits for refining: none for a joint whose range holds a full turn, since it can always go on."""
+    free = (chain.upper - chain.lower >= 2 * np.pi - 1e-9) & chain.periodic
+    far = np.where(np.array(chain.kinds) == "continuous", np.inf, OPEN)
+    return np.where(free, -far, chain.lower), np.where(free, far, chain.upper)
+
+
+def divide(chain: SerialChain, kind: str) -> Division:
+    """Choose what can be divided out of an arm for a kind of goal."""
+    dof, _joints = chain.dof, len(chain.leader)
+    alone = np.bincount(chain.leader, minlength=dof) == 1
+    head = NONE
+    if dof > 1 and chain.leader[0] == 0 and alone[0]:
+        head = SLIDE if chain.prismatic[0] else TURN
+    tail = NONE
+    if kind == "pose" and dof > 1 and chain.leader[-1] == dof - 1 and alone[-1] and not chain.prismatic[-1]:
+        tail = TURN
+    columns = {"pose": 1 if tail == TURN else 2, "pointing": 1, "position": 0}[kind]
+    return Division(head, tail, columns, arm_length(chain) / 3)
+
+
+def arm_length(chain: SerialChain) -> float:
+    """Length of the stretched arm from its first axis on [m]: links, and the longer half of each slide."""
+    links = float(np.linalg.norm(chain.fixed[1:, :, 3], axis=1).sum())
+    for k in np.flatnonzero(chain.prismatic):
+        i = chain.leader[k]
+        links += max(abs(chain.lower[i]), abs(chain.upper[i])) * abs(float(chain.multiplier[k])) / 2
+    return max(links, 1e-3)
+
+
+def inverse(A: Array) -> Array:
+    """Inverse of a rigid transform, (3, 4)."""
+    turn = A[:, :3].T
+    return np.hstack([turn, -turn @ A[:, 3:]])

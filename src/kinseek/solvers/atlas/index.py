@@ -1,0 +1,140 @@
+"""The atlas of an arm for a kind of goal: built once, kept as long as the arm."""
+
+from __future__ import annotations
+
+import threading
+import time
+import weakref
+from collections import OrderedDict
+from functools import cached_property
+
+import numpy as np
+
+from kinseek.goal import DEFAULT_TOLERANCE, KINDS, Goal
+from kinseek.kernels.arm.division import NONE
+from kinseek.kernels.arrays import Array, ChainArrays, Indices
+from kinseek.kernels.atlas.one_goal import add_ending, routines
+from kinseek.kernels.atlas.samples import build_atlas
+from kinseek.kernels.atlas.task import task_arrays
+from kinseek.kernels.pointers import handle_of
+from kinseek.problem import Problem
+from kinseek.ranges import free_turns
+from kinseek.robots.chain import SerialChain
+from kinseek.robots.geometry import arm_length, divide, inverse, open_limits
+from kinseek.robots.sampling import middle_samples
+
+SAMPLES = 16_384
+
+
+class AtlasIndex:
+    """The atlas of one arm for one kind of goal: immutable, shared by threads."""
+
+    def __init__(
+        self,
+        chain: SerialChain,
+        kind: str,
+        arrays: ChainArrays,
+        samples: int,
+        of_tip: AtlasIndex | None = None,
+        tool: Array | None = None,
+    ) -> None:
+        """Sample the middle joints and sort the samples; or share those of the tip's own atlas.
+
+        Where the whole pose of a tool is asked, that of the tip is known: the samples of one serve the other.
+        """
+        began = time.perf_counter()
+        division = divide(chain, kind)
+        if of_tip is None or tool is None:
+            points, first = middle_samples(chain, division, samples)
+            head = inverse(chain.fixed[0]) if division.head != NONE else np.eye(4)[:3]
+            tip = inverse(arrays.fixed[-1]) if division.tail != NONE else np.eye(4)[:3]
+            self.sorted = build_atlas(arrays, division, points, first, head.copy(), tip.copy())
+        else:
+            tip = inverse(arrays.fixed[-1] if division.tail != NONE else tool[:3])
+            self.sorted = of_tip.sorted._replace(inverse_tip=tip)
+        lower, upper = open_limits(chain)
+        counted = KINDS[kind]
+        columns = (np.arange(3) < counted).astype(float) * (0.5 if counted == 3 else 1.0)
+        self._routines = routines()
+        self._arrays = task_arrays(
+            arrays, self.sorted, division, lower, upper, columns, arm_length(chain) / 3, self._routines, PLAIN
+        )
+        self._addresses = handle_of(self._arrays)
+        self.address: int = self._addresses.ctypes.data
+        """Address of the handle, for the kernels that may do with the routines that every goal needs."""
+        self.samples = len(self.sorted.middle)
+        """Number of samples."""
+        self.memory = sum(array.nbytes for array in self._arrays)
+        """[bytes]"""
+        self.build_time = time.perf_counter() - began
+        """[s]; the first in a process includes loading or compiling the kernels."""
+
+    @cached_property
+    def handle(self) -> Indices:
+        """Addresses of the arrays, for kernels, and of every routine they may call."""
+        add_ending(self._routines)  # The very array that kernels read, for it is contiguous.
+        return self._addresses
+
+    def __repr__(self) -> str:
+        """Size and cost."""
+        return (
+            f"AtlasIndex({self.samples} samples, {self.memory / 2**20:.1f} MiB, "
+            f"built in {self.build_time * 1e3:.0f} ms)"
+        )
+
+
+_Shelf = OrderedDict[tuple[str, int, bytes | None], AtlasIndex]
+
+
+_indices: weakref.WeakKeyDictionary[SerialChain, _Shelf] = weakref.WeakKeyDictionary()
+
+
+_building = threading.RLock()
+
+
+KEPT = 16
+"""Atlases of other tools and tool axes that an arm keeps, the last ones used."""
+
+
+def atlas_of(chain: SerialChain, goal: Goal | None = None, samples: int = SAMPLES) -> AtlasIndex:
+    """The atlas of an arm for a kind of goal: built at the first call, dropped with the arm.
+
+    Another tool shares the samples where the whole pose is asked; where the tip's pose is open, it has its own. Those of
+    the last `KEPT` tools and tool axes are kept.
+    """
+    kind = "pose" if goal is None else seeded_as(goal)
+    tip = None if goal is None else goal.tip
+    key = (kind, samples, None if tip is None else tip.tobytes())
+    with _building:
+        mine = _indices.setdefault(chain, OrderedDict())
+        if key not in mine:
+            arrays = chain.arrays if goal is None else Problem(chain, goal).arrays
+            of_tip = atlas_of(chain, None, samples) if kind == "pose" and tip is not None else None
+            mine[key] = AtlasIndex(chain, kind, arrays, samples, of_tip, tip)
+        mine.move_to_end(key)
+        of_tools = [other for other in mine if other[2] is not None]
+        for oldest in of_tools[:-KEPT]:
+            del mine[oldest]
+        return mine[key]
+
+
+def seeded_as(goal: Goal) -> str:
+    """Kind of the atlas that gives a goal its seeds: ranges that leave every orientation need positions alone."""
+    if goal.kind != "box" or goal.ranges is None:
+        return goal.kind
+    return "position" if goal.swing is None and len(free_turns(goal.ranges)) == 3 else "pose"
+
+
+def wanted_of(goal: Goal, budget: int | None = None) -> Array:
+    """A goal's tolerances and weights as the kernels take them, (7,)."""
+    most = np.inf if budget is None else float(budget)
+    boxed = np.array([goal.orientation_weight, 0.0, 0.0])
+    weights = boxed if goal.kind == "box" else goal.arrays.axis_weights
+    return np.array(
+        [goal.position_tolerance, goal.orientation_tolerance, goal.position_weight, most, *weights],
+        dtype=float,
+    )
+
+
+PLAIN = np.array([DEFAULT_TOLERANCE, DEFAULT_TOLERANCE, 1.0, np.inf, 1.0, 1.0, 0.0])
+"""`wanted_of` a goal that is just a pose; written out, since to make a goal runs a kernel, and importing shall run none."""
