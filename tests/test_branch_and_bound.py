@@ -213,7 +213,7 @@ def test_ik_proves_what_it_misses(monkeypatch: pytest.MonkeyPatch) -> None:
         def __init__(self) -> None:
             raise AssertionError("the solution is at hand: the atlas need not be asked again")
 
-    monkeypatch.setattr("kinseek.solvers.branch_and_bound.Atlas", Asked)
+    monkeypatch.setattr("kinseek.proof.branch_and_bound.Atlas", Asked)
     assert arm.ik(near, prove=True).status is Status.SOLVED
     assert arm.ik(far, prove=True).status is Status.PROVED_UNREACHABLE
     batch = arm.ik(np.array([[near, far], [far, near]]), prove=True)
@@ -301,7 +301,7 @@ def test_sharing_the_boxes_keeps_the_bounds(monkeypatch: pytest.MonkeyPatch) -> 
         T[:3, 3] *= 1.4
         alone = certificate(arm, Goal.pose(T), gap=0.02)
         with monkeypatch.context() as patch:
-            patch.setattr("kinseek.solvers.branch_and_bound.PIECE", 40)
+            patch.setattr("kinseek.proof.boxes.PIECE", 40)
             shared = certificate(arm, Goal.pose(T), gap=0.02)
             early = certificate(arm, Goal.pose(T), gap=0.02, budget=2000)
         assert alone.verdict is shared.verdict
@@ -356,9 +356,9 @@ def test_sharing_the_boxes_counts_them_as_one_search_does(monkeypatch: pytest.Mo
     far = kinseek.pose([0.7, 0.3, 0.75], rpy=[0.3, 1.2, -2.0])
     shared = arm.prove(far, budget=200_000)
     assert shared.verdict is kinseek.Verdict.UNREACHABLE
-    monkeypatch.setattr("kinseek.solvers.branch_and_bound.PIECE", 10**9)
+    monkeypatch.setattr("kinseek.proof.boxes.PIECE", 10**9)
     alone = arm.prove(far, budget=200_000)
-    monkeypatch.setattr("kinseek.solvers.branch_and_bound.PIECE", 16)
+    monkeypatch.setattr("kinseek.proof.boxes.PIECE", 16)
     pieces = arm.prove(far, budget=200_000, threads=2)
     assert pieces.boxes == alone.boxes == shared.boxes
     assert pieces.verdict is alone.verdict

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal
-from kinseek.kernels.atlas import task as desk
+from kinseek.kernels.atlas import memory as desk
+from kinseek.kernels.atlas import task
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.tree import LEAF
 from kinseek.kernels.jit import exposed
@@ -24,7 +25,7 @@ Array = NDArray[np.float64]
 ARMS = [(1, 1), (2, 2), (3, 5), (6, 6), (7, 7), (7, 9), (20, 20)]
 """Variables and joints; more joints where some mimic others."""
 
-desk_size, make_desk, task_of = (exposed(each) for each in (desk.desk_size, desk.make_desk, desk.task_of))
+desk_size, make_desk, task_of = (exposed(each) for each in (desk.desk_size, desk.make_desk, task.task_of))
 
 
 def arrays_of(bundle: Any) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -159,13 +160,13 @@ def test_a_task_views_the_arrays_it_is_made_of(index: AtlasIndex) -> None:
 
 def test_numbers_of_a_handle_that_stand_alone(index: AtlasIndex) -> None:
     handle = index._addresses
-    assert len(handle) == desk.ARRAYS * ROW
-    assert exposed(desk.lanes_of)(handle) == LANES
-    np.testing.assert_array_equal(exposed(desk.plain_wanted)(handle), PLAIN)
+    assert len(handle) == task.ARRAYS * ROW
+    assert exposed(task.lanes_of)(handle) == LANES
+    np.testing.assert_array_equal(exposed(task.plain_wanted)(handle), PLAIN)
     np.testing.assert_array_equal(PLAIN, wanted_of(Goal.pose(np.eye(4))))
-    addresses = [exposed(desk.routine_at)(handle, k) for k in range(3)]
+    addresses = [exposed(task.routine_at)(handle, k) for k in range(3)]
     np.testing.assert_array_equal(addresses, index._routines)
-    np.testing.assert_array_equal(exposed(desk.handle_at)(handle.ctypes.data), handle)
+    np.testing.assert_array_equal(exposed(task.handle_at)(handle.ctypes.data), handle)
 
 
 def test_an_array_of_other_elements_or_dimensions_is_refused() -> None:

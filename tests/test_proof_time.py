@@ -77,7 +77,7 @@ def test_pieces_change_nothing(name: str, gap: float | None, monkeypatch: pytest
         problem = Problem(arm.chain, Goal.pose(T))
         whole = proof_of(problem, gap=gap, budget=30_000)
         for chunk in (1, 37 * 49):
-            monkeypatch.setattr("kinseek.solvers.branch_and_bound.CHUNK", chunk)
+            monkeypatch.setattr("kinseek.proof.boxes.CHUNK", chunk)
             budget = 30_000 if chunk > 1 else 500
             reference = whole if chunk > 1 else None
             pieces = proof_of(problem, gap=gap, budget=budget)
@@ -92,7 +92,7 @@ def test_pieces_change_no_isolation(chunk: int, monkeypatch: pytest.MonkeyPatch)
     for T in arm.fk(rng.uniform(arm.lower, arm.upper, (2, 6))):
         problem = Problem(arm.chain, Goal.pose(T))
         whole = isolate(problem, budget=3000)
-        monkeypatch.setattr("kinseek.solvers.branch_and_bound.CHUNK", chunk)
+        monkeypatch.setattr("kinseek.proof.boxes.CHUNK", chunk)
         pieces = isolate(problem, budget=3000)
         monkeypatch.undo()
         assert (pieces.complete, pieces.boxes, pieces.undecided) == (
@@ -115,8 +115,8 @@ def test_rooms_too_small_are_enlarged(monkeypatch: pytest.MonkeyPatch) -> None:
         more[: len(boxes)] = boxes
         return more
 
-    monkeypatch.setattr("kinseek.solvers.branch_and_bound.roomy", cramped)
-    monkeypatch.setattr("kinseek.solvers.isolation.roomy", cramped)
+    monkeypatch.setattr("kinseek.proof.boxes.roomy", cramped)
+    monkeypatch.setattr("kinseek.proof.isolation.roomy", cramped)
     assert same(proof_of(problem, gap=0.01, budget=3000), whole)
     again = isolate(wide(), budget=3000)
     assert (again.boxes, again.undecided) == (found.boxes, found.undecided)
@@ -182,8 +182,8 @@ def test_an_isolation_ends_when_its_time_is_up() -> None:
 INTERRUPTED = """
 import os, signal, sys, time
 signal.signal(signal.SIGALRM, signal.default_int_handler)
-from kinseek.solvers.isolation import isolate
-from kinseek.solvers.branch_and_bound import enclosed
+from kinseek.proof.isolation import isolate
+from kinseek.proof.boxes import enclosed
 from test_proof_time import ENDLESS_BUDGET, far, hard, proof_of, wide
 
 what, moments = sys.argv[1], [float(each) for each in sys.argv[2:]]

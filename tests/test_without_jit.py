@@ -31,6 +31,7 @@ from kinseek.kernels.proof.exclusion import examine
 from kinseek.kernels.proof.neighbourhood import contractions
 from kinseek.kernels.without_jit import WITHOUT_JIT, Bounded, bounded, call_at, unbounded, view_at
 from kinseek.proof import branch_and_bound, isolation
+from kinseek.proof.boxes import enclosed, excluded
 from kinseek.proof.reduce import error_question, question
 
 Array = NDArray[np.float64]
@@ -158,8 +159,8 @@ def bounds(arm: kinseek.Arm, kind: str, budget: int) -> Any:
     Which of two equally good boxes is cut first hangs on the last bit, so what a search knows when its budget ends does too.
     """
     problem, middle = beside(arm, kind), (arm.lower + arm.upper) / 2
-    without = branch_and_bound.excluded(problem, budget, threads=1)
-    least = branch_and_bound.enclosed(problem, middle, 0.1, budget, threads=1)
+    without = excluded(problem, budget, threads=1)
+    least = enclosed(problem, middle, 0.1, budget, threads=1)
     found: list[Any] = [without.boxes, least.boxes, least.lower <= least.upper]
     for form, wanted, roll in (question(problem), error_question(problem, middle, 0.1)):
         dof, rng = arm.dof - (1 if roll.present else 0), np.random.default_rng(1)

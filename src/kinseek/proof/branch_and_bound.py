@@ -1,7 +1,7 @@
 """Branch and bound: prove that a goal is out of reach, or say how near any pose could come.
 
-Boxes of joint values are cut in half, again and again. Each is tested by the bounds of `kernels.bounds`: first what the
-whole box can do, then one linear form of the hand's pose to second order, which also cuts the box from its sides. All
+Boxes of joint values are cut in half, again and again. Each is tested by the bounds of `kernels.proof.bounds`: first what
+the whole box can do, then one linear form of the hand's pose to second order, which also cuts the box from its sides. All
 boxes gone: nothing inside the limits reaches the goal. Best box first, the same search encloses the least error.
 (Land & Doig 1960; in robotics Rao, Asaithambi & Agrawal 1998, who solve inverse kinematics by interval analysis.)
 """

@@ -1,7 +1,7 @@
 """Prove of a list of answers that there are no others.
 
 Around every answer a neighbourhood is proved to hold nothing else; the rest of the joint space is cut into boxes, and each
-is excluded as in `branch_and_bound`. Answers that the list lacks are found on the way. See `kernels.isolation`.
+is excluded as in `branch_and_bound`. Answers that the list lacks are found on the way. See `kernels.proof.isolation`.
 """
 
 from __future__ import annotations

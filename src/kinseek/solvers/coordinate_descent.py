@@ -1,7 +1,7 @@
 """Exact coordinate descent: forward kinematics only, no derivative, no step size, never worse.
 
 Along one joint the squared chordal error is a sinusoid or a parabola, so three FK evaluations give its exact
-minimiser within the limits; along two joints nine give a bilinear form (see `kernels.sinusoid`). A joint that
+minimiser within the limits; along two joints nine give a bilinear form (see `kernels.grid.sinusoid`). A joint that
 drags mimics along has no such form: there a coarse scan and a golden-section search stand in.
 """
 

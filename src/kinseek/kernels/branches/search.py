@@ -8,7 +8,7 @@ from an answer itself, at hardly any cost:
   the pose moves by ``σ t + ½ t² u·H(v, v)`` to second order, which is zero again at ``t = -2 σ / u·H(v, v)``. Close to a
   singularity no start would tell the two apart.
 - its *mirror images*. An arm with a spherical wrist has every pose at (…, q_4 + π, -q_5, q_6 + π) too. Such images are
-  found once per arm (see `solvers.branching`).
+  found once per arm (see `branches.find`).
 
 What is found late, close to a singularity, or in an odd number where joints turn fully, calls for more starts: away
 from singularities answers come and go in pairs, and only limits make their number odd.

@@ -6,7 +6,7 @@ Going from c to q one joint at a time, base first, every joint that still moves 
 So all bounds need the radii ``r_k = |z_k x (p - p_k)|`` at the centre alone:
 
 - *first order*: a point moves by at most ``Σ r_k 2 sin(h_k/2)``, a direction likewise with ``s_k = |z_k x a|`` for r_k;
-- *third order* (`kernels.forms`): the Taylor polynomial of degree two is off by at most
+- *third order* (`kernels.proof.form`): the Taylor polynomial of degree two is off by at most
   ``Σ r_k ((S_k)³ - (S_{k-1})³)/6``, with ``S_k = h_1 + … + h_k`` over the joints that turn. (Of
   ``E_1 … E_{k-1} v_k(δ_k)`` keep the terms up to degree two; what is left over is at most
   ``r_k (h³/6 + S h²/2 + S² h/2)``. A slide adds ``h S²/2``.)

@@ -1,8 +1,8 @@
 """Neighbourhoods that hold one answer at most, and the search that proves that nothing lies outside of them.
 
 Around a centre c, write ``f(c + δ) = f(c) + J δ + ½ δᵀHδ + rest`` of the hand's point and columns less the goal's, with the
-rest of `kernels.bounds`, and let M be about a left inverse of J. Whatever meets the tolerances and lies within half widths
-ρ of c then has ``δ = M (f(c + δ) - f(c)) + (1 - MJ) δ - M (½ δᵀHδ + rest)``, so it is no farther from c than
+rest of `kernels.proof.bounds`, and let M be about a left inverse of J. Whatever meets the tolerances and lies within half
+widths ρ of c then has ``δ = M (f(c + δ) - f(c)) + (1 - MJ) δ - M (½ δᵀHδ + rest)``, so it is no farther from c than
 
     κ(ρ) = |M f(c)| + |M| (tolerances + |rest(ρ)|) + |1 - MJ| ρ + ½ Σ |M H| ρ ρ        (joint by joint).
 

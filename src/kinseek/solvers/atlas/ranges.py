@@ -1,6 +1,6 @@
 """Goals with free axes and ranges, by the atlas: seeds spread over the ranges, steps that look at what sticks out.
 
-See `kernels.boxed`; `Atlas` hands such goals on to here.
+See `kernels.atlas.ranges`; `Atlas` hands such goals on to here.
 """
 
 from __future__ import annotations

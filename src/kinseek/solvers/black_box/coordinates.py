@@ -1,6 +1,6 @@
 """Exact coordinate descent on a function, where its premise holds: that is tested first, by asking.
 
-Along one joint of a serial arm the squared chordal error is exactly a sinusoid or a parabola (see `kernels.sinusoid`).
+Along one joint of a serial arm the squared chordal error is exactly a sinusoid or a parabola (see `kernels.grid.sinusoid`).
 Of a function nobody knows that, so every joint is asked for more poses than the fit needs, at several places.
 """
 
