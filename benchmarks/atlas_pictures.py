@@ -23,6 +23,7 @@ from kinseek.kernels.atlas.samples import Atlas, build_atlas
 from kinseek.kernels.atlas.seeds import MARGIN
 from kinseek.kernels.atlas.tree import LEAF
 from kinseek.kernels.jit import exposed
+from kinseek.kinds import POSE
 from kinseek.robots.geometry import divide, inverse, open_limits
 from kinseek.robots.sampling import middle_samples
 from kinseek.solvers.atlas.index import SAMPLES
@@ -49,7 +50,7 @@ class Query:
     def __init__(self, arm: kinseek.Arm, target: Array) -> None:
         """Look up and refine."""
         self.arm, chain = arm, arm.chain
-        self.division: Division = divide(chain, "pose")
+        self.division: Division = divide(chain, POSE)
         middle, first = middle_samples(chain, self.division, SAMPLES)
         head, tip = inverse(chain.fixed[0]), inverse(chain.fixed[-1])
         self.atlas: Atlas = build_atlas(chain.arrays, self.division, middle, first, head.copy(), tip.copy())

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek.branches.index import BranchIndex
 from kinseek.goal import Goal
+from kinseek.kinds import POSE
 from kinseek.problem import Problem
 from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
 
@@ -168,7 +169,7 @@ def measure(name: str, count: int, seed: int) -> Row:
         if len(found[i]) and (not len(other) or gap.min(axis=0).max() > SAME):
             extra += 1
     problem = Problem(arm.chain, Goal.pose(np.eye(4)))
-    AtlasIndex(arm.chain, "pose", problem.arrays, SAMPLES)
+    AtlasIndex(arm.chain, POSE, problem.arrays, SAMPLES)
     builds = []
     for _ in range(3):
         begun = time.perf_counter()

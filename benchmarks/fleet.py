@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
+from kinseek.kinds import POSE
 from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
 
 from .command import arm_name, at_least_one, command, writes
@@ -137,7 +138,7 @@ def measure(name: str, random: int, singular: int, seed: int) -> tuple[Row, list
     arm = fleet_arm(name)
     loose, tight = random_joints(arm.chain, random, seed), singular_joints(arm.chain, singular, seed)
     arm.ik(plain_fk(arm.chain, loose[:100]))  # Whatever compiles or loads does so before the clock runs.
-    built = [AtlasIndex(arm.chain, "pose", arm.chain.arrays, SAMPLES) for _ in range(3)]
+    built = [AtlasIndex(arm.chain, POSE, arm.chain.arrays, SAMPLES) for _ in range(3)]
     random_misses = misses_of(name, arm, "random", seed, loose)
     singular_misses = misses_of(name, arm, "singular", seed, tight)
     targets = plain_fk(arm.chain, loose)

@@ -18,6 +18,7 @@ from kinseek.kernels.atlas.tree import LEAF
 from kinseek.kernels.jit import exposed
 from kinseek.kernels.layout import DOF, JOINTS, Layout, Rows, floats, whole
 from kinseek.kernels.pointers import ROW
+from kinseek.kinds import POSE
 from kinseek.solvers.atlas.index import PLAIN, AtlasIndex, wanted_of
 
 Array = NDArray[np.float64]
@@ -137,7 +138,7 @@ def test_a_declaration_that_does_not_fit_its_bundle() -> None:
 @pytest.fixture(name="index", scope="module")
 def _index() -> AtlasIndex:
     arm = kinseek.load("ur10e_rail")
-    return AtlasIndex(arm.chain, "pose", arm.chain.arrays, 64)
+    return AtlasIndex(arm.chain, POSE, arm.chain.arrays, 64)
 
 
 def test_a_task_views_the_arrays_it_is_made_of(index: AtlasIndex) -> None:

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidGoal, InvalidProblem
-from .kernels.arm.pose_error import HEAVIEST, LARGEST, LIGHTEST
-from .kernels.arm.range_error import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS
-from .kernels.arrays import GoalArrays
+from .kernels.arm.pose_error import HEAVIEST, LARGEST, LIGHTEST, judge
+from .kernels.arm.range_error import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS, judge_boxes
+from .kernels.arrays import ChainArrays, GoalArrays
+from .kinds import KINDS, PLAIN_KINDS, POSE, POSITION, Kind
 from .poses import _at, _rotation_onto, _unit, _x_onto, as_pose, one_pose
 from .ranges import (
     AXES,
@@ -32,10 +33,6 @@ from .ranges import (
 )
 
 Array = NDArray[np.float64]
-
-
-KINDS = {"pose": 3, "pointing": 1, "position": 0}
-"""Kinds of goal, and how many columns of the rotation each fixes."""
 
 
 Frame = Literal["tool", "base"]
@@ -133,11 +130,12 @@ class Goal:
                     f"{name} must lie between {LIGHTEST:g} and {HEAVIEST:g}, got {value!r}: searches multiply weighted "
                     f"errors, and beyond that doubles end"
                 )
-        if self.kind not in (*KINDS, "box"):
-            raise InvalidGoal(f"kind must be 'pose', 'position' or 'pointing', got {self.kind!r}")
+        if self.kind not in KINDS:
+            valid = ", ".join(repr(kind.name) for kind in PLAIN_KINDS)
+            raise InvalidGoal(f"kind must be one of {valid}, got {self.kind!r}")
         if self.frame not in FRAMES:
             raise InvalidGoal(f"frame must be 'tool' or 'base', got {self.frame!r}")
-        if (self.kind == "box") != (self.ranges is not None):
+        if self.form.ranges != (self.ranges is not None):
             raise InvalidGoal(
                 "a goal has ranges if and only if its kind is 'box'; Goal.pose(..., box=...) makes one"
             )
@@ -273,6 +271,55 @@ class Goal:
         return f"Goal({', '.join(parts)})"
 
     @property
+    def form(self) -> Kind:
+        """What its kind fixes of a pose."""
+        return KINDS[self.kind]
+
+    @property
+    def seeded_as(self) -> Kind:
+        """Kind of the samples that give it seeds: ranges that leave every orientation need positions alone."""
+        if not self.form.ranges or self.ranges is None:
+            return self.form
+        return POSITION if self.swing is None and len(free_turns(self.ranges)) == 3 else POSE
+
+    def require_plain(self, what: str) -> None:
+        """Refuse free axes and ranges.
+
+        Args:
+            what: What does not know them.
+
+        Raises:
+            InvalidProblem: The goal has them.
+        """
+        if self.form.ranges:
+            taken = ", ".join(kind.noun for kind in PLAIN_KINDS)
+            raise InvalidProblem(
+                f"{what} {self.form.noun}, only of {taken}. The default solver of ik, Atlas, answers it"
+            )
+
+    def measure(self, arrays: ChainArrays, q: Array) -> Array:
+        """Judge joint values by plain forward kinematics.
+
+        Args:
+            arrays: The arm, its tip moved as `tip` says; see `Problem.arrays`.
+            q: Joint values, one row a target, (k, n), [rad] or [m].
+
+        Returns:
+            Position error [m], orientation error [rad] and weighted error of each, (k, 3).
+        """
+        if self.form.ranges:
+            weights = float(self.position_weight), float(self.orientation_weight)
+            return judge_boxes(arrays, q, self.questions, *weights)
+        return judge(arrays, q, self.targets, self.arrays)
+
+    @property
+    def axis_weights(self) -> Array:
+        """K_A of the columns as kernels take it, (3,); of a goal with ranges the first counts."""
+        if self.form.ranges:
+            return np.array([self.orientation_weight, 0.0, 0.0])
+        return self.arrays.axis_weights
+
+    @property
     def shape(self) -> tuple[int, ...]:
         """Shape of the batch; () for one pose."""
         return self.target.shape[:-2]
@@ -284,7 +331,7 @@ class Goal:
     @cached_property
     def tip_rotation(self) -> Array:
         """Turns the tip so that a pointing goal's tool axis becomes x, which kernels align, (3, 3)."""
-        if self.kind != "pointing":
+        if not self.form.turned:
             return np.eye(3)
         return _x_onto(tuple(self.tool_axis))
 
@@ -295,12 +342,8 @@ class Goal:
         Raises:
             InvalidProblem: The goal has ranges.
         """
-        if self.kind == "box":
-            raise InvalidProblem(
-                "a goal with free axes or ranges is solved by Atlas, the default solver, alone; the other searches and "
-                "proofs take whole poses, positions and directions"
-            )
-        return KINDS[self.kind]
+        self.require_plain("this search makes nothing of")
+        return self.form.columns
 
     @property
     def paper_columns(self) -> int:
@@ -310,7 +353,7 @@ class Goal:
     @cached_property
     def tip(self) -> Array | None:
         """What kernels append to the arm's tip, (4, 4): the tool, and the rotation of a pointing goal; None: nothing."""
-        if self.tool is None and self.kind != "pointing":
+        if self.tool is None and not self.form.turned:
             return None
         end = np.eye(4) if self.tool is None else self.tool.copy()
         end[:3, :3] = end[:3, :3] @ self.tip_rotation
@@ -322,7 +365,7 @@ class Goal:
         flat = self.target.reshape(-1, 4, 4)[:, :3].copy()
         if self.base is not None:
             flat = inverse_pose(self.base)[:3] @ self.target.reshape(-1, 4, 4)
-        if self.kind == "pointing":
+        if self.form.turned:
             flat[..., :3] = flat[..., :3] @ self.tip_rotation
         return flat
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from .errors import InvalidUse, NotReached
 from .goal import Goal
-from .kernels.arm.pose_error import judge, judge_poses
-from .kernels.arm.range_error import judge_boxes
+from .kernels.arm.pose_error import judge_poses
 from .problem import MadeWhenAsked, Problem
 from .robots.blackbox import BlackBox
 from .robots.chain import SerialChain
@@ -268,11 +267,8 @@ def conclude(problem: Problem, q: Array, work: NDArray[np.int64]) -> Solution:
     joints = np.ascontiguousarray(q)
     if isinstance(problem.chain, BlackBox):
         measured = judge_function(problem.chain, goal, q)
-    elif goal.kind == "box":
-        weights = float(goal.position_weight), float(goal.orientation_weight)
-        measured = judge_boxes(problem.arrays, joints, goal.questions, *weights)
     else:
-        measured = judge(problem.arrays, joints, goal.targets, goal.arrays)
+        measured = goal.measure(problem.arrays, joints)
     success = (measured[:, 0] <= goal.position_tolerance) & (measured[:, 1] <= goal.orientation_tolerance)
 
     def field(column: NDArray[Any]) -> Any:

@@ -36,7 +36,7 @@ class BranchIndex:
 
     def __init__(self, problem: Problem) -> None:
         """Sort coarse samples, count the freedom that the goal leaves, and look for mirror images."""
-        chain, kind = problem.chain, problem.goal.kind
+        chain, kind = problem.chain, problem.goal.form
         self.freedom = freedom(problem)
         """Joints that the goal leaves to choose: 0 for isolated answers, 1 for curves, and so on."""
         self.coarse = AtlasIndex(chain, kind, problem.arrays, SAMPLES)
@@ -117,11 +117,7 @@ def index_of(problem: Problem) -> BranchIndex:
         raise InvalidProblem(
             f"{problem.chain.name!r} is a function: branches are looked for along axes, and it has none"
         )
-    if goal.kind == "box":
-        raise InvalidProblem(
-            "a goal with free axes or ranges has endless answers; ask ik for one, or branches of a pose, a position or a "
-            "direction"
-        )
+    goal.require_plain("branches are not told of")
     key = (goal.kind, None if goal.tip is None else goal.tip.tobytes())
     with _building:
         mine = _indices.setdefault(problem.chain, OrderedDict())
@@ -137,9 +133,10 @@ def index_of(problem: Problem) -> BranchIndex:
 def constraint_jacobian(problem: Problem, q: Array) -> Array:
     """Derivatives of what the goal fixes of the pose, (k, n) -> (k, rows, n); rows are [m] or [rad] a joint unit."""
     J = jacobian_many(problem.arrays, np.ascontiguousarray(q))
-    if problem.goal.kind == "position":
+    columns = problem.goal.columns
+    if columns == 0:
         return J[:, :3]
-    if problem.goal.kind == "pointing":
+    if columns == 1:
         tool = forward_many(problem.arrays, np.ascontiguousarray(q))[:, :3, 0]
         across = J[:, 3:] - tool[:, :, None] * np.einsum("kr,krn->kn", tool, J[:, 3:])[:, None, :]
         return np.concatenate([J[:, :3], across], axis=1)

@@ -96,8 +96,7 @@ def refuse_ranges(goal: Goal) -> None:
     Raises:
         InvalidProblem: It has them.
     """
-    if goal.kind == "box":
-        raise InvalidProblem("nothing can be proved yet of a goal with free axes or ranges")
+    goal.require_plain("nothing can be proved yet of")
 
 
 def least_outside(goal: Goal) -> float:
@@ -105,7 +104,7 @@ def least_outside(goal: Goal) -> float:
     position = goal.position_weight * goal.position_tolerance
     angle = min(goal.orientation_tolerance, math.pi)
     turn = goal.orientation_weight * 2.0 * math.sin(angle / 2) ** 2
-    return (position if goal.kind == "position" else min(position, turn)) * (1.0 - ROUNDING)
+    return (position if goal.columns == 0 else min(position, turn)) * (1.0 - ROUNDING)
 
 
 def most_inside(goal: Goal) -> float:

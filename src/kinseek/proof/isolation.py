@@ -26,8 +26,6 @@ from .reduce import question, start_boxes
 BUDGET = 200_000
 """Boxes, unless told otherwise: a fraction of a second."""
 
-_CONSTRAINTS = {"pose": 6, "pointing": 5, "position": 3}
-
 
 @dataclass(frozen=True, eq=False)
 class Isolation:
@@ -90,7 +88,7 @@ def isolate(
     known = _checked(problem, answers)
     form, wanted, roll = question(problem, trust)
     boxes = start_boxes(chain, roll.present)
-    spare = chain.dof > _CONSTRAINTS[goal.kind]
+    spare = chain.dof > goal.form.constraints
     periodic = chain.periodic[: boxes.shape[1] // 2].copy()
     tuning = np.array([SPREAD, 2, SHRINK, goal.position_tolerance, goal.orientation_tolerance])
     if spare:

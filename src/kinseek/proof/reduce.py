@@ -160,7 +160,7 @@ def forward_pose(chain: ChainArrays, q: Array) -> Array:
 
 def _divided(problem: Problem) -> tuple[Array, Array, int, bool]:
     """Fixed transforms and target with the first joint's place divided out; first joint's kind; is the last one a turn?"""
-    division = divide(problem.chain, problem.goal.kind)
+    division = divide(problem.chain, problem.goal.form)
     fixed, target = problem.arrays.fixed.copy(), problem.goal.targets[0].copy()
     if division.head != NONE:
         target = (_square(inverse(fixed[0])) @ _square(target))[:3]

@@ -7,6 +7,7 @@ import numpy as np
 from kinseek.kernels.arm.division import NONE, SLIDE, TURN, Division
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.task import OPEN
+from kinseek.kinds import Kind
 
 from .chain import SerialChain
 
@@ -18,7 +19,7 @@ def open_limits(chain: SerialChain) -> tuple[Array, Array]:
     return np.where(free, -far, chain.lower), np.where(free, far, chain.upper)
 
 
-def divide(chain: SerialChain, kind: str) -> Division:
+def divide(chain: SerialChain, kind: Kind) -> Division:
     """Choose what can be divided out of an arm for a kind of goal."""
     dof, _joints = chain.dof, len(chain.leader)
     alone = np.bincount(chain.leader, minlength=dof) == 1
@@ -26,9 +27,15 @@ def divide(chain: SerialChain, kind: str) -> Division:
     if dof > 1 and chain.leader[0] == 0 and alone[0]:
         head = SLIDE if chain.prismatic[0] else TURN
     tail = NONE
-    if kind == "pose" and dof > 1 and chain.leader[-1] == dof - 1 and alone[-1] and not chain.prismatic[-1]:
+    if (
+        kind.columns == 3
+        and dof > 1
+        and chain.leader[-1] == dof - 1
+        and alone[-1]
+        and not chain.prismatic[-1]
+    ):
         tail = TURN
-    columns = {"pose": 1 if tail == TURN else 2, "pointing": 1, "position": 0}[kind]
+    columns = min(kind.columns, 1 if tail == TURN else 2)
     return Division(head, tail, columns, arm_length(chain) / 3)
 
 

@@ -10,15 +10,15 @@ from functools import cached_property
 
 import numpy as np
 
-from kinseek.goal import DEFAULT_TOLERANCE, KINDS, Goal
+from kinseek.goal import DEFAULT_TOLERANCE, Goal
 from kinseek.kernels.arm.division import NONE
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
 from kinseek.kernels.atlas.one_goal import add_ending, routines
 from kinseek.kernels.atlas.samples import build_atlas
 from kinseek.kernels.atlas.task import task_arrays
 from kinseek.kernels.pointers import handle_of
+from kinseek.kinds import POSE, Kind
 from kinseek.problem import Problem
-from kinseek.ranges import free_turns
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length, divide, inverse, open_limits
 from kinseek.robots.sampling import middle_samples
@@ -32,7 +32,7 @@ class AtlasIndex:
     def __init__(
         self,
         chain: SerialChain,
-        kind: str,
+        kind: Kind,
         arrays: ChainArrays,
         samples: int,
         of_tip: AtlasIndex | None = None,
@@ -53,8 +53,7 @@ class AtlasIndex:
             tip = inverse(arrays.fixed[-1] if division.tail != NONE else tool[:3])
             self.sorted = of_tip.sorted._replace(inverse_tip=tip)
         lower, upper = open_limits(chain)
-        counted = KINDS[kind]
-        columns = (np.arange(3) < counted).astype(float) * (0.5 if counted == 3 else 1.0)
+        columns = (np.arange(3) < kind.columns).astype(float) * (0.5 if kind.columns == 3 else 1.0)
         self._routines = routines()
         self._arrays = task_arrays(
             arrays, self.sorted, division, lower, upper, columns, arm_length(chain) / 3, self._routines, PLAIN
@@ -83,7 +82,7 @@ class AtlasIndex:
         )
 
 
-_Shelf = OrderedDict[tuple[str, int, bytes | None], AtlasIndex]
+_Shelf = OrderedDict[tuple[Kind, int, bytes | None], AtlasIndex]
 
 
 _indices: weakref.WeakKeyDictionary[SerialChain, _Shelf] = weakref.WeakKeyDictionary()
@@ -102,14 +101,14 @@ def atlas_of(chain: SerialChain, goal: Goal | None = None, samples: int = SAMPLE
     Another tool shares the samples where the whole pose is asked; where the tip's pose is open, it has its own. Those of
     the last `KEPT` tools and tool axes are kept.
     """
-    kind = "pose" if goal is None else seeded_as(goal)
+    kind = POSE if goal is None else goal.seeded_as
     tip = None if goal is None else goal.tip
     key = (kind, samples, None if tip is None else tip.tobytes())
     with _building:
         mine = _indices.setdefault(chain, OrderedDict())
         if key not in mine:
             arrays = chain.arrays if goal is None else Problem(chain, goal).arrays
-            of_tip = atlas_of(chain, None, samples) if kind == "pose" and tip is not None else None
+            of_tip = atlas_of(chain, None, samples) if kind is POSE and tip is not None else None
             mine[key] = AtlasIndex(chain, kind, arrays, samples, of_tip, tip)
         mine.move_to_end(key)
         of_tools = [other for other in mine if other[2] is not None]
@@ -118,22 +117,11 @@ def atlas_of(chain: SerialChain, goal: Goal | None = None, samples: int = SAMPLE
         return mine[key]
 
 
-def seeded_as(goal: Goal) -> str:
-    """Kind of the atlas that gives a goal its seeds: ranges that leave every orientation need positions alone."""
-    if goal.kind != "box" or goal.ranges is None:
-        return goal.kind
-    return "position" if goal.swing is None and len(free_turns(goal.ranges)) == 3 else "pose"
-
-
 def wanted_of(goal: Goal, budget: int | None = None) -> Array:
     """A goal's tolerances and weights as the kernels take them, (7,)."""
     most = np.inf if budget is None else float(budget)
-    boxed = np.array([goal.orientation_weight, 0.0, 0.0])
-    weights = boxed if goal.kind == "box" else goal.arrays.axis_weights
-    return np.array(
-        [goal.position_tolerance, goal.orientation_tolerance, goal.position_weight, most, *weights],
-        dtype=float,
-    )
+    tolerances = goal.position_tolerance, goal.orientation_tolerance
+    return np.array([*tolerances, goal.position_weight, most, *goal.axis_weights], dtype=float)
 
 
 PLAIN = np.array([DEFAULT_TOLERANCE, DEFAULT_TOLERANCE, 1.0, np.inf, 1.0, 1.0, 0.0])

@@ -63,7 +63,7 @@ class Atlas:
         goal, chain = problem.goal, problem.chain
         if isinstance(chain, BlackBox):
             return self._ask(chain, problem)
-        if goal.kind == "box":
+        if goal.form.ranges:
             from .ranges import solve_ranges
 
             return solve_ranges(self, problem)

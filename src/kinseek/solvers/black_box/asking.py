@@ -7,13 +7,11 @@ from numpy.typing import NDArray
 
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidGoal
+from kinseek.kinds import PLAIN_KINDS
 from kinseek.problem import Problem
 from kinseek.robots.blackbox import BlackBox
 
 Array = NDArray[np.float64]
-
-COLUMNS = {"pose": (0, 1, 2), "pointing": (0,), "position": ()}
-"""Columns of the rotation that a kind of goal compares, after the tip is turned as the goal needs."""
 
 NO_BUDGET = 2**62
 
@@ -34,13 +32,13 @@ class Asker:
             InvalidGoal: A kind of goal that is not known here.
         """
         goal = problem.goal
-        if goal.kind not in COLUMNS:
+        if goal.form.ranges:
             raise InvalidGoal(
-                f"a goal of kind {goal.kind!r} cannot be asked of {box.name!r}, which is a function; "
-                f"valid: {', '.join(COLUMNS)}"
+                f"{goal.form.noun} cannot be asked of {box.name!r}, which is a function; "
+                f"valid: {', '.join(kind.noun for kind in PLAIN_KINDS)}"
             )
         self.box, self.goal = box, goal
-        self.columns = COLUMNS[goal.kind]
+        self.columns = tuple(range(goal.columns))
         self.tip = goal.tip
         self.target = features(np.asarray(goal.targets[:1]), None, self.columns)[0]
         self.deadline, self.out_of_time = deadline, False

@@ -19,7 +19,7 @@ from kinseek.goal import Goal
 from kinseek.robots.blackbox import BlackBox
 from kinseek.robots.sampling import low_discrepancy
 
-from .asking import COLUMNS, features
+from .asking import features
 
 Array = NDArray[np.float64]
 
@@ -78,7 +78,7 @@ class Samples:
     def _tree(self, goal: Goal) -> Any:
         from scipy.spatial import cKDTree
 
-        return cKDTree(self._scaled(features(self.poses, goal.tip, COLUMNS[goal.kind])))
+        return cKDTree(self._scaled(features(self.poses, goal.tip, tuple(range(goal.columns)))))
 
     def _scaled(self, points: Array) -> Array:
         """Two columns hold the third."""
