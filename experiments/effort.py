@@ -23,12 +23,15 @@ EXPERIMENTS = (
     "beyond",
     "question_05",
     "question_06",
+    "question_06_walk",
+    "question_06_map",
     "question_08",
     "question_10",
     "claim_01",
     "claim_15",
     "claim_16",
     "claim_17",
+    "objects",
 )
 """Every experiment, in the order in which they run."""
 
