@@ -22,6 +22,7 @@ EXPERIMENTS = (
     "figure_11",
     "beyond",
     "question_05",
+    "question_05_rounding",
     "question_06",
     "question_06_walk",
     "question_06_map",

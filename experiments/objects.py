@@ -94,12 +94,12 @@ def measure(case: Row, effort: Effort) -> Row:
         solver = kinseek.BruteForce(size)
     first = arm.ik(goals[0], solver=solver)
     nodes = int(first.nodes_expanded)
-    points = int(np.clip(effort.pick(300_000, 1) // nodes, 1, len(goals)))
+    points = int(np.clip(effort.pick(100_000, 1) // nodes, 1, len(goals)))
     if case["program"] in KERNELS:
         points = 1 if nodes > 10**6 else effort.pick(100, 3)
         return _measure_kernels(arm, goals[:points], solver)
     program = plain.PROGRAMS[str(case["program"])]
-    answers, seconds, ready, made = _run(program, grid, goals[:points], 1 if nodes * points > 400_000 else 3)
+    answers, seconds, ready, made = _run(program, grid, goals[:points], 1 if nodes * points > 200_000 else 3)
     kernel = arm.ik(goals[:points], solver=solver).q
     return {
         "points": points,

@@ -33,6 +33,9 @@ class Reading:
     """``"down"``, ``"up"``, or ``"exact"``: keep fractions of a node and round only the node's number."""
     last: str = "one"
     """``"one"``: end with a spacing of one (the text); ``"below one"``: stop at a spacing < 1 (Alg. 2)."""
+    first: str = "D"
+    """The first pass tries ``"D"`` values from the lower limit on (Sec. 3.1), or ``"formula"``: 2(⌊D/2⌋ + Br) - 1 of
+    them around the zero configuration, as Sec. 3.2 says of every pass and Algorithm 2 begins."""
     ends: str = "wrap"
     """At an end of the range ``"wrap"`` around, ``"clip"`` what is outside, or ``"slide"`` the window in."""
     orientation: bool = True
@@ -77,13 +80,17 @@ def search(
     """
     spacings = reading.spacings(branching_factor, divisions)
     best_nodes = np.zeros((len(targets), arm.dof), dtype=np.int64)
+    if reading.first == "formula":
+        zero = np.clip(-arm.lower / (arm.upper - arm.lower), 0, 1)
+        best_nodes[:] = np.rint(zero * branching_factor).astype(np.int64).clip(0, branching_factor - 1)
     best_errors = np.full(len(targets), np.inf)
     side = divisions // 2 + breadth - 1
     for number, spacing in enumerate(spacings):
-        offsets = np.arange(-side, side + 1) if number else np.arange(divisions)
+        around = number or reading.first == "formula"
+        offsets = np.arange(-side, side + 1) if around else np.arange(divisions)
         shifts = np.rint(offsets * spacing).astype(np.int64)
         for piece in _pieces(len(targets), len(shifts) ** arm.dof):
-            centre = best_nodes[piece] if number else np.zeros_like(best_nodes[piece])
+            centre = best_nodes[piece]
             leaves = _leaves(centre, shifts, branching_factor, reading.ends)
             errors = _errors(arm, values_of(arm, leaves, branching_factor), targets[piece], reading)
             choice = errors.argmin(axis=1)
