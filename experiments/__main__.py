@@ -107,8 +107,11 @@ def run_all(
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description:<12}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    begun = time.perf_counter()
     with Progress(*columns) as progress:
-        for name in names:
+        # Without a terminal no bar moves, so that a line a step must say what is going on.
+        plain = not progress.console.is_terminal
+        for number, name in enumerate(names, start=1):
             module = experiment(name)
             store = Store(folder, name, module.COLUMNS)
             if redraw:
@@ -119,8 +122,27 @@ def run_all(
                 if not store.picture.exists():
                     draw(module, store)
                 continue
+            if plain:
+                say(f"{number}/{len(names)} {name}: {summary(module)} ...")
+            start = time.perf_counter()
             run(module, store, effort, lambda steps: progress.track(steps, description=name))  # noqa: B023
             draw(module, store)
+            if plain:
+                say(
+                    f"    {len(module.cases(effort))} rows in {time.perf_counter() - start:.1f} s -> {store.picture}"
+                )
+        if plain:
+            say(f"all in {time.perf_counter() - begun:.0f} s, in {folder}")
+
+
+def say(line: str) -> None:
+    """Print a line at once, so that a log shows it while the work goes on."""
+    print(line, flush=True)
+
+
+def summary(module: Experiment) -> str:
+    """The first line of an experiment's docstring, without its name."""
+    return (module.__doc__ or "").partition("\n")[0].partition(": ")[2].rstrip(".")
 
 
 def run(

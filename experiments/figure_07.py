@@ -27,5 +27,5 @@ def measure(case: Row, effort: Effort) -> Row:
 
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Mean position error against D."""
-    labels = {"position_mean_mm": "mean position error [mm]"}
+    labels = {"position_mean_mm": "mean position error [mm], bars: 95 %"}
     sweep.draw(rows, path, labels, "Fig. 7: mean position error against D, B = 7200")

@@ -38,6 +38,9 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     heuristics.draw(
         rows,
         path,
-        {"position_mean_mm": "mean position error [mm]", "position_median_mm": "median position error [mm]"},
+        {
+            "position_mean_mm": "mean position error [mm], bars: 95 %",
+            "position_median_mm": "median position error [mm]",
+        },
         "Fig. 8: position error by heuristic, D = 3, B = 7200, the same 100 points for all",
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from .arms import ARMS, METHODS
 from .effort import Effort, Row
-from .style import LOOKS, NAMES, canvas, column, save, where
+from .style import LOOKS, NAMES, canvas, column, mean_bars, save, where
 
 
 def cases(effort: Effort) -> list[Row]:
@@ -25,6 +25,9 @@ def draw(rows: Sequence[Row], path: Path, quantities: dict[str, str], title: str
             # Side by side, so that methods with equal answers do not cover each other.
             places = [list(ARMS).index(int(dof)) + 0.07 * (number - 2.5) for dof in column(some, "dof")]
             axis.plot(places, column(some, quantity), label=method, **look)
+            if quantity == "position_mean_mm":
+                mean_bars(axis, places, some, look)
+                axis.set_ylim(bottom=0.05)
         axis.set(yscale="log", ylabel=label, xticks=range(len(ARMS)))
         axis.set_xticklabels([NAMES[dof].replace(" (", "\n(") for dof in ARMS])
     handles = axes[0, 0].get_legend_handles_labels()

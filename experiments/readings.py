@@ -37,7 +37,8 @@ class Reading:
     """The first pass tries ``"D"`` values from the lower limit on (Sec. 3.1), or ``"formula"``: 2(⌊D/2⌋ + Br) - 1 of
     them around the zero configuration, as Sec. 3.2 says of every pass and Algorithm 2 begins."""
     ends: str = "wrap"
-    """At an end of the range ``"wrap"`` around, ``"clip"`` what is outside, or ``"slide"`` the window in."""
+    """At an end of the range ``"wrap"`` around, ``"clip"`` what is outside, or ``"slide"`` the window in; or
+    ``"turns wrap"``: wrap the joints with a full turn and clip the others."""
     orientation: bool = True
     """Does the orientation count in the error?"""
     position_weight: float = 1.0
@@ -91,7 +92,7 @@ def search(
         shifts = np.rint(offsets * spacing).astype(np.int64)
         for piece in _pieces(len(targets), len(shifts) ** arm.dof):
             centre = best_nodes[piece]
-            leaves = _leaves(centre, shifts, branching_factor, reading.ends)
+            leaves = _leaves(centre, shifts, branching_factor, reading.ends, arm.upper - arm.lower > 6.28)
             errors = _errors(arm, values_of(arm, leaves, branching_factor), targets[piece], reading)
             choice = errors.argmin(axis=1)
             rows = np.arange(len(choice))
@@ -120,14 +121,15 @@ def _pieces(count: int, leaves: int) -> Iterator[slice]:
         yield slice(first, end)
 
 
-def _leaves(centre: Indices, shifts: Indices, count: int, ends: str) -> Indices:
+def _leaves(centre: Indices, shifts: Indices, count: int, ends: str, turns: NDArray[np.bool_]) -> Indices:
     """Every combination of nodes around each centre, (k, w^n, n)."""
     dof = centre.shape[1]
     nodes = centre[:, None, :] + shifts[None, :, None]
     if ends == "wrap":
         nodes %= count
-    elif ends == "clip":
-        nodes = np.where((nodes < 0) | (nodes >= count), centre[:, None, :], nodes)
+    elif ends in ("clip", "turns wrap"):
+        inside = np.where((nodes < 0) | (nodes >= count), centre[:, None, :], nodes)
+        nodes = np.where(turns, nodes % count, inside) if ends == "turns wrap" else inside
     else:
         step = np.abs(np.diff(shifts)).max(initial=1)
         low, high = nodes.min(axis=1), nodes.max(axis=1)

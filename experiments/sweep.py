@@ -9,7 +9,7 @@ import kinseek
 
 from .arms import BRANCHING_FACTOR
 from .effort import Effort, Row
-from .style import LOOKS, NAMES, canvas, column, plain_ticks, save, where
+from .style import LOOKS, NAMES, canvas, column, mean_bars, plain_ticks, save, where
 
 ARMS = {2: "planar2", 3: "cylindrical3", 4: "scara4"}
 BREADTHS = (1, 2, 3)
@@ -42,6 +42,9 @@ def draw(rows: Sequence[Row], path: Path, quantities: dict[str, str], title: str
             for look, dof in zip(LOOKS, ARMS, strict=False):
                 some = where(rows, dof=dof, breadth=breadth)
                 axis.plot(column(some, "divisions"), column(some, quantity), label=NAMES[dof], **look)
+                if quantity == "position_mean_mm":
+                    mean_bars(axis, column(some, "divisions"), some, look)
+                    axis.set_ylim(0.05, 100)
             axis.set(xscale="log", yscale="log")
             plain_ticks(axis.xaxis, (3, 4, 6, 10, 16, 32, 100, 360))
     for axis, breadth in zip(axes[0], BREADTHS, strict=True):
