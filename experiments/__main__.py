@@ -104,13 +104,15 @@ def run_all(
     names: Sequence[str], effort: Effort, folder: Path, *, force: bool = False, redraw: bool = False
 ) -> None:
     """Run experiments one after the other, with a progress bar, each into its own three files."""
+    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description:<12}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     begun = time.perf_counter()
-    with Progress(*columns) as progress:
-        # Without a terminal no bar moves, so that a line a step must say what is going on.
-        plain = not progress.console.is_terminal
+    console = Console()
+    # Without a terminal no bar moves, so that a line a step must say what is going on.
+    plain = not console.is_terminal
+    with Progress(*columns, console=console, disable=plain) as progress:
         for number, name in enumerate(names, start=1):
             module = experiment(name)
             store = Store(folder, name, module.COLUMNS)

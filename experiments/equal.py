@@ -71,12 +71,12 @@ def solver_of(search: str, dof: int, budget: int) -> tuple[kinseek.Solver, int]:
         SEARCHES[0]: (kinseek.BruteForce(size), size),
         SEARCHES[1]: (kinseek.DivideAndConquer(BRANCHING_FACTOR, DIVISIONS, breadth), breadth),
         SEARCHES[2]: (
-            kinseek.DivideAndConquer(BRANCHING_FACTOR, DIVISIONS, 1, beam=min(beam[1], 4096)),
-            min(beam[1], 4096),
+            kinseek.DivideAndConquer(BRANCHING_FACTOR, DIVISIONS, 1, beam=min(beam[1], 256)),
+            min(beam[1], 256),
         ),
         SEARCHES[3]: (
-            kinseek.DivideAndConquer(BRANCHING_FACTOR, DIVISIONS, 2, beam=min(beam[2], 4096)),
-            min(beam[2], 4096),
+            kinseek.DivideAndConquer(BRANCHING_FACTOR, DIVISIONS, 2, beam=min(beam[2], 256)),
+            min(beam[2], 256),
         ),
         SEARCHES[4]: (kinseek.BlindSearch(most_steps=100_000), 0),
         SEARCHES[5]: (kinseek.CoordinateDescent(), 0),
@@ -89,7 +89,7 @@ def solver_of(search: str, dof: int, budget: int) -> tuple[kinseek.Solver, int]:
 def measure(case: Row, effort: Effort) -> Row:
     """Errors; the budget is also told to the search, so that none goes beyond."""
     arm, search, budget = kinseek.load(str(case["arm"])), str(case["search"]), int(case["budget"])
-    points = effort.pick(200 if budget < 10**6 else 60, 2)
+    points = effort.pick(200 if budget < 10**5 else 40, 2)
     solver, parameter = solver_of(search, arm.dof, budget)
     goal = kinseek.Goal.pose(random_goals(arm, points, effort.seed))
     solution = solver.solve(kinseek.Problem(arm.chain, goal, budget=budget))

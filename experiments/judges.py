@@ -68,10 +68,12 @@ def claim_1(results: Results) -> Verdict:
     times = [float(row["ms_per_point"]) for row in results("figure_11", tree="dynamic")]
     found = {m: [float(r["best_found"]) for r in results("claim_01", method=m)] for m in ("CB(1)", "CB(3)")}
     logarithmic = len(steps) == 1
+    slope, fixed = np.polyfit(nodes, times, 1)
     text = (
-        f"time: each factor of 3 in B adds {'exactly ' if logarithmic else 'up to '}{max(steps):,} nodes; "
-        f"from B = 9 to 3^16, 4.8 million times as many, ×{nodes[14] / nodes[0]:.2g} nodes and "
-        f"×{times[14] / times[0]:.2g} time (the paper: ×7); best solution: found for "
+        f"nodes: each factor of 3 in B adds {'exactly ' if logarithmic else 'up to '}{max(steps):,}; "
+        f"from B = 9 to 3^16, 4.8 million times as many, ×{nodes[14] / nodes[0]:.2g} nodes (the paper: ×7 in time; "
+        f"from B = 27 it is ×{nodes[15] / nodes[1]:.2g} nodes); ×{times[14] / times[0]:.2g} compiled time, for at "
+        f"B = 9 {100 * fixed / (fixed + slope * nodes[0]):.0f} % of it is the call itself; best solution: found for "
         f"{span(found['CB(3)'])} % of the points with CB(3), {span(found['CB(1)'])} % with CB(1)"
     )
     return text, judged(int(logarithmic) + int(min(found["CB(3)"]) > 0.995), 2)
@@ -101,53 +103,72 @@ def claim_4(results: Results) -> Verdict:
         times = float(ends[1]["ms_per_point"]) / float(ends[0]["ms_per_point"])
         growth.append(nodes)
         parts.append(f"{dof} DOF ×{nodes:.3g} nodes, ×{times:.2g} time")
-    return "from D = 3 to 32, CB(3): " + "; ".join(parts), judged(sum(g > 5 for g in growth), 3)
+    steep = sum(g > 5 for g in growth) + sum(np.diff(growth) > 0)
+    return "from D = 3 to 32, CB(3): " + "; ".join(parts), judged(int(steep), 5)
+
+
+RUN_BY_THE_PAPER = {2: 32, 3: 16, 4: 8}
+"""Largest D by DOF: the text says that the larger arms have fewer points. Where they end is our guess."""
 
 
 def claim_5(results: Results) -> Verdict:
-    """The rank correlation of D and mean error in 3 … 32, and where the least error is."""
-    rising, higher, best, parts = 0, 0, 0, []
+    """Two conditions on three arms, for the breadth that suits the paper best, beyond 95 % intervals."""
+    met: dict[int, int] = {}
+    parts = []
     for breadth in (1, 2, 3):
-        for dof in (2, 3, 4):
-            rows = [r for r in results("figure_07", dof=dof, breadth=breadth) if int(r["divisions"]) <= 32]
-            errors = np.array([float(row["position_mean_mm"]) for row in rows])
-            ranks = np.argsort(np.argsort(errors)).astype(float)
-            trend = float(np.corrcoef(np.arange(len(rows), dtype=float), ranks)[0, 1])
-            rising += trend > 0.3
-            higher += errors[-1] > errors[0]
-            best += int(rows[int(errors.argmin())]["divisions"]) == 3
-            if dof == 2:
-                parts.append(f"{trend:+.2f} with CB({breadth})")
+        met[breadth], words = 0, []
+        for dof, last in RUN_BY_THE_PAPER.items():
+            rows = [r for r in results("figure_07", dof=dof, breadth=breadth) if int(r["divisions"]) <= last]
+            rises = surely_less(rows[0], rows[-1])
+            best = not any(surely_less(row, rows[0]) for row in rows[1:])
+            met[breadth] += rises + best
+            ends = [float(row["position_mean_mm"]) for row in (rows[0], rows[-1])]
+            words.append(f"{mm(ends[0])} → {mm(ends[1])}{', D = 3 best' if best else ''}")
+        parts.append(f"CB({breadth}) {' | '.join(words)}")
+    top = max(met, key=lambda breadth: met[breadth])
     text = (
-        f"of 9 curves (3 arms × 3 breadths) {rising} rise throughout (rank correlation above 0.3), {higher} "
-        f"are higher at D = 32 than at D = 3, and {best} are best at D = 3; two-link arm, "
-        f"rank correlation of error and D: {', '.join(parts)}"
+        "from D = 3 to 32 | 16 | 8 for 2 | 3 | 4 DOF: "
+        + "; ".join(parts)
+        + f". Of six conditions (rises, and no D "
+        f"surely better than 3, on each arm) {met[top]} are met with CB({top}), the breadth that meets most"
     )
-    return text, HOLDS if rising == best == 9 else IN_PART if higher or best else FAILS
+    return text, HOLDS if met[top] == 6 else IN_PART if met[top] >= 3 else FAILS
+
+
+def surely_less(small: Row, large: Row) -> bool:
+    """Is a mean error less than another, their 95 % intervals apart?"""
+    highest = float(small["position_mean_mm"]) + 1.96 * float(small["position_standard_error_mm"])
+    lowest = float(large["position_mean_mm"]) - 1.96 * float(large["position_standard_error_mm"])
+    return highest < lowest
+
+
+SPIKE = 1.2
+"""The error at D = 4 is a spike if it is so many times the larger one of its neighbours."""
 
 
 def claim_6(results: Results) -> Verdict:
-    """The error at D = 4 over its larger neighbour, as built and at the weight where it stands out most."""
+    """The error at D = 4 over its larger neighbour: on the two-link arm a spike, and on the others none."""
     rows = results("question_06")
-    weights = sorted({float(row["position_weight"]) for row in rows})
     heights = {
-        (dof, breadth, weight): question_06.spike(rows, dof, breadth, weight)
-        for dof in (2, 3, 4)
+        (breadth, weight): {dof: question_06.spike(rows, dof, breadth, weight) for dof in (2, 3, 4)}
         for breadth in question_06.BREADTHS
-        for weight in weights
+        for weight in sorted({float(row["position_weight"]) for row in rows})
     }
-    plain = max(heights[2, breadth, 1.0] for breadth in question_06.BREADTHS)
-    dof2 = {key: value for key, value in heights.items() if key[0] == 2}
-    top = max(dof2, key=lambda key: dof2[key])
-    others = max(heights[dof, top[1], top[2]] for dof in (3, 4))
+    alone = {
+        key: value[2]
+        for key, value in heights.items()
+        if value[2] > SPIKE and max(value[3], value[4]) < SPIKE
+    }
+    plain = max(value[2] for (_, weight), value in heights.items() if weight == 1)
+    top = max(alone or {key: value[2] for key, value in heights.items()}, key=lambda key: heights[key][2])
     text = (
         f"error at D = 4 over the larger of D = 3 and 5: at most {plain:.2f} with K_P = K_A; "
-        f"{dof2[top]:.2f} with Br = {top[1]} and K_P / K_A = {top[2]:g} /m, where the other arms have at "
-        f"most {others:.2f}"
+        f"{heights[top][2]:.2f} with Br = {top[0]} and K_P / K_A = {top[1]:g} /m, where the other arms have at "
+        f"most {max(heights[top][3], heights[top][4]):.2f}"
     )
-    if plain > 1.2:
+    if any(weight == 1 for _, weight in alone):
         return text, HOLDS
-    return text, IN_PART if dof2[top] > 1.2 else FAILS
+    return text, IN_PART if alone else FAILS
 
 
 def claim_7(results: Results) -> Verdict:
@@ -206,14 +227,17 @@ def claim_9(results: Results) -> Verdict:
                 slow.append(last)
         parts.append(f"{dof} DOF {words[0]} in nodes, {words[1]} in time")
     good = sum(value > 7 for value in fast) + sum(value > 10 for value in slow)
-    return "next best over CB(1), and CB(3) over the next slowest: " + "; ".join(parts), judged(
-        good, 2 * len(ARMS)
+    text = "next best over CB(1), and CB(3) over the next slowest: " + "; ".join(parts)
+    text += (
+        f". In nodes CB(1) is first on {sum(value > 1 for value in fast)} and CB(3) last on "
+        f"{sum(value > 1 for value in slow)} of {len(ARMS)} arms; of the eight factors (7 and 10 or more) {good} are met"
     )
+    return text, HOLDS if good == 2 * len(ARMS) else IN_PART if good >= len(ARMS) else FAILS
 
 
 def claim_10(results: Results) -> Verdict:
-    """The two-link arm's error over the worst other arm, wrapping and not, CB(2) and CB(3)."""
-    extreme, parts = {}, []
+    """The two-link arm's error over the worst other arm, wrapping and not; and are the others near a millimetre?"""
+    extreme, near, parts = {}, {}, []
     for reading in ("wrap", "no wrap", "no wrap, window slides"):
         words = []
         for breadth in (2, 3):
@@ -221,12 +245,17 @@ def claim_10(results: Results) -> Verdict:
             errors = {int(row["dof"]): float(row["position_mean_mm"]) for row in rows}
             others = max(value for dof, value in errors.items() if dof != 2)
             extreme[reading, breadth] = errors[2] > 1.2 * others
+            near[reading, breadth] = others < 1.5
             words.append(f"CB({breadth}) {mm(errors[2])} against at most {mm(others)} elsewhere")
         parts.append(f"{reading}: {', '.join(words)}")
     wide = results("question_10", reading="no wrap, window slides", dof=2, breadth=6)
     parts.append(f"and there Br = 6 has {mm(float(wide[0]['position_mean_mm']))}")
-    wrap = all(extreme["wrap", breadth] for breadth in (2, 3))
-    return "; ".join(parts), HOLDS if wrap else IN_PART if any(extreme.values()) else FAILS
+    printed = {key[0] for key in extreme if all(extreme[key[0], b] and near[key[0], b] for b in (2, 3))}
+    parts.append(
+        f"{len(printed)} of 3 readings have the two-link arm extreme and the others below 1.5 mm, as the paper's figure has"
+    )
+    alone = {key[0] for key in extreme if all(extreme[key[0], b] for b in (2, 3))}
+    return "; ".join(parts), HOLDS if printed else IN_PART if alone else FAILS
 
 
 def claim_11(results: Results) -> Verdict:
@@ -264,36 +293,61 @@ def claim_12(results: Results) -> Verdict:
 
 
 def claim_13(results: Results) -> Verdict:
-    """Time with the dynamic tree over time without, the tree being ready."""
+    """Time with the dynamic tree over time without, the tree being ready: of Python objects, as the paper's were."""
+    ratios = paired(results, "objects, DT", "objects")
+    bare = paired(results, "numbers", "objects")
     static = {
         row["branching_factor"]: float(row["ms_per_point"]) for row in results("figure_11", tree="static")
     }
-    ratios = [
+    compiled = [
         float(row["ms_per_point"]) / static[row["branching_factor"]]
         for row in results("figure_11", tree="dynamic")
         if row["branching_factor"] in static
     ]
     low, middle, high = np.percentile(ratios, [25, 50, 75])
-    text = f"time with DT over time without, 6 DOF: median {middle:.2f}, quartiles {low:.2f} to {high:.2f}; "
-    text += "in compiled code a node made anew costs one multiplication, no more than looking it up"
-    return text, HOLDS if low > 1.02 else FAILS
+    text = (
+        f"time with DT over time without, node objects in plain Python: median {middle:.2f}, quartiles {low:.2f} to "
+        f"{high:.2f}; bare numbers need {np.median(bare):.2f} of the objects' time; compiled: {np.median(compiled):.2f}, "
+        f"for there a node made anew costs one multiplication"
+    )
+    return text, HOLDS if low > 1.02 else IN_PART if middle > 1.02 else FAILS
+
+
+def paired(results: Results, program: str, base: str) -> list[float]:
+    """Time of one program over that of another, for every search that both have run."""
+    keys = ("dof", "method", "branching_factor")
+    times = {
+        tuple(row[key] for key in keys): float(row["ms_per_point"])
+        for row in results("objects", program=base)
+    }
+    rows = {tuple(row[key] for key in keys): row for row in results("objects", program=program)}
+    return [float(rows[key]["ms_per_point"]) / times[key] for key in rows if key in times]
 
 
 def claim_14(results: Results) -> Verdict:
-    """Errors and times of the elbow arm."""
+    """Errors and times of the elbow arm: one solver must have both."""
     methods = ("CB(3)", "DT + BT", "tuned")
     errors = {m: results.one("figure_08", "position_mean_mm", dof=6, method=m) for m in methods}
-    times = {m: results.one("figure_09", "ms_per_point", dof=6, method=m) for m in methods}
+    rows = {m: results("figure_09", dof=6, method=m)[0] for m in methods}
+    times = {m: float(rows[m]["ms_per_point"]) for m in methods}
     heavy = min(results("question_08", dof=6), key=lambda row: float(row["position_mean_mm"]))
     position, turn = float(heavy["position_mean_mm"]), float(heavy["orientation_mean_mrad"])
+    # The same kernel on more nodes; and node objects in plain Python.
+    compiled = times["CB(3)"] / float(rows["CB(3)"]["nodes_expanded"]) * float(heavy["nodes_expanded"])
+    node = results.one(
+        "objects", "us_per_node", dof=6, method="BT", branching_factor=7200, program="objects, DT"
+    )
+    python = 1e-6 * node * float(heavy["nodes_expanded"])
     text = "; ".join(f"{m} {mm(errors[m])} in {times[m]:.2g} ms" for m in methods)
     text += (
         f"; the best over weights and breadths: {heavy['method']} at K_P / K_A = "
-        f"{heavy['position_weight']:g} /m, {mm(position)} and {turn:.2g} mrad"
+        f"{heavy['position_weight']:g} /m, {mm(position)} and {turn:.2g} mrad, in {compiled:.2g} ms compiled and "
+        f"{python:.1f} s with node objects in plain Python"
     )
-    if min(errors[m] for m in ("CB(3)", "DT + BT")) < 1:
+    if any(errors[m] < 1 and times[m] < 2000 for m in ("CB(3)", "DT + BT")):
         return text, HOLDS
-    return text, IN_PART if float(heavy["position_mean_mm"]) < 1 or errors["tuned"] < 1 else FAILS
+    other = position < 1 and compiled < 2000
+    return text, IN_PART if other or (errors["tuned"] < 1 and times["tuned"] < 2000) else FAILS
 
 
 def claim_15(results: Results) -> Verdict:
@@ -308,7 +362,8 @@ def claim_15(results: Results) -> Verdict:
         f"to {max(correlations):+.2f}; one error high (5 cm or 50 mrad) and the other low (5 mm or 5 mrad) "
         f"in {odd:,} of {points:,} points"
     )
-    return text, HOLDS if odd == 0 else IN_PART if max(correlations) > 0.5 else FAILS
+    text += f"; median correlation {np.median(correlations):+.2f}"
+    return text, HOLDS if odd == 0 else IN_PART if np.median(correlations) > 0.3 else FAILS
 
 
 def claim_16(results: Results) -> Verdict:
@@ -325,10 +380,105 @@ def claim_16(results: Results) -> Verdict:
 
 
 def claim_17(results: Results) -> Verdict:
-    """What can be measured: ours."""
+    """The search in plain Python over twists and exponentials in NumPy, on one seven-joint arm."""
     row = results("claim_17", search="default")[0]
+    search = results.one("objects", "ms_per_point", dof=7, method="BT", program="objects, DT")
+    twists = results.one("objects", "ms_per_point", dof=7, program="twists, NumPy")
+    ratio = search / twists
     text = (
-        f"that program and computer are not to be had; kinseek's default answers {row['points']} points of "
-        f"the Panda in {row['seconds']:.2g} s, {100 * float(row['solved']):.1f} % of them to 1 µm and 1 µrad"
+        f"their program and computer are not to be had. Twists and exponentials in NumPy: {0.5 * twists:.2g} s for 500 "
+        f"points; DaC + DT + BT with node objects on the same arm {search / 1e3:.2g} s a point, {ratio:,.0f} times as "
+        f"much; kinseek's default answers {row['points']} points of the Panda in {row['seconds']:.2g} s, "
+        f"{100 * float(row['solved']):.1f} % of them to 1 µm and 1 µrad"
     )
-    return text, UNKNOWN
+    # An order of magnitude or two, to the nearest one.
+    return text, HOLDS if 10**0.5 < ratio < 10**2.5 else IN_PART if 1 < ratio < 10**3.5 else FAILS
+
+
+def claim_18(results: Results) -> Verdict:
+    """Does every larger B lower the mean error, in brute force and in divide and conquer?"""
+    fell = of = 0
+    for dof in ARMS:
+        errors = [
+            float(row["position_mean_mm"]) for row in results("claim_18", dof=dof, method="brute force")
+        ]
+        fell, of = fell + int(sum(np.diff(errors) < 0)), of + max(len(errors) - 1, 0)
+    gains = {}
+    for dof in ARMS:
+        for method in ("CB(1)", "CB(2)", "CB(3)", "BT"):
+            errors = [
+                results.one("claim_18", "position_mean_mm", dof=dof, method=method, branching_factor=size)
+                for size in (810, 1_000_000)
+            ]
+            gains[dof, method] = errors[0] / errors[1]
+    gain = sum(value > 1.1 for value in gains.values())
+    text = (
+        f"brute force: the mean error fell in {fell} of {of} steps to a larger B; divide and conquer, from B = 810 to a "
+        f"million: fell by more than a tenth for {gain} of {len(gains)} arms and breadths, ×{max(gains.values()):.2g} at "
+        f"most; BT on six joints ×{gains[6, 'BT']:.2f}, for there it is not the grid that is too coarse"
+    )
+    return text, HOLDS if fell == of and gain == len(gains) else IN_PART if fell == of else FAILS
+
+
+def claim_19(results: Results) -> Verdict:
+    """Breadth first on the same grid; and bounds that judge a node before all joints are set."""
+    rows = results("claim_19", order="breadth first")
+    found = sum(row["same_best"] == 1.0 for row in rows)
+    shares = [
+        float(row["nodes_expanded"])
+        / results.one(
+            "claim_19",
+            "nodes_expanded",
+            order="breadth first",
+            dof=row["dof"],
+            branching_factor=row["branching_factor"],
+        )
+        for row in results("claim_19", order="breadth first, bounds")
+    ]
+    held = max(int(row["most_held"]) for row in rows)
+    text = (
+        f"breadth first finds the best node of {found} of {len(rows)} grids, with as many nodes as depth first, but "
+        f"holds up to {held:,} at once; and bounds give shallow nodes a meaning: with them "
+        f"{span(shares)} % of the nodes do, for the same answer"
+    )
+    return text, FAILS if found == len(rows) else IN_PART if found else HOLDS
+
+
+def claim_20(results: Results) -> Verdict:
+    """Brute force in plain Python at B = 720 on two joints."""
+    programs = ("objects", "numbers", "kernels")
+    seconds = {
+        p: results.one(
+            "objects", "ms_per_point", dof=2, method="brute force", branching_factor=720, program=p
+        )
+        / 1e3
+        for p in programs
+    }
+    four = results.one("objects", "ms_per_point", dof=4, method="brute force", program="objects") / 1e3
+    text = "; ".join(f"{program} {seconds[program]:.2g} s" for program in programs)
+    text += f" a point; and four joints at B = 60 with objects {four:.0f} s (the paper: several minutes)"
+    return text, HOLDS if seconds["objects"] < 10 else IN_PART if seconds["numbers"] < 10 else FAILS
+
+
+def claim_21(results: Results) -> Verdict:
+    """Who is stuck: starts within 0.1 and starts anywhere, fixed changes and shrinking ones."""
+    parts, worse, of, near, far = [], 0, 0, [], []
+    for changes in ("fixed 0.1", "fixed 0.01", "shrinking from 0.1"):
+        shares = []
+        for dof in ARMS:
+            close, anywhere = (
+                results.one("claim_21", "stuck", dof=dof, changes=changes, start_within=within)
+                for within in (0.1, 10.0)
+            )
+            shares.append((close, anywhere))
+            if changes != "shrinking from 0.1":
+                worse, of = worse + (anywhere > 0.1 and anywhere > 5 * close), of + 1
+        near, far = [100 * close for close, _ in shares], [100 * anywhere for _, anywhere in shares]
+        parts.append(f"{changes}: {max(near):.2g} % stuck near, {min(far):.2g} to {max(far):.2g} % anywhere")
+    text = (
+        "more than 5 cm off, by changes: "
+        + "; ".join(parts)
+        + f". With fixed changes a start anywhere is stuck for more "
+        f"than a tenth, and five times as often as near, in {worse} of {of} cases"
+    )
+    return text, HOLDS if worse == of else IN_PART if worse >= of / 2 else FAILS
