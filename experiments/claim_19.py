@@ -76,7 +76,11 @@ def bound(grid: plain.Grid, frame: plain.Frame, joint: int, goal: plain.Frame) -
     most = sum(lengths)
     if not any(slide for _, slide in spans):
         least = 2 * max(lengths) - most
-    return max(0.0, away - most, least - away)
+    turn = 0.0
+    if not any(link.revolute for link in links[joint:]):
+        # Nothing turns any more: the orientation's part of the error is what it will be.
+        turn = plain.error_of((*goal[:3], *frame[3:]), goal)
+    return max(0.0, away - most, least - away) + turn
 
 
 def depth_first(grid: plain.Grid, goal: plain.Frame, incumbent: float) -> tuple[float, int, int]:

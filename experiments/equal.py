@@ -43,6 +43,7 @@ def cases(effort: Effort) -> list[Row]:
     return [
         {"dof": dof, "arm": arm, "search": search, "budget": budget}
         for dof, arm in ARMS.items()
+        if dof in effort.pick((2, 3, 4, 6), (2,))
         for search in SEARCHES
         for budget in budgets
     ]
