@@ -107,7 +107,7 @@ CLAIMS = (
         10,
         "4.2, 5",
         "CB(2) and CB(3) show extreme errors at 2 DOF",
-        "question_10",
+        "question_10, question_10_exchanged",
         judges.claim_10,
         "holds if under one reading they do while the other arms stay below 1.5 mm; fails if they do under none",
     ),

@@ -31,6 +31,7 @@ EXPERIMENTS = (
     "question_06_rival",
     "question_08",
     "question_10",
+    "question_10_exchanged",
     "claim_01",
     "claim_15",
     "claim_16",

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from . import question_06
+from . import question_06, question_10_exchanged
 from .arms import ARMS
 from .effort import Row, experiment
 from .store import ExperimentError, Store
@@ -250,9 +250,24 @@ def claim_10(results: Results) -> Verdict:
         parts.append(f"{reading}: {', '.join(words)}")
     wide = results("question_10", reading="no wrap, window slides", dof=2, breadth=6)
     parts.append(f"and there Br = 6 has {mm(float(wide[0]['position_mean_mm']))}")
+    words = []
+    for breadth in (2, 3):
+        exchanged = results.one(
+            "question_10_exchanged",
+            "position_mean_mm",
+            lengths=question_10_exchanged.EXCHANGED,
+            position_weight=1.0,
+            breadth=breadth,
+            divisions=3,
+        )
+        rows = results("question_10", reading="wrap", breadth=breadth)
+        others = max(float(row["position_mean_mm"]) for row in rows if row["dof"] != 2)
+        extreme["exchanged", breadth], near["exchanged", breadth] = exchanged > 1.2 * others, others < 1.5
+        words.append(f"CB({breadth}) {mm(exchanged)}")
+    parts.append(f"wrap, the two lengths exchanged: {', '.join(words)}")
     printed = {key[0] for key in extreme if all(extreme[key[0], b] and near[key[0], b] for b in (2, 3))}
     parts.append(
-        f"{len(printed)} of 3 readings have the two-link arm extreme and the others below 1.5 mm, as the paper's figure has"
+        f"{len(printed)} of 4 readings have the two-link arm extreme and the others below 1.5 mm, as the paper's figure has"
     )
     alone = {key[0] for key in extreme if all(extreme[key[0], b] for b in (2, 3))}
     return "; ".join(parts), HOLDS if printed else IN_PART if alone else FAILS

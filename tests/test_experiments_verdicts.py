@@ -92,7 +92,14 @@ TURNS: list[tuple[int, dict[str, Change], str]] = [
         HOLDS,
     ),
     (10, {"question_10": lambda row: {} if row["dof"] == 2 else {"position_mean_mm": 1.0}}, HOLDS),
-    (10, {"question_10": only({"position_mean_mm": 0.01}, dof=2)}, FAILS),
+    (
+        10,
+        {
+            "question_10": only({"position_mean_mm": 0.01}, dof=2),
+            "question_10_exchanged": only({"position_mean_mm": 0.01}),
+        },
+        FAILS,
+    ),
     (11, {"figure_08": only({"q_digest": "q0"}, dof=2, method="BT")}, IN_PART),
     (
         12,
