@@ -165,8 +165,7 @@ CLAIMS = (
         "one or two orders of magnitude slower than twists and exponentials (500 points of a 7-DOF arm in 10 s)",
         "objects, claim_17",
         judges.claim_17,
-        "in part if the ratio is not nearer to 10 or 100 than to 1 or 1000, fails if the search is as fast or 3,200 "
-        "times slower",
+        "holds if the ratio lies between 10 and 100, fails if the search is as fast or a thousand times slower",
     ),
     Claim(
         18,

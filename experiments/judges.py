@@ -406,8 +406,7 @@ def claim_17(results: Results) -> Verdict:
         f"much; kinseek's default answers {row['points']} points of the Panda in {row['seconds']:.2g} s, "
         f"{100 * float(row['solved']):.1f} % of them to 1 µm and 1 µrad"
     )
-    # An order of magnitude or two, to the nearest one.
-    return text, HOLDS if 10**0.5 < ratio < 10**2.5 else IN_PART if 1 < ratio < 10**3.5 else FAILS
+    return text, HOLDS if 10 <= ratio <= 100 else IN_PART if 1 < ratio <= 1000 else FAILS
 
 
 def claim_18(results: Results) -> Verdict:

@@ -80,7 +80,7 @@ def arm_of(dof: int) -> kinseek.Arm:
 
 
 def measure(case: Row, effort: Effort) -> Row:
-    """Time a program, count its nodes, and compare its answers with those of the kernels, bit for bit."""
+    """Time a program, count its nodes, and compare its answers with those of the kernels."""
     dof, method, size = int(case["dof"]), str(case["method"]), int(case["branching_factor"])
     if case["program"] == TWISTS:
         return _measure_twists(dof, effort)
@@ -100,13 +100,18 @@ def measure(case: Row, effort: Effort) -> Row:
         return _measure_kernels(arm, goals[:points], solver)
     program = plain.PROGRAMS[str(case["program"])]
     answers, seconds, ready, made = _run(program, grid, goals[:points], 1 if nodes * points > 200_000 else 3)
-    kernel = arm.ik(goals[:points], solver=solver).q
+    kernel = arm.ik(goals[:points], solver=solver).weighted_error
+    errors = [
+        plain.error_of(plain.pose_of(grid.arm, q), frame_of(goal))
+        for q, goal in zip(answers, goals[:points], strict=True)
+    ]
     return {
         "points": points,
         "nodes_expanded": made.expanded // points,
         "nodes_kernel": nodes,
         "nodes_created": made.created if grid_is_kept(made) else made.created // points,
-        "same_answers": float(np.all(np.array(answers) == kernel, axis=1).mean()),
+        # Equal errors: where two nodes tie, rounding decides between them, and all later passes differ in a bit.
+        "same_answers": float((np.abs(np.array(errors) - kernel) < 1e-9).mean()),
         "ms_per_point": 1e3 * seconds / points,
         "us_per_node": 1e6 * seconds / made.expanded,
         "preparation_ms": 1e3 * ready,
