@@ -24,7 +24,8 @@ SIZES = (30, 90, 270, 810, 2430, 7290, 65_610, 1_000_000)
 
 def cases(effort: Effort) -> list[Row]:
     """Brute force where it can, divide and conquer from coarse to very fine."""
-    brute = effort.pick(BRUTE, {2: (15, 30)})
+    few: dict[int, tuple[int, ...]] = {2: (15, 30)}
+    brute = effort.pick(BRUTE, few)
     sizes = effort.pick(SIZES, (30, 810))
     listed: list[Row] = [
         {"dof": dof, "arm": ARMS[dof], "method": "brute force", "branching_factor": size}

@@ -22,7 +22,8 @@ ORDERS = ("depth first", "breadth first", "depth first, bounds", "breadth first,
 def cases(effort: Effort) -> list[Row]:
     """The four orders on grids that plain Python can walk."""
     full: dict[int, tuple[int, ...]] = {2: (60, 240), 3: (30,)}
-    grids = effort.pick(full, {2: (12,)})
+    quick: dict[int, tuple[int, ...]] = {2: (12,)}
+    grids = effort.pick(full, quick)
     return [
         {"dof": dof, "branching_factor": size, "order": order}
         for dof, sizes in grids.items()

@@ -6,6 +6,7 @@ import importlib.resources
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import kinseek
 
@@ -75,8 +76,8 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     save(figure, path)
 
 
-def _line(axis: object, rows: Sequence[Row], name: str, label: str, look: dict[str, object]) -> None:
+def _line(axis: Any, rows: Sequence[Row], name: str, label: str, look: dict[str, Any]) -> None:
     spread = [1.96 * float(row["position_standard_error_mm"]) for row in rows]
     axis.errorbar(
         column(rows, name), column(rows, "position_mean_mm"), spread, label=label, capsize=3, **look
-    )  # type: ignore[attr-defined]
+    )

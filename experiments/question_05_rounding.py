@@ -44,7 +44,7 @@ def cases(effort: Effort) -> list[Row]:
 
 def branching_factor(grid: str, divisions: int) -> int:
     """The B of a grid."""
-    power = divisions ** math.ceil(math.log(BRANCHING_FACTOR, divisions) - 1e-9)
+    power: int = divisions ** math.ceil(math.log(BRANCHING_FACTOR, divisions) - 1e-9)
     return {"B = 7200": BRANCHING_FACTOR, "B = 10^7": 10**7}.get(grid, power)
 
 

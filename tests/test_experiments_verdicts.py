@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from experiments import __main__ as command
-from experiments import claims, judges, mirror, objects, plain, twists
+from experiments import claim_19, claims, judges, mirror, objects, plain, twists
 from experiments.arms import ARMS, BY_HAND, random_goals, spacings
 from experiments.effort import Row, experiment
 from experiments.judges import FAILS, HOLDS, IN_PART, Results
@@ -246,3 +246,63 @@ def test_without_a_terminal_each_experiment_says_what_it_does(
     assert told[0].startswith("1/1 figure_05: nodes expanded")
     assert "6 rows in" in told[1]
     assert told[-1].startswith("all in")
+
+
+@pytest.mark.parametrize("dof", [2, 3, 4])
+def test_the_bound_of_a_shallow_node_is_below_every_completion(dof: int) -> None:
+    rng, arm = np.random.default_rng(dof), plain.ARMS[dof]
+    grid = plain.Grid(arm, 10, 10, (1,) * dof)
+
+    def some() -> list[float]:
+        return [float(rng.uniform(link.lower, link.upper)) for link in arm.links]
+
+    tight = 0
+    for _ in range(200):
+        goal, q = plain.pose_of(arm, some()), some()
+        for joint in range(1, dof):
+            frame = plain.BASE
+            for link, value in zip(arm.links[:joint], q[:joint], strict=True):
+                frame = plain.moved(frame, link, value)
+            bound = claim_19.bound(grid, frame, joint, goal)
+            completions = [
+                plain.error_of(plain.pose_of(arm, q[:joint] + some()[joint:]), goal) for _ in range(20)
+            ]
+            assert bound <= min(completions) + 1e-12
+            tight += bound > 0.01
+    assert tight, "a bound that is always zero says nothing"
+
+
+def rows_of(name: str, **wanted: Any) -> list[Row]:
+    return Results(RESULTS)(name, **wanted)
+
+
+def test_the_story_quotes_the_rows() -> None:
+    """Numbers of docs/paper.md that no clock made, from the rows and looked for in the text."""
+    told = " ".join((RESULTS.parents[1] / "docs" / "paper.md").read_text().split())
+
+    def one(name: str, column: str, **wanted: Any) -> float:
+        return float(rows_of(name, **wanted)[0][column])
+
+    walk = {"position_weight": 20.0, "lattice_deg": 0}
+    four = {**walk, "breadth": 4}
+    million = {"dof": 6, "budget": 10**6}
+    exchanged = {"lengths": "0.25, 0.5", "position_weight": 1.0}
+    quotes = [
+        f"mirrored elbow for {100 * one('question_06_walk', 'mirrored_first', divisions=4, **four):.0f} % of all goals",
+        f"but for {100 * one('question_06_walk', 'mirrored_of_lost', divisions=4, **four):.0f} % of those",
+        f"out of reach for {100 * one('question_06_walk', 'out_of_reach', divisions=4, **four):.0f} % of the goals",
+        f"{100 * one('question_06_walk', 'lost_of_out', divisions=4, **four):.0f} % of those are lost",
+        f"against {100 * one('question_06_walk', 'lost_of_in', divisions=4, **four):.1f} % of the others",
+        f"{one('question_06_walk', 'position_mean_mm', divisions=4, **four):.1f} → "
+        f"{one('question_06_walk', 'position_mean_mm', divisions=4, breadth=5, **walk):.2g} mm",
+        f"{100 * one('question_06_walk', 'settled_of_mirrored', divisions=3, **four):.1f} % of them at D = 3",
+        f"{100 * one('question_06_walk', 'settled_of_mirrored', divisions=4, **four):.0f} % at D = 4",
+        f"CB(2) has {one('question_10_exchanged', 'position_mean_mm', breadth=2, divisions=3, **exchanged):.0f} mm",
+        f"CB(3) {one('question_10_exchanged', 'position_mean_mm', breadth=3, divisions=3, **exchanged):.1f} mm",
+        f"at the same weight {one('question_08', 'position_mean_mm', dof=6, method='CB(3)', position_weight=100.0):.1f} mm "
+        f"and {one('question_08', 'orientation_mean_mrad', dof=6, method='CB(3)', position_weight=100.0):.0f} mrad",
+        f"expands {one('figure_05', 'nodes_expanded', dof=4, method='brute force'):,.0f} nodes",
+        f"brute force has {one('equal', 'position_mean_mm', search='brute force, largest B', **million):.0f} mm",
+        f"the widest constant breadth {one('equal', 'position_mean_mm', search='DaC, widest CB', **million):.1f} mm",
+    ]
+    assert [quote for quote in quotes if quote not in told] == []
