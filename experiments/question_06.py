@@ -1,4 +1,4 @@
-"""Question 6: where does the spike at D = 4 for the two-link arm come from? From the weights K_P and K_A."""
+"""Question 6: under which weights K_P and K_A has the two-link arm, and no other, a spike at D = 4?"""
 
 from __future__ import annotations
 
