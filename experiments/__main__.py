@@ -52,7 +52,9 @@ def parser() -> argparse.ArgumentParser:
         "names", nargs="*", metavar="NAME", help=f"{', '.join(EXPERIMENTS)}; or claims; default all"
     )
     made.add_argument(
-        "--quick", action="store_true", help="few points and cases: under 2 minutes for everything"
+        "--quick",
+        action="store_true",
+        help="few points and cases: a minute for everything, and a minute more to compile",
     )
     made.add_argument(
         "--out",
