@@ -41,7 +41,9 @@ def lint(folder: Path) -> tuple[int, str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("above", ["certificate", "solution", "branches", "arm", "cli.words", "plots"])
+@pytest.mark.parametrize(
+    "above", ["proof.certificate", "solution", "branches.result", "arm", "cli.words", "plots"]
+)
 def test_a_problem_knows_nothing_of_what_is_made_of_it(copy: Path, above: str) -> None:
     with (copy / "site" / "kinseek" / "problem.py").open("a", encoding="utf-8") as file:
         file.write(f"\n\ndef _later() -> None:\n    import kinseek.{above}\n")

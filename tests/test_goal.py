@@ -166,7 +166,7 @@ def test_zero_tolerance_is_fine_and_zero_weight_is_not() -> None:
     assert Goal.pose(np.eye(4), position_tolerance=0).position_tolerance == 0
     with pytest.raises(InvalidGoal, match="position_weight must be a finite number > 0"):
         Goal.pose(np.eye(4), position_weight=0.0)
-    with pytest.raises(InvalidGoal, match="kind must be 'pose', 'position' or 'pointing', got 'place'"):
+    with pytest.raises(InvalidGoal, match="kind must be one of 'pose', 'pointing', 'position', got 'place'"):
         Goal(np.eye(4), kind="place")
 
 

@@ -24,7 +24,7 @@ PACKAGE = Path(kinseek.__file__).parent
 CALL = """
 import numpy as np
 from kinseek.kernels.arrays import chain_arrays
-from kinseek.kernels.pose_error import judge
+from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import GoalArrays
 rigid = np.eye(4)[None, :3].repeat(2, axis=0)
 one, flag, zero = np.ones(1), np.array([True]), np.zeros(1, dtype=np.int64)
@@ -52,7 +52,7 @@ def run(folder: Path, before: str = "", cache: str | None = None) -> tuple[float
 
 def test_an_upgrade_in_place_never_runs_stale_kernels(copy: Path) -> None:
     caller, callee = (
-        copy / "site" / "kinseek" / "kernels" / name for name in ("pose_error.py", "forward.py")
+        copy / "site" / "kinseek" / "kernels" / "arm" / name for name in ("pose_error.py", "forward.py")
     )
     result, notice = run(copy)
     assert result == pytest.approx(0.75)
