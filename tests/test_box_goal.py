@@ -389,9 +389,7 @@ def test_what_positions_and_directions_refuse() -> None:
 @pytest.mark.parametrize("solver", [solver for solver in kinseek.ALL_SOLVERS if solver is not kinseek.Atlas])
 def test_other_solvers_refuse_ranges(solver: type[kinseek.Solver]) -> None:
     arm = kinseek.load("planar2")
-    with pytest.raises(
-        InvalidProblem, match="only of a whole pose, a direction, a position. The default solver of ik, Atlas"
-    ):
+    with pytest.raises(InvalidProblem, match="only of a whole pose, a direction, a position"):
         arm.ik(Goal.pose(np.eye(4), free=("x", "rz")), solver=solver())
 
 

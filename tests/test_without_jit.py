@@ -148,7 +148,7 @@ def beside(arm: kinseek.Arm, kind: str) -> Problem:
 
 def proof(arm: kinseek.Arm, kind: str, gap: float | None, budget: int) -> Any:
     problem = beside(arm, kind)
-    known = SMALL.solve(problem)
+    known = SMALL.solve(replace(problem, budget=200))
     found = branch_and_bound.prove(problem, gap=gap, budget=budget, threads=1, answer=known)
     return found.verdict.name, found.boxes, found.lower_bound, found.upper_bound
 
@@ -175,7 +175,7 @@ def reachable_proof() -> Any:
     """A poor answer handed in, so that the proof has to find a better one itself."""
     T = targets(TWO, 1)[0]
     problem = Problem(TWO.chain, Goal.pose(T, position_tolerance=0.05, orientation_tolerance=0.05))
-    poor = replace(SMALL.solve(Problem(TWO.chain, Goal.pose(away(TWO)))), problem=problem)
+    poor = replace(SMALL.solve(Problem(TWO.chain, Goal.pose(away(TWO)), budget=200)), problem=problem)
     found = branch_and_bound.prove(problem, budget=300, threads=1, answer=poor)
     return found.verdict.name, found.position_error <= 0.05
 
@@ -213,10 +213,10 @@ RUNS: list[tuple[Any, ...]] = [
     *[(branches, name) for name in ("planar2", "elbow6")],
     (free_branches,),
     *[(all_branches, arm) for arm in (TWO, SLIDES)],
-    (proof, SLIDES, "pose", None, 60),
+    (proof, SLIDES, "pose", None, 30),
     (proof, TWO, "pose", 0.05, 100),
     (proof, SLIDES, "position", 0.2, 60),
-    (proof, SLIDES, "pointing", 0.2, 40),
+    (proof, SLIDES, "pointing", 0.2, 20),
     (bounds, kinseek.load("elbow6"), "pose", 12),
     (bounds, kinseek.load("cylindrical3"), "pose", 40),
     (bounds, kinseek.load("cylindrical3"), "pointing", 40),
