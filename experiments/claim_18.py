@@ -64,6 +64,6 @@ def draw(rows: Sequence[Row], path: Path) -> None:
             axis.plot(sizes, column(some, "position_median_mm"), **thin)
         axis.set(xscale="log", yscale="log", xlabel="B, branching factor", title=NAMES[dof])
     axes[0, 0].set_ylabel("position error [mm]; thin: median")
-    axes[0, 0].legend(fontsize=8)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
     figure.suptitle("Claim 18: mean error against B, D = 3")
     save(figure, path)

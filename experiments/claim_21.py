@@ -67,6 +67,6 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         plain_ticks(under.xaxis, (0.03, 0.1, 0.3, 1, 10))
     axes[0, 0].set_ylabel(f"ends more than {1e3 * STUCK:g} mm off [%]")
     axes[1, 0].set_ylabel("median position error [mm]")
-    axes[0, 0].legend(fontsize=8)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
     figure.suptitle("Claim 21: Blind Search against the distance of its start")
     save(figure, path)

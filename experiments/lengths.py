@@ -71,7 +71,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         _line(axes[0, 3], sorted(some, key=lambda row: float(row["tool_m"])), "tool_m", method, look)
     axes[0, 3].set(title=NAMES[6], xlabel="hand beyond the wrist's centre [m]")
     axes[0, 0].set_ylabel("mean position error [mm]")
-    axes[0, 0].legend(fontsize=8)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
     figure.suptitle("Other link lengths, the same reach: D = 3, B = 7200, with 95 % intervals")
     save(figure, path)
 

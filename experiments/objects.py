@@ -199,7 +199,7 @@ def _measure_twists(dof: int, effort: Effort) -> Row:
 
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Time a node, what objects cost, memory against B, and Figure 11 in plain Python."""
-    figure, axes = canvas(2, 2, (11, 8))
+    figure, axes = canvas(2, 2, (13, 9))
     for look, program in zip(LOOKS, _SHOWN, strict=False):
         some = [
             row
@@ -232,7 +232,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     )
     axes[1, 1].set_ylim(1e-3, 2e4)
     for axis in axes.flat:
-        axis.legend(fontsize=8)
+        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     figure.suptitle("Numbers without objects (Sec. 5): one search, kept in four ways")
     save(figure, path)
 
@@ -253,7 +253,7 @@ def _draw_ratios(axis: Any, rows: Sequence[Row]) -> None:
         axis.plot(places, ratios, label=program, **{**look, "linestyle": "none"})
     axis.axhline(1, color="#000000", linewidth=1)
     axis.set(ylabel="time over that of node objects, tree ready", ylim=(0, 1.8), title="what an object costs")
-    axis.set_xticks(list(ticks.values()), list(ticks), rotation=60, ha="right")
+    axis.set_xticks(list(ticks.values()), list(ticks), rotation=90, ha="center")
 
 
 def _draw_growth(axis: Any, rows: Sequence[Row]) -> None:

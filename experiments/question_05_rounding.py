@@ -88,7 +88,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         under.set(xlabel="D", ylim=(0, 1.1))
     axes[0, 0].set_ylabel("mean position error [mm]")
     axes[1, 0].set_ylabel("least reach of a pass\n[cells of the one before]")
-    axes[0, 0].legend(fontsize=8)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
     figure.suptitle("Question 5, the grid's part: what rounding the spacing does")
     save(figure, path)
 

@@ -121,6 +121,6 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         title="Br = 4: other samples, other spike",
     )
     for axis in axes[0]:
-        axis.legend(fontsize=8)
+        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=1 if axis is axes[0, 1] else 2)
     figure.suptitle(f"Question 6, the mechanism: two-link arm, K_P / K_A = {WEIGHT:g} /m, B = 7200")
     save(figure, path)
