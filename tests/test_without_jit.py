@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Atlas, Goal, Problem, Solver
-from kinseek.branches import find as branching
+from kinseek.branches import index as branching
 from kinseek.kernels.proof.exclusion import examine
 from kinseek.kernels.proof.neighbourhood import contractions
 from kinseek.kernels.without_jit import WITHOUT_JIT, Bounded, bounded, call_at, unbounded, view_at
@@ -86,7 +86,8 @@ def near(name: str) -> Any:
 def out_of_reach(name: str) -> Any:
     arm = kinseek.load(name)
     solution = arm.ik(away(arm), solver=SMALL)
-    return solution.q, solution.success, solution.weighted_error
+    # A stretched elbow stands at one end of its full turn or at the other: that hangs on the last bit.
+    return np.cos(solution.q), np.sin(solution.q), solution.success, solution.weighted_error
 
 
 def positions_and_directions(name: str) -> Any:
