@@ -255,20 +255,41 @@ def _columns(solution: Solution) -> list[str]:
     return [each.name for each in fields(solution) if each.name not in ("q", "problem")]
 
 
-def conclude(problem: Problem, q: Array, work: NDArray[np.int64]) -> Solution:
+def conclude(
+    problem: Problem, q: Array, work: NDArray[np.int64], out_of_time: NDArray[np.bool_] | None = None
+) -> Solution:
     """Judge joint values by plain FK.
 
     Args:
         problem: What was asked, a batch of k targets.
         q: What was found, (k, n).
         work: Evaluations, nodes created and nodes expanded of each, (k, 3).
+        out_of_time: Was the search for it cut short? (k,); None: none was.
+    """
+    if isinstance(problem.chain, BlackBox):
+        measured = judge_function(problem.chain, problem.goal, q)
+    else:
+        measured = problem.goal.measure(problem.arrays, np.ascontiguousarray(q))
+    return reported(problem, q, measured, work, out_of_time)
+
+
+def reported(
+    problem: Problem,
+    q: Array,
+    measured: Array,
+    work: NDArray[np.int64],
+    out_of_time: NDArray[np.bool_] | None = None,
+) -> Solution:
+    """Make a solution of joint values that are judged already.
+
+    Args:
+        problem: As in `conclude`.
+        q: As in `conclude`.
+        measured: Position error [m], orientation error [rad] and weighted error of each by plain FK, (k, 3).
+        work: As in `conclude`.
+        out_of_time: As in `conclude`.
     """
     goal, shape = problem.goal, problem.goal.shape
-    joints = np.ascontiguousarray(q)
-    if isinstance(problem.chain, BlackBox):
-        measured = judge_function(problem.chain, goal, q)
-    else:
-        measured = goal.measure(problem.arrays, joints)
     success = (measured[:, 0] <= goal.position_tolerance) & (measured[:, 1] <= goal.orientation_tolerance)
 
     def field(column: NDArray[Any]) -> Any:
@@ -284,6 +305,7 @@ def conclude(problem: Problem, q: Array, work: NDArray[np.int64]) -> Solution:
         nodes_created=field(work[:, 1]),
         nodes_expanded=field(work[:, 2]),
         problem=problem,
+        out_of_time=_NO if out_of_time is None else field(out_of_time),
     )
 
 

@@ -16,7 +16,6 @@ from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.index import wanted_of
 from kinseek.solvers.atlas.solver import Atlas
-from kinseek.solvers.base import timed
 
 from .find import branches_of
 from .index import BranchIndex, constraint_jacobian, index_of
@@ -57,7 +56,7 @@ def preferred(
     ]
     q = np.array([pick[0] for pick in picks]).reshape(-1, problem.chain.dof)
     work = np.array([[pick[1], 0, 0] for pick in picks], dtype=np.int64).reshape(-1, 3)
-    solution = timed(conclude(problem, q, work), np.array([pick[4] for pick in picks], dtype=bool))
+    solution = conclude(problem, q, work, np.array([pick[4] for pick in picks], dtype=bool))
     shape = problem.goal.shape
     passed, refused = (np.reshape([pick[k] for pick in picks], shape) for k in (2, 3))
     if not shape:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from operator import index
 from typing import NamedTuple, Protocol
 
@@ -58,19 +57,10 @@ def solve_each(
     When the time is up the targets that are left get what their search would start from.
     """
     deadline = deadline or Deadline(problem.time_limit)
-    found = [
-        Found(one.start, 0, out_of_time=True) if deadline.passed else search(one, deadline)
-        for one in problem.each()
-    ]
-    rows = [one.placed(f.q) for one, f in zip(problem.each(), found, strict=True)]
+    found, rows = [], []
+    for one in problem.each():
+        found.append(Found(one.start, 0, out_of_time=True) if deadline.passed else search(one, deadline))
+        rows.append(one.placed(found[-1].q))
     q = np.array(rows).reshape(-1, problem.chain.dof)
     work = np.array([f[1:4] for f in found], dtype=np.int64).reshape(-1, 3)
-    return timed(conclude(problem, q, work), np.array([f.out_of_time for f in found], dtype=bool))
-
-
-def timed(solution: Solution, out_of_time: NDArray[np.bool_]) -> Solution:
-    """Say of each target of a solution whether its search was cut short, (k,)."""
-    shape = solution.problem.goal.shape
-    if not (shape or out_of_time.any()):
-        return solution
-    return replace(solution, out_of_time=out_of_time.reshape(shape) if shape else bool(out_of_time[0]))
+    return conclude(problem, q, work, np.array([f.out_of_time for f in found], dtype=bool))

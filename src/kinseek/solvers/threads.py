@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from queue import SimpleQueue
 
 from kinseek.deadline import Deadline
+from kinseek.errors import MissingExtra
 
 GoOn = Callable[[], bool]
 """May another piece of work be begun?"""
@@ -72,3 +74,20 @@ def spread(
     finally:
         stopped.set()
         pool.shutdown(wait=True)
+
+
+@contextmanager
+def progress_bar(wanted: bool, total: int) -> Iterator[Callable[[int], object]]:
+    """Give a function that is told how many more targets are done."""
+    if not wanted:
+        yield lambda count: None
+        return
+    try:
+        from rich.console import Console
+        from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
+    except ImportError:
+        raise MissingExtra("A progress bar", "cli") from None
+    columns = (*Progress.get_default_columns()[:-1], MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task("solving", total=total)
+        yield lambda count: bar.advance(task, count)

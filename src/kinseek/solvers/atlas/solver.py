@@ -6,25 +6,22 @@ sorted: see `kernels.atlas` for the idea, and `kernels.atlas.one_goal` for what 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.deadline import Deadline
-from kinseek.errors import MissingExtra
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.batch import solve_many, solve_some
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.near import solve_many_near
 from kinseek.problem import Problem
 from kinseek.robots.blackbox import BlackBox
-from kinseek.solution import Solution, conclude
+from kinseek.solution import Solution, reported
 from kinseek.solvers.base import Found, solve_each, whole
-from kinseek.solvers.threads import GoOn, spread
+from kinseek.solvers.threads import GoOn, progress_bar, spread
 
 from .index import SAMPLES, atlas_of, wanted_of
 
@@ -111,7 +108,7 @@ class Atlas:
     def _ask(self, box: BlackBox, problem: Problem) -> Solution:
         from kinseek.solvers.black_box.atlas import answer
 
-        with _progress_bar(self.progress, len(problem.goal.targets)) as advance:
+        with progress_bar(self.progress, len(problem.goal.targets)) as advance:
 
             def search(one: Problem, deadline: Deadline) -> Found:
                 found = answer(box, one, self.samples, deadline)
@@ -126,61 +123,18 @@ class Atlas:
             if not deadline.passed:
                 work(0, count, lambda: not deadline.passed)
             return
-        with _progress_bar(self.progress, count) as advance:
+        with progress_bar(self.progress, count) as advance:
             spread(work, count, CHUNK, self.threads, deadline, advance)
 
 
 def batch_solution(problem: Problem, results: Array, done: NDArray[np.bool_]) -> Solution:
     """Make a solution of the rows that the kernels write, (k, n + 4); those not done, (k,), get where a search starts."""
-    late = problem.time_limit is not None and not done.all()
-    if late:
-        results[~done] = _starts(problem, ~done)
-    goal, dof, shape = problem.goal, problem.chain.dof, problem.goal.shape
-    position, orientation, weighted, spent = (results[:, dof + i] for i in range(4))
-    success = (position <= goal.position_tolerance) & (orientation <= goal.orientation_tolerance)
-
-    def field(column: Any) -> Any:
-        return column.reshape(shape).copy() if shape else column[0].item()
-
-    nothing = np.zeros(len(results), dtype=np.int64)
-    return Solution(
-        q=results[:, :dof].reshape(*shape, dof).copy(),
-        success=field(success),
-        position_error=field(position),
-        orientation_error=field(orientation),
-        weighted_error=field(weighted),
-        evaluations=field(spent.astype(np.int64)),
-        nodes_created=field(nothing),
-        nodes_expanded=field(nothing),
-        problem=problem,
-        out_of_time=field(~done) if late else np.zeros(shape, dtype=bool) if shape else False,
-    )
-
-
-def _starts(problem: Problem, late: NDArray[np.bool_]) -> Array:
-    """Rows as the kernels write them for targets that were not begun, (k, n + 4)."""
     goal, dof = problem.goal, problem.chain.dof
-    q = np.broadcast_to(problem.start, (*goal.shape, dof)).reshape(-1, dof)[late]
-    targets = np.asarray(goal.target).reshape(-1, *goal.target.shape[len(goal.shape) :])[late]
-    judged = conclude(
-        replace(problem, goal=goal.at(targets), near=None), q, np.zeros((len(q), 3), dtype=np.int64)
-    )
-    errors = judged.position_error, judged.orientation_error, judged.weighted_error, np.zeros(len(q))
-    return np.column_stack([q, *errors])
-
-
-@contextmanager
-def _progress_bar(wanted: bool, total: int) -> Iterator[Callable[[int], object]]:
-    """Give a function that is told how many more targets are done."""
-    if not wanted:
-        yield lambda count: None
-        return
-    try:
-        from rich.console import Console
-        from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
-    except ImportError:
-        raise MissingExtra("A progress bar", "cli") from None
-    columns = (*Progress.get_default_columns()[:-1], MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("solving", total=total)
-        yield lambda count: bar.advance(task, count)
+    late = ~done
+    if late.any():
+        starts = np.broadcast_to(problem.start, (*goal.shape, dof)).reshape(-1, dof)[late]
+        measured = goal.at(goal.target.reshape(-1, 4, 4)[late]).measure(problem.arrays, starts)
+        results[late] = np.column_stack([starts, measured, np.zeros(len(starts))])
+    work = np.zeros((len(results), 3), dtype=np.int64)
+    work[:, 0] = results[:, dof + 3]
+    return reported(problem, results[:, :dof].copy(), results[:, dof : dof + 3], work, late)
