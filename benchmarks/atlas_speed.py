@@ -21,7 +21,7 @@ from benchmarks.command import under_pytest
 from benchmarks.fleet import single_times
 from benchmarks.targets import plain_fk, random_joints
 from kinseek.kernels.atlas.one_goal import solve_plain
-from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
+from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex, atlas_of
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ def test_one_pose(benchmark: Any, name: str) -> None:
 @pytest.mark.parametrize("name", ARMS)
 def test_kernel_alone(benchmark: Any, name: str) -> None:
     arm = kinseek.load(name)
-    address, targets, q = arm.atlas.address, targets_of(arm, 1000), np.empty(arm.dof)
+    address, targets, q = atlas_of(arm.chain).address, targets_of(arm, 1000), np.empty(arm.dof)
 
     def solve(target: Array) -> Any:
         return solve_plain(address, target, q)

@@ -214,7 +214,7 @@ def test_a_budget_is_kept(solver: kinseek.Solver, budget: int) -> None:
     arm, box = wrapped("puma560")
     T = arm.fk(random_joints(arm.chain, 1, 4)[0])
     for near in (None, np.zeros(6)):
-        solution = solver.solve(Problem(box.chain, Goal.pose(T), near, budget))
+        solution = solver.solve(Problem(box.mechanism, Goal.pose(T), near, budget))
         assert solution.evaluations <= budget
         assert np.isfinite(solution.weighted_error)
 
@@ -350,9 +350,10 @@ def test_what_needs_axes_says_so() -> None:
         box.ik(T, solver=kinseek.BlindSearch())
     with pytest.raises(InvalidSolver, match="tuned"):
         box.ik(T, solver=kinseek.DivideAndConquer(breadth="tuned"))
-    with pytest.raises(InvalidSolver, match="axes and links"):
-        box.chain.fixed  # noqa: B018
-    assert not hasattr(box.chain, "nonsense")
+    assert box.axes is None
+    for thing in (box, Problem(box.mechanism, Goal.pose(T))):
+        with pytest.raises(InvalidProblem, match=r"axes and links.*'scara4' is a function"):
+            thing.chain  # noqa: B018
     for call in (lambda: box.prove(T), lambda: box.ik(T, prove=True)):
         with pytest.raises(InvalidProblem, match="nothing can be proved"):
             call()

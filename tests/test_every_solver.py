@@ -75,7 +75,7 @@ def asked(name: str, kind: str = "pose", count: int = 3) -> tuple[kinseek.Arm, P
         "position": Goal.position(T[:, :3, 3]),
         "pointing": Goal.pointing(T[:, :3, 3], T[0, :3, 2], (0.0, 0.6, 0.8)),
     }[kind]
-    return arm, Problem(arm.chain, goal, near)
+    return arm, Problem(arm.mechanism, goal, near)
 
 
 @pytest.mark.slow
@@ -112,7 +112,7 @@ def test_same_bits_twice_from_two_threads_and_in_any_batch(cls: type[Solver], na
         np.testing.assert_array_equal(first.q, other.q)
         np.testing.assert_array_equal(first.evaluations, other.evaluations)
     assert problem.near is not None
-    part = Problem(problem.chain, problem.goal.at(problem.goal.target[1:]), problem.near[1:])
+    part = Problem(problem.mechanism, problem.goal.at(problem.goal.target[1:]), problem.near[1:])
     np.testing.assert_array_equal(first.q[1:], solver.solve(part).q)
 
 
@@ -137,7 +137,7 @@ def test_never_worse_than_its_start(cls: type[Solver], name: str) -> None:
     assert problem.near is not None
     at_the_answer = np.random.default_rng(11).uniform(arm.lower, arm.upper, (2, 3, arm.dof))[0]
     for near, more in ((problem.near, 1e-12), (at_the_answer, 1.5e-6)):
-        solution = make(cls).solve(Problem(problem.chain, problem.goal, near))
+        solution = make(cls).solve(Problem(problem.mechanism, problem.goal, near))
         for start, q, one in zip(near, solution.q, problem.each(), strict=True):
             assert measure(fk(chain, q), one.goal) <= measure(fk(chain, start), one.goal) + more
 
@@ -147,7 +147,7 @@ def test_never_worse_than_its_start(cls: type[Solver], name: str) -> None:
 def test_the_same_wherever_it_would_start(cls: type[Solver], name: str) -> None:
     _, problem = asked(name)
     first = make(cls).solve(problem)
-    again = make(cls).solve(Problem(problem.chain, problem.goal))
+    again = make(cls).solve(Problem(problem.mechanism, problem.goal))
     np.testing.assert_array_equal(first.q, again.q)
     np.testing.assert_array_equal(first.evaluations, again.evaluations)
 
@@ -166,7 +166,7 @@ def test_polishing_never_spoils_what_is_polished(name: str) -> None:
 @pytest.mark.parametrize("budget", [1, 100, 5000])
 def test_a_budget_is_kept(cls: type[Solver], name: str, budget: int) -> None:
     arm, problem = asked(name, count=1)
-    solution = make(cls).solve(Problem(problem.chain, problem.goal, problem.near, budget))
+    solution = make(cls).solve(Problem(problem.mechanism, problem.goal, problem.near, budget))
     assert (solution.evaluations <= budget).all()
     assert ((solution.q >= arm.lower) & (solution.q <= arm.upper)).all()
 

@@ -19,7 +19,7 @@ ENDLESS = ("gen3", "jaco2_6")
 
 
 def turning(arm: kinseek.Arm) -> NDArray[np.bool_]:
-    return np.asarray(np.array(arm.chain.kinds) == "continuous")
+    return np.asarray(np.array(arm.kinds) == "continuous")
 
 
 def curves(arm: kinseek.Arm, steps: int, seed: int) -> Array:
@@ -155,7 +155,7 @@ def test_a_follower_of_half_turns_keeps_its_leader_where_it_is() -> None:
         Joint("c", "revolute", transform(rotation(np.eye(3)[0], 1.0), [1, 0, 0]), np.eye(3)[2], -1.0, 1.0),
     ]
     arm = kinseek.Arm(serial_chain(joints, transform(np.eye(3), [1, 0, 0]), name="m", base="b", tip="t"))
-    problem = Problem(arm.chain, Goal.pose(np.eye(4)), np.array([9.0, 0.0]))
+    problem = Problem(arm.mechanism, Goal.pose(np.eye(4)), np.array([9.0, 0.0]))
     np.testing.assert_array_equal(problem.placed(np.array([-3.0, 0.5])), [-3.0, 0.5])
     target = arm.fk([-3.0, 0.5])
     solution = arm.ik(target, near=[3.3, 0.5])

@@ -46,7 +46,7 @@ def test_no_time_gives_the_start_and_says_so(cls: type[Solver], shape: tuple[int
     T = poses(arm, 5)[: int(np.prod(shape))].reshape(*shape, 4, 4) if shape else poses(arm, 1)[0]
     near = arm.lower + 0.3 * (arm.upper - arm.lower)
     for start in (None, near):
-        solution = make(cls).solve(Problem(arm.chain, Goal.pose(T), start, time_limit=SHORT))
+        solution = make(cls).solve(Problem(arm.mechanism, Goal.pose(T), start, time_limit=SHORT))
         expected = (arm.lower + arm.upper) / 2 if start is None else near
         np.testing.assert_array_equal(solution.q, np.broadcast_to(expected, (*shape, 4)))
         assert np.all(solution.out_of_time)
@@ -275,7 +275,7 @@ def test_parts_find_the_same_bits_as_one(part: int, name: str, monkeypatch: pyte
     start = arm.lower + 0.4 * (arm.upper - arm.lower)
     for module, constant, solver in solvers:
         for budget in (None, 333):
-            problem = Problem(arm.chain, Goal.pose(T), start, budget)
+            problem = Problem(arm.mechanism, Goal.pose(T), start, budget)
             whole = solver.solve(problem)
             with monkeypatch.context() as patch:
                 patch.setattr(module, constant, part)

@@ -27,15 +27,15 @@ from .kernels.atlas.one_goal import solve_plain
 from .poses import one_pose
 from .problem import Problem, as_joints
 from .proof.certificate import Certificate, Verdict
-from .robots import BlackBox, as_chain, black_box, read, read_dh
-from .robots.chain import SerialChain
+from .robots import Mechanism, SerialChain, as_mechanism, black_box, read, read_dh
+from .robots.mechanism import no_axes
 from .robots.variants import with_limits, with_locked, with_tool
 from .shapes import ManyGoals, Matrix, OneGoal, Pose, Poses, Rows, Unshaped, UnshapedGoal, Vector
 from .solution import Solution, Status, quick_solution
 from .solvers import Atlas, Solver
 from .solvers.atlas.index import PLAIN, SAMPLES, AtlasIndex, atlas_of
 from .solvers.base import whole
-from .solvers.black_box.samples import samples_of
+from .solvers.black_box.samples import Samples, samples_of
 from .solvers.checks import as_solver, warn_if_far
 from .units import warn_of_distance
 
@@ -84,9 +84,10 @@ class Arm:
     and `with_limits` make; these copy the arm and never call ``__init__``.
     """
 
-    def __init__(self, chain: SerialChain) -> None:
-        """Wrap a chain that a reader made."""
-        self.chain = as_chain(chain)
+    def __init__(self, mechanism: Mechanism) -> None:
+        """Wrap what a reader made."""
+        self._mechanism = as_mechanism(mechanism)
+        self._axes = self._mechanism.axes
         self._index: AtlasIndex | None = None
         self._branch_index: BranchIndex | None = None
 
@@ -97,10 +98,11 @@ class Arm:
         attributes = {**cast("dict[str, Any]", attributes), "_index": None, "_branch_index": None}
         return attributes if slots is None else (attributes, slots)
 
-    def _with_chain(self, chain: SerialChain) -> Self:
-        """The same arm in all but its chain."""
+    def _with(self, mechanism: Mechanism) -> Self:
+        """The same arm in all but its mechanism."""
         arm = copy(self)
-        arm.chain, arm._index, arm._branch_index = chain, None, None
+        arm._mechanism, arm._axes = mechanism, mechanism.axes
+        arm._index = arm._branch_index = None
         return arm
 
     @classmethod
@@ -159,41 +161,60 @@ class Arm:
             InvalidRobot: Not a function, limits that do not fit, unknown kinds, names not unique.
             FailedKinematics: `fk` raises or gives no rigid transform, now or in a later search; it names the q.
         """
-        box = black_box(
-            fk, lower, upper, vectorized=vectorized, names=names, kinds=kinds, partial=partial, name=name
+        return cls(
+            black_box(
+                fk, lower, upper, vectorized=vectorized, names=names, kinds=kinds, partial=partial, name=name
+            )
         )
-        # It has of a chain what problems and solutions read; what needs more is told so by `BlackBox.__getattr__`.
-        return cls(cast("SerialChain", box))
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """What the arm is made of: a `SerialChain`, or a `BlackBox` where only a function is known."""
+        return self._mechanism
+
+    @property
+    def axes(self) -> SerialChain | None:
+        """Its axes and links; None where only a function is known."""
+        return self._axes
+
+    @property
+    def chain(self) -> SerialChain:
+        """Its axes and links, for what cannot do without them.
+
+        Raises:
+            InvalidProblem: The arm is a function; `mechanism` is there, and `axes` is None.
+        """
+        return self._require_axes("a chain is made of axes and links")
 
     @property
     def name(self) -> str:
         """Name of the robot."""
-        return self.chain.name
+        return self._mechanism.name
 
     @property
     def dof(self) -> int:
         """Number of joint variables n."""
-        return self.chain.dof
+        return self._mechanism.dof
 
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joint variables, base to tip."""
-        return self.chain.joint_names
+        return self._mechanism.joint_names
 
     @property
     def kinds(self) -> tuple[str, ...]:
         """Of each joint variable: ``"revolute"``, ``"continuous"`` or ``"prismatic"``; of a function also ``"number"``."""
-        return self.chain.kinds
+        return self._mechanism.kinds
 
     @property
     def base(self) -> str:
         """Name of the link in which poses are given."""
-        return self.chain.base
+        return self._mechanism.base
 
     @property
     def tip(self) -> str:
         """Name of the link whose pose is meant, or that carries the tool of `with_tool`."""
-        return self.chain.tip
+        return self._mechanism.tip
 
     @property
     def lower(self) -> Array:
@@ -202,12 +223,12 @@ class Arm:
         A continuous joint has no limits: lower and upper are -π and π, one turn in which answers lie unless `near` asks for
         another.
         """
-        return self.chain.lower.copy()
+        return self._mechanism.lower.copy()
 
     @property
     def upper(self) -> Array:
         """Upper limits, (n,), [rad] or [m]; see `lower`."""
-        return self.chain.upper.copy()
+        return self._mechanism.upper.copy()
 
     def sample(self, n: int, seed: int = 0) -> Rows:
         """Joint values drawn uniformly from inside the limits; the same seed gives the same values.
@@ -225,8 +246,12 @@ class Arm:
         for name, value in (("n", n), ("seed", seed)):
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
                 raise InvalidProblem(f"{name} must be a whole number of at least 0, got {value!r}")
-        drawn = np.random.default_rng(seed).uniform(self.chain.lower, self.chain.upper, (n, self.dof))
-        rows: Rows = np.clip(drawn, self.chain.lower, self.chain.upper)  # Rounding may lead past a limit.
+        drawn = np.random.default_rng(seed).uniform(
+            self._mechanism.lower, self._mechanism.upper, (n, self.dof)
+        )
+        rows: Rows = np.clip(
+            drawn, self._mechanism.lower, self._mechanism.upper
+        )  # Rounding may lead past a limit.
         return rows
 
     @overload
@@ -253,17 +278,15 @@ class Arm:
             InvalidProblem: A wrong shape, NaN or infinity, an unknown link, or a link of an arm that is a function.
             FailedKinematics: The arm is a function, and it fails.
         """
-        joints = as_joints(self.chain, q)
+        joints = as_joints(self._mechanism, q)
         flat = np.ascontiguousarray(joints.reshape(-1, self.dof))
         if link is not None:
-            self._require_axes("fk(link=...) asks for a link")
-            if link not in self.chain.frames:
-                raise InvalidProblem(suggest(str(link), self.chain.frames, "link or joint"))
-            arrays = self.chain.arrays_to(self.chain.frames[link])
+            chain = self._require_axes("fk(link=...) asks for a link")
+            if link not in chain.frames:
+                raise InvalidProblem(suggest(str(link), chain.frames, "link or joint"))
+            arrays = chain.arrays_to(chain.frames[link])
             return forward_many(arrays, flat).reshape(*joints.shape[:-1], 4, 4)
-        if isinstance(self.chain, BlackBox):
-            return self.chain.poses(flat).reshape(*joints.shape[:-1], 4, 4)
-        return forward_many(self.chain.arrays, flat).reshape(*joints.shape[:-1], 4, 4)
+        return self._mechanism.forward(flat).reshape(*joints.shape[:-1], 4, 4)
 
     def jacobian(self, q: ArrayLike) -> Array:
         """How fast the tip moves and turns for each joint: the geometric Jacobian (Siciliano et al. 2009, Sec. 3.1).
@@ -281,10 +304,10 @@ class Arm:
         Raises:
             InvalidProblem: A wrong shape, NaN or infinity, or an arm that is a function, whose derivatives nobody knows.
         """
-        self._require_axes("a Jacobian is worked out from axes")
-        joints = as_joints(self.chain, q)
+        chain = self._require_axes("a Jacobian is worked out from axes")
+        joints = as_joints(self._mechanism, q)
         flat = np.ascontiguousarray(joints.reshape(-1, self.dof))
-        return jacobian_many(self.chain.arrays, flat).reshape(*joints.shape[:-1], 6, self.dof)
+        return jacobian_many(chain.arrays, flat).reshape(*joints.shape[:-1], 6, self.dof)
 
     def manipulability(self, q: ArrayLike) -> Any:
         """How far the arm is from singular: the product of the Jacobian's singular values (Yoshikawa 1985, eq. 4).
@@ -303,7 +326,7 @@ class Arm:
             InvalidProblem: As `jacobian`.
         """
         J = self.jacobian(q)
-        rank = self.dof - freedom(Problem(self.chain, Goal.pose(np.eye(4))))
+        rank = self.dof - freedom(Problem(self._mechanism, Goal.pose(np.eye(4))))
         values = np.linalg.svd(J, compute_uv=False)[..., :rank].prod(axis=-1)
         return values if J.ndim > 2 else float(values)
 
@@ -316,8 +339,7 @@ class Arm:
         Raises:
             InvalidRobot: Unknown joints, values that are no numbers or outside the limits, or every joint locked.
         """
-        self._require_axes("joints are locked along axes")
-        return self._with_chain(with_locked(self.chain, values))
+        return self._with(with_locked(self._require_axes("joints are locked along axes"), values))
 
     def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> Self:
         """The arm with narrower limits.
@@ -329,7 +351,7 @@ class Arm:
         Raises:
             InvalidRobot: Unknown joints, limits that are no numbers, inverted, or wider than those of the arm.
         """
-        return self._with_chain(with_limits(self.chain, limits))
+        return self._with(with_limits(self._mechanism, limits))
 
     def with_tool(self, tool: Any) -> Self:
         """The arm with its tip moved to a tool: `fk` and goals speak of it.
@@ -340,22 +362,20 @@ class Arm:
         Raises:
             InvalidGoal: Not one pose.
         """
-        self._require_axes("a tool is put behind the last axis")
-        return self._with_chain(with_tool(self.chain, one_pose(tool, "tool")))
+        chain = self._require_axes("a tool is put behind the last axis")
+        return self._with(with_tool(chain, one_pose(tool, "tool")))
 
     @property
-    def atlas(self) -> AtlasIndex:
+    def atlas(self) -> AtlasIndex | Samples:
         """The sorted samples that `ik` looks poses up in: built once, at the first call.
 
         Those of a function are `kinseek.solvers.black_box.samples.Samples`, with the same figures.
         """
-        if isinstance(self.chain, BlackBox):
-            return cast("AtlasIndex", samples_of(self.chain, SAMPLES))
-        return self._serial_atlas()
+        return samples_of(self._mechanism, SAMPLES) if self._axes is None else self._atlas_along(self._axes)
 
-    def _serial_atlas(self) -> AtlasIndex:
+    def _atlas_along(self, axes: SerialChain) -> AtlasIndex:
         if self._index is None:
-            self._index = atlas_of(self.chain)
+            self._index = atlas_of(axes)
         return self._index
 
     @overload
@@ -413,30 +433,29 @@ class Arm:
         if threads is not None:
             whole("threads", threads, 1)
         wishes = prefer is not None or cost is not None or valid is not None
-        serial = type(self.chain) is SerialChain
-        plain = serial and solver is None and not prove and not wishes and time_limit is None
-        if plain and _is_plain(goal, (4, 4)):
+        plain = solver is None and not prove and not wishes and time_limit is None
+        if plain and (axes := self._axes) is not None and _is_plain(goal, (4, 4)):
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform. It also
             # gives up on the first that is out of reach: what that takes is compiled on the other way.
-            q, address = np.empty(self.chain.dof), (self._index or self._serial_atlas()).address
+            q, address = np.empty(axes.dof), (self._index or self._atlas_along(axes)).address
             if near is None:
                 report = solve_plain(address, goal, q)
                 if report[3] >= 0:
                     if not report[4]:
-                        warn_of_distance(hypot(*goal[:3, 3]), self.chain.reach, 2)
-                    return quick_solution(self.chain, goal, None, q, report)
+                        warn_of_distance(hypot(*goal[:3, 3]), axes.reach, 2)
+                    return quick_solution(axes, goal, None, q, report)
             elif _is_plain(near, q.shape):
                 report = solve_plain_near(address, goal, near, q)
                 if report[3] >= 0:
                     if not report[4]:
-                        warn_of_distance(hypot(*goal[:3, 3]), self.chain.reach, 2)
-                    return quick_solution(self.chain, goal, near, q, report)
+                        warn_of_distance(hypot(*goal[:3, 3]), axes.reach, 2)
+                    return quick_solution(axes, goal, near, q, report)
         deadline = Deadline(time_limit)
         if prove:
             self._require_axes(_NO_PROOF)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
-        start = None if near is None else as_joints(self.chain, near, "near")
-        problem = Problem(self.chain, asked, start, time_limit=time_limit)
+        start = None if near is None else as_joints(self._mechanism, near, "near")
+        problem = Problem(self._mechanism, asked, start, time_limit=time_limit)
         if wishes and solver is not None:
             raise InvalidProblem("prefer, cost and valid choose among all branches; they take no solver")
         if wishes:
@@ -506,16 +525,16 @@ class Arm:
             near is None and order == "mid-range" and cost is None and valid is None and not (copies or prove)
         )
         plain = plain and time_limit is None
-        if plain and count is None and type(self.chain) is SerialChain and _is_plain(goal, (4, 4)):
+        if plain and count is None and (axes := self._axes) is not None and _is_plain(goal, (4, 4)):
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform.
             index = self._branches
             found = index.search(PLAIN, goal, index.view, SPREAD)
             if len(found):
-                return quick_branches(self.chain, goal, found, index.freedom > 0)
+                return quick_branches(axes, goal, found, index.freedom > 0)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
-        start = None if near is None else as_joints(self.chain, near, "near")
+        start = None if near is None else as_joints(self._mechanism, near, "near")
         return branches_of(
-            Problem(self.chain, asked, start, time_limit=time_limit),
+            Problem(self._mechanism, asked, start, time_limit=time_limit),
             order=order,
             cost=cost,
             valid=valid,
@@ -528,7 +547,7 @@ class Arm:
     @property
     def _branches(self) -> BranchIndex:
         if self._branch_index is None:
-            self._branch_index = index_of(Problem(self.chain, Goal.pose(np.eye(4))))
+            self._branch_index = index_of(Problem(self._mechanism, Goal.pose(np.eye(4))))
         return self._branch_index
 
     def prove(
@@ -565,13 +584,14 @@ class Arm:
 
         deadline = Deadline(time_limit)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
-        problem = Problem(self.chain, asked, time_limit=time_limit)
+        problem = Problem(self._mechanism, asked, time_limit=time_limit)
         return prove(problem, gap=gap, budget=budget, threads=threads, deadline=deadline)
 
-    def _require_axes(self, why: str) -> None:
-        """Refuse what a function has not; `why` says what would need it."""
-        if isinstance(self.chain, BlackBox):
-            raise InvalidProblem(f"{why}, and {self.name!r} is a function of which only values are known")
+    def _require_axes(self, why: str) -> SerialChain:
+        """The axes and links, or a refusal of what a function has not; `why` says what would need them."""
+        if self._axes is None:
+            raise InvalidProblem(no_axes(self._mechanism, why))
+        return self._axes
 
     def _with_proofs(self, solution: Solution, deadline: Deadline) -> Solution:
         from .proof.branch_and_bound import prove, refuse_ranges
@@ -591,8 +611,8 @@ class Arm:
 
     def __repr__(self) -> str:
         """Name, joints and frames; whether it carries a tool, and where joints are locked."""
-        tool = " + tool" if not isinstance(self.chain, BlackBox) and self.chain.tooled else ""
-        locked = () if isinstance(self.chain, BlackBox) else self.chain.locked
+        tool = " + tool" if self._axes is not None and self._axes.tooled else ""
+        locked = () if self._axes is None else self._axes.locked
         where = "".join(f", {name} locked at {value:.6g}" for name, value in locked)
         joints = f"{self.dof} joint{'s' if self.dof > 1 else ''}"
         return f"{type(self).__name__}({self.name!r}, {joints}, {self.base!r} -> {self.tip!r}{tool}{where})"

@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from .arm import Arm
 from .errors import InvalidProblem, MissingExtra
-from .robots import BlackBox
 from .robots.chain import joint_points
 
 Array = NDArray[np.float64]
@@ -91,11 +90,11 @@ def draw_arm(axes: Any, arm: Arm, q: ArrayLike, color: str = COLOURS[0], **look:
     Raises:
         InvalidProblem: An arm that is a function: nobody knows where its joints are.
     """
-    if isinstance(arm.chain, BlackBox):
+    if arm.axes is None:
         raise InvalidProblem(
             f"{arm.name!r} is a function: where its links are, only its author knows; use draw_line"
         )
-    points = joint_points(arm.chain, np.asarray(q, dtype=float))
+    points = joint_points(arm.axes, np.asarray(q, dtype=float))
     draw_line(axes, points, **({"color": color, "linewidth": 2.5, "solid_capstyle": "round"} | look))
     moving = points[1:-1]
     axes.scatter(*moving.T, color=color, s=14, alpha=look.get("alpha", 1.0))

@@ -15,8 +15,8 @@ from .errors import InvalidProblem
 from .goal import Goal
 from .kernels.arm.pose_error import LARGEST
 from .kernels.arrays import ChainArrays
-from .robots.blackbox import BlackBox
 from .robots.chain import SerialChain
+from .robots.mechanism import Mechanism, no_axes
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ class Problem:
         InvalidProblem: `near` of a wrong shape or not finite, a budget below one, a time limit that is none.
     """
 
-    chain: SerialChain
+    mechanism: Mechanism
     goal: Goal
     near: Array | None = None
     """Joint values to start from and to stay close to, (n,) or (..., n), [rad] or [m]."""
@@ -43,12 +43,12 @@ class Problem:
     def __post_init__(self) -> None:
         """Check the start against the arm."""
         if self.near is not None:
-            near, batch = as_joints(self.chain, self.near, "near"), self.goal.shape
+            near, batch = as_joints(self.mechanism, self.near, "near"), self.goal.shape
             fits = near.ndim - 1 <= len(batch) and all(
                 have in (1, want) for have, want in zip(near.shape[-2::-1], batch[::-1], strict=False)
             )
             if not fits:
-                one, many = (self.chain.dof,), (*batch, self.chain.dof)
+                one, many = (self.mechanism.dof,), (*batch, self.mechanism.dof)
                 shapes, why = (f"{one} or {many}", "") if batch else (f"{one}", ": the goal is one target")
                 raise InvalidProblem(f"near must have shape {shapes}, got {near.shape}{why}")
             object.__setattr__(self, "near", near)
@@ -56,6 +56,23 @@ class Problem:
             raise InvalidProblem(f"budget must be at least 1 FK evaluation, got {self.budget}")
         if self.time_limit is not None:
             Deadline(self.time_limit)
+
+    @property
+    def axes(self) -> SerialChain | None:
+        """The arm with its axes and links; None where it is a function of which only values are known."""
+        return self.mechanism.axes
+
+    @property
+    def chain(self) -> SerialChain:
+        """The arm with its axes and links, for what cannot do without them.
+
+        Raises:
+            InvalidProblem: It is a function of which only values are known.
+        """
+        axes = self.mechanism.axes
+        if axes is None:
+            raise InvalidProblem(no_axes(self.mechanism, "this needs the axes and links of an arm"))
+        return axes
 
     @cached_property
     def arrays(self) -> ChainArrays:
@@ -71,28 +88,27 @@ class Problem:
     @property
     def start(self) -> Array:
         """`near` inside the limits, else the middle of every range, (n,), [rad] or [m]."""
-        chain = self.chain
+        arm = self.mechanism
         if self.near is None:
-            return np.asarray((chain.lower + chain.upper) / 2)
-        return within_limits(chain, self.near)
+            return np.asarray((arm.lower + arm.upper) / 2)
+        return within_limits(arm, self.near)
 
     @property
     def limits(self) -> tuple[Array, Array]:
         """Lower and upper limits, (n,); of a continuous joint, which has none, π to either side of `near` or of 0."""
-        chain = self.chain
-        near = np.zeros(chain.dof) if self.near is None else self.near
-        free = endless(chain)
-        return np.where(free, near - np.pi, chain.lower), np.where(free, near + np.pi, chain.upper)
+        arm = self.mechanism
+        near = np.zeros(arm.dof) if self.near is None else self.near
+        return np.where(arm.endless, near - np.pi, arm.lower), np.where(arm.endless, near + np.pi, arm.upper)
 
     def placed(self, q: Array) -> Array:
         """Choose the full turns of continuous joints, (..., n): within π of `near`, or of 0 where there is none.
 
         A continuous joint has no limits and no seam: every number of full turns gives the same pose.
         """
-        free = endless(self.chain)
+        free = self.mechanism.endless
         if not free.any():
             return q
-        centre = np.zeros(self.chain.dof) if self.near is None else self.near
+        centre = np.zeros(self.mechanism.dof) if self.near is None else self.near
         near = np.broadcast_to(centre, np.shape(q))
         turned = q + 2 * np.pi * np.round((near - q) / (2 * np.pi))
         return np.where(free, np.clip(turned, near - np.pi, near + np.pi), q)
@@ -102,7 +118,8 @@ class Problem:
         if not self.goal.shape:
             yield self
             return
-        nears = None if self.near is None else np.broadcast_to(self.near, (*self.goal.shape, self.chain.dof))
+        rows = *self.goal.shape, self.mechanism.dof
+        nears = None if self.near is None else np.broadcast_to(self.near, rows)
         for index in np.ndindex(self.goal.shape):
             near = None if nears is None else nears[index]
             yield replace(self, goal=self.goal.at(self.goal.target[index]), near=near)
@@ -124,13 +141,13 @@ class MadeWhenAsked:
         question = None if result is None else result.__dict__.get("_question")
         if question is None:
             raise AttributeError(f"{owner.__name__!r} has its problem in each object alone")
-        chain, target, near = question
-        problem = Problem(chain, Goal.pose(target), near)
+        arm, target, near = question
+        problem = Problem(arm, Goal.pose(target), near)
         result.__dict__["problem"] = problem
         return problem
 
 
-def as_joints(chain: SerialChain, q: object, name: str = "q") -> Array:
+def as_joints(arm: Mechanism, q: object, name: str = "q") -> Array:
     """Read joint values, (..., n), [rad] or [m].
 
     Raises:
@@ -139,43 +156,34 @@ def as_joints(chain: SerialChain, q: object, name: str = "q") -> Array:
     try:
         joints = np.array(q, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InvalidProblem(f"{name} must be numbers of shape (..., {chain.dof}): {error}") from error
-    if joints.ndim == 0 or joints.shape[-1] != chain.dof:
+        raise InvalidProblem(f"{name} must be numbers of shape (..., {arm.dof}): {error}") from error
+    if joints.ndim == 0 or joints.shape[-1] != arm.dof:
         raise InvalidProblem(
-            f"{name} must have shape ({chain.dof},) or (..., {chain.dof}), got {joints.shape}. "
-            f"Joints: {', '.join(chain.joint_names)}"
+            f"{name} must have shape ({arm.dof},) or (..., {arm.dof}), got {joints.shape}. "
+            f"Joints: {', '.join(arm.joint_names)}"
         )
     if not np.isfinite(joints).all():
         bad = np.argwhere(~np.isfinite(joints))[0]
         raise InvalidProblem(
             f"{name} contains NaN or infinity at index {tuple(int(i) for i in bad)} "
-            f"(joint {chain.joint_names[bad[-1]]!r})"
+            f"(joint {arm.joint_names[bad[-1]]!r})"
         )
-    if not isinstance(chain, BlackBox) and (np.abs(joints) > LARGEST).any():
+    if arm.axes is not None and (np.abs(joints) > LARGEST).any():
         bad = np.argwhere(np.abs(joints) > LARGEST)[0]
         raise InvalidProblem(
             f"{name} must lie within {LARGEST:g} rad or m, got {joints[tuple(bad)]:g} for joint "
-            f"{chain.joint_names[bad[-1]]!r}: farther off, joint values are rounded by more than 1e-9"
+            f"{arm.joint_names[bad[-1]]!r}: farther off, joint values are rounded by more than 1e-9"
         )
     return joints
 
 
-def endless(chain: SerialChain | BlackBox) -> NDArray[np.bool_]:
-    """Of each variable, (n,): is it a continuous joint that has the same pose after a full turn?
-
-    One with a follower that turns by a broken number of turns has not.
-    """
-    same = np.ones(chain.dof, dtype=np.bool_) if isinstance(chain, BlackBox) else chain.periodic
-    return np.asarray((np.array(chain.kinds) == "continuous") & same)
-
-
-def within_limits(chain: SerialChain, q: Array) -> Array:
+def within_limits(arm: Mechanism, q: Array) -> Array:
     """Joint values inside the limits nearest to `q`, full turns taken off where that helps, (..., n)."""
-    turns = np.where([kind in ("revolute", "continuous") for kind in chain.kinds], 2 * np.pi, np.inf)
-    below, above = q < chain.lower, q > chain.upper
-    up = np.where(below, np.ceil((chain.lower - q) / turns), 0.0)
-    down = np.where(above, np.ceil((q - chain.upper) / turns), 0.0)
+    turns = np.where(arm.turns, 2 * np.pi, np.inf)
+    below, above = q < arm.lower, q > arm.upper
+    up = np.where(below, np.ceil((arm.lower - q) / turns), 0.0)
+    down = np.where(above, np.ceil((q - arm.upper) / turns), 0.0)
     with np.errstate(invalid="ignore"):
         turned = q + np.nan_to_num((up - down) * turns, nan=0.0, posinf=0.0, neginf=0.0)
-    fits = (turned >= chain.lower) & (turned <= chain.upper)
-    return np.clip(np.where(fits, turned, q), chain.lower, chain.upper)
+    fits = (turned >= arm.lower) & (turned <= arm.upper)
+    return np.clip(np.where(fits, turned, q), arm.lower, arm.upper)

@@ -14,8 +14,8 @@ from .errors import InvalidUse, NotReached
 from .goal import Goal
 from .kernels.arm.pose_error import judge_poses
 from .problem import MadeWhenAsked, Problem
-from .robots.blackbox import BlackBox
 from .robots.chain import SerialChain
+from .robots.mechanism import Mechanism
 
 if TYPE_CHECKING:  # Defaults of type variables come with Python 3.13; type checkers know them everywhere.
     from typing_extensions import TypeVar
@@ -173,7 +173,7 @@ class Solution(Generic[Flag, Number, Count, State]):
         goal, problem = self.problem.goal, self.problem
         near = problem.near
         if near is not None:
-            near = np.broadcast_to(near, (*shape, problem.chain.dof))[index]
+            near = np.broadcast_to(near, (*shape, problem.mechanism.dof))[index]
         part = replace(problem, goal=goal.at(goal.target[index]), near=near)
         return replace(
             self,
@@ -202,7 +202,7 @@ class Solution(Generic[Flag, Number, Count, State]):
         at = np.unravel_index(number, shape)
         near = problem.near
         if near is not None:
-            near = np.broadcast_to(near, (*shape, problem.chain.dof))[at]
+            near = np.broadcast_to(near, (*shape, problem.mechanism.dof))[at]
         return replace(
             self,
             q=self.q[at],
@@ -266,8 +266,8 @@ def conclude(
         work: Evaluations, nodes created and nodes expanded of each, (k, 3).
         out_of_time: Was the search for it cut short? (k,); None: none was.
     """
-    if isinstance(problem.chain, BlackBox):
-        measured = judge_function(problem.chain, problem.goal, q)
+    if problem.axes is None:
+        measured = judge_function(problem.mechanism, problem.goal, q)
     else:
         measured = problem.goal.measure(problem.arrays, np.ascontiguousarray(q))
     return reported(problem, q, measured, work, out_of_time)
@@ -296,7 +296,7 @@ def reported(
         return column.reshape(shape).copy() if shape else column[0].item()
 
     return Solution(
-        q=q.reshape(*shape, problem.chain.dof),
+        q=q.reshape(*shape, problem.mechanism.dof),
         success=field(success),
         position_error=field(measured[:, 0]),
         orientation_error=field(measured[:, 1]),
@@ -309,12 +309,12 @@ def reported(
     )
 
 
-def judge_function(box: BlackBox, goal: Goal, q: Array) -> Array:
+def judge_function(box: Mechanism, goal: Goal, q: Array) -> Array:
     """Ask a function for its poses anew, (k, n), and judge them: errors [m], [rad] and weighted, (k, 3).
 
     Infinite where the mechanism cannot be put together.
     """
-    poses = box.poses(q)
+    poses = box.forward(q)
     absent = np.isnan(poses).any(axis=(1, 2))
     poses[absent] = np.eye(4)
     if goal.tip is not None:

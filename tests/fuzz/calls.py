@@ -33,7 +33,7 @@ from kinseek import Goal
 from kinseek.branches.order import ORDERS
 from kinseek.errors import InvalidRobot, KinseekError
 from kinseek.ranges import AXES
-from kinseek.robots.chain import Joint, SerialChain, rotation, serial_chain, transform
+from kinseek.robots.chain import Joint, rotation, serial_chain, transform
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 plain: Any = importlib.import_module("reference")
@@ -135,7 +135,7 @@ def an_arm(rng: Rng) -> kinseek.Arm:
 
 def size_of(arm: kinseek.Arm) -> float:
     """Sum of all lengths of an arm [m]; of a function, that of the poses it gives."""
-    if not isinstance(arm.chain, SerialChain):
+    if arm.axes is None:
         q = arm.lower + np.random.default_rng(0).random((20, arm.dof)) * (arm.upper - arm.lower)
         return float(np.abs(arm.fk(q)[:, :3, 3]).max())
     chain = arm.chain
@@ -223,9 +223,8 @@ def check_joints(arm: kinseek.Arm, q: Array, near: Array | None) -> None:
     require(np.isfinite(q), f"q is not finite: {q}")
     low, high = np.broadcast_to(arm.lower, q.shape), np.broadcast_to(arm.upper, q.shape)
     if near is not None:
-        chain = arm.chain
-        free = np.array(chain.kinds) == "continuous"
-        free &= chain.periodic if isinstance(chain, SerialChain) else True
+        free = np.array(arm.kinds) == "continuous"
+        free &= arm.axes.periodic if arm.axes is not None else True
         low, high = np.where(free, near - np.pi, low), np.where(free, near + np.pi, high)
     require((q >= low) & (q <= high), f"q lies outside the limits: {q}, limits {low}, {high}")
 
@@ -252,8 +251,7 @@ def deviations(T: Array, G: Array, goal: Goal) -> tuple[float, float]:
 
 def check_reached(arm: kinseek.Arm, q: Array, goal: Goal, target: Array, scale: float) -> None:
     """Plain forward kinematics confirms that q reaches a target."""
-    chain = arm.chain
-    T = plain.fk(chain, q) if isinstance(chain, SerialChain) else arm.fk(q)
+    T = plain.fk(arm.axes, q) if arm.axes is not None else arm.fk(q)
     T = T if goal.tool is None else T @ goal.tool
     T = T if goal.base is None else goal.base @ T
     place, turn = deviations(T, target, goal) if goal.kind == "box" else plain.errors(T, goal, target)
@@ -349,8 +347,8 @@ def call_fk(rng: Rng, arm: kinseek.Arm, scale: float) -> None:
     q = joints_of(rng, arm, 5) + rng.choice([0.0, 1.0])
     poses = arm.fk(q)
     require(np.isfinite(poses), "a pose is not finite")
-    chain = arm.chain
-    if isinstance(chain, SerialChain):
+    chain = arm.axes
+    if chain is not None:
         away = np.array([plain.fk(chain, row) for row in q]) - poses
         slack = ROUNDING * arm.dof * (1.0 + np.abs(q).max())
         require(np.abs(away[:, :3, 3]).max() <= slack * (scale + np.abs(q).max()), "fk is not the plain one")
@@ -426,7 +424,7 @@ def case(
     arm, rng = arms[which], np.random.default_rng([seed, which, number])
     shares = np.array([CALLS[name][1] for name in only])
     name = str(rng.choice(only, p=shares / shares.sum()))
-    if name == "prove" and not isinstance(arm.chain, SerialChain):
+    if name == "prove" and arm.axes is None:
         name = "ik"
     began, spent, finding, refused = time.perf_counter(), time.process_time(), "", False
     try:
@@ -521,7 +519,7 @@ def main() -> int:
     given = parser.parse_args()
     if given.show is not None:
         arm = an_arm(np.random.default_rng([given.seed, given.show // PER_ARM]))
-        print(arm.chain)
+        print(arm.mechanism)
         print(case(given.seed, given.show, {}))
         return 0
     warm()

@@ -19,7 +19,6 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.branches.sample import sample_branches
 from kinseek.kernels.branches.search import find_branches
 from kinseek.problem import Problem
-from kinseek.robots.blackbox import BlackBox
 from kinseek.robots.chain import SerialChain
 from kinseek.solvers.atlas.index import KEPT, AtlasIndex, atlas_of, wanted_of
 
@@ -113,9 +112,9 @@ def index_of(problem: Problem) -> BranchIndex:
         InvalidProblem: An arm or a goal whose branches are not known here.
     """
     goal = problem.goal
-    if isinstance(problem.chain, BlackBox):
+    if problem.axes is None:
         raise InvalidProblem(
-            f"{problem.chain.name!r} is a function: branches are looked for along axes, and it has none"
+            f"{problem.mechanism.name!r} is a function: branches are looked for along axes, and it has none"
         )
     goal.require_plain("branches are not told of")
     key = (goal.kind, None if goal.tip is None else goal.tip.tobytes())

@@ -33,10 +33,10 @@ def print_robots() -> None:
 
 def print_arm(arm: Arm) -> None:
     """Print joints, limits and reach."""
-    _print(f"{arm.name}: {arm.dof} joints, base {arm.chain.base}, tip {arm.chain.tip}")
-    small, large = _units(arm.chain.kinds)
+    _print(f"{arm.name}: {arm.dof} joints, base {arm.base}, tip {arm.tip}")
+    small, large = _units(arm.kinds)
     rows = []
-    for name, kind, lower, upper in zip(arm.joint_names, arm.chain.kinds, arm.lower, arm.upper, strict=True):
+    for name, kind, lower, upper in zip(arm.joint_names, arm.kinds, arm.lower, arm.upper, strict=True):
         scale, digits = (1000.0, 3) if kind == "prismatic" else (float(np.rad2deg(1.0)), 3)
         values = [
             f"{lower:.6f}",
@@ -83,7 +83,7 @@ def print_pose(arm: Arm, q: Array, T: Array, as_json: bool) -> None:
         facts = {"position": T[:3, 3], "quat_wxyz": wxyz, "quat_xyzw": xyzw, "matrix": T}
         _print_json({**_arm_facts(arm), "q": q.tolist(), **{k: v.tolist() for k, v in facts.items()}})
         return
-    _print(f"{arm.chain.tip} in {arm.chain.base}")
+    _print(f"{arm.tip} in {arm.base}")
     rows = [("position", "x y z in m", _row(T[:3, 3])), ("quaternion", "w x y z", _row(wxyz))]
     rows += [("matrix" if r == 0 else "", f"row {r + 1}", _row(T[r])) for r in range(4)]
     _print_table(("", "", ""), rows)
@@ -145,7 +145,7 @@ def solution_facts(
             "to_limit": None if kind == "continuous" else float(left),
         }
         for name, kind, value, lower, upper, left in zip(
-            arm.joint_names, arm.chain.kinds, solution.q, arm.lower, arm.upper, room, strict=True
+            arm.joint_names, arm.kinds, solution.q, arm.lower, arm.upper, room, strict=True
         )
     ]
     return {
@@ -206,8 +206,8 @@ def _proof_facts(proof: Certificate) -> dict[str, Any]:
 def _arm_facts(arm: Arm) -> dict[str, Any]:
     return {
         "arm": arm.name,
-        "base": arm.chain.base,
-        "tip": arm.chain.tip,
+        "base": arm.base,
+        "tip": arm.tip,
         "joint_names": list(arm.joint_names),
     }
 

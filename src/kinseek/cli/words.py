@@ -69,7 +69,7 @@ def joint_values(arm: Arm, values: Sequence[float], option: str, degrees: bool) 
         names = ", ".join(arm.joint_names)
         raise InvalidProblem(f"{option} needs {arm.dof} numbers, got {len(values)}. Joints: {names}")
     q = np.array(values, dtype=np.float64)
-    turns = np.array([kind != "prismatic" for kind in arm.chain.kinds])
+    turns = np.array([kind != "prismatic" for kind in arm.kinds])
     if not degrees:  # Many turns are no surprise where the limits are as wide.
         outside = turns & ((q < arm.lower) | (q > arm.upper))
         warn_of_angles(np.where(outside & np.isfinite(q), q, 0.0), option, "add --deg", 1)

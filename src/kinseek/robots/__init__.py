@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from kinseek.errors import InvalidRobot, suggest
 
@@ -12,6 +12,7 @@ from .blackbox import BlackBox, black_box
 from .catalog import CatalogEntry, catalog_entry, catalog_names, catalog_path
 from .chain import SerialChain
 from .dh import read_dh
+from .mechanism import Mechanism
 from .mjcf import read_mjcf
 from .urdf import read_urdf
 
@@ -21,8 +22,9 @@ MAKERS = "kinseek.load(name or file), Arm.from_dh(rows, lower, upper), Arm.from_
 __all__ = [
     "BlackBox",
     "CatalogEntry",
+    "Mechanism",
     "SerialChain",
-    "as_chain",
+    "as_mechanism",
     "black_box",
     "catalog_entry",
     "catalog_names",
@@ -65,19 +67,19 @@ def read(source: str | Path, base: str | None = None, tip: str | None = None) ->
     )
 
 
-def as_chain(value: Any) -> SerialChain:
+def as_mechanism(value: Any) -> Mechanism:
     """Make sure that something is a chain, or a function that stands for one, as `kinseek.Arm` takes it.
 
     Raises:
         InvalidRobot: A name, a file, an arm or anything else.
     """
     if isinstance(value, SerialChain | BlackBox):
-        return cast("SerialChain", value)
+        return value
     if isinstance(value, str | os.PathLike):
         raise InvalidRobot(
             f"Arm takes a chain that a reader made, got {value!r}; write kinseek.load({value!r})"
         )
-    if isinstance(getattr(value, "chain", None), SerialChain | BlackBox):
+    if isinstance(getattr(value, "mechanism", None), SerialChain | BlackBox):
         raise InvalidRobot("Arm takes a chain that a reader made, got an Arm: it needs no wrapping")
     raise InvalidRobot(
         f"Arm takes a chain that a reader made, got {type(value).__name__}. Ways to make an arm: {MAKERS}"

@@ -14,10 +14,10 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinseek.errors import FailedKinematics, InvalidRobot, InvalidSolver, suggest
+from kinseek.errors import FailedKinematics, InvalidRobot, suggest
 from kinseek.kernels.arm.pose_error import LARGEST, first_loose
 
-from .chain import CONTINUOUS, PRISMATIC, REVOLUTE
+from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE, Variables
 
 Array = NDArray[np.float64]
 Function = Callable[[Any], Any]
@@ -26,9 +26,6 @@ NUMBER = "number"
 """The kind of a joint value of which nothing is said: a number between its limits, never wrapped by 2π."""
 
 KINDS = (NUMBER, REVOLUTE, CONTINUOUS, PRISMATIC)
-
-_AXES_AND_LINKS = frozenset({"arrays", "fixed", "prismatic", "leader", "multiplier", "offset"})
-"""What a `SerialChain` has, and compiled searches run on."""
 
 _RIGID = 1e-6
 """How far RᵀR may be from the identity, and the last row from 0 0 0 1: what single precision leaves."""
@@ -41,11 +38,8 @@ _MOST_ROWS = 8192
 
 
 @dataclass(frozen=True, eq=False)
-class BlackBox:
-    """A mechanism known by its forward kinematics alone. Build one with `black_box`, which checks everything.
-
-    It has of a `SerialChain` what a problem and a solution ask for: names, kinds and limits.
-    """
+class BlackBox(Variables):
+    """A mechanism known by its forward kinematics alone. Build one with `black_box`, which checks everything."""
 
     name: str
     joint_names: tuple[str, ...]
@@ -65,51 +59,25 @@ class BlackBox:
     tip: str = "tip"
 
     @property
-    def dof(self) -> int:
-        """Number of joint variables n."""
-        return len(self.joint_names)
+    def axes(self) -> None:
+        """None: nobody knows where they are, or whether there are any; see `Mechanism`."""
+        return None
 
-    @cached_property
-    def turns(self) -> NDArray[np.bool_]:
-        """Of each variable, (n,): is it an angle, by its kind?"""
-        return np.array([kind in (REVOLUTE, CONTINUOUS) for kind in self.kinds])
-
-    @cached_property
-    def wraps(self) -> NDArray[np.bool_]:
-        """Of each variable, (n,): do both ends of its range give the same pose?"""
-        turns = (self.upper - self.lower) / (2 * np.pi)
-        return self.turns & (turns > 0.5) & (np.abs(turns - np.round(turns)) < 1e-6)
-
-    @cached_property
-    def full(self) -> NDArray[np.bool_]:
-        """Of each variable, (n,): is it an angle whose range holds a whole turn? Then no limit ever stops it."""
-        return self.turns & (self.upper - self.lower >= 2 * np.pi - 1e-9)
-
-    @cached_property
-    def span(self) -> Array:
-        """What joint values are scaled by, (n,): the range, and of an angle one turn at most."""
-        return np.where(self.turns, np.minimum(self.upper - self.lower, 2 * np.pi), self.upper - self.lower)
+    @property
+    def periodic(self) -> NDArray[np.bool_]:
+        """Of each variable, (n,): does a full turn leave the pose as it is? Its kind says so."""
+        return self.turns
 
     @cached_property
     def cheap(self) -> bool:
         """Does one more row cost little, since no Python runs for it?"""
         return self.vectorized or _is_compiled(self.function)
 
-    def __getattr__(self, name: str) -> Any:
-        """Explain why a search that needs more than poses cannot have it.
+    def limited(self, lower: Array, upper: Array, kinds: tuple[str, ...]) -> BlackBox:
+        """The same with other limits, (n,), and kinds that fit them."""
+        return replace(self, lower=lower, upper=upper, kinds=kinds)
 
-        Raises:
-            InvalidSolver: It asks for what a `SerialChain` has and a function has not.
-            AttributeError: Any other name.
-        """
-        if name not in _AXES_AND_LINKS:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        raise InvalidSolver(
-            f"this needs the axes and links of an arm, and {self.name!r} is a function of which only values are known. "
-            "What works on it: Atlas, BruteForce, DivideAndConquer, CoordinateDescent, and Polished made of these"
-        )
-
-    def poses(self, q: Array) -> Array:
+    def forward(self, q: Array) -> Array:
         """Poses of the tip, checked, (k, n) -> (k, 4, 4), lengths in [m]; NaN where `partial` allows it.
 
         Raises:
@@ -287,10 +255,10 @@ def _require_own_rows(box: BlackBox) -> None:
     """Refuse a function whose rows depend on each other."""
     shares = np.array([0.5, 0.25, 0.625])
     rows = box.lower + shares[:, None] * (box.upper - box.lower)
-    together = box.poses(rows)
+    together = box.forward(rows)
     if not box.vectorized:
         return
-    alone = np.concatenate([box.poses(row[None]) for row in rows])
+    alone = np.concatenate([box.forward(row[None]) for row in rows])
     off = np.abs(together - alone).max(axis=(1, 2))
     scale = max(1.0, float(np.nanmax(np.abs(alone), initial=0.0)))
     wrong = ~(off <= _SAME * scale) & ~(

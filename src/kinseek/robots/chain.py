@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
+from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.kernels.arrays import ChainArrays, chain_arrays
 
 from .files import MOST_JOINTS, require_few
+from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE, Variables
 
 Array = NDArray[np.float64]
-
-REVOLUTE, CONTINUOUS, PRISMATIC = "revolute", "continuous", "prismatic"
 
 _AXIS_ROUNDING = 1e-3
 """How far an axis may be from unit length to pass as a rounded unit vector."""
@@ -63,7 +63,7 @@ class Frame(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class SerialChain:
+class SerialChain(Variables):
     """A serial arm from base to tip. Build one with `serial_chain`, which checks everything."""
 
     name: str
@@ -93,9 +93,9 @@ class SerialChain:
     """Was the tip moved to a tool?"""
 
     @property
-    def dof(self) -> int:
-        """Number of joint variables n."""
-        return len(self.joint_names)
+    def axes(self) -> SerialChain:
+        """Itself: it has axes and links; see `Mechanism`."""
+        return self
 
     @cached_property
     def periodic(self) -> NDArray[np.bool_]:
@@ -104,12 +104,6 @@ class SerialChain:
         for k, i in enumerate(self.leader):
             turns[i] &= not self.prismatic[k] and float(self.multiplier[k]).is_integer()
         return turns
-
-    @cached_property
-    def wraps(self) -> NDArray[np.bool_]:
-        """Of each variable, (n,): do both ends of its range give the same pose of every link?"""
-        turns = (self.upper - self.lower) / (2 * np.pi)
-        return np.asarray((turns > 0.5) & (np.abs(turns - np.round(turns)) < 1e-6) & self.periodic)
 
     @cached_property
     def reach(self) -> float:
@@ -124,6 +118,29 @@ class SerialChain:
         return chain_arrays(
             self.fixed, self.prismatic, self.leader, self.multiplier, self.offset, self.lower, self.upper
         )
+
+    @property
+    def cheap(self) -> bool:
+        """No Python runs for a pose."""
+        return True
+
+    @property
+    def partial(self) -> bool:
+        """Every q has a pose."""
+        return False
+
+    @property
+    def single(self) -> bool:
+        """Doubles all through."""
+        return False
+
+    def limited(self, lower: Array, upper: Array, kinds: tuple[str, ...]) -> SerialChain:
+        """The same with other limits, (n,), and kinds that fit them."""
+        return replace(self, lower=lower, upper=upper, kinds=kinds)
+
+    def forward(self, q: Array) -> Array:
+        """Poses of the tip, (k, n) -> (k, 4, 4), lengths in [m]."""
+        return forward_many(self.arrays, q)
 
     def arrays_to(self, frame: Frame) -> ChainArrays:
         """The chain as the kernels take it, ending at a frame that some joint moves."""

@@ -20,18 +20,8 @@ from numpy.typing import ArrayLike
 from kinseek.errors import InvalidRobot, suggest
 from kinseek.kernels.arm.pose_error import LARGEST
 
-from .chain import (
-    CONTINUOUS,
-    PRISMATIC,
-    REVOLUTE,
-    Array,
-    Frame,
-    Joint,
-    SerialChain,
-    rotation,
-    serial_chain,
-    transform,
-)
+from .chain import Array, Frame, Joint, SerialChain, rotation, serial_chain, transform
+from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 
 _COLUMNS = ("a", "alpha", "d", "theta")
 _X, _Z = np.eye(3)[0], np.eye(3)[2]

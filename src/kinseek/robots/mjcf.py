@@ -19,19 +19,9 @@ import numpy as np
 from kinseek.errors import InvalidRobot, MissingExtra
 from kinseek.units import warn_of_joints
 
-from .chain import (
-    CONTINUOUS,
-    PRISMATIC,
-    REVOLUTE,
-    Array,
-    Frame,
-    Joint,
-    SerialChain,
-    rotation,
-    serial_chain,
-    transform,
-)
+from .chain import Array, Frame, Joint, SerialChain, rotation, serial_chain, transform
 from .files import MOST_JOINTS, require_few
+from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .mjcf_xml import reduced
 from .tree import frame_path
 

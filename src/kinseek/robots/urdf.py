@@ -15,20 +15,9 @@ import numpy as np
 from kinseek.errors import InvalidRobot
 from kinseek.units import warn_of_joints
 
-from .chain import (
-    CONTINUOUS,
-    PRISMATIC,
-    REVOLUTE,
-    Array,
-    Frame,
-    Joint,
-    SerialChain,
-    follow_mimics,
-    rotation,
-    serial_chain,
-    transform,
-)
+from .chain import Array, Frame, Joint, SerialChain, follow_mimics, rotation, serial_chain, transform
 from .files import MOST_JOINTS, file_bytes, require_few
+from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .tree import frame_path
 from .urdf_xml import expand_xacro, kinematic_part, root_element
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot, suggest
 
-from .chain import CONTINUOUS, REVOLUTE, Frame, SerialChain, rotation, transform
+from .chain import Frame, SerialChain, rotation, transform
+from .mechanism import CONTINUOUS, REVOLUTE, Mechanism
 
 Array = NDArray[np.float64]
 
@@ -80,7 +81,7 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
     )
 
 
-def with_limits(chain: SerialChain, limits: Mapping[str, tuple[float, float]]) -> SerialChain:
+def with_limits(chain: Mechanism, limits: Mapping[str, tuple[float, float]]) -> Mechanism:
     """Narrow the limits of joints; a continuous joint that gets limits is a revolute one.
 
     Args:
@@ -115,7 +116,7 @@ def with_limits(chain: SerialChain, limits: Mapping[str, tuple[float, float]]) -
             )
         lower[i], upper[i] = low, high
         kinds[i] = REVOLUTE if kinds[i] == CONTINUOUS else kinds[i]
-    return replace(chain, lower=lower, upper=upper, kinds=tuple(kinds))
+    return chain.limited(lower, upper, tuple(kinds))
 
 
 def with_tool(chain: SerialChain, tool: Array) -> SerialChain:
@@ -128,7 +129,7 @@ def with_tool(chain: SerialChain, tool: Array) -> SerialChain:
     return replace(chain, fixed=fixed, tooled=True)
 
 
-def _named(chain: SerialChain, given: Any, noun: str) -> list[tuple[str, Any]]:
+def _named(chain: Mechanism, given: Any, noun: str) -> list[tuple[str, Any]]:
     if not isinstance(given, Mapping):
         raise InvalidRobot(f"expected a mapping from joint names to {noun}, got {given!r}")
     for name in given:

@@ -61,6 +61,6 @@ def solve_each(
     for one in problem.each():
         found.append(Found(one.start, 0, out_of_time=True) if deadline.passed else search(one, deadline))
         rows.append(one.placed(found[-1].q))
-    q = np.array(rows).reshape(-1, problem.chain.dof)
+    q = np.array(rows).reshape(-1, problem.mechanism.dof)
     work = np.array([f[1:4] for f in found], dtype=np.int64).reshape(-1, 3)
     return conclude(problem, q, work, np.array([f.out_of_time for f in found], dtype=bool))

@@ -27,6 +27,7 @@ from kinseek.kernels.grid.window import (
 )
 from kinseek.kernels.jit import inner, kernel
 from kinseek.problem import Problem
+from kinseek.robots.mechanism import no_axes
 from kinseek.solution import Solution
 
 from .base import Found, solve_each, whole
@@ -63,6 +64,10 @@ class BlindSearch:
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by the best configuration on the way from `problem.start`."""
+        if problem.axes is None:
+            why = no_axes(problem.mechanism, "this needs the axes and links of an arm")
+            works = "Atlas, BruteForce, DivideAndConquer, CoordinateDescent, and Polished made of these"
+            raise InvalidSolver(f"{why}. What works on it: {works}")
         return solve_each(problem, self._search)
 
     def _search(self, problem: Problem, deadline: Deadline) -> Found:

@@ -18,7 +18,7 @@ from kinseek.kernels.grid.window import (
     search_window,
 )
 from kinseek.problem import Problem
-from kinseek.robots.blackbox import BlackBox
+from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution
 
 from .base import Found, solve_each, whole
@@ -66,17 +66,17 @@ class BruteForce:
         return solve_each(problem, self._search)
 
     def _search(self, problem: Problem, deadline: Deadline) -> Found:
-        dof, count = problem.chain.dof, self.branching_factor
+        dof, count = problem.mechanism.dof, self.branching_factor
         require_memory(dof * count, "brute force keeps every node")
         if count**dof > np.iinfo(np.int64).max:
             raise InvalidSolver(
                 f"{count}^{dof} leaves cannot be counted in 64 bits; choose a smaller branching_factor"
             )
         require_patience(problem, equation_1(count, dof), self.most_nodes, "a smaller branching_factor")
-        grid = joint_grid(problem.chain, count)
+        grid = joint_grid(problem.mechanism, count)
         order = np.stack([self._order(count, joint) for joint in range(dof)])
-        if isinstance(problem.chain, BlackBox):
-            return self._ask(problem.chain, problem, grid, order, deadline)
+        if problem.axes is None:
+            return self._ask(problem.mechanism, problem, grid, order, deadline)
         window = Window(grid.values_of(order), order, np.full(dof, count, dtype=np.int64))
         budget = count**dof if problem.budget is None else problem.budget
         beam = make_beam(1, dof)
@@ -95,7 +95,7 @@ class BruteForce:
         cut = early and leaves < budget and not beam.errors[0] < self.stop_below
         return Found(q, leaves, dof * count, expanded, cut)
 
-    def _ask(self, box: BlackBox, problem: Problem, grid: Grid, order: Indices, deadline: Deadline) -> Found:
+    def _ask(self, box: Mechanism, problem: Problem, grid: Grid, order: Indices, deadline: Deadline) -> Found:
         from .black_box.asking import Asker
         from .black_box.grid import Cells, best_or_start, node_values, search_window
 

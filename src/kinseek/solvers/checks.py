@@ -9,7 +9,6 @@ import numpy as np
 
 from kinseek.errors import InvalidSolver
 from kinseek.ranges import PINNED
-from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
 from kinseek.units import warn_of_distance
 
@@ -54,8 +53,8 @@ def warn_if_far(solution: Solution) -> None:
     Warns:
         UnitWarning: The farthest of them is.
     """
-    goal, chain = solution.problem.goal, solution.problem.chain
-    if np.all(solution.success) or not isinstance(chain, SerialChain):
+    goal, chain = solution.problem.goal, solution.problem.axes
+    if np.all(solution.success) or chain is None:
         return
     if goal.ranges is not None and goal.ranges[:3] != (PINNED,) * 3:
         return  # How far away it is depends on what is left open.

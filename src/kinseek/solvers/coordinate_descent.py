@@ -20,7 +20,6 @@ from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
 from kinseek.kernels.grid.sinusoid import TURN, coefficients, minimise_pair, minimiser
 from kinseek.kernels.jit import inner, kernel
 from kinseek.problem import Problem
-from kinseek.robots.blackbox import BlackBox
 from kinseek.solution import Solution
 
 from .base import Found, solve_each, whole
@@ -62,10 +61,10 @@ class CoordinateDescent:
 
     def _search(self, problem: Problem, deadline: Deadline) -> Found:
         goal = problem.goal
-        if isinstance(problem.chain, BlackBox):
+        if problem.axes is None:
             from .black_box.coordinates import answer
 
-            return answer(problem.chain, problem, deadline, self.most_sweeps, self.pairs, self.stall)
+            return answer(problem.mechanism, problem, deadline, self.most_sweeps, self.pairs, self.stall)
         # Squared weights, and half of K_A², so that near the goal the sum is (K_P |Δp|)² + (K_A Δφ)².
         turn_weight = goal.orientation_weight**2 / 2
         columns = (np.arange(3) < goal.columns).astype(float)

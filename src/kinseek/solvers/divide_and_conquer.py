@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,7 +42,6 @@ from kinseek.kernels.grid.window import (
 )
 from kinseek.kernels.jit import exact, inner, kernel, view
 from kinseek.problem import Problem
-from kinseek.robots.blackbox import BlackBox
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
 
@@ -110,7 +109,7 @@ class DivideAndConquer:
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by the best node found."""
-        if isinstance(problem.chain, BlackBox) and self.breadth == "tuned":
+        if problem.axes is None and self.breadth == "tuned":
             raise InvalidSolver(
                 "breadth='tuned' tries the search many thousand times, too dear for an arm that is a function; "
                 "give one number, or one a joint"
@@ -121,7 +120,7 @@ class DivideAndConquer:
         except _OutOfTimeError:
             return solve_each(problem, lambda one, _: Found(one.start, 0, out_of_time=True), deadline)
         self._require_patience(problem, plan)
-        if isinstance(problem.chain, BlackBox):
+        if problem.axes is None:
             return solve_each(problem, lambda one, _: self._ask(one, plan, deadline), deadline)
         memory = np.empty(memory_size(*self._sizes(plan)))
         return solve_each(problem, lambda one, _: self._search(one, plan, memory, deadline), deadline)
@@ -132,9 +131,9 @@ class DivideAndConquer:
         Raises:
             InvalidSolver: The number of breadths is not the number of joints.
         """
-        chain = problem.chain
+        chain = problem.mechanism
         if isinstance(self.breadth, str):
-            return tuned_breadth(chain, problem.goal, self.divisions, self.node_budget, deadline)
+            return tuned_breadth(problem.chain, problem.goal, self.divisions, self.node_budget, deadline)
         if isinstance(self.breadth, int):
             return (self.breadth,) * chain.dof
         if len(self.breadth) != chain.dof:
@@ -147,7 +146,7 @@ class DivideAndConquer:
     def _plan(self, problem: Problem, deadline: Deadline) -> tuple[Grid, Indices, Indices]:
         """The grid, the spacing of every pass, and the nodes each joint has in a later pass."""
         count = self.branching_factor
-        grid = joint_grid(problem.chain, count, static=self.tree == "static", wrap=self.wrap)
+        grid = joint_grid(problem.mechanism, count, static=self.tree == "static", wrap=self.wrap)
         spacings = [max(count // self.divisions, 1)]
         while spacings[-1] > 1:
             # Departs from the paper: with B = 10, D = 4 its spacing goes 2, 0; here the last one is always 1.
@@ -196,7 +195,7 @@ class DivideAndConquer:
         from .black_box.asking import Asker
         from .black_box.grid import best_or_start, descend
 
-        box, (grid, spacings, later) = cast("BlackBox", problem.chain), plan
+        box, (grid, spacings, later) = problem.mechanism, plan
         asker, children = Asker(box, problem, deadline), min(self.children or self.beam, self.beam)
         q, expanded = descend(asker, grid, spacings, later, self.divisions, self.beam, children)
         created = box.dof * self.branching_factor if self.tree == "static" else expanded

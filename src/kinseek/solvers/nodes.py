@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.problem import Problem
-from kinseek.robots.blackbox import BlackBox
-from kinseek.robots.chain import SerialChain
+from kinseek.robots.mechanism import Mechanism
 
 MOST_NODES = 2 * 10**10
 """Nodes that a search visits unless told otherwise: about a minute."""
@@ -46,7 +45,7 @@ class Grid(NamedTuple):
         return np.minimum(values, self.upper[:, None])
 
 
-def joint_grid(chain: SerialChain, count: int, *, static: bool = False, wrap: bool = True) -> Grid:
+def joint_grid(chain: Mechanism, count: int, *, static: bool = False, wrap: bool = True) -> Grid:
     """Spread `count` nodes over each joint's range.
 
     A joint whose ends are the same pose gets ``lower + i · range / B``, as the paper's 360/B · i: its last
@@ -102,11 +101,11 @@ def require_patience(problem: Problem, nodes: int, most_nodes: int | None, chang
     """
     if most_nodes is None or problem.time_limit is not None:
         return
-    chain = problem.chain
+    chain = problem.mechanism
     if problem.budget is not None:
         nodes = min(nodes, problem.budget)
     weight = 1
-    if isinstance(chain, BlackBox):
+    if chain.axes is None:
         weight = A_POSE if chain.cheap else A_ROW
     if nodes * weight <= most_nodes:
         return

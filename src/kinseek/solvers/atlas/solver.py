@@ -18,7 +18,7 @@ from kinseek.kernels.atlas.batch import solve_many, solve_some
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.near import solve_many_near
 from kinseek.problem import Problem
-from kinseek.robots.blackbox import BlackBox
+from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution, reported
 from kinseek.solvers.base import Found, solve_each, whole
 from kinseek.solvers.threads import GoOn, progress_bar, spread
@@ -57,9 +57,9 @@ class Atlas:
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by what the nearest sample leads to, else the next nearest; else by the best pose found."""
-        goal, chain = problem.goal, problem.chain
-        if isinstance(chain, BlackBox):
-            return self._ask(chain, problem)
+        goal, chain = problem.goal, problem.axes
+        if chain is None:
+            return self._ask(problem.mechanism, problem)
         if goal.form.ranges:
             from .ranges import solve_ranges
 
@@ -105,7 +105,7 @@ class Atlas:
             self.spread(from_starts, len(targets), deadline)
         return batch_solution(problem, results, done)
 
-    def _ask(self, box: BlackBox, problem: Problem) -> Solution:
+    def _ask(self, box: Mechanism, problem: Problem) -> Solution:
         from kinseek.solvers.black_box.atlas import answer
 
         with progress_bar(self.progress, len(problem.goal.targets)) as advance:

@@ -9,7 +9,7 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidGoal
 from kinseek.kinds import PLAIN_KINDS
 from kinseek.problem import Problem
-from kinseek.robots.blackbox import BlackBox
+from kinseek.robots.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ class Asker:
     from the target's are smooth everywhere, and along one joint of a serial arm sinusoids or straight lines.
     """
 
-    def __init__(self, box: BlackBox, problem: Problem, deadline: Deadline) -> None:
+    def __init__(self, box: Mechanism, problem: Problem, deadline: Deadline) -> None:
         """Take one target; one pose of the budget is kept for judging the answer.
 
         When the time is up nothing is left of the budget.
@@ -56,7 +56,7 @@ class Asker:
         """Features less the target's at joint values inside the limits, (k, n) -> (k, m); NaN where nothing closes."""
         self.spent += len(q)
         self._left -= len(q)
-        return np.asarray(features(self.box.poses(q), self.tip, self.columns) - self.target)
+        return np.asarray(features(self.box.forward(q), self.tip, self.columns) - self.target)
 
     def errors(self, away: Array) -> tuple[Array, Array]:
         """Position errors [m] and orientation errors [rad] of differences, (k, m) -> (k,), (k,); NaN stays NaN."""

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.deadline import Deadline
-from kinseek.problem import Problem, endless
-from kinseek.robots.blackbox import BlackBox
+from kinseek.problem import Problem
+from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.base import Found
 
 from .asking import Asker
@@ -31,7 +31,7 @@ PROMISING = 1e-2
 NEAR = 32
 
 
-def answer(box: BlackBox, problem: Problem, count: int, deadline: Deadline) -> Found:
+def answer(box: Mechanism, problem: Problem, count: int, deadline: Deadline) -> Found:
     """Answer one target."""
     samples = samples_of(box, count)
     asker = Asker(box, problem, deadline)
@@ -58,7 +58,7 @@ def answer(box: BlackBox, problem: Problem, count: int, deadline: Deadline) -> F
     return Found(best.answer(), asker.spent, out_of_time=asker.out_of_time)
 
 
-def kicks(box: BlackBox, round_number: int) -> Array:
+def kicks(box: Mechanism, round_number: int) -> Array:
     """Steps away from the best, smaller in every round, (RESTARTS / 2, n)."""
     centred = spread(box, RESTARTS // 2) - (box.lower + box.upper) / 2
     return np.asarray(centred * 0.5 ** (1 + round_number))
@@ -80,19 +80,18 @@ def nearest_to(asker: Asker, samples: Samples, problem: Problem, seeds: NDArray[
     with np.errstate(invalid="ignore"):
         turns = np.where(box.full, np.round((problem.near - q) / (2 * np.pi)) * 2 * np.pi, 0.0)
     moved = q + turns
-    q = np.where(endless(box) | ((moved >= box.lower) & (moved <= box.upper)), moved, q)
+    q = np.where(box.endless | ((moved >= box.lower) & (moved <= box.upper)), moved, q)
     return np.asarray(q[np.argmin(distance(box, q, problem.near))])
 
 
-def distance(box: BlackBox, q: Array, near: Array) -> Array:
+def distance(box: Mechanism, q: Array, near: Array) -> Array:
     """Distances in joint space, continuous joints the short way round, (k, n) -> (k,)."""
     away = q - near
-    endless = np.array([kind == "continuous" for kind in box.kinds])
-    away = np.where(endless, away - 2 * np.pi * np.round(away / (2 * np.pi)), away)
+    away = np.where(box.endless, away - 2 * np.pi * np.round(away / (2 * np.pi)), away)
     return np.asarray(np.sqrt((away**2).sum(axis=1)))
 
 
-def distinct(box: BlackBox, q: Array) -> list[int]:
+def distinct(box: Mechanism, q: Array) -> list[int]:
     """The first BEST of joint values, (k, n), that are not next to one before them."""
     scaled = q / np.where(box.span > 0, box.span, 1.0)
     kept: list[int] = []

@@ -16,7 +16,8 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.grid.sinusoid import minimise_pair, minimiser
 from kinseek.problem import Problem
-from kinseek.robots.blackbox import NUMBER, PRISMATIC, BlackBox
+from kinseek.robots.blackbox import NUMBER, PRISMATIC
+from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.base import Found
 
 from .asking import Asker, features
@@ -31,11 +32,11 @@ PROBES, PLACES = 7, 3
 FITS = 1e-8
 """Largest misfit that passes, as a part of what the joint moves: rounding leaves 1e-12, single precision fails."""
 
-_forms: weakref.WeakKeyDictionary[BlackBox, Flags] = weakref.WeakKeyDictionary()
+_forms: weakref.WeakKeyDictionary[Mechanism, Flags] = weakref.WeakKeyDictionary()
 
 
 def answer(
-    box: BlackBox, problem: Problem, deadline: Deadline, most_sweeps: int, pairs: bool, stall: float
+    box: Mechanism, problem: Problem, deadline: Deadline, most_sweeps: int, pairs: bool, stall: float
 ) -> Found:
     """Descend from `problem.start`.
 
@@ -87,7 +88,7 @@ def answer(
     return Found(q, asker.spent, out_of_time=asker.out_of_time)
 
 
-def line(box: BlackBox, form: Flags, i: int, q: Array, errors_at: Errors) -> Array:
+def line(box: Mechanism, form: Flags, i: int, q: Array, errors_at: Errors) -> Array:
     """Joint values with joint i at the exact minimiser, (n,)."""
     values = places(box, form, i)
     rows = np.repeat(q[None], 3, axis=0)
@@ -99,7 +100,7 @@ def line(box: BlackBox, form: Flags, i: int, q: Array, errors_at: Errors) -> Arr
     return np.clip(moved, box.lower, box.upper)
 
 
-def plane(box: BlackBox, form: Flags, joints: tuple[int, ...], q: Array, errors_at: Errors) -> Array:
+def plane(box: Mechanism, form: Flags, joints: tuple[int, ...], q: Array, errors_at: Errors) -> Array:
     """Joint values with two joints at the minimiser of the bilinear form of nine poses, (n,)."""
     i, j = joints
     first, second = places(box, form, i), places(box, form, j)
@@ -121,7 +122,7 @@ def plane(box: BlackBox, form: Flags, joints: tuple[int, ...], q: Array, errors_
     return np.clip(moved, box.lower, box.upper)
 
 
-def places(box: BlackBox, form: Flags, i: int, count: int = 3) -> Array:
+def places(box: Mechanism, form: Flags, i: int, count: int = 3) -> Array:
     """Values of joint i, inside its limits, that determine its form best, (count,)."""
     low, high = box.lower[i], box.upper[i]
     middle, width = (low + high) / 2, max(high - low, 1e-6)
@@ -137,7 +138,7 @@ def basis(delta: Array, turns: bool) -> Array:
     return np.stack([np.ones(len(delta)), delta, delta**2], axis=1)
 
 
-def turning(box: BlackBox) -> Flags:
+def turning(box: Mechanism) -> Flags:
     """Test of each joint whether it is a sinusoid, True, or a parabola, False, (n,).
 
     Raises:
@@ -159,7 +160,7 @@ def turning(box: BlackBox) -> Flags:
     return form
 
 
-def misfits(box: BlackBox, i: int, place: Array, possible: list[bool]) -> list[float]:
+def misfits(box: Mechanism, i: int, place: Array, possible: list[bool]) -> list[float]:
     """Misfit of each possible form along joint i, as a part of what it moves.
 
     The entries of the pose themselves are fitted, by (1, cos q, sin q) or (1, q): then every squared error of them is a
@@ -167,7 +168,7 @@ def misfits(box: BlackBox, i: int, place: Array, possible: list[bool]) -> list[f
     """
     rows = np.repeat(place[None], PROBES, axis=0)
     rows[:, i] = np.linspace(box.lower[i], box.upper[i], PROBES)
-    poses = box.poses(rows)
+    poses = box.forward(rows)
     if np.isnan(poses).any():
         raise InvalidSolver(
             "coordinate descent fits the error along each joint over its whole range, and joint "

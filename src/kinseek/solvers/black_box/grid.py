@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.robots.blackbox import BlackBox
+from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.nodes import Grid
 
 from .asking import Asker
@@ -142,6 +142,6 @@ def later_window(grid: Grid, centre: Indices, spacing: int, counts: Indices) -> 
     return result
 
 
-def best_or_start(q: Array | None, box: BlackBox, start: Array) -> Array:
+def best_or_start(q: Array | None, box: Mechanism, start: Array) -> Array:
     """What a grid found, or where nothing closes on it, the start."""
     return np.asarray(start if q is None else q).reshape(box.dof)

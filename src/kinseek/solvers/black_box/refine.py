@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.robots.blackbox import BlackBox
+from kinseek.robots.mechanism import Mechanism
 
 from .asking import Asker
 
@@ -168,7 +168,7 @@ def _other_side(asker: Asker, q: Array, step: Array, got: Array) -> Array:
 
 
 def bounded_step(
-    residual: Array, slopes: Array, damping: Array, q: Array, box: BlackBox
+    residual: Array, slopes: Array, damping: Array, q: Array, box: Mechanism
 ) -> tuple[Array, Array]:
     """Damped least-squares steps under the limits, in parts of the ranges, (k, n), and what they promise, (k,).
 
@@ -204,7 +204,7 @@ def bounded_step(
     return move, np.maximum(promised, 1e-300)
 
 
-def into_range(box: BlackBox, q: Array) -> Array:
+def into_range(box: Mechanism, q: Array) -> Array:
     """Joint values inside the limits, joints that turn fully by whole turns, (k, n)."""
     outside = box.full & ((q < box.lower) | (q > box.upper))
     turned = np.where(outside, box.lower + np.mod(q - box.lower, 2 * np.pi), q)

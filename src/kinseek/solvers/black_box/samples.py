@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
 from kinseek.goal import Goal
-from kinseek.robots.blackbox import BlackBox
+from kinseek.robots.mechanism import Mechanism
 from kinseek.robots.sampling import low_discrepancy
 
 from .asking import features
@@ -34,7 +34,7 @@ MOST_TREES = 16
 class Samples:
     """Joint values spread over the limits, their poses, and a k-d tree for each kind of goal."""
 
-    def __init__(self, box: BlackBox, count: int) -> None:
+    def __init__(self, box: Mechanism, count: int) -> None:
         """Ask the function.
 
         Raises:
@@ -43,7 +43,7 @@ class Samples:
         began = time.perf_counter()
         wanted = min(count if box.cheap else max(count // _DEAR, 8), 64**box.dof)
         q = spread(box, wanted)
-        poses = box.poses(q)
+        poses = box.forward(q)
         there = ~np.isnan(poses).any(axis=(1, 2))
         if not there.any():
             raise InvalidRobot(f"fk of {box.name!r} gave NaN at all of {len(q)} samples inside the limits")
@@ -90,11 +90,11 @@ class Samples:
         return f"Samples({self.samples} samples, {self.memory / 2**20:.1f} MiB, built in {self.build_time * 1e3:.0f} ms)"
 
 
-_samples: weakref.WeakKeyDictionary[BlackBox, dict[int, Samples]] = weakref.WeakKeyDictionary()
+_samples: weakref.WeakKeyDictionary[Mechanism, dict[int, Samples]] = weakref.WeakKeyDictionary()
 _asking = threading.Lock()
 
 
-def samples_of(box: BlackBox, count: int) -> Samples:
+def samples_of(box: Mechanism, count: int) -> Samples:
     """The samples of a function: made at the first call, dropped with the arm."""
     with _asking:
         mine = _samples.setdefault(box, {})
@@ -103,7 +103,7 @@ def samples_of(box: BlackBox, count: int) -> Samples:
         return mine[count]
 
 
-def spread(box: BlackBox, count: int) -> Array:
+def spread(box: Mechanism, count: int) -> Array:
     """Joint values of low discrepancy over one turn at most of every joint, (count, n).
 
     Every eighth is spread twice as wide and brought back: answers crowd in the corners of the limits.
