@@ -294,7 +294,7 @@ class Goal:
         if self.form.ranges:
             taken = ", ".join(kind.noun for kind in PLAIN_KINDS)
             raise InvalidProblem(
-                f"{what} {self.form.noun}, only of {taken}. The default solver of ik, Atlas, answers it"
+                f"{what} {self.form.noun}, only of {taken}. Arm.ik with its default solver answers it"
             )
 
     def measure(self, arrays: ChainArrays, q: Array) -> Array:

@@ -24,7 +24,7 @@ from kinseek.units import warn_of_angles
 
 from . import report
 from .output import complain, held_output, warnings_in_one_line, write_out
-from .searches import make_search, searches, with_search_options
+from .searches import make_search, searches_in_words, with_search_options
 from .words import LENGTHS, gather, joint_values, numbers
 
 app = typer.Typer(
@@ -158,7 +158,7 @@ def solve(
     orientation_weight: Annotated[float, typer.Option(help="K_A of the weighted error.")] = 1.0,
     solver: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help=f"{', '.join(searches())}; kinseek's default unless given."),
+        typer.Option(metavar="NAME", help=searches_in_words()),
     ] = None,
     prove: Annotated[
         bool, typer.Option("--prove", help="Where no answer is found, prove that there is none.")

@@ -17,6 +17,7 @@ from rich.markup import escape
 
 from kinseek.errors import InvalidSolver, suggest
 from kinseek.solvers import ALL_SOLVERS, Solver
+from kinseek.solvers.traits import OwnSolver, summary
 
 READABLE = (bool, int, float, str, NoneType)
 
@@ -43,9 +44,16 @@ def option_of(field: str) -> str:
 
 
 @cache
-def searches() -> dict[str, type[Solver]]:
+def searches() -> dict[str, type[OwnSolver]]:
     """The searches under their names on the command line."""
     return {re.sub(r"(?<=[a-z])(?=[A-Z])", "-", cls.__name__).lower(): cls for cls in ALL_SOLVERS}
+
+
+@cache
+def searches_in_words() -> str:
+    """The searches and what may be expected of each, for help."""
+    words = [f"{name}: {summary(cls)}" for name, cls in searches().items()]
+    return f"{'. '.join(words)}. Kinseek's default unless given."
 
 
 @cache

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -27,11 +27,11 @@ from kinseek.kernels.grid.window import (
 )
 from kinseek.kernels.jit import inner, kernel
 from kinseek.problem import Problem
-from kinseek.robots.mechanism import no_axes
 from kinseek.solution import Solution
 
 from .base import Found, solve_each, whole
 from .nodes import require_memory
+from .traits import Near, Traits, require
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,14 @@ class BlindSearch:
     Raises:
         InvalidSolver: A parameter out of its range.
     """
+
+    traits: ClassVar[Traits] = Traits(
+        source="Cubero 2008",
+        finds="a local minimum",
+        work="3ⁿ poses a step",
+        near=Near.START,
+        axes=True,
+    )
 
     step: float = 0.1
     """Δ at the start, [rad] or [m]."""
@@ -64,10 +72,7 @@ class BlindSearch:
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by the best configuration on the way from `problem.start`."""
-        if problem.axes is None:
-            why = no_axes(problem.mechanism, "this needs the axes and links of an arm")
-            works = "Atlas, BruteForce, DivideAndConquer, CoordinateDescent, and Polished made of these"
-            raise InvalidSolver(f"{why}. What works on it: {works}")
+        require(self, problem)
         return solve_each(problem, self._search)
 
     def _search(self, problem: Problem, deadline: Deadline) -> Found:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from kinseek.solution import Solution
 
 from .base import Found, solve_each, whole
 from .nodes import MOST_NODES, Grid, joint_grid, require_memory, require_patience
+from .traits import Near, Traits, require
 
 ORDERS = ("paper", "low-discrepancy", "random")
 
@@ -37,6 +39,13 @@ class BruteForce:
     Raises:
         InvalidSolver: A parameter out of its range, or a tree too large for memory or for `most_nodes`.
     """
+
+    traits: ClassVar[Traits] = Traits(
+        source="the paper",
+        finds="the best node of a grid of B values a joint",
+        work="B + B² + … + Bⁿ nodes",
+        near=Near.TURN,
+    )
 
     branching_factor: int = 60
     """B: values a joint."""
@@ -63,6 +72,7 @@ class BruteForce:
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by the best node of the grid."""
+        require(self, problem)
         return solve_each(problem, self._search)
 
     def _search(self, problem: Problem, deadline: Deadline) -> Found:

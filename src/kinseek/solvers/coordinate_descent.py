@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from kinseek.problem import Problem
 from kinseek.solution import Solution
 
 from .base import Found, solve_each, whole
+from .traits import Near, Traits, require
 
 SCANS, SECTIONS = 24, 30
 """Samples of a range, and golden sections after them, where a joint has no closed form."""
@@ -42,6 +44,13 @@ class CoordinateDescent:
         InvalidSolver: A parameter out of its range.
     """
 
+    traits: ClassVar[Traits] = Traits(
+        source="kinseek",
+        finds="a local minimum, exact along each joint and pair of joints",
+        work="3 poses a joint, 9 a pair",
+        near=Near.START,
+    )
+
     most_sweeps: int = 200
     """Sweeps over all joints and pairs."""
     pairs: bool = True
@@ -57,6 +66,7 @@ class CoordinateDescent:
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by the lowest point of the descent from `problem.start`."""
+        require(self, problem)
         return solve_each(problem, self._search)
 
     def _search(self, problem: Problem, deadline: Deadline) -> Found:

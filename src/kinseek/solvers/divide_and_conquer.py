@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -48,6 +48,7 @@ from kinseek.solution import Solution
 from .base import Found, solve_each, whole
 from .breadth_tuning import probe_joints, widen_by_trial, window_leaves
 from .nodes import A_ROW, MOST_NODES, Grid, joint_grid, require_patience
+from .traits import Near, Traits, require
 
 _MOST_CELLS = 10**6
 """Of a beam, and of a breadth: more would not fit into memory, or never end."""
@@ -63,6 +64,13 @@ class DivideAndConquer:
         InvalidSolver: A parameter out of its range, a static tree too large for memory, or a search too long for
             `most_nodes`.
     """
+
+    traits: ClassVar[Traits] = Traits(
+        source="the paper",
+        finds="a good node of a very fine grid",
+        work="grows with log B",
+        near=Near.TURN,
+    )
 
     branching_factor: int = 7200
     """B: nodes a joint; the last pass has a spacing of one node."""
@@ -109,6 +117,7 @@ class DivideAndConquer:
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by the best node found."""
+        require(self, problem)
         if problem.axes is None and self.breadth == "tuned":
             raise InvalidSolver(
                 "breadth='tuned' tries the search many thousand times, too dear for an arm that is a function; "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from .base import Solver
 from .checks import as_solver
 from .coordinate_descent import CoordinateDescent
 from .divide_and_conquer import DivideAndConquer
+from .traits import Near, Traits
 
 
 @dataclass(frozen=True)
@@ -22,6 +24,14 @@ class Polished:
 
     Each may spend half of a problem's budget; of a time limit the first takes half at most.
     """
+
+    traits: ClassVar[Traits] = Traits(
+        source="kinseek",
+        finds="what two searches find, the second from where the first ends",
+        work="both",
+        near=Near.TURN,
+        made_of=True,
+    )
 
     search: Solver = field(
         default_factory=lambda: DivideAndConquer(branching_factor=10**6, breadth=2, beam=16, children=2)
