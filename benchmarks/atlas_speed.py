@@ -21,6 +21,7 @@ from benchmarks.command import under_pytest
 from benchmarks.fleet import single_times
 from benchmarks.targets import plain_fk, random_joints
 from kinseek.kernels.atlas.one_goal import solve_plain
+from kinseek.kinds import POSE
 from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex, atlas_of
 
 Array = NDArray[np.float64]
@@ -98,7 +99,7 @@ def test_out_of_reach(benchmark: Any, name: str) -> None:
 @pytest.mark.parametrize("name", ARMS)
 def test_build(benchmark: Any, name: str) -> None:
     arm = kinseek.load(name)
-    index = benchmark(AtlasIndex, arm.chain, "pose", arm.chain.arrays, SAMPLES)
+    index = benchmark(AtlasIndex, arm.chain, POSE, arm.chain.arrays, SAMPLES)
     benchmark.extra_info["megabytes"] = index.memory / 1e6
 
 

@@ -16,7 +16,7 @@ from .errors import InvalidGoal, InvalidProblem
 from .kernels.arm.pose_error import HEAVIEST, LARGEST, LIGHTEST, judge
 from .kernels.arm.range_error import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS, judge_boxes
 from .kernels.arrays import ChainArrays, GoalArrays
-from .kinds import KINDS, PLAIN_KINDS, POSE, POSITION, Kind
+from .kinds import BOX, KINDS, PLAIN_KINDS, POINTING, POSE, POSITION, Kind
 from .poses import _at, _rotation_onto, _unit, _x_onto, as_pose, one_pose
 from .ranges import (
     AXES,
@@ -82,7 +82,7 @@ class Goal:
 
     target: Array
     """Wanted pose of the tip in the base, (..., 4, 4), lengths in [m]. Leading dimensions make a batch."""
-    kind: str = "pose"
+    kind: str = POSE.name
     """``"pose"``, ``"position"`` (any orientation), ``"pointing"`` (any turn about the tool axis) or ``"box"``."""
     tool_axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     """The axis of the tip that a pointing goal aligns, in tip coordinates."""
@@ -178,11 +178,11 @@ class Goal:
         turns = free_turns(ranges)
         alone = len(turns) == 1 and ranges[3:].count(PINNED) == 2
         if ranges[:3] == (PINNED,) * 3 and len(turns) == 3:
-            return cls(target, kind="position", **options)
+            return cls(target, kind=POSITION.name, **options)
         if ranges[:3] == (PINNED,) * 3 and alone and frame == "tool":
-            return cls(target, kind="pointing", tool_axis=unit(turns[0]), **options)
+            return cls(target, kind=POINTING.name, tool_axis=unit(turns[0]), **options)
         swing = unit(turns[0]) if alone else None
-        return cls(target, kind="box", ranges=ranges, frame=frame, swing=swing, **options)
+        return cls(target, kind=BOX.name, ranges=ranges, frame=frame, swing=swing, **options)
 
     @classmethod
     def position(
@@ -204,10 +204,10 @@ class Goal:
         Raises:
             InvalidGoal: Wrong shape, NaN or infinity, an option out of its range, or axes as in `Goal.pose`.
         """
-        ranges, target = read_ranges(free, box, "position"), _at(position, np.eye(3))
+        ranges, target = read_ranges(free, box, POSITION), _at(position, np.eye(3))
         if ranges is None:
-            return cls(target, kind="position", **options)
-        return cls(target, kind="box", ranges=ranges, frame="base", **options)
+            return cls(target, kind=POSITION.name, **options)
+        return cls(target, kind=BOX.name, ranges=ranges, frame="base", **options)
 
     @classmethod
     def pointing(
@@ -234,11 +234,11 @@ class Goal:
             InvalidGoal: Wrong shape, NaN or infinity, a zero vector, an option out of its range, or axes as in `Goal.pose`.
         """
         axis, onto = _unit(tool_axis, "tool_axis"), _unit(direction, "direction")
-        ranges, target = read_ranges(free, box, "pointing"), _at(position, _rotation_onto(axis, onto))
+        ranges, target = read_ranges(free, box, POINTING), _at(position, _rotation_onto(axis, onto))
         if ranges is None:
-            return cls(target, kind="pointing", tool_axis=(axis[0], axis[1], axis[2]), **options)
+            return cls(target, kind=POINTING.name, tool_axis=(axis[0], axis[1], axis[2]), **options)
         swing = (float(onto[0]), float(onto[1]), float(onto[2]))
-        return cls(target, kind="box", ranges=ranges, frame="base", swing=swing, **options)
+        return cls(target, kind=BOX.name, ranges=ranges, frame="base", swing=swing, **options)
 
     def __repr__(self) -> str:
         """One line: what is wanted where, and what was said beside it."""
@@ -247,19 +247,20 @@ class Goal:
             if self.shape
             else [f"pose at {_row(self.target[:3, 3])} m"]
         )
-        if self.kind in ("position", "pointing"):
-            parts[0] = parts[0].replace("pose", self.kind, 1)
-        if self.kind == "pointing":
+        if not self.form.ranges:
+            parts[0] = parts[0].replace(POSE.name, self.kind, 1)
+        if self.form.turned:
             axis = _row(self.tool_axis)
             along = f" along {_row(self.target[:3, :3] @ self.tool_axis)}" if not self.shape else ""
             parts.append(f"tool axis {axis}{along}")
-        elif self.kind != "position" and not self.shape:
+        elif self.form.columns and not self.shape:
             parts.append(f"rpy {_row(_rpy(self.target[:3, :3]))} rad")
-        for axis, pair in zip(AXES, self.ranges or (), strict=False):
-            if pair in (FREE_PLACE, FREE_TURN):
+        free, within = self.free if self.form.ranges else (), self.within
+        for axis in AXES:
+            if axis in free:
                 parts.append(f"{axis} free")
-            elif pair != PINNED:
-                parts.append(f"{axis} within {_row(pair)}")
+            elif axis in within:
+                parts.append(f"{axis} within {_row(within[axis])}")
         if self.swing is not None:
             parts.append(f"only the direction of {_row(self.swing)} counts")
         if self.ranges is not None:
@@ -281,6 +282,27 @@ class Goal:
         if not self.form.ranges or self.ranges is None:
             return self.form
         return POSITION if self.swing is None and len(free_turns(self.ranges)) == 3 else POSE
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Axes among x, y, z, rx, ry and rz of which any deviation will do; of a direction the axis nearest to it."""
+        if self.ranges is not None:
+            named = zip(AXES, self.ranges, strict=True)
+            return tuple(axis for axis, pair in named if pair in (FREE_PLACE, FREE_TURN))
+        if self.form.turned:
+            return (AXES[3 + int(np.argmax(np.abs(self.tool_axis)))],)
+        return () if self.form.columns else AXES[3:]
+
+    @property
+    def within(self) -> dict[str, tuple[float, float]]:
+        """Axes that have a range in which any deviation will do, and it: lower and upper end, [m] or [rad]."""
+        named = dict(zip(AXES, self.ranges or (), strict=False))
+        return {axis: pair for axis, pair in named.items() if pair != PINNED and axis not in self.free}
+
+    @property
+    def prepared_as(self) -> tuple[Kind, bytes | None]:
+        """What an arm needs once for such a goal is kept under this: goals with the same share it."""
+        return self.form, None if self.tip is None else self.tip.tobytes()
 
     def require_plain(self, what: str) -> None:
         """Refuse free axes and ranges.

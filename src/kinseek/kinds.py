@@ -6,6 +6,7 @@ A search reads these numbers and never the name, so that a new kind is one line 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 
@@ -24,6 +25,19 @@ class Kind:
     """Is the tip turned so that its tool axis becomes x, the one column that counts?"""
     ranges: bool = False
     """Are deviations measured against ranges? Then the columns say nothing."""
+
+    @property
+    def column_weight(self) -> float:
+        """Weight of the square of each column's chord, |c - c_g|², that makes their sum the square of a small angle.
+
+        A turn moves two of three columns, and one that is compared alone as far as the angle itself.
+        """
+        return 0.5 if self.columns == 3 else 1.0
+
+    @property
+    def longest_chord(self) -> float:
+        """Length of all columns' chords together at half a turn: |R - R_g| = 2√2 sin φ/2, |x - x_g| = 2 sin φ/2."""
+        return 2.0 * math.sqrt(2.0) if self.columns == 3 else 2.0
 
 
 POSE = Kind("pose", "a whole pose", columns=3, constraints=6)

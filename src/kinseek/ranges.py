@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .errors import InvalidGoal, suggest
 from .kernels.arm.pose_error import LARGEST
+from .kinds import POSE, Kind
 
 Ranges = tuple[tuple[float, float], ...]
 """Lower and upper ends for x, y, z [m] and rx, ry, rz [rad]."""
@@ -22,14 +23,14 @@ PINNED = (0.0, 0.0)
 
 
 def read_ranges(
-    free: str | Iterable[str], box: Mapping[str, Sequence[float]] | None, kind: str = "pose"
+    free: str | Iterable[str], box: Mapping[str, Sequence[float]] | None, kind: Kind = POSE
 ) -> Ranges | None:
     """Read free axes and a tolerance box.
 
     Args:
         free: Name or names among `AXES`.
         box: Of some axes, where the deviation may lie: lower and upper end, [m] or [rad].
-        kind: The goal that is asked; a position or pointing goal takes x, y and z alone.
+        kind: Of the goal that is asked; one that says of the orientation what it wants takes x, y and z alone.
 
     Returns:
         The ranges of all six axes, or None where nothing was said.
@@ -48,21 +49,21 @@ def read_ranges(
     for name in [*names, *given]:
         if name not in AXES:
             raise InvalidGoal(suggest(str(name), AXES, "axis"))
-        if kind != "pose" and name.startswith("r"):
+        if kind.columns < POSE.columns and name.startswith("r"):
             raise InvalidGoal(
-                f"a {kind} goal says of the orientation what it wants already, so {name!r} can be neither free "
+                f"a {kind.name} goal says of the orientation what it wants already, so {name!r} can be neither free "
                 f"nor boxed; x, y and z can"
             )
     if both := sorted(set(names) & set(given)):
         raise InvalidGoal(f"{' and '.join(both)} cannot be both free and boxed: leave one of the two out")
-    turns = FREE_TURN if kind == "position" else PINNED
+    turns = PINNED if kind.columns else FREE_TURN
     ranges = [PINNED] * 3 + [turns] * 3
     for i, axis in enumerate(AXES):
         if axis in names:
             ranges[i] = FREE_TURN if axis.startswith("r") else FREE_PLACE
         elif axis in given:
             ranges[i] = _range(axis, given[axis])
-    if all(pair in (FREE_PLACE, FREE_TURN) for pair in ranges) and kind != "pointing":
+    if all(pair in (FREE_PLACE, FREE_TURN) for pair in ranges) and not kind.turned:
         raise InvalidGoal("nothing is left to reach: every axis is free. Leave at least one out of free=")
     least = math.sqrt(sum(max(low, 0.0, -high) ** 2 for low, high in ranges[3:]))
     if least > math.pi:

@@ -18,6 +18,7 @@ from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.branches.sample import sample_branches
 from kinseek.kernels.branches.search import find_branches
+from kinseek.kinds import Kind
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.solvers.atlas.index import KEPT, AtlasIndex, atlas_of, wanted_of
@@ -94,7 +95,7 @@ def _same_image(one: Array, other: Array, turns: NDArray[np.bool_]) -> bool:
     return bool((one[0] == other[0]).all() and np.abs(apart).max() < 1e-6)
 
 
-_Shelf = OrderedDict[tuple[str, bytes | None], BranchIndex]
+_Shelf = OrderedDict[tuple[Kind, bytes | None], BranchIndex]
 
 
 _indices: weakref.WeakKeyDictionary[SerialChain, _Shelf] = weakref.WeakKeyDictionary()
@@ -117,7 +118,7 @@ def index_of(problem: Problem) -> BranchIndex:
             f"{problem.mechanism.name!r} is a function: branches are looked for along axes, and it has none"
         )
     goal.require_plain("branches are not told of")
-    key = (goal.kind, None if goal.tip is None else goal.tip.tobytes())
+    key = goal.prepared_as
     with _building:
         mine = _indices.setdefault(problem.chain, OrderedDict())
         if key not in mine:

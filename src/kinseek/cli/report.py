@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from kinseek.arm import Arm
 from kinseek.goal import Goal
 from kinseek.proof.certificate import Certificate
-from kinseek.ranges import AXES, FREE_PLACE, FREE_TURN, PINNED
 from kinseek.robots import catalog_entry, catalog_names
 from kinseek.solution import Solution
 from kinseek.solvers import Solver
@@ -114,7 +113,7 @@ def print_solution(
     place = ("position", f"{solution.position_error:.3g} m", f"{goal.position_tolerance:g} m")
     turn = (
         ("orientation", "any", "any")
-        if goal.kind == "position"
+        if not goal.form.columns
         else ("orientation", f"{solution.orientation_error:.3g} rad", f"{goal.orientation_tolerance:g} rad")
     )
     _print_table(("", ">error", ">tolerance"), [place, turn])
@@ -166,7 +165,7 @@ def solution_facts(
         "q": solution.q.tolist(),
         "joints": joints,
         "position_error": float(solution.position_error),
-        "orientation_error": None if goal.kind == "position" else float(solution.orientation_error),
+        "orientation_error": float(solution.orientation_error) if goal.form.columns else None,
         "weighted_error": float(solution.weighted_error),
         "evaluations": int(solution.evaluations),
         "nodes_created": int(solution.nodes_created),
@@ -178,18 +177,8 @@ def solution_facts(
 
 def _openness(goal: Goal) -> dict[str, Any]:
     """What a goal leaves open: axes of which any deviation will do, ranges of others, and the frame of all these axes."""
-    if goal.ranges is None:
-        about = AXES[3 + int(np.argmax(np.abs(goal.tool_axis)))]
-        free = {"pose": (), "position": AXES[3:], "pointing": (about,)}[goal.kind]
-        return {"free": list(free), "ranges": {}, "frame": goal.frame}
-    named = dict(zip(AXES, goal.ranges, strict=True))
-    free = tuple(axis for axis, pair in named.items() if pair in (FREE_PLACE, FREE_TURN))
-    ranges = {
-        axis: [end if np.isfinite(end) else None for end in pair]
-        for axis, pair in named.items()
-        if pair != PINNED and axis not in free
-    }
-    return {"free": list(free), "ranges": ranges, "frame": goal.frame}
+    ranges = {axis: [end if np.isfinite(end) else None for end in pair] for axis, pair in goal.within.items()}
+    return {"free": list(goal.free), "ranges": ranges, "frame": goal.frame}
 
 
 def _proof_facts(proof: Certificate) -> dict[str, Any]:

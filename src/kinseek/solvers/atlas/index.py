@@ -53,7 +53,7 @@ class AtlasIndex:
             tip = inverse(arrays.fixed[-1] if division.tail != NONE else tool[:3])
             self.sorted = of_tip.sorted._replace(inverse_tip=tip)
         lower, upper = open_limits(chain)
-        columns = (np.arange(3) < kind.columns).astype(float) * (0.5 if kind.columns == 3 else 1.0)
+        columns = (np.arange(3) < kind.columns).astype(float) * kind.column_weight
         self._routines = routines()
         self._arrays = task_arrays(
             arrays, self.sorted, division, lower, upper, columns, arm_length(chain) / 3, self._routines, PLAIN

@@ -64,10 +64,7 @@ class Asker:
         if not self.columns:
             return position, np.zeros(len(away))
         chord = np.sqrt((away[:, 3:] ** 2).sum(axis=1))
-        most = (
-            2.0 * np.sqrt(2.0) if len(self.columns) == 3 else 2.0
-        )  # |R - R_g| = 2√2 sin φ/2, |x - x_g| = 2 sin φ/2.
-        return position, 2.0 * np.arcsin(np.minimum(chord / most, 1.0))
+        return position, 2.0 * np.arcsin(np.minimum(chord / self.goal.form.longest_chord, 1.0))
 
     def within(self, away: Array) -> NDArray[np.bool_]:
         """Say of each whether both tolerances are met, (k,)."""

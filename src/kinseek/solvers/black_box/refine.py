@@ -65,9 +65,7 @@ def walk(
     )
     if not len(seeds):
         return ends
-    scale = np.array(
-        [1.0 / length] * 3 + [np.sqrt(0.5 if len(asker.columns) == 3 else 1.0)] * (len(asker.target) - 3)
-    )
+    scale = np.array([1.0 / length] * 3 + [np.sqrt(asker.goal.form.column_weight)] * (len(asker.target) - 3))
     span = box.span
     lanes = np.arange(len(seeds))
     trial, q = seeds.copy(), seeds.copy()

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
 from kinseek.goal import Goal
+from kinseek.kinds import Kind
 from kinseek.robots.mechanism import Mechanism
 from kinseek.robots.sampling import low_discrepancy
 
@@ -65,25 +66,25 @@ class Samples:
 
     def nearest(self, goal: Goal, target: Array, count: int) -> NDArray[np.int64]:
         """Samples nearest to the features of a target, (m,), nearest first, (k,)."""
-        key = (goal.kind, None if goal.tip is None else goal.tip.tobytes())
+        key = goal.prepared_as
         with self._sorting:
             if key not in self._trees:
                 if len(self._trees) >= MOST_TREES:
                     self._trees.pop(next(iter(self._trees)))
                 self._trees[key] = self._tree(goal)
             tree = self._trees[key]
-        _, found = tree.query(self._scaled(target[None])[0], min(count, self.samples))
+        _, found = tree.query(self._scaled(target[None], goal.form)[0], min(count, self.samples))
         return np.atleast_1d(np.asarray(found, dtype=np.int64))
 
     def _tree(self, goal: Goal) -> Any:
         from scipy.spatial import cKDTree
 
-        return cKDTree(self._scaled(features(self.poses, goal.tip, tuple(range(goal.columns)))))
+        return cKDTree(self._scaled(features(self.poses, goal.tip, tuple(range(goal.columns))), goal.form))
 
-    def _scaled(self, points: Array) -> Array:
+    def _scaled(self, points: Array, kind: Kind) -> Array:
         """Two columns hold the third."""
         place, turn = points[:, :3] / self.length, points[:, 3:9]
-        return np.concatenate([place, turn * np.sqrt(0.5 if turn.shape[1] == 6 else 1.0)], axis=1)
+        return np.concatenate([place, turn * np.sqrt(kind.column_weight)], axis=1)
 
     def __repr__(self) -> str:
         """Size and cost."""
