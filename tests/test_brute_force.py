@@ -8,8 +8,8 @@ import pytest
 import kinseek
 from kinseek import BruteForce
 from kinseek.errors import InvalidSolver
-from kinseek.kernels.grid.window import equation_1
 from kinseek.problem import Problem
+from kinseek.solvers.brute_force import equation_1
 from reference import exhaustive
 
 ORDERS = ["paper", "low-discrepancy", "random"]

@@ -13,10 +13,11 @@ import kinseek
 from chains import serial_chains
 from kinseek import DivideAndConquer
 from kinseek.errors import InvalidSolver
-from kinseek.kernels.grid.window import Window
+from kinseek.kernels.grid.descent import first_window, later_window
+from kinseek.kernels.grid.memory import Window
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
-from kinseek.solvers.divide_and_conquer import first_window, later_window, tuned_breadth
+from kinseek.solvers.divide_and_conquer import tuned_breadth
 from kinseek.solvers.nodes import joint_grid
 from reference import PaperSearch, fk, node_values, weighted_error
 

@@ -9,23 +9,25 @@ from hypothesis import strategies as st
 
 import kinseek
 from chains import serial_chains
-from kinseek.kernels.grid.window import (
+from kinseek.kernels.grid.memory import (
+    CELLS,
+    LAYOUT,
+    MADE_FOR,
     MOST_LANES,
     Beam,
     Window,
-    best_first,
-    equation_1,
+    lay_bench,
     make_beam,
+    make_bench,
     make_scratch,
-    merge,
-    nodes_until,
-    offer,
-    search_window,
-    split_depth,
-    window_nodes,
+    memory_size,
 )
+from kinseek.kernels.grid.window import nodes_until, offer, search_window, split_depth, window_nodes
+from kinseek.kernels.jit import exposed
+from kinseek.kernels.layout import Layout, floats
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
+from kinseek.solvers.brute_force import equation_1
 from reference import exhaustive, node_values
 
 EVERYTHING = 1 << 62
@@ -53,6 +55,12 @@ def search(
     beam = make_beam(keep, chain.dof)
     arrays = Problem(chain, goal).arrays
     return beam, *search_window(arrays, goal.arrays, window, stop, budget, beam, make_scratch(chain.dof))
+
+
+def best_first(beam: Beam) -> np.ndarray:
+    """Order of the filled places of a beam, best first, ties by node."""
+    filled = np.flatnonzero(np.isfinite(beam.errors))
+    return np.asarray(filled[np.lexsort((*beam.nodes[filled].T[::-1], beam.errors[filled]))])
 
 
 @pytest.mark.slow
@@ -141,13 +149,48 @@ def test_equation_1() -> None:
     assert window_nodes(np.full(4, 60)) == 13_179_660
 
 
-def test_beams_refuse_twins_and_merge() -> None:
-    beam, other = make_beam(2, 1), make_beam(2, 1)
+def test_beams_refuse_twins() -> None:
+    beam = make_beam(2, 1)
     assert offer(beam, 0.5, np.array([1]), np.array([0.1])) == np.inf
     assert offer(beam, 0.5, np.array([1]), np.array([0.1])) == np.inf
     assert offer(beam, 0.7, np.array([2]), np.array([0.2])) == 0.7
     assert offer(beam, 0.9, np.array([3]), np.array([0.3])) == 0.7
-    offer(other, 0.6, np.array([4]), np.array([0.4]))
-    merge(other, beam)
-    assert sorted(beam.errors) == [0.5, 0.6]
-    assert beam.nodes[best_first(beam)].ravel().tolist() == [1, 4]
+    assert sorted(beam.errors) == [0.5, 0.7]
+    assert beam.nodes[best_first(beam)].ravel().tolist() == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("dof", "most", "cells", "children"), [(1, 1, 1, 1), (2, 7, 1, 1), (6, 3, 64, 2), (7, 9, 5, 5)]
+)
+def test_a_bench_fills_its_memory_and_no_part_lies_over_another(
+    dof: int, most: int, cells: int, children: int
+) -> None:
+    memory = np.zeros(LAYOUT.count.of(dof=dof, most=most, cells=cells, children=children))
+    bench = exposed(lay_bench)(memory.ctypes.data, dof, most, cells, children)
+    parts = [array for bundle in bench for array in bundle]
+    for part in parts:
+        begin = (part.ctypes.data - memory.ctypes.data) // 8
+        memory[begin : begin + part.size] += 1
+    np.testing.assert_array_equal(memory, 1)
+    assert exposed(LAYOUT.size)(dof, most, cells, children) == len(memory)
+    beam = (cells,), (cells, dof), (cells, dof)
+    assert [part.shape for part in parts] == [
+        *((9, MOST_LANES), (MOST_LANES,), (dof + 1, 3, 4), (dof,), (dof,)),
+        *((dof, most), (dof, most), (dof,)),
+        *beam,
+        *beam,
+        *((children,), (children, dof), (children, dof)),
+    ]
+    given = dof, most, cells, children
+    larger = np.zeros(memory_size(*given))
+    lanes = exposed(make_bench)(larger, *given).scratch.lanes
+    assert lanes.ctypes.data % 64 == 0
+    assert larger.ctypes.data <= lanes.ctypes.data <= larger.ctypes.data + larger.nbytes - memory.nbytes
+
+
+def test_a_layout_for_other_numbers_than_an_arms() -> None:
+    square = Layout(
+        Beam, MADE_FOR, "square", errors=floats(CELLS, CELLS), nodes=floats(2), q=floats(CELLS, 3)
+    )
+    assert square.count.of(cells=5) == 25 + 2 + 15
+    assert str(square.count) == "(1 * cells * cells + 3 * cells + 2)"

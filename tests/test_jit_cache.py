@@ -89,7 +89,7 @@ def test_a_folder_that_others_may_write_to_is_not_trusted(copy: Path) -> None:
     assert list(private.rglob("*.nbi"))
 
 
-@pytest.mark.parametrize("name", ["kernels/arm/forward.py", "solvers/divide_and_conquer.py"])
+@pytest.mark.parametrize("name", ["kernels/arm/forward.py", "solvers/blind_search.py"])
 def test_the_digest_sees_every_file_with_kernels(copy: Path, name: str) -> None:
     package = copy / "site" / "kinseek"
     before = source_digest(package)

@@ -7,6 +7,7 @@ times what an arm has of joints.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,35 +20,54 @@ from .jit import hidden, view
 
 @dataclass(frozen=True)
 class Count:
-    """How many numbers there are of something in an arm of n variables and m joints: ``fixed + dof · n + joints · m``."""
+    """How many numbers there are of something: so many, so many a variable of the arm, and so on."""
 
-    fixed: int
-    dof: int = 0
-    joints: int = 0
+    terms: tuple[tuple[str, int], ...]
+    """Names of what is counted and their products, ``""`` for a plain number; and how often each, never 0."""
 
     def __add__(self, other: Count) -> Count:
         """The sum."""
-        return Count(self.fixed + other.fixed, self.dof + other.dof, self.joints + other.joints)
+        return _collected([*self.terms, *other.terms])
 
     def __mul__(self, other: int | Count) -> Count:
         """So many times as many."""
-        if isinstance(other, int):
-            return Count(self.fixed * other, self.dof * other, self.joints * other)
-        if self.dof or self.joints:
+        times = (("", other),) if isinstance(other, int) else other.terms
+        both = [(f"{a} * {b}" if a and b else a + b, m * n) for a, m in self.terms for b, n in times]
+        if any(set(name.split(" * ")) <= {"dof", "joints"} for name, _ in both if " * " in name):
             raise TypeError(f"a memory grows no faster than the arm, got {self} times {other}")
-        return other * self.fixed
+        return _collected(both)
 
-    def of(self, dof: int, joints: int) -> int:
-        """The number for an arm."""
-        return self.fixed + self.dof * dof + self.joints * joints
+    def of(self, **numbers: int) -> int:
+        """The number, where each that has a name is known."""
+        return sum(
+            n * math.prod(numbers[each] for each in name.split(" * ") if each) for name, n in self.terms
+        )
 
     def __str__(self) -> str:
         """The same as an expression."""
-        terms = [f"{self.dof} * dof"] * bool(self.dof) + [f"{self.joints} * joints"] * bool(self.joints)
-        return f"({' + '.join([*terms, str(self.fixed)])})"
+        named = [f"{n} * {name}" for name, n in self.terms if name]
+        return f"({' + '.join([*named, str(dict(self.terms).get('', 0))])})"
 
 
-DOF, JOINTS = Count(0, dof=1), Count(0, joints=1)
+def _collected(terms: list[tuple[str, int]]) -> Count:
+    names = dict.fromkeys(name for name, _ in terms)
+    sums = {each: sum(n for name, n in terms if name == each) for each in names}
+    return Count(tuple((name, n) for name, n in sums.items() if n))
+
+
+def plain(number: int) -> Count:
+    """Count what is the same for all arms."""
+    return Count((("", number),) if number else ())
+
+
+def named(name: str) -> Count:
+    """Count something that a memory is made for: see ``made_for`` of a `Layout`."""
+    return Count(((name, 1),))
+
+
+ARM = ("dof", "joints")
+"""What most memories are made for: an arm of so many variables and joints."""
+DOF, JOINTS = (named(each) for each in ARM)
 
 
 @dataclass(frozen=True)
@@ -63,48 +83,54 @@ class Part:
         return f"{self.view}(address, {first}, {', '.join(map(str, self.shape))})"
 
 
-def floats(rows: int | Count, columns: int | Count | None = None) -> Part:
-    """Declare an array of floats of one dimension or, if it has columns, of two."""
-    shape = [Count(each) if isinstance(each, int) else each for each in (rows, columns) if each is not None]
-    if columns is None:
-        return Part("part1", tuple(shape), shape[0])
-    return Part("part2", tuple(shape), shape[0] * columns)
+def floats(*shape: int | Count) -> Part:
+    """Declare an array of floats of up to three dimensions."""
+    return _part(("part1", "part2", "part3"), shape)
 
 
-def whole(length: int) -> Part:
-    """Declare an array of integers of one dimension."""
-    return Part("integer_part", (Count(length),), Count(length))
+def whole(*shape: int | Count) -> Part:
+    """Declare an array of integers of up to two dimensions."""
+    return _part(("integer_part", "integer_part2"), shape)
+
+
+def _part(views: tuple[str, ...], shape: tuple[int | Count, ...]) -> Part:
+    counts = tuple(plain(each) if isinstance(each, int) else each for each in shape)
+    return Part(views[len(shape) - 1], counts, math.prod(counts, start=plain(1)))
 
 
 class Layout:
     """The arrays of a bundle in one memory of 8-byte numbers, one after the other as they are declared."""
 
-    def __init__(self, bundle: Any, **parts: Part | Layout) -> None:
+    def __init__(
+        self, bundle: Any, made_for: tuple[str, ...] = ARM, name: str = "", **parts: Part | Layout
+    ) -> None:
         """Lay out a bundle.
 
         Args:
-            bundle: Named tuple of arrays, and of bundles that are laid out themselves.
+            bundle: Named tuple of arrays, and of bundles that are laid out themselves, for the same numbers.
+            made_for: Names of the numbers that the sizes are counted in.
+            name: What tells two layouts of one bundle apart: machine code is filed by it.
             parts: Of each field what it is, in the order in which they stand in memory.
         """
         _check_names(bundle, parts)
-        self.count = Count(0)
+        self.count = plain(0)
         """Numbers that the memory holds."""
         views = {}
-        for name, part in parts.items():
-            views[name] = part.at(self.count, name)
+        for field, part in parts.items():
+            views[field] = part.at(self.count, field)
             self.count = self.count + part.count
-        name = bundle.__name__.lower()
+        name, self._given = name or bundle.__name__.lower(), ", ".join(made_for)
         below = {f"make_{each}": part.make for each, part in parts.items() if isinstance(part, Layout)}
-        self.size: Any = hidden(_function(f"{name}_size(dof, joints)", str(self.count), {}))
-        """A kernel of dof and joints: the numbers that a memory takes."""
+        self.size: Any = hidden(_function(f"{name}_size({self._given})", str(self.count), {}))
+        """A kernel of what the memory is made for: the numbers that it takes."""
         self.make: Any = view(
-            _function(f"make_{name}(address, dof, joints)", _bundled(bundle, views), below, bundle)
+            _function(f"make_{name}(address, {self._given})", _bundled(bundle, views), below, bundle)
         )
-        """A kernel of an address, dof and joints: the views."""
+        """A kernel of an address and what the memory is made for: the views."""
 
     def at(self, first: Count, name: str) -> str:
         """See `Part.at`."""
-        return f"make_{name}(address + 8 * {first}, dof, joints)"
+        return f"make_{name}(address + 8 * {first}, {self._given})"
 
 
 class Rows:

@@ -12,19 +12,8 @@ from kinseek.errors import InvalidSolver
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, weighted_error
 from kinseek.kernels.arrays import Array, ChainArrays, Flags, GoalArrays, Indices
-from kinseek.kernels.grid.window import (
-    PART,
-    PAUSED,
-    Beam,
-    Scratch,
-    Window,
-    make_beam,
-    make_scratch,
-    make_window,
-    nodes_until,
-    search_part,
-    window_nodes,
-)
+from kinseek.kernels.grid.memory import Beam, Scratch, Window, make_beam, make_scratch, make_window
+from kinseek.kernels.grid.window import PART, PAUSED, nodes_until, search_part, window_nodes
 from kinseek.kernels.jit import inner, kernel
 from kinseek.problem import Problem
 from kinseek.solution import Solution

@@ -10,20 +10,15 @@ import numpy as np
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arrays import Indices
-from kinseek.kernels.grid.window import (
-    Window,
-    equation_1,
-    make_beam,
-    make_scratch,
-    nodes_until,
-    search_window,
-)
+from kinseek.kernels.grid.descent import Grid
+from kinseek.kernels.grid.memory import Window, make_beam, make_scratch
+from kinseek.kernels.grid.window import nodes_until, search_window
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution
 
 from .base import Found, solve_each, whole
-from .nodes import MOST_NODES, Grid, joint_grid, require_memory, require_patience
+from .nodes import MOST_NODES, joint_grid, require_memory, require_patience
 from .traits import Near, Traits, require
 
 ORDERS = ("paper", "low-discrepancy", "random")
@@ -127,3 +122,8 @@ class BruteForce:
             np.arange(count) * 0.6180339887498949
         ) % 1.0  # Weyl's sequence: every prefix is well spread.
         return np.argsort(np.argsort(golden)).astype(np.int64)
+
+
+def equation_1(branching_factor: int, dof: int) -> int:
+    """Nodes that brute force expands: Σ_{i=1}^{DOF} B^i (the paper, Eq. 1)."""
+    return sum(branching_factor**i for i in range(1, dof + 1))

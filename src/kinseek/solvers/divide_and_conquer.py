@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,34 +20,17 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.goal import Goal
 from kinseek.kernels.arm.forward import forward_many
-from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
-from kinseek.kernels.grid.window import (
-    PART,
-    PAUSED,
-    WHOLE,
-    Beam,
-    Scratch,
-    Window,
-    beam_at,
-    beam_size,
-    clear,
-    nodes_until,
-    offer,
-    scratch_at,
-    scratch_size,
-    search_part,
-    window_at,
-    window_nodes,
-    window_size,
-)
-from kinseek.kernels.jit import exact, inner, kernel, view
+from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.grid.descent import BEGINNING, TRIED, VISITED, Grid, Passes, descend
+from kinseek.kernels.grid.memory import memory_size
+from kinseek.kernels.grid.window import PART
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
 
 from .base import Found, solve_each, whole
 from .breadth_tuning import probe_joints, widen_by_trial, window_leaves
-from .nodes import A_ROW, MOST_NODES, Grid, joint_grid, require_patience
+from .nodes import A_ROW, MOST_NODES, joint_grid, require_patience
 from .traits import Near, Traits, require
 
 _MOST_CELLS = 10**6
@@ -209,235 +192,6 @@ class DivideAndConquer:
         q, expanded = descend(asker, grid, spacings, later, self.divisions, self.beam, children)
         created = box.dof * self.branching_factor if self.tree == "static" else expanded
         return Found(best_or_start(q, box, problem.start), asker.spent, created, expanded, asker.out_of_time)
-
-
-class Passes(NamedTuple):
-    """The plan of a descent."""
-
-    spacings: Indices
-    """In nodes, one a pass, falling to 1."""
-    later: Indices
-    """Nodes each joint has in the passes after the first, (n,)."""
-    divisions: int
-    beam: int
-    children: int
-
-
-PASS, CELL, LEAF, MERGED, LEAVES, EXPANDED, TRIED, VISITED = range(8)
-"""Where a descent is at: its pass; the cell of it, -1 before the first; the next leaf of that cell's window; the next place
-of the litter to merge, -1 before its window is searched; of the windows that are done, the leaves and the nodes; and the
-same with what is done of the last window."""
-
-LINE = 64
-"""[bytes] of a line of the processor's cache: the tabulated leaves are read fastest from the beginning of one."""
-
-BEGINNING = (0, -1, 0, -1, 0, 0, 0, 0)
-
-
-@inner
-def memory_size(dof: int, most: int, cells: int, children: int) -> int:
-    """Numbers that a descent needs in its memory: a window, a scratch, the beams of two passes, and a litter.
-
-    A litter is what one cell leaves to the next pass, where that is limited. One array and not thirty: each that a kernel
-    takes costs a third of a microsecond.
-    """
-    beams = 2 * beam_size(cells, dof) + beam_size(children, dof)
-    return LINE // 8 + scratch_size(dof) + window_size(dof, most) + beams
-
-
-@exact
-def node_value(grid: Grid, d: int, node: int) -> float:
-    """Value of a node [rad] or [m]: looked up in the static tree, made anew, bit for bit, in the dynamic."""
-    stored = grid.table.shape[1] > 0
-    value: float = grid.table[d, node] if stored else min(grid.lower[d] + grid.step[d] * node, grid.upper[d])
-    return value
-
-
-@inner
-def first_window(grid: Grid, divisions: int, window: Window) -> None:
-    """Spread D nodes over each joint's range."""
-    count = min(divisions, grid.size)
-    for d in range(len(grid.lower)):
-        window.counts[d] = count
-        for i in range(count):
-            node = i * grid.size // count
-            if not grid.wraps[d]:
-                # Departs from the paper, which starts at the lower limit for every joint: the middles of D
-                # equal cells leave no end of a range out of reach of the later, ever smaller windows.
-                node = ((2 * i + 1) * grid.size) // (2 * count)
-            window.nodes[d, i] = node
-            window.values[d, i] = node_value(grid, d, node)
-
-
-@inner
-def later_window(grid: Grid, centre: Indices, spacing: int, counts: Indices, window: Window) -> None:
-    """Take the nodes around a centre: the centre and as many on either side."""
-    for d in range(len(centre)):
-        count = min(counts[d], (grid.size - 1) // spacing + 1)
-        first = centre[d] - (count // 2) * spacing
-        if not grid.wraps[d]:
-            # The window slides inward at a limit, so that the nodes stay as many as the paper's formula says.
-            while first < 0:
-                first += spacing
-            while first + (count - 1) * spacing >= grid.size and first >= spacing:
-                first -= spacing
-        kept = 0
-        for i in range(count):
-            node = first + i * spacing
-            if grid.wraps[d]:
-                node %= grid.size
-            elif node >= grid.size:
-                break
-            window.nodes[d, kept] = node
-            window.values[d, kept] = node_value(grid, d, node)
-            kept += 1
-        window.counts[d] = kept
-
-
-@kernel
-def descend(
-    chain: ChainArrays,
-    goal: GoalArrays,
-    grid: Grid,
-    passes: Passes,
-    budget: int,
-    work: int,
-    memory: Array,
-    at: Indices,
-    q: Array,
-) -> bool:
-    """Go on with a descent; say whether it is done.
-
-    Args:
-        chain: The arm.
-        goal: What is wanted.
-        grid: The nodes.
-        passes: The plan.
-        budget: Leaves that may be evaluated in all passes.
-        work: What this call may do, in leaves; it does a little more.
-        memory: What is known so far, of `memory_size`.
-        at: Where the descent is, see `PASS`; `BEGINNING` at first.
-        q: Receives the best joint values so far, (n,).
-    """
-    dof = len(grid.lower)
-    most = min(passes.divisions, grid.size)
-    for d in range(dof):
-        most = max(most, passes.later[d])
-    address, o = (memory.ctypes.data + LINE - 1) // LINE * LINE, scratch_size(dof)
-    scratch, window = scratch_at(address, 0, dof), window_at(address, o, dof, most)
-    o += window_size(dof, most)
-    size = beam_size(passes.beam, dof)
-    first, second = beam_at(address, o, passes.beam, dof), beam_at(address, o + size, passes.beam, dof)
-    litter = beam_at(address, o + 2 * size, passes.children, dof)
-    if at[PASS] == 0 and at[CELL] < 0:
-        clear(first)
-        clear(second)
-        clear(litter)
-    done = go_on(chain, goal, grid, passes, budget, work, window, scratch, first, second, litter, at)
-    at[TRIED], at[VISITED] = at[LEAVES], at[EXPANDED]
-    least = np.inf
-    if done:
-        least = copy_best(second if len(passes.spacings) % 2 == 0 else first, least, q)
-    else:
-        if at[LEAF] > 0:
-            at[TRIED] += at[LEAF]
-            at[VISITED] += nodes_until(window.counts, at[LEAF] - 1)
-        least = copy_best(first, least, q)
-        least = copy_best(second, least, q)
-        least = copy_best(litter, least, q)
-    return done
-
-
-@inner
-def copy_best(beam: Beam, least: float, q: Array) -> float:
-    """Write the best leaf of a beam into q, (n,), if its error is less than `least`; return what is least now."""
-    for k in range(len(beam.errors)):
-        if beam.errors[k] < least:
-            least = beam.errors[k]
-            for d in range(len(q)):
-                q[d] = beam.q[k, d]
-    return least
-
-
-@view
-def go_on(
-    chain: ChainArrays,
-    goal: GoalArrays,
-    grid: Grid,
-    passes: Passes,
-    budget: int,
-    work: int,
-    window: Window,
-    scratch: Scratch,
-    first: Beam,
-    second: Beam,
-    litter: Beam,
-    at: Indices,
-) -> bool:
-    """Do what `descend` does, once its memory is laid out: `first` is the beam of the first pass, the third, and so on."""
-    while at[PASS] < len(passes.spacings):
-        k = at[PASS]
-        cells, beam = second, first
-        if k % 2 == 1:
-            cells, beam = first, second
-        limited = k > 0 and passes.children < passes.beam
-        if at[CELL] < 0:
-            keep_best(cells, beam)
-            at[CELL] = 0
-        while at[CELL] < (1 if k == 0 else passes.beam):
-            if at[MERGED] < 0:
-                if at[LEAF] == 0:
-                    cell = at[CELL]
-                    if k == 0:
-                        first_window(grid, passes.divisions, window)
-                    elif cells.errors[cell] < np.inf and at[LEAVES] < budget:
-                        later_window(grid, cells.nodes[cell], passes.spacings[k], passes.later, window)
-                    else:
-                        at[CELL] += 1
-                        continue
-                    clear(litter)
-                found = litter if limited else beam
-                left = budget - at[LEAVES]
-                leaf, ended, work = search_part(
-                    chain, goal, window, -1.0, left, at[LEAF], work, found, scratch
-                )
-                at[LEAF] = leaf
-                if ended == PAUSED:
-                    return False
-                at[LEAVES] += leaf
-                if ended == WHOLE:
-                    at[EXPANDED] += window_nodes(window.counts)
-                else:
-                    at[EXPANDED] += nodes_until(window.counts, leaf - 1)
-                at[LEAF] = 0
-                at[MERGED] = 0 if limited else len(litter.errors)
-            while at[MERGED] < len(litter.errors):
-                m = at[MERGED]
-                if litter.errors[m] < np.inf:
-                    offer(beam, litter.errors[m], litter.nodes[m], litter.q[m])
-                    work -= len(beam.errors)
-                at[MERGED] += 1
-                if work <= 0:
-                    return False
-            at[MERGED] = -1
-            at[CELL] += 1
-            if work <= 0:
-                return False
-        at[PASS] += 1
-        at[CELL] = -1
-    return True
-
-
-@inner
-def keep_best(cells: Beam, beam: Beam) -> None:
-    """Start a pass with the best so far, which is also a node of its own window."""
-    clear(beam)
-    best = 0
-    for k in range(1, len(cells.errors)):
-        if cells.errors[k] < cells.errors[best]:
-            best = k
-    if cells.errors[best] < np.inf:
-        offer(beam, cells.errors[best], cells.nodes[best], cells.q[best])
 
 
 class _OutOfTimeError(Exception):

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import os
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kinseek.errors import InvalidSolver
-from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.grid.descent import Grid
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
 
@@ -21,28 +19,6 @@ NODES_A_SECOND = 3e8
 
 A_POSE, A_ROW = 300, 3000
 """Nodes that one pose of a function counts as: a microsecond, or ten where Python runs for every row."""
-
-
-class Grid(NamedTuple):
-    """Node i of joint d has the value ``lower[d] + i · step[d]``."""
-
-    lower: Array
-    """[rad] or [m], (n,)"""
-    upper: Array
-    """[rad] or [m], (n,)"""
-    step: Array
-    """[rad] or [m], (n,)"""
-    wraps: NDArray[np.bool_]
-    """Is node B node 0 again? (n,)"""
-    size: int
-    """B"""
-    table: Array
-    """All values made beforehand, (n, B): the static tree; or (n, 0): made when needed, the dynamic tree."""
-
-    def values_of(self, nodes: Indices) -> Array:
-        """Joint values of nodes, (n, k) -> (n, k), [rad] or [m]."""
-        values = self.lower[:, None] + self.step[:, None] * nodes
-        return np.minimum(values, self.upper[:, None])
 
 
 def joint_grid(chain: Mechanism, count: int, *, static: bool = False, wrap: bool = True) -> Grid:

@@ -17,18 +17,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kinseek.kernels.arm.forward import advance, advance_segment, copy_pose, identity
 from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
-from kinseek.kernels.jit import inner, kernel, view
-from kinseek.kernels.pointers import integer_part, integer_part2, part1, part2, part3
+from kinseek.kernels.jit import inner, kernel
 
-MOST_LANES = 8000
-"""Leaves tabulated at most; ten doubles each, so the table stays in a core's second-level cache."""
+from .memory import MOST_LANES, Beam, Scratch, Window
 
 PART = 1 << 22
 """Work of one part of a search, in leaves: some ten milliseconds."""
@@ -38,116 +34,6 @@ _PREFIX, _TABLE = 16, 16
 
 WHOLE, EARLY, PAUSED = 0, 1, 2
 """How a part of a search ended: everything is searched; a stop or the budget ended it; there is more to do."""
-
-
-class Window(NamedTuple):
-    """The grid to search: for each joint some values, in order."""
-
-    values: Array
-    """Joint values [rad] or [m], (n, most values of any joint)."""
-    nodes: Indices
-    """What the caller calls these values, same shape."""
-    counts: Indices
-    """How many of them each joint has, (n,)."""
-
-
-class Beam(NamedTuple):
-    """The K best leaves so far, in no order."""
-
-    errors: Array
-    """Weighted errors, (K,); infinity where a place is empty."""
-    nodes: Indices
-    """Their nodes, (K, n)."""
-    q: Array
-    """Their joint values, (K, n)."""
-
-
-class Scratch(NamedTuple):
-    """Memory of one search."""
-
-    lanes: Array
-    """Columns x, y, z and p of the tabulated tips without z, (9, MOST_LANES)."""
-    errors: Array
-    """(MOST_LANES,)"""
-    poses: Array
-    """Poses along the current path, (n+1, 3, 4)."""
-    path: Indices
-    """Which value of each joint is on the current path, (n,)."""
-    q: Array
-    """(n,)"""
-
-
-def make_scratch(dof: int) -> Scratch:
-    """Allocate the memory that one search needs."""
-    return Scratch(
-        np.empty((9, MOST_LANES)),
-        np.empty(MOST_LANES),
-        np.empty((dof + 1, 3, 4)),
-        np.empty(dof, dtype=np.int64),
-        np.empty(dof),
-    )
-
-
-def make_beam(size: int, dof: int) -> Beam:
-    """Allocate an empty beam."""
-    return Beam(np.full(size, np.inf), np.empty((size, dof), dtype=np.int64), np.empty((size, dof)))
-
-
-def make_window(dof: int, most: int) -> Window:
-    """Allocate a window of at most so many values of any joint."""
-    return Window(np.empty((dof, most)), np.empty((dof, most), dtype=np.int64), np.empty(dof, dtype=np.int64))
-
-
-@inner
-def scratch_size(dof: int) -> int:
-    """Numbers that a scratch takes in a memory."""
-    return 10 * MOST_LANES + 12 * (dof + 1) + 2 * dof
-
-
-@view
-def scratch_at(address: int, o: int, dof: int) -> Scratch:
-    """View a scratch in a memory from number `o` on, see `scratch_size`."""
-    poses = o + 10 * MOST_LANES
-    rest = poses + 12 * (dof + 1)
-    return Scratch(
-        part2(address, o, 9, MOST_LANES),
-        part1(address, o + 9 * MOST_LANES, MOST_LANES),
-        part3(address, poses, dof + 1, 3, 4),
-        integer_part(address, rest, dof),
-        part1(address, rest + dof, dof),
-    )
-
-
-@inner
-def beam_size(size: int, dof: int) -> int:
-    """Numbers that a beam takes in a memory."""
-    return size * (1 + 2 * dof)
-
-
-@view
-def beam_at(address: int, o: int, size: int, dof: int) -> Beam:
-    """View a beam in a memory from number `o` on, see `beam_size`."""
-    return Beam(
-        part1(address, o, size),
-        integer_part2(address, o + size, size, dof),
-        part2(address, o + size * (1 + dof), size, dof),
-    )
-
-
-@inner
-def window_size(dof: int, most: int) -> int:
-    """Numbers that a window takes in a memory."""
-    return dof * (2 * most + 1)
-
-
-@view
-def window_at(address: int, o: int, dof: int, most: int) -> Window:
-    """View a window in a memory from number `o` on, see `window_size`."""
-    return Window(
-        part2(address, o, dof, most),
-        integer_part2(address, o + dof * most, dof, most),
-        integer_part(address, o + 2 * dof * most, dof),
-    )
 
 
 @inner
@@ -274,14 +160,6 @@ def same_nodes(beam: Beam, k: int, nodes: Indices) -> bool:
     for d in range(len(nodes)):
         same = same and beam.nodes[k, d] == nodes[d]
     return same
-
-
-@inner
-def merge(litter: Beam, beam: Beam) -> None:
-    """Offer every leaf of one beam to another."""
-    for k in range(len(litter.errors)):
-        if litter.errors[k] < np.inf:
-            offer(beam, litter.errors[k], litter.nodes[k], litter.q[k])
 
 
 @inner
@@ -419,15 +297,3 @@ def window_nodes(counts: Indices) -> int:
         level *= counts[d]
         total += level
     return total
-
-
-def equation_1(branching_factor: int, dof: int) -> int:
-    """Nodes that brute force expands: Σ_{i=1}^{DOF} B^i (the paper, Eq. 1)."""
-    return sum(branching_factor**i for i in range(1, dof + 1))
-
-
-def best_first(beam: Beam) -> NDArray[np.int64]:
-    """Order of the filled places of a beam, best first, ties by node."""
-    filled = np.flatnonzero(np.isfinite(beam.errors))
-    keys = (*beam.nodes[filled].T[::-1], beam.errors[filled])
-    return np.asarray(filled[np.lexsort(keys)])

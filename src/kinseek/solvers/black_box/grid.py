@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.kernels.grid.descent import Grid
 from kinseek.robots.mechanism import Mechanism
-from kinseek.solvers.nodes import Grid
 
 from .asking import Asker
 
@@ -119,7 +119,7 @@ def node_values(grid: Grid, d: int, nodes: Indices) -> Array:
 
 
 def first_window(grid: Grid, divisions: int) -> list[Indices]:
-    """Spread D nodes over each joint's range: see `divide_and_conquer.first_window`."""
+    """Spread D nodes over each joint's range: see `kernels.grid.descent.first_window`."""
     count = min(divisions, grid.size)
     i = np.arange(count, dtype=np.int64)
     whole, halves = i * grid.size // count, (2 * i + 1) * grid.size // (2 * count)
@@ -127,7 +127,7 @@ def first_window(grid: Grid, divisions: int) -> list[Indices]:
 
 
 def later_window(grid: Grid, centre: Indices, spacing: int, counts: Indices) -> list[Indices]:
-    """Take the nodes around a centre: see `divide_and_conquer.later_window`."""
+    """Take the nodes around a centre: see `kernels.grid.descent.later_window`."""
     result = []
     for d, middle in enumerate(centre):
         count = min(int(counts[d]), (grid.size - 1) // int(spacing) + 1)

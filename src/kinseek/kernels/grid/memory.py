@@ -1,0 +1,131 @@
+"""What a search of a grid works on: bundles of arrays, alone or laid out in one memory."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.jit import view
+from kinseek.kernels.layout import DOF, Layout, floats, named, plain, whole
+
+MOST_LANES = 8000
+"""Leaves tabulated at most; ten doubles each, so the table stays in a core's second-level cache."""
+
+
+class Window(NamedTuple):
+    """The grid to search: for each joint some values, in order."""
+
+    values: Array
+    """Joint values [rad] or [m], (n, most values of any joint)."""
+    nodes: Indices
+    """What the caller calls these values, same shape."""
+    counts: Indices
+    """How many of them each joint has, (n,)."""
+
+
+class Beam(NamedTuple):
+    """The K best leaves so far, in no order."""
+
+    errors: Array
+    """Weighted errors, (K,); infinity where a place is empty."""
+    nodes: Indices
+    """Their nodes, (K, n)."""
+    q: Array
+    """Their joint values, (K, n)."""
+
+
+class Scratch(NamedTuple):
+    """Memory of one search."""
+
+    lanes: Array
+    """Columns x, y, z and p of the tabulated tips without z, (9, MOST_LANES)."""
+    errors: Array
+    """(MOST_LANES,)"""
+    poses: Array
+    """Poses along the current path, (n+1, 3, 4)."""
+    path: Indices
+    """Which value of each joint is on the current path, (n,)."""
+    q: Array
+    """(n,)"""
+
+
+def make_scratch(dof: int) -> Scratch:
+    """Allocate the memory that one search needs."""
+    return Scratch(
+        np.empty((9, MOST_LANES)),
+        np.empty(MOST_LANES),
+        np.empty((dof + 1, 3, 4)),
+        np.empty(dof, dtype=np.int64),
+        np.empty(dof),
+    )
+
+
+def make_beam(size: int, dof: int) -> Beam:
+    """Allocate an empty beam."""
+    return Beam(np.full(size, np.inf), np.empty((size, dof), dtype=np.int64), np.empty((size, dof)))
+
+
+def make_window(dof: int, most: int) -> Window:
+    """Allocate a window of at most so many values of any joint."""
+    return Window(np.empty((dof, most)), np.empty((dof, most), dtype=np.int64), np.empty(dof, dtype=np.int64))
+
+
+class Bench(NamedTuple):
+    """Memory of a descent."""
+
+    scratch: Scratch
+    window: Window
+    first: Beam
+    """Of the first pass, the third, and so on."""
+    second: Beam
+    """Of the other passes."""
+    litter: Beam
+    """What one cell leaves to the next pass, where that is limited."""
+
+
+MADE_FOR = ("dof", "most", "cells", "children")
+"""Joints; values of any joint in a window, at most; cells that a pass leaves to the next, and those that one cell may."""
+MOST, CELLS, CHILDREN = (named(each) for each in MADE_FOR[1:])
+
+SCRATCH = Layout(
+    Scratch,
+    MADE_FOR,
+    lanes=floats(9, MOST_LANES),
+    errors=floats(MOST_LANES),
+    poses=floats(DOF + plain(1), 3, 4),
+    path=whole(DOF),
+    q=floats(DOF),
+)
+WINDOW = Layout(Window, MADE_FOR, values=floats(DOF, MOST), nodes=whole(DOF, MOST), counts=whole(DOF))
+BEAM = Layout(Beam, MADE_FOR, errors=floats(CELLS), nodes=whole(CELLS, DOF), q=floats(CELLS, DOF))
+LITTER = Layout(
+    Beam,
+    MADE_FOR,
+    name="litter",
+    errors=floats(CHILDREN),
+    nodes=whole(CHILDREN, DOF),
+    q=floats(CHILDREN, DOF),
+)
+LAYOUT = Layout(Bench, MADE_FOR, scratch=SCRATCH, window=WINDOW, first=BEAM, second=BEAM, litter=LITTER)
+"""Where the bench of a descent stands in memory: one array and not thirty, for each that a kernel takes costs a third of a
+microsecond."""
+
+LINE = 64
+"""[bytes] of a line of the processor's cache: the tabulated leaves are read fastest from the beginning of one."""
+
+lay_bench = LAYOUT.make
+
+
+def memory_size(dof: int, most: int, cells: int, children: int) -> int:
+    """Numbers that a descent needs in its memory, see `MADE_FOR`."""
+    return LINE // 8 + LAYOUT.count.of(dof=dof, most=most, cells=cells, children=children)
+
+
+@view
+def make_bench(memory: Array, dof: int, most: int, cells: int, children: int) -> Bench:
+    """Lay a bench out in a memory of `memory_size` numbers."""
+    address = (memory.ctypes.data + LINE - 1) // LINE * LINE
+    bench: Bench = lay_bench(address, dof, most, cells, children)
+    return bench
