@@ -119,6 +119,8 @@ class PaperSearch:
     expanded: int = 0
     assignment: list[int] = field(default_factory=list)
     pass_best: tuple[int, ...] | None = None
+    tie: float = 0.0
+    """A leaf is better only if its error is less by more than this."""
 
     def solve(self) -> PaperSearch:
         """Algorithm 2."""
@@ -137,7 +139,7 @@ class PaperSearch:
             rows = [[node] for node in self.assignment]
             q = [row[0] for row in node_values(self.chain, self.branching_factor, rows)]
             error = weighted_error(fk(self.chain, q), self.goal)
-            if error < self.best_error:
+            if error < self.best_error - self.tie:
                 self.best_error, self.best_assignment = error, tuple(self.assignment)
             return
         for node in self.subqueue(joint, spacing):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from kinseek.kernels.grid.memory import Window
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.solvers.divide_and_conquer import tuned_breadth
-from kinseek.solvers.nodes import joint_grid
+from kinseek.solvers.nodes import joint_grid, spread_nodes, window_around
 from reference import PaperSearch, fk, node_values, weighted_error
 
 
@@ -174,14 +175,17 @@ def test_windows_slide_at_limits_and_wrap_where_the_joint_does(
     spacing = data.draw(st.integers(1, max(size // divisions, 1)))
     centre = np.array([data.draw(st.integers(0, size - 1)) for _ in range(3)])
     window = window_for(3, max(count, divisions))
-    first_window(grid, divisions, window)
+    offset = data.draw(st.sampled_from([Fraction(0), Fraction(1, 2), Fraction(0.3)]))
+    first = [spread_nodes(size, min(divisions, size), offset)] * 3
+    first_window(grid, np.array(first), np.array([len(each) for each in first]), window)
     for d in range(3):
         nodes = window.nodes[d, : window.counts[d]]
         assert len(set(nodes.tolist())) == window.counts[d] == min(divisions, size)
         assert nodes.min() >= 0
         assert nodes.max() < size
-    later_window(grid, centre, spacing, np.full(3, count), window)
-    for d in range(3):
+    later_window(grid, centre, spacing, np.full(3, count), False, window)
+    for d, twin in enumerate(window_around(grid, centre.tolist(), spacing, np.full(3, count), False)):
+        np.testing.assert_array_equal(window.nodes[d, : window.counts[d]], twin)
         nodes = window.nodes[d, : window.counts[d]]
         assert centre[d] in nodes
         assert nodes.min() >= 0

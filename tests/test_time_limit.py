@@ -290,8 +290,8 @@ def test_parts_find_the_same_bits_as_one(part: int, name: str, monkeypatch: pyte
 
 
 def in_parts(part: int) -> Any:
-    def search(*given: Any) -> tuple[int, bool]:
-        found: tuple[int, bool] = vars(grid)["search_window"](*given, part)
+    def search(*given: Any, **named: Any) -> tuple[int, bool]:
+        found: tuple[int, bool] = vars(grid)["search_window"](*given, part, **named)
         return found
 
     return search

@@ -14,6 +14,8 @@ from kinseek.errors import InvalidSolver
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
 
+from .threads import Watch, progress_bar
+
 
 def whole(name: str, value: object, least: int, most: int = 2**62) -> int:
     """Read a whole number in a range.
@@ -47,6 +49,33 @@ class Found(NamedTuple):
     nodes_created: int = 0
     nodes_expanded: int = 0
     out_of_time: bool = False
+
+
+def watch_each(
+    problem: Problem,
+    search: Callable[[Problem, Deadline, Watch], Found],
+    work: int,
+    wanted: bool,
+    deadline: Deadline | None = None,
+) -> Solution:
+    """Do what `solve_each` does, with a progress bar if one is wanted.
+
+    Args:
+        problem: One target or a batch.
+        search: Answers one target, and tells the watch how much of its work is done.
+        work: What one target takes at most, in any unit.
+        wanted: Show it.
+        deadline: When to end.
+    """
+    with progress_bar(wanted, work * len(problem.goal.targets)) as advance:
+        watch = Watch(advance, work)
+
+        def watched(one: Problem, deadline: Deadline) -> Found:
+            found = search(one, deadline, watch)
+            watch.end()
+            return found
+
+        return solve_each(problem, watched, deadline)
 
 
 def solve_each(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -18,8 +19,9 @@ from kinseek.kernels.jit import inner, kernel
 from kinseek.problem import Problem
 from kinseek.solution import Solution
 
-from .base import Found, solve_each, whole
-from .nodes import require_memory
+from .base import Found, watch_each, whole
+from .nodes import require_memory, require_patience
+from .threads import unwatched
 from .traits import Near, Traits, require
 
 
@@ -27,7 +29,8 @@ from .traits import Near, Traits, require
 class BlindSearch:
     """From a start, try all 3^n combinations of -Δ, 0, +Δ; take the best; shrink Δ when none helps.
 
-    Only works from a start close to the goal, as its author says. Each step costs 3^n FK evaluations.
+    Departs from the paper, whose changes are fixed: ``shrink=None`` is the paper's. Only works from a start close to
+    the goal, as its author says. Each step costs 3^n FK evaluations.
 
     Raises:
         InvalidSolver: A parameter out of its range.
@@ -43,18 +46,22 @@ class BlindSearch:
 
     step: float = 0.1
     """Δ at the start, [rad] or [m]."""
-    shrink: float = 0.5
-    """Factor on Δ when no combination helps."""
+    shrink: float | None = 0.5
+    """Factor on Δ when no combination helps; None keeps Δ as it is, the paper's fixed changes, and ends there."""
     smallest_step: float = 1e-9
-    """Stop below this Δ, [rad] or [m]."""
+    """Stop below this Δ, [rad] or [m]; fixed changes do not ask it."""
     most_steps: int = 1000
+    progress: bool = False
+    """Show a progress bar, of the steps that there may be."""
 
     def __post_init__(self) -> None:
         """Check the parameters."""
         if not (np.isfinite(self.step) and self.step > 0):
             raise InvalidSolver(f"step must be a finite number > 0, got {self.step}")
-        if not 0 < self.shrink < 1:
-            raise InvalidSolver(f"shrink must be between 0 and 1, got {self.shrink}")
+        if self.shrink is not None and not 0 < self.shrink < 1:
+            raise InvalidSolver(
+                f"shrink must be between 0 and 1, or None for the paper's fixed changes, got {self.shrink}"
+            )
         if not (np.isfinite(self.smallest_step) and self.smallest_step > 0):
             raise InvalidSolver(f"smallest_step must be a finite number > 0, got {self.smallest_step}")
         whole("most_steps", self.most_steps, 1)
@@ -62,15 +69,22 @@ class BlindSearch:
     def solve(self, problem: Problem) -> Solution:
         """Answer by the best configuration on the way from `problem.start`."""
         require(self, problem)
-        return solve_each(problem, self._search)
-
-    def _search(self, problem: Problem, deadline: Deadline) -> Found:
         leaves_a_step = 3**problem.chain.dof
         require_memory(leaves_a_step // 1000, "one step of blind search tries 3^n combinations")
+        deadline = Deadline(problem.time_limit)
+        nodes = self.most_steps * sum(3**d for d in range(1, problem.chain.dof + 1))
+        require_patience(problem, nodes, None, "", self._search, at_most=True)
+        return watch_each(problem, self._search, self.most_steps, self.progress, deadline)
+
+    def _search(
+        self, problem: Problem, deadline: Deadline, watch: Callable[[int], object] = unwatched
+    ) -> Found:
+        leaves_a_step = 3**problem.chain.dof
         most = self.most_steps
         if problem.budget is not None:
             most = min(most, max(problem.budget - 1, 0) // leaves_a_step)
-        parameters = np.array([self.step, self.shrink, self.smallest_step, float(most)])
+        shrink, smallest = (0.0, self.step) if self.shrink is None else (self.shrink, self.smallest_step)
+        parameters = np.array([self.step, shrink, smallest, float(most)])
         q = problem.start.copy()
         goal = problem.goal
         tolerances = np.array([goal.position_tolerance, goal.orientation_tolerance])
@@ -79,6 +93,7 @@ class BlindSearch:
         given = problem.arrays, goal.arrays, problem.chain.wraps, tolerances, parameters
         done = walk(*given, PART, memory, at, q)
         while not done and not deadline.passed:
+            watch(int(at[STEPS]))
             done = walk(*given, PART, memory, at, q)
         leaves, expanded = int(at[LEAVES]), int(at[EXPANDED])
         if at[LEAF] > 0:  # The time ended in the middle of a step.
@@ -142,7 +157,9 @@ def walk(
                 break
             combinations(chain, wraps, q, now[STEP], window)
             beam.errors[0] = now[BEST]
-        leaf, ended, work = search_part(chain, goal, window, -1.0, 1 << 62, at[LEAF], work, beam, scratch)
+        leaf, ended, work = search_part(
+            chain, goal, window, -1.0, 0.0, 1 << 62, at[LEAF], work, beam, scratch
+        )
         at[LEAF] = leaf
         if ended == PAUSED:
             return False

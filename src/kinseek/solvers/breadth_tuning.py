@@ -9,7 +9,9 @@ the leaves it costs, and goes on while the window fits the budget.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from fractions import Fraction
 
 import numpy as np
 
@@ -29,6 +31,34 @@ def probe_joints(chain: SerialChain) -> Array:
     steps = np.sqrt(np.resize(np.array(primes, dtype=float), chain.dof))
     spread = (np.arange(1, _PROBES + 1)[:, None] * steps) % 1.0
     return np.asarray(chain.lower + spread * (chain.upper - chain.lower))
+
+
+def breadth_to_reach(divisions: int, wraps: bool, clips: bool, offset: Fraction) -> int:
+    """The smallest breadth of a joint with which a search can walk back from any wrong cell of the first pass.
+
+    Later passes reach k = ⌊D/2⌋ + Br - 1 nodes to a side, at spacings R/D², R/D³ and so on of a range R: a joint may still
+    go k R / (D (D - 1)). How far it may have to go, to within the rounding of spacings to whole nodes:
+
+    - Half of a full turn, R/2: k ≥ D (D - 1) / 2.
+    - From the first node f R/D beside one limit, f ≤ 1/2, to the other limit, where a window loses what is beyond a limit:
+      k ≥ (D - 1) (D - f).
+    - The same where a window slides inward at a limit. In the pass after the first it then begins at the limit, or r of a
+      spacing beside it, and ends 2 k + r spacings from there: k ≥ (D - 1) (D² - r) / (2 D - 1). In the middles of D cells
+      r is 0 for an even D and 1/2 for an odd one.
+
+    Args:
+        divisions: The paper's D.
+        wraps: Is the joint one with a full turn, whose windows cross from one end to the other?
+        clips: Does a window of one with limits lose what is beyond a limit?
+        offset: Where in their cells the first nodes stand, 0 to 1.
+    """
+    D, beside = divisions, (offset, 1 - offset)
+    k = Fraction(D * (D - 1), 2)
+    if not wraps and clips:
+        k = (D - 1) * (D - min(beside))
+    elif not wraps:
+        k = (D - 1) * (D * D - min(f * D % 1 for f in beside)) / (2 * D - 1)
+    return max(math.ceil(k) - D // 2 + 1, 1)
 
 
 def window_leaves(breadth: Breadth, divisions: int) -> float:

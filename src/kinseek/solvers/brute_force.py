@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,8 +18,9 @@ from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution
 
-from .base import Found, solve_each, whole
-from .nodes import MOST_NODES, joint_grid, require_memory, require_patience
+from .base import Found, watch_each, whole
+from .nodes import MOST_NODES, joint_grid, require_memory, require_patience, require_ties, tie_of
+from .threads import unwatched
 from .traits import Near, Traits, require
 
 ORDERS = ("paper", "low-discrepancy", "random")
@@ -53,6 +55,11 @@ class BruteForce:
     """Of the random order."""
     most_nodes: int | None = MOST_NODES
     """Nodes of the largest tree that is searched without a time limit, about a minute of them; None sets no limit."""
+    ties: str = "rounding"
+    """Of equally good nodes ``"first"`` takes the first, as the paper's algorithm does in exact arithmetic; with
+    ``"rounding"`` the last bit of their errors decides."""
+    progress: bool = False
+    """Show a progress bar."""
 
     def __post_init__(self) -> None:
         """Check the parameters."""
@@ -62,26 +69,33 @@ class BruteForce:
             whole("most_nodes", self.most_nodes, 1)
         if not self.stop_below >= 0:
             raise InvalidSolver(f"stop_below must be a number >= 0, got {self.stop_below}")
+        require_ties(self.ties)
         if self.order not in ORDERS:
             raise InvalidSolver(f"order must be one of {', '.join(ORDERS)}; got {self.order!r}")
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by the best node of the grid."""
         require(self, problem)
-        return solve_each(problem, self._search)
-
-    def _search(self, problem: Problem, deadline: Deadline) -> Found:
         dof, count = problem.mechanism.dof, self.branching_factor
         require_memory(dof * count, "brute force keeps every node")
         if count**dof > np.iinfo(np.int64).max:
             raise InvalidSolver(
                 f"{count}^{dof} leaves cannot be counted in 64 bits; choose a smaller branching_factor"
             )
-        require_patience(problem, equation_1(count, dof), self.most_nodes, "a smaller branching_factor")
+        deadline = Deadline(problem.time_limit)
+        change = "a smaller branching_factor"
+        require_patience(problem, equation_1(count, dof), self.most_nodes, change, self._search)
+        leaves = min(count**dof, problem.budget or count**dof)
+        return watch_each(problem, self._search, leaves, self.progress, deadline)
+
+    def _search(
+        self, problem: Problem, deadline: Deadline, watch: Callable[[int], object] = unwatched
+    ) -> Found:
+        dof, count = problem.mechanism.dof, self.branching_factor
         grid = joint_grid(problem.mechanism, count)
         order = np.stack([self._order(count, joint) for joint in range(dof)])
         if problem.axes is None:
-            return self._ask(problem.mechanism, problem, grid, order, deadline)
+            return self._ask(problem.mechanism, problem, grid, order, deadline, watch)
         window = Window(grid.values_of(order), order, np.full(dof, count, dtype=np.int64))
         budget = count**dof if problem.budget is None else problem.budget
         beam = make_beam(1, dof)
@@ -94,19 +108,29 @@ class BruteForce:
             beam,
             make_scratch(dof),
             lambda: deadline.passed,
+            tie=tie_of(problem, self.ties),
+            done=watch,
         )
         expanded = nodes_until(window.counts, leaves - 1) if leaves else 0
         q = beam.q[0] if leaves else problem.start
         cut = early and leaves < budget and not beam.errors[0] < self.stop_below
         return Found(q, leaves, dof * count, expanded, cut)
 
-    def _ask(self, box: Mechanism, problem: Problem, grid: Grid, order: Indices, deadline: Deadline) -> Found:
+    def _ask(
+        self,
+        box: Mechanism,
+        problem: Problem,
+        grid: Grid,
+        order: Indices,
+        deadline: Deadline,
+        watch: Callable[[int], object],
+    ) -> Found:
         from .black_box.asking import Asker
         from .black_box.grid import Cells, best_or_start, node_values, search_window
 
-        asker, cells = Asker(box, problem, deadline), Cells.empty(1, box.dof)
+        asker, cells = Asker(box, problem, deadline), Cells.empty(1, box.dof, tie_of(problem, self.ties))
         values = [node_values(grid, d, each) for d, each in enumerate(order)]
-        leaves = search_window(asker, values, list(order), cells, float(self.stop_below) or -1.0)
+        leaves = search_window(asker, values, list(order), cells, float(self.stop_below) or -1.0, watch)
         expanded = (
             nodes_until(np.full(box.dof, self.branching_factor, dtype=np.int64), leaves - 1) if leaves else 0
         )

@@ -8,6 +8,7 @@ drags mimics along has no such form: there a coarse scan and a golden-section se
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -23,7 +24,8 @@ from kinseek.kernels.jit import inner, kernel
 from kinseek.problem import Problem
 from kinseek.solution import Solution
 
-from .base import Found, solve_each, whole
+from .base import Found, watch_each, whole
+from .threads import unwatched
 from .traits import Near, Traits, require
 
 SCANS, SECTIONS = 24, 30
@@ -57,6 +59,8 @@ class CoordinateDescent:
     """Minimise over pairs of joints too: dearer sweeps, far fewer of them."""
     stall: float = 1e-6
     """Stop when a sweep lowers the squared error by less than this part of it."""
+    progress: bool = False
+    """Show a progress bar, of the sweeps that there may be."""
 
     def __post_init__(self) -> None:
         """Check the parameters."""
@@ -67,9 +71,11 @@ class CoordinateDescent:
     def solve(self, problem: Problem) -> Solution:
         """Answer by the lowest point of the descent from `problem.start`."""
         require(self, problem)
-        return solve_each(problem, self._search)
+        return watch_each(problem, self._search, self.most_sweeps, self.progress)
 
-    def _search(self, problem: Problem, deadline: Deadline) -> Found:
+    def _search(
+        self, problem: Problem, deadline: Deadline, watch: Callable[[int], object] = unwatched
+    ) -> Found:
         goal = problem.goal
         if problem.axes is None:
             from .black_box.coordinates import answer
@@ -88,6 +94,7 @@ class CoordinateDescent:
         given = problem.arrays, squared, goal.arrays, limits, self.pairs, int(budget)
         done = sweep_down(*given, PART, at, q)
         while not done and not deadline.passed:
+            watch(int(at[SWEEPS]))
             done = sweep_down(*given, PART, at, q)
         return Found(q, int(at[SPENT]), out_of_time=not done)
 

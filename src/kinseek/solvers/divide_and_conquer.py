@@ -9,10 +9,12 @@ the search may dive into a local minimum: ``beam`` follows the K best cells of e
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import lru_cache
-from typing import ClassVar
+from numbers import Real
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -20,7 +22,7 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.goal import Goal
 from kinseek.kernels.arm.forward import forward_many
-from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.arrays import Array, Flags, Indices
 from kinseek.kernels.grid.descent import BEGINNING, TRIED, VISITED, Grid, Passes, descend
 from kinseek.kernels.grid.memory import memory_size
 from kinseek.kernels.grid.window import PART
@@ -28,9 +30,20 @@ from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
 
-from .base import Found, solve_each, whole
-from .breadth_tuning import probe_joints, widen_by_trial, window_leaves
-from .nodes import A_ROW, MOST_NODES, joint_grid, require_patience
+from .base import Found, solve_each, watch_each, whole
+from .breadth_tuning import breadth_to_reach, probe_joints, widen_by_trial, window_leaves
+from .nodes import (
+    MOST_NODES,
+    joint_grid,
+    require_memory,
+    require_patience,
+    require_ties,
+    spread_nodes,
+    tie_of,
+    window_around,
+    zero_nodes,
+)
+from .threads import unwatched
 from .traits import Near, Traits, require
 
 _MOST_CELLS = 10**6
@@ -61,7 +74,8 @@ class DivideAndConquer:
     """D: values a joint in the first pass; each later pass divides the spacing by D."""
     breadth: int | tuple[int, ...] | str = 1
     """Br: later passes try 2(⌊D/2⌋ + Br) - 1 values a joint. One number is the paper's constant breadth (CB),
-    one a joint its breadth tuning (BT), and ``"tuned"`` chooses those by trial."""
+    one a joint its breadth tuning (BT), ``"tuned"`` chooses those by trial, and with ``"reach"`` every joint can walk back
+    from any wrong cell of the first pass."""
     tree: str = "dynamic"
     """``"static"`` makes all nodes first; ``"dynamic"`` makes them when needed (DT)."""
     beam: int = 1
@@ -74,6 +88,24 @@ class DivideAndConquer:
     """May the neighbourhood of a joint that turns fully cross from its last node to its first?"""
     most_nodes: int | None = MOST_NODES
     """Nodes of the longest search that is begun without a time limit, about a minute of them; None sets no limit."""
+    first: str = "D"
+    """The first pass tries ``"D"`` values, spread over the range (Sec. 3.1), or as many as the ``"formula"`` of
+    Sec. 3.2 says of every pass: 2(⌊D/2⌋ + Br) - 1, at a spacing of B/D around the zero configuration, with which
+    Algorithm 2 begins."""
+    offset: float | tuple[float | None, ...] | None = None
+    """Where in the first pass's cells its nodes stand, in cells: 0 at the lower end, 0.5 in the middle. One number, or one a
+    joint; None is 0 for a joint that turns fully, and 0.5 for one with limits."""
+    limited: str = "middles"
+    """Joints with limits: ``"middles"`` gives them both limits as nodes, begins in the middles of D cells, and slides
+    windows inward at a limit. The ``"letter"`` of the paper gives them 360/B · i as it does full turns, the first node
+    at the lower limit, and loses what of a window is beyond a limit."""
+    stop_below: float = 0.0
+    """Stop at the first node whose weighted error is below this; 0 goes through all passes."""
+    ties: str = "rounding"
+    """Of equally good nodes ``"first"`` takes the first, as the paper's algorithm does in exact arithmetic; with
+    ``"rounding"`` the last bit of their errors decides."""
+    progress: bool = False
+    """Show a progress bar."""
 
     def __post_init__(self) -> None:
         """Check the parameters."""
@@ -87,10 +119,23 @@ class DivideAndConquer:
             whole("most_nodes", self.most_nodes, 1)
         if self.tree not in ("static", "dynamic"):
             raise InvalidSolver(f"tree must be 'static' or 'dynamic', got {self.tree!r}")
+        if self.first not in ("D", "formula"):
+            raise InvalidSolver(f"first must be 'D' or 'formula', got {self.first!r}")
+        if self.limited not in ("middles", "letter"):
+            raise InvalidSolver(f"limited must be 'middles' or 'letter', got {self.limited!r}")
+        if not self.stop_below >= 0:
+            raise InvalidSolver(f"stop_below must be a number >= 0, got {self.stop_below}")
+        require_ties(self.ties)
+        if self.ties == "first" and self.beam > 1:
+            raise InvalidSolver(
+                f"ties='first' is the rule of a search that keeps one cell, the paper's; got beam={self.beam}"
+            )
+        if self.offset is not None:
+            object.__setattr__(self, "offset", _offsets(self.offset))
         if isinstance(self.breadth, str):
-            if self.breadth != "tuned":
+            if self.breadth not in ("tuned", "reach"):
                 raise InvalidSolver(
-                    f"breadth must be a number, one number a joint, or 'tuned'; got {self.breadth!r}"
+                    f"breadth must be a number, one number a joint, 'reach' or 'tuned'; got {self.breadth!r}"
                 )
         elif isinstance(self.breadth, Sequence | np.ndarray):
             each = tuple(whole("every breadth", b, 1, _MOST_CELLS) for b in self.breadth)
@@ -111,11 +156,16 @@ class DivideAndConquer:
             plan = self._plan(problem, deadline)
         except _OutOfTimeError:
             return solve_each(problem, lambda one, _: Found(one.start, 0, out_of_time=True), deadline)
-        self._require_patience(problem, plan)
-        if problem.axes is None:
-            return solve_each(problem, lambda one, _: self._ask(one, plan, deadline), deadline)
-        memory = np.empty(memory_size(*self._sizes(plan)))
-        return solve_each(problem, lambda one, _: self._search(one, plan, memory, deadline), deadline)
+        memory = np.empty(0) if problem.axes is None else np.empty(memory_size(*plan.sizes))
+
+        def search(one: Problem, until: Deadline, watch: Callable[[int], object] = unwatched) -> Found:
+            if one.axes is None:
+                return self._ask(one, plan, until, watch)
+            return self._search(one, plan, memory, until, watch)
+
+        change = "a smaller breadth, beam or number of divisions"
+        require_patience(problem, plan.nodes, self.most_nodes, change, search)
+        return watch_each(problem, search, plan.leaves, self.progress, deadline)
 
     def breadths(self, problem: Problem, deadline: Deadline | None = None) -> tuple[int, ...]:
         """The breadth of every joint, (n,), whichever way it was given.
@@ -124,6 +174,8 @@ class DivideAndConquer:
             InvalidSolver: The number of breadths is not the number of joints.
         """
         chain = problem.mechanism
+        if self.breadth == "reach":
+            return self._reaching(problem)
         if isinstance(self.breadth, str):
             return tuned_breadth(problem.chain, problem.goal, self.divisions, self.node_budget, deadline)
         if isinstance(self.breadth, int):
@@ -135,63 +187,170 @@ class DivideAndConquer:
             )
         return self.breadth
 
-    def _plan(self, problem: Problem, deadline: Deadline) -> tuple[Grid, Indices, Indices]:
-        """The grid, the spacing of every pass, and the nodes each joint has in a later pass."""
-        count = self.branching_factor
-        grid = joint_grid(problem.mechanism, count, static=self.tree == "static", wrap=self.wrap)
+    def reach_notes(self, problem: Problem) -> tuple[str, ...]:
+        """Of each joint that cannot walk back from every wrong cell of the first pass, a sentence that says so.
+
+        See `breadth_tuning.breadth_to_reach`.
+        """
+        each = zip(
+            problem.mechanism.joint_names, self.breadths(problem), self._reaching(problem), strict=True
+        )
+        return tuple(
+            f"{name}: from a wrong first cell a breadth of {breadth} cannot always lead back; {enough} can (breadth='reach')"
+            for name, breadth, enough in each
+            if breadth < enough
+        )
+
+    def _reaching(self, problem: Problem) -> tuple[int, ...]:
+        wraps = problem.mechanism.wraps & self.wrap
+        # Around the zero configuration the first nodes may stand anywhere in a cell.
+        offsets = [Fraction(0)] * len(wraps) if self.first == "formula" else self._offsets(wraps)
+        return tuple(
+            breadth_to_reach(self.divisions, bool(each), self.limited == "letter", offset)
+            for each, offset in zip(wraps, offsets, strict=True)
+        )
+
+    def _offsets(self, wraps: Flags) -> list[Fraction]:
+        """Where in their cells the first nodes of each joint stand.
+
+        Raises:
+            InvalidSolver: The number of offsets is not the number of joints.
+        """
+        given = self.offset if isinstance(self.offset, tuple) else (self.offset,) * len(wraps)
+        if len(given) != len(wraps):
+            raise InvalidSolver(
+                f"offset must be one number or {len(wraps)}, one a joint; got {len(given)}: {self.offset}"
+            )
+        # Departs from the paper, which starts at the lower limit for every joint: the middles of D equal cells leave no
+        # end of a range out of reach of the later, ever smaller windows.
+        middles = ~wraps & (self.limited != "letter")
+        default = [Fraction(1, 2) if each else Fraction(0) for each in middles]
+        return [own if each is None else Fraction(each) for own, each in zip(default, given, strict=True)]
+
+    def _plan(self, problem: Problem, deadline: Deadline) -> _Plan:
+        """What all targets of a problem share."""
+        count, letter = self.branching_factor, self.limited == "letter"
+        static = self.tree == "static"
+        grid = joint_grid(problem.mechanism, count, static=static, wrap=self.wrap, letter=letter)
         spacings = [max(count // self.divisions, 1)]
         while spacings[-1] > 1:
             # Departs from the paper: with B = 10, D = 4 its spacing goes 2, 0; here the last one is always 1.
             spacings.append(max(spacings[-1] // self.divisions, 1))
-        later = [min(2 * (self.divisions // 2 + b) - 1, count) for b in self.breadths(problem, deadline)]
-        return grid, np.array(spacings, dtype=np.int64), np.array(later, dtype=np.int64)
+        sides = [2 * (self.divisions // 2 + b) - 1 for b in self.breadths(problem, deadline)]
+        later = np.array([min(each, count) for each in sides], dtype=np.int64)
+        first = self._first(grid, spacings[0], later)
+        padded = np.zeros((len(first), max(map(len, first))), dtype=np.int64)
+        for row, nodes in zip(padded, first, strict=True):
+            row[: len(nodes)] = nodes
+        passes = Passes(
+            np.array(spacings, dtype=np.int64),
+            later,
+            padded,
+            np.array([len(nodes) for nodes in first], dtype=np.int64),
+            letter,
+            float(self.stop_below) or -1.0,
+            0.0,
+            self.beam,
+            min(self.children or self.beam, self.beam),
+        )
+        return _Plan(grid, first, passes)
 
-    def _sizes(self, plan: tuple[Grid, Indices, Indices]) -> tuple[int, int, int, int]:
-        """Joints, values of any joint at most, cells, and children of a cell."""
-        grid, _, later = plan
-        most = max(min(self.divisions, grid.size), *later.tolist())
-        return len(later), most, self.beam, min(self.children or self.beam, self.beam)
-
-    def _require_patience(self, problem: Problem, plan: tuple[Grid, Indices, Indices]) -> None:
-        """Count the nodes that the passes visit at most."""
-        if self.most_nodes is None:
-            return
-        grid, spacings, later = plan
-        first, counts = min(self.divisions, grid.size), later.tolist()
-        passes = (len(spacings) - 1) * self.beam
-        dof = len(counts)
-        if dof * (first**dof + passes * max(counts) ** dof) * A_ROW <= self.most_nodes:
-            return  # Seen at a glance.
-        nodes = sum(first**d for d in range(1, dof + 1))
-        nodes += passes * sum(math.prod(counts[:d]) for d in range(1, dof + 1))
-        require_patience(problem, nodes, self.most_nodes, "a smaller breadth, beam or number of divisions")
+    def _first(self, grid: Grid, spacing: int, later: Indices) -> list[Indices]:
+        """Nodes of the first pass, of each joint."""
+        offsets = self._offsets(grid.wraps)
+        if self.first == "formula":
+            zero = zero_nodes(grid)
+            if self.offset is not None:
+                shifted = [node + int(each * spacing) for node, each in zip(zero, offsets, strict=True)]
+                zero = [
+                    n % grid.size if w else min(n, grid.size - 1)
+                    for n, w in zip(shifted, grid.wraps, strict=True)
+                ]
+            return window_around(grid, zero, spacing, later, self.limited == "letter")
+        count = min(self.divisions, grid.size)
+        require_memory(len(offsets) * count, "the first pass tries D values of every joint")
+        return [spread_nodes(grid.size, count, each) for each in offsets]
 
     def _search(
-        self, problem: Problem, plan: tuple[Grid, Indices, Indices], memory: Array, deadline: Deadline
+        self,
+        problem: Problem,
+        plan: _Plan,
+        memory: Array,
+        deadline: Deadline,
+        watch: Callable[[int], object],
     ) -> Found:
-        grid, spacings, later = plan
         budget = int(np.iinfo(np.int64).max if problem.budget is None else problem.budget)
-        passes = Passes(
-            spacings, later, self.divisions, self.beam, min(self.children or self.beam, self.beam)
-        )
-        arrays, goal, q = problem.arrays, problem.goal.arrays, np.empty(problem.chain.dof)
+        passes = plan.passes._replace(tie=tie_of(problem, self.ties))
+        arrays, goal, q = problem.arrays, problem.goal.arrays, np.empty(problem.mechanism.dof)
         at = np.array(BEGINNING)
-        done = descend(arrays, goal, grid, passes, budget, PART, memory, at, q)
+        done = descend(arrays, goal, plan.grid, passes, budget, PART, memory, at, q)
         while not done and not deadline.passed:
-            done = descend(arrays, goal, grid, passes, budget, PART, memory, at, q)
+            watch(int(at[TRIED]))
+            done = descend(arrays, goal, plan.grid, passes, budget, PART, memory, at, q)
         leaves, expanded = int(at[TRIED]), int(at[VISITED])
-        created = problem.chain.dof * self.branching_factor if self.tree == "static" else expanded
+        created = problem.mechanism.dof * self.branching_factor if self.tree == "static" else expanded
         return Found(q if leaves else problem.start, leaves, created, expanded, not done)
 
-    def _ask(self, problem: Problem, plan: tuple[Grid, Indices, Indices], deadline: Deadline) -> Found:
+    def _ask(
+        self, problem: Problem, plan: _Plan, deadline: Deadline, watch: Callable[[int], object]
+    ) -> Found:
         from .black_box.asking import Asker
         from .black_box.grid import best_or_start, descend
 
-        box, (grid, spacings, later) = problem.mechanism, plan
-        asker, children = Asker(box, problem, deadline), min(self.children or self.beam, self.beam)
-        q, expanded = descend(asker, grid, spacings, later, self.divisions, self.beam, children)
+        box = problem.mechanism
+        passes = plan.passes._replace(tie=tie_of(problem, self.ties))
+        asker = Asker(box, problem, deadline)
+        q, expanded = descend(asker, plan.grid, passes, plan.first, watch)
         created = box.dof * self.branching_factor if self.tree == "static" else expanded
         return Found(best_or_start(q, box, problem.start), asker.spent, created, expanded, asker.out_of_time)
+
+
+def _offsets(given: object) -> float | tuple[float | None, ...]:
+    """Read the offset of the first lattice.
+
+    Raises:
+        InvalidSolver: Not a part of a cell.
+    """
+    if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str):
+        return tuple(None if each is None else _offset(each) for each in given)
+    return _offset(given)
+
+
+def _offset(given: Any) -> float:
+    number = float(given) if isinstance(given, Real) and not isinstance(given, bool) else math.nan
+    if 0.0 <= number < 1.0:
+        return number
+    raise InvalidSolver(f"offset must be at least 0 and below 1, in cells of the first pass; got {given!r}")
+
+
+class _Plan(NamedTuple):
+    """What a search does for every target."""
+
+    grid: Grid
+    first: list[Indices]
+    """Nodes of the first pass, of each joint."""
+    passes: Passes
+
+    @property
+    def sizes(self) -> tuple[int, int, int, int]:
+        """Joints, values of any joint at most, cells, and children of a cell."""
+        most = max(self.passes.first.shape[1], *self.passes.later.tolist())
+        return len(self.passes.later), most, self.passes.beam, self.passes.children
+
+    def total(self, of_a_pass: Callable[[list[int]], int]) -> int:
+        """What all passes come to at most."""
+        later = (len(self.passes.spacings) - 1) * self.passes.beam
+        return of_a_pass(self.passes.counts.tolist()) + later * of_a_pass(self.passes.later.tolist())
+
+    @property
+    def leaves(self) -> int:
+        """Leaves that the passes try at most."""
+        return self.total(math.prod)
+
+    @property
+    def nodes(self) -> int:
+        """Nodes that the passes visit at most."""
+        return self.total(lambda counts: sum(math.prod(counts[:d]) for d in range(1, len(counts) + 1)))
 
 
 class _OutOfTimeError(Exception):

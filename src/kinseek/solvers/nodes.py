@@ -2,36 +2,58 @@
 
 from __future__ import annotations
 
+import math
 import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 
+from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
+from kinseek.kernels.arrays import Indices
 from kinseek.kernels.grid.descent import Grid
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
 
+from .base import Found
+
 MOST_NODES = 2 * 10**10
 """Nodes that a search visits unless told otherwise: about a minute."""
 
-NODES_A_SECOND = 3e8
-"""What one core visits, by benchmarks/test_searches.py, to tell how long a search would take."""
+A_POSE, A_ROW, A_TARGET = 300, 3000, 30_000
+"""Nodes that one pose of a function counts as: a microsecond, or ten where Python runs for every row; and what a
+target takes besides."""
 
-A_POSE, A_ROW = 300, 3000
-"""Nodes that one pose of a function counts as: a microsecond, or ten where Python runs for every row."""
+TIES = ("rounding", "first")
+"""Who decides between leaves that are equally good."""
+
+LONG = 60.0
+"""[s] After which a search is a long one, and says so before it begins."""
+
+_WORTH_MEASURING = 2 * 10**9
+"""Nodes: a core visits some 3e8 a second (benchmarks/test_searches.py), so fewer take no minute on one ten times slower."""
+PROBE_OF_A_FUNCTION = 512
+_PROBE, _PROBE_TIME = 1 << 20, 0.05
+"""Poses of a function or leaves of a grid, and seconds, of the piece of a search by which the whole is estimated."""
 
 
-def joint_grid(chain: Mechanism, count: int, *, static: bool = False, wrap: bool = True) -> Grid:
+def joint_grid(
+    chain: Mechanism, count: int, *, static: bool = False, wrap: bool = True, letter: bool = False
+) -> Grid:
     """Spread `count` nodes over each joint's range.
 
     A joint whose ends are the same pose gets ``lower + i · range / B``, as the paper's 360/B · i: its last
     node is one step short of its first. Any other joint gets both of its limits,
     ``lower + i · range / (B - 1)``. Departs from the paper, which uses the first rule for all: a goal at an
-    upper limit would lie off the grid.
+    upper limit would lie off the grid; `letter` follows it there.
     """
     wraps = chain.wraps & wrap
     reach = chain.upper - chain.lower
-    step = reach / np.where(chain.wraps, count, max(count - 1, 1))
+    step = reach / np.where(chain.wraps | letter, count, max(count - 1, 1))
     grid = Grid(chain.lower, chain.upper, step, wraps, count, np.empty((chain.dof, 0)))
     if static:
         require_memory(chain.dof * count, "the static tree makes every node first")
@@ -63,41 +85,135 @@ def physical_memory() -> int:
         return 8 * 2**30
 
 
-def require_patience(problem: Problem, nodes: int, most_nodes: int | None, change: str) -> None:
-    """Refuse a search that would take for ever; one with a time limit ends anyway.
+def spread_nodes(size: int, count: int, offset: Fraction) -> Indices:
+    """Numbers of `count` nodes, one in each of as many equal cells of B nodes, at a part of the cell, (count,)."""
+    over, under = offset.numerator, offset.denominator
+    if (count * under + over) * size < 2**62:
+        return np.asarray((np.arange(count, dtype=np.int64) * under + over) * size // (under * count))
+    return np.array([(i * under + over) * size // (under * count) for i in range(count)], dtype=np.int64)
+
+
+def zero_nodes(grid: Grid) -> list[int]:
+    """Of each joint the node nearest to the zero configuration, where Algorithm 2 begins."""
+    steps = np.where(grid.step > 0, grid.step, 1.0)
+    return [int(node) for node in np.rint(-grid.lower / steps).clip(0, grid.size - 1)]
+
+
+def window_around(
+    grid: Grid, centre: Sequence[int], spacing: int, counts: Indices, clips: bool
+) -> list[Indices]:
+    """Take the nodes around a centre: see `kernels.grid.descent.later_window`, of which this is the twin in Python."""
+    result = []
+    for d, middle in enumerate(centre):
+        count, clipped = int(counts[d]), clips and not grid.wraps[d]
+        if not clipped:
+            count = min(count, (grid.size - 1) // spacing + 1)
+        first = int(middle) - (count // 2) * spacing
+        if not grid.wraps[d] and not clipped:
+            while first < 0:
+                first += spacing
+            while first + (count - 1) * spacing >= grid.size and first >= spacing:
+                first -= spacing
+        nodes = first + np.arange(count, dtype=np.int64) * spacing
+        result.append(nodes % grid.size if grid.wraps[d] else nodes[(nodes >= 0) & (nodes < grid.size)])
+    return result
+
+
+def tie_of(problem: Problem, ties: str) -> float:
+    """Errors no farther apart than this are as good as each other, in the unit of the weighted error.
+
+    With ``ties="first"`` that is 1e-12 of the largest terms that an error is made of, some thousand times what rounding
+    does to their sum.
+    """
+    if ties != "first":
+        return 0.0
+    axes, goal = problem.axes, problem.goal.arrays
+    reach = 0.0 if axes is None else axes.reach
+    far = float(np.linalg.norm(problem.goal.targets[0][:3, 3]))
+    return 1e-12 * float(goal.position_weight * (far + reach) + np.sum(goal.axis_weights))
+
+
+def require_ties(ties: str) -> None:
+    """Check a rule for ties.
+
+    Raises:
+        InvalidSolver: It is none.
+    """
+    if ties not in TIES:
+        raise InvalidSolver(f"ties must be one of {', '.join(map(repr, TIES))}; got {ties!r}")
+
+
+def require_patience(
+    problem: Problem,
+    nodes: int,
+    most_nodes: int | None,
+    change: str,
+    search: Callable[[Problem, Deadline], Found],
+    *,
+    at_most: bool = False,
+) -> None:
+    """Refuse a search that would take for ever, and say beforehand how long a long one will take.
+
+    One with a time limit ends anyway, and is never refused.
 
     Args:
-        problem: One target or a batch: what is counted is the work for one.
-        nodes: That the search visits.
+        problem: One target or a batch: what is refused is too much work for one.
+        nodes: That the search of one target visits.
         most_nodes: That it may visit; None lifts the guard.
         change: Which parameters make it fewer.
+        search: Answers one target. A piece of it is run, and timed, to estimate how long the search would take here.
+        at_most: Is `nodes` only what it may come to?
 
     Raises:
         InvalidSolver: With the number of nodes, and how long they would take.
     """
-    if most_nodes is None or problem.time_limit is not None:
-        return
-    chain = problem.mechanism
+    chain, targets = problem.mechanism, len(problem.goal.targets)
     if problem.budget is not None:
         nodes = min(nodes, problem.budget)
     weight = 1
     if chain.axes is None:
         weight = A_POSE if chain.cheap else A_ROW
-    if nodes * weight <= most_nodes:
+    refused = most_nodes is not None and problem.time_limit is None and nodes * weight > most_nodes
+    long = (nodes * weight + A_TARGET) * targets > _WORTH_MEASURING and (
+        problem.time_limit or math.inf
+    ) > LONG
+    if targets == 0 or not (refused or long):
         return
-    counted = f", each pose of a function counted as {weight:,}" if weight > 1 else ""
-    raise InvalidSolver(
-        f"the search would visit {_rounded(nodes)} nodes{counted}, about {_duration(nodes * weight)} a target; "
-        f"most_nodes allows {most_nodes:,}. Choose {change}, give a time_limit, or lift the guard by most_nodes=None"
-    )
+    seconds = seconds_a_target(problem, nodes, search)
+    would = f"the search {'may' if at_most else 'would'} visit {_rounded(nodes)} nodes"
+    if refused:
+        counted = f", each pose of a function counted as {weight:,}" if weight > 1 else ""
+        raise InvalidSolver(
+            f"{would}{counted}, about {_duration(seconds)} a target as measured here; "
+            f"most_nodes allows {most_nodes:,}. Choose {change}, give a time_limit, or lift the guard by most_nodes=None"
+        )
+    total = min(seconds * targets, problem.time_limit or math.inf)
+    if total > LONG:
+        for_all = "" if targets == 1 else f" for each of {targets:,} targets"
+        end = "; its time_limit ends it then" if total < seconds * targets else ""
+        print(
+            f"kinseek: {would}{for_all}, {'up to' if at_most else 'about'} {_duration(total)} as measured here{end}",
+            file=sys.stderr,
+        )
+
+
+def seconds_a_target(problem: Problem, nodes: int, search: Callable[[Problem, Deadline], Found]) -> float:
+    """Estimate how long the search of one target takes, by a piece of it on this machine [s]."""
+    one = next(iter(problem.each()))
+    least = PROBE_OF_A_FUNCTION if problem.axes is None else _PROBE
+    probe = replace(one, budget=min(least, one.budget or least), time_limit=None)
+    search(replace(probe, budget=1), Deadline())  # What is compiled once is not what is timed.
+    begun = time.perf_counter()
+    found = search(probe, Deadline(_PROBE_TIME))
+    seconds = time.perf_counter() - begun
+    return seconds * max(1.0, nodes / max(found.nodes_expanded, found.evaluations, 1))
 
 
 def _rounded(nodes: int) -> str:
     return f"{nodes:,}" if nodes < 10**15 else f"{nodes:.2g}"
 
 
-def _duration(nodes: int) -> str:
-    seconds = nodes / NODES_A_SECOND
+def _duration(seconds: float) -> str:
     for name, length in (("years", 3.156e7), ("days", 86_400.0), ("hours", 3600.0), ("minutes", 60.0)):
         if seconds >= 2 * length:
             return (

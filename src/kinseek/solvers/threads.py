@@ -91,3 +91,26 @@ def progress_bar(wanted: bool, total: int) -> Iterator[Callable[[int], object]]:
     with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task("solving", total=total)
         yield lambda count: bar.advance(task, count)
+
+
+class Watch:
+    """Tells a progress bar how far the search of each target is, one target after the other."""
+
+    def __init__(self, advance: Callable[[int], object], whole: int) -> None:
+        """Begin with the first target; `whole` is what a target takes at most."""
+        self._advance, self._whole, self._seen = advance, whole, 0
+
+    def __call__(self, work: int) -> None:
+        """So much is done for this target."""
+        work = min(work, self._whole)
+        self._advance(work - self._seen)
+        self._seen = work
+
+    def end(self) -> None:
+        """This target is done, with less work perhaps."""
+        self(self._whole)
+        self._seen = 0
+
+
+def unwatched(work: int) -> None:
+    """Watch nothing."""

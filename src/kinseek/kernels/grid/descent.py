@@ -15,7 +15,7 @@ from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
 from kinseek.kernels.jit import exact, inner, kernel, view
 
 from .memory import Beam, Scratch, Window, make_bench
-from .window import PAUSED, WHOLE, clear, nodes_until, offer, search_part, window_nodes
+from .window import EARLY, PAUSED, WHOLE, clear, nodes_until, offer, search_part, window_nodes
 
 
 class Grid(NamedTuple):
@@ -47,17 +47,26 @@ class Passes(NamedTuple):
     """In nodes, one a pass, falling to 1."""
     later: Indices
     """Nodes each joint has in the passes after the first, (n,)."""
-    divisions: int
+    first: Indices
+    """Nodes of the first pass, (n, most of any joint)."""
+    counts: Indices
+    """How many of them each joint has, (n,)."""
+    clips: bool
+    """Does a window lose what is beyond a limit, instead of sliding inward?"""
+    stop_below: float
+    """The first leaf whose weighted error is below this ends the descent; -1 ends none."""
+    tie: float
+    """See `window.search_part`."""
     beam: int
     children: int
 
 
-PASS, CELL, LEAF, MERGED, LEAVES, EXPANDED, TRIED, VISITED = range(8)
+PASS, CELL, LEAF, MERGED, LEAVES, EXPANDED, TRIED, VISITED, STOPPED = range(9)
 """Where a descent is at: its pass; the cell of it, -1 before the first; the next leaf of that cell's window; the next place
-of the litter to merge, -1 before its window is searched; of the windows that are done, the leaves and the nodes; and the
-same with what is done of the last window."""
+of the litter to merge, -1 before its window is searched; of the windows that are done, the leaves and the nodes; the
+same with what is done of the last window; and whether a leaf was good enough to stop."""
 
-BEGINNING = (0, -1, 0, -1, 0, 0, 0, 0)
+BEGINNING = (0, -1, 0, -1, 0, 0, 0, 0, 0)
 
 
 @exact
@@ -69,28 +78,26 @@ def node_value(grid: Grid, d: int, node: int) -> float:
 
 
 @inner
-def first_window(grid: Grid, divisions: int, window: Window) -> None:
-    """Spread D nodes over each joint's range."""
-    count = min(divisions, grid.size)
-    for d in range(len(grid.lower)):
-        window.counts[d] = count
-        for i in range(count):
-            node = i * grid.size // count
-            if not grid.wraps[d]:
-                # Departs from the paper, which starts at the lower limit for every joint: the middles of D
-                # equal cells leave no end of a range out of reach of the later, ever smaller windows.
-                node = ((2 * i + 1) * grid.size) // (2 * count)
-            window.nodes[d, i] = node
-            window.values[d, i] = node_value(grid, d, node)
+def first_window(grid: Grid, first: Indices, counts: Indices, window: Window) -> None:
+    """Take the nodes of the first pass as they are planned."""
+    for d in range(len(counts)):
+        window.counts[d] = counts[d]
+        for i in range(counts[d]):
+            window.nodes[d, i] = first[d, i]
+            window.values[d, i] = node_value(grid, d, first[d, i])
 
 
 @inner
-def later_window(grid: Grid, centre: Indices, spacing: int, counts: Indices, window: Window) -> None:
-    """Take the nodes around a centre: the centre and as many on either side."""
+def later_window(
+    grid: Grid, centre: Indices, spacing: int, counts: Indices, clips: bool, window: Window
+) -> None:
+    """Take the nodes around a centre: the centre and as many on either side; `window_around` in Python."""
     for d in range(len(centre)):
-        count = min(counts[d], (grid.size - 1) // spacing + 1)
+        count, clipped = counts[d], clips and not grid.wraps[d]
+        if not clipped:
+            count = min(count, (grid.size - 1) // spacing + 1)
         first = centre[d] - (count // 2) * spacing
-        if not grid.wraps[d]:
+        if not grid.wraps[d] and not clipped:
             # The window slides inward at a limit, so that the nodes stay as many as the paper's formula says.
             while first < 0:
                 first += spacing
@@ -103,6 +110,8 @@ def later_window(grid: Grid, centre: Indices, spacing: int, counts: Indices, win
                 node %= grid.size
             elif node >= grid.size:
                 break
+            elif node < 0:
+                continue
             window.nodes[d, kept] = node
             window.values[d, kept] = node_value(grid, d, node)
             kept += 1
@@ -135,7 +144,7 @@ def descend(
         q: Receives the best joint values so far, (n,).
     """
     dof = len(grid.lower)
-    most = min(passes.divisions, grid.size)
+    most = passes.first.shape[1]
     for d in range(dof):
         most = max(most, passes.later[d])
     scratch, window, first, second, litter = make_bench(memory, dof, most, passes.beam, passes.children)
@@ -146,7 +155,7 @@ def descend(
     done = go_on(chain, goal, grid, passes, budget, work, window, scratch, first, second, litter, at)
     at[TRIED], at[VISITED] = at[LEAVES], at[EXPANDED]
     least = np.inf
-    if done:
+    if done and at[STOPPED] == 0:
         least = copy_best(second if len(passes.spacings) % 2 == 0 else first, least, q)
     else:
         if at[LEAF] > 0:
@@ -199,9 +208,10 @@ def go_on(
                 if at[LEAF] == 0:
                     cell = at[CELL]
                     if k == 0:
-                        first_window(grid, passes.divisions, window)
+                        first_window(grid, passes.first, passes.counts, window)
                     elif cells.errors[cell] < np.inf and at[LEAVES] < budget:
-                        later_window(grid, cells.nodes[cell], passes.spacings[k], passes.later, window)
+                        spacing = passes.spacings[k]
+                        later_window(grid, cells.nodes[cell], spacing, passes.later, passes.clips, window)
                     else:
                         at[CELL] += 1
                         continue
@@ -209,7 +219,7 @@ def go_on(
                 found = litter if limited else beam
                 left = budget - at[LEAVES]
                 leaf, ended, work = search_part(
-                    chain, goal, window, -1.0, left, at[LEAF], work, found, scratch
+                    chain, goal, window, passes.stop_below, passes.tie, left, at[LEAF], work, found, scratch
                 )
                 at[LEAF] = leaf
                 if ended == PAUSED:
@@ -220,6 +230,9 @@ def go_on(
                 else:
                     at[EXPANDED] += nodes_until(window.counts, leaf - 1)
                 at[LEAF] = 0
+                if ended == EARLY and at[LEAVES] < budget:
+                    at[STOPPED] = 1
+                    return True
                 at[MERGED] = 0 if limited else len(litter.errors)
             while at[MERGED] < len(litter.errors):
                 m = at[MERGED]

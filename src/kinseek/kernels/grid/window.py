@@ -191,6 +191,7 @@ def search_part(
     goal: GoalArrays,
     window: Window,
     stop_below: float,
+    tie: float,
     budget: int,
     begin: int,
     work: int,
@@ -204,10 +205,12 @@ def search_part(
         goal: What is wanted.
         window: The values of each joint.
         stop_below: Stop at the first leaf in order whose error is below this.
+        tie: Errors no farther apart than this are as good as each other, and the first in order stays; with 0
+            rounding decides.
         budget: Leaves that may be evaluated, from the first of the window on; the search stops short of the next.
         begin: Leaf to begin at; where it is not 0 the scratch has to be as the part before left it.
         work: What this part may do, in leaves; it does a little more.
-        beam: The best leaves so far; a leaf replaces the worst only if it is strictly better.
+        beam: The best leaves so far; a leaf replaces the worst only if it is strictly better, by more than `tie`.
         scratch: Memory from `make_scratch`.
 
     Returns:
@@ -231,7 +234,7 @@ def search_part(
             path[i] = block % window.counts[i]
             block //= window.counts[i]
     nodes = np.empty(dof, dtype=np.int64)
-    to_beat = worst_error(beam)
+    to_beat = worst_error(beam) - tie
     identity(poses[0])
     while leaves < budget:
         while d < s:
@@ -246,7 +249,7 @@ def search_part(
                 error = scratch.errors[lane]
                 if error < to_beat:
                     choose_lane(window, s, lane, scratch, nodes)
-                    to_beat = offer(beam, error, nodes, q)
+                    to_beat = offer(beam, error, nodes, q) - tie
                     work -= len(beam.errors)
                 if error < stop_below:
                     return leaves + lane + 1, EARLY, work
@@ -277,15 +280,20 @@ def search_window(
     scratch: Scratch,
     out_of_time: Callable[[], bool] = lambda: False,
     part: int = PART,
+    tie: float = 0.0,
+    done: Callable[[int], object] = lambda leaves: None,
 ) -> tuple[int, bool]:
-    """Search a window part after part; see `search_part`.
+    """Search a window part after part, and tell `done` of the leaves so far; see `search_part`.
 
     Returns:
         Leaves evaluated in order up to the stop, and whether the search ended early.
     """
     leaves, ended = 0, PAUSED
     while ended == PAUSED and not (leaves and out_of_time()):
-        leaves, ended, _ = search_part(chain, goal, window, stop_below, budget, leaves, part, beam, scratch)
+        leaves, ended, _ = search_part(
+            chain, goal, window, stop_below, tie, budget, leaves, part, beam, scratch
+        )
+        done(leaves)
     return leaves, ended != WHOLE
 
 

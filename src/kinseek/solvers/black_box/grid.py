@@ -7,13 +7,16 @@ one pose, and nodes above the leaves are counted but cost nothing.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.kernels.grid.descent import Grid
+from kinseek.kernels.grid.descent import Grid, Passes
+from kinseek.kernels.grid.window import nodes_until
 from kinseek.robots.mechanism import Mechanism
+from kinseek.solvers.nodes import window_around
 
 from .asking import Asker
 
@@ -35,14 +38,18 @@ class Cells:
     """(k, n)"""
     errors: Array = field(default_factory=lambda: np.empty(0))
     """Weighted, (k,)."""
+    tie: float = 0.0
+    """Of a single cell: it gives way only to what is better by more than this."""
 
     @classmethod
-    def empty(cls, most: int, dof: int) -> Cells:
+    def empty(cls, most: int, dof: int, tie: float = 0.0) -> Cells:
         """No leaves yet."""
-        return cls(most, np.empty((0, dof), dtype=np.int64), np.empty((0, dof)), np.empty(0))
+        return cls(most, np.empty((0, dof), dtype=np.int64), np.empty((0, dof)), np.empty(0), tie)
 
     def offer(self, nodes: Indices, q: Array, errors: Array) -> None:
         """Take leaves in, each node once, and keep the best."""
+        if self.tie > 0 and self.most == 1:
+            return self._offer_in_order(nodes, q, errors)
         finite = np.isfinite(errors)
         if len(errors) > 4 * self.most:  # Most are beaten anyway.
             finite &= errors <= np.partition(errors, self.most)[self.most]
@@ -54,9 +61,22 @@ class Cells:
         kept = order[np.sort(first)[: self.most]]
         self.nodes, self.q, self.errors = nodes[kept], q[kept], errors[kept]
 
+    def _offer_in_order(self, nodes: Indices, q: Array, errors: Array) -> None:
+        """Take in one leaf after the other that is better by more than a tie."""
+        best, at = self.errors[0] if len(self.errors) else np.inf, 0
+        while len(better := np.flatnonzero(errors[at:] < best - self.tie)):
+            at += int(better[0]) + 1
+            best = errors[at - 1]
+            self.nodes, self.q, self.errors = nodes[at - 1 : at], q[at - 1 : at], errors[at - 1 : at]
+
 
 def search_window(
-    asker: Asker, values: list[Array], nodes: list[Indices], cells: Cells, stop_below: float = -1.0
+    asker: Asker,
+    values: list[Array],
+    nodes: list[Indices],
+    cells: Cells,
+    stop_below: float = -1.0,
+    watch: Callable[[int], object] = lambda leaves: None,
 ) -> int:
     """Ask for every leaf of a window, last joint fastest, within the budget; return how many were asked for.
 
@@ -66,6 +86,7 @@ def search_window(
         nodes: What the caller calls them.
         cells: Where the best are kept.
         stop_below: Stop at the first leaf whose weighted error is below this.
+        watch: Told of the leaves so far.
     """
     counts = tuple(len(each) for each in values)
     total, asked = math.prod(counts), 0
@@ -82,64 +103,59 @@ def search_window(
         below = np.flatnonzero(errors < stop_below)
         end = int(below[0]) + 1 if len(below) else len(flat)
         cells.offer(named[:end], q[:end], errors[:end])
+        watch(asked)
         if len(below):
             break
     return asked
 
 
 def descend(
-    asker: Asker, grid: Grid, spacings: Indices, later: Indices, divisions: int, beam: int, children: int
+    asker: Asker, grid: Grid, passes: Passes, first: list[Indices], watch: Callable[[int], object]
 ) -> tuple[Array | None, int]:
-    """Refine a grid around the best leaves, pass by pass; return the best joint values and the nodes expanded."""
+    """Refine a grid around the best leaves, pass by pass; return the best joint values and the nodes expanded.
+
+    Args:
+        asker: The function and the target.
+        grid: The nodes.
+        passes: The plan.
+        first: Nodes of the first pass, of each joint.
+        watch: Told of the leaves so far.
+    """
     dof = len(grid.lower)
-    cells, expanded = Cells.empty(beam, dof), 0
-    for k, spacing in enumerate(spacings):
-        before, cells = cells, Cells.empty(beam, dof)
+    cells, expanded, leaves = Cells.empty(passes.beam, dof, passes.tie), 0, 0
+    for k, spacing in enumerate(passes.spacings):
+        before, cells = cells, Cells.empty(passes.beam, dof, passes.tie)
         if len(before.q):
             cells.offer(before.nodes[:1], before.q[:1], before.errors[:1])
         for cell in range(1 if k == 0 else len(before.q)):
             if asker.left <= 0:
                 break
-            nodes = (
-                first_window(grid, divisions)
-                if k == 0
-                else later_window(grid, before.nodes[cell], spacing, later)
-            )
+            nodes = first
+            if k > 0:
+                centre = before.nodes[cell].tolist()
+                nodes = window_around(grid, centre, int(spacing), passes.later, passes.clips)
             values = [node_values(grid, d, each) for d, each in enumerate(nodes)]
-            litter = Cells.empty(children if k else beam, dof)
-            search_window(asker, values, nodes, litter)
+            litter = Cells.empty(passes.children if k else passes.beam, dof, passes.tie)
+            if passes.tie > 0 and len(cells.q):  # The best so far has to be beaten clearly.
+                litter.offer(cells.nodes, cells.q, cells.errors)
+            asked = search_window(asker, values, nodes, litter, passes.stop_below, _after(leaves, watch))
             cells.offer(litter.nodes, litter.q, litter.errors)
-            expanded += sum(math.prod(len(each) for each in nodes[: d + 1]) for d in range(dof))
+            leaves += asked
+            counts = [len(each) for each in nodes]
+            if len(cells.errors) and cells.errors[0] < passes.stop_below:
+                return cells.q[0], expanded + nodes_until(np.array(counts, dtype=np.int64), asked - 1)
+            expanded += sum(math.prod(counts[: d + 1]) for d in range(dof))
     return (cells.q[0] if len(cells.q) else None), expanded
+
+
+def _after(leaves: int, watch: Callable[[int], object]) -> Callable[[int], object]:
+    """Tell a watch of more leaves than these."""
+    return lambda more: watch(leaves + more)
 
 
 def node_values(grid: Grid, d: int, nodes: Indices) -> Array:
     """Values of nodes of joint d, as the compiled search makes them, (k,)."""
     return np.asarray(np.minimum(grid.lower[d] + grid.step[d] * nodes, grid.upper[d]))
-
-
-def first_window(grid: Grid, divisions: int) -> list[Indices]:
-    """Spread D nodes over each joint's range: see `kernels.grid.descent.first_window`."""
-    count = min(divisions, grid.size)
-    i = np.arange(count, dtype=np.int64)
-    whole, halves = i * grid.size // count, (2 * i + 1) * grid.size // (2 * count)
-    return [whole if wraps else halves for wraps in grid.wraps]
-
-
-def later_window(grid: Grid, centre: Indices, spacing: int, counts: Indices) -> list[Indices]:
-    """Take the nodes around a centre: see `kernels.grid.descent.later_window`."""
-    result = []
-    for d, middle in enumerate(centre):
-        count = min(int(counts[d]), (grid.size - 1) // int(spacing) + 1)
-        first = int(middle) - (count // 2) * int(spacing)
-        if not grid.wraps[d]:
-            while first < 0:
-                first += int(spacing)
-            while first + (count - 1) * spacing >= grid.size and first >= spacing:
-                first -= int(spacing)
-        nodes = first + np.arange(count, dtype=np.int64) * spacing
-        result.append(nodes % grid.size if grid.wraps[d] else nodes[nodes < grid.size])
-    return result
 
 
 def best_or_start(q: Array | None, box: Mechanism, start: Array) -> Array:
