@@ -61,6 +61,7 @@ class IkOptions(TypedDict, total=False):
     cost: Cost | None
     valid: Valid | None
     time_limit: float | None
+    trace: bool
 
 
 class BranchesOptions(TypedDict, total=False):
@@ -399,6 +400,7 @@ class Arm:
         cost: Cost | None = None,
         valid: Valid | None = None,
         time_limit: float | None = None,
+        trace: bool = False,
     ) -> Solution:
         """Find joint values that reach a goal, or come as near to it as the search can.
 
@@ -419,6 +421,7 @@ class Arm:
             time_limit: [s], after which no further part of the work is begun: the answer is the best so far, and
                 `out_of_time` says of each target whether its search was cut short. What an arm needs once, its atlas and
                 the compiled kernels, is made in any case.
+            trace: Keep what the search does, pass by pass, as `Solution.trace`. The answer is the same bits.
 
         Returns:
             Joint values inside the limits, their errors recomputed by FK, and whether these meet the
@@ -427,13 +430,14 @@ class Arm:
         Raises:
             InvalidGoal: Not a pose.
             InvalidProblem: `near` does not fit the arm, an unknown preference, two of them, a preference with a
-                `solver`, or a `cost` or `valid` that fails.
+                `solver` or `trace`, or a `cost` or `valid` that fails.
+            InvalidUse: Traces of more targets than fit into memory.
             InvalidSolver: The solver's parameters do not fit the arm, or `threads` is no whole number of at least 1.
         """
         if threads is not None:
             whole("threads", threads, 1)
         wishes = prefer is not None or cost is not None or valid is not None
-        plain = solver is None and not prove and not wishes and time_limit is None
+        plain = solver is None and not prove and not wishes and time_limit is None and not trace
         if plain and (axes := self._axes) is not None and _is_plain(goal, (4, 4)):
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform. It also
             # gives up on the first that is out of reach: what that takes is compiled on the other way.
@@ -455,7 +459,11 @@ class Arm:
             self._require_axes(_NO_PROOF)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self._mechanism, near, "near")
-        problem = Problem(self._mechanism, asked, start, time_limit=time_limit)
+        problem = Problem(self._mechanism, asked, start, time_limit=time_limit, trace=trace)
+        if wishes and trace:
+            raise InvalidProblem(
+                "prefer, cost and valid choose among all branches; there is no trace of that"
+            )
         if wishes and solver is not None:
             raise InvalidProblem("prefer, cost and valid choose among all branches; they take no solver")
         if wishes:

@@ -39,6 +39,8 @@ class Problem:
     """Seconds after which a search begins no further part of its work, and gives the best it has; None sets no limit.
 
     What an arm needs once, its atlas and the compiled kernels, is made in any case."""
+    trace: bool = False
+    """Keep what the search does, pass by pass? The answers are the same bits; see `kinseek.trace.Trace`."""
 
     def __post_init__(self) -> None:
         """Check the start against the arm."""

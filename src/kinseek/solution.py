@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any, Generic, Self, cast
@@ -16,6 +16,7 @@ from .kernels.arm.pose_error import judge_poses
 from .problem import MadeWhenAsked, Problem
 from .robots.chain import SerialChain
 from .robots.mechanism import Mechanism
+from .trace import Trace
 
 if TYPE_CHECKING:  # Defaults of type variables come with Python 3.13; type checkers know them everywhere.
     from typing_extensions import TypeVar
@@ -73,6 +74,7 @@ class Solution(Generic[Flag, Number, Count, State]):
         rejected: How many answers the user's `valid` refused, int or (...); without success, every answer that was
             found.
         out_of_time: Did the time limit end the search before it was done? bool or (...) bool.
+        trace: What the search did, pass by pass, if it was asked for; see there.
 
     For type checkers this class is generic in the types of its flags, numbers, counts and status. An array's type need not
     tell its shape, so `Arm.ik` fills them in where the goal's type says that it is one pose or a batch: then ``success`` is
@@ -95,6 +97,8 @@ class Solution(Generic[Flag, Number, Count, State]):
     proved_unreachable: Flag = _NO
     rejected: Count = _NONE
     out_of_time: Flag = _NO
+    _trace: Any = None
+    """`Trace`, or an object array of them, (...); None where none was kept."""
 
     def __post_init__(self) -> None:
         """Give a batch its shape in every field, those that were left at their defaults too."""
@@ -102,6 +106,23 @@ class Solution(Generic[Flag, Number, Count, State]):
             for name in _columns(self):
                 if not isinstance(value := getattr(self, name), np.ndarray):
                     object.__setattr__(self, name, np.full(self.success.shape, value))
+
+    @property
+    def trace(self) -> Any:
+        """What the search did, pass by pass: a `Trace`, or an object array of them, (...).
+
+        It is kept in copies and pickles, and where one answer or some are taken out of a batch.
+
+        Raises:
+            InvalidUse: It was not asked for, or the search keeps none.
+        """
+        if self._trace is not None:
+            return self._trace
+        if self.problem.trace:
+            raise InvalidUse("the search kept no trace: `solvers.recording.Recorder` is what makes one")
+        raise InvalidUse(
+            "no trace was kept; ask for it: arm.ik(..., trace=True), or Problem(..., trace=True)"
+        )
 
     @property
     def status(self) -> State:
@@ -179,6 +200,7 @@ class Solution(Generic[Flag, Number, Count, State]):
             self,
             q=self.q[index],
             problem=part,
+            _trace=None if self._trace is None else self._trace[index],
             **{name: getattr(self, name)[index] for name in _columns(self)},
         )
 
@@ -207,6 +229,7 @@ class Solution(Generic[Flag, Number, Count, State]):
             self,
             q=self.q[at],
             problem=replace(problem, goal=problem.goal.at(problem.goal.target[at]), near=near),
+            _trace=None if self._trace is None else self._trace[at],
             **{name: getattr(self, name)[at].item() for name in _columns(self)},
         )
 
@@ -252,7 +275,7 @@ class Solution(Generic[Flag, Number, Count, State]):
 
 def _columns(solution: Solution) -> list[str]:
     """Names of the fields that have one entry a target."""
-    return [each.name for each in fields(solution) if each.name not in ("q", "problem")]
+    return [each.name for each in fields(solution) if each.name not in ("q", "problem", "_trace")]
 
 
 def conclude(
@@ -266,11 +289,27 @@ def conclude(
         work: Evaluations, nodes created and nodes expanded of each, (k, 3).
         out_of_time: Was the search for it cut short? (k,); None: none was.
     """
+    return reported(problem, q, judge(problem, q), work, out_of_time)
+
+
+def judge(problem: Problem, q: Array) -> Array:
+    """Position error [m], orientation error [rad] and weighted error of joint values, one row a target, (k, 3)."""
     if problem.axes is None:
-        measured = judge_function(problem.mechanism, problem.goal, q)
-    else:
-        measured = problem.goal.measure(problem.arrays, np.ascontiguousarray(q))
-    return reported(problem, q, measured, work, out_of_time)
+        return judge_function(problem.mechanism, problem.goal, q)
+    return problem.goal.measure(problem.arrays, np.ascontiguousarray(q))
+
+
+def with_traces(solution: Solution, traces: Sequence[Trace | None]) -> Solution:
+    """Give a solution the traces of its targets, in C order; a search that keeps none leaves it as it is."""
+    if any(trace is None for trace in traces):
+        return solution
+    shape = solution.problem.goal.shape
+    if not shape:
+        return replace(solution, _trace=traces[0])
+    kept = np.empty(len(traces), dtype=object)
+    for i, trace in enumerate(traces):  # One by one: a trace is a sequence, which NumPy would take apart.
+        kept[i] = trace
+    return replace(solution, _trace=kept.reshape(shape))
 
 
 def reported(

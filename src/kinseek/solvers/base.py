@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.problem import Problem
-from kinseek.solution import Solution, conclude
+from kinseek.solution import Solution, conclude, with_traces
+from kinseek.trace import Trace
 
 from .threads import Watch, progress_bar
 
@@ -49,6 +50,8 @@ class Found(NamedTuple):
     nodes_created: int = 0
     nodes_expanded: int = 0
     out_of_time: bool = False
+    trace: Trace | None = None
+    """What the search did, if the problem asks for it; see `solvers.recording`."""
 
 
 def watch_each(
@@ -92,4 +95,5 @@ def solve_each(
         rows.append(one.placed(found[-1].q))
     q = np.array(rows).reshape(-1, problem.mechanism.dof)
     work = np.array([f[1:4] for f in found], dtype=np.int64).reshape(-1, 3)
-    return conclude(problem, q, work, np.array([f.out_of_time for f in found], dtype=bool))
+    solution = conclude(problem, q, work, np.array([f.out_of_time for f in found], dtype=bool))
+    return with_traces(solution, [f.trace for f in found]) if problem.trace else solution
