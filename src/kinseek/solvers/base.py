@@ -96,4 +96,9 @@ def solve_each(
     q = np.array(rows).reshape(-1, problem.mechanism.dof)
     work = np.array([f[1:4] for f in found], dtype=np.int64).reshape(-1, 3)
     solution = conclude(problem, q, work, np.array([f.out_of_time for f in found], dtype=bool))
-    return with_traces(solution, [f.trace for f in found]) if problem.trace else solution
+    if not problem.trace:
+        return solution
+    chain, late = problem.mechanism, "The time limit passed before this search began."
+    none = Trace("no search", chain.joint_names, chain.kinds, (), (late,))
+    traces = [none if f.out_of_time and not f.evaluations else f.trace for f in found]
+    return with_traces(solution, traces)

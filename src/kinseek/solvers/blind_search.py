@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from kinseek.solution import Solution
 
 from .base import Found, watch_each, whole
 from .nodes import require_memory, require_patience
+from .recording import Look, Recorder, bytes_of, require_room
 from .threads import unwatched
 from .traits import Near, Traits, require
 
@@ -69,6 +70,7 @@ class BlindSearch:
     def solve(self, problem: Problem) -> Solution:
         """Answer by the best configuration on the way from `problem.start`."""
         require(self, problem)
+        require_room(problem, self.most_steps + 1)
         leaves_a_step = 3**problem.chain.dof
         require_memory(leaves_a_step // 1000, "one step of blind search tries 3^n combinations")
         deadline = Deadline(problem.time_limit)
@@ -91,7 +93,11 @@ class BlindSearch:
         dof, best, at = len(q), np.array([self.step, np.inf]), np.zeros(4, dtype=np.int64)
         memory = Memory(make_window(dof, 3), make_scratch(dof), make_beam(1, dof), best)
         given = problem.arrays, goal.arrays, problem.chain.wraps, tolerances, parameters
-        done = walk(*given, PART, memory, at, q)
+        recorder = Recorder(problem, self) if problem.trace else None
+        if recorder:
+            done = self._walk_and_tell(recorder, given, memory, at, q, deadline)
+        else:
+            done = walk(*given, PART, memory, at, q)
         while not done and not deadline.passed:
             watch(int(at[STEPS]))
             done = walk(*given, PART, memory, at, q)
@@ -101,7 +107,44 @@ class BlindSearch:
             expanded += nodes_until(memory.window.counts, int(at[LEAF]) - 1)
             if memory.beam.errors[0] < best[BEST]:
                 q = memory.beam.q[0].copy()
-        return Found(q, leaves, expanded, expanded, not done)
+        found = Found(q, leaves, expanded, expanded, not done)
+        if recorder:
+            recorder.add_rest("a step cut short", found)
+            recorder.note_end(found)
+            return found._replace(trace=recorder.finish())
+        return found
+
+    def _walk_and_tell(
+        self,
+        recorder: Recorder,
+        given: tuple[Any, Any, Any, Any, Array],
+        memory: Memory,
+        at: Indices,
+        q: Array,
+        deadline: Deadline,
+    ) -> bool:
+        """Walk one step after the other and keep each; say whether the walk is done. The same bits as in one go."""
+        arrays, goal, wraps, tolerances, parameters = given
+        chain, most, held = recorder.problem.chain, int(parameters[3]), bytes_of(memory)
+        for step in range(most + 1):
+            before, delta = q.copy(), float(memory.now[STEP])
+            until = np.array([*parameters[:3], float(min(step + 1, most))])
+            ended = walk(arrays, goal, wraps, tolerances, until, PART, memory, at, q)
+            while not ended and not deadline.passed:
+                ended = walk(arrays, goal, wraps, tolerances, until, PART, memory, at, q)
+            if recorder.empty:
+                recorder.add("start", before, 1, memory=held)
+            if not ended:
+                return False
+            if at[STEPS] == step:  # None was made: the walk is done.
+                return True
+            reach = np.where(chain.wraps, delta, 0.0)
+            low = np.maximum(before - delta, chain.lower - reach)
+            high = np.minimum(before + delta, chain.upper + reach)
+            window = Look(np.full(len(q), delta), low, high, np.full(len(q), 3))
+            spent, expanded = int(at[LEAVES]), int(at[EXPANDED])
+            recorder.add(f"step {step + 1}", q, spent, expanded, expanded, memory=held, window=window)
+        return True
 
 
 class Memory(NamedTuple):

@@ -20,6 +20,7 @@ from kinseek.solution import Solution
 
 from .base import Found, watch_each, whole
 from .nodes import MOST_NODES, joint_grid, require_memory, require_patience, require_ties, tie_of
+from .recording import Recorder, bytes_of, grid_window, require_room
 from .threads import unwatched
 from .traits import Near, Traits, require
 
@@ -76,6 +77,7 @@ class BruteForce:
     def solve(self, problem: Problem) -> Solution:
         """Answer by the best node of the grid."""
         require(self, problem)
+        require_room(problem, 1)
         dof, count = problem.mechanism.dof, self.branching_factor
         require_memory(dof * count, "brute force keeps every node")
         if count**dof > np.iinfo(np.int64).max:
@@ -95,10 +97,11 @@ class BruteForce:
         grid = joint_grid(problem.mechanism, count)
         order = np.stack([self._order(count, joint) for joint in range(dof)])
         if problem.axes is None:
-            return self._ask(problem.mechanism, problem, grid, order, deadline, watch)
+            asked = self._ask(problem.mechanism, problem, grid, order, deadline, watch)
+            return self._told(problem, grid, asked, 2 * order.nbytes)
         window = Window(grid.values_of(order), order, np.full(dof, count, dtype=np.int64))
         budget = count**dof if problem.budget is None else problem.budget
-        beam = make_beam(1, dof)
+        beam, scratch = make_beam(1, dof), make_scratch(dof)
         leaves, early = search_window(
             problem.arrays,
             problem.goal.arrays,
@@ -106,7 +109,7 @@ class BruteForce:
             float(self.stop_below),
             int(budget),
             beam,
-            make_scratch(dof),
+            scratch,
             lambda: deadline.passed,
             tie=tie_of(problem, self.ties),
             done=watch,
@@ -114,7 +117,20 @@ class BruteForce:
         expanded = nodes_until(window.counts, leaves - 1) if leaves else 0
         q = beam.q[0] if leaves else problem.start
         cut = early and leaves < budget and not beam.errors[0] < self.stop_below
-        return Found(q, leaves, dof * count, expanded, cut)
+        found = Found(q, leaves, dof * count, expanded, cut)
+        return self._told(problem, grid, found, bytes_of(window, beam, scratch))
+
+    def _told(self, problem: Problem, grid: Grid, found: Found, memory: int) -> Found:
+        """What was found, with its trace if that was asked for: the one pass over the whole grid."""
+        if not problem.trace:
+            return found
+        recorder, nodes = Recorder(problem, self), np.arange(grid.size)
+        window = grid_window(grid, [nodes] * problem.mechanism.dof)
+        recorder.add("the whole grid", *found[:4], memory=memory, window=window)
+        recorder.note_end(found)
+        if found.evaluations < grid.size**problem.mechanism.dof and not recorder.noted:
+            recorder.note(f"Stopped at the first node with a weighted error below {self.stop_below:g}.")
+        return found._replace(trace=recorder.finish())
 
     def _ask(
         self,

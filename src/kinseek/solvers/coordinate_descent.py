@@ -25,6 +25,7 @@ from kinseek.problem import Problem
 from kinseek.solution import Solution
 
 from .base import Found, watch_each, whole
+from .recording import Recorder, bytes_of, require_room
 from .threads import unwatched
 from .traits import Near, Traits, require
 
@@ -71,6 +72,7 @@ class CoordinateDescent:
     def solve(self, problem: Problem) -> Solution:
         """Answer by the lowest point of the descent from `problem.start`."""
         require(self, problem)
+        require_room(problem, self.most_sweeps + 2)
         return watch_each(problem, self._search, self.most_sweeps, self.progress)
 
     def _search(
@@ -80,7 +82,11 @@ class CoordinateDescent:
         if problem.axes is None:
             from .black_box.coordinates import answer
 
-            return answer(problem.mechanism, problem, deadline, self.most_sweeps, self.pairs, self.stall)
+            recorder = Recorder(problem, self) if problem.trace else None
+            found = answer(
+                problem.chain, problem, deadline, self.most_sweeps, self.pairs, self.stall, recorder
+            )
+            return found if recorder is None else self._told(recorder, found, "a sweep cut short")
         # Squared weights, and half of K_A², so that near the goal the sum is (K_P |Δp|)² + (K_A Δφ)².
         turn_weight = goal.orientation_weight**2 / 2
         columns = (np.arange(3) < goal.columns).astype(float)
@@ -92,11 +98,27 @@ class CoordinateDescent:
         budget = np.iinfo(np.int64).max if problem.budget is None else problem.budget
         at = np.zeros(2, dtype=np.int64)
         given = problem.arrays, squared, goal.arrays, limits, self.pairs, int(budget)
-        done = sweep_down(*given, PART, at, q)
+        recorder = Recorder(problem, self) if problem.trace else None
+        if recorder:
+            recorder.add("start", q, 1, memory=bytes_of(q))
+        # A trace looks after every sweep: each call ends with the sweep that spends the last of its part.
+        part = 1 if recorder else PART
+        done, swept = sweep_down(*given, part, at, q), 0
         while not done and not deadline.passed:
             watch(int(at[SWEEPS]))
-            done = sweep_down(*given, PART, at, q)
-        return Found(q, int(at[SPENT]), out_of_time=not done)
+            if recorder:
+                swept += 1
+                recorder.add(f"sweep {swept}", q, int(at[SPENT]), memory=bytes_of(q))
+            done = sweep_down(*given, part, at, q)
+        found = Found(q, int(at[SPENT]), out_of_time=not done)
+        return found if recorder is None else self._told(recorder, found, f"sweep {swept + 1}")
+
+    @staticmethod
+    def _told(recorder: Recorder, found: Found, last: str) -> Found:
+        """What was found, with its trace; what is not in it yet is the pass `last`."""
+        recorder.add_rest(last, found)
+        recorder.note_end(found)
+        return found._replace(trace=recorder.finish())
 
 
 SPENT, SWEEPS = range(2)

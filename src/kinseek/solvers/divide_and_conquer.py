@@ -23,7 +23,7 @@ from kinseek.errors import InvalidSolver
 from kinseek.goal import Goal
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arrays import Array, Flags, Indices
-from kinseek.kernels.grid.descent import BEGINNING, TRIED, VISITED, Grid, Passes, descend
+from kinseek.kernels.grid.descent import BEGINNING, STOPPED, TRIED, VISITED, Grid, Passes, descend
 from kinseek.kernels.grid.memory import memory_size
 from kinseek.kernels.grid.window import PART
 from kinseek.problem import Problem
@@ -43,6 +43,7 @@ from .nodes import (
     window_around,
     zero_nodes,
 )
+from .recording import Recorder, bytes_of, record_pass, require_room
 from .threads import unwatched
 from .traits import Near, Traits, require
 
@@ -156,6 +157,7 @@ class DivideAndConquer:
             plan = self._plan(problem, deadline)
         except _OutOfTimeError:
             return solve_each(problem, lambda one, _: Found(one.start, 0, out_of_time=True), deadline)
+        require_room(problem, len(plan.passes.spacings))
         memory = np.empty(0) if problem.axes is None else np.empty(memory_size(*plan.sizes))
 
         def search(one: Problem, until: Deadline, watch: Callable[[int], object] = unwatched) -> Found:
@@ -283,13 +285,40 @@ class DivideAndConquer:
         passes = plan.passes._replace(tie=tie_of(problem, self.ties))
         arrays, goal, q = problem.arrays, problem.goal.arrays, np.empty(problem.mechanism.dof)
         at = np.array(BEGINNING)
-        done = descend(arrays, goal, plan.grid, passes, budget, PART, memory, at, q)
-        while not done and not deadline.passed:
-            watch(int(at[TRIED]))
-            done = descend(arrays, goal, plan.grid, passes, budget, PART, memory, at, q)
-        leaves, expanded = int(at[TRIED]), int(at[VISITED])
-        created = problem.mechanism.dof * self.branching_factor if self.tree == "static" else expanded
-        return Found(q if leaves else problem.start, leaves, created, expanded, not done)
+        recorder, held = self._recorder(problem), bytes_of(memory, plan.grid)
+        done, found, spacings = False, Found(problem.start, 0), passes.spacings
+        # All passes at once; or, to look at what each does, one more at a time: the same bits.
+        for last in range(1 if recorder else len(spacings), len(spacings) + 1):
+            now = passes._replace(spacings=spacings[:last])
+            done = descend(arrays, goal, plan.grid, now, budget, PART, memory, at, q)
+            while not done and not deadline.passed:
+                watch(int(at[TRIED]))
+                done = descend(arrays, goal, plan.grid, now, budget, PART, memory, at, q)
+            leaves, expanded = int(at[TRIED]), int(at[VISITED])
+            created = problem.mechanism.dof * self.branching_factor if self.tree == "static" else expanded
+            before = found.q
+            found = Found(q.copy() if leaves else problem.start, leaves, created, expanded, not done)
+            if recorder and leaves > recorder.spent:
+                record_pass(recorder, plan.grid, plan.first, passes, last - 1, before, found, held)
+            if at[STOPPED] or not done:
+                break
+        return found if recorder is None else self._told(recorder, found)
+
+    def _recorder(self, problem: Problem) -> Recorder | None:
+        """What keeps the passes if that was asked for, with a sentence for each joint that may be locked out."""
+        if not problem.trace:
+            return None
+        recorder = Recorder(problem, self)
+        for sentence in self.reach_notes(problem):
+            recorder.note(sentence)
+        return recorder
+
+    def _told(self, recorder: Recorder, found: Found) -> Found:
+        """What was found, with its trace."""
+        recorder.note_end(found)
+        if recorder.judged(found.q)[2] < self.stop_below:
+            recorder.note(f"Stopped at a node with a weighted error below {self.stop_below:g}.")
+        return found._replace(trace=recorder.finish())
 
     def _ask(
         self, problem: Problem, plan: _Plan, deadline: Deadline, watch: Callable[[int], object]
@@ -300,9 +329,22 @@ class DivideAndConquer:
         box = problem.mechanism
         passes = plan.passes._replace(tie=tie_of(problem, self.ties))
         asker = Asker(box, problem, deadline)
-        q, expanded = descend(asker, plan.grid, passes, plan.first, watch)
-        created = box.dof * self.branching_factor if self.tree == "static" else expanded
-        return Found(best_or_start(q, box, problem.start), asker.spent, created, expanded, asker.out_of_time)
+        recorder, held = self._recorder(problem), bytes_of(plan.grid)
+        stored = box.dof * self.branching_factor if self.tree == "static" else 0
+        before = problem.start
+
+        def told(k: int, q: Array | None, expanded: int) -> None:
+            nonlocal before
+            best = best_or_start(q, box, problem.start)
+            now = Found(best, asker.spent, stored or expanded, expanded)
+            if recorder and asker.spent > recorder.spent:
+                record_pass(recorder, plan.grid, plan.first, passes, k, before, now, held)
+            before = best
+
+        q, expanded = descend(asker, plan.grid, passes, plan.first, watch, told)
+        q = best_or_start(q, box, problem.start)
+        found = Found(q, asker.spent, stored or expanded, expanded, asker.out_of_time)
+        return found if recorder is None else self._told(recorder, found)
 
 
 def _offsets(given: object) -> float | tuple[float | None, ...]:

@@ -9,12 +9,13 @@ import numpy as np
 
 from kinseek.deadline import Deadline
 from kinseek.problem import Problem
-from kinseek.solution import Solution, conclude
+from kinseek.solution import Solution, conclude, with_traces
 
 from .base import Solver
 from .checks import as_solver
 from .coordinate_descent import CoordinateDescent
 from .divide_and_conquer import DivideAndConquer
+from .recording import joined
 from .traits import Near, Traits
 
 
@@ -54,7 +55,7 @@ class Polished:
         part = problem if (half, soon) == (None, None) else replace(problem, budget=half, time_limit=soon)
         first = self.search.solve(part)
         if budget == 1:
-            return replace(first, problem=problem)
+            return self._told(replace(first, problem=problem), first, None)
         half = None if budget is None else budget // 2
         last = self.finish.solve(replace(problem, near=first.q, budget=half, time_limit=deadline.left))
         better = first.success | (last.weighted_error > first.weighted_error) & ~np.asarray(last.success)
@@ -74,5 +75,16 @@ class Polished:
         # The last one stayed near the first, and may have left [-π, π] to do so.
         if not np.array_equal(problem.placed(q), q):
             work = [np.ravel(merged[name]) for name in ("evaluations", "nodes_created", "nodes_expanded")]
-            return conclude(problem, problem.placed(q).reshape(-1, q.shape[-1]), np.stack(work, axis=1))
-        return replace(last, q=q, problem=problem, **merged)
+            placed = problem.placed(q).reshape(-1, q.shape[-1])
+            solution = conclude(problem, placed, np.stack(work, axis=1))
+            return self._told(solution, first, last)
+        return self._told(replace(last, q=q, problem=problem, **merged), first, last)
+
+    @staticmethod
+    def _told(solution: Solution, first: Solution, last: Solution | None) -> Solution:
+        """The answer with the traces of both searches as one, if they were asked for and kept."""
+        if not solution.problem.trace:
+            return solution
+        lasts = [None] * len(solution.problem.goal.targets) if last is None else last.each()
+        pairs = zip(solution.each(), first.each(), lasts, strict=True)
+        return with_traces(solution, [joined("Polished", *each) for each in pairs])

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinseek.problem import Problem, endless
-from kinseek.solution import judge
-from kinseek.trace import Pass, Trace
+from kinseek.kernels.grid.descent import Grid, Passes
+from kinseek.problem import Problem
+from kinseek.solution import Solution, judge
+from kinseek.trace import Pass, Trace, require_memory
+
+from .base import Found
+from .nodes import window_around
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
-class Window(NamedTuple):
+class Look(NamedTuple):
     """Where a pass looks."""
 
     spacing: Array
@@ -37,7 +43,7 @@ class Recorder:
         """Keep the passes of `search`, an object or its name, for one target."""
         self.problem = problem
         self.search = search if isinstance(search, str) else type(search).__name__
-        self._kept: list[dict[str, object]] = []
+        self._kept: list[dict[str, Any]] = []
         self._q: list[Array] = []
         self._starts: list[Array | None] = []
         self._notes: list[str] = []
@@ -52,7 +58,7 @@ class Recorder:
         expanded: int = 0,
         *,
         memory: int = 0,
-        window: Window | None = None,
+        window: Look | None = None,
         cells: int = 1,
         start: ArrayLike | None = None,
     ) -> None:
@@ -71,14 +77,14 @@ class Recorder:
         """
         totals = int(spent), int(created), int(expanded)
         now = (new - old for new, old in zip(totals, self._totals, strict=True))
-        fields: dict[str, object] = dict(
+        fields: dict[str, Any] = dict(
             zip(("evaluations", "nodes_created", "nodes_expanded"), now, strict=True)
         )
         self._totals = totals
         best = np.array(self.problem.placed(np.asarray(q, dtype=float)))
         if window is not None:
             # Where a continuous joint was turned to be near to where the user wants it, its window turns with it.
-            turned = np.where(endless(self.problem.chain), best - q, 0.0)
+            turned = np.where(self.problem.mechanism.endless, best - q, 0.0)
             fields |= {
                 "spacing": np.array(window.spacing, dtype=float),
                 "lower": window.lower + turned,
@@ -93,6 +99,35 @@ class Recorder:
         """Keep a sentence, once."""
         if sentence not in self._notes:
             self._notes.append(sentence)
+
+    @property
+    def spent(self) -> int:
+        """FK evaluations up to the end of the last pass that is kept."""
+        return self._totals[0]
+
+    @property
+    def empty(self) -> bool:
+        """Is no pass kept yet?"""
+        return not self._kept
+
+    @property
+    def noted(self) -> bool:
+        """Is a sentence kept?"""
+        return bool(self._notes)
+
+    def add_rest(self, name: str, found: Found) -> None:
+        """Keep what was done after the last pass that is kept, if anything was."""
+        if (found.evaluations, found.nodes_created, found.nodes_expanded) != self._totals:
+            memory = self._kept[-1]["memory"] if self._kept else 0
+            self.add(name, *found[:4], memory=memory)
+
+    def note_end(self, found: Found) -> None:
+        """Keep what ended the search before it was done."""
+        budget = self.problem.budget
+        if found.out_of_time:
+            self.note("The time limit ended the search.")
+        elif budget is not None and found.evaluations >= budget:
+            self.note(f"The budget of {budget:,} evaluations is spent.")
 
     def finish(self) -> Trace:
         """The trace; every pass is judged by plain forward kinematics."""
@@ -111,13 +146,106 @@ class Recorder:
                         weighted_error=row[2],
                         start=start,
                         start_error=error,
-                        **fields,  # type: ignore[arg-type]
+                        **fields,
                     )
                 )
-        chain = self.problem.chain
+        chain = self.problem.mechanism
         return Trace(self.search, chain.joint_names, chain.kinds, tuple(passes), tuple(self._notes))
 
     def _judged(self, q: Array) -> tuple[float, float, float]:
         """Position error [m], orientation error [rad] and weighted error at joint values, (n,)."""
         position, orientation, weighted = judge(self.problem, q[None])[0].tolist()
         return position, orientation, weighted
+
+
+def require_room(problem: Problem, passes: int) -> None:
+    """Refuse to trace more targets than fit into memory, each of so many passes at most.
+
+    Raises:
+        InvalidUse: With the memory that the traces would take.
+    """
+    if problem.trace:
+        require_memory(len(problem.goal.targets), passes, problem.mechanism.dof)
+
+
+def bytes_of(*held: Any) -> int:
+    """What arrays hold, in tuples too [bytes]."""
+    return sum(each.nbytes if isinstance(each, np.ndarray) else _bytes_in(each) for each in held)
+
+
+def _bytes_in(held: Any) -> int:
+    return bytes_of(*held) if isinstance(held, tuple) else 0
+
+
+def grid_window(grid: Grid, nodes: list[Indices], centre: Indices | None = None) -> Look:
+    """The window of a pass over a grid.
+
+    Args:
+        grid: The nodes.
+        nodes: Of each joint, in order, n arrays.
+        centre: Of a later pass, (n,): where a joint wraps its window is told around it, beyond the range if need be.
+    """
+    first = np.array([each[0] for each in nodes], dtype=np.int64)
+    counts = np.array([len(each) for each in nodes], dtype=np.int64)
+    # Where a window crosses the seam of a joint that wraps, its nodes go on from 0.
+    steps = [
+        np.diff(each) % grid.size if w else np.diff(each) for each, w in zip(nodes, grid.wraps, strict=True)
+    ]
+    last = first + np.array([int(each.sum()) for each in steps], dtype=np.int64)
+    if centre is not None:
+        over = np.where(grid.wraps & (first > centre), grid.size, 0)
+        first, last = first - over, last - over
+    between = np.where(counts > 1, (last - first) / np.maximum(counts - 1, 1), np.nan)
+    return Look(grid.step * between, grid.lower + grid.step * first, grid.lower + grid.step * last, counts)
+
+
+def record_pass(
+    recorder: Recorder,
+    grid: Grid,
+    first: list[Indices],
+    passes: Passes,
+    k: int,
+    before: Array,
+    found: Found,
+    memory: int,
+) -> None:
+    """Keep pass k of a descent through a grid.
+
+    Args:
+        recorder: Takes it.
+        grid: The nodes.
+        first: Nodes of the first pass, of each joint.
+        passes: The plan.
+        k: From 0 on.
+        before: Best joint values of the pass before, (n,), around which this one looked.
+        found: What is known after it.
+        memory: Held [bytes].
+    """
+    if k == 0:
+        window = grid_window(grid, first)
+    else:
+        steps = np.where(grid.step > 0, grid.step, 1.0)
+        centre = np.rint((before - grid.lower) / steps).astype(np.int64)
+        nodes = window_around(grid, centre.tolist(), int(passes.spacings[k]), passes.later, passes.clips)
+        window = grid_window(grid, nodes, centre)
+    leaves = found.evaluations - recorder.spent
+    cells = -(-leaves // int(np.prod(window.counts))) if k else 1
+    recorder.add(f"pass {k + 1}", *found[:4], memory=memory, window=window, cells=max(cells, 1))
+
+
+def joined(name: str, answer: Solution, first: Solution, last: Solution | None) -> Trace | None:
+    """The traces of a search and of the one that finished it as one; None if either kept none."""
+    parts = [first] if last is None else [first, last]
+    traces: list[Trace | None] = [part._trace for part in parts]
+    passes: list[Pass] = []
+    notes: list[str] = []
+    for begin, trace in zip(("first: ", "then: "), traces, strict=False):
+        if trace is None:
+            return None
+        passes += [replace(each, name=begin + each.name) for each in trace]
+        notes += [f"{trace.search}: {note}" for note in trace.notes]
+    if passes and not np.array_equal(passes[-1].q, answer.q):
+        errors = answer.weighted_error, answer.position_error, answer.orientation_error
+        passes.append(Pass("the better of both", answer.q, *errors, evaluations=0, memory=passes[-1].memory))
+    chain = answer.problem.mechanism
+    return Trace(name, chain.joint_names, chain.kinds, tuple(passes), tuple(notes))

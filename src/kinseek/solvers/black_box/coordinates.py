@@ -19,6 +19,7 @@ from kinseek.problem import Problem
 from kinseek.robots.blackbox import NUMBER, PRISMATIC
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.base import Found
+from kinseek.solvers.recording import Recorder
 
 from .asking import Asker, features
 from .samples import spread
@@ -36,7 +37,13 @@ _forms: weakref.WeakKeyDictionary[Mechanism, Flags] = weakref.WeakKeyDictionary(
 
 
 def answer(
-    box: Mechanism, problem: Problem, deadline: Deadline, most_sweeps: int, pairs: bool, stall: float
+    box: Mechanism,
+    problem: Problem,
+    deadline: Deadline,
+    most_sweeps: int,
+    pairs: bool,
+    stall: float,
+    recorder: Recorder | None = None,
 ) -> Found:
     """Descend from `problem.start`.
 
@@ -65,7 +72,9 @@ def answer(
     plan: list[tuple[int, ...]] = [(i,) for i in range(box.dof)]
     if pairs:
         plan += [(i, j) for i in range(box.dof - 1) for j in range(i + 1, box.dof)]
-    for _ in range(most_sweeps):
+    if recorder:
+        recorder.add("start", q, asker.spent)
+    for sweep in range(most_sweeps):
         if asker.within(away)[0]:
             break
         before = error
@@ -83,6 +92,8 @@ def answer(
         if asker.left < 1:
             break
         away = asker.ask(q[None])
+        if recorder:
+            recorder.add(f"sweep {sweep + 1}", q, asker.spent)
         if before - error <= stall * before:
             break
     return Found(q, asker.spent, out_of_time=asker.out_of_time)

@@ -110,7 +110,12 @@ def search_window(
 
 
 def descend(
-    asker: Asker, grid: Grid, passes: Passes, first: list[Indices], watch: Callable[[int], object]
+    asker: Asker,
+    grid: Grid,
+    passes: Passes,
+    first: list[Indices],
+    watch: Callable[[int], object],
+    told: Callable[[int, Array | None, int], None] = lambda k, q, expanded: None,
 ) -> tuple[Array | None, int]:
     """Refine a grid around the best leaves, pass by pass; return the best joint values and the nodes expanded.
 
@@ -120,6 +125,7 @@ def descend(
         passes: The plan.
         first: Nodes of the first pass, of each joint.
         watch: Told of the leaves so far.
+        told: Told after each pass of its number, and of what is returned as it is then.
     """
     dof = len(grid.lower)
     cells, expanded, leaves = Cells.empty(passes.beam, dof, passes.tie), 0, 0
@@ -143,8 +149,11 @@ def descend(
             leaves += asked
             counts = [len(each) for each in nodes]
             if len(cells.errors) and cells.errors[0] < passes.stop_below:
-                return cells.q[0], expanded + nodes_until(np.array(counts, dtype=np.int64), asked - 1)
+                expanded += nodes_until(np.array(counts, dtype=np.int64), asked - 1)
+                told(k, cells.q[0], expanded)
+                return cells.q[0], expanded
             expanded += sum(math.prod(counts[: d + 1]) for d in range(dof))
+        told(k, cells.q[0] if len(cells.q) else None, expanded)
     return (cells.q[0] if len(cells.q) else None), expanded
 
 
