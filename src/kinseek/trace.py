@@ -203,7 +203,7 @@ class Trace:
         return f"Trace({self.search!r}, {passes}, {spent:,} evaluations, weighted error {last.weighted_error:.3g})"
 
     def __str__(self) -> str:
-        """A table of the passes, within 80 columns."""
+        """A table of the passes, within 80 columns; the spacing is the widest of all joints."""
         slides = "prismatic" in self.kinds or "number" in self.kinds
         turns = any(kind in ("revolute", "continuous") for kind in self.kinds)
         unit = "rad or m" if slides and turns else "m" if slides else "rad"
@@ -240,6 +240,7 @@ class Trace:
         else:
             least, most = int(each.counts.min()), int(each.counts.max())
             values = f"{most}" if least == most else f"{least} to {most}"
+            values = values if each.cells == 1 else f"{each.cells:,} x {values}"
         spacing = ""
         if each.spacing is not None and np.isfinite(each.spacing).any():
             spacing = f"{np.nanmax(each.spacing):.3g}"

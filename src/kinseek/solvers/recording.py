@@ -61,6 +61,7 @@ class Recorder:
         window: Look | None = None,
         cells: int = 1,
         start: ArrayLike | None = None,
+        spacing: Array | None = None,
     ) -> None:
         """Keep a pass.
 
@@ -74,6 +75,7 @@ class Recorder:
             window: Where it looked.
             cells: Number of windows.
             start: Where it began, (n,), if that is not the best before it.
+            spacing: Of each joint, (n,), where there is no window.
         """
         totals = int(spent), int(created), int(expanded)
         now = (new - old for new, old in zip(totals, self._totals, strict=True))
@@ -82,6 +84,8 @@ class Recorder:
         )
         self._totals = totals
         best = np.array(self.problem.placed(np.asarray(q, dtype=float)))
+        if spacing is not None:
+            fields["spacing"] = np.array(spacing, dtype=float)
         if window is not None:
             # Where a continuous joint was turned to be near to where the user wants it, its window turns with it.
             turned = np.where(self.problem.mechanism.endless, best - q, 0.0)
@@ -133,8 +137,8 @@ class Recorder:
         """The trace; every pass is judged by plain forward kinematics."""
         passes = []
         if self._kept:
-            errors = [self._judged(q) for q in self._q]
-            first = [float("nan") if start is None else self._judged(start)[2] for start in self._starts]
+            errors = [self.judged(q) for q in self._q]
+            first = [float("nan") if start is None else self.judged(start)[2] for start in self._starts]
             for fields, q, start, row, error in zip(
                 self._kept, self._q, self._starts, errors, first, strict=True
             ):
@@ -152,7 +156,7 @@ class Recorder:
         chain = self.problem.mechanism
         return Trace(self.search, chain.joint_names, chain.kinds, tuple(passes), tuple(self._notes))
 
-    def _judged(self, q: Array) -> tuple[float, float, float]:
+    def judged(self, q: Array) -> tuple[float, float, float]:
         """Position error [m], orientation error [rad] and weighted error at joint values, (n,)."""
         position, orientation, weighted = judge(self.problem, q[None])[0].tolist()
         return position, orientation, weighted

@@ -15,7 +15,7 @@ from kinseek.kernels.arm.division import NONE
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
 from kinseek.kernels.atlas.one_goal import add_ending, routines
 from kinseek.kernels.atlas.samples import build_atlas
-from kinseek.kernels.atlas.task import task_arrays
+from kinseek.kernels.atlas.task import NUMBERS, task_arrays
 from kinseek.kernels.pointers import handle_of
 from kinseek.kinds import POSE, Kind
 from kinseek.problem import Problem
@@ -61,6 +61,8 @@ class AtlasIndex:
         self._addresses = handle_of(self._arrays)
         self.address: int = self._addresses.ctypes.data
         """Address of the handle, for the kernels that may do with the routines that every goal needs."""
+        self.numbers: Indices = self._arrays[NUMBERS]
+        """See `kernels.atlas.task.TaskRows.numbers`."""
         self.samples = len(self.sorted.middle)
         """Number of samples."""
         self.memory = sum(array.nbytes for array in self._arrays)

@@ -22,6 +22,7 @@ from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution, reported
 from kinseek.solvers.base import Found, solve_each, whole
+from kinseek.solvers.recording import Recorder, require_room
 from kinseek.solvers.threads import GoOn, progress_bar, spread
 from kinseek.solvers.traits import Near, Traits
 
@@ -73,7 +74,9 @@ class Atlas:
         if goal.form.ranges:
             from .ranges import solve_ranges
 
-            return solve_ranges(self, problem)
+            self._require_room(problem)
+            return self._told(solve_ranges(self, problem))
+        self._require_room(problem)
         deadline = Deadline(problem.time_limit)
         index = atlas_of(chain, goal, self.samples)
         wanted = wanted_of(goal, problem.budget)
@@ -96,7 +99,9 @@ class Atlas:
                 done[left[:count]] = False
                 one_by_one(left[:count], go_on)
 
-        if problem.near is None and (problem.budget is not None or len(targets) == 1):
+        # A trace is that of one target alone, and so are the evaluations that it counts.
+        alone = problem.budget is not None or len(targets) == 1 or problem.trace
+        if problem.near is None and alone:
             one_by_one(np.arange(len(targets)), lambda: not deadline.passed)
         elif problem.near is None:
             self.spread(in_lanes, len(targets), deadline)
@@ -113,17 +118,39 @@ class Atlas:
                     done[first:last] = True
 
             self.spread(from_starts, len(targets), deadline)
-        return batch_solution(problem, results, done)
+        return self._told(batch_solution(problem, results, done))
+
+    @staticmethod
+    def _require_room(problem: Problem) -> None:
+        if problem.trace:
+            from .tracing import MOST_PASSES
+
+            require_room(problem, MOST_PASSES)
+
+    def _told(self, solution: Solution) -> Solution:
+        """The solution with what was done for it, if that was asked for."""
+        problem = solution.problem
+        if not problem.trace:
+            return solution
+        from .tracing import traced
+
+        return traced(solution, atlas_of(problem.chain, problem.goal, self.samples))
 
     def _ask(self, box: Mechanism, problem: Problem) -> Solution:
-        from kinseek.solvers.black_box.atlas import answer
+        from kinseek.solvers.black_box.atlas import MOST_PASSES, answer
 
+        require_room(problem, MOST_PASSES)
         with progress_bar(self.progress, len(problem.goal.targets)) as advance:
 
             def search(one: Problem, deadline: Deadline) -> Found:
-                found = answer(box, one, self.samples, deadline)
+                recorder = Recorder(one, self) if problem.trace else None
+                found = answer(box, one, self.samples, deadline, recorder)
                 advance(1)
-                return found
+                if recorder is None:
+                    return found
+                recorder.add_rest("nearest pose", found)
+                recorder.note_end(found)
+                return found._replace(trace=recorder.finish())
 
             return solve_each(problem, search)
 

@@ -9,6 +9,7 @@ from kinseek.deadline import Deadline
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.base import Found
+from kinseek.solvers.recording import Recorder
 
 from .asking import Asker
 from .refine import Ends, into_range, squared, walk
@@ -29,28 +30,43 @@ APART = 0.02
 PROMISING = 1e-2
 """Weighted error, with lengths in parts of the mechanism, below which a goal may yet be reached."""
 NEAR = 32
+MOST_PASSES = ROUNDS + 5
+"""Of a trace: the look-up, a walk from `near`, two of samples, the restarts, and the nearest pose."""
 
 
-def answer(box: Mechanism, problem: Problem, count: int, deadline: Deadline) -> Found:
+def answer(
+    box: Mechanism, problem: Problem, count: int, deadline: Deadline, recorder: Recorder | None = None
+) -> Found:
     """Answer one target."""
     samples = samples_of(box, count)
     asker = Asker(box, problem, deadline)
     seeds = samples.nearest(problem.goal, asker.target, SEEDS + MORE)
+
+    def told(name: str, q: Array) -> None:
+        if recorder:
+            recorder.add(name, q, asker.spent, memory=samples.memory)
+
+    told("look-up", samples.q[seeds[0]])
     if problem.near is not None:
         q = nearest_to(asker, samples, problem, seeds)
+        told(f"from near and {NEAR} samples", samples.q[seeds[0]] if q is None else q)
         if q is not None:
             return Found(q, asker.spent, out_of_time=asker.out_of_time)
     best = Best(asker, samples, samples.q[seeds[0]])
     first = SEEDS if box.cheap else SEEDS // 2
     for begin, end, steps in ((0, first, FIRST_STEPS), (first, SEEDS + MORE, MORE_STEPS)):
-        if best.take(walk(asker, samples.length, samples.q[seeds[begin:end]], steps)):
+        solved = best.take(walk(asker, samples.length, samples.q[seeds[begin:end]], steps))
+        told(f"samples {begin + 1} to {min(end, len(seeds))}", best.answer())
+        if solved:
             return Found(best.answer(), asker.spent, out_of_time=asker.out_of_time)
     starts = spread(box, RESTARTS * ROUNDS)
     for round_number in range(ROUNDS):
         rows = starts[round_number::ROUNDS].copy()
         around = into_range(box, best.q[np.arange(RESTARTS // 2) % len(best.q)] + kicks(box, round_number))
         rows[: RESTARTS // 2] = around
-        if best.take(walk(asker, samples.length, rows, MORE_STEPS)):
+        solved = best.take(walk(asker, samples.length, rows, MORE_STEPS))
+        told(f"restarts, round {round_number + 1}", best.answer())
+        if solved:
             return Found(best.answer(), asker.spent, out_of_time=asker.out_of_time)
         if best.hopeless():
             break

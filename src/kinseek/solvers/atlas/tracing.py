@@ -1,0 +1,161 @@
+"""What the atlas does for one target, round by round.
+
+The compiled search tells nothing on its way. But what it has done when its budget runs out is what it does first without a
+budget, so its rounds come to light by asking it again and again, each time with room for one more. It is the same machine
+code, and so are the bits of the answer.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import NamedTuple
+
+import numpy as np
+
+from kinseek.kernels.arm.division import NONE
+from kinseek.kernels.arrays import Array
+from kinseek.kernels.atlas.batch import solve_some
+from kinseek.kernels.atlas.descent import DEEP_STEPS, FIRST_STEPS, RESTART_STEPS
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.memory import LAYOUT
+from kinseek.kernels.atlas.one_goal import PASSES, search_routine
+from kinseek.kernels.atlas.seeds import RESTARTS
+from kinseek.kernels.without_jit import WITHOUT_JIT, call_at
+from kinseek.problem import Problem, within_limits
+from kinseek.solution import Solution, with_traces
+from kinseek.solvers.base import Found
+from kinseek.solvers.recording import Recorder
+from kinseek.trace import Trace
+
+from .index import AtlasIndex, wanted_of
+
+MOST_PASSES = PASSES + 1
+"""Of one target: the look-up, and every round."""
+
+
+class Room(NamedTuple):
+    """What a kind of round must have room for to begin."""
+
+    evaluations: int
+    name: str
+
+
+ROOMS = (
+    Room((FIRST_STEPS + 1) * LANES, "nearest samples"),
+    Room((DEEP_STEPS + 1) * LANES, "more samples"),
+    Room((RESTART_STEPS + 1) * LANES, "restarts"),
+)
+"""From the least on. Of a round that begins with less room than the next kind needs, so that no other follows it."""
+
+
+def traced(solution: Solution, index: AtlasIndex) -> Solution:
+    """A solution with the traces of its targets."""
+    return with_traces(solution, [_trace_of(one, index) for one in solution.each()])
+
+
+def _trace_of(answer: Solution, index: AtlasIndex) -> Trace:
+    """The trace of one target."""
+    problem = answer.problem
+    recorder = Recorder(problem, "Atlas")
+    found = Found(answer.q, answer.evaluations, out_of_time=answer.out_of_time)
+    _note_samples(recorder, index)
+    if found.out_of_time:
+        recorder.note("The time limit passed before this target was begun.")
+    elif problem.near is not None or problem.goal.form.ranges:
+        what = "near a start" if problem.near is not None else "with free axes or ranges"
+        recorder.note(f"Rounds {what} are told as one: the compiled search shows nothing of them.")
+        recorder.add("all rounds", found.q, found.evaluations, memory=_held(index))
+        recorder.note_end(found)
+    else:
+        _record_rounds(recorder, index, found)
+        recorder.note_end(found)
+    return recorder.finish()
+
+
+def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
+    """Keep the look-up and every round; what follows the last restart is one, or a patient search before it."""
+    problem, held = recorder.problem, _held(index)
+    wanted, restarts, spent = wanted_of(problem.goal, problem.budget), 0, 0
+    most = wanted[3]
+    seeds = _seeds(index, problem, wanted, 0)
+    errors = [recorder.judged(seed)[2] for seed in seeds]
+    best = problem.start if not seeds else within_limits(problem.chain, seeds[int(np.argmin(errors))])
+    recorder.add("look-up", best, 0, memory=held, spacing=_spacing(index, problem))
+    while spent < found.evaluations:
+        seeds = _seeds(index, problem, wanted, spent)
+        for room in ROOMS if restarts < RESTARTS else ():
+            if spent + room.evaluations > most:
+                continue
+            row = _ask(index, problem, wanted, spent + room.evaluations)
+            if row[-1] > spent:
+                errors = [recorder.judged(seed)[2] for seed in seeds]
+                start = seeds[int(np.argmin(errors))]
+                spent, restarts = int(row[-1]), restarts + LANES * (room is ROOMS[2])
+                name = f"{len(seeds)} {room.name}"
+                recorder.add(name, row[:-4], spent, memory=held, start=start)
+                break
+        else:
+            name = "nearest pose" if restarts >= RESTARTS else "patient search"
+            recorder.add(name, found.q, found.evaluations, memory=held)
+            break
+
+
+def _ask(index: AtlasIndex, problem: Problem, wanted: Array, budget: int) -> Array:
+    """What the search gives within a budget: joint values, three errors, FK evaluations, (n + 4,)."""
+    results, less = np.empty((1, problem.chain.dof + 4)), wanted.copy()
+    less[3] = budget
+    some = np.zeros(1, dtype=np.int64)
+    solve_some(index.handle, less, problem.goal.targets, results, some, 0, 1, LANES)
+    row: Array = results[0]
+    return row
+
+
+def _seeds(index: AtlasIndex, problem: Problem, wanted: Array, budget: int) -> list[Array]:
+    """Where the round begins that a budget has no more room for: what it has put into its lanes by then, each (n,)."""
+    dof, joints = problem.chain.dof, len(problem.chain.leader)
+    memory, q = np.zeros(LAYOUT.count.of(dof, joints)), np.empty(dof)
+    target = np.ascontiguousarray(problem.goal.targets[0])
+    held = index.handle, wanted, memory, target
+    arguments = (*(each.ctypes.data for each in held), float(budget), q.ctypes.data, LANES)
+    address = search_routine.address
+    if WITHOUT_JIT:
+        call_at(address, arguments)
+    else:
+        whole = ctypes.c_int64
+        ctypes.CFUNCTYPE(whole, *[whole] * 4, ctypes.c_double, whole, whole)(address)(*arguments)
+    # The first part of a desk is q of its lanes; after `state` come `best`, `best_error`, `floor` and `mode`.
+    lanes = memory[: dof * LANES].reshape(dof, LANES).T
+    end = len(memory) - (LANES * dof + LANES + LANES + 4)
+    state = memory[end - LANES : end].view(np.int64)
+    return [np.array(lane) for lane, now in zip(lanes, state, strict=True) if now == 0]
+
+
+def _held(index: AtlasIndex) -> int:
+    """Memory of the samples and of a call [bytes]."""
+    dof = index.sorted.middle.shape[1] + 2
+    return index.memory + 8 * LAYOUT.count.of(dof, dof)
+
+
+def _sampled(index: AtlasIndex) -> slice:
+    """The joints that are sampled; the others are computed from the pose."""
+    first = int(index.numbers[0] != NONE)
+    return slice(first, first + index.sorted.middle.shape[1])
+
+
+def _spacing(index: AtlasIndex, problem: Problem) -> Array:
+    """Mean distance of neighbouring samples along each joint, were they a grid, (n,); NaN where none are made."""
+    spacing, joints = np.full(problem.chain.dof, np.nan), _sampled(index)
+    middle = index.sorted.middle
+    if middle.shape[1]:
+        width = middle.max(axis=0) - middle.min(axis=0)
+        spacing[joints] = width / len(middle) ** (1 / middle.shape[1])
+    return spacing
+
+
+def _note_samples(recorder: Recorder, index: AtlasIndex) -> None:
+    """Say what is sampled."""
+    names = recorder.problem.chain.joint_names
+    sampled = names[_sampled(index)]
+    others = [name for name in names if name not in sampled]
+    rest = f"; {' and '.join(others)} follow{'s' * (len(others) == 1)} from the goal" if others else ""
+    recorder.note(f"{index.samples:,} samples of {', '.join(sampled) or 'no joint'}{rest}.")
