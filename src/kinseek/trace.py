@@ -81,9 +81,20 @@ class Pass:
         Raises:
             InvalidUse: The pass has no window.
         """
-        if self.lower is None or self.upper is None or self.counts is None:
+        lower, upper = self.ends
+        count = 0 if self.counts is None else int(self.counts[joint])
+        return np.linspace(lower[joint], upper[joint], count)
+
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """Lowest and highest value of each joint in the window, (n,) each.
+
+        Raises:
+            InvalidUse: The pass has no window.
+        """
+        if self.lower is None or self.upper is None:
             raise InvalidUse(f"{self.name!r} has no window: it is no pass over a grid")
-        return np.linspace(self.lower[joint], self.upper[joint], int(self.counts[joint]))
+        return self.lower, self.upper
 
     def to_dict(self) -> dict[str, Any]:
         """All fields as JSON takes them: lists for arrays, None for NaN and infinity."""

@@ -163,6 +163,7 @@ def solve(
     prove: Annotated[
         bool, typer.Option("--prove", help="Where no answer is found, prove that there is none.")
     ] = False,
+    trace: Annotated[bool, typer.Option("--trace", help="Print what the search did, pass by pass.")] = False,
     json: Json = False,
     **search_options: Any,
 ) -> int:
@@ -186,7 +187,7 @@ def solve(
     clock = time.perf_counter()
     if prove:
         refuse_ranges(goal)
-    solution = loaded.ik(goal, near=start, solver=search)
+    solution = loaded.ik(goal, near=start, solver=search, trace=trace)
     proof: Certificate | None = None
     if prove:
         proof = prove_goal(solution.problem, answer=solution)

@@ -99,8 +99,10 @@ def print_solution(
     """Print an answer and how good it is."""
     facts = solution_facts(arm, solution, search, seconds, proof)
     if as_json:
-        _print_json(facts)
+        _print_json(facts | ({"trace": solution.trace.to_dict()} if solution.problem.trace else {}))
         return
+    if solution.problem.trace:
+        print(solution.trace)
     goal = solution.problem.goal
     rows = []
     for joint in facts["joints"]:

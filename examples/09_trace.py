@@ -1,0 +1,47 @@
+"""What a search does, pass by pass: the paper's Figures 1 to 3 as pictures of a real search, and searches side by side.
+
+Run: python examples/09_trace.py [PICTURE] [tree | circles | breadths | windows | progress]
+"""
+
+import sys
+
+import kinseek
+from kinseek import plots
+
+which = sys.argv[2] if len(sys.argv) > 2 else "windows"
+arm = kinseek.load("planar2")
+target = arm.fk([2.0, 1.1])
+
+
+def search(breadth: int) -> kinseek.Solution:
+    """Refine a grid around its best node, and keep what each pass does."""
+    return arm.ik(target, solver=kinseek.DivideAndConquer(breadth=breadth), trace=True)
+
+
+solution = search(breadth=2)
+print(solution.trace)
+
+if which == "tree":  # Fig. 1: a level for each joint, a leaf for each node of the first pass.
+    figure, _ = plots.tree(solution)
+elif which == "circles":  # Fig. 2: what the first passes try for one joint.
+    figure, _ = plots.circles(solution)
+elif which == "breadths":  # Fig. 3: what the second pass tries, with three breadths.
+    figure, _ = plots.breadths({f"Br = {breadth}": search(breadth) for breadth in (1, 2, 3)})
+elif which == "windows":  # How the windows close in, over the error of every pair of joint values.
+    figure, _ = plots.windows(solution)
+else:  # Searches side by side, on six joints.
+    arm = kinseek.load("elbow6")
+    target = arm.fk([0.3, -0.8, 1.1, 0.4, 0.9, -0.2])
+    searches: dict[str, kinseek.Solver] = {
+        "brute force, B = 8": kinseek.BruteForce(branching_factor=8),
+        "divide and conquer, CB(1)": kinseek.DivideAndConquer(),
+        "divide and conquer, CB(2)": kinseek.DivideAndConquer(breadth=2),
+        "the same, beam of 16": kinseek.DivideAndConquer(breadth=2, beam=16),
+        "blind search": kinseek.BlindSearch(),
+        "coordinate descent": kinseek.CoordinateDescent(),
+        "atlas": kinseek.Atlas(),
+    }
+    figure, _ = plots.progress(
+        {name: arm.ik(target, solver=solver, trace=True) for name, solver in searches.items()}
+    )
+print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "09_trace.png"))
