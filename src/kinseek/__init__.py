@@ -36,6 +36,7 @@ from .solvers import (
     Polished,
     Solver,
 )
+from .trace import Trace
 
 __version__ = "0.1.0"
 
@@ -65,6 +66,7 @@ __all__ = [
     "Solution",
     "Solver",
     "Status",
+    "Trace",
     "UnitWarning",
     "Verdict",
     "load",

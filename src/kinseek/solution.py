@@ -302,7 +302,7 @@ def judge(problem: Problem, q: Array) -> Array:
 def with_traces(solution: Solution, traces: Sequence[Trace | None]) -> Solution:
     """Give a solution the traces of its targets, in C order; a search that keeps none leaves it as it is."""
     if any(trace is None for trace in traces):
-        return solution
+        return solution if solution._trace is None else replace(solution, _trace=None)
     shape = solution.problem.goal.shape
     if not shape:
         return replace(solution, _trace=traces[0])

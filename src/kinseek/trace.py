@@ -46,7 +46,7 @@ class Pass:
         evaluations: FK evaluations of this pass alone.
         nodes_created: Nodes made in this pass.
         nodes_expanded: Nodes visited in this pass.
-        memory: Held while the pass ran [bytes].
+        memory: Held by the search's own tables while the pass ran [bytes].
         spacing: Between neighbouring values of each joint, (n,), [rad] or [m]; NaN for a joint that the pass left alone.
             None where the pass has no grid.
         lower: Lowest value of each joint in the pass's window, (n,), [rad] or [m]. Where a joint turns fully, the window
@@ -256,7 +256,8 @@ class Trace:
         if each.spacing is not None and np.isfinite(each.spacing).any():
             spacing = f"{np.nanmax(each.spacing):.3g}"
         errors = each.weighted_error, each.position_error, each.orientation_error
-        return name, spacing, values, f"{spent:,}", *(f"{error:.2e}" for error in errors)
+        work = f"{spent:,}" if spent < 10**9 else f"{spent:.4g}"
+        return name, spacing, values, work, *(f"{error:.2e}" for error in errors)
 
 
 def require_memory(targets: int, passes: int, dof: int, notes: int = 0) -> None:

@@ -79,7 +79,9 @@ def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
     most = wanted[3]
     seeds = _seeds(index, problem, wanted, 0)
     errors = [recorder.judged(seed)[2] for seed in seeds]
-    best = problem.start if not seeds else within_limits(problem.chain, seeds[int(np.argmin(errors))])
+    # Where no round fits into the budget, the answer is not even the best sample.
+    none = not seeds or found.evaluations == 0
+    best = found.q if none else within_limits(problem.chain, seeds[int(np.argmin(errors))])
     recorder.add("look-up", best, 0, memory=held, spacing=_spacing(index, problem))
     while spent < found.evaluations:
         seeds = _seeds(index, problem, wanted, spent)
@@ -123,6 +125,11 @@ def _seeds(index: AtlasIndex, problem: Problem, wanted: Array, budget: int) -> l
     else:
         whole = ctypes.c_int64
         ctypes.CFUNCTYPE(whole, *[whole] * 4, ctypes.c_double, whole, whole)(address)(*arguments)
+    return filled_lanes(memory, dof)
+
+
+def filled_lanes(memory: Array, dof: int) -> list[Array]:
+    """Joint values of the lanes of a desk that are on their way, each (n,)."""
     # The first part of a desk is q of its lanes; after `state` come `best`, `best_error`, `floor` and `mode`.
     lanes = memory[: dof * LANES].reshape(dof, LANES).T
     end = len(memory) - (LANES * dof + LANES + LANES + 4)

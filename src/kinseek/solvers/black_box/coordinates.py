@@ -73,7 +73,7 @@ def answer(
     if pairs:
         plan += [(i, j) for i in range(box.dof - 1) for j in range(i + 1, box.dof)]
     if recorder:
-        recorder.add("start", q, asker.spent)
+        recorder.add("start", q, asker.spent, memory=q.nbytes)
     for sweep in range(most_sweeps):
         if asker.within(away)[0]:
             break
@@ -93,7 +93,7 @@ def answer(
             break
         away = asker.ask(q[None])
         if recorder:
-            recorder.add(f"sweep {sweep + 1}", q, asker.spent)
+            recorder.add(f"sweep {sweep + 1}", q, asker.spent, memory=q.nbytes)
         if before - error <= stall * before:
             break
     return Found(q, asker.spent, out_of_time=asker.out_of_time)
