@@ -130,7 +130,7 @@ def test_a_round_of_the_atlas_begins_at_its_samples() -> None:
 def test_seeds_are_read_where_the_desk_has_them() -> None:
     # Memory is read by hand there; the kernels' own view of it has to agree.
     dof, joints = 5, 6
-    memory = np.zeros(LAYOUT.count.of(dof, joints))
+    memory = np.zeros(LAYOUT.count.of(dof=dof, joints=joints))
     desk: Any = exposed(LAYOUT.make)
     laid = desk(memory.ctypes.data, dof, joints)
     laid.lanes.q[:] = np.arange(8 * dof).reshape(dof, 8)

@@ -115,7 +115,7 @@ def _ask(index: AtlasIndex, problem: Problem, wanted: Array, budget: int) -> Arr
 def _seeds(index: AtlasIndex, problem: Problem, wanted: Array, budget: int) -> list[Array]:
     """Where the round begins that a budget has no more room for: what it has put into its lanes by then, each (n,)."""
     dof, joints = problem.chain.dof, len(problem.chain.leader)
-    memory, q = np.zeros(LAYOUT.count.of(dof, joints)), np.empty(dof)
+    memory, q = np.zeros(LAYOUT.count.of(dof=dof, joints=joints)), np.empty(dof)
     target = np.ascontiguousarray(problem.goal.targets[0])
     held = index.handle, wanted, memory, target
     arguments = (*(each.ctypes.data for each in held), float(budget), q.ctypes.data, LANES)
@@ -140,7 +140,7 @@ def filled_lanes(memory: Array, dof: int) -> list[Array]:
 def _held(index: AtlasIndex) -> int:
     """Memory of the samples and of a call [bytes]."""
     dof = index.sorted.middle.shape[1] + 2
-    return index.memory + 8 * LAYOUT.count.of(dof, dof)
+    return index.memory + 8 * LAYOUT.count.of(dof=dof, joints=dof)
 
 
 def _sampled(index: AtlasIndex) -> slice:
