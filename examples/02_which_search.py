@@ -22,6 +22,7 @@ searches: dict[str, kinseek.Solver] = {
     "divide and conquer, CB(1)": kinseek.DivideAndConquer(breadth=1),
     "divide and conquer, CB(2)": kinseek.DivideAndConquer(breadth=2),
     "divide and conquer, CB(2), beam 16": kinseek.DivideAndConquer(breadth=2, beam=16, children=2),
+    "separate chains, CB(2)": kinseek.SeparateChains(breadth=2),
     "divide and conquer, then descent": kinseek.Polished(),
     "blind search": kinseek.BlindSearch(),
     "coordinate descent": kinseek.CoordinateDescent(),

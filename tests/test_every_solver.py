@@ -20,6 +20,7 @@ from kinseek import (
     Goal,
     Polished,
     Problem,
+    SeparateChains,
     Solver,
 )
 from kinseek.errors import InvalidSolver
@@ -31,12 +32,13 @@ ARMS = ("planar2", "cylindrical3", "scara4", "elbow6", "panda", "irb5400", "fk o
 SMALL: dict[type[Solver], Solver] = {
     BruteForce: BruteForce(branching_factor=4),
     BlindSearch: BlindSearch(most_steps=30),
+    SeparateChains: SeparateChains(breadth=2),
 }
 """Instead of the defaults, where those take too long on seven joints."""
 
 FROM_ITS_START = {Atlas: weighted_error, BlindSearch: weighted_error, CoordinateDescent: chordal_error}
 """Searches that never end worse than where they start, by the error that they look at."""
-WITHOUT_A_START = (BruteForce, DivideAndConquer, Polished)
+WITHOUT_A_START = (BruteForce, DivideAndConquer, SeparateChains, Polished)
 """Searches that look everywhere, and find the same wherever one would start."""
 
 NEEDS_AXES = (BlindSearch,)

@@ -34,6 +34,7 @@ from .solvers import (
     CoordinateDescent,
     DivideAndConquer,
     Polished,
+    SeparateChains,
     Solver,
 )
 from .trace import Trace
@@ -63,6 +64,7 @@ __all__ = [
     "NotReached",
     "Polished",
     "Problem",
+    "SeparateChains",
     "Solution",
     "Solver",
     "Status",

@@ -138,6 +138,8 @@ CALLS: dict[str, Callable[[], Call]] = {
     "DivideAndConquer": _ik(solver=kinseek.DivideAndConquer(breadth=3)),
     "DivideAndConquer of a batch": _ik(count=200, solver=kinseek.DivideAndConquer()),
     "DivideAndConquer, long": _ik(solver=kinseek.DivideAndConquer(breadth=12)),
+    "SeparateChains": _ik(solver=kinseek.SeparateChains(breadth=2)),
+    "SeparateChains of chains": _ik("elbow6", count=20, solver=kinseek.SeparateChains()),
     "BlindSearch": _ik("panda", solver=kinseek.BlindSearch()),
     "CoordinateDescent": _ik("panda", solver=kinseek.CoordinateDescent()),
     "Polished": _ik(solver=kinseek.Polished()),

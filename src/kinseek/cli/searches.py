@@ -7,7 +7,7 @@ import inspect
 import re
 import textwrap
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
 from types import NoneType, UnionType
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
@@ -153,12 +153,13 @@ def _read(parameter: Parameter, value: object) -> object:
 
 
 def _docstrings(cls: type) -> dict[str, str]:
-    """Docstrings that stand below the fields of a class, by field."""
-    (tree,) = ast.parse(textwrap.dedent(inspect.getsource(cls))).body
-    assert isinstance(tree, ast.ClassDef)
+    """Docstrings that stand below the fields of a class and of those that it comes from, by field."""
     notes = {}
-    for field, note in zip(tree.body, tree.body[1:], strict=False):
-        match field, note:
-            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
-                notes[name] = " ".join(text.replace("``", "").split())
+    for owner in reversed([each for each in cls.__mro__ if is_dataclass(each)]):
+        (tree,) = ast.parse(textwrap.dedent(inspect.getsource(owner))).body
+        assert isinstance(tree, ast.ClassDef)
+        for field, note in zip(tree.body, tree.body[1:], strict=False):
+            match field, note:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
+                    notes[name] = " ".join(text.replace("``", "").split())
     return notes

@@ -15,12 +15,14 @@ from .brute_force import BruteForce
 from .coordinate_descent import CoordinateDescent
 from .divide_and_conquer import DivideAndConquer
 from .polished import Polished
+from .separate_chains import SeparateChains
 from .traits import OwnSolver
 
 ALL_SOLVERS: tuple[type[OwnSolver], ...] = (
     Atlas,
     BruteForce,
     DivideAndConquer,
+    SeparateChains,
     BlindSearch,
     CoordinateDescent,
     Polished,
@@ -34,5 +36,6 @@ __all__ = [
     "CoordinateDescent",
     "DivideAndConquer",
     "Polished",
+    "SeparateChains",
     "Solver",
 ]

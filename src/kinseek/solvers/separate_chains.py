@@ -1,0 +1,486 @@
+"""Separate chains: joints that leave a point of the hand at rest are searched after those that move it.
+
+The paper ends with this idea (Sec. 5): "break up the manipulator into separate chains", for instance "run the solver on
+the first 3 joints on the SCARA robot and then run the solver for the last joint". Which joints these are is found here by
+forward kinematics alone. Moving a joint from q to q' takes a point w of the hand from R w + p to R' w + p', so that it
+rests where (R - R') w = p' - p, at all settings of the other joints: a small least-squares problem. Of a wrist whose axes
+meet w is the centre; and since the goal says where the hand is, it says where that centre has to be.
+
+The first chain is searched for the place of w alone, the second for the whole goal with the first held. With three joints
+in each these are two trees of depth three in place of one of depth six: their sizes add, and no longer multiply.
+"""
+
+from __future__ import annotations
+
+import threading
+import weakref
+from collections import OrderedDict
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.deadline import Deadline
+from kinseek.errors import InvalidSolver
+from kinseek.goal import Goal
+from kinseek.kernels.arm.forward import forward_many
+from kinseek.problem import Problem
+from kinseek.robots.blackbox import BlackBox
+from kinseek.robots.chain import CONTINUOUS, REVOLUTE, SerialChain
+from kinseek.robots.variants import with_locked, with_tool
+from kinseek.solution import Solution
+
+from .base import Found, solve_each
+from .breadth_tuning import window_leaves
+from .divide_and_conquer import DivideAndConquer, _OutOfTimeError
+
+Array = NDArray[np.float64]
+Joints = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class SeparateChains(DivideAndConquer):
+    """Divide and conquer, chain by chain (the paper, Sec. 5): first what moves the wrist's centre, then the other joints.
+
+    It has the parameters of `DivideAndConquer`, which searches each chain; what is given for each joint is given for those
+    of the whole arm. `split` tells the chains; where there are none the whole arm is searched, as `DivideAndConquer` does.
+
+    Which joints move what is found once for an arm and a kind of goal, by some hundred poses (`Split.evaluations`). As
+    those of an atlas, they are not among the evaluations of an answer.
+
+    Raises:
+        InvalidSolver: As `DivideAndConquer`; or `again` is no number of at least 0.
+    """
+
+    breadth: int | tuple[int, ...] | str = 4
+    """Br: later passes try 2(⌊D/2⌋ + Br) - 1 values a joint. One number, one a joint, or ``"tuned"``."""
+    again: float = 1e-3
+    """Where the weighted error is worth more than this much of position [m], the chains are searched again: each with a beam
+    four times as wide, and if that was not enough, each once more for the whole goal with the other held. The best answer
+    counts. Infinity: never."""
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        super().__post_init__()
+        try:
+            fine = float(self.again) >= 0
+        except (TypeError, ValueError):
+            fine = False
+        if not fine:
+            raise InvalidSolver(f"again must be a distance in metres of at least 0, got {self.again!r}")
+
+    def split(self, problem: Problem) -> Split:
+        """Say which joints are searched first, which after them, and why.
+
+        Raises:
+            InvalidProblem: The goal has free axes or ranges.
+        """
+        return known_of(problem.chain, problem.goal).split
+
+    def solve(self, problem: Problem) -> Solution:
+        """Answer by the best node found, chain after chain, or on the whole arm where it cannot be split."""
+        chain, split, deadline = problem.chain, self.split(problem), Deadline(problem.time_limit)
+        if split.whole or (isinstance(chain, BlackBox) and self.breadth == "tuned"):
+            return super().solve(problem)  # Which refuses to tune a function.
+        try:
+            plan = self._chain_plan(problem, split, deadline)
+        except _OutOfTimeError:
+            return solve_each(problem, lambda one, _: Found(one.start, 0, out_of_time=True), deadline)
+        return solve_each(problem, lambda one, _: self._chains(one, plan, deadline), deadline)
+
+    def _chain_plan(self, problem: Problem, split: Split, deadline: Deadline) -> _Plan:
+        """The search of each chain, with breadths in numbers.
+
+        Raises:
+            InvalidSolver: A parameter does not fit the arm, or a chain needs too long a search; before any work is done.
+        """
+        if not isinstance(self.breadth, str):
+            self.breadths(problem)
+        goal = problem.goal.at(problem.goal.target.reshape(-1, 4, 4)[:0])
+        known = known_of(problem.chain, problem.goal)
+        first, second = known.first, known.second
+        if first is None:
+            first, second = parts(problem.chain, problem.goal, split)
+        searches, leaves = [], []
+        for joints, chain, wanted in (
+            (split.first, first, split.first_goal(goal)),
+            (split.second, second, goal),
+        ):
+            search = self._of(joints)
+            if chain is not None:
+                nothing = Problem(chain, wanted, budget=problem.budget, time_limit=problem.time_limit)
+                breadths = search.breadths(nothing, deadline)
+                search = replace(search, breadth=breadths)
+                for each in (search, _wider(search)) if np.isfinite(self.again) else (search,):
+                    each.solve(nothing)  # It refuses here if it must.
+                leaves.append(window_leaves(breadths, self.divisions))
+            searches.append(search)
+        return _Plan(split, first, searches[0], searches[1], leaves[0] / sum(leaves))
+
+    def _of(self, joints: Joints) -> DivideAndConquer:
+        """The search of some of the joints."""
+        values = {field.name: getattr(self, field.name) for field in fields(DivideAndConquer)}
+        mine: dict[str, Any] = {
+            name: tuple(value[i] for i in joints) if isinstance(value, tuple) else value
+            for name, value in values.items()
+        }
+        return DivideAndConquer(**mine)
+
+    def _chains(self, problem: Problem, plan: _Plan, deadline: Deadline) -> Found:
+        """Search the chains of one target, one after the other."""
+        goal, split = problem.goal, plan.split
+        account = _Account(problem, self.again * goal.position_weight, deadline)
+        wanted = split.first_goal(goal)
+        most = None if problem.budget is None else int(np.ceil(problem.budget * plan.share))
+        place = account.search(plan.first, split.first, wanted, plan.chain, most)
+        if not split.second:
+            return account.found()
+        account.search(plan.second, split.second, goal)
+        if account.goes_on:
+            # The paper's search dives where the best coarse cell is the wrong one; more cells are the cure.
+            if place is not None and place.position_error > self.again:
+                account.search(_wider(plan.first), split.first, wanted, plan.chain)
+            account.search(_wider(plan.second), split.second, goal)
+        if account.goes_on:
+            # The second chain may stand at its limits: what it cannot do the first one can make up for in part.
+            account.search(plan.first, split.first, goal)
+            account.search(plan.second, split.second, goal)
+        return account.found()
+
+
+class Split(NamedTuple):
+    """The chains in which an arm is searched for a kind of goal."""
+
+    first: Joints
+    """Joints that are searched first, by number: for the place of `point`, or if there is no second chain for the goal."""
+    second: Joints
+    """Joints that leave `point` at rest; they are searched after the first ones, for the goal."""
+    idle: Joints
+    """Joints that move nothing of what the goal asks for; they stay in the middle of their ranges."""
+    point: tuple[float, float, float]
+    """In the frame of the tip, or of the goal's tool [m]."""
+    sentence: str
+    """All of this, and why, in words."""
+    evaluations: int
+    """FK evaluations that it took to find out, once."""
+
+    @property
+    def whole(self) -> bool:
+        """Is the whole arm one chain?"""
+        return not (self.second or self.idle)
+
+    def first_goal(self, goal: Goal) -> Goal:
+        """What the first chain is searched for."""
+        if not self.second:
+            return goal
+        return Goal.position(
+            goal.target[..., :3, :3] @ np.array(self.point) + goal.target[..., :3, 3],
+            base=goal.base,
+            position_weight=goal.position_weight,
+            position_tolerance=goal.position_tolerance,
+        )
+
+
+class _Plan(NamedTuple):
+    """What is the same for every target of a batch."""
+
+    split: Split
+    chain: SerialChain
+    """The first chain; its tip is the point where there is a second chain."""
+    first: DivideAndConquer
+    second: DivideAndConquer
+    share: float
+    """Part of a budget that the first chain may spend."""
+
+
+def _wider(search: DivideAndConquer) -> DivideAndConquer:
+    """The search that is tried where another one dived: of every cell that it followed, `WIDER`, and kept apart."""
+    return replace(search, beam=WIDER * search.beam, children=1)
+
+
+WIDER = 4
+"""It costs so many times as much."""
+
+
+class _Account:
+    """Lets searches go on from each other, spend one budget and one time, and adds up their work."""
+
+    def __init__(self, problem: Problem, enough: float, deadline: Deadline) -> None:
+        self.problem, self.enough, self.deadline = problem, enough, deadline
+        self.left = problem.budget
+        self.work, self.late = np.zeros(3, dtype=np.int64), False
+        self.q = middle(problem.chain)
+        """What the last search found for its joints, and those before it for the others, (n,)."""
+        self.best, self.least = problem.start, np.inf
+        """The best for the goal, (n,), and its weighted error."""
+
+    @property
+    def goes_on(self) -> bool:
+        """Is more work worth it, as far as is known?"""
+        return self.least > self.enough
+
+    def search(
+        self,
+        search: DivideAndConquer,
+        joints: Joints,
+        goal: Goal,
+        chain: SerialChain | None = None,
+        most: int | None = None,
+    ) -> Solution | None:
+        """Search for some of the joints, by `most` evaluations or what is left; None if nothing is left, or no time.
+
+        Args:
+            search: How.
+            joints: Which; the others are held.
+            goal: That of the problem, or a place.
+            chain: The arm of which only these joints move; made if it is not given.
+            most: Evaluations.
+        """
+        budget = self.left if most is None or self.left is None else min(most, self.left)
+        self.late |= self.deadline.passed
+        if budget == 0 or self.late:
+            return None
+        chain = part(self.problem.chain, joints, self.q) if chain is None else chain
+        found = search.solve(Problem(chain, goal, budget=budget, time_limit=self.deadline.left))
+        self.work += (found.evaluations, found.nodes_created, found.nodes_expanded)
+        self.late |= found.out_of_time
+        if self.left is not None:
+            self.left -= found.evaluations
+        self.q = self.q.copy()
+        self.q[list(joints)] = found.q
+        error = found.weighted_error if goal is self.problem.goal else np.inf
+        if error < self.least or self.least == np.inf:
+            self.best, self.least = self.q, error
+        return found
+
+    def found(self) -> Found:
+        """The end."""
+        evaluations, created, expanded = self.work.tolist()
+        return Found(self.best, evaluations, created, expanded, self.late)
+
+
+def middle(chain: SerialChain) -> Array:
+    """The middle of every joint's range, (n,), [rad] or [m]."""
+    return np.asarray(chain.lower + (chain.upper - chain.lower) / 2)
+
+
+def part(chain: SerialChain, joints: Joints, q: Array, tool: Array | None = None) -> SerialChain:
+    """An arm of which only some joints move, the others stand as in q, (n,), and a tool, (4, 4), may be at its tip."""
+    if isinstance(chain, BlackBox):
+        return cast("SerialChain", _part_of_function(chain, joints, q, tool))
+    held = {name: float(q[i]) for i, name in enumerate(chain.joint_names) if i not in joints}
+    chain = with_locked(chain, held)
+    return chain if tool is None else with_tool(chain, tool)
+
+
+def _part_of_function(box: BlackBox, joints: Joints, q: Array, tool: Array | None) -> BlackBox:
+    chosen, held = list(joints), q.copy()
+
+    def poses(rows: Array) -> Array:
+        full = np.repeat(held[None], len(rows), axis=0)
+        full[:, chosen] = rows
+        found = box.poses(full)
+        return found if tool is None else found @ tool
+
+    less = replace(
+        box,
+        joint_names=tuple(box.joint_names[i] for i in joints),
+        kinds=tuple(box.kinds[i] for i in joints),
+        lower=box.lower[chosen],
+        upper=box.upper[chosen],
+        function=poses,
+        vectorized=True,
+    )
+    less.__dict__["cheap"] = (
+        box.cheap
+    )  # It takes many rows; what a row costs is up to the function behind it.
+    return less
+
+
+SETTINGS = 12
+"""Settings of all joints at which each joint is moved."""
+STILL = 1e-6
+"""A point rests if it moves by no more than this, as a part of the arm's reach; what a description rounds is more."""
+STEP, FREEDOM = 1e-3, 1e-4
+"""To count the ways in which something can move: the step, as a part of a joint's range, and the part of the largest
+singular value below which another is none."""
+
+
+def find_split(chain: SerialChain, goal: Goal) -> Split:
+    """Find the chains by forward kinematics alone: move every joint alone, at settings of the others, and look."""
+    look = _Look(chain, goal)
+    movers = tuple(j for j in range(chain.dof) if look.moves(j)) or tuple(range(chain.dof))
+    idle = tuple(j for j in range(chain.dof) if j not in movers)
+    freedom = look.freedom(movers)
+    why = "no joint leaves a point of the hand at rest whose place the goal tells"
+    for joints, point in reversed(_resting(look, movers)):
+        first = tuple(j for j in movers if j not in joints)
+        place = look.freedom(first, point)
+        if first and freedom - place <= len(joints):
+            where = ", ".join(f"{x:.4g}" for x in np.round(point, 6) + 0.0)
+            why = (
+                f"moving {_told(chain, joints)} leaves the point ({where}) m of the hand at rest, so {_told(chain, first)} "
+                f"are searched for its place, then {_told(chain, joints)} for the goal"
+            )
+            at = (float(point[0]), float(point[1]), float(point[2]))
+            return Split(first, joints, idle, at, why + _idly(chain, idle), look.evaluations)
+        why = (
+            f"moving {_told(chain, joints)} leaves a point of the hand at rest, but of the {freedom} ways in which the hand "
+            f"can move its place settles {place}, and they cannot settle the others"
+        )
+    sentence = f"{_told(chain, movers)} are searched as one chain: {why}" + _idly(chain, idle)
+    return Split(movers, (), idle, (0.0, 0.0, 0.0), sentence, look.evaluations)
+
+
+def _resting(look: _Look, movers: Joints) -> list[tuple[Joints, Array]]:
+    """Ever more joints that leave a point at rest, from the last one on, and that point [m], (3,)."""
+    found: list[tuple[Joints, Array]] = []
+    for j in reversed(movers):
+        joints = (j, *(found[-1][0] if found else ()))
+        point = look.point_at_rest(joints)
+        if point is not None:
+            found.append((joints, point))
+    return found
+
+
+def _told(chain: SerialChain, joints: Joints) -> str:
+    return ", ".join(chain.joint_names[j] for j in joints)
+
+
+def _idly(chain: SerialChain, idle: Joints) -> str:
+    return f"; moving {_told(chain, idle)} changes nothing that the goal asks for" if idle else ""
+
+
+class _Look:
+    """Poses of the hand at some settings, and what moving one joint alone makes of them."""
+
+    def __init__(self, chain: SerialChain, goal: Goal) -> None:
+        """Ask for all poses that are needed.
+
+        Raises:
+            InvalidProblem: The goal has free axes or ranges.
+        """
+        self.axes = goal.tip_rotation[:, : goal.columns]
+        """Directions whose image the goal tells, as columns, (3, c): all of a pose, the tool axis of a direction."""
+        n, rng = chain.dof, np.random.default_rng(1)
+        span = chain.upper - chain.lower
+        turns = np.array([kind in (REVOLUTE, CONTINUOUS) for kind in chain.kinds])
+        step = STEP * np.where(turns, np.minimum(span, 2 * np.pi), span)
+        settings = chain.lower + step + rng.random((SETTINGS, n)) * (span - 2 * step)
+        moved = np.repeat(settings[None], n, axis=0)
+        lower, upper = np.repeat(settings[None], n, axis=0), np.repeat(settings[None], n, axis=0)
+        for j in range(n):
+            moved[j, :, j] = chain.lower[j] + rng.random(SETTINGS) * span[j]
+            lower[j, :, j] -= step[j]
+            upper[j, :, j] += step[j]
+        q = np.concatenate([settings[None], moved, lower, upper])
+        inside = np.clip(q, chain.lower, chain.upper).reshape(-1, n)
+        self.evaluations = len(inside)
+        """Poses asked for."""
+        poses = _poses(chain, goal, inside).reshape(*q.shape[:2], 4, 4)
+        self.settings, self.moved = poses[0], poses[1 : n + 1]
+        self.lower, self.upper = poses[n + 1 : 2 * n + 1], poses[2 * n + 1 :]
+        reach = float(np.nanmax(np.abs(poses[..., :3, 3]), initial=0.0))
+        self.reach = max(reach, 1e-3)
+        """[m]"""
+        self.still = (1e-5 if isinstance(chain, BlackBox) and chain.single else STILL) * self.reach
+        """[m]"""
+
+    def moves(self, j: int) -> bool:
+        """Does a joint move anything of the hand that the goal asks for?"""
+        turn, slide = self._between(j)
+        turned = turn @ self.axes * self.reach
+        return bool(max(np.abs(slide).max(initial=0.0), np.abs(turned).max(initial=0.0)) > self.still)
+
+    def point_at_rest(self, joints: Joints) -> Array | None:
+        """The point nearest to the tip that none of these joints moves, if there is one that the goal tells of [m], (3,)."""
+        turns, slides = zip(*(self._between(j) for j in joints), strict=True)
+        A, b = np.concatenate(turns).reshape(-1, 3) @ self.axes, np.concatenate(slides).reshape(-1)
+        if not len(b):
+            return None
+        point = np.zeros(3)
+        if self.axes.size:
+            point = self.axes @ np.linalg.lstsq(A, b, rcond=1e-6)[0]
+        left = np.abs(np.concatenate(turns) @ point - np.concatenate(slides)).max()
+        near = np.linalg.norm(point) <= 2 * self.reach
+        return point if near and left <= self.still else None
+
+    def freedom(self, joints: Joints, point: Array | None = None) -> int:
+        """In how many ways some joints can move what the goal asks for, or a point (3,) of the hand."""
+        if not joints:
+            return 0
+        J = np.stack(
+            [self._features(self.upper[j], point) - self._features(self.lower[j], point) for j in joints]
+        )
+        J = J[:, ~np.isnan(J).any(axis=(0, 2))]
+        largest = np.abs(J).max(axis=(1, 2), initial=0.0)
+        # A joint with a narrow range counts as much as one with a wide one.
+        J = (J / np.where(largest > 0, largest, 1.0)[:, None, None]).transpose(1, 2, 0)
+        values = np.linalg.svd(J, compute_uv=False)
+        return int((values > FREEDOM * values.max(initial=1e-300)).sum(axis=1).max(initial=0))
+
+    def _between(self, j: int) -> tuple[Array, Array]:
+        """R - R' and p' - p where a joint is moved from one pose to another, (k, 3, 3) and (k, 3), where there are both."""
+        before, after = self.settings, self.moved[j]
+        there = ~np.isnan(before + after).any(axis=(1, 2))
+        turn = before[there, :3, :3] - after[there, :3, :3]
+        return turn, after[there, :3, 3] - before[there, :3, 3]
+
+    def _features(self, poses: Array, point: Array | None) -> Array:
+        """What the goal asks for, (k, 3 + 3c), or where a point is, (k, 3), in parts of the arm's reach."""
+        if point is not None:
+            return (poses[:, :3, :3] @ point + poses[:, :3, 3]) / self.reach
+        turned = (poses[:, :3, :3] @ self.axes).reshape(len(poses), -1)
+        return np.concatenate([poses[:, :3, 3] / self.reach, turned], axis=1)
+
+
+def _poses(chain: SerialChain, goal: Goal, q: Array) -> Array:
+    """Poses of the goal's tool, or of the tip, (k, n) -> (k, 4, 4), lengths in [m]."""
+    poses = chain.poses(q) if isinstance(chain, BlackBox) else forward_many(chain.arrays, q)
+    return np.asarray(poses if goal.tool is None else poses @ goal.tool)
+
+
+class _Known(NamedTuple):
+    """What is kept of an arm for a kind of goal."""
+
+    split: Split
+    first: SerialChain | None
+    """The first chain, the others held in the middle; its tip is the point if there is a second chain. None: made anew, for
+    what is made of a function would keep that function for ever."""
+    second: SerialChain | None
+    """The second chain with the first in the middle."""
+
+
+KEPT = 16
+"""Kinds of goal, tools and tool axes that are kept for an arm, the last ones used."""
+
+_known: weakref.WeakKeyDictionary[SerialChain, OrderedDict[tuple[int, bytes | None], _Known]] = (
+    weakref.WeakKeyDictionary()
+)
+_looking = threading.RLock()
+
+
+def known_of(chain: SerialChain, goal: Goal) -> _Known:
+    """What was found out about an arm for a kind of goal and a tool: at the first call, and dropped with the arm."""
+    key = (goal.columns, None if goal.tip is None else goal.tip.tobytes())
+    with _looking:
+        mine = _known.setdefault(chain, OrderedDict())
+        if key not in mine:
+            split = find_split(chain, goal)
+            made_anew = split.whole or isinstance(chain, BlackBox)
+            mine[key] = _Known(split, None, None) if made_anew else _Known(split, *parts(chain, goal, split))
+        mine.move_to_end(key)
+        if len(mine) > KEPT:
+            mine.popitem(last=False)
+        return mine[key]
+
+
+def parts(chain: SerialChain, goal: Goal, split: Split) -> tuple[SerialChain, SerialChain | None]:
+    """Both chains, with what is not theirs in the middle."""
+    q = middle(chain)
+    if not split.second:
+        return part(chain, split.first, q), None
+    tool = np.eye(4) if goal.tool is None else goal.tool.copy()
+    tool[:3, 3] += tool[:3, :3] @ np.array(split.point)
+    return part(chain, split.first, q, tool), part(chain, split.second, q)

@@ -1,0 +1,347 @@
+"""Separate chains: which joints leave a point at rest, what is searched after what, and what it saves."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import kinseek
+from chains import serial_chains
+from kinseek import DivideAndConquer, Goal, Problem, SeparateChains
+from kinseek.errors import FailedKinematics, InvalidProblem, InvalidSolver
+from kinseek.robots.chain import SerialChain
+from kinseek.solvers.separate_chains import KEPT, Split, _known, find_split
+from reference import errors, fk, weighted_error
+
+
+def random_goals(arm: kinseek.Arm, count: int, seed: int = 0) -> np.ndarray:
+    return arm.fk(np.random.default_rng(seed).uniform(arm.lower, arm.upper, (count, arm.dof)))
+
+
+def goal_of(arm: kinseek.Arm, kind: str, **options: Any) -> Goal:
+    T = random_goals(arm, 1)[0]
+    return {
+        "pose": Goal.pose(T, **options),
+        "position": Goal.position(T[:3, 3], **options),
+        "pointing": Goal.pointing(T[:3, 3], T[:3, 2], **options),
+    }[kind]
+
+
+def split_of(name: str, kind: str = "pose", **options: Any) -> Split:
+    arm = kinseek.load(name)
+    return SeparateChains().split(Problem(arm.chain, goal_of(arm, kind, **options)))
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "first", "second", "idle"),
+    [
+        ("planar2", "pose", (0,), (1,), ()),
+        ("scara4", "pose", (0, 1, 2), (3,), ()),
+        ("elbow6", "pose", (0, 1, 2), (3, 4, 5), ()),
+        ("elbow6", "pointing", (0, 1, 2), (3, 4, 5), ()),
+        ("elbow6", "position", (0, 1, 2), (), (3, 4, 5)),
+        ("puma560", "pose", (0, 1, 2), (3, 4, 5), ()),
+        ("puma560", "pointing", (0, 1, 2), (3, 4), (5,)),
+        ("irb120", "pose", (0, 1, 2), (3, 4, 5), ()),
+        ("wx250s", "pose", (0, 1, 2), (3, 4, 5), ()),
+        ("so101", "pose", (0, 1, 2), (3, 4), ()),
+        ("iiwa14", "pose", (0, 1, 2, 3), (4, 5, 6), ()),
+        ("panda", "position", (0, 1, 2, 3, 4, 5), (), (6,)),
+        ("panda", "pose", (0, 1, 2, 3, 4, 5, 6), (), ()),
+        ("ur5e", "pose", (0, 1, 2, 3, 4, 5), (), ()),
+        ("gen3", "pose", (0, 1, 2, 3, 4, 5, 6), (), ()),
+        ("cylindrical3", "pose", (0, 1, 2), (), ()),
+        ("planar2", "position", (0, 1), (), ()),
+    ],
+)
+def test_the_chains_of_known_arms(
+    name: str, kind: str, first: tuple[int, ...], second: tuple[int, ...], idle: tuple[int, ...]
+) -> None:
+    split = split_of(name, kind)
+    assert (split.first, split.second, split.idle) == (first, second, idle)
+    assert split.whole == (not second and not idle)
+    assert ("as one chain" in split.sentence) == (not second)
+    assert split.evaluations > 0
+
+
+def test_the_point_is_the_wrists_centre_in_the_frame_of_the_tool() -> None:
+    np.testing.assert_allclose(split_of("puma560").point, (0, 0, -0.05575), atol=1e-4)
+    tool = kinseek.pose([0.1, 0.0, 0.2], rpy=(0.3, 0.0, 0.0))
+    split = split_of("puma560", tool=tool)
+    at_the_tip = tool[:3, :3] @ np.array(split.point) + tool[:3, 3]
+    np.testing.assert_allclose(at_the_tip, split_of("puma560").point, atol=1e-9)
+    assert split.second == (3, 4, 5)
+
+
+def test_joints_that_stand_between_the_others() -> None:
+    """A SCARA arm whose last joint slides: what turns before it leaves the tip at rest."""
+    rows = [(0.5, 0, 0, 0), (0.25, 0, 0, 0), (0, 0, 0, 0), (0, 0, 0, 0)]
+    arm = kinseek.Arm.from_dh(rows, [0, 0, 0, 0], [6, 6, 6, 0.25], kinds="RRRP")
+    solver = SeparateChains(again=np.inf)
+    T = random_goals(arm, 20)
+    split = solver.split(Problem(arm.chain, Goal.pose(T)))
+    assert (split.first, split.second) == ((0, 1, 3), (2,))
+    whole, chains = arm.ik(T, solver=DivideAndConquer(breadth=4)), arm.ik(T, solver=solver)
+    assert np.median(chains.weighted_error) <= 1.1 * np.median(whole.weighted_error)
+    assert np.mean(chains.evaluations) < 0.15 * np.mean(whole.evaluations)
+
+
+@given(serial_chains(most=4), st.integers(0, 2**32 - 1), st.sampled_from(["pose", "position", "pointing"]))
+def test_what_is_said_to_rest_rests(chain: SerialChain, seed: int, kind: str) -> None:
+    arm = kinseek.Arm(chain)
+    goal = goal_of(arm, kind)
+    split = find_split(chain, goal)
+    assert sorted(split.first + split.second + split.idle) == list(range(chain.dof))
+    assert split.first
+    q, other = np.random.default_rng(seed).uniform(chain.lower, chain.upper, (2, chain.dof))
+    reach = max(1.0, float(np.abs(fk(chain, q)[:3, 3]).max()))
+    for joints, w in ((split.second, np.array(split.point)), (split.idle, np.zeros(3))):
+        moved = q.copy()
+        moved[list(joints)] = other[list(joints)]
+        T, U = fk(chain, q), fk(chain, moved)
+        np.testing.assert_allclose(T[:3, :3] @ w + T[:3, 3], U[:3, :3] @ w + U[:3, 3], atol=2e-5 * reach)
+        if joints == split.idle:
+            axes = goal.tip_rotation[:, : goal.columns]
+            np.testing.assert_allclose(T[:3, :3] @ axes, U[:3, :3] @ axes, atol=2e-5)
+
+
+@pytest.mark.slow
+@given(
+    serial_chains(most=4),
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(["pose", "position", "pointing"]),
+    st.sampled_from([None, 1, 2, 7, 50, 10_000]),
+)
+def test_of_any_arm_the_answer_is_judged_and_the_budget_kept(
+    chain: SerialChain, seed: int, kind: str, budget: int | None
+) -> None:
+    del seed
+    arm = kinseek.Arm(chain)
+    goal = goal_of(arm, kind, position_weight=3.0, base=kinseek.pose([0.1, 0, 0], rpy=(0, 0.2, 0)))
+    solution = SeparateChains(30, breadth=1).solve(Problem(chain, goal, budget=budget))
+    assert budget is None or 0 < solution.evaluations <= budget
+    assert ((solution.q >= chain.lower) & (solution.q <= chain.upper)).all()
+    assert goal.base is not None
+    inside = Goal(np.linalg.inv(goal.base) @ goal.target, goal.kind, goal.tool_axis, position_weight=3.0)
+    T = fk(chain, solution.q)
+    assert solution.position_error == pytest.approx(errors(T, inside)[0], rel=1e-6, abs=1e-9)
+    assert solution.weighted_error == pytest.approx(weighted_error(T, inside), rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "count", "smaller", "cheaper"), [("elbow6", 400, 3.0, 0.01), ("scara4", 400, 1.0, 0.15)]
+)
+def test_what_it_saves(name: str, count: int, smaller: float, cheaper: float) -> None:
+    """At a breadth of 4, on the same poses as the whole arm."""
+    arm = kinseek.load(name)
+    T = random_goals(arm, count, 1)
+    whole, chains = arm.ik(T, solver=DivideAndConquer(breadth=4)), arm.ik(T, solver=SeparateChains())
+    assert smaller * np.mean(chains.position_error) <= np.mean(whole.position_error)
+    assert smaller * np.mean(chains.orientation_error) <= np.mean(whole.orientation_error)
+    assert np.mean(chains.evaluations) <= cheaper * np.mean(whole.evaluations)
+
+
+def test_without_a_split_it_is_divide_and_conquer() -> None:
+    arm = kinseek.load("cylindrical3")
+    T = random_goals(arm, 5)
+    mine, whole = arm.ik(T, solver=SeparateChains(breadth=2)), arm.ik(T, solver=DivideAndConquer(breadth=2))
+    np.testing.assert_array_equal(mine.q, whole.q)
+    np.testing.assert_array_equal(mine.evaluations, whole.evaluations)
+    np.testing.assert_array_equal(mine.nodes_expanded, whole.nodes_expanded)
+
+
+def test_a_position_is_a_search_of_the_joints_that_move_it() -> None:
+    arm = kinseek.load("elbow6")
+    places = random_goals(arm, 5)[:, :3, 3]
+    solution = arm.ik(Goal.position(places), solver=SeparateChains(breadth=(2, 2, 3, 1, 1, 1)))
+    middle = dict(zip(arm.joint_names[3:], [np.pi] * 3, strict=True))
+    less = arm.with_locked(middle).ik(Goal.position(places), solver=DivideAndConquer(breadth=(2, 2, 3)))
+    np.testing.assert_array_equal(solution.q[:, :3], less.q)
+    np.testing.assert_array_equal(solution.q[:, 3:], np.full((5, 3), np.pi))
+    np.testing.assert_array_equal(solution.evaluations, less.evaluations)
+
+
+def test_chains_one_after_the_other_by_hand() -> None:
+    """The wrist locked and a position first, then the first joints locked and the pose."""
+    arm = kinseek.load("puma560")
+    first, second = arm.joint_names[:3], arm.joint_names[3:]
+    middle = dict(zip(second, ((arm.lower + arm.upper) / 2)[3:], strict=True))
+    search = DivideAndConquer(breadth=2)
+    solver = SeparateChains(breadth=2, again=np.inf)
+    for T in random_goals(arm, 5):
+        centre = kinseek.pose(SeparateChains().split(Problem(arm.chain, Goal.pose(T))).point)
+        place = (
+            arm.with_locked(middle).with_tool(centre).ik(Goal.position((T @ centre)[:3, 3]), solver=search)
+        )
+        wrist = arm.with_locked(dict(zip(first, place.q, strict=True))).ik(T, solver=search)
+        solution = arm.ik(T, solver=solver)
+        np.testing.assert_allclose(solution.q, [*place.q, *wrist.q], atol=1e-12)
+        assert solution.evaluations == place.evaluations + wrist.evaluations
+        assert solution.nodes_expanded == place.nodes_expanded + wrist.nodes_expanded
+
+
+def test_once_more_where_it_is_worth_it() -> None:
+    arm = kinseek.load("elbow6")
+    T = random_goals(arm, 60)
+    once, more, always = (
+        arm.ik(T, solver=SeparateChains(breadth=2, again=again)) for again in (np.inf, 1e-3, 0.0)
+    )
+    assert (more.weighted_error <= once.weighted_error).all()
+    np.testing.assert_array_equal(more.evaluations > once.evaluations, once.weighted_error > 1e-3)
+    assert np.mean(more.position_error) < 0.5 * np.mean(once.position_error)
+    assert np.mean(more.orientation_error) <= np.mean(once.orientation_error)
+    assert (always.evaluations > 5 * once.evaluations).all()
+
+
+def test_weights_are_heeded_by_what_is_worth_a_second_search() -> None:
+    arm = kinseek.load("elbow6")
+    T = random_goals(arm, 20)
+    solver = SeparateChains(breadth=2)
+    light = arm.ik(Goal.pose(T), solver=solver)
+    heavy = arm.ik(Goal.pose(T, position_weight=8.0, orientation_weight=8.0), solver=solver)
+    np.testing.assert_array_equal(light.evaluations, heavy.evaluations)
+    np.testing.assert_array_equal(light.q, heavy.q)
+
+
+def test_a_function_is_split_by_asking() -> None:
+    arm = kinseek.load("scara4")
+    asked: list[int] = []
+
+    def poses(q: np.ndarray) -> np.ndarray:
+        asked.append(len(q))
+        return arm.fk(q)
+
+    box = kinseek.Arm.from_fk(poses, arm.lower, arm.upper, kinds=arm.chain.kinds)
+    T = random_goals(arm, 3)
+    solver = SeparateChains(breadth=2)
+    asked.clear()
+    split = solver.split(Problem(box.chain, Goal.pose(T)))
+    assert (split.first, split.second) == ((0, 1, 2), (3,))
+    assert sum(asked) == split.evaluations
+    asked.clear()
+    found, exact = box.ik(T, solver=solver), arm.ik(T, solver=solver)
+    np.testing.assert_allclose(found.q, exact.q, atol=1e-12)
+    assert abs(sum(asked) - np.sum(found.evaluations)) <= 3 * 7, "but for those that judge each search"
+    asked.clear()
+    solver.split(Problem(box.chain, Goal.pose(T)))
+    assert not asked, "once is enough"
+
+
+def test_a_function_of_one_row_that_may_not_close() -> None:
+    def pose(q: np.ndarray) -> np.ndarray:
+        x = np.eye(4)
+        c, s = np.cos(q[1]), np.sin(q[1])
+        x[:2, :2] = [[c, -s], [s, c]]
+        x[0, 3] = q[0] if q[0] < 0.9 else np.nan
+        return x
+
+    arm = kinseek.Arm.from_fk(pose, [0, 0], [1, 6], vectorized=False, partial=True)
+    T = arm.fk([0.3, 1.0])
+    solver = SeparateChains(200, breadth=2)
+    assert solver.split(Problem(arm.chain, Goal.pose(T))).second == (1,)
+    solution = arm.ik(T, solver=solver)
+    assert solution.position_error < 0.005
+    assert solution.orientation_error < 0.03
+
+
+def test_a_function_that_fails_names_all_joint_values() -> None:
+    arm = kinseek.load("scara4")
+    broken: list[bool] = []
+
+    def poses(q: np.ndarray) -> np.ndarray:
+        return arm.fk(q) * (np.nan if broken else 1.0)
+
+    box = kinseek.Arm.from_fk(poses, arm.lower, arm.upper)
+    solver = SeparateChains(breadth=2)
+    box.ik(arm.fk(arm.lower), solver=solver)
+    broken.append(True)
+    with pytest.raises(FailedKinematics, match="gave NaN") as caught:
+        box.ik(arm.fk(arm.lower), solver=solver)
+    assert caught.value.q.shape == (4,)
+
+
+def test_what_is_found_out_is_kept_as_long_as_the_arm_and_no_longer() -> None:
+    arm = kinseek.load("scara4")
+    box = kinseek.Arm.from_fk(arm.fk, arm.lower, arm.upper)
+    T = random_goals(arm, 1)[0]
+    for each in (arm.with_limits({}), box):
+        for number in range(KEPT + 3):
+            each.ik(
+                Goal.pose(T, tool=kinseek.pose([0.01 * number, 0, 0])), solver=SeparateChains(10, breadth=1)
+            )
+        assert len(_known[each.chain]) == KEPT
+    gone = weakref.ref(each.chain), weakref.ref(box.chain)
+    del each, box
+    gc.collect()
+    assert [ref() for ref in gone] == [None, None]
+
+
+def test_a_tuned_breadth_is_tuned_chain_by_chain() -> None:
+    arm = kinseek.load("scara4")
+    T = random_goals(arm, 20)
+    solver = SeparateChains(breadth="tuned", node_budget=400)
+    tuned, plain = arm.ik(T, solver=solver), arm.ik(T, solver=SeparateChains(breadth=1))
+    assert np.mean(tuned.weighted_error) < np.mean(plain.weighted_error)
+    np.testing.assert_array_equal(tuned.q, arm.ik(T, solver=solver).q)
+    late = solver.solve(Problem(kinseek.load("scara4").chain, Goal.pose(T), time_limit=1e-9))
+    assert late.out_of_time.all()
+    box = kinseek.Arm.from_fk(arm.fk, arm.lower, arm.upper)
+    with pytest.raises(InvalidSolver, match="too dear for an arm that is a function"):
+        box.ik(T, solver=solver)
+
+
+@pytest.mark.parametrize("again", [-1.0, float("nan"), "far", None])
+def test_again_is_a_distance(again: Any) -> None:
+    with pytest.raises(InvalidSolver, match="again must be a distance in metres of at least 0, got"):
+        SeparateChains(again=again)
+
+
+def test_parameters_that_do_not_fit_are_refused() -> None:
+    arm = kinseek.load("elbow6")
+    T = random_goals(arm, 1)[0]
+    with pytest.raises(InvalidSolver, match="breadth must be one number or 6, one a joint"):
+        arm.ik(T, solver=SeparateChains(breadth=(1, 2, 3)))
+    with pytest.raises(InvalidSolver, match="divisions must be at least 2"):
+        SeparateChains(divisions=1)
+    with pytest.raises(InvalidProblem, match="only of a whole pose, a direction, a position"):
+        arm.ik(Goal.pose(T, free="x"), solver=SeparateChains())
+
+
+def test_a_second_chain_that_would_take_for_ever_is_refused_before_the_first_is_searched() -> None:
+    arm = kinseek.load("elbow6")
+    T = random_goals(arm, 1)[0]
+    solver = SeparateChains(breadth=(1, 1, 1, 5000, 5000, 5000))
+    with pytest.raises(InvalidSolver, match="the search would visit"):
+        arm.ik(T, solver=solver)
+    late = arm.ik(T, solver=solver, time_limit=0.2)
+    assert late.out_of_time
+    assert late.evaluations > 0
+
+
+def test_the_command_line_has_it(capsys: pytest.CaptureFixture[str]) -> None:
+    from kinseek.cli import main
+
+    pose = ("--at", "0.3", "0.2", "-0.1", "--rpy", "0", "0", "0.3")
+    with pytest.raises(SystemExit):
+        main(
+            [
+                "solve",
+                "scara4",
+                *pose,
+                "--solver",
+                "separate-chains",
+                "--breadth",
+                "2",
+                "--again",
+                "0.01",
+                "--json",
+            ]
+        )
+    assert '"q"' in capsys.readouterr().out
