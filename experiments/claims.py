@@ -201,6 +201,15 @@ CLAIMS = (
         "holds if with fixed changes more than a tenth of the starts anywhere are stuck, and five times as many as near, on "
         "every arm; in part if on one",
     ),
+    Claim(
+        22,
+        "5",
+        "DaC can be improved by breaking up the arm into separate chains, in certain cases",
+        "separate",
+        judges.claim_22,
+        "in part if on one arm, for one breadth, one of both errors or the evaluations are more than the whole arm's; fails "
+        "if they are everywhere",
+    ),
 )
 
 FIGURES: dict[str, tuple[str, tuple[int, ...]]] = {

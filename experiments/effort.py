@@ -23,6 +23,7 @@ EXPERIMENTS = (
     "beyond",
     "equal",
     "lengths",
+    "separate",
     "question_05",
     "question_05_rounding",
     "question_06",

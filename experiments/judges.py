@@ -501,3 +501,29 @@ def claim_21(results: Results) -> Verdict:
         )
     )
     return text, judged(worse, len(ARMS))
+
+
+def claim_22(results: Results) -> Verdict:
+    """Whole arm against chains, for every breadth of the arms that can be split."""
+    paper = {name: dof for dof, name in ARMS.items()}
+    rows = [row for row in results("separate", search="chains") if row["arm"] in paper and row["second"]]
+    better, parts = 0, []
+    for row in rows:
+        whole = results("separate", search="whole arm", arm=row["arm"], breadth=row["breadth"])[0]
+        shares = [float(row[name]) / float(whole[name]) for name in _CHAINS]
+        better += max(shares) <= 1.0
+        if row["breadth"] == 4:
+            parts.append(
+                f"{row['dof']} DOF {mm(float(whole['position_mean_mm']))} → {mm(float(row['position_mean_mm']))} and "
+                f"{float(whole['orientation_mean_mrad']):.2g} → {float(row['orientation_mean_mrad']):.2g} mrad for "
+                f"{100 * shares[2]:.2g} % of the evaluations"
+            )
+    one = [name for name in paper if not results("separate", arm=name)[0]["second"]]
+    text = (
+        f"with CB(4) {'; '.join(parts)}. Both errors and the work are no larger in {better} of {len(rows)} arms and "
+        f"breadths; no split: {', '.join(f'{paper[name]} DOF' for name in one)}"
+    )
+    return text, judged(better, len(rows))
+
+
+_CHAINS = ("position_mean_mm", "orientation_mean_mrad", "evaluations_mean")

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import kinseek
 from chains import serial_chains
 from kinseek import DivideAndConquer, Goal, Problem, SeparateChains
-from kinseek.errors import FailedKinematics, InvalidProblem, InvalidSolver
+from kinseek.errors import FailedKinematics, InvalidProblem, InvalidSolver, InvalidUse
 from kinseek.robots.chain import SerialChain
 from kinseek.solvers.separate_chains import KEPT, Split, _known, find_split
 from reference import errors, fk, weighted_error
@@ -345,3 +345,53 @@ def test_the_command_line_has_it(capsys: pytest.CaptureFixture[str]) -> None:
             ]
         )
     assert '"q"' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("options", [{}, {"budget": 300}, {"time_limit": 1e-9}])
+def test_a_trace_tells_the_chains_and_every_pass(options: Any) -> None:
+    arm = kinseek.load("elbow6")
+    goal = Goal.pose(random_goals(arm, 8))
+    solver = SeparateChains(breadth=2)
+    plain = solver.solve(Problem(arm.chain, goal, **options))
+    told = solver.solve(Problem(arm.chain, goal, trace=True, **options))
+    np.testing.assert_array_equal(told.q, plain.q)
+    np.testing.assert_array_equal(told.evaluations, plain.evaluations)
+    for one in told.each():
+        trace = one.trace
+        if "time_limit" in options:
+            assert not len(trace)
+            continue
+        assert trace.notes[0] == solver.split(one.problem).sentence
+        assert trace.evaluations[-1] == one.evaluations
+        assert (trace.nodes_created, trace.nodes_expanded) == (one.nodes_created, one.nodes_expanded)
+        np.testing.assert_array_equal(trace[-1].q, one.q)
+        assert trace[-1].weighted_error == pytest.approx(one.weighted_error)
+        first = trace[0]
+        assert first.name == "place: pass 1"
+        np.testing.assert_array_equal(first.counts, [3, 3, 3, 1, 1, 1])
+        np.testing.assert_array_equal(np.isnan(first.spacing), [False] * 3 + [True] * 3)
+        np.testing.assert_array_equal(first.lower[3:], first.q[3:])
+        wrist = next(each for each in trace if each.name.startswith("goal: pass 1"))
+        np.testing.assert_array_equal(wrist.counts, [1, 1, 1, 3, 3, 3])
+    if not options:
+        assert any(each.name.startswith("place, wider") for one in told.each() for each in one.trace)
+
+
+def test_the_trace_says_that_there_is_no_split() -> None:
+    arm = kinseek.load("cylindrical3")
+    T = random_goals(arm, 2)
+    one, both = (
+        SeparateChains(breadth=1).solve(Problem(arm.chain, Goal.pose(t), trace=True)) for t in (T[0], T)
+    )
+    for trace in (one.trace, *(each.trace for each in both.each())):
+        assert trace.search == "SeparateChains"
+        assert trace.notes[0].startswith(
+            "turn, lift, reach are searched as one chain: no joint leaves a point"
+        )
+
+
+def test_a_trace_of_a_million_is_refused() -> None:
+    arm = kinseek.load("planar2")
+    goal = Goal.pose(np.broadcast_to(np.eye(4), (10**6, 4, 4)))
+    with pytest.raises(InvalidUse, match="iB"):
+        SeparateChains().solve(Problem(arm.chain, goal, trace=True))

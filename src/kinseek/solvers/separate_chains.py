@@ -29,11 +29,12 @@ from kinseek.problem import Problem
 from kinseek.robots.blackbox import BlackBox
 from kinseek.robots.chain import CONTINUOUS, REVOLUTE, SerialChain
 from kinseek.robots.variants import with_locked, with_tool
-from kinseek.solution import Solution
+from kinseek.solution import Solution, with_traces
 
 from .base import Found, solve_each
 from .breadth_tuning import window_leaves
 from .divide_and_conquer import DivideAndConquer, _OutOfTimeError
+from .recording import Look, Recorder, require_room
 
 Array = NDArray[np.float64]
 Joints = tuple[int, ...]
@@ -82,7 +83,7 @@ class SeparateChains(DivideAndConquer):
         """Answer by the best node found, chain after chain, or on the whole arm where it cannot be split."""
         chain, split, deadline = problem.chain, self.split(problem), Deadline(problem.time_limit)
         if split.whole or (isinstance(chain, BlackBox) and self.breadth == "tuned"):
-            return super().solve(problem)  # Which refuses to tune a function.
+            return _noted(super().solve(problem), split.sentence)  # It refuses to tune a function.
         try:
             plan = self._chain_plan(problem, split, deadline)
         except _OutOfTimeError:
@@ -97,6 +98,7 @@ class SeparateChains(DivideAndConquer):
         """
         if not isinstance(self.breadth, str):
             self.breadths(problem)
+        require_room(problem, ROUNDS * (int(np.log(self.branching_factor) / np.log(self.divisions)) + 2))
         goal = problem.goal.at(problem.goal.target.reshape(-1, 4, 4)[:0])
         known = known_of(problem.chain, problem.goal)
         first, second = known.first, known.second
@@ -130,23 +132,28 @@ class SeparateChains(DivideAndConquer):
     def _chains(self, problem: Problem, plan: _Plan, deadline: Deadline) -> Found:
         """Search the chains of one target, one after the other."""
         goal, split = problem.goal, plan.split
-        account = _Account(problem, self.again * goal.position_weight, deadline)
+        account = _Account(problem, self, deadline)
+        account.note(split.sentence)
         wanted = split.first_goal(goal)
         most = None if problem.budget is None else int(np.ceil(problem.budget * plan.share))
-        place = account.search(plan.first, split.first, wanted, plan.chain, most)
+        place = account.search("place", plan.first, split.first, wanted, plan.chain, most)
         if not split.second:
             return account.found()
-        account.search(plan.second, split.second, goal)
+        account.search("goal", plan.second, split.second, goal)
         if account.goes_on:
             # The paper's search dives where the best coarse cell is the wrong one; more cells are the cure.
             if place is not None and place.position_error > self.again:
-                account.search(_wider(plan.first), split.first, wanted, plan.chain)
-            account.search(_wider(plan.second), split.second, goal)
+                account.search("place, wider", _wider(plan.first), split.first, wanted, plan.chain)
+            account.search("goal, wider", _wider(plan.second), split.second, goal)
         if account.goes_on:
             # The second chain may stand at its limits: what it cannot do the first one can make up for in part.
-            account.search(plan.first, split.first, goal)
-            account.search(plan.second, split.second, goal)
+            account.search("first, again", plan.first, split.first, goal)
+            account.search("second, again", plan.second, split.second, goal)
         return account.found()
+
+
+ROUNDS = 6
+"""Searches of a chain for one target, at most."""
 
 
 class Split(NamedTuple):
@@ -194,6 +201,14 @@ class _Plan(NamedTuple):
     """Part of a budget that the first chain may spend."""
 
 
+def _noted(solution: Solution, sentence: str) -> Solution:
+    """A solution whose traces, if it has any, begin with a sentence."""
+    if not solution.problem.trace:
+        return solution
+    traces = [replace(one.trace, notes=(sentence, *one.trace.notes)) for one in solution.each()]
+    return with_traces(solution, traces)
+
+
 def _wider(search: DivideAndConquer) -> DivideAndConquer:
     """The search that is tried where another one dived: of every cell that it followed, `WIDER`, and kept apart."""
     return replace(search, beam=WIDER * search.beam, children=1)
@@ -206,8 +221,10 @@ WIDER = 4
 class _Account:
     """Lets searches go on from each other, spend one budget and one time, and adds up their work."""
 
-    def __init__(self, problem: Problem, enough: float, deadline: Deadline) -> None:
-        self.problem, self.enough, self.deadline = problem, enough, deadline
+    def __init__(self, problem: Problem, solver: SeparateChains, deadline: Deadline) -> None:
+        self.problem, self.deadline = problem, deadline
+        self.enough = solver.again * problem.goal.position_weight
+        self.recorder = Recorder(problem, solver) if problem.trace else None
         self.left = problem.budget
         self.work, self.late = np.zeros(3, dtype=np.int64), False
         self.q = middle(problem.chain)
@@ -220,8 +237,14 @@ class _Account:
         """Is more work worth it, as far as is known?"""
         return self.least > self.enough
 
+    def note(self, sentence: str) -> None:
+        """Keep a sentence, if a trace is asked for."""
+        if self.recorder:
+            self.recorder.note(sentence)
+
     def search(
         self,
+        name: str,
         search: DivideAndConquer,
         joints: Joints,
         goal: Goal,
@@ -231,6 +254,7 @@ class _Account:
         """Search for some of the joints, by `most` evaluations or what is left; None if nothing is left, or no time.
 
         Args:
+            name: What it is, for the trace.
             search: How.
             joints: Which; the others are held.
             goal: That of the problem, or a place.
@@ -242,7 +266,10 @@ class _Account:
         if budget == 0 or self.late:
             return None
         chain = part(self.problem.chain, joints, self.q) if chain is None else chain
-        found = search.solve(Problem(chain, goal, budget=budget, time_limit=self.deadline.left))
+        limit, trace = self.deadline.left, self.problem.trace
+        found = search.solve(Problem(chain, goal, budget=budget, time_limit=limit, trace=trace))
+        if self.recorder:
+            self._record(self.recorder, name, joints, found)
         self.work += (found.evaluations, found.nodes_created, found.nodes_expanded)
         self.late |= found.out_of_time
         if self.left is not None:
@@ -254,10 +281,31 @@ class _Account:
             self.best, self.least = self.q, error
         return found
 
+    def _record(self, recorder: Recorder, name: str, joints: Joints, found: Solution) -> None:
+        """Keep the passes of a search for some of the joints as those of the whole arm, the others left alone."""
+        chosen, work = list(joints), self.work.copy()
+        for each in found.trace:
+            q, counts = self.q.copy(), np.ones(len(self.q), dtype=np.int64)
+            spacing = np.full(len(q), np.nan)
+            q[chosen] = each.q
+            lower, upper = q.copy(), q.copy()
+            spacing[chosen], counts[chosen] = each.spacing, each.counts
+            lower[chosen], upper[chosen] = each.lower, each.upper
+            work += (each.evaluations, each.nodes_created, each.nodes_expanded)
+            window = Look(spacing, lower, upper, counts)
+            told = f"{name}: {each.name}"
+            recorder.add(told, q, *work.tolist(), memory=each.memory, window=window, cells=each.cells)
+
     def found(self) -> Found:
         """The end."""
         evaluations, created, expanded = self.work.tolist()
-        return Found(self.best, evaluations, created, expanded, self.late)
+        found = Found(self.best, evaluations, created, expanded, self.late)
+        if self.recorder is None:
+            return found
+        if evaluations and not np.array_equal(self.best, self.q):
+            self.recorder.add("the best of all", self.best, evaluations, created, expanded)
+        self.recorder.note_end(found)
+        return found._replace(trace=self.recorder.finish())
 
 
 def middle(chain: SerialChain) -> Array:
