@@ -77,6 +77,29 @@ class BlackBox(Variables):
         """The same with other limits, (n,), and kinds that fit them."""
         return replace(self, lower=lower, upper=upper, kinds=kinds)
 
+    def part(self, joints: tuple[int, ...], q: Array, tool: Array | None) -> BlackBox:
+        """The same, of which only some joints move; see `Mechanism`."""
+        chosen, held = list(joints), q.copy()
+
+        def poses(rows: Array) -> Array:
+            full = np.repeat(held[None], len(rows), axis=0)
+            full[:, chosen] = rows
+            found = self.forward(full)
+            return found if tool is None else found @ tool
+
+        less = replace(
+            self,
+            joint_names=tuple(self.joint_names[i] for i in joints),
+            kinds=tuple(self.kinds[i] for i in joints),
+            lower=self.lower[chosen],
+            upper=self.upper[chosen],
+            function=poses,
+            vectorized=True,
+        )
+        # It takes many rows; what a row costs is up to the function behind it.
+        less.__dict__["cheap"] = self.cheap
+        return less
+
     def forward(self, q: Array) -> Array:
         """Poses of the tip, checked, (k, n) -> (k, 4, 4), lengths in [m]; NaN where `partial` allows it.
 

@@ -138,6 +138,14 @@ class SerialChain(Variables):
         """The same with other limits, (n,), and kinds that fit them."""
         return replace(self, lower=lower, upper=upper, kinds=kinds)
 
+    def part(self, joints: tuple[int, ...], q: Array, tool: Array | None) -> SerialChain:
+        """The same, of which only some joints move; see `Mechanism`."""
+        from .variants import with_locked, with_tool
+
+        held = {name: float(q[i]) for i, name in enumerate(self.joint_names) if i not in joints}
+        chain = with_locked(self, held)
+        return chain if tool is None else with_tool(chain, tool)
+
     def forward(self, q: Array) -> Array:
         """Poses of the tip, (k, n) -> (k, 4, 4), lengths in [m]."""
         return forward_many(self.arrays, q)

@@ -99,6 +99,12 @@ class Mechanism(Protocol):
     def limited(self, lower: Array, upper: Array, kinds: tuple[str, ...]) -> Mechanism:
         """The same with other limits, (n,), and kinds that fit them."""
 
+    def part(self, joints: tuple[int, ...], q: Array, tool: Array | None) -> Mechanism:
+        """The same, of which only some joints move, by number; the others stand as in q, (n,).
+
+        A tool, its pose in the frame of the tip, (4, 4), lengths in [m], goes to the tip.
+        """
+
     def forward(self, q: Array) -> Array:
         """Poses of the tip, (k, n) -> (k, 4, 4), lengths in [m]; NaN where there is none.
 

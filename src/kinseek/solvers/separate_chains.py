@@ -16,7 +16,7 @@ import threading
 import weakref
 from collections import OrderedDict
 from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple, cast
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,17 +24,15 @@ from numpy.typing import NDArray
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.goal import Goal
-from kinseek.kernels.arm.forward import forward_many
 from kinseek.problem import Problem
-from kinseek.robots.blackbox import BlackBox
-from kinseek.robots.chain import CONTINUOUS, REVOLUTE, SerialChain
-from kinseek.robots.variants import with_locked, with_tool
+from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution, with_traces
 
 from .base import Found, solve_each
 from .breadth_tuning import window_leaves
 from .divide_and_conquer import DivideAndConquer, _OutOfTimeError
 from .recording import Look, Recorder, require_room
+from .traits import Near, Traits, require
 
 Array = NDArray[np.float64]
 Joints = tuple[int, ...]
@@ -61,6 +59,13 @@ class SeparateChains(DivideAndConquer):
     four times as wide, and if that was not enough, each once more for the whole goal with the other held. The best answer
     counts. Infinity: never."""
 
+    traits: ClassVar[Traits] = Traits(
+        source="the paper, Sec. 5",
+        finds="the same, first for the joints that move the wrist's centre, then for the others",
+        work="grows with log B, of two small trees in place of a large one",
+        near=Near.TURN,
+    )
+
     def __post_init__(self) -> None:
         """Check the parameters."""
         super().__post_init__()
@@ -77,12 +82,13 @@ class SeparateChains(DivideAndConquer):
         Raises:
             InvalidProblem: The goal has free axes or ranges.
         """
-        return known_of(problem.chain, problem.goal).split
+        return known_of(problem.mechanism, problem.goal).split
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by the best node found, chain after chain, or on the whole arm where it cannot be split."""
-        chain, split, deadline = problem.chain, self.split(problem), Deadline(problem.time_limit)
-        if split.whole or (isinstance(chain, BlackBox) and self.breadth == "tuned"):
+        require(self, problem)
+        chain, split, deadline = problem.mechanism, self.split(problem), Deadline(problem.time_limit)
+        if split.whole or (chain.axes is None and self.breadth == "tuned"):
             return _noted(super().solve(problem), split.sentence)  # It refuses to tune a function.
         try:
             plan = self._chain_plan(problem, split, deadline)
@@ -100,10 +106,10 @@ class SeparateChains(DivideAndConquer):
             self.breadths(problem)
         require_room(problem, ROUNDS * (int(np.log(self.branching_factor) / np.log(self.divisions)) + 2))
         goal = problem.goal.at(problem.goal.target.reshape(-1, 4, 4)[:0])
-        known = known_of(problem.chain, problem.goal)
+        known = known_of(problem.mechanism, problem.goal)
         first, second = known.first, known.second
         if first is None:
-            first, second = parts(problem.chain, problem.goal, split)
+            first, second = parts(problem.mechanism, problem.goal, split)
         searches, leaves = [], []
         for joints, chain, wanted in (
             (split.first, first, split.first_goal(goal)),
@@ -193,7 +199,7 @@ class _Plan(NamedTuple):
     """What is the same for every target of a batch."""
 
     split: Split
-    chain: SerialChain
+    chain: Mechanism
     """The first chain; its tip is the point where there is a second chain."""
     first: DivideAndConquer
     second: DivideAndConquer
@@ -227,7 +233,7 @@ class _Account:
         self.recorder = Recorder(problem, solver) if problem.trace else None
         self.left = problem.budget
         self.work, self.late = np.zeros(3, dtype=np.int64), False
-        self.q = middle(problem.chain)
+        self.q = middle(problem.mechanism)
         """What the last search found for its joints, and those before it for the others, (n,)."""
         self.best, self.least = problem.start, np.inf
         """The best for the goal, (n,), and its weighted error."""
@@ -248,7 +254,7 @@ class _Account:
         search: DivideAndConquer,
         joints: Joints,
         goal: Goal,
-        chain: SerialChain | None = None,
+        chain: Mechanism | None = None,
         most: int | None = None,
     ) -> Solution | None:
         """Search for some of the joints, by `most` evaluations or what is left; None if nothing is left, or no time.
@@ -265,7 +271,7 @@ class _Account:
         self.late |= self.deadline.passed
         if budget == 0 or self.late:
             return None
-        chain = part(self.problem.chain, joints, self.q) if chain is None else chain
+        chain = self.problem.mechanism.part(joints, self.q, None) if chain is None else chain
         limit, trace = self.deadline.left, self.problem.trace
         found = search.solve(Problem(chain, goal, budget=budget, time_limit=limit, trace=trace))
         if self.recorder:
@@ -308,42 +314,9 @@ class _Account:
         return found._replace(trace=self.recorder.finish())
 
 
-def middle(chain: SerialChain) -> Array:
+def middle(chain: Mechanism) -> Array:
     """The middle of every joint's range, (n,), [rad] or [m]."""
     return np.asarray(chain.lower + (chain.upper - chain.lower) / 2)
-
-
-def part(chain: SerialChain, joints: Joints, q: Array, tool: Array | None = None) -> SerialChain:
-    """An arm of which only some joints move, the others stand as in q, (n,), and a tool, (4, 4), may be at its tip."""
-    if isinstance(chain, BlackBox):
-        return cast("SerialChain", _part_of_function(chain, joints, q, tool))
-    held = {name: float(q[i]) for i, name in enumerate(chain.joint_names) if i not in joints}
-    chain = with_locked(chain, held)
-    return chain if tool is None else with_tool(chain, tool)
-
-
-def _part_of_function(box: BlackBox, joints: Joints, q: Array, tool: Array | None) -> BlackBox:
-    chosen, held = list(joints), q.copy()
-
-    def poses(rows: Array) -> Array:
-        full = np.repeat(held[None], len(rows), axis=0)
-        full[:, chosen] = rows
-        found = box.poses(full)
-        return found if tool is None else found @ tool
-
-    less = replace(
-        box,
-        joint_names=tuple(box.joint_names[i] for i in joints),
-        kinds=tuple(box.kinds[i] for i in joints),
-        lower=box.lower[chosen],
-        upper=box.upper[chosen],
-        function=poses,
-        vectorized=True,
-    )
-    less.__dict__["cheap"] = (
-        box.cheap
-    )  # It takes many rows; what a row costs is up to the function behind it.
-    return less
 
 
 SETTINGS = 12
@@ -355,7 +328,7 @@ STEP, FREEDOM = 1e-3, 1e-4
 singular value below which another is none."""
 
 
-def find_split(chain: SerialChain, goal: Goal) -> Split:
+def find_split(chain: Mechanism, goal: Goal) -> Split:
     """Find the chains by forward kinematics alone: move every joint alone, at settings of the others, and look."""
     look = _Look(chain, goal)
     movers = tuple(j for j in range(chain.dof) if look.moves(j)) or tuple(range(chain.dof))
@@ -392,18 +365,18 @@ def _resting(look: _Look, movers: Joints) -> list[tuple[Joints, Array]]:
     return found
 
 
-def _told(chain: SerialChain, joints: Joints) -> str:
+def _told(chain: Mechanism, joints: Joints) -> str:
     return ", ".join(chain.joint_names[j] for j in joints)
 
 
-def _idly(chain: SerialChain, idle: Joints) -> str:
+def _idly(chain: Mechanism, idle: Joints) -> str:
     return f"; moving {_told(chain, idle)} changes nothing that the goal asks for" if idle else ""
 
 
 class _Look:
     """Poses of the hand at some settings, and what moving one joint alone makes of them."""
 
-    def __init__(self, chain: SerialChain, goal: Goal) -> None:
+    def __init__(self, chain: Mechanism, goal: Goal) -> None:
         """Ask for all poses that are needed.
 
         Raises:
@@ -413,8 +386,7 @@ class _Look:
         """Directions whose image the goal tells, as columns, (3, c): all of a pose, the tool axis of a direction."""
         n, rng = chain.dof, np.random.default_rng(1)
         span = chain.upper - chain.lower
-        turns = np.array([kind in (REVOLUTE, CONTINUOUS) for kind in chain.kinds])
-        step = STEP * np.where(turns, np.minimum(span, 2 * np.pi), span)
+        step = STEP * chain.span
         settings = chain.lower + step + rng.random((SETTINGS, n)) * (span - 2 * step)
         moved = np.repeat(settings[None], n, axis=0)
         lower, upper = np.repeat(settings[None], n, axis=0), np.repeat(settings[None], n, axis=0)
@@ -432,7 +404,7 @@ class _Look:
         reach = float(np.nanmax(np.abs(poses[..., :3, 3]), initial=0.0))
         self.reach = max(reach, 1e-3)
         """[m]"""
-        self.still = (1e-5 if isinstance(chain, BlackBox) and chain.single else STILL) * self.reach
+        self.still = (1e-5 if chain.single else STILL) * self.reach
         """[m]"""
 
     def moves(self, j: int) -> bool:
@@ -483,9 +455,9 @@ class _Look:
         return np.concatenate([poses[:, :3, 3] / self.reach, turned], axis=1)
 
 
-def _poses(chain: SerialChain, goal: Goal, q: Array) -> Array:
+def _poses(chain: Mechanism, goal: Goal, q: Array) -> Array:
     """Poses of the goal's tool, or of the tip, (k, n) -> (k, 4, 4), lengths in [m]."""
-    poses = chain.poses(q) if isinstance(chain, BlackBox) else forward_many(chain.arrays, q)
+    poses = chain.forward(q)
     return np.asarray(poses if goal.tool is None else poses @ goal.tool)
 
 
@@ -493,30 +465,30 @@ class _Known(NamedTuple):
     """What is kept of an arm for a kind of goal."""
 
     split: Split
-    first: SerialChain | None
+    first: Mechanism | None
     """The first chain, the others held in the middle; its tip is the point if there is a second chain. None: made anew, for
     what is made of a function would keep that function for ever."""
-    second: SerialChain | None
+    second: Mechanism | None
     """The second chain with the first in the middle."""
 
 
 KEPT = 16
 """Kinds of goal, tools and tool axes that are kept for an arm, the last ones used."""
 
-_known: weakref.WeakKeyDictionary[SerialChain, OrderedDict[tuple[int, bytes | None], _Known]] = (
+_known: weakref.WeakKeyDictionary[Mechanism, OrderedDict[tuple[int, bytes | None], _Known]] = (
     weakref.WeakKeyDictionary()
 )
 _looking = threading.RLock()
 
 
-def known_of(chain: SerialChain, goal: Goal) -> _Known:
+def known_of(chain: Mechanism, goal: Goal) -> _Known:
     """What was found out about an arm for a kind of goal and a tool: at the first call, and dropped with the arm."""
     key = (goal.columns, None if goal.tip is None else goal.tip.tobytes())
     with _looking:
         mine = _known.setdefault(chain, OrderedDict())
         if key not in mine:
             split = find_split(chain, goal)
-            made_anew = split.whole or isinstance(chain, BlackBox)
+            made_anew = split.whole or chain.axes is None
             mine[key] = _Known(split, None, None) if made_anew else _Known(split, *parts(chain, goal, split))
         mine.move_to_end(key)
         if len(mine) > KEPT:
@@ -524,11 +496,11 @@ def known_of(chain: SerialChain, goal: Goal) -> _Known:
         return mine[key]
 
 
-def parts(chain: SerialChain, goal: Goal, split: Split) -> tuple[SerialChain, SerialChain | None]:
+def parts(chain: Mechanism, goal: Goal, split: Split) -> tuple[Mechanism, Mechanism | None]:
     """Both chains, with what is not theirs in the middle."""
     q = middle(chain)
     if not split.second:
-        return part(chain, split.first, q), None
+        return chain.part(split.first, q, None), None
     tool = np.eye(4) if goal.tool is None else goal.tool.copy()
     tool[:3, 3] += tool[:3, :3] @ np.array(split.point)
-    return part(chain, split.first, q, tool), part(chain, split.second, q)
+    return chain.part(split.first, q, tool), chain.part(split.second, q, None)
