@@ -339,7 +339,7 @@ def test_tools_share_samples_and_are_forgotten() -> None:
     assert atlas_of(arm.chain) is own
     from kinseek.solvers.atlas.index import _indices
 
-    assert len(_indices[arm.chain]) <= KEPT + 2
+    assert len(_indices.of(arm.chain)) <= KEPT + 2
 
 
 @pytest.mark.parametrize(

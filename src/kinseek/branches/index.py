@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import threading
-import weakref
-from collections import OrderedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +18,7 @@ from kinseek.kernels.branches.search import find_branches
 from kinseek.kinds import Kind
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
+from kinseek.shelf import Shelf
 from kinseek.solvers.atlas.index import KEPT, AtlasIndex, atlas_of, wanted_of
 
 SAMPLES = 1024
@@ -95,13 +93,11 @@ def _same_image(one: Array, other: Array, turns: NDArray[np.bool_]) -> bool:
     return bool((one[0] == other[0]).all() and np.abs(apart).max() < 1e-6)
 
 
-_Shelf = OrderedDict[tuple[Kind, bytes | None], BranchIndex]
+_Key = tuple[Kind, bytes | None]
+"""Kind of goal, and what moves the tip; None where nothing does."""
 
 
-_indices: weakref.WeakKeyDictionary[SerialChain, _Shelf] = weakref.WeakKeyDictionary()
-
-
-_building = threading.Lock()
+_indices: Shelf[SerialChain, _Key, BranchIndex] = Shelf(KEPT, lambda key: key[1] is not None)
 
 
 def index_of(problem: Problem) -> BranchIndex:
@@ -118,16 +114,7 @@ def index_of(problem: Problem) -> BranchIndex:
             f"{problem.mechanism.name!r} is a function: branches are looked for along axes, and it has none"
         )
     goal.require_plain("branches are not told of")
-    key = goal.prepared_as
-    with _building:
-        mine = _indices.setdefault(problem.chain, OrderedDict())
-        if key not in mine:
-            mine[key] = BranchIndex(problem)
-        mine.move_to_end(key)
-        of_tools = [other for other in mine if other[1] is not None]
-        for oldest in of_tools[:-KEPT]:
-            del mine[oldest]
-        return mine[key]
+    return _indices.of(problem.chain).get(goal.prepared_as, lambda: BranchIndex(problem))
 
 
 def constraint_jacobian(problem: Problem, q: Array) -> Array:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import threading
 import time
-import weakref
-from collections import OrderedDict
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +19,7 @@ from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length, divide, inverse, open_limits
 from kinseek.robots.sampling import middle_samples
+from kinseek.shelf import Shelf
 
 SAMPLES = 16_384
 
@@ -84,17 +82,15 @@ class AtlasIndex:
         )
 
 
-_Shelf = OrderedDict[tuple[Kind, int, bytes | None], AtlasIndex]
-
-
-_indices: weakref.WeakKeyDictionary[SerialChain, _Shelf] = weakref.WeakKeyDictionary()
-
-
-_building = threading.RLock()
-
-
 KEPT = 16
 """Atlases of other tools and tool axes that an arm keeps, the last ones used."""
+
+
+_Key = tuple[Kind, int, bytes | None]
+"""Kind of goal, number of samples, and what moves the tip; None where nothing does."""
+
+
+_indices: Shelf[SerialChain, _Key, AtlasIndex] = Shelf(KEPT, lambda key: key[2] is not None)
 
 
 def atlas_of(chain: SerialChain, goal: Goal | None = None, samples: int = SAMPLES) -> AtlasIndex:
@@ -105,18 +101,13 @@ def atlas_of(chain: SerialChain, goal: Goal | None = None, samples: int = SAMPLE
     """
     kind = POSE if goal is None else goal.seeded_as
     tip = None if goal is None else goal.tip
-    key = (kind, samples, None if tip is None else tip.tobytes())
-    with _building:
-        mine = _indices.setdefault(chain, OrderedDict())
-        if key not in mine:
-            arrays = chain.arrays if goal is None else Problem(chain, goal).arrays
-            of_tip = atlas_of(chain, None, samples) if kind is POSE and tip is not None else None
-            mine[key] = AtlasIndex(chain, kind, arrays, samples, of_tip, tip)
-        mine.move_to_end(key)
-        of_tools = [other for other in mine if other[2] is not None]
-        for oldest in of_tools[:-KEPT]:
-            del mine[oldest]
-        return mine[key]
+
+    def build() -> AtlasIndex:
+        arrays = chain.arrays if goal is None else Problem(chain, goal).arrays
+        of_tip = atlas_of(chain, None, samples) if kind is POSE and tip is not None else None
+        return AtlasIndex(chain, kind, arrays, samples, of_tip, tip)
+
+    return _indices.of(chain).get((kind, samples, None if tip is None else tip.tobytes()), build)
 
 
 def wanted_of(goal: Goal, budget: int | None = None) -> Array:

@@ -6,7 +6,6 @@ Of a function nobody knows that, so every joint is asked for more poses than the
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Callable
 
 import numpy as np
@@ -18,6 +17,7 @@ from kinseek.kernels.grid.sinusoid import minimise_pair, minimiser
 from kinseek.problem import Problem
 from kinseek.robots.blackbox import NUMBER, PRISMATIC
 from kinseek.robots.mechanism import Mechanism
+from kinseek.shelf import Shelf
 from kinseek.solvers.base import Found
 from kinseek.solvers.recording import Recorder
 
@@ -33,7 +33,7 @@ PROBES, PLACES = 7, 3
 FITS = 1e-8
 """Largest misfit that passes, as a part of what the joint moves: rounding leaves 1e-12, single precision fails."""
 
-_forms: weakref.WeakKeyDictionary[Mechanism, Flags] = weakref.WeakKeyDictionary()
+_forms: Shelf[Mechanism, None, Flags] = Shelf()
 
 
 def answer(
@@ -51,9 +51,7 @@ def answer(
         InvalidSolver: Along some joint the error is neither a sinusoid nor a parabola; it names the joint.
     """
     asker = Asker(box, problem, deadline)
-    if box not in _forms:
-        _forms[box] = turning(box)
-    form = _forms[box]
+    form = _forms.of(box).get(None, lambda: turning(box))
     goal = problem.goal
     weights = np.full(len(asker.target), goal.position_weight**2)
     weights[3:] = (

@@ -6,9 +6,7 @@ filed under the whole of what a goal compares.
 
 from __future__ import annotations
 
-import threading
 import time
-import weakref
 from typing import Any
 
 import numpy as np
@@ -19,6 +17,7 @@ from kinseek.goal import Goal
 from kinseek.kinds import Kind
 from kinseek.robots.mechanism import Mechanism
 from kinseek.robots.sampling import low_discrepancy
+from kinseek.shelf import Kept, Shelf
 
 from .asking import features
 
@@ -29,7 +28,7 @@ _DEAR = 8
 
 
 MOST_TREES = 16
-"""Kinds of goals and tools whose trees are kept; the oldest goes first."""
+"""Kinds of goals and tools whose trees are kept, the last ones used."""
 
 
 class Samples:
@@ -61,18 +60,11 @@ class Samples:
         """[bytes], without the trees."""
         self.build_time = time.perf_counter() - began
         """[s]"""
-        self._trees: dict[Any, Any] = {}
-        self._sorting = threading.Lock()
+        self._trees: Kept[tuple[Kind, bytes | None], Any] = Kept(MOST_TREES)
 
     def nearest(self, goal: Goal, target: Array, count: int) -> NDArray[np.int64]:
         """Samples nearest to the features of a target, (m,), nearest first, (k,)."""
-        key = goal.prepared_as
-        with self._sorting:
-            if key not in self._trees:
-                if len(self._trees) >= MOST_TREES:
-                    self._trees.pop(next(iter(self._trees)))
-                self._trees[key] = self._tree(goal)
-            tree = self._trees[key]
+        tree = self._trees.get(goal.prepared_as, lambda: self._tree(goal))
         _, found = tree.query(self._scaled(target[None], goal.form)[0], min(count, self.samples))
         return np.atleast_1d(np.asarray(found, dtype=np.int64))
 
@@ -91,17 +83,12 @@ class Samples:
         return f"Samples({self.samples} samples, {self.memory / 2**20:.1f} MiB, built in {self.build_time * 1e3:.0f} ms)"
 
 
-_samples: weakref.WeakKeyDictionary[Mechanism, dict[int, Samples]] = weakref.WeakKeyDictionary()
-_asking = threading.Lock()
+_samples: Shelf[Mechanism, int, Samples] = Shelf()
 
 
 def samples_of(box: Mechanism, count: int) -> Samples:
     """The samples of a function: made at the first call, dropped with the arm."""
-    with _asking:
-        mine = _samples.setdefault(box, {})
-        if count not in mine:
-            mine[count] = Samples(box, count)
-        return mine[count]
+    return _samples.of(box).get(count, lambda: Samples(box, count))
 
 
 def spread(box: Mechanism, count: int) -> Array:
