@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 import kinseek
 from kinseek import Goal, Problem, Verdict
 from kinseek.kernels.jit import exposed
-from kinseek.kernels.proof.box import MARGIN_A, NARROW, SCALARS, TRUST, Wanted, halve, make_desk
+from kinseek.kernels.proof.box import NARROW, Wanted, halve, make_desk
 from kinseek.kernels.proof.exclusion import FOUND, STOPPED, examine
 from kinseek.kernels.proof.last_joint import best_twist, twist_noise, twist_slack
 from kinseek.kernels.proof.taylor import solve
@@ -156,9 +156,8 @@ def test_wide_tolerances_of_the_turn_lose_nothing(angle: float, axis: str) -> No
 
 
 def question_of(margin: float = ROUNDING) -> Wanted:
-    scalars = np.zeros(SCALARS)
-    scalars[TRUST], scalars[MARGIN_A] = 1.0, margin
-    return Wanted(np.zeros((3, 4)), np.zeros((3, 4)), scalars)
+    nothing = dict.fromkeys(Wanted._fields, 0.0) | dict.fromkeys(("target", "last"), np.zeros((3, 4)))
+    return Wanted(**nothing | {"trust": 1.0, "margin_a": margin})
 
 
 def test_the_slack_of_a_twist_holds_where_the_axis_points_backwards() -> None:

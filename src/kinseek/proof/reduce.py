@@ -10,24 +10,7 @@ from kinseek.errors import InvalidProblem
 from kinseek.kernels.arm.division import NONE, TURN
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arrays import Array, ChainArrays
-from kinseek.kernels.proof.box import (
-    ANGLE,
-    BACK,
-    CHORD,
-    LEAST,
-    LENGTH,
-    MARGIN,
-    MARGIN_A,
-    OFFSET,
-    POSITION,
-    SCALARS,
-    SIDE,
-    TRUST,
-    WEIGHT_A,
-    WEIGHT_P,
-    Form,
-    Wanted,
-)
+from kinseek.kernels.proof.box import LEAST, Form, Wanted
 from kinseek.kernels.proof.gate import CROSSED
 from kinseek.kernels.proof.last_joint import Roll
 from kinseek.problem import Problem
@@ -66,14 +49,10 @@ def question(problem: Problem, trust: float = 1.0) -> tuple[Form, Wanted, Roll]:
         columns = 1
     if columns == 3:
         chord *= math.sqrt(2.0)
-    scalars = _scalars(problem, target, columns, trust, foot)
-    scalars[POSITION], scalars[CHORD] = slack, chord if columns else 0.0
-    scalars[ANGLE] = angle if columns else 0.0
-    return (
-        _form(chain, fixed, head, columns, 0, 0.0),
-        Wanted(target, np.zeros((3, 4)), scalars),
-        _roll(chain, tail),
-    )
+    wanted = _wanted(problem, target, columns, trust, foot)._replace(position=slack)
+    if columns:
+        wanted = wanted._replace(chord=chord, angle=angle)
+    return _form(chain, fixed, head, columns, 0, 0.0), wanted, _roll(chain, tail)
 
 
 def error_question(
@@ -92,34 +71,32 @@ def error_question(
     off_axis = float(np.hypot(*fixed[-1, :2, 3]))
     if tail and off_axis < 1e-6 and not (whole or _last_is_held(chain, q)):
         cut, axis = _cut(fixed, target, float(fixed[-1, 2, 3]))
-        wanted = Wanted(axis, np.zeros((3, 4)), _scalars(problem, axis, 1, trust))
-        wanted.scalars[MARGIN] += 2.0 * off_axis
+        wanted = _wanted(problem, axis, 1, trust)
+        wanted = wanted._replace(margin=wanted.margin + 2.0 * off_axis)
         back = float(fixed[-1, 2, 3]) - _foot(fixed, chain)
-        wanted.scalars[BACK] = back if abs(back) < arm_length(chain) else 0.0
+        if abs(back) < arm_length(chain):
+            wanted = wanted._replace(back=back)
         along = [bool(np.hypot(*np.delete(fixed[-1, 2, :3], i)) < ROUNDING) for i in range(3)]
         aligned, sideways = along[2], along[0] or along[1]
         if sideways:  # The other column that counts lies across the axis: its place in the plane of x and y.
-            wanted.scalars[SIDE : SIDE + 2] = fixed[-1, :2, 1 if along[0] else 0]
+            y, z = (float(each) for each in fixed[-1, :2, 1 if along[0] else 0])
+            wanted = wanted._replace(side_y=y, side_z=z)
         if aligned or sideways or _loss_of_last(problem, q) < 0.5 * gap:
             roll = _roll(chain, True, goal.orientation_weight if aligned else 0.0)
             return _form(chain, cut, head, 1, 0, 0.0), wanted, roll
     columns = goal.paper_columns
-    last, foot = np.zeros((3, 4)), 0.0
-    scalars = _scalars(problem, target, columns, trust)
-    if tail and len(fixed) > 2:
+    wanted, foot = _wanted(problem, target, columns, trust), 0.0
+    tail = tail and len(fixed) > 2
+    if tail:
         foot = _foot(fixed, chain)
-        scalars[MARGIN] += ROUNDING * abs(foot)
         place_of_foot = np.eye(4)
         place_of_foot[2, 3] = foot
-        last = np.ascontiguousarray((_square(target) @ _square(inverse(fixed[-1])) @ place_of_foot)[:3])
-        scalars[OFFSET] = np.linalg.norm(fixed[-1, :, 3] - [0.0, 0.0, foot])
-    else:
-        tail = False
-    return (
-        _form(chain, fixed, head, columns, int(tail), foot),
-        Wanted(target, last, scalars),
-        Roll(False, 0.0, 0.0, 0.0),
-    )
+        wanted = wanted._replace(
+            last=np.ascontiguousarray((_square(target) @ _square(inverse(fixed[-1])) @ place_of_foot)[:3]),
+            margin=wanted.margin + ROUNDING * abs(foot),
+            offset=float(np.linalg.norm(fixed[-1, :, 3] - [0.0, 0.0, foot])),
+        )
+    return _form(chain, fixed, head, columns, int(tail), foot), wanted, Roll(False, 0.0, 0.0, 0.0)
 
 
 def _last_is_held(chain: SerialChain, q: Array) -> bool:
@@ -209,13 +186,13 @@ def _roll(chain: SerialChain, present: bool, weight: float = 0.0) -> Roll:
     return Roll(present, float(chain.lower[-1]), float(chain.upper[-1]), weight)
 
 
-def _scalars(problem: Problem, target: Array, columns: int, trust: float, foot: float = 0.0) -> Array:
-    """Weights and margins: 1e-12 of all lengths involved, a thousand times what rounding takes.
+def _wanted(problem: Problem, target: Array, columns: int, trust: float, foot: float = 0.0) -> Wanted:
+    """A target with its weights, and with margins of `ROUNDING` of all lengths involved; no tolerances.
 
     Raises:
         InvalidProblem: The lengths leave nothing to be proved.
     """
-    chain, goal, scalars = problem.chain, problem.goal, np.zeros(SCALARS)
+    chain, goal = problem.chain, problem.goal
     length = arm_length(chain)
     values = np.maximum(np.abs(chain.lower), np.abs(chain.upper))[chain.leader] * np.abs(chain.multiplier)
     values += np.abs(chain.offset)
@@ -231,12 +208,24 @@ def _scalars(problem: Problem, target: Array, columns: int, trust: float, foot: 
             f"the lengths of the arm and the goal add up to {reach:.3g} m: beyond {LARGEST:g} m numbers round by so much "
             f"that nothing can be proved; expected metres"
         )
-    scalars[MARGIN_A] = ROUNDING * max(1.0, float(values[~chain.prismatic].sum()) / MANY_TURNS)
-    scalars[MARGIN] = scalars[MARGIN_A] * (1.0 + reach)
-    scalars[TRUST], scalars[WEIGHT_P] = trust, goal.position_weight
-    scalars[WEIGHT_A] = goal.orientation_weight if columns else 0.0
-    scalars[LENGTH] = _AXIS_COUNTS * length
-    return scalars
+    margin_a = ROUNDING * max(1.0, float(values[~chain.prismatic].sum()) / MANY_TURNS)
+    return Wanted(
+        target=target,
+        last=np.zeros((3, 4)),
+        position=0.0,
+        chord=0.0,
+        angle=0.0,
+        weight_p=float(goal.position_weight),
+        weight_a=float(goal.orientation_weight) if columns else 0.0,
+        margin=margin_a * (1.0 + reach),
+        margin_a=margin_a,
+        trust=float(trust),
+        length=_AXIS_COUNTS * length,
+        offset=0.0,
+        back=0.0,
+        side_y=0.0,
+        side_z=0.0,
+    )
 
 
 def _square(A: Array) -> Array:

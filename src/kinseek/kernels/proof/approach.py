@@ -6,7 +6,7 @@ from kinseek.kernels.arm.division import TURN
 from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.jit import hidden, spliced
 
-from .box import LEAST, LENGTH, Desk, Form, Wanted, place, turn_goal
+from .box import LEAST, Desk, Form, Wanted, place, turn_goal
 from .last_joint import Roll, complete, roll_fits
 from .taylor import differentiate, downhill, normal_matrix, solve
 
@@ -14,7 +14,7 @@ from .taylor import differentiate, downhill, normal_matrix, solve
 @hidden
 def step(form: Form, wanted: Wanted, desk: Desk) -> None:
     """Write the Gauss-Newton step from the middle of the box to the goal into ``desk.delta``."""
-    scale = 1.0 / (wanted.scalars[LENGTH] * wanted.scalars[LENGTH] + LEAST)
+    scale = 1.0 / (wanted.length * wanted.length + LEAST)
     weight = 1.0 if form.columns > 0 else 0.0
     place(form, desk)
     turn_goal(form, wanted, desk)

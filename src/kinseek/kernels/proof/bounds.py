@@ -21,23 +21,7 @@ import math
 from kinseek.kernels.arm.division import SLIDE, TURN
 from kinseek.kernels.jit import hidden
 
-from .box import (
-    BACK,
-    CHORD,
-    MARGIN,
-    MARGIN_A,
-    OFFSET,
-    POSITION,
-    TRUST,
-    WEIGHT_A,
-    WEIGHT_P,
-    Desk,
-    Form,
-    Wanted,
-    motion,
-    rounding,
-    turning,
-)
+from .box import BELOW, Desk, Form, Wanted, motion, rounding, turning
 
 
 @hidden
@@ -85,7 +69,7 @@ def least_error(wanted: Wanted, far: float, tilt: float, b: float) -> float:
     With σ = 2 sin(φ/2) ≥ tilt of the hand's whole turn φ the tip is no nearer than far - σ b, and the paper's
     error of the orientation is at least K_A (1 - cos φ) = K_A σ²/2.
     """
-    K_P, K_A = wanted.scalars[WEIGHT_P], wanted.scalars[WEIGHT_A]
+    K_P, K_A = wanted.weight_p, wanted.weight_a
     far, sigma = max(far, 0.0), max(tilt, 0.0)
     if K_A > 0.0 and b > 0.0:
         sigma = min(max(sigma, min(K_P * b / K_A, far / b)), 2.0)
@@ -98,10 +82,10 @@ def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
     """Compare azimuth, radius, height and last axis with the goal's; say whether anything of the box is left.
 
     With `ceiling` negative the tolerances decide, else the weighted error: what cannot stay below `ceiling` is gone. The
-    first joint's range is cut to what the azimuths leave. ``desk.out[1]`` becomes a lower bound of the weighted error.
+    first joint's range is cut to what the azimuths leave. ``desk.found[BELOW]`` becomes a lower bound of the weighted error.
     """
     T, m = desk.T, len(form.leader)
-    trust, margin, margin_a = wanted.scalars[TRUST], wanted.scalars[MARGIN], wanted.scalars[MARGIN_A]
+    trust, margin, margin_a = wanted.trust, wanted.margin, wanted.margin_a
     begin = 1 if form.head != 0 else 0
     end = m
     w0, w1, w2, a0, a1, a2 = T[0, 3], T[1, 3], T[2, 3], T[0, 0], T[1, 0], T[2, 0]
@@ -117,7 +101,7 @@ def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
         )
     g0, g1, g2 = goal[0, 3], goal[1, 3], goal[2, 3]
     b0, b1, b2 = goal[0, column], goal[1, column], goal[2, column]
-    behind, back = 0.0, wanted.scalars[BACK]
+    behind, back = 0.0, wanted.back
     if back != 0.0 and ceiling >= 0.0:  # How far away the point that lies back along the first column stays.
         e0, e1, e2 = w0 - back * a0, w1 - back * a1, w2 - back * a2
         d0, d1, d2 = g0 - back * b0, g1 - back * b1, g2 - back * b2
@@ -149,21 +133,21 @@ def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
     if form.columns == 0:
         tilt = 0.0
     if ceiling < 0.0:
-        rho += wanted.scalars[POSITION]
-        sigma += wanted.scalars[CHORD] if form.columns < 3 else wanted.scalars[CHORD] / math.sqrt(2.0)
+        rho += wanted.position
+        sigma += wanted.chord if form.columns < 3 else wanted.chord / math.sqrt(2.0)
         if far > rho or tilt > sigma:
             return False
     else:
-        bound = least_error(wanted, far - rho, tilt - sigma, wanted.scalars[OFFSET])
-        if wanted.scalars[BACK] != 0.0:
-            bound = max(bound, least_error(wanted, behind, tilt - sigma, abs(wanted.scalars[BACK])))
-        desk.out[1] = max(desk.out[1], bound)
+        bound = least_error(wanted, far - rho, tilt - sigma, wanted.offset)
+        if wanted.back != 0.0:
+            bound = max(bound, least_error(wanted, behind, tilt - sigma, abs(wanted.back)))
+        desk.found[BELOW] = max(desk.found[BELOW], bound)
         if bound > ceiling:
             return False
         largest = 2.0
-        if wanted.scalars[WEIGHT_A] > 0.0:
-            largest = min(math.sqrt(2.0 * ceiling / wanted.scalars[WEIGHT_A]), 2.0)
-        rho += ceiling / wanted.scalars[WEIGHT_P] + wanted.scalars[OFFSET] * largest
+        if wanted.weight_a > 0.0:
+            largest = min(math.sqrt(2.0 * ceiling / wanted.weight_a), 2.0)
+        rho += ceiling / wanted.weight_p + wanted.offset * largest
         sigma += largest
     if form.head == TURN:
         psi = arc(rw, w2, rg, g2, rho)

@@ -33,22 +33,19 @@ An axis that is off by a quarter turn or more, which this all but is, no longer 
 HEAD = 0.3
 """How much less urgent it is to split a first joint that turns: its range is cut as the others' ranges shrink."""
 
-# Scalars of `Wanted`.
-POSITION = 0  # Tolerance of the point [m].
-CHORD = 1  # Tolerance of the columns together, as a Frobenius norm.
-MARGIN = 2  # Margin for rounding [m].
-TRUST = 3  # 1; tests shrink all bounds by it, and must notice.
-WEIGHT_P = 4  # K_P.
-WEIGHT_A = 5  # K_A.
-OFFSET = 6  # Distance of the tip from the last axis' point [m].
-LENGTH = (
-    7  # Length that an angle of one radian counts as, where angles count, when splitting and stepping [m].
-)
-MARGIN_A = 8  # Margin for rounding of directions.
-BACK = 9  # Distance of another point from the hand's, back along its first column, that moves less [m].
-SIDE = 10  # Where a second column of the hand counts too: its part along the goal's second and third columns (11); else 0.
-ANGLE = 12  # Tolerance of the hand's whole turn [rad].
-SCALARS = 13
+# Of `Desk.found`.
+MISS_POINT = 0
+"""How far the hand at the centre of the box misses the goal's point [m]."""
+MISS_COLUMNS = 1
+"""And the goal's columns, as a Frobenius norm."""
+BEST_ROLL = 2
+"""Where the last joint, divided out, brings the other columns nearest to the goal's [rad]."""
+MIDDLE_ERROR = 3
+"""Weighted error at the centre of the box."""
+BELOW = 4
+"""A lower bound of the weighted error in the box."""
+FOUND = 5
+"""So many."""
 
 
 class Form(NamedTuple):
@@ -81,8 +78,32 @@ class Wanted(NamedTuple):
     """(3, 4), seen from the first joint's frame where that is divided out."""
     last: Array
     """Pose of the last joint's frame at zero that the target asks for, (3, 4), if `Form.tail`."""
-    scalars: Array
-    """Of the module's constants `POSITION` and following, (13,)."""
+    position: float
+    """Tolerance of the point [m]."""
+    chord: float
+    """Tolerance of the columns together, as a Frobenius norm."""
+    angle: float
+    """Tolerance of the hand's whole turn [rad]."""
+    weight_p: float
+    """K_P, per [m]."""
+    weight_a: float
+    """K_A; 0 where no column counts."""
+    margin: float
+    """For rounding [m]."""
+    margin_a: float
+    """For rounding of directions."""
+    trust: float
+    """1; tests shrink all bounds by it, and must notice."""
+    length: float
+    """What an angle of one radian counts as, where angles count, when splitting and stepping [m]."""
+    offset: float
+    """Distance of the tip from the last axis' point [m]."""
+    back: float
+    """Distance of another point from the hand's, back along its first column, that moves less [m]; 0: there is none."""
+    side_y: float
+    """Where a second column of the hand counts too: its part along the goal's second column, else 0."""
+    side_z: float
+    """And along its third."""
 
 
 class Desk(NamedTuple):
@@ -130,10 +151,8 @@ class Desk(NamedTuple):
     """(n,)"""
     y: Array
     """The form: columns x, y, z, p as in a pose, (3, 4)."""
-    u: Array
-    """(3,)"""
-    out: Array
-    """Error at the centre of the box; lower bound; (2,)."""
+    found: Array
+    """What is known of the box, by the module's constants `MISS_POINT` and following, (FOUND,)."""
 
 
 @view
@@ -161,8 +180,7 @@ def make_desk(joints: int, dof: int) -> Desk:
         np.zeros(dof),
         np.zeros(dof),
         np.zeros((3, 4)),
-        np.zeros(3),
-        np.zeros(2),
+        np.zeros(FOUND),
     )
 
 
@@ -281,9 +299,7 @@ def widest(form: Form, wanted: Wanted, desk: Desk, head: float) -> int:
     for i in range(len(desk.c)):
         desk.delta[i] = 0.0
     for k in range(len(form.leader)):
-        turn = (
-            0.0 if form.prismatic[k] else wanted.scalars[LENGTH] * (desk.s[k] if form.columns == 1 else 1.0)
-        )
+        turn = 0.0 if form.prismatic[k] else wanted.length * (desk.s[k] if form.columns == 1 else 1.0)
         if form.columns == 0:
             turn = 0.0
         i = form.leader[k]

@@ -13,7 +13,7 @@ import math
 
 from kinseek.kernels.jit import hidden
 
-from .box import SIDE, TINY, TRUST, WEIGHT_A, WEIGHT_P, Desk, Form, Wanted, turned
+from .box import TINY, Desk, Form, Wanted, turned
 from .taylor import normal_matrix, slope, solve, step_miss, weight_miss
 
 STEPS = 6
@@ -33,7 +33,7 @@ def support(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> None:
     variables that are not held at an end of their range, cut off at the ends.
     """
     dof, columns = len(desk.c), form.columns
-    K_P, K_A = wanted.scalars[WEIGHT_P], wanted.scalars[WEIGHT_A] if columns > 0 else 0.0
+    K_P, K_A = wanted.weight_p, wanted.weight_a if columns > 0 else 0.0
     for i in range(dof):
         desk.delta[i] = 0.0
     for attempt in range(STEPS):
@@ -83,14 +83,14 @@ def count_side(wanted: Wanted, desk: Desk) -> float:
     desk.y[0, 0] += along * s0
     desk.y[1, 0] += along * s1
     desk.y[2, 0] += along * s2
-    added: float = along * along / (wanted.scalars[WEIGHT_A] * wanted.scalars[WEIGHT_A])
+    added: float = along * along / (wanted.weight_a * wanted.weight_a)
     return added
 
 
 @hidden
 def side(wanted: Wanted, desk: Desk) -> tuple[float, float, float]:
     """The goal's second column that counts, where there is one; else zero."""
-    a, b, goal = wanted.scalars[SIDE], wanted.scalars[SIDE + 1], desk.goal
+    a, b, goal = wanted.side_y, wanted.side_z, desk.goal
     return (
         a * goal[0, 1] + b * goal[0, 2],
         a * goal[1, 1] + b * goal[1, 2],
@@ -105,17 +105,17 @@ def gain_of_side(form: Form, wanted: Wanted, desk: Desk, middle: int) -> float:
     It takes ``b²/(4 K_A)`` off the form's conjugate, b the part of y_c along the goal's column. As seen from halfway that
     column turns with the joints before: ``b(δ)² ≥ b² + 2 b (b(δ) - b)``, to second order in their widths.
     """
-    if wanted.scalars[SIDE] == 0.0 and wanted.scalars[SIDE + 1] == 0.0:
+    if wanted.side_y == 0.0 and wanted.side_z == 0.0:
         return 0.0
     s0, s1, s2 = side(wanted, desk)
     y0, y1, y2 = desk.y[0, 0], desk.y[1, 0], desk.y[2, 0]
     c0, c1, c2 = s1 * y2 - s2 * y1, s2 * y0 - s0 * y2, s0 * y1 - s1 * y0
     b = s0 * y0 + s1 * y1 + s2 * y2
-    half, turn = 0.5 / wanted.scalars[WEIGHT_A], turned(form, desk, middle)
+    half, turn = 0.5 / wanted.weight_a, turned(form, desk, middle)
     for k in range(middle):
         if not form.prismatic[k]:
             slope = desk.z[k, 0] * c0 + desk.z[k, 1] * c1 + desk.z[k, 2] * c2
             desk.g[form.leader[k]] -= half * b * form.multiplier[k] * slope
     rest = 0.5 * abs(b) * math.sqrt(y0 * y0 + y1 * y1 + y2 * y2) * turn * turn
-    gain: float = half * (0.5 * b * b - wanted.scalars[TRUST] * rest)
+    gain: float = half * (0.5 * b * b - wanted.trust * rest)
     return gain

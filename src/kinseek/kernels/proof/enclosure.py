@@ -11,7 +11,9 @@ from kinseek.kernels.jit import hidden, kernel
 
 from .bounds import first_order
 from .box import (
+    BELOW,
     HEAD,
+    MIDDLE_ERROR,
     NARROW,
     Form,
     Wanted,
@@ -126,12 +128,12 @@ def enclose(
         load_box(rows, row, desk)
         below = bound[row]
         while True:
-            desk.out[1] = 0.0
+            desk.found[BELOW] = 0.0
             seen += 1
             place(form, desk)
             widths(form, desk)
             kept = first_order(form, wanted, desk, ceiling)
-            below = max(below, desk.out[1])
+            below = max(below, desk.found[BELOW])
             if kept and form.tail == 1:
                 kept = cut_twist(form, wanted, desk, ceiling)
             spread = turned(form, desk, len(form.leader))
@@ -149,8 +151,8 @@ def enclose(
                 break
             complete(form, roll, chain, desk, trial)
             kept = underestimate(form, wanted, desk, ceiling - extra)
-            below = max(below, desk.out[1] + extra)
-            if desk.out[0] < upper:
+            below = max(below, desk.found[BELOW] + extra)
+            if desk.found[MIDDLE_ERROR] < upper:
                 forward(chain, trial, T)
                 error = weighted_error(T, goal)
                 if error < upper:

@@ -16,11 +16,12 @@ from kinseek.kernels.jit import kernel
 from .approach import approach
 from .bounds import first_order
 from .box import (
-    CHORD,
+    BELOW,
     HEAD,
+    MISS_COLUMNS,
+    MISS_POINT,
     NARROW,
     NEAR,
-    POSITION,
     Form,
     Wanted,
     halve,
@@ -109,7 +110,7 @@ def exclude(
         if spread < tuning[0]:
             if not separate(form, wanted, desk, int(tuning[1])):
                 continue
-            near_p, near_c, desk.u[2] = desk.u[0], desk.u[1], 0.0
+            near_p, near_c = desk.found[MISS_POINT], desk.found[MISS_COLUMNS]
             if roll.present and not roll_fits(form, wanted, roll, desk):
                 continue
             if volume(desk) < tuning[2] * before:
@@ -125,7 +126,7 @@ def exclude(
         kept += 1
         # Now and then, steps look for an answer. Wide tolerances may allow one in the middle, though no descent ends there.
         steps = STEPS if spread < NEAR and kept % TRIAL == 0 else 0
-        if steps == 0 and (near_p > wanted.scalars[POSITION] or near_c > wanted.scalars[CHORD]):
+        if steps == 0 and (near_p > wanted.position or near_c > wanted.chord):
             continue
         approach(form, wanted, roll, chain, steps, desk, trial)
         forward(chain, trial, T)
@@ -164,7 +165,7 @@ def examine(form: Form, wanted: Wanted, roll: Roll, boxes: Array, ceiling: float
     result = np.empty((len(boxes), 2 + 2 * dof))
     for row in range(len(boxes)):
         load_box(boxes, row, desk)
-        desk.out[1] = 0.0
+        desk.found[BELOW] = 0.0
         place(form, desk)
         widths(form, desk)
         kept = first_order(form, wanted, desk, ceiling)
@@ -180,11 +181,11 @@ def examine(form: Form, wanted: Wanted, roll: Roll, boxes: Array, ceiling: float
                 kept = separate(form, wanted, desk, passes)
             else:
                 kept = extra <= ceiling and underestimate(form, wanted, desk, ceiling - extra)
-            desk.out[1] += extra
+            desk.found[BELOW] += extra
             if kept and roll.present and ceiling < 0.0:
                 kept = roll_fits(form, wanted, roll, desk)
         result[row, 0] = 1.0 if kept else 0.0
-        result[row, 1] = desk.out[1]
+        result[row, 1] = desk.found[BELOW]
         for i in range(dof):
             result[row, 2 + i] = desk.c[i]
             result[row, 2 + dof + i] = desk.h[i]

@@ -14,15 +14,11 @@ import numpy as np
 from kinseek.kernels.jit import hidden, spliced
 
 from .box import (
-    BACK,
-    CHORD,
-    MARGIN,
-    MARGIN_A,
-    POSITION,
+    BELOW,
+    MIDDLE_ERROR,
+    MISS_COLUMNS,
+    MISS_POINT,
     TINY,
-    TRUST,
-    WEIGHT_A,
-    WEIGHT_P,
     Desk,
     Form,
     Wanted,
@@ -77,16 +73,16 @@ def expand(form: Form, wanted: Wanted, desk: Desk) -> Rests:
     differentiate(form, desk, middle, form.columns)
     two_p, two_c, three_p, three_c = rests(form, desk, desk.r, middle)
     three_b = three_p
-    if wanted.scalars[BACK] != 0.0:
-        radii_behind(form, desk, middle, wanted.scalars[BACK])
+    if wanted.back != 0.0:
+        radii_behind(form, desk, middle, wanted.back)
         _, _, three_b, _ = rests(form, desk, desk.back, middle)
     far = turned = 0.0
     for r in range(3):
         far += (desk.T[r, 3] - desk.goal[r, 3]) * (desk.T[r, 3] - desk.goal[r, 3])
         for i in range(form.columns):
             turned += (desk.T[r, i] - desk.goal[r, i]) * (desk.T[r, i] - desk.goal[r, i])
-    desk.u[0], desk.u[1] = math.sqrt(far), math.sqrt(turned)
-    desk.out[0] = wanted.scalars[WEIGHT_P] * desk.u[0] + 0.5 * wanted.scalars[WEIGHT_A] * turned
+    desk.found[MISS_POINT], desk.found[MISS_COLUMNS] = math.sqrt(far), math.sqrt(turned)
+    desk.found[MIDDLE_ERROR] = wanted.weight_p * desk.found[MISS_POINT] + 0.5 * wanted.weight_a * turned
     return Rests(middle, two_p, two_c, three_p, three_c, three_b)
 
 
@@ -95,14 +91,14 @@ def underestimate(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> boo
     """Bound the weighted error from below by one form; cut the box where it excludes an end; say whether anything is left.
 
     ``K_P |f_p| ≥ y_p·f_p`` for |y_p| ≤ K_P and ``½ K_A |f_c|² ≥ y_c·f_c - |y_c|²/(2 K_A)`` make every form a lower bound
-    (Fenchel's inequality); taken is the one that is best to first order. The bound goes to ``desk.out[1]``.
+    (Fenchel's inequality); taken is the one that is best to first order. The bound goes to ``desk.found[BELOW]``.
     """
     rest = expand(form, wanted, desk)
     support(form, wanted, desk, ceiling)
-    bound = weigh(form, wanted, desk, rest, wanted.scalars[MARGIN], wanted.scalars[MARGIN_A])
+    bound = weigh(form, wanted, desk, rest, wanted.margin, wanted.margin_a)
     if form.columns > 0:
-        bound -= 0.5 * size_of_columns(form, desk) ** 2 / wanted.scalars[WEIGHT_A]
-    desk.out[1] = max(desk.out[1], bound)
+        bound -= 0.5 * size_of_columns(form, desk) ** 2 / wanted.weight_a
+    desk.found[BELOW] = max(desk.found[BELOW], bound)
     if bound > ceiling:
         return False
     cut_box(desk, ceiling - bound)
@@ -118,8 +114,8 @@ def separate(form: Form, wanted: Wanted, desk: Desk, passes: int) -> bool:
     reaches. So many `passes` are tried, each with what the one before has shown.
     """
     rest, dof, columns = expand(form, wanted, desk), len(desk.c), form.columns
-    slack_p = wanted.scalars[POSITION] + wanted.scalars[MARGIN]
-    slack_c = wanted.scalars[CHORD] + wanted.scalars[MARGIN_A]
+    slack_p = wanted.position + wanted.margin
+    slack_c = wanted.chord + wanted.margin_a
     weight_p = 1.0 / ((rest.two_p * 0.5 + slack_p) * (rest.two_p * 0.5 + slack_p))
     weight_c = 1.0 / ((rest.two_c * 0.5 + slack_c) * (rest.two_c * 0.5 + slack_c))
     for i in range(dof):
@@ -154,7 +150,7 @@ def weigh(form: Form, wanted: Wanted, desk: Desk, rest: Rests, slack_p: float, s
 
     Leaves the polynomial in `desk`, one that is separable, for `cut_box`.
     """
-    dof, y, back = len(desk.c), desk.y, wanted.scalars[BACK]
+    dof, y, back = len(desk.c), desk.y, wanted.back
     value = 0.0
     for r in range(3):
         value += y[r, 3] * (desk.T[r, 3] - desk.goal[r, 3])
@@ -183,7 +179,7 @@ def weigh(form: Form, wanted: Wanted, desk: Desk, rest: Rests, slack_p: float, s
         # The form is as well one of a point further back, which moves less, and of the first column.
         b0, b1, b2 = y[0, 0] + back * y[0, 3], y[1, 0] + back * y[1, 3], y[2, 0] + back * y[2, 3]
         over = min(over, size_p * rest.three_b + math.sqrt(b0 * b0 + b1 * b1 + b2 * b2) * rest.three_c)
-    over *= wanted.scalars[TRUST]
+    over *= wanted.trust
     over += size_p * slack_p + size_c * slack_c + 1e-14 * (abs(value) - lost)
     least_value: float = value + lost - over
     return least_value

@@ -13,7 +13,7 @@ import math
 from kinseek.kernels.arrays import ChainArrays
 from kinseek.kernels.jit import hidden, kernel
 
-from .box import CHORD, MARGIN, MARGIN_A, POSITION, TRUST, WEIGHT_A, WEIGHT_P, Form, Wanted
+from .box import Form, Wanted
 
 CROSSED = 1e-4
 """sin² of the angle between two axes from which on their common normal is used: its foot is a hundred lengths away at most,
@@ -25,16 +25,16 @@ def gate(form: Form, wanted: Wanted, chain: ChainArrays) -> tuple[bool, float]:
     """Can the hand be within both tolerances, as far as lengths and angles tell? And a lower bound of the weighted error."""
     far = max(out_of_annulus(form, wanted, chain, False), out_of_annulus(form, wanted, chain, True), 0.0)
     open_, error, chord = (
-        far <= wanted.scalars[POSITION],
-        wanted.scalars[WEIGHT_P] * far,
-        wanted.scalars[CHORD],
+        far <= wanted.position,
+        wanted.weight_p * far,
+        wanted.chord,
     )
     if form.columns == 3:  # Of all columns together: one of them is off by no more than this.
         chord /= math.sqrt(2.0)
     for i in range(form.columns):
         tilt = 2.0 * math.sin(0.5 * max(out_of_tilt(form, wanted, i), 0.0))
         open_ = open_ and tilt <= chord
-        error += 0.5 * wanted.scalars[WEIGHT_A] * tilt * tilt
+        error += 0.5 * wanted.weight_a * tilt * tilt
     return open_, error
 
 
@@ -76,7 +76,7 @@ def out_of_annulus(form: Form, wanted: Wanted, chain: ChainArrays, normals: bool
     goal = wanted.target
     d0, d1, d2 = goal[0, 3] - x, goal[1, 3] - y, goal[2, 3] - z
     far = math.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
-    beyond: float = outside(far, low, high, wanted.scalars[TRUST]) - wanted.scalars[MARGIN]
+    beyond: float = outside(far, low, high, wanted.trust) - wanted.margin
     return beyond
 
 
@@ -105,7 +105,7 @@ def out_of_tilt(form: Form, wanted: Wanted, column: int) -> float:
     g0, g1, g2 = wanted.target[0, column], wanted.target[1, column], wanted.target[2, column]
     c0, c1, c2 = y * g2 - z * g1, z * g0 - x * g2, x * g1 - y * g0
     angle = math.atan2(math.sqrt(c0 * c0 + c1 * c1 + c2 * c2), x * g0 + y * g1 + z * g2)
-    beyond: float = outside(angle, low, high, wanted.scalars[TRUST]) - 10.0 * wanted.scalars[MARGIN_A]
+    beyond: float = outside(angle, low, high, wanted.trust) - 10.0 * wanted.margin_a
     return beyond
 
 

@@ -10,7 +10,7 @@ from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.jit import hidden
 
 from .bounds import cut_arc
-from .box import ANGLE, MARGIN_A, TRUST, WEIGHT_A, Desk, Form, Wanted, place, turn_goal, turned, widths
+from .box import BEST_ROLL, Desk, Form, Wanted, place, turn_goal, turned, widths
 
 
 class Roll(NamedTuple):
@@ -47,7 +47,7 @@ def twist_noise(wanted: Wanted, dot: float) -> float:
 
     Every entry of the rotation may be off by the margin, and so the vector whose direction the best twist is by 2√2 margins.
     """
-    margin: float = wanted.scalars[MARGIN_A]
+    margin: float = wanted.margin_a
     length = 1.0 + dot - 2.0 * margin
     if length <= 8.0 * margin:
         return math.pi
@@ -61,9 +61,9 @@ def twist_slack(wanted: Wanted, omega: float, dot: float) -> float:
     The twist part of a unit quaternion is cos(τ/2) long, τ the tilt, and moves by no more than the quaternion does,
     2 sin(Ω/4).
     """
-    moved = 2.0 * math.sin(0.25 * min(omega, math.pi)) * wanted.scalars[TRUST]
+    moved = 2.0 * math.sin(0.25 * min(omega, math.pi)) * wanted.trust
     square = (
-        0.5 * (1.0 + dot) - wanted.scalars[MARGIN_A]
+        0.5 * (1.0 + dot) - wanted.margin_a
     )  # Not its root: near zero that is off by the root of the margin.
     if omega >= math.pi or moved * moved >= square:
         return math.pi
@@ -72,17 +72,17 @@ def twist_slack(wanted: Wanted, omega: float, dot: float) -> float:
 
 @hidden
 def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
-    """Can the last joint, within its limits, make up for what is left of the rotation? Its best value goes to ``u[2]``.
+    """Can the last joint, within its limits, make up for what is left of the rotation? Its best value goes to BEST_ROLL.
 
     The hand without its last turn is off by a rotation of at most Ω. Write the turn that is asked for as a quaternion: its
     part about the last axis is cos(τ/2) long, τ the tilt. So the last joint is within ``2 acos(cos(Ω/2)/cos(τ/2))``.
     """
     best, dot = best_twist(desk)
     middle, half = 0.5 * (roll.lower + roll.upper), 0.5 * (roll.upper - roll.lower)
-    desk.u[2] = nearest_copy(best, roll.lower, roll.upper, middle)
+    desk.found[BEST_ROLL] = nearest_copy(best, roll.lower, roll.upper, middle)
     if half >= math.pi:
         return True
-    omega, margin = wanted.scalars[ANGLE] + wanted.scalars[MARGIN_A], wanted.scalars[MARGIN_A]
+    omega, margin = wanted.angle + wanted.margin_a, wanted.margin_a
     omega += turned(form, desk, len(form.leader))
     noise = twist_noise(wanted, dot)
     if omega >= math.pi or noise >= math.pi:
@@ -124,7 +124,7 @@ def cut_twist(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
     part and its part along the axis it could be had as well, were these not both noise, as traces tell them, where the hand
     is half a turn away from the goal: then the twist may be anything though the axis does not lean at all.
     """
-    T, goal, last, K_A = desk.T, desk.goal, len(form.leader) - 1, wanted.scalars[WEIGHT_A]
+    T, goal, last, K_A = desk.T, desk.goal, len(form.leader) - 1, wanted.weight_a
     turn_goal(form, wanted, desk)
     widths(form, desk)
     if ceiling >= 2.0 * K_A:
@@ -139,7 +139,7 @@ def cut_twist(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
         for i in range(3):
             dot += desk.z[last, r] * (T[behind, i] * goal[after, i] - T[after, i] * goal[behind, i])
     # acos(1 - x) loses what is below rounding of one: its half-angle form, and a margin, do not.
-    beta = 2.0 * math.asin(math.sqrt(min(0.5 * ceiling / K_A + wanted.scalars[MARGIN_A], 1.0)))
+    beta = 2.0 * math.asin(math.sqrt(min(0.5 * ceiling / K_A + wanted.margin_a, 1.0)))
     beta += twist_slack(wanted, turned(form, desk, last), along)
     ahead = math.atan2(dot, trace - along)
     left = cut_arc(desk, form.leader[last], desk.c[form.leader[last]] - ahead, beta)
@@ -152,7 +152,7 @@ def cut_twist(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
 def complete(form: Form, roll: Roll, chain: ChainArrays, desk: Desk, q: Array) -> None:
     """Joint values of the box' centre, (n,), inside the limits."""
     for i in range(len(q)):
-        value = desk.u[2] if roll.present and i == len(q) - 1 else desk.c[i]
+        value = desk.found[BEST_ROLL] if roll.present and i == len(q) - 1 else desk.c[i]
         if (i == 0 and form.head == TURN) or (i == len(q) - 1 and form.tail == 1):
             middle = 0.5 * (chain.lower[i] + chain.upper[i])
             value = nearest_copy(value, chain.lower[i], chain.upper[i], middle)

@@ -10,22 +10,7 @@ import numpy as np
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import hidden, kernel, view
 
-from .box import (
-    CHORD,
-    LEAST,
-    LENGTH,
-    MARGIN,
-    MARGIN_A,
-    POSITION,
-    TRUST,
-    Desk,
-    Form,
-    Wanted,
-    load_box,
-    make_desk,
-    place,
-    turn_goal,
-)
+from .box import LEAST, Desk, Form, Wanted, load_box, make_desk, place, turn_goal
 from .taylor import derivatives, differentiate, normal_matrix, rests, solve
 
 LARGEST, SMALLEST = 0.5, 1e-7
@@ -73,7 +58,7 @@ def expand(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
     turn_goal(form, wanted, desk)
     middle = m // 2
     differentiate(form, desk, middle, columns)
-    scale = 1.0 / (wanted.scalars[LENGTH] * wanted.scalars[LENGTH] + LEAST)
+    scale = 1.0 / (wanted.length * wanted.length + LEAST)
     weight = 1.0 if columns > 0 else 0.0
     for row in range(dof):
         normal_matrix(form, desk, scale, weight, columns)
@@ -117,9 +102,9 @@ def contract(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
     for k in range(len(form.leader)):
         desk.half[k] = abs(form.multiplier[k]) * around.half[form.leader[k]]
     _, _, three_p, three_c = rests(form, desk, desk.r, len(form.leader) // 2)
-    trust = wanted.scalars[TRUST]
-    off_p = wanted.scalars[POSITION] + wanted.scalars[MARGIN] + trust * three_p
-    off_c = wanted.scalars[CHORD] + wanted.scalars[MARGIN_A] + trust * three_c
+    trust = wanted.trust
+    off_p = wanted.position + wanted.margin + trust * three_p
+    off_c = wanted.chord + wanted.margin_a + trust * three_c
     for row in range(dof):
         total = around.value[row] + around.point[row] * off_p + around.column[row] * off_c
         for i in range(dof):

@@ -13,7 +13,7 @@ import numpy as np
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import hidden
 
-from .box import LENGTH, TINY, Desk, Form, Wanted
+from .box import TINY, Desk, Form, Wanted
 
 NOISE = 1e-14
 """What rounding makes of a pivot that should be zero, relative to its diagonal element."""
@@ -23,7 +23,7 @@ NOISE = 1e-14
 def halfway(form: Form, wanted: Wanted, desk: Desk) -> int:
     """The joint from which on the hand is moved, and before which the goal: where the rests of third order are least."""
     m, T, goal = len(form.leader), desk.T, desk.goal
-    counts = wanted.scalars[LENGTH] if form.columns > 0 else 0.0
+    counts = wanted.length if form.columns > 0 else 0.0
     for k in range(m):
         z0, z1, z2 = desk.z[k, 0], desk.z[k, 1], desk.z[k, 2]
         v0, v1, v2 = T[0, 3] - desk.p[k, 0], T[1, 3] - desk.p[k, 1], T[2, 3] - desk.p[k, 2]
