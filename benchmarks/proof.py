@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 
 import kinseek
 from kinseek import Goal, Problem
-from kinseek.kernels.proof.exclusion import ENDED, FOUND
+from kinseek.kernels.proof.progress import ENDED, FOUND
 from kinseek.proof.boxes import excluded
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.isolation import isolate

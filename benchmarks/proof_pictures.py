@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal, Problem, plots
-from kinseek.kernels.proof.exclusion import ENDED, examine
+from kinseek.kernels.proof.exclusion import examine
+from kinseek.kernels.proof.progress import ENDED
 from kinseek.proof.boxes import enclosed, excluded
 from kinseek.proof.reduce import question, start_boxes
 from kinseek.solution import Solution

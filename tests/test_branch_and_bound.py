@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import kinseek
 from kinseek import Goal, Problem
 from kinseek.errors import InvalidGoal, InvalidProblem
-from kinseek.kernels.proof.exclusion import ENDED
+from kinseek.kernels.proof.progress import ENDED
 from kinseek.proof.boxes import excluded
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.certificate import Certificate, Verdict

@@ -17,8 +17,9 @@ import kinseek
 from kinseek import Goal, Problem, Verdict
 from kinseek.kernels.jit import exposed
 from kinseek.kernels.proof.box import NARROW, Wanted, halve, make_desk
-from kinseek.kernels.proof.exclusion import FOUND, STOPPED, examine
+from kinseek.kernels.proof.exclusion import examine
 from kinseek.kernels.proof.last_joint import best_twist, twist_noise, twist_slack
+from kinseek.kernels.proof.progress import FOUND, STOPPED
 from kinseek.kernels.proof.taylor import solve
 from kinseek.proof.boxes import excluded
 from kinseek.proof.branch_and_bound import prove

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import Goal, Problem, Verdict
 from kinseek.deadline import Deadline
-from kinseek.kernels.proof import enclosure, exclusion, isolation
+from kinseek.kernels.proof.search import search_boxes
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.isolation import isolate, prove_complete
 from kinseek.solution import Solution, conclude
@@ -116,7 +116,6 @@ def test_rooms_too_small_are_enlarged(monkeypatch: pytest.MonkeyPatch) -> None:
         return more
 
     monkeypatch.setattr("kinseek.proof.boxes.roomy", cramped)
-    monkeypatch.setattr("kinseek.proof.isolation.roomy", cramped)
     assert same(proof_of(problem, gap=0.01, budget=3000), whole)
     again = isolate(wide(), budget=3000)
     assert (again.boxes, again.undecided) == (found.boxes, found.undecided)
@@ -231,14 +230,13 @@ def test_interrupts_at_any_moment(what: str) -> None:
     assert run.stdout.strip() == "well", (run.returncode, run.stderr)
 
 
-@pytest.mark.skipif(not hasattr(exclusion.exclude, "signatures"), reason="kernels are not compiled")
+@pytest.mark.skipif(not hasattr(search_boxes, "signatures"), reason="kernels are not compiled")
 def test_kernels_that_python_calls_hand_back_numbers_or_arrays() -> None:
     """What is built by calling a Python class, as a bundle is, may be interrupted: then there is nothing to hand back."""
     from numba import types
 
     proof_of(hard(), gap=0.5, budget=10)
     isolate(wide(), budget=10)
-    for kernel in (exclusion.exclude, enclosure.enclose, isolation.isolate_boxes):
-        results = [each.signature.return_type for each in vars(kernel)["overloads"].values()]
-        assert results
-        assert all(isinstance(each, types.Integer) for each in results)
+    results = [each.signature.return_type for each in vars(search_boxes)["overloads"].values()]
+    assert len(results) == 3
+    assert all(isinstance(each, types.Integer) for each in results)

@@ -14,14 +14,32 @@ import numpy as np
 
 from kinseek.deadline import Deadline
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.proof.enclosure import FLOOR, enclose
-from kinseek.kernels.proof.exclusion import COUNT, ENDED, FOUND, FULL, SEEN, STOPPED, STUCK, UPPER, exclude
+from kinseek.kernels.proof.box import Form, Wanted
+from kinseek.kernels.proof.enclosure import Heap
+from kinseek.kernels.proof.exclusion import OFTEN, STEPS
+from kinseek.kernels.proof.isolation import Places
+from kinseek.kernels.proof.last_joint import Roll
+from kinseek.kernels.proof.progress import (
+    COUNT,
+    COUNTS,
+    ENDED,
+    FLOOR,
+    FOUND,
+    FULL,
+    SEEN,
+    STOPPED,
+    STUCK,
+    UPPER,
+    Tuning,
+)
+from kinseek.kernels.proof.search import search_boxes
 from kinseek.problem import Problem
 
 from .reduce import error_question, question, start_boxes
 
-SPREAD, SHRINK = 2.5, 0.5
-"""Boxes that turn the hand by less [rad] are looked at to second order; those that shrink to less of their volume, again."""
+SPREAD, SHRINK, PASSES = 2.5, 0.5, 2
+"""Boxes that turn the hand by less [rad] are looked at to second order; those that shrink to less of their volume, again;
+where the tolerances decide, so many forms are tried."""
 
 
 PIECE = 8192
@@ -79,6 +97,87 @@ class Watch:
         return self.cut or self.interrupted
 
 
+def tuning_of(problem: Problem, often: int, steps: int, gap: float = 0.0) -> Tuning:
+    """How hard a search tries."""
+    tolerances = float(problem.goal.position_tolerance), float(problem.goal.orientation_tolerance)
+    return Tuning(SPREAD, SHRINK, PASSES, often, steps, *tolerances, gap)
+
+
+class Run:
+    """The loop on some boxes, call after call."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        asked: tuple[Form, Wanted, Roll],
+        boxes: Array,
+        q: Array,
+        tuning: Tuning,
+        heap: Heap | None = None,
+        places: Places | None = None,
+    ) -> None:
+        """Make room for more boxes than these, (k, 2 dof); q, (n,), is written to. For the rest see `search_boxes`."""
+        self._asked = (*asked, problem.arrays, problem.goal.arrays)
+        self._chunk, self._tuning, self._places = chunk_of(problem), tuning, places
+        self.boxes, self.q = roomy(boxes), q
+        self.heap = None if heap is None else heap_for(len(self.boxes), heap)
+        self.counts = np.zeros(COUNTS, dtype=np.int64)
+        self.counts[COUNT] = len(boxes)
+        self.figures = np.array([np.inf, np.inf, 0.0, np.inf])
+
+    def go(self, most: int, watch: Watch) -> int:
+        """Go on until the loop ends, so many boxes have been examined or it is to come back; see `search_boxes`.
+
+        The first look at the tolerances is always taken.
+        """
+        outcome = STOPPED
+        while outcome in (STOPPED, FULL) and not (self.seen and watch.over):
+            judge_only = self.heap is not None and watch.over
+            until = 0 if judge_only else min(self.seen + self._chunk, most)
+            outcome = search_boxes(
+                *self._asked,
+                self.boxes,
+                self.heap,
+                self._places,
+                self.q,
+                self._tuning,
+                self.counts,
+                self.figures,
+                until,
+                most,
+            )
+            if outcome == FULL:
+                self._enlarge()
+            elif judge_only or self.seen >= most:
+                break
+        return outcome
+
+    def _enlarge(self) -> None:
+        if self.heap is None:
+            self.boxes = roomy(self.boxes)
+        else:  # A heap keeps the boxes of all depths: it doubles.
+            self.boxes = np.concatenate([self.boxes, np.zeros_like(self.boxes)])
+            self.heap = heap_for(len(self.boxes), self.heap)
+
+    @property
+    def seen(self) -> int:
+        """Boxes examined."""
+        return int(self.counts[SEEN])
+
+    def search(self, outcome: int, largest: float, left: Array) -> Search:
+        """What is known by now, with no lower bound."""
+        upper, stuck, floor = (float(self.figures[each]) for each in (UPPER, STUCK, FLOOR))
+        return Search(outcome, self.seen, largest, self.q, 0.0, upper, left, stuck, floor)
+
+
+def heap_for(room: int, given: Heap) -> Heap:
+    """The same order with room for so many rows."""
+    more = Heap(np.zeros(room), np.zeros(room, dtype=np.int64))
+    for new, old in zip(more, given, strict=True):
+        new[: len(old)] = old
+    return more
+
+
 def excluded(
     problem: Problem,
     budget: int,
@@ -86,37 +185,23 @@ def excluded(
     threads: int | None = None,
     watch: Watch | None = None,
 ) -> Search:
-    """Look in every box for joint values within both tolerances; see `exclude`.
+    """Look in every box for joint values within both tolerances.
 
     What a stretch of boxes leaves over is shared out, a box to a thread, round after round. What becomes of a box depends on
     nothing but itself, and the results are read in order: so the verdict, the witness and the count are the same for any
     number of threads.
     """
-    goal, watch = problem.goal, watch or Watch()
-    form, wanted, roll = question(problem, trust)
-    tuning = np.array([SPREAD, 2, SHRINK, goal.position_tolerance, goal.orientation_tolerance])
-    arrays, chunk = (problem.arrays, goal.arrays), chunk_of(problem)
+    watch, asked = watch or Watch(), question(problem, trust)
+    tuning, roll = tuning_of(problem, OFTEN, STEPS), asked[2]
 
     def stretch(_: Search | None, boxes: Array, most: int) -> Search:
-        stack, q = roomy(boxes), np.zeros(problem.chain.dof)
-        counts, figures = np.array([len(boxes), 0, 0]), np.array([np.inf, 0.0])
-        outcome = STOPPED
-        while outcome in (STOPPED, FULL) and not (counts[SEEN] and watch.over):
-            until = min(int(counts[SEEN]) + chunk, most)
-            outcome = exclude(form, wanted, roll, *arrays, stack, q, tuning, counts, figures, until)
-            if outcome == FULL:
-                stack = roomy(stack)
-            elif counts[SEEN] >= most:
-                break
-        seen, upper, stuck = int(counts[SEEN]), float(figures[UPPER]), float(figures[STUCK])
-        if outcome == FOUND:
-            return Search(FOUND, seen, 0.0, q, 0.0, upper, stack[:0], stuck, np.inf)
-        left = stack[: counts[COUNT]].copy()
-        largest = left[:, left.shape[1] // 2 :].max(initial=stuck)
-        outcome = STOPPED if len(left) or stuck > 0.0 else ENDED
-        return Search(
-            outcome, seen, float(largest), q, 0.0, upper, left, stuck, 0.0 if stuck > 0.0 else np.inf
-        )
+        run = Run(problem, asked, boxes, np.zeros(problem.chain.dof), tuning)
+        if run.go(most, watch) == FOUND:
+            return run.search(FOUND, 0.0, boxes[:0])._replace(floor=np.inf)
+        left = run.boxes[: run.counts[COUNT]].copy()
+        stuck = float(run.figures[STUCK])
+        largest = float(left[:, left.shape[1] // 2 :].max(initial=stuck))
+        return run.search(STOPPED if len(left) or stuck > 0.0 else ENDED, largest, left)
 
     search = stretch(None, start_boxes(problem.chain, roll.present), min(budget, PIECE))
     return _shared(search, stretch, budget, sys.maxsize, threads, watch)
@@ -205,50 +290,22 @@ def enclosed(
     threads: int | None = None,
     watch: Watch | None = None,
 ) -> Search:
-    """Enclose the least weighted error, starting from joint values q, (n,); see `enclose`.
+    """Enclose the least weighted error, starting from joint values q, (n,), best box first.
 
     What a stretch of boxes leaves over is dealt out to `HANDS` threads or fewer, the same hands for any number of them, so
     that the bounds, the pose and the count are the same too.
     """
     chain, watch = problem.chain, watch or Watch()
     form, wanted, roll = error_question(problem, q, gap, trust)
-    arrays, tuning = (problem.arrays, problem.goal.arrays), np.array([SPREAD, SHRINK, gap])
-    chunk = chunk_of(problem)
+    tuning = tuning_of(problem, OFTEN, 0, gap)
 
     def stretch(known: Search, boxes: Array, most: int) -> Search:
-        room = len(boxes) + 1024
-        rows, bound, order = (
-            np.empty((room, boxes.shape[1] - 1)),
-            np.zeros(room),
-            np.zeros(room, dtype=np.int64),
-        )
-        rows[: len(boxes)], bound[: len(boxes)], best = boxes[:, :-1], boxes[:, -1], known.q.copy()
-        counts, figures = np.array([len(boxes), 0, 0]), np.array([np.inf, 0.0, np.inf])
-        outcome = STOPPED
-        while outcome in (STOPPED, FULL) and not (counts[SEEN] and watch.over):
-            until = 0 if watch.over else min(int(counts[SEEN]) + chunk, most)
-            outcome = enclose(
-                form, wanted, roll, *arrays, rows, bound, order, best, tuning, counts, figures, until, most
-            )
-            if outcome == FULL:
-                rows, bound, order = (
-                    np.concatenate([each, np.zeros_like(each)]) for each in (rows, bound, order)
-                )
-            elif counts[SEEN] >= until == most or until == 0:
-                break
-        return settle(
-            Search(
-                STOPPED,
-                int(counts[SEEN]),
-                0.0,
-                best,
-                0.0,
-                float(figures[UPPER]),
-                np.c_[rows, bound][order[: counts[COUNT]]],
-                float(figures[STUCK]),
-                float(figures[FLOOR]),
-            )
-        )
+        heap = Heap(boxes[:, -1], np.zeros(len(boxes), dtype=np.int64))
+        run = Run(problem, (form, wanted, roll), boxes[:, :-1], known.q.copy(), tuning, heap)
+        run.go(most, watch)
+        assert run.heap is not None
+        bounded = np.c_[run.boxes, run.heap.bound]
+        return settle(run.search(STOPPED, 0.0, bounded[run.heap.order[: run.counts[COUNT]]]))
 
     def settle(search: Search) -> Search:
         """Drop what the best pose known by now rules out."""

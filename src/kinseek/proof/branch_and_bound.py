@@ -17,8 +17,8 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.proof.exclusion import ENDED, FOUND
 from kinseek.kernels.proof.gate import least_by_gate
+from kinseek.kernels.proof.progress import ENDED, FOUND
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.solver import Atlas

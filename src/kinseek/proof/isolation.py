@@ -16,11 +16,11 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.proof.exclusion import COUNT, ENDED, FULL, SEEN
-from kinseek.kernels.proof.isolation import COUNTS, KNOWN, LEFT, MOST, Places, isolate_boxes
+from kinseek.kernels.proof.isolation import MOST, OFTEN, STEPS, Places
+from kinseek.kernels.proof.progress import COUNT, KNOWN, LEFT
 from kinseek.problem import Problem, as_joints
 
-from .boxes import ENDLESS, SHRINK, SPREAD, chunk_of, roomy
+from .boxes import ENDLESS, Run, Watch, tuning_of
 from .reduce import question, start_boxes
 
 BUDGET = 200_000
@@ -86,56 +86,33 @@ def isolate(
     if budget < 0:
         raise InvalidProblem(f"budget must be at least 0 boxes, got {budget}")
     known = _checked(problem, answers)
-    form, wanted, roll = question(problem, trust)
-    boxes = start_boxes(chain, roll.present)
-    spare = chain.dof > goal.form.constraints
-    periodic = chain.periodic[: boxes.shape[1] // 2].copy()
-    tuning = np.array([SPREAD, 2, SHRINK, goal.position_tolerance, goal.orientation_tolerance])
-    if spare:
+    asked = question(problem, trust)
+    without_last = asked[2].present
+    boxes = start_boxes(chain, without_last)
+    if chain.dof > goal.form.constraints:
         nothing = np.full(known.shape, np.inf)
         return Isolation(False, known, nothing, np.arange(len(known)), 0, len(boxes))
     dof, most = boxes.shape[1] // 2, MOST + len(known)
-    stack, counts, chunk = roomy(boxes), np.zeros(COUNTS, dtype=np.int64), chunk_of(problem)
-    counts[COUNT] = len(boxes)
     places = Places(
+        known,
+        chain.periodic[:dof].copy(),
         np.zeros(most, dtype=np.bool_),
         np.zeros(most, dtype=np.int64),
         np.zeros((most, chain.dof)),
         *np.zeros((3, most, dof)),
     )
-    out_of_time = False
-    while True:
-        until = min(int(counts[SEEN]) + chunk, budget)
-        outcome = isolate_boxes(
-            form,
-            wanted,
-            roll,
-            problem.arrays,
-            goal.arrays,
-            stack,
-            periodic,
-            known,
-            places,
-            tuning,
-            counts,
-            until,
-        )
-        if outcome == FULL:
-            stack = roomy(stack)
-        elif outcome == ENDED or until == budget:
-            break
-        if deadline.passed:
-            out_of_time = True
-            break
-    count, left = int(counts[KNOWN]), int(counts[COUNT] + counts[LEFT])
+    run = Run(problem, asked, boxes, np.zeros(chain.dof), tuning_of(problem, OFTEN, STEPS), places=places)
+    watch = Watch(deadline)
+    run.go(budget, watch)
+    count, left = int(run.counts[KNOWN]), int(run.counts[COUNT] + run.counts[LEFT])
     return Isolation(
         complete=left == 0 and bool(places.isolated[:count].all()),
         q=places.q[:count].copy(),
-        distance=_distances(problem, places.distance[:count], roll.present),
+        distance=_distances(problem, places.distance[:count], without_last),
         given=places.number[:count].copy(),
-        boxes=int(counts[SEEN]),
+        boxes=run.seen,
         undecided=left,
-        out_of_time=out_of_time,
+        out_of_time=watch.cut,
     )
 
 

@@ -1,148 +1,58 @@
-"""Every box of joint values, one after another, until none is left: then the goal is out of reach.
-
-All memory is the caller's: a kernel that hands a bundle of arrays to Python has Python build it, and where that is
-interrupted there is nothing to hand back.
-"""
+"""Can anything in a box be within both tolerances? If not in any box, the goal is out of reach."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from kinseek.kernels.arm.forward import forward
-from kinseek.kernels.arm.pose_error import errors, weighted_error
-from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
-from kinseek.kernels.jit import kernel
+from kinseek.kernels.arrays import Array
+from kinseek.kernels.jit import hidden, kernel
 
-from .approach import approach
 from .bounds import first_order
 from .box import (
     BELOW,
-    HEAD,
-    MISS_COLUMNS,
     MISS_POINT,
-    NARROW,
-    NEAR,
+    Desk,
     Form,
     Wanted,
-    halve,
     load_box,
     make_desk,
     place,
-    store_box,
     turn_goal,
     turned,
     volume,
-    widest,
     widths,
 )
 from .form import separate, underestimate
-from .gate import gate
 from .last_joint import Roll, cut_twist, roll_fits, twist_cost
+from .progress import AGAIN, GONE, OPEN, Tuning
 
-ENDED, FOUND, STOPPED, FULL = 0, 1, 2, 3
-"""No box is left; an answer was found; as many boxes as were asked for have been examined; there is no room for more."""
-
-TRIAL = 16
-"""Every so many boxes that are kept, steps from the middle of one look for an answer."""
+OFTEN = 16
+"""Every so many boxes that are cut, steps from the middle of one look for an answer."""
 STEPS = 8
 """So many: an answer that they do not come close to is not in the box."""
 
-# What a search counts, and what it knows; `enclosure` and `isolation` go on from here.
-COUNT = 0  # Boxes that are left.
-SEEN = 1  # Boxes examined.
-KEPT = 2  # Boxes cut in half.
-UPPER = 0  # Weighted error of the best joint values seen.
-STUCK = 1  # Widest box that was given up as too narrow, [rad] or [m].
 
-
-@kernel
-def exclude(
-    form: Form,
-    wanted: Wanted,
-    roll: Roll,
-    chain: ChainArrays,
-    goal: GoalArrays,
-    stack: Array,
-    q: Array,
-    tuning: Array,
-    counts: Indices,
-    figures: Array,
-    until: int,
-) -> int:
-    """Look for any q within both tolerances, box after box, the last one first; none, if the gate is shut.
-
-    It may be called again to go on where it stopped, and finds the same as if it had not stopped.
-
-    Args:
-        form: The part of the arm that the boxes are about.
-        wanted: What is asked of it.
-        roll: The last joint, where it is divided out.
-        chain: The whole arm, for the witness.
-        goal: The goal as it was asked.
-        stack: The boxes that are left, (room, 2 dof): centres and half widths.
-        q: The best joint values seen are written here, the answer if one is found, (n,).
-        tuning: Largest spread for the second order [rad], passes, shrink that earns another look, tolerances.
-        counts: COUNT, SEEN and KEPT, (3,).
-        figures: UPPER and STUCK, (2,).
-        until: Boxes that may have been examined by the end of this call.
+@hidden
+def exclude_box(form: Form, wanted: Wanted, roll: Roll, desk: Desk, tuning: Tuning) -> tuple[int, float]:
+    """Look once at the box in hand, and cut off it what misses a tolerance.
 
     Returns:
-        ENDED, FOUND, STOPPED or FULL.
+        GONE, AGAIN or OPEN; by how much the box turns the hand [rad].
     """
-    dof, count, seen, kept = stack.shape[1] // 2, counts[COUNT], counts[SEEN], counts[KEPT]
-    best, stuck, outcome = figures[UPPER], figures[STUCK], ENDED
-    desk, T, trial = make_desk(len(form.leader), dof), np.empty((3, 4)), np.zeros(len(q))
-    if not gate(form, wanted, chain)[0]:
-        count = 0
-    while count > 0:
-        if seen >= until or count == len(stack):
-            outcome = STOPPED if seen >= until else FULL
-            break
-        count -= 1
-        load_box(stack, count, desk)
-        seen += 1
-        place(form, desk)
-        widths(form, desk)
-        if not first_order(form, wanted, desk, -1.0):
-            continue
-        spread, near_p, near_c = turned(form, desk, len(form.leader)), np.inf, np.inf
-        before = volume(desk)
-        if spread < tuning[0]:
-            if not separate(form, wanted, desk, int(tuning[1])):
-                continue
-            near_p, near_c = desk.found[MISS_POINT], desk.found[MISS_COLUMNS]
-            if roll.present and not roll_fits(form, wanted, roll, desk):
-                continue
-            if volume(desk) < tuning[2] * before:
-                store_box(stack, count, desk)
-                count += 1
-                continue
-        i = widest(form, wanted, desk, HEAD)
-        if desk.h[i] < NARROW * (1.0 + abs(desk.c[i])):
-            stuck = max(stuck, desk.h[i])
-            continue
-        halve(desk, i, stack, count, count + 1)
-        count += 2
-        kept += 1
-        # Now and then, steps look for an answer. Wide tolerances may allow one in the middle, though no descent ends there.
-        steps = STEPS if spread < NEAR and kept % TRIAL == 0 else 0
-        if steps == 0 and (near_p > wanted.position or near_c > wanted.chord):
-            continue
-        approach(form, wanted, roll, chain, steps, desk, trial)
-        forward(chain, trial, T)
-        position, orientation = errors(T, goal)
-        error = weighted_error(T, goal)
-        met = position <= tuning[3] and orientation <= tuning[4]
-        if met or error < best:
-            best = error
-            for j in range(len(q)):
-                q[j] = trial[j]
-        if met:
-            outcome = FOUND
-            break
-    counts[COUNT], counts[SEEN], counts[KEPT] = count, seen, kept
-    figures[UPPER], figures[STUCK] = best, stuck
-    return outcome
+    desk.found[MISS_POINT] = np.inf
+    place(form, desk)
+    widths(form, desk)
+    if not first_order(form, wanted, desk, -1.0):
+        return GONE, 0.0
+    spread, before = turned(form, desk, len(form.leader)), volume(desk)
+    if spread < tuning.spread:
+        if not separate(form, wanted, desk, tuning.passes):
+            return GONE, spread
+        if roll.present and not roll_fits(form, wanted, roll, desk):
+            return GONE, spread
+        if volume(desk) < tuning.shrink * before:
+            return AGAIN, spread
+    return OPEN, spread
 
 
 @kernel
