@@ -157,7 +157,9 @@ def test_wide_tolerances_of_the_turn_lose_nothing(angle: float, axis: str) -> No
 
 
 def question_of(margin: float = ROUNDING) -> Wanted:
-    nothing = dict.fromkeys(Wanted._fields, 0.0) | dict.fromkeys(("target", "last"), np.zeros((3, 4)))
+    nothing: dict[str, Any] = dict.fromkeys(Wanted._fields, 0.0) | dict.fromkeys(
+        ("target", "last"), np.zeros((3, 4))
+    )
     return Wanted(**nothing | {"trust": 1.0, "margin_a": margin})
 
 

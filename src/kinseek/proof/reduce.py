@@ -10,7 +10,7 @@ from kinseek.errors import InvalidProblem
 from kinseek.kernels.arm.division import NONE, TURN
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arrays import Array, ChainArrays
-from kinseek.kernels.proof.box import LEAST, Form, Wanted
+from kinseek.kernels.proof.box import LEAST, TINY, Form, Wanted
 from kinseek.kernels.proof.gate import CROSSED
 from kinseek.kernels.proof.last_joint import Roll
 from kinseek.problem import Problem
@@ -27,7 +27,16 @@ MANY_TURNS = 1e3
 """Angles of all joints together [rad] from which on rounding of the angles counts, not only that of what is made of them."""
 
 _AXIS_COUNTS = 0.1
-"""A direction counts, when a box is split, as this part of the arm's length."""
+"""A direction counts, when a box is split, as this part of the arm's length: about a hand's. By trial."""
+
+ON_AXIS = 1e-6
+"""A tip no farther from the last joint's axis [m] counts as on it. Robot files round to a micrometre; that distance, twice,
+is added to the margin, so the bound holds for any value. With twice as much the bound of the error is lower by 2e-6 K_P
+more."""
+
+AT_LIMIT = 1e-6
+"""A last joint no farther from a limit [rad] counts as held by it. It decides which of two questions is asked, not what is
+proved."""
 
 
 def question(problem: Problem, trust: float = 1.0) -> tuple[Form, Wanted, Roll]:
@@ -69,7 +78,7 @@ def error_question(
     chain, goal = problem.chain, problem.goal
     fixed, target, head, tail = _divided(problem)
     off_axis = float(np.hypot(*fixed[-1, :2, 3]))
-    if tail and off_axis < 1e-6 and not (whole or _last_is_held(chain, q)):
+    if tail and off_axis < ON_AXIS and not (whole or _last_is_held(chain, q)):
         cut, axis = _cut(fixed, target, float(fixed[-1, 2, 3]))
         wanted = _wanted(problem, axis, 1, trust)
         wanted = wanted._replace(margin=wanted.margin + 2.0 * off_axis)
@@ -102,7 +111,7 @@ def error_question(
 def _last_is_held(chain: SerialChain, q: Array) -> bool:
     """Is the last joint at a limit that it could not turn past the other way round?"""
     lower, upper = float(chain.lower[-1]), float(chain.upper[-1])
-    return upper - lower < 2 * np.pi and min(float(q[-1]) - lower, upper - float(q[-1])) < 1e-6
+    return upper - lower < 2 * np.pi and min(float(q[-1]) - lower, upper - float(q[-1])) < AT_LIMIT
 
 
 def _loss_of_last(problem: Problem, q: Array) -> float:
@@ -114,7 +123,7 @@ def _loss_of_last(problem: Problem, q: Array) -> float:
     half = 0.5 * goal.orientation_weight
     tilted = half * float(np.sum(((T - target)[:, :3] @ axis) ** 2))
     turned = half * float(np.sum((T - target)[:, :2] ** 2))
-    return 1.0 - (miss + tilted) / max(miss + turned, 1e-300)
+    return 1.0 - (miss + tilted) / max(miss + turned, TINY)
 
 
 def start_boxes(chain: SerialChain, without_last: bool) -> Array:
@@ -126,7 +135,7 @@ def start_boxes(chain: SerialChain, without_last: bool) -> Array:
             lower[i], upper[i] = middle - np.pi, middle + np.pi
     count = chain.dof - int(without_last)
     half = (upper - lower) / 2
-    half += LEAST + 1e-15 * np.abs(lower + upper)
+    half += LEAST + LEAST * np.abs(lower + upper)
     return np.concatenate([(lower + upper)[:count] / 2, half[:count]])[None]
 
 

@@ -21,7 +21,16 @@ import math
 from kinseek.kernels.arm.division import SLIDE, TURN
 from kinseek.kernels.jit import hidden
 
-from .box import BELOW, Desk, Form, Wanted, motion, rounding, turning
+from .box import BELOW, Desk, Form, Wanted, motion, rounding, short_way, turning
+
+OF_ANGLES = 1e-12
+"""Margin for rounding of an angle that an arc function gives [rad], some thousand times its last digit; what rounding does
+to its argument is covered by `Wanted.margin`. Twice as much widens an arc by a hundredth of the narrowest box."""
+
+FULL_TURN = 3.14159
+"""Half width that counts as a whole turn [rad]: limits are often written with so many digits. A box that becomes an arc may
+reach past its limits by what is lacking to π, 2.7e-6 rad; that lets more in, and loses nothing. Half of it would do so to
+every joint of more than 180°, which then has no limits."""
 
 
 @hidden
@@ -36,7 +45,7 @@ def arc(rc: float, zc: float, rg: float, zg: float, rho: float) -> float:
     full = 4.0 * rc * rg
     if left >= full:
         return math.pi
-    return 2.0 * math.asin(math.sqrt(left / full)) + 1e-12
+    return 2.0 * math.asin(math.sqrt(left / full)) + OF_ANGLES
 
 
 @hidden
@@ -46,15 +55,12 @@ def cut_arc(desk: Desk, i: int, middle: float, psi: float) -> bool:
         return True
     c, h = desk.c[i], desk.h[i]
     psi += 4.0 * rounding(c, h)
-    turn = 2.0 * math.pi
-    off = middle - c
-    off -= turn * math.floor(off / turn + 0.5)
+    off = short_way(middle - c)
     if abs(off) > h + psi:
         return False
-    if (
-        abs(off) > turn - h - psi
-    ):  # Two pieces. A full turn becomes the arc; limits stay until the arc is smaller.
-        if h > 3.14159:
+    # Two pieces are left. A full turn becomes the arc; limits stay until the arc is smaller.
+    if abs(off) > 2.0 * math.pi - h - psi:
+        if h > FULL_TURN:
             desk.c[i], desk.h[i] = c + off, psi
         return True
     low, high = max(-h, off - psi), min(h, off + psi)

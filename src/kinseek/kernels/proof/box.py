@@ -17,21 +17,22 @@ from kinseek.kernels.arrays import Array, Flags, Indices
 from kinseek.kernels.jit import hidden, view
 
 TINY = 1e-300
+"""Keeps what may be zero out of a denominator; nothing that is measured is as small, so any value near it would do."""
 LEAST = 1e-15
 """No half width is ever smaller [rad] or [m]. Relative to a number, more than twice what rounding takes from it."""
 NARROW = 1e-10
 """A box whose widest half width is smaller, relative to one plus its centre, is not split again [rad] or [m].
 
 It moves the hand by less than the tightest tolerances that people ask for, and by no less than a hundred times the margins
-for rounding: narrower boxes would be judged by those alone.
+for rounding: narrower boxes would be judged by those alone. Twice as much gives a box up one halving earlier.
 """
 NEAR = 1.5
 """Boxes that turn the hand by less [rad] are near enough to an answer in them for steps from their middle to find it.
 
-An axis that is off by a quarter turn or more, which this all but is, no longer says which way to go.
+An axis that is off by a quarter turn or more, which this all but is, no longer says which way to go. By trial.
 """
 HEAD = 0.3
-"""How much less urgent it is to split a first joint that turns: its range is cut as the others' ranges shrink."""
+"""How much less urgent it is to split a first joint that turns: its range is cut as the others' ranges shrink. By trial."""
 
 # Of `Desk.found`.
 MISS_POINT = 0
@@ -214,7 +215,11 @@ def place(form: Form, desk: Desk) -> None:
 
 @hidden
 def chord_of(angle: float) -> float:
-    """An upper bound of 2 sin(angle/2) for angle ≥ 0, and 2 beyond π: its Taylor polynomial ends on a positive term."""
+    """An upper bound of 2 sin(angle/2) for angle ≥ 0, and 2 beyond π: its Taylor polynomial ends on a positive term.
+
+    At 3 that polynomial, ``a - a³/24 + a⁵/1920``, has reached 2, the longest chord that there is; later it falls below
+    again.
+    """
     if angle > 3.0:
         return 2.0
     square = angle * angle
@@ -227,6 +232,13 @@ def widths(form: Form, desk: Desk) -> None:
     for k in range(len(form.leader)):
         desk.half[k] = abs(form.multiplier[k]) * desk.h[form.leader[k]]
         desk.chord[k] = desk.half[k] if form.prismatic[k] else chord_of(desk.half[k])
+
+
+@hidden
+def short_way(angle: float) -> float:
+    """The same turn without whole ones, from -π to π [rad]."""
+    turn = 2.0 * math.pi
+    return angle - turn * math.floor(angle / turn + 0.5)
 
 
 @hidden

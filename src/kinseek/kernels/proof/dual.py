@@ -17,12 +17,17 @@ from .box import TINY, Desk, Form, Wanted, turned
 from .taylor import normal_matrix, slope, solve, step_miss, weight_miss
 
 STEPS = 6
+"""Steps at most. By trial."""
+
 CLOSE = 0.02
-"""Steps end where the bound is this close to what the step reaches, relative to it."""
+"""Steps end where the bound is this close to what the step reaches, relative to it. By trial."""
+
 SOFT = 0.03
-"""Part of the normal matrix, as large as the box is wide, that is added to its diagonal: without it steps run to and fro."""
+"""Part of the normal matrix, as large as the box is wide, that is added to its diagonal: without it steps run to and fro.
+By trial."""
+
 BLUNT = 1e-3
-"""Distance, in units of the ceiling, at which the length of v_p is rounded off: its direction jumps at zero."""
+"""Distance, in units of the ceiling, at which the length of v_p is rounded off: its direction jumps at zero. By trial."""
 
 
 @hidden

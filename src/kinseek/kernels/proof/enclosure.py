@@ -17,7 +17,8 @@ from .last_joint import Roll, complete, cut_twist, roll_fits, twist_cost
 from .progress import AGAIN, CEILING, COUNT, GONE, OPEN, UPPER, USED, Tuning
 
 FINE = 1.2
-"""Boxes that turn the hand by less [rad] are cut along a first joint as along any other: azimuths hardly cut them."""
+"""Boxes that turn the hand by less [rad] are cut along a first joint as along any other: azimuths hardly cut them.
+By trial: 2.5 % more boxes with twice as much."""
 
 
 class Heap(NamedTuple):

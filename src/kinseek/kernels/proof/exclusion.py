@@ -27,9 +27,10 @@ from .last_joint import Roll, cut_twist, roll_fits, twist_cost
 from .progress import AGAIN, GONE, OPEN, Tuning
 
 OFTEN = 16
-"""Every so many boxes that are cut, steps from the middle of one look for an answer."""
+"""Every so many boxes that are cut, steps from the middle of one look for an answer. By trial on goals near the rim of
+four arms: 14 % more boxes with twice as many."""
 STEPS = 8
-"""So many: an answer that they do not come close to is not in the box."""
+"""So many: an answer that they do not come close to is not in the box. By trial: 0.5 % fewer boxes with twice as many."""
 
 
 @hidden

@@ -40,6 +40,18 @@ from .taylor import (
     weight_miss,
 )
 
+ROUND = 0.05
+"""How round the ellipsoid of a second form is made, that touches the box where the first one touched it: such a part of the
+form's size counts for every variable, so that one which the form does not see stays inside of its range. By trial."""
+
+OF_SUMS = 1e-14
+"""Rounding of a sum of some twenty products, relative to its terms: fifty last digits. What stands in it comes from poses,
+and `Wanted.margin` covers those. Twice as much is a hundredth of that margin."""
+
+OF_ROOTS = 1e-12
+"""Rounding of the root of a quadratic polynomial, relative to one plus the half width [rad] or [m]: some thousand last
+digits. Twice as much keeps cut boxes wider by that, a hundredth of the narrowest box."""
+
 
 class Rests(NamedTuple):
     """What the Taylor polynomials of a box leave over, at most."""
@@ -138,7 +150,7 @@ def separate(form: Form, wanted: Wanted, desk: Desk, passes: int) -> bool:
         for i in range(dof):
             total += abs(desk.g[i]) * desk.h[i]
         for i in range(dof):
-            desk.D[i] = (abs(desk.g[i]) + 0.05 * total / desk.h[i]) / desk.h[i]
+            desk.D[i] = (abs(desk.g[i]) + ROUND * total / desk.h[i]) / desk.h[i]
         weight_p = (size_p + TINY) / (slack_p + rest.three_p)
         weight_c = (size_c + TINY) / (slack_c + rest.three_c)
     return True
@@ -180,7 +192,7 @@ def weigh(form: Form, wanted: Wanted, desk: Desk, rest: Rests, slack_p: float, s
         b0, b1, b2 = y[0, 0] + back * y[0, 3], y[1, 0] + back * y[1, 3], y[2, 0] + back * y[2, 3]
         over = min(over, size_p * rest.three_b + math.sqrt(b0 * b0 + b1 * b1 + b2 * b2) * rest.three_c)
     over *= wanted.trust
-    over += size_p * slack_p + size_c * slack_c + 1e-14 * (abs(value) - lost)
+    over += size_p * slack_p + size_c * slack_c + OF_SUMS * (abs(value) - lost)
     least_value: float = value + lost - over
     return least_value
 
@@ -267,8 +279,8 @@ def cut_box(desk: Desk, spare: float) -> None:
         low = -h
         if H > 0.0:
             low = max(low, (-g - math.sqrt(disc)) / H)
-        high = min(root + 1e-12 * (1.0 + h), h)
-        low = max(low - 1e-12 * (1.0 + h), -h)
+        high = min(root + OF_ROOTS * (1.0 + h), h)
+        low = max(low - OF_ROOTS * (1.0 + h), -h)
         if high <= low:
             continue
         middle, half = 0.5 * (low + high), 0.5 * (high - low)

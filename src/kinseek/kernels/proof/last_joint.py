@@ -9,8 +9,8 @@ from kinseek.kernels.arm.division import TURN, nearest_copy
 from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.jit import hidden
 
-from .bounds import cut_arc
-from .box import BEST_ROLL, Desk, Form, Wanted, place, turn_goal, turned, widths
+from .bounds import OF_ANGLES, cut_arc
+from .box import BEST_ROLL, Desk, Form, Wanted, place, short_way, turn_goal, turned, widths
 
 
 class Roll(NamedTuple):
@@ -49,9 +49,10 @@ def twist_noise(wanted: Wanted, dot: float) -> float:
     """
     margin: float = wanted.margin_a
     length = 1.0 + dot - 2.0 * margin
+    # Of a vector that is longer the bound below holds: asin(2√2/8) is less than 4/8.
     if length <= 8.0 * margin:
         return math.pi
-    return 4.0 * margin / length + 1e-12
+    return 4.0 * margin / length + OF_ANGLES
 
 
 @hidden
@@ -62,9 +63,8 @@ def twist_slack(wanted: Wanted, omega: float, dot: float) -> float:
     2 sin(Ω/4).
     """
     moved = 2.0 * math.sin(0.25 * min(omega, math.pi)) * wanted.trust
-    square = (
-        0.5 * (1.0 + dot) - wanted.margin_a
-    )  # Not its root: near zero that is off by the root of the margin.
+    # Not its root: near zero that is off by the root of the margin.
+    square = 0.5 * (1.0 + dot) - wanted.margin_a
     if omega >= math.pi or moved * moved >= square:
         return math.pi
     return min(2.0 * math.asin(moved / math.sqrt(square)) + twist_noise(wanted, dot), math.pi)
@@ -90,9 +90,7 @@ def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
     # Margins on either side: near one, the angle is off by the root of what the ratio is off by.
     ratio = (math.cos(0.5 * omega) - margin) / math.sqrt(0.5 * (1.0 + dot) + margin)
     miss = 2.0 * math.acos(min(ratio, 1.0)) + noise
-    off = best - middle
-    off -= 2.0 * math.pi * math.floor(off / (2.0 * math.pi) + 0.5)
-    return abs(off) <= half + miss
+    return abs(short_way(best - middle)) <= half + miss
 
 
 @hidden
@@ -105,9 +103,9 @@ def twist_cost(form: Form, wanted: Wanted, roll: Roll, desk: Desk, ceiling: floa
     if half >= math.pi or roll.weight == 0.0:
         return 0.0
     best, dot = best_twist(desk)
-    off = best - middle
-    off -= 2.0 * math.pi * math.floor(off / (2.0 * math.pi) + 0.5)
-    beta = abs(off) - half - twist_slack(wanted, turned(form, desk, len(form.leader)), dot)
+    beta = (
+        abs(short_way(best - middle)) - half - twist_slack(wanted, turned(form, desk, len(form.leader)), dot)
+    )
     if beta <= 0.0:
         return 0.0
     return max(2.0 * roll.weight - ceiling, 0.0) * 2.0 * math.sin(0.5 * beta) ** 2
