@@ -18,7 +18,7 @@ from chains import poses
 from kinseek import Goal
 from kinseek.errors import InvalidGoal, InvalidProblem
 from kinseek.goal import Frame
-from kinseek.kernels.arm.range_error import judge_boxes
+from kinseek.kernels.arm.range_error import judge_ranges
 from kinseek.ranges import AXES
 from kinseek.robots import catalog_entry, catalog_names
 from kinseek.solvers.atlas.index import KEPT, atlas_of
@@ -170,7 +170,7 @@ def test_what_satisfies_the_tighter_goal_satisfies_the_looser(
     if loose.kind != "box" or loose.swing is not None:
         return  # One free turn alone is judged by its axis, not by the rotation vector: tested by itself.
     one, other = (
-        judge_boxes(kinseek.Problem(arm.chain, goal).arrays, q, goal.questions, 1.0, 1.0)[0]
+        judge_ranges(kinseek.Problem(arm.chain, goal).arrays, q, goal.questions, 1.0, 1.0)[0]
         for goal in (tight, loose)
     )
     assert (other[:2] <= one[:2] + ROUNDING).all()
@@ -184,7 +184,7 @@ def test_what_only_turns_freely_may_also_tilt(frame: Frame) -> None:
     tilted = Goal.pose(T, free="rz", box={"rx": (-1e-5, 1e-5), "ry": (-1e-5, 1e-5)}, frame=frame)
     assert answer.success.all()
     arrays = kinseek.Problem(arm.chain, tilted).arrays
-    assert (judge_boxes(arrays, answer.q, tilted.questions, 1.0, 1.0)[:, :2] <= 1e-6 + ROUNDING).all()
+    assert (judge_ranges(arrays, answer.q, tilted.questions, 1.0, 1.0)[:, :2] <= 1e-6 + ROUNDING).all()
 
 
 @pytest.mark.parametrize("name", ["iiwa14", "panda", "irb5400"])

@@ -149,8 +149,10 @@ def test_a_task_views_the_arrays_it_is_made_of(index: AtlasIndex) -> None:
         for name, array in zip(bundle._fields, bundle, strict=True):
             if isinstance(array, np.ndarray):
                 np.testing.assert_array_equal(array, getattr(made_of, name), err_msg=name)
-    np.testing.assert_array_equal(task.wanted, [0, 1, 2, 3])
+    given = task.position_tolerance, task.orientation_tolerance, task.position_weight, task.budget
+    assert given == (0, 1, 2, 3)
     np.testing.assert_array_equal(task.axis_weights, [4, 5, 6])
+    assert task.poses == 0
     np.testing.assert_array_equal(task.columns, [0.5, 0.5, 0.5])
     np.testing.assert_array_equal(task.lower <= chain.lower, True)
     np.testing.assert_array_equal(task.upper >= chain.upper, True)
@@ -165,7 +167,7 @@ def test_numbers_of_a_handle_that_stand_alone(index: AtlasIndex) -> None:
     assert exposed(task.lanes_of)(handle) == LANES
     np.testing.assert_array_equal(exposed(task.plain_wanted)(handle), PLAIN)
     np.testing.assert_array_equal(PLAIN, wanted_of(Goal.pose(np.eye(4))))
-    addresses = [exposed(task.routine_at)(handle, k) for k in range(3)]
+    addresses = [exposed(task.routine_at)(handle, k) for k in range(task.JUDGE + 1)]
     np.testing.assert_array_equal(addresses, index._routines)
     np.testing.assert_array_equal(exposed(task.handle_at)(handle.ctypes.data), handle)
 

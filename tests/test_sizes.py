@@ -208,7 +208,7 @@ def test_weighted_errors_of_boxes_do_not_cancel() -> None:
     from kinseek.kernels.arm import range_error as deviation
     from kinseek.kernels.jit import exposed
 
-    weighted = exposed(deviation.box_weighted)(1.0, 1e12, 0.0, turn)
+    weighted = exposed(deviation.range_weighted)(1.0, 1e12, 0.0, turn)
     assert weighted == pytest.approx(1e12 * turn**2 / 2, rel=1e-9)
     solution = arm.ik(Goal.pose(pose, free="rz", orientation_weight=1e12))
     assert solution.weighted_error >= 0.0

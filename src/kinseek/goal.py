@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidGoal, InvalidProblem
 from .kernels.arm.pose_error import HEAVIEST, LARGEST, LIGHTEST, judge
-from .kernels.arm.range_error import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS, judge_boxes
+from .kernels.arm.range_error import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS, judge_ranges
 from .kernels.arrays import ChainArrays, GoalArrays
 from .kinds import BOX, KINDS, PLAIN_KINDS, POINTING, POSE, POSITION, Kind
 from .poses import _at, _rotation_onto, _unit, _x_onto, as_pose, one_pose
@@ -331,7 +331,7 @@ class Goal:
         """
         if self.form.ranges:
             weights = float(self.position_weight), float(self.orientation_weight)
-            return judge_boxes(arrays, q, self.questions, *weights)
+            return judge_ranges(arrays, q, self.questions, *weights)
         return judge(arrays, q, self.targets, self.arrays)
 
     @property

@@ -11,10 +11,18 @@ from kinseek.kernels.jit import called, hidden, kernel
 
 from .forward import forward
 
-QUESTION = 37
-"""Numbers of a question: target (3, 4), frame (3, 3), lower ends (6,), upper ends (6,), swing axis (3,), is there one?"""
-
 FRAME, LOW, HIGH, SWING, SWINGS = 12, 21, 27, 33, 36
+"""Places in a question, an array that crosses by its address: behind the target, (3, 4), the frame, (3, 3), lower and upper
+ends, (6,) each, the swing axis, (3,), and whether there is one."""
+
+QUESTION = SWINGS + 1
+"""Numbers of a question."""
+
+OPPOSITE = 1e-12
+"""Sine of the angle between two axes below which the axis of the turn between them is rounding: it is 1e-16 off itself."""
+
+ALONG = 0.6
+"""An axis whose x is less than this is across x far enough to make an axis across it; one of any three is below 0.58."""
 
 
 @hidden
@@ -68,8 +76,8 @@ def deviation(T: Array, question: Array, out: Array, work: Array) -> None:
     uz = work[6] * ax + work[7] * ay + work[8] * az
     x, y, z = ay * uz - az * uy, az * ux - ax * uz, ax * uy - ay * ux
     sine, cosine = math.sqrt(x * x + y * y + z * z), ax * ux + ay * uy + az * uz
-    if sine < 1e-12 and cosine < 0.0:  # Opposite: any axis across it will do.
-        x, y, z = (0.0, az, -ay) if abs(ax) < 0.6 else (-az, 0.0, ax)
+    if sine < OPPOSITE and cosine < 0.0:  # Any axis across it will do.
+        x, y, z = (0.0, az, -ay) if abs(ax) < ALONG else (-az, 0.0, ax)
         sine = math.sqrt(x * x + y * y + z * z)
         scale = math.pi / sine
     else:
@@ -85,7 +93,7 @@ def beyond(value: float, low: float, high: float) -> float:
 
 
 @hidden
-def box_errors(out: Array, question: Array) -> tuple[float, float]:
+def range_errors(out: Array, question: Array) -> tuple[float, float]:
     """Lengths of what sticks out of a deviation, (6,): position error [m] and orientation error [rad]."""
     place, turn = 0.0, 0.0
     for i in range(3):
@@ -99,20 +107,20 @@ def box_errors(out: Array, question: Array) -> tuple[float, float]:
 
 
 @hidden
-def box_weighted(weight_p: float, weight_o: float, place: float, turn: float) -> float:
+def range_weighted(weight_p: float, weight_o: float, place: float, turn: float) -> float:
     """``K_P e_p + K_A (1 - cos e_o)``, by the half angle: near 0 the difference would cancel."""
     half = math.sin(0.5 * turn)
     return weight_p * place + 2.0 * weight_o * half * half
 
 
 @kernel
-def judge_boxes(chain: ChainArrays, q: Array, questions: Array, weight_p: float, weight_o: float) -> Array:
+def judge_ranges(chain: ChainArrays, q: Array, questions: Array, weight_p: float, weight_o: float) -> Array:
     """Recompute what joint values reach, from nothing but plain FK.
 
     Args:
         chain: The arm.
         q: Joint values, (k, n).
-        questions: The goals, (k, 37).
+        questions: The goals, see `FRAME`, (k, QUESTION).
         weight_p: K_P, per [m].
         weight_o: K_A.
 
@@ -123,6 +131,6 @@ def judge_boxes(chain: ChainArrays, q: Array, questions: Array, weight_p: float,
     for k in range(len(q)):
         forward(chain, q[k], T)
         deviation(T, questions[k], out, work)
-        result[k, 0], result[k, 1] = box_errors(out, questions[k])
-        result[k, 2] = box_weighted(weight_p, weight_o, result[k, 0], result[k, 1])
+        result[k, 0], result[k, 1] = range_errors(out, questions[k])
+        result[k, 2] = range_weighted(weight_p, weight_o, result[k, 0], result[k, 1])
     return result

@@ -15,7 +15,7 @@ from .lanes import LANES, Lanes
 from .memory import Desk, desk_size, make_desk
 from .one_goal import finish, solve_pose
 from .seeds import FIRST, load_seed, middle, scan, take_seed
-from .task import Job, Task, task_of
+from .task import EVALUATIONS, Job, Task, task_of
 
 
 class Queue(NamedTuple):
@@ -200,7 +200,7 @@ def write_result(task: Task, desk: Desk, queue: Queue, targets: Array, results: 
     i, dof = queue.target[l], len(task.lower)
     for j in range(dof):
         results[i, j] = desk.lanes.q[j, l]
-    goal = GoalArrays(targets[i], task.wanted[2], task.axis_weights)
+    goal = GoalArrays(targets[i], task.position_weight, task.axis_weights)
     middle(task, desk.seed)
     finish(task, desk, goal, desk.seed, results[i, :dof], results[i, dof:])
-    results[i, dof + 3] = queue.spent[l]
+    results[i, dof + EVALUATIONS] = queue.spent[l]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from kinseek.kernels.arm.division import nearest_copy
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import weighted_error
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
@@ -22,8 +25,8 @@ from .lanes import (
     lanes_solve,
 )
 from .memory import Desk, desk_size, make_desk
-from .seeds import load_target
-from .task import WANTED, Job, Task, handle_at, routine_at, task_of
+from .seeds import copy_joints, load_target, turns_fully
+from .task import ITERATE, JUDGE, WANTED, WEIGHTED_ERROR, Job, Task, handle_at, routine_at, task_of
 
 FIRST_STEPS, DEEP_STEPS, RESTART_STEPS, POLISH_STEPS = 10, 20, 30, 20
 
@@ -41,9 +44,15 @@ ALIKE = 0.3
 
 
 DAMPING = 0.1
+"""Damping of a step relative to the squared error, scaled so that metres and radians compare."""
+
+
+FLOOR = 1e-11
+"""Least damping of a step, see `lanes.lanes_gram`."""
 
 
 LONGEST = 0.8
+"""No joint moves farther in one step [rad or m]: beyond, the straight line says nothing of where the hand goes."""
 
 
 @hidden
@@ -79,10 +88,10 @@ def reset_weights(task: Task, desk: Desk) -> None:
     """Scale residuals so that metres and radians compare."""
     lanes = desk.lanes
     for c in range(3):
-        desk.mode[c] = task.columns[c]
-    desk.mode[3] = DAMPING
+        desk.columns[c] = task.columns[c]
+    desk.damping[0] = DAMPING
     for l in range(LANES):
-        desk.floor[l] = 1e-11
+        desk.floor[l] = FLOOR
         lanes.weight[l] = 1.0 / task.length
         lanes.weight[LANES + l] = 1.0 if task.columns[0] > 0.0 else 0.0
 
@@ -90,7 +99,7 @@ def reset_weights(task: Task, desk: Desk) -> None:
 @view
 def goal_of(task: Task, target: Array) -> GoalArrays:
     """A target, (3, 4), with the weights of the task."""
-    return GoalArrays(target, task.wanted[2], task.axis_weights)
+    return GoalArrays(target, task.position_weight, task.axis_weights)
 
 
 @hidden
@@ -101,7 +110,10 @@ def free_turn(task: Task) -> float:
 
 @view
 def iterate(handle: Indices, wanted: Array, memory: Array, move: bool, w: int) -> int:
-    """One damped step of every lane, if `move`, and the poses, residuals and errors where it ends."""
+    """One damped step of every lane, if `move`, and the poses, residuals and errors where it ends.
+
+    It is the step of the task: that of a pose, `iterate_routine`, or that of a goal with ranges.
+    """
     at = (handle.ctypes.data, wanted.ctypes.data, memory.ctypes.data)
     done: int = call(routine_at(handle, ITERATE), (*at, int(move), w))
     return done
@@ -114,24 +126,28 @@ def iterate_routine(handle_address: int, wanted_address: int, memory_address: in
     task = task_of(handle, wanted)
     memory = part1(memory_address, 0, desk_size(len(task.lower), len(task.chain.leader)))
     desk = make_desk(memory, len(task.lower), len(task.chain.leader))
-    lanes, mode = desk.lanes, desk.mode  # The columns' weights and the damping.
+    lanes = desk.lanes
     if move:
         lanes_jacobian(task.chain.leader, task.links, lanes, free_turn(task), w)
         lanes_hold(task.lower, task.upper, lanes, w)
-        lanes_gram(mode[3], desk.floor, lanes, w)
+        lanes_gram(desk.damping[0], desk.floor, lanes, w)
         lanes_solve(lanes, w)
         lanes_move(task.lower, task.upper, LONGEST, lanes, w)
     lanes_forward(task.chain.leader, task.links, lanes, w)
-    lanes_residual(lanes, mode, w)
+    lanes_residual(lanes, desk.columns, w)
     return 0
 
 
 @hidden
 def within(task: Task, lanes: Lanes, l: int) -> bool:
     """Is lane l inside both tolerances?"""
-    position, orientation = task.wanted[0], task.wanted[1]
+    position, orientation = task.position_tolerance, task.orientation_tolerance
     if lanes.error[l] > position * position:
         return False
+    if task.poses > 0:
+        # The step of a goal with ranges leaves squared angles, not sines.
+        turned: bool = lanes.error[LANES + l] <= orientation * orientation
+        return turned
     if task.columns[0] == 0.0:
         return True
     # The weighted cosine of a pose is (1 + 2 cos φ)/2, of a direction cos φ.
@@ -150,9 +166,9 @@ def descend_lanes(job: Job, task: Task, desk: Desk, steps: int, everyone: bool, 
 
     The nearest seed has the first say: a later lane's answer counts only once all before it have had their steps. With
     `everyone`, every lane gets its steps. All stop where none has come much nearer for a while: such a goal is out of reach,
-    or another seed is needed.
+    or another seed is needed. With ranges every lane has all its steps.
     """
-    lanes, dof = desk.lanes, len(task.lower)
+    lanes, dof, patient = desk.lanes, len(task.lower), steps <= FIRST_STEPS or task.poses > 0
     for made in range(steps + 1):
         iterate(job.handle, job.wanted, job.memory, made > 0, w)
         waiting, first = 0, -1
@@ -169,7 +185,7 @@ def descend_lanes(job: Job, task: Task, desk: Desk, steps: int, everyone: bool, 
                     return first, made
         if waiting == 0 or made == steps:
             return first, made
-        if made % STALL == 0 and steps > FIRST_STEPS:
+        if made % STALL == 0 and not patient:
             moving = made == 0
             for l in range(LANES):
                 error = lanes.error[3 * LANES + l]
@@ -209,8 +225,16 @@ def keep_seed(desk: Desk, error: float) -> None:
             desk.best[worst, i] = desk.seed[i]
 
 
+@view
+def judge_by_ranges(job: Job, q: Array, report: Array) -> int:
+    """Judge joint values, (n,), by plain FK against ranges: errors [m], [rad] and weighted into a report."""
+    at = (job.handle.ctypes.data, job.wanted.ctypes.data, job.memory.ctypes.data)
+    done: int = call(routine_at(job.handle, JUDGE), (*at, q.ctypes.data, report.ctypes.data))
+    return done
+
+
 @hidden
-def keep_best(task: Task, desk: Desk, target: Array) -> None:
+def keep_best(job: Job, task: Task, desk: Desk, target: Array) -> None:
     """Remember the eight best configurations seen, no two alike, for a goal that may be out of reach."""
     dof, goal = len(task.lower), goal_of(task, target)
     for l in range(LANES):
@@ -218,8 +242,13 @@ def keep_best(task: Task, desk: Desk, target: Array) -> None:
             continue
         for i in range(dof):
             desk.seed[i] = desk.lanes.q[i, l]
-        forward(task.chain, desk.seed, desk.spare)
-        keep_seed(desk, weighted_error(desk.spare, goal))
+        if task.poses > 0:
+            # Coordinates are of no use any more once the samples are looked up.
+            judge_by_ranges(job, desk.seed, desk.point)
+            keep_seed(desk, desk.point[WEIGHTED_ERROR])
+        else:
+            forward(task.chain, desk.seed, desk.spare)
+            keep_seed(desk, weighted_error(desk.spare, goal))
 
 
 @hidden
@@ -231,5 +260,28 @@ def start(task: Task, desk: Desk, target: Array) -> None:
     reset_weights(task, desk)
 
 
-ITERATE, SEARCH, ENDING = range(3)
-"""Places of the routines among those of a task, see `desk.task_arrays`."""
+@hidden
+def joint_distance(task: Task, q: Array, near: Array) -> float:
+    """Squared distance of two joint vectors, a continuous joint measured the short way round."""
+    total = 0.0
+    for i in range(len(q)):
+        gap = q[i] - near[i]
+        if math.isinf(task.lower[i]):
+            gap -= 2.0 * math.pi * np.round(gap / (2.0 * math.pi))
+        elif turns_fully(task, i):
+            gap = nearest_copy(q[i], task.chain.lower[i], task.chain.upper[i], near[i]) - near[i]
+        total += gap * gap
+    return total
+
+
+@hidden
+def keep_closest(task: Task, desk: Desk, near: Array, closest: float, q: Array) -> float:
+    """Write the lane that converged nearest to `near`, (n,), into q if it is nearer than `closest`, squared; what is now."""
+    for l in range(LANES):
+        if desk.state[l] == 1:
+            copy_joints(desk.found, l, desk.seed)
+            far = joint_distance(task, desk.seed, near)
+            if far < closest:
+                closest = far
+                copy_joints(desk.found, l, q)
+    return closest

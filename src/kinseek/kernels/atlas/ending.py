@@ -7,13 +7,13 @@ import math
 from kinseek.kernels.arm.division import nearest_copy
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import weighted_error
+from kinseek.kernels.arm.range_error import range_weighted
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.jit import hidden, routine, spliced, view
 from kinseek.kernels.pointers import call, part1, part2
 
 from .descent import (
     DEEP_STEPS,
-    ENDING,
     FIRST_STEPS,
     POLISH_STEPS,
     descend_lanes,
@@ -29,7 +29,7 @@ from .memory import DEEP, Desk, desk_size, make_desk
 from .newton import STEPS as NEWTON_STEPS
 from .newton import settle
 from .seeds import MORE, copy_joints, fill_from_lookup, load_seed, load_seed_row, load_target, look_up
-from .task import WANTED, Job, Task, handle_at, routine_at, task_of
+from .task import ENDING, WANTED, WEIGHT, Job, Task, handle_at, routine_at, task_of
 
 ENDGAME = 2 * (POLISH_STEPS + NEWTON_STEPS + 1) + (DEEP // LANES + 1) * (DEEP_STEPS + 1)
 """FK evaluations that the search for the nearest pose takes at most, a lane."""
@@ -41,6 +41,18 @@ PROMISING = 0.02
 
 HOPELESS = 1.1
 """A configuration whose error, nearly at its minimum, is so many times the best is not walked to the end."""
+
+
+POLISH_FLOOR, LEAST = 0.1, 1e-9
+"""Damping that polishing begins with, relative to the weights, and the least that it goes down to."""
+
+
+LESS, MORE_DAMPING = 0.3, 4.0
+"""What damping is multiplied by after a step that helped, and after one that did not."""
+
+
+NEAREST = 1e-9
+"""From this distance on [m] the weight K_P/|Δp| of the squared distance grows no more: there it would be infinite."""
 
 
 @hidden
@@ -96,50 +108,69 @@ def ending_routine(
 
 
 @spliced
-def polish(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
+def reweigh(job: Job, task: Task, desk: Desk, target: Array, largest: float, w: int) -> int:
     """Minimise the weighted error itself from the eight best, by reweighted steps; return FK evaluations.
 
+    `largest` is the largest K_A.
+
     ``K_P |Δp| + ½ Σ K_c |c - c_g|²`` has in |Δp| a kink that least squares lacks: the squared distance is weighted by
-    K_P/|Δp|, anew in every step (Weiszfeld 1937). A lane whose step does not help goes back and damps more. Newton's
-    method, lane by lane, does the rest.
+    K_P/|Δp|, anew in every step (Weiszfeld 1937). A lane whose step does not help goes back and damps more.
     """
     goal, lanes, dof, floor = goal_of(task, target), desk.lanes, len(task.lower), desk.floor
-    largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
     for l in range(LANES):
-        floor[l] = 0.1 * (goal.position_weight * task.length + largest)
+        # K_P is read anew for each lane: held in a register, its product is not fused with the sum, and last bits are others.
+        floor[l] = POLISH_FLOOR * (job.wanted[WEIGHT] * task.length + largest)
         desk.state[l] = 0
         load_seed_row(lanes, l, desk.best)
         lanes.weight[LANES + l] = math.sqrt(largest)
     for c in range(3):
-        desk.mode[c] = goal.axis_weights[c]
-    desk.mode[3] = 0.0
+        desk.columns[c] = goal.axis_weights[c]
+    desk.damping[0] = 0.0
     for step in range(POLISH_STEPS):
         iterate(job.handle, job.wanted, job.memory, step > 0, w)
         for l in range(LANES):
-            for r in range(3):
-                for c in range(4):
-                    desk.spare[r, c] = lanes.pose[(4 * r + c) * LANES + l]
-            error = weighted_error(desk.spare, goal)
-            far = math.sqrt(goal.position_weight / max(math.sqrt(lanes.error[l]), 1e-9))
-            # Rows are scaled by the roots of the weights. The orientation rows hold K_A times √K_A by now.
-            scale_p, scale_o = far / lanes.weight[l], 1.0 / largest if largest > 0.0 else 0.0
+            gap = math.sqrt(lanes.error[l])
+            far = math.sqrt(goal.position_weight / max(gap, NEAREST))
+            scale_p, scale_o = far / lanes.weight[l], 1.0
+            if task.poses > 0:
+                turn = math.sqrt(lanes.error[LANES + l])
+                error = range_weighted(goal.position_weight, largest, gap, turn)
+            else:
+                for r in range(3):
+                    for c in range(4):
+                        desk.spare[r, c] = lanes.pose[(4 * r + c) * LANES + l]
+                error = weighted_error(desk.spare, goal)
+                # Rows are scaled by the roots of the weights. The orientation rows hold K_A times √K_A by now.
+                scale_o = 1.0 / largest if largest > 0.0 else 0.0
             lanes.weight[l] = far
             if error <= desk.best_error[l]:
                 if desk.state[l] == 0:
-                    floor[l] = max(0.3 * floor[l], 1e-9)
+                    floor[l] = max(LESS * floor[l], LEAST)
                 desk.state[l] = 0
                 desk.best_error[l] = error
                 for i in range(dof):
                     desk.best[l, i] = lanes.q[i, l]
             else:
-                floor[l] *= 4.0
+                floor[l] *= MORE_DAMPING
                 desk.state[l] = 1
                 load_seed_row(lanes, l, desk.best)
                 scale_p, scale_o = 0.0, 0.0  # This lane stands still once, and steps anew from its best.
             for r in range(3):
                 lanes.residual[r * LANES + l] *= scale_p
                 lanes.residual[(3 + r) * LANES + l] *= scale_o
-    spent, worth = POLISH_STEPS * LANES, HOPELESS * lowest(desk.best_error)
+    return POLISH_STEPS * LANES
+
+
+@spliced
+def polish(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
+    """Minimise the weighted error itself from the eight best; return FK evaluations.
+
+    After the reweighted steps Newton's method, lane by lane, does the rest.
+    """
+    goal, dof = goal_of(task, target), len(task.lower)
+    largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
+    spent = reweigh(job, task, desk, target, largest, w)
+    worth = HOPELESS * lowest(desk.best_error)
     for l in range(LANES):
         if desk.best_error[l] > worth:
             continue
@@ -154,10 +185,23 @@ def polish(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
     return spent
 
 
+@routine("int64(int64, int64, int64, int64, int64)")
+def range_ending_routine(
+    handle_address: int, wanted_address: int, memory_address: int, target_address: int, w: int
+) -> int:
+    """As `ending_routine` for a goal with ranges: the reweighted steps alone, for Newton's method knows only poses."""
+    handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
+    task = task_of(handle, wanted)
+    dof, joints = len(task.lower), len(task.chain.leader)
+    memory, target = part1(memory_address, 0, desk_size(dof, joints)), part2(target_address, 0, 3, 4)
+    desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
+    return reweigh(job, task, desk, target, task.axis_weights[0], w)
+
+
 @hidden
 def promise(task: Task) -> float:
     """A goal with a smaller weighted error left is worth more work."""
-    limit: float = PROMISING * (task.wanted[2] * task.length + 1.0)
+    limit: float = PROMISING * (task.position_weight * task.length + 1.0)
     return limit
 
 
@@ -185,7 +229,7 @@ def look_around(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
         if filled > 0:
             _, made = descend_lanes(job, task, desk, DEEP_STEPS if promising else FIRST_STEPS, True, w)
             spent += (made + 1) * LANES
-            keep_best(task, desk, target)
+            keep_best(job, task, desk, target)
     for l in range(LANES):
         load_target(desk.lanes, l, target)
     return spent

@@ -48,8 +48,10 @@ class Desk(NamedTuple):
     """Their weighted errors, (LANES,)."""
     floor: Array
     """Least damping of each lane, (LANES,)."""
-    mode: Array
-    """Weights of the columns, and the damping, (4,)."""
+    columns: Array
+    """Weights of the columns in the step, (3,)."""
+    damping: Array
+    """What the squared error is multiplied by to damp the step, (1,)."""
 
 
 LAYOUT = Layout(
@@ -69,7 +71,8 @@ LAYOUT = Layout(
     best=floats(LANES, DOF),
     best_error=floats(LANES),
     floor=floats(LANES),
-    mode=floats(4),
+    columns=floats(3),
+    damping=floats(1),
 )
 """Where the desk of an arm stands in memory."""
 

@@ -6,38 +6,34 @@ import math
 
 import numpy as np
 
-from kinseek.kernels.arm.division import nearest_copy
 from kinseek.kernels.arm.pose_error import LARGEST, is_rigid
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.jit import called, exact, hidden, kernel, view
 from kinseek.kernels.pointers import part1
 
-from .descent import DEEP_STEPS, descend_lanes, goal_of, start
+from .descent import DEEP_STEPS, descend_lanes, goal_of, keep_closest, start
 from .lanes import LANES
 from .memory import Desk, desk_size, make_desk
 from .one_goal import finish, solve_target
-from .seeds import MORE, copy_joints, fill_from_lookup, load_seed, look_up, turns_fully
-from .task import Job, Task, handle_at, lanes_of, plain_wanted, task_of
+from .seeds import MORE, fill_from_lookup, load_seed, look_up, turns_fully
+from .task import (
+    EVALUATIONS,
+    ORIENTATION_ERROR,
+    POSITION_ERROR,
+    WEIGHTED_ERROR,
+    Job,
+    Task,
+    handle_at,
+    lanes_of,
+    plain_wanted,
+    task_of,
+)
 
 FAR = 1e4
 """From this far on [rad] a walk starts from the same angle within the first turn: sines lose digits out there."""
 
 CLOSE = 0.1
 """An answer this close to where the user wants it [rad or m] ends the search for a closer one."""
-
-
-@hidden
-def joint_distance(task: Task, q: Array, near: Array) -> float:
-    """Squared distance of two joint vectors, a continuous joint measured the short way round."""
-    total = 0.0
-    for i in range(len(q)):
-        gap = q[i] - near[i]
-        if math.isinf(task.lower[i]):
-            gap -= 2.0 * math.pi * np.round(gap / (2.0 * math.pi))
-        elif turns_fully(task, i):
-            gap = nearest_copy(q[i], task.chain.lower[i], task.chain.upper[i], near[i]) - near[i]
-        total += gap * gap
-    return total
 
 
 @hidden
@@ -52,19 +48,6 @@ def load_near(task: Task, desk: Desk, near: Array) -> None:
         else:
             desk.seed[i] = near[i] - 2.0 * math.pi * np.rint(near[i] / (2.0 * math.pi))
     load_seed(desk.lanes, 0, desk.seed)
-
-
-@hidden
-def keep_closest(task: Task, desk: Desk, near: Array, closest: float, q: Array) -> float:
-    """Write the lane that converged nearest to `near`, (n,), into q if it is nearer than `closest`, squared; what is now."""
-    for l in range(LANES):
-        if desk.state[l] == 1:
-            copy_joints(desk.found, l, desk.seed)
-            far = joint_distance(task, desk.seed, near)
-            if far < closest:
-                closest = far
-                copy_joints(desk.found, l, q)
-    return closest
 
 
 @called
@@ -87,7 +70,7 @@ def walk_near(
         desk.state[l] = 0 if l == 0 else 2
     closest, spent, begin, found, looked_up = np.inf, 0, 0, 0, False
     for _ in range(MORE + 2):  # The walk from `near`, then passes that each take at least one of the samples.
-        if spent + (DEEP_STEPS + 1) * LANES > wanted[3]:
+        if spent + (DEEP_STEPS + 1) * LANES > task.budget:
             break
         _, made = descend_lanes(job, task, desk, DEEP_STEPS, True, w)
         spent += (made + 1) * LANES
@@ -101,7 +84,7 @@ def walk_near(
             break
         begin, _ = fill_from_lookup(task, desk, begin, found)
     if closest == np.inf:
-        more = solve_target(handle, wanted, memory, target, wanted[3] - spent, q, w)
+        more = solve_target(handle, wanted, memory, target, task.budget - spent, q, w)
         spent = spent + more if more >= 0 else -1
     return spent
 
@@ -110,7 +93,7 @@ def walk_near(
 def conclude_near(
     handle: Indices, wanted: Array, memory: Array, target: Array, near: Array, q: Array, report: Array
 ) -> None:
-    """As `refine.conclude_answer`, full turns chosen near a start, (n,)."""
+    """As `one_goal.conclude_answer`, full turns chosen near a start, (n,)."""
     task = task_of(handle, wanted)
     desk = make_desk(memory, len(task.lower), len(task.chain.leader))
     finish(task, desk, goal_of(task, target), near, q, report)
@@ -129,33 +112,44 @@ def all_finite(values: Array) -> bool:
 def solve_plain_near(
     address: int, target: Array, near: Array, q: Array
 ) -> tuple[float, float, float, int, bool]:
-    """As `refine.solve_plain`, near a start, (n,); evaluations -1 also where that is not finite."""
+    """As `one_goal.solve_plain`, near a start, (n,); evaluations -1 also where that is not finite."""
     if not (is_rigid(target) and all_finite(near)):
         return 0.0, 0.0, 0.0, -1, False
     handle = handle_at(address)
     wanted = plain_wanted(handle)
     task = task_of(handle, wanted)
     size = desk_size(len(task.lower), len(task.chain.leader))
-    memory = np.zeros(size + 4)
-    report = part1(memory.ctypes.data, size, 4)
-    report[3] = walk_near(handle, wanted, memory, target, near, q, lanes_of(handle))
+    memory = np.zeros(size + EVALUATIONS + 1)
+    report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
+    report[EVALUATIONS] = walk_near(handle, wanted, memory, target, near, q, lanes_of(handle))
     conclude_near(handle, wanted, memory, target, near, q, report)
-    position, orientation, weighted, spent = report[0], report[1], report[2], int(report[3])
-    memory[0] = 0.0  # Its last use, see `refine.solve_pose`.
-    return position, orientation, weighted, spent, position <= wanted[0] and orientation <= wanted[1]
+    position, orientation, weighted = (
+        report[POSITION_ERROR],
+        report[ORIENTATION_ERROR],
+        report[WEIGHTED_ERROR],
+    )
+    spent = int(report[EVALUATIONS])
+    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
+    return (
+        position,
+        orientation,
+        weighted,
+        spent,
+        position <= task.position_tolerance and orientation <= task.orientation_tolerance,
+    )
 
 
 @kernel
 def solve_near(handle: Indices, wanted: Array, target: Array, near: Array, w: int) -> Array:
-    """As `refine.solve_pose`, near a start, (n,)."""
+    """As `one_goal.solve_pose`, near a start, (n,)."""
     task = task_of(handle, wanted)
     dof = len(task.lower)
-    result, memory = np.empty(dof + 4), np.zeros(desk_size(dof, len(task.chain.leader)))
+    result, memory = np.empty(dof + EVALUATIONS + 1), np.zeros(desk_size(dof, len(task.chain.leader)))
     address = result.ctypes.data
-    q, report = part1(address, 0, dof), part1(address, dof, 4)
-    report[3] = walk_near(handle, wanted, memory, target, near, q, w)
+    q, report = part1(address, 0, dof), part1(address, dof, EVALUATIONS + 1)
+    report[EVALUATIONS] = walk_near(handle, wanted, memory, target, near, q, w)
     conclude_near(handle, wanted, memory, target, near, q, report)
-    memory[0] = 0.0  # Its last use, see `refine.solve_pose`.
+    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return result
 
 
@@ -163,16 +157,15 @@ def solve_near(handle: Indices, wanted: Array, target: Array, near: Array, w: in
 def solve_many_near(
     handle: Indices, wanted: Array, targets: Array, near: Array, results: Array, begin: int, end: int, w: int
 ) -> None:
-    """Targets begin … end-1, each with its row of near, (k, n); results as `refine.solve_pose`, (k, n + 4)."""
+    """Targets begin … end-1, each with its row of near, (k, n); results as `one_goal.solve_pose`, (k, n + 4)."""
     task = task_of(handle, wanted)
     dof = len(task.lower)
     memory = np.zeros(desk_size(dof, len(task.chain.leader)))
     for i in range(begin, end):
+        # Nothing of one target is left for the next: the same bits whatever else is in the batch.
         for k in range(len(memory)):
-            memory[k] = (
-                0.0  # Nothing of one target is left for the next: the same bits whatever else is in the batch.
-            )
+            memory[k] = 0.0
         q, report = results[i, :dof], results[i, dof:]
-        report[3] = walk_near(handle, wanted, memory, targets[i], near[i], q, w)
+        report[EVALUATIONS] = walk_near(handle, wanted, memory, targets[i], near[i], q, w)
         conclude_near(handle, wanted, memory, targets[i], near[i], q, report)
-    memory[0] = 0.0  # Its last use, see `refine.solve_pose`.
+    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.

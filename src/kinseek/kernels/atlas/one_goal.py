@@ -18,15 +18,15 @@ from kinseek.kernels.pointers import call, part1, part2
 
 from .descent import (
     DEEP_STEPS,
-    ENDING,
     FIRST_STEPS,
     PERSIST_STEPS,
+    POLISH_STEPS,
     RESTART_STEPS,
-    SEARCH,
     descend_lanes,
     goal_of,
     iterate_routine,
     keep_best,
+    keep_closest,
     lowest,
     lowest_row,
     make_stubborn,
@@ -53,11 +53,33 @@ from .seeds import (
     restart,
     scan,
 )
-from .task import WANTED, Job, Task, handle_at, lanes_of, plain_wanted, routine_at, task_of
+from .task import (
+    ENDING,
+    EVALUATIONS,
+    ITERATE,
+    JUDGE,
+    ORIENTATION_ERROR,
+    POSITION_ERROR,
+    SEARCH,
+    STARTS,
+    WANTED,
+    WEIGHTED_ERROR,
+    Job,
+    Task,
+    handle_at,
+    lanes_of,
+    plain_wanted,
+    routine_at,
+    task_of,
+)
 
 PASSES = FIRST + MORE + DEEP + MORE_RESTARTS // LANES + 3
 """Passes of a search at most: each takes at least one sample of a scan or a lookup, eight restarts, or one of the two
-persistent ones; and a last one that ends it."""
+persistent ones; and a last one that ends it. A goal with ranges has two passes a pose at most where others have samples."""
+
+
+KICK, WIDE_KICK = 0.5, 1.5
+"""How far around the best found a restart begins [rad or m], by turns: beside it, and where another of its kind may be."""
 
 
 @view
@@ -68,33 +90,68 @@ def solve_target(
 
     Returns -1 where it takes a routine that the task lacks yet, see `add_ending`, and there is no answer.
     """
+    return search_near(handle, wanted, memory, target, budget, q, False, q, w)
+
+
+@view
+def search_near(
+    handle: Indices,
+    wanted: Array,
+    memory: Array,
+    target: Array,
+    budget: float,
+    near: Array,
+    close: bool,
+    q: Array,
+    w: int,
+) -> int:
+    """As `solve_target`; with `close` the nearest to `near`, (n,), of what the starts of a goal with ranges lead to."""
     at = (handle.ctypes.data, wanted.ctypes.data, memory.ctypes.data, target.ctypes.data)
-    spent: int = call(routine_at(handle, SEARCH), (*at, budget, q.ctypes.data, w))
+    given = (*at, budget, near.ctypes.data, int(close), q.ctypes.data, w)
+    spent: int = call(routine_at(handle, SEARCH), given)
     return spent
 
 
-@routine("int64(int64, int64, int64, int64, float64, int64, int64)")
+@view
+def fill_from_ranges(job: Job, near: Array, close: int, begin: int, most: int) -> int:
+    """Put the samples nearest to poses of the ranges from number `begin` on into the lanes; return the next number.
+
+    `most` samples of each are looked at; with `close` the very first lane starts from `near`, (n,).
+    """
+    at = (job.handle.ctypes.data, job.wanted.ctypes.data, job.memory.ctypes.data)
+    following: int = call(routine_at(job.handle, STARTS), (*at, near.ctypes.data, close, begin, most))
+    return following
+
+
+@routine("int64(int64, int64, int64, int64, float64, int64, int64, int64, int64)")
 def search_routine(
     handle_address: int,
     wanted_address: int,
     memory_address: int,
     target_address: int,
     budget: float,
+    near_address: int,
+    close: int,
     q_address: int,
     w: int,
 ) -> int:
-    """See `solve_target`."""
+    """See `solve_target` and `search_near`."""
     handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = part1(memory_address, 0, desk_size(dof, joints))
-    target, q = part2(target_address, 0, 3, 4), part1(q_address, 0, dof)
+    target, q, near = part2(target_address, 0, 3, 4), part1(q_address, 0, dof), part1(near_address, 0, dof)
     desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
     lanes = desk.lanes
     start(task, desk, target)
-    spent, rounds, looked, begin, found, persisted, number = 0, 0, 0, 0, 0, 0, 0
-    restarts, patience, most, taken = RESTARTS, DEEP_STEPS, MORE, 0
-    leaf = scan(task, desk, target)
+    spent, rounds, looked, begin, found, persisted, number = 0, 0, 0, 0, task.poses, 0, 0
+    restarts, patience, most, taken, leaf, closest = RESTARTS, DEEP_STEPS, MORE, 0, 0, np.inf
+    ranges = task.poses > 0
+    if ranges:
+        # Samples are looked up at poses of the ranges, none at the target itself.
+        taken, looked = FIRST, DEEP
+    else:
+        leaf = scan(task, desk, target)
     for _ in range(PASSES):
         if taken == FIRST and begin == found and looked < most:
             looked = most
@@ -105,13 +162,16 @@ def search_routine(
                 continue
             steps = FIRST_STEPS
         elif begin < found:
-            begin, filled = fill_from_lookup(task, desk, begin, found)
-            if filled == 0:
-                continue
+            if ranges:
+                begin = fill_from_ranges(job, near, close, begin, most)
+            else:
+                begin, filled = fill_from_lookup(task, desk, begin, found)
+                if filled == 0:
+                    continue
             steps = patience
         elif persisted == 0 or (persisted == 1 and number >= restarts):
             persisted += 1
-            if persisted == 2 and spent + ENDGAME * LANES <= budget:
+            if persisted == 2 and spent + (POLISH_STEPS if ranges else ENDGAME) * LANES <= budget:
                 if routine_at(handle, ENDING) == 0:
                     return -1
                 spent += find_nearest_pose(handle, wanted, memory, target, w)
@@ -120,17 +180,17 @@ def search_routine(
                 continue
             if persisted == 1:
                 # What looked promising may be a mirror image of the answer; this time nobody is called back early.
-                restarts, patience, most, begin, found = MORE_RESTARTS, PERSIST_STEPS, DEEP, 0, 0
+                restarts, patience, most, begin, found = MORE_RESTARTS, PERSIST_STEPS, DEEP, 0, task.poses
             for l in range(LANES):
                 desk.state[l] = 0 if desk.best_error[l] < np.inf else 2
                 load_seed_row(lanes, l, desk.best)
-            make_stubborn(lanes, 1.0)
+            make_stubborn(lanes, 0.0 if ranges else 1.0)
             steps = PERSIST_STEPS
         elif number < restarts:
             for l in range(LANES):
                 restart(task, number + l, desk.seed)
                 if restarts == MORE_RESTARTS and number % (2 * LANES) == 0:
-                    kick(task, desk.best, l, 0.5 if number % (4 * LANES) == 0 else 1.5, desk.seed)
+                    kick(task, desk.best, l, KICK if number % (4 * LANES) == 0 else WIDE_KICK, desk.seed)
                 load_seed(lanes, l, desk.seed)
                 desk.state[l] = 0
             number += LANES
@@ -139,14 +199,20 @@ def search_routine(
             break
         if spent + (steps + 1) * LANES > budget:
             break
-        lane, made = descend_lanes(job, task, desk, steps, False, w)
+        lane, made = descend_lanes(job, task, desk, steps, close != 0, w)
         make_stubborn(lanes, 0.0)
         spent += (made + 1) * LANES
-        if lane >= 0:
+        if close != 0:
+            closest = keep_closest(task, desk, near, closest, q)
+            if closest < np.inf and begin == found:
+                return spent
+        elif lane >= 0:
             copy_joints(desk.found, lane, q)
             return spent
-        keep_best(task, desk, target)
+        keep_best(job, task, desk, target)
         rounds += 1
+    if closest < np.inf:
+        return spent
     if rounds == 0:
         middle(task, q)
         return spent
@@ -159,8 +225,8 @@ def finish(task: Task, desk: Desk, goal: GoalArrays, near: Array, q: Array, repo
     """Bring q inside the limits and judge it by plain FK: errors [m], [rad] and weighted into `report`, (4,)."""
     into_limits(task, q, near)
     forward(task.chain, q, desk.spare)
-    report[0], report[1] = errors(desk.spare, goal)
-    report[2] = weighted_error(desk.spare, goal)
+    report[POSITION_ERROR], report[ORIENTATION_ERROR] = errors(desk.spare, goal)
+    report[WEIGHTED_ERROR] = weighted_error(desk.spare, goal)
 
 
 @view
@@ -175,8 +241,13 @@ def conclude_answer(
 
 
 def routines() -> Indices:
-    """Addresses of the routines that every goal needs, for `task_arrays`; `add_ending` adds the other."""
-    return np.array([iterate_routine.address, search_routine.address, 0], dtype=np.int64)
+    """Addresses of the routines that every goal needs, for `task_arrays`; `add_ending` adds one that few do.
+
+    Those of goals with ranges are in `ranges.range_routines`.
+    """
+    addresses = np.zeros(JUDGE + 1, dtype=np.int64)
+    addresses[ITERATE], addresses[SEARCH] = iterate_routine.address, search_routine.address
+    return addresses
 
 
 def add_ending(addresses: Indices) -> None:
@@ -199,10 +270,11 @@ def solve_pose(handle: Indices, wanted: Array, target: Array, w: int) -> Array:
     """
     task = task_of(handle, wanted)
     dof = len(task.lower)
-    result, memory = np.empty(dof + 4), np.zeros(desk_size(dof, len(task.chain.leader)))
+    result = np.empty(dof + EVALUATIONS + 1)
+    memory = np.zeros(desk_size(dof, len(task.chain.leader)))
     address = result.ctypes.data
-    q, report = part1(address, 0, dof), part1(address, dof, 4)
-    report[3] = solve_target(handle, wanted, memory, target, wanted[3], q, w)
+    q, report = part1(address, 0, dof), part1(address, dof, EVALUATIONS + 1)
+    report[EVALUATIONS] = solve_target(handle, wanted, memory, target, task.budget, q, w)
     conclude_answer(handle, wanted, memory, target, q, report)
     memory[0] = 0.0  # Views do not keep it alive: without a last use Numba would have freed it by now.
     return result
@@ -227,11 +299,22 @@ def solve_plain(address: int, target: Array, q: Array) -> tuple[float, float, fl
     wanted = plain_wanted(handle)
     task = task_of(handle, wanted)
     size = desk_size(len(task.lower), len(task.chain.leader))
-    memory = np.zeros(size + 4)
-    report = part1(memory.ctypes.data, size, 4)
+    memory = np.zeros(size + EVALUATIONS + 1)
+    report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
     # Called here and not one floor below: Numba compiles what a function calls anew for every floor above it.
-    report[3] = solve_target(handle, wanted, memory, target, wanted[3], q, lanes_of(handle))
+    report[EVALUATIONS] = solve_target(handle, wanted, memory, target, task.budget, q, lanes_of(handle))
     conclude_answer(handle, wanted, memory, target, q, report)
-    position, orientation, weighted, spent = report[0], report[1], report[2], int(report[3])
+    position, orientation, weighted = (
+        report[POSITION_ERROR],
+        report[ORIENTATION_ERROR],
+        report[WEIGHTED_ERROR],
+    )
+    spent = int(report[EVALUATIONS])
     memory[0] = 0.0  # Its last use, see `solve_pose`.
-    return position, orientation, weighted, spent, position <= wanted[0] and orientation <= wanted[1]
+    return (
+        position,
+        orientation,
+        weighted,
+        spent,
+        position <= task.position_tolerance and orientation <= task.orientation_tolerance,
+    )

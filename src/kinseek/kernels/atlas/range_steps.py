@@ -10,10 +10,22 @@ Sec. 4): so the rows are exact however far the turn is.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from kinseek.kernels.arm.range_error import FRAME, HIGH, LOW, SWINGS, beyond, box_errors, deviation
+from kinseek.kernels.arm.range_error import (
+    FRAME,
+    HIGH,
+    LOW,
+    QUESTION,
+    SWINGS,
+    beyond,
+    deviation,
+    range_errors,
+)
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.jit import hidden, kernel
+from kinseek.kernels.jit import hidden, routine, view
+from kinseek.kernels.layout import Layout, floats, whole
+from kinseek.kernels.pointers import part1
 
 from .descent import LONGEST
 from .lanes import (
@@ -26,11 +38,11 @@ from .lanes import (
     lanes_move,
     lanes_solve,
 )
-from .memory import Desk, make_desk
-from .task import Task, task_of
+from .memory import Desk, desk_size, make_desk
+from .task import WANTED, Task, handle_at, task_of
 
-ROWS = 18 * LANES
-"""Numbers that the rows of all lanes take, and after them the deviation (6,) and room to work (27,)."""
+POSES = 32
+"""Poses of the ranges at which starts are looked up."""
 
 WRAP = 0.5
 """Turns that lack no more than this of π [rad] may be nearer to a range the other way round."""
@@ -41,6 +53,49 @@ INSIDE = 1e-3
 HOLD = 0.02
 """Every other lane keeps the row of a component this close to the end of its range, relative to the range: it holds
 what it has reached while it mends the rest."""
+
+NEARLY_STRAIGHT = 1e-6
+"""Squared angle [rad²] below which the curve of log is its value at 0, 1/12, for there its formula cancels: the next term
+is a sixtieth of that square."""
+
+
+class RangeDesk(NamedTuple):
+    """Memory of a goal with ranges, behind the desk of its call."""
+
+    question: Array
+    """The goal, see `range_error.FRAME`, (QUESTION,)."""
+    poses: Array
+    """Where starts are looked up, (3, 4) each, one below the other, (3 · POSES, 4)."""
+    used: Indices
+    """Sample taken at each pose, the first time and the second; -1 for none, (2 · POSES,)."""
+    rows: Array
+    """Two matrices (3, 3) a lane: row r of lane l is element ``r · LANES + l``, (18 · LANES,)."""
+    out: Array
+    """Deviation of the pose that is looked at, (6,)."""
+    work: Array
+    """See `deviation`, (27,)."""
+
+
+LAYOUT = Layout(
+    RangeDesk,
+    question=floats(QUESTION),
+    poses=floats(3 * POSES, 4),
+    used=whole(2 * POSES),
+    rows=floats(18 * LANES),
+    out=floats(6),
+    work=floats(27),
+)
+"""Where it stands in memory."""
+
+
+range_desk_size, lay_range_desk = LAYOUT.size, LAYOUT.make
+
+
+@view
+def make_range_desk(memory_address: int, dof: int, joints: int) -> RangeDesk:
+    """Lay it out behind the desk, in a memory of `desk_size` and `range_desk_size` numbers."""
+    ranges: RangeDesk = lay_range_desk(memory_address + 8 * desk_size(dof, joints), dof, joints)
+    return ranges
 
 
 @hidden
@@ -82,18 +137,26 @@ def past_the_half_turn(out: Array, question: Array) -> None:
 
 
 @hidden
-def rows_of(task: Task, desk: Desk, question: Array, rows: Array, l: int) -> None:
+def rows_of(task: Task, desk: Desk, ranges: RangeDesk, l: int) -> None:
     """Residual, errors and rows of lane l at its pose."""
-    W, F, lanes, out, work = LANES, question[FRAME:LOW], desk.lanes, rows[ROWS : ROWS + 6], rows[ROWS + 6 :]
+    W, question, lanes, rows, out, work = (
+        LANES,
+        ranges.question,
+        desk.lanes,
+        ranges.rows,
+        ranges.out,
+        ranges.work,
+    )
+    F = question[FRAME:LOW]
     for r in range(3):
         for c in range(4):
             desk.spare[r, c] = lanes.pose[(4 * r + c) * W + l]
     deviation(desk.spare, question, out, work)
-    place, turn = box_errors(out, question)
+    place, turn = range_errors(out, question)
     lanes.error[l], lanes.error[W + l], lanes.error[2 * W + l] = place * place, turn * turn, 0.0
     total, hold, swings = 0.0, l % 2 == 1, question[SWINGS] != 0.0
     for i in range(3):
-        way, has = way_in(out[i], question[LOW + i], question[HIGH + i], task.wanted[0], hold)
+        way, has = way_in(out[i], question[LOW + i], question[HIGH + i], task.position_tolerance, hold)
         e = lanes.weight[l] * way
         lanes.residual[i * W + l] = e
         total += e * e
@@ -104,7 +167,7 @@ def rows_of(task: Task, desk: Desk, question: Array, rows: Array, l: int) -> Non
     x, y, z = out[3], out[4], out[5]
     square = x * x + y * y + z * z
     curve = 1.0 / 12.0
-    if square > 1e-6:
+    if square > NEARLY_STRAIGHT:
         angle = math.sqrt(square)
         curve = 1.0 / square - math.cos(0.5 * angle) / (2.0 * angle * math.sin(0.5 * angle))
     for i in range(3):
@@ -113,7 +176,8 @@ def rows_of(task: Task, desk: Desk, question: Array, rows: Array, l: int) -> Non
             a, b, c = -work[9 + i] * work[9], -work[9 + i] * work[10], -work[9 + i] * work[11]
             diagonal = 1.0
         else:
-            way, has = way_in(out[3 + i], question[LOW + 3 + i], question[HIGH + 3 + i], task.wanted[1], hold)
+            low, high = question[LOW + 3 + i], question[HIGH + 3 + i]
+            way, has = way_in(out[3 + i], low, high, task.orientation_tolerance, hold)
             # Row i of I - [w]/2 + curve (w wᵀ - |w|² I).
             own = out[3 + i]
             a, b, c = curve * own * x, curve * own * y, curve * own * z
@@ -153,21 +217,23 @@ def turn_rows(lanes: Lanes, rows: Array, w: int) -> None:
                 )
 
 
-@kernel
-def iterate_box(
-    handle: Indices, wanted: Array, memory: Array, question: Array, rows: Array, move: bool, w: int
-) -> None:
-    """One damped step of every lane, if `move`, and where it ends; as `refine.iterate`."""
-    task = task_of(handle, wanted)
-    desk = make_desk(memory, len(task.lower), len(task.chain.leader))
-    lanes = desk.lanes
+@routine("int64(int64, int64, int64, int64, int64)")
+def range_step_routine(
+    handle_address: int, wanted_address: int, memory_address: int, move: int, w: int
+) -> int:
+    """See `descent.iterate`."""
+    task = task_of(handle_at(handle_address), part1(wanted_address, 0, WANTED))
+    dof, joints = len(task.lower), len(task.chain.leader)
+    desk = make_desk(part1(memory_address, 0, desk_size(dof, joints)), dof, joints)
+    ranges, lanes = make_range_desk(memory_address, dof, joints), desk.lanes
     if move:
         lanes_jacobian(task.chain.leader, task.links, lanes, 0.0, w)
-        turn_rows(lanes, rows, w)
+        turn_rows(lanes, ranges.rows, w)
         lanes_hold(task.lower, task.upper, lanes, w)
-        lanes_gram(desk.mode[3], desk.floor, lanes, w)
+        lanes_gram(desk.damping[0], desk.floor, lanes, w)
         lanes_solve(lanes, w)
         lanes_move(task.lower, task.upper, LONGEST, lanes, w)
     lanes_forward(task.chain.leader, task.links, lanes, w)
     for l in range(LANES):
-        rows_of(task, desk, question, rows, l)
+        rows_of(task, desk, ranges, l)
+    return 0

@@ -22,8 +22,27 @@ OPEN = 1e300
 """Limit of a joint that turns fully; infinite if it is continuous, for then both ways round count."""
 
 
-WANTED = 7
-"""Numbers that say what is wanted, see `task_of`."""
+POSITION, ORIENTATION, WEIGHT, BUDGET, AXES = range(5)
+"""Places in what is wanted, an array that only crosses by its address: position tolerance [m], orientation tolerance [rad],
+K_P, most FK evaluations, and from AXES on K_A of the x, y and z columns."""
+
+WANTED = AXES + 3
+"""Numbers that say what is wanted; `Task` has them by name."""
+
+POSITION_ERROR, ORIENTATION_ERROR, WEIGHTED_ERROR, EVALUATIONS = range(4)
+"""Places in a report on joint values: [m], [rad], and the FK evaluations they took. Behind the joint values of an answer
+these four stand in the same order."""
+
+ITERATE, SEARCH, ENDING, STARTS, JUDGE = range(5)
+"""Places of the routines among those of a task; 0 stands where one is not needed, or not yet: see `one_goal.routines`.
+
+A goal with ranges has other steps than a pose, and the same search: its task names other routines, see `with_ranges`."""
+
+HEAD, TAIL, COLUMNS, WIDTH, POSES = range(5)
+"""Places in the whole numbers of a task: those of the division, LANES, and `Task.poses`."""
+
+DIRECTION, RADIAN = range(2)
+"""Places in the lengths of a task: what a direction counts as among the samples, and a radian while refining [m]."""
 
 
 class Task(NamedTuple):
@@ -41,8 +60,16 @@ class Task(NamedTuple):
     """Weights of the columns in the refinement, (3,): ½ each for a pose, (1, 0, 0) for a direction, 0 for a position."""
     length: float
     """Length that a radian counts as while refining, [m]."""
-    wanted: Array
-    """Position tolerance [m], orientation tolerance [rad], K_P, most FK evaluations, (4,)."""
+    poses: int
+    """Poses at which starts are looked up for a goal with ranges; 0 for a goal without."""
+    position_tolerance: float
+    """[m]"""
+    orientation_tolerance: float
+    """[rad]"""
+    position_weight: float
+    """K_P, per [m]."""
+    budget: float
+    """Most FK evaluations for one target."""
     axis_weights: Array
     """K_A of the x, y and z columns, (3,), see `GoalArrays`."""
 
@@ -56,14 +83,14 @@ class TaskRows(NamedTuple):
     upper: Array
     columns: Array
     numbers: Indices
-    """Head, tail and columns of the division, and LANES, (4,)."""
+    """See `HEAD` and those beside it, (5,)."""
     lengths: Array
-    """Lengths of the division and of the task, (2,), [m]."""
+    """See `DIRECTION` and `RADIAN`, (2,), [m]."""
     links: Array
     routines: Indices
-    """Addresses of what kernels call, see `refine.routines`."""
+    """Addresses of what kernels call, see `ITERATE`, (5,)."""
     plain: Array
-    """What is wanted of a plain pose, see `task_of`."""
+    """What is wanted of a plain pose, (WANTED,)."""
 
 
 ROWS = Rows(
@@ -102,7 +129,7 @@ ROWS = Rows(
 ARRAYS = ROWS.count
 
 
-NUMBERS, ROUTINES, PLAIN = (ROWS.first[name] for name in ("numbers", "routines", "plain"))
+NUMBERS, ROUTINES, PLAIN, WEIGHTS = (ROWS.first[name] for name in ("numbers", "routines", "plain", "columns"))
 
 
 def task_arrays(
@@ -117,12 +144,22 @@ def task_arrays(
     wanted: Array,
 ) -> list[NDArray[Any]]:
     """The arrays of a task in the order in which `task_of` reads them; `wanted` is that of a plain pose."""
-    numbers = np.array([division.head, division.tail, division.columns, LANES], dtype=np.int64)
-    lengths = np.array([division.length, length])
+    numbers, lengths = np.zeros(POSES + 1, dtype=np.int64), np.zeros(RADIAN + 1)
+    numbers[HEAD], numbers[TAIL], numbers[COLUMNS] = division.head, division.tail, division.columns
+    numbers[WIDTH] = LANES
+    lengths[DIRECTION], lengths[RADIAN] = division.length, length
     links = links_of(chain)
     return ROWS.arrays(
         TaskRows(chain, atlas, lower, upper, columns, numbers, lengths, links, routines, wanted)
     )
+
+
+def with_ranges(arrays: list[NDArray[Any]], poses: int, routines: Indices) -> list[NDArray[Any]]:
+    """The same task for goals with ranges: other steps, starts looked up at some poses, and residuals about every axis."""
+    changed, numbers = list(arrays), arrays[NUMBERS].copy()
+    numbers[POSES] = poses
+    changed[NUMBERS], changed[ROUTINES], changed[WEIGHTS] = numbers, routines, np.full(3, 0.5)
+    return changed
 
 
 @view
@@ -134,7 +171,7 @@ def handle_at(address: int) -> Indices:
 
 @view
 def plain_wanted(handle: Indices) -> Array:
-    """Tolerances and weights of a plain pose, see `task_of`."""
+    """Tolerances and weights of a plain pose, (WANTED,)."""
     seen: Array = floats1(handle, PLAIN)
     return seen
 
@@ -149,7 +186,7 @@ def routine_at(handle: Indices, k: int) -> int:
 @view
 def lanes_of(handle: Indices) -> int:
     """LANES, as a number that the compiler cannot know."""
-    count: int = integers(handle, NUMBERS)[3]
+    count: int = integers(handle, NUMBERS)[WIDTH]
     return count
 
 
@@ -162,12 +199,11 @@ def task_of(handle: Indices, wanted: Array) -> Task:
 
     Args:
         handle: From `pointers.handle_of` of `task_arrays`.
-        wanted: Position tolerance [m], orientation tolerance [rad], K_P, most FK evaluations, and K_A of the three
-            columns, (7,).
+        wanted: See `POSITION` and those beside it, (WANTED,).
     """
     rows: TaskRows = rows_of(handle, 0)
-    numbers, lengths, address = rows.numbers, rows.lengths, wanted.ctypes.data
-    division = Division(numbers[0], numbers[1], numbers[2], lengths[0])
+    numbers, lengths = rows.numbers, rows.lengths
+    division = Division(numbers[HEAD], numbers[TAIL], numbers[COLUMNS], lengths[DIRECTION])
     return Task(
         rows.chain,
         rows.links,
@@ -176,9 +212,13 @@ def task_of(handle: Indices, wanted: Array) -> Task:
         rows.lower,
         rows.upper,
         rows.columns,
-        lengths[1],
-        part1(address, 0, 4),
-        part1(address, 4, 3),
+        lengths[RADIAN],
+        numbers[POSES],
+        wanted[POSITION],
+        wanted[ORIENTATION],
+        wanted[WEIGHT],
+        wanted[BUDGET],
+        part1(wanted.ctypes.data, AXES, 3),
     )
 
 
@@ -187,4 +227,5 @@ class Job(NamedTuple):
 
     handle: Indices
     wanted: Array
+    """(WANTED,)"""
     memory: Array

@@ -98,7 +98,7 @@ def match(
                 half[i] = q[i] + 0.5 * joint_gap(rows[j, i], q[i], rates[i])
             forward(task.chain, half, desk.spare)
             position, orientation = errors(desk.spare, goal)
-            if position <= task.wanted[0] and orientation <= task.wanted[1]:
+            if position <= task.position_tolerance and orientation <= task.orientation_tolerance:
                 return j
     return -1
 
@@ -156,7 +156,7 @@ def refine_all(
     task = task_of(handle, wanted)
     dof = len(task.lower)
     desk = make_desk(memory, dof, len(task.chain.leader))
-    goal, lanes = GoalArrays(target, task.wanted[2], task.axis_weights), desk.lanes
+    goal, lanes = GoalArrays(target, task.position_weight, task.axis_weights), desk.lanes
     busy, made = np.zeros(LANES, dtype=np.int64), np.zeros(LANES, dtype=np.int64)
     strikes, before, half = np.zeros(LANES, dtype=np.int64), np.zeros(LANES), np.zeros(dof)
     number, active, most = first, 0, SIBLING_STEPS if mode == SIBLING else STEPS
@@ -241,14 +241,14 @@ def sorted_rows(
 
     Each row of the result is q, position error [m], orientation error [rad] and squared scaled distance, (n + 3,).
     """
-    goal, dof, kept = GoalArrays(target, task.wanted[2], task.axis_weights), len(centre), 0
+    goal, dof, kept = GoalArrays(target, task.position_weight, task.axis_weights), len(centre), 0
     for j in range(count):
         for i in range(dof):
             desk.seed[i] = rows[j, i]
         into_limits(task, desk.seed, centre)
         forward(task.chain, desk.seed, desk.spare)
         position, orientation = errors(desk.spare, goal)
-        if position > task.wanted[0] or orientation > task.wanted[1]:
+        if position > task.position_tolerance or orientation > task.orientation_tolerance:
             continue
         score = 0.0
         for i in range(dof):

@@ -70,7 +70,7 @@ def twins(
         work[W + l] = 0.0
     for phase in range(3):
         lanes_forward(task.chain.leader, task.links, lanes, w)
-        lanes_residual(lanes, desk.mode, w)
+        lanes_residual(lanes, desk.columns, w)
         if phase == 0:
             lanes_jacobian(task.chain.leader, task.links, lanes, free_turn(task), w)
             lanes_gram(0.0, desk.floor, lanes, w)

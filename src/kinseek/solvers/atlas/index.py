@@ -11,8 +11,10 @@ from kinseek.goal import DEFAULT_TOLERANCE, Goal
 from kinseek.kernels.arm.division import NONE
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
 from kinseek.kernels.atlas.one_goal import add_ending, routines
+from kinseek.kernels.atlas.range_steps import POSES
+from kinseek.kernels.atlas.ranges import range_routines
 from kinseek.kernels.atlas.samples import build_atlas
-from kinseek.kernels.atlas.task import NUMBERS, task_arrays
+from kinseek.kernels.atlas.task import NUMBERS, task_arrays, with_ranges
 from kinseek.kernels.pointers import handle_of
 from kinseek.kinds import POSE, Kind
 from kinseek.problem import Problem
@@ -57,6 +59,9 @@ class AtlasIndex:
             arrays, self.sorted, division, lower, upper, columns, arm_length(chain) / 3, self._routines, PLAIN
         )
         self._addresses = handle_of(self._arrays)
+        self._range_routines = np.zeros_like(self._routines)
+        self._range_arrays = with_ranges(self._arrays, POSES, self._range_routines)
+        self._range_addresses = handle_of(self._range_arrays)
         self.address: int = self._addresses.ctypes.data
         """Address of the handle, for the kernels that may do with the routines that every goal needs."""
         self.numbers: Indices = self._arrays[NUMBERS]
@@ -73,6 +78,12 @@ class AtlasIndex:
         """Addresses of the arrays, for kernels, and of every routine they may call."""
         add_ending(self._routines)  # The very array that kernels read, for it is contiguous.
         return self._addresses
+
+    @cached_property
+    def range_handle(self) -> Indices:
+        """As `handle`, for goals with ranges."""
+        self._range_routines[:] = range_routines()
+        return self._range_addresses
 
     def __repr__(self) -> str:
         """Size and cost."""

@@ -14,7 +14,8 @@ from kinseek.deadline import Deadline
 from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.ranges import solve_boxes
+from kinseek.kernels.atlas.range_steps import POSES
+from kinseek.kernels.atlas.ranges import solve_ranged
 from kinseek.problem import Problem
 from kinseek.ranges import Ranges
 from kinseek.robots.chain import SerialChain
@@ -29,9 +30,6 @@ if TYPE_CHECKING:
     from kinseek.solvers.threads import GoOn
 
     from .solver import Atlas
-
-POSES = 32
-"""Poses of the ranges at which seeds are looked up."""
 
 _GROUP = 64
 """Targets whose poses are made at once."""
@@ -61,8 +59,8 @@ def solve_ranges(search: Atlas, problem: Problem) -> Solution:
                 if not go_on():
                     return
                 until = min(piece + _PIECE, last)
-                solve_boxes(
-                    index.handle,
+                solve_ranged(
+                    index.range_handle,
                     wanted,
                     asked[piece:until],
                     poses[piece - first : until - first],
