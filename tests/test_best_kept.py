@@ -14,9 +14,8 @@ from kinseek import Goal
 from kinseek.kernels.atlas.descent import ALIKE, keep_best
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import desk_size, make_desk
-from kinseek.kernels.atlas.range_steps import ROWS
-from kinseek.kernels.atlas.ranges import keep_best_box
-from kinseek.kernels.atlas.task import task_of
+from kinseek.kernels.atlas.range_steps import make_range_desk, range_desk_size
+from kinseek.kernels.atlas.task import Job, task_of
 from kinseek.solvers.atlas.index import atlas_of, wanted_of
 
 pytestmark = pytest.mark.slow
@@ -24,12 +23,15 @@ pytestmark = pytest.mark.slow
 Array = NDArray[np.float64]
 
 
-def _kept(handle: Any, wanted: Array, target: Array, question: Array, boxed: bool, rounds: Array) -> Any:
+def _kept(handle: Any, wanted: Array, target: Array, question: Array, rounds: Array) -> Any:
     """The eight best of some rounds of eight, (r, LANES, n): their joint values and errors, (LANES, n + 1)."""
     task = task_of(handle, wanted)
-    dof = len(task.lower)
-    memory, rows = np.zeros(desk_size(dof, len(task.chain.leader))), np.zeros(ROWS + 33)
-    desk, result = make_desk(memory, dof, len(task.chain.leader)), np.empty((LANES, dof + 1))
+    dof, joints = len(task.lower), len(task.chain.leader)
+    memory = np.zeros(desk_size(dof, joints) + range_desk_size(dof, joints))
+    desk, result = make_desk(memory, dof, joints), np.empty((LANES, dof + 1))
+    ranges = make_range_desk(memory.ctypes.data, dof, joints)
+    for k in range(len(question)):
+        ranges.question[k] = question[k]
     for l in range(LANES):
         desk.best_error[l] = np.inf
     for k in range(len(rounds)):
@@ -37,10 +39,7 @@ def _kept(handle: Any, wanted: Array, target: Array, question: Array, boxed: boo
             desk.state[l] = 0
             for i in range(dof):
                 desk.lanes.q[i, l] = rounds[k, l, i]
-        if boxed:
-            keep_best_box(task, desk, question, rows)
-        else:
-            keep_best(task, desk, target)
+        keep_best(Job(handle, wanted, memory), task, desk, target)
     for l in range(LANES):
         result[l, dof] = desk.best_error[l]
         for i in range(dof):
@@ -60,9 +59,9 @@ def test_no_two_of_the_best_are_alike_and_the_best_of_all_is_among_them(boxed: b
     target = arm.fk(np.ones(6))
     pose, box = Goal.pose(target), Goal.pose(target, box={"x": (-0.01, 0.01)}, free="rz")
     goal = box if boxed else pose
-    best = kept(
-        atlas_of(arm.chain, goal).handle, wanted_of(goal), target[:3], box.questions[0], boxed, rounds
-    )
+    index = atlas_of(arm.chain, goal)
+    handle = index.range_handle if boxed else index.handle
+    best = kept(handle, wanted_of(goal), target[:3], box.questions[0], rounds)
     filled = best[np.isfinite(best[:, -1])]
     assert len(filled) == 3  # One of each of the three places, though eight would fit.
     for i in range(3):

@@ -12,6 +12,7 @@ from kinseek.errors import InvalidProblem, suggest
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.branches.refine_all import ANSWER, ANSWERS, CONTINUUM, RATES, SPENT
 from kinseek.kernels.branches.search import ROWS, many_branches
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
@@ -62,7 +63,7 @@ def branches_of(
     # A proof takes answers inside [-π, π]; they are turned and sorted afterwards.
     if problem.near is not None and not prove:
         near = np.broadcast_to(problem.near, (*goal.shape, problem.chain.dof)).reshape(-1, problem.chain.dof)
-        views = np.stack([near, np.ones_like(near), np.broadcast_to(index.view[2], near.shape)], axis=1)
+        views = np.stack([near, np.ones_like(near), np.broadcast_to(index.view[RATES], near.shape)], axis=1)
     found = _search(index, wanted, targets, np.ascontiguousarray(views), number, threads, deadline)
     each = tuple(
         _none(one, index)
@@ -106,7 +107,7 @@ def _search(
         if not deadline.passed:
             found[0] = index.search(wanted, targets[0], views[0], number)
         return found
-    most, width = number or ROWS, views.shape[-1] + 3
+    most, width = number or ROWS, views.shape[-1] + ANSWER
 
     def work(begin: int, end: int, go_on: GoOn) -> None:
         results, counts = np.empty((_PIECE, most + 1, width)), np.empty(_PIECE, dtype=np.int64)
@@ -164,7 +165,7 @@ def _finish(
     deadline: Deadline,
 ) -> Branches:
     """Prove, sort, filter and judge the answers to one target."""
-    number, dof, complete, late = int(rows[-1, 0]), problem.chain.dof, False, False
+    number, dof, complete, late = int(rows[-1, ANSWERS]), problem.chain.dof, False, False
     q, errors = rows[:number, :dof].copy(), rows[:number, dof : dof + 2]
     if prove:
         from kinseek.proof.isolation import prove_complete
@@ -190,8 +191,8 @@ def _finish(
         position_error=errors[place, 0].copy(),
         orientation_error=errors[place, 1].copy(),
         complete=complete and len(place) + rejected == len(q),
-        sampled=bool(index.freedom) or (rows[-1, 2] > 0.0 and not complete),
-        evaluations=int(rows[-1, 1]),
+        sampled=bool(index.freedom) or (rows[-1, CONTINUUM] > 0.0 and not complete),
+        evaluations=int(rows[-1, SPENT]),
         rejected=rejected,
         problem=problem,
         out_of_time=late,

@@ -13,8 +13,10 @@ from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.branches.refine_all import ANSWERS
 from kinseek.kernels.branches.sample import sample_branches
 from kinseek.kernels.branches.search import find_branches
+from kinseek.kernels.branches.twins import SHIFTS, SIGNS
 from kinseek.kinds import Kind
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
@@ -42,9 +44,10 @@ class BranchIndex:
         middle, half = (chain.lower + chain.upper) / 2, (chain.upper - chain.lower) / 2
         turning = np.where(chain.periodic, 0.5 / np.pi, 0.0)
         self.view: Array = np.array([middle, 1 / np.maximum(half, 1e-12), turning])
-        """How `kernels.branches` shall see the answers: from the middle of every range, in halves of it, (3, n)."""
+        """How `kernels.branches` shall see the answers: from the middle of every range, in halves of it, (3, n); see
+        `refine_all.CENTRE`."""
         self.mirrors: Array = np.zeros((0, 3, chain.dof))
-        """Signs, shifts and whether the joint turns, of every mirror image of the arm, (k, 3, n)."""
+        """Every mirror image of the arm, see `twins.SIGNS`, (k, 3, n)."""
         if not self.freedom and chain.dof <= _MOST_MIRRORED:
             self.mirrors = self._mirrors(problem)
 
@@ -73,7 +76,7 @@ class BranchIndex:
             rows = self.search(wanted, target, self.view, 0)
             if not len(rows):
                 continue
-            for other in rows[: int(rows[-1, 0]), :dof]:
+            for other in rows[: int(rows[-1, ANSWERS]), :dof]:
                 shifts = other - signs * q
                 whole = np.round(shifts / np.pi) * np.pi
                 shifts = np.where(turns & (np.abs(shifts - whole) < 1e-6), whole, shifts)
@@ -88,9 +91,9 @@ class BranchIndex:
 
 
 def _same_image(one: Array, other: Array, turns: NDArray[np.bool_]) -> bool:
-    apart = one[1] - other[1]
+    apart = one[SHIFTS] - other[SHIFTS]
     apart = np.where(turns, (apart + np.pi) % (2 * np.pi) - np.pi, apart)
-    return bool((one[0] == other[0]).all() and np.abs(apart).max() < 1e-6)
+    return bool((one[SIGNS] == other[SIGNS]).all() and np.abs(apart).max() < 1e-6)
 
 
 _Key = tuple[Kind, bytes | None]

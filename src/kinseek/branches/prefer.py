@@ -12,6 +12,7 @@ from kinseek.errors import InvalidProblem, suggest
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.near import solve_near
+from kinseek.kernels.atlas.task import EVALUATIONS, ORIENTATION, ORIENTATION_ERROR, POSITION, POSITION_ERROR
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.index import wanted_of
@@ -143,8 +144,13 @@ def _slide(
                 away = np.abs(row[: len(q)] - aim).max()
                 # A continuous joint that leaves its range comes in at the other end, and so the cost judges it.
                 there = problem.placed(row[: len(q)])
-                spent += int(row[-1])
-                if row[-4] > wanted[0] or row[-3] > wanted[1] or away > 2 * step:
+                report = row[len(q) :]
+                spent += int(report[EVALUATIONS])
+                missed = (
+                    report[POSITION_ERROR] > wanted[POSITION]
+                    or report[ORIENTATION_ERROR] > wanted[ORIENTATION]
+                )
+                if missed or away > 2 * step:
                     continue
                 less = float(measure(there[None])[0])
                 if less >= value:

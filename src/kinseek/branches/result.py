@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR
+from kinseek.kernels.branches.refine_all import ANSWERS, CONTINUUM, SPENT
 from kinseek.problem import MadeWhenAsked, Problem
 from kinseek.robots.chain import SerialChain
 
@@ -130,15 +132,15 @@ def quick_branches(chain: SerialChain, target: Array, found: Array, sampled: boo
         sampled: Does the arm have joints to spare?
     """
     dof, last = chain.dof, found[-1]
-    count = int(last[0])
+    count = int(last[ANSWERS])
     branches = object.__new__(Branches)
     branches.__dict__.update(
         q=found[:count, :dof],
-        position_error=found[:count, dof],
-        orientation_error=found[:count, dof + 1],
+        position_error=found[:count, dof + POSITION_ERROR],
+        orientation_error=found[:count, dof + ORIENTATION_ERROR],
         complete=False,
-        sampled=sampled or last[2] > 0.0,
-        evaluations=int(last[1]),
+        sampled=sampled or last[CONTINUUM] > 0.0,
+        evaluations=int(last[SPENT]),
         rejected=0,
         _question=(chain, target.copy(), None),  # The caller may write the next target into the same array.
     )

@@ -14,9 +14,12 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array, ChainArrays
 
-TWIST_SINE, TWIST_COSINE, U, V, TURN, TURN_OFFSET, SLIDE, SLIDE_OFFSET, ADDS = range(9)
-"""What stands in the row of a joint: its angle is ``TURN · q + TURN_OFFSET`` [rad], its slide alike [m]. ADDS is 1 where
+TWIST_SINE, TWIST_COSINE, U, V, TURN_RATE, TURN_OFFSET, SLIDE_RATE, SLIDE_OFFSET, ADDS = range(9)
+"""Places in the row of a joint: its angle is ``TURN_RATE · q + TURN_OFFSET`` [rad], its slide alike [m]. ADDS is 1 where
 an earlier joint is moved by the same variable."""
+
+PARALLEL = 1e-12
+"""Sine of the twist between two axes below which they are parallel to rounding; a turn about either is then the same."""
 
 
 def links_of(chain: ChainArrays) -> Array:
@@ -30,13 +33,13 @@ def links_of(chain: ChainArrays) -> Array:
     for k in range(joints):
         R, t = chain.fixed[k, :, :3], chain.fixed[k, :, 3]
         twist = math.atan2(math.hypot(R[0, 2], R[1, 2]), R[2, 2])
-        before = math.atan2(R[0, 2], -R[1, 2]) if math.sin(twist) > 1e-12 else 0.0
+        before = math.atan2(R[0, 2], -R[1, 2]) if math.sin(twist) > PARALLEL else 0.0
         left = _about_z(before) @ _about_x(twist)
         rest = left.T @ R
         moved = _about_z(before).T @ t
         row = links[k]
         row[TWIST_SINE], row[TWIST_COSINE], row[U], row[V] = math.sin(twist), math.cos(twist), *moved[:2]
-        row[SLIDE if chain.prismatic[k] else TURN] = chain.multiplier[k]
+        row[SLIDE_RATE if chain.prismatic[k] else TURN_RATE] = chain.multiplier[k]
         row[SLIDE_OFFSET if chain.prismatic[k] else TURN_OFFSET] = chain.offset[k]
         row[TURN_OFFSET] += math.atan2(rest[1, 0], rest[0, 0])
         row[ADDS] = float(chain.leader[k] in chain.leader[:k])

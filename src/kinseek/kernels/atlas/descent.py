@@ -14,7 +14,9 @@ from kinseek.kernels.jit import hidden, routine, view
 from kinseek.kernels.pointers import call, part1
 
 from .lanes import (
+    BEFORE,
     LANES,
+    STUBBORN,
     Lanes,
     lanes_forward,
     lanes_gram,
@@ -29,6 +31,8 @@ from .seeds import copy_joints, load_target, turns_fully
 from .task import ITERATE, JUDGE, WANTED, WEIGHTED_ERROR, Job, Task, handle_at, routine_at, task_of
 
 FIRST_STEPS, DEEP_STEPS, RESTART_STEPS, POLISH_STEPS = 10, 20, 30, 20
+"""Steps at most from one of the first samples, from one of a deeper lookup, from a restart, and towards a goal that is out
+of reach."""
 
 
 STALL, NEARLY = 6, 0.03
@@ -37,6 +41,10 @@ STALL, NEARLY = 6, 0.03
 
 PERSIST_STEPS = 100
 """At a singular answer every step only halves the joint error, and a joint at its limit slows it down further."""
+
+
+ALMOST_RIGHT = 1.5
+"""Angle [rad] up to which the sine tells of an orientation error: short of π/2, beyond which it falls."""
 
 
 ALIKE = 0.3
@@ -59,7 +67,7 @@ LONGEST = 0.8
 def make_stubborn(lanes: Lanes, stubborn: float) -> None:
     """Make every other lane stubborn, or none, see `lanes_hold`; nothing is known of a last step."""
     for l in range(LANES):
-        lanes.work[3 * LANES + l] = stubborn * (l % 2)
+        lanes.work[STUBBORN + l] = stubborn * (l % 2)
         for i in range(lanes.step.shape[0]):
             lanes.step[i, l] = 0.0
 
@@ -154,7 +162,7 @@ def within(task: Task, lanes: Lanes, l: int) -> bool:
     cosine = lanes.error[2 * LANES + l]
     ahead = cosine > 0.5 if task.columns[1] > 0.0 else cosine > 0.0
     # sin φ ≤ sin t where φ < t < π/2; for small t the sine is t less t³/6, on the safe side.
-    bound = min(orientation, 1.5)
+    bound = min(orientation, ALMOST_RIGHT)
     bound -= bound * bound * bound / 6.0
     small: bool = lanes.error[LANES + l] <= bound * bound
     return ahead and small
@@ -189,9 +197,9 @@ def descend_lanes(job: Job, task: Task, desk: Desk, steps: int, everyone: bool, 
             moving = made == 0
             for l in range(LANES):
                 error = lanes.error[3 * LANES + l]
-                hopeful = error < 0.5 * lanes.work[LANES + l] or error < NEARLY * NEARLY
+                hopeful = error < 0.5 * lanes.work[BEFORE + l] or error < NEARLY * NEARLY
                 moving = moving or (desk.state[l] == 0 and hopeful)
-                lanes.work[LANES + l] = error
+                lanes.work[BEFORE + l] = error
             if not moving:
                 return first, made
     return -1, steps  # Never: the last step returns.

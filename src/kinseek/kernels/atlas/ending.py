@@ -118,7 +118,8 @@ def reweigh(job: Job, task: Task, desk: Desk, target: Array, largest: float, w: 
     """
     goal, lanes, dof, floor = goal_of(task, target), desk.lanes, len(task.lower), desk.floor
     for l in range(LANES):
-        # K_P is read anew for each lane: held in a register, its product is not fused with the sum, and last bits are others.
+        # K_P is read anew for each lane: held in a register, its product would not be fused with the sum, and answers have
+        # other last bits.
         floor[l] = POLISH_FLOOR * (job.wanted[WEIGHT] * task.length + largest)
         desk.state[l] = 0
         load_seed_row(lanes, l, desk.best)

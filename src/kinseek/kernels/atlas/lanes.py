@@ -15,17 +15,32 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from kinseek.kernels.arm.links import ADDS, SLIDE, TURN
+from kinseek.kernels.arm.links import (
+    ADDS,
+    SLIDE_OFFSET,
+    SLIDE_RATE,
+    TURN_OFFSET,
+    TURN_RATE,
+    TWIST_COSINE,
+    TWIST_SINE,
+    U,
+    V,
+)
 from kinseek.kernels.arm.trigonometry import sine_cosine
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.jit import hidden
 from kinseek.kernels.layout import DOF, JOINTS, Layout, floats
 
 LANES = 8
+"""Configurations side by side: as many doubles as the widest vectors hold."""
 
 LOST = 1e-15
 """Rounding of the factorisation relative to the sum of the diagonal: what is added to the diagonal must be more. Else a
 row that no joint moves, beside one that a joint moves far, would be divided by zero."""
+
+SHARE, BEFORE, STUBBORN = 0, LANES, 3 * LANES
+"""Where rows of `Lanes.work` begin: the share of the last step that was taken, the |e|² of a while ago, and 1 for a stubborn
+lane, see `lanes_hold`, else 0."""
 
 UNLIMITED = 1e300
 """A joint with limits this wide has none."""
@@ -51,7 +66,7 @@ class Lanes(NamedTuple):
     step: Array
     """dq, (n, LANES)."""
     work: Array
-    """What a loop carries to the next, 4 rows; the last is 1 for a stubborn lane, see `lanes_hold`, else 0."""
+    """What a loop carries to the next, 4 rows, see `SHARE`, `BEFORE` and `STUBBORN`."""
     error: Array
     """Squared position error [m²], squared sine of the angle, its cosine, and |e|², 4 rows."""
     weight: Array
@@ -91,8 +106,9 @@ def lanes_forward(leader: Indices, links: Array, lanes: Lanes, w: int) -> None:
         for l in range(w):
             T[r * W + l] = value
     for k in range(joints):
-        i, sa, ca, u, v = leader[k], links[k, 0], links[k, 1], links[k, 2], links[k, 3]
-        turn, turned, slide, slid = links[k, 4], links[k, 5], links[k, 6], links[k, 7]
+        i, sa, ca, u, v = leader[k], links[k, TWIST_SINE], links[k, TWIST_COSINE], links[k, U], links[k, V]
+        turn, turned = links[k, TURN_RATE], links[k, TURN_OFFSET]
+        slide, slid = links[k, SLIDE_RATE], links[k, SLIDE_OFFSET]
         for l in range(w):
             s, c = sine_cosine(turn * q[i, l] + turned)
             d = slide * q[i, l] + slid
@@ -164,7 +180,7 @@ def lanes_jacobian(leader: Indices, links: Array, lanes: Lanes, free: float, w: 
     """Scaled geometric Jacobian of every lane; with `free` 1 a turn about the tool's x axis does not count."""
     W, T, J, axes, weight = LANES, lanes.pose, lanes.jacobian, lanes.axes, lanes.weight
     for k in range(len(leader)):
-        i, turn, slide = leader[k], links[k, TURN], links[k, SLIDE]
+        i, turn, slide = leader[k], links[k, TURN_RATE], links[k, SLIDE_RATE]
         adds = links[k, ADDS] > 0.0
         for l in range(w):
             zx, zy, zz = axes[k, l], axes[k, W + l], axes[k, 2 * W + l]
@@ -193,7 +209,7 @@ def lanes_jacobian(leader: Indices, links: Array, lanes: Lanes, free: float, w: 
 def lanes_hold(lower: Array, upper: Array, lanes: Lanes, w: int) -> None:
     """Take every joint that stands at a limit and is pushed outward out of the Jacobian.
 
-    A stubborn lane (see `Lanes.work`) also takes out those that the last step would have led outward: what is cut off a step
+    A stubborn lane also takes out those that the last step would have led outward: what is cut off a step
     spoils the rest of it, and where many joints stand at limits the walk crawls.
     """
     W, J, q, e, step, work = LANES, lanes.jacobian, lanes.q, lanes.residual, lanes.step, lanes.work
@@ -206,7 +222,7 @@ def lanes_hold(lower: Array, upper: Array, lanes: Lanes, w: int) -> None:
             j3, j4, j5 = J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l]
             push = j0 * e[l] + j1 * e[W + l] + j2 * e[2 * W + l]
             push += j3 * e[3 * W + l] + j4 * e[4 * W + l] + j5 * e[5 * W + l]
-            last = work[3 * W + l] * step[i, l]
+            last = work[STUBBORN + l] * step[i, l]
             held = (q[i, l] >= high and max(push, last) > 0.0) or (q[i, l] <= low and min(push, last) < 0.0)
             move = 0.0 if held else 1.0
             J[i, l], J[i, W + l], J[i, 2 * W + l] = move * j0, move * j1, move * j2
@@ -306,15 +322,8 @@ def lanes_solve(lanes: Lanes, w: int) -> None:
 @hidden
 def lanes_move(lower: Array, upper: Array, longest: float, lanes: Lanes, w: int) -> None:
     """Take the step dq = Jᵀ x, no joint farther than `longest`, every joint inside its limits."""
-    W, J, x, q, step, work, dof = (
-        LANES,
-        lanes.jacobian,
-        lanes.residual,
-        lanes.q,
-        lanes.step,
-        lanes.work,
-        len(lower),
-    )
+    W, J, x, q = LANES, lanes.jacobian, lanes.residual, lanes.q
+    step, work, dof = lanes.step, lanes.work, len(lower)
     for l in range(w):
         work[l] = longest
     for pair in range((dof + 1) // 2):

@@ -36,6 +36,19 @@ MOST = 1e6
 RAISES = 24
 """How often the damping is raised at most for one step: from 1e-4 to `MOST` times the largest entry it is 17 times."""
 
+FIRST_DAMPING, RAISE = 1e-4, 4.0
+"""Least damping, relative to the largest entry, of a Hessian that is not positive, and what each further try multiplies it
+by (by trial)."""
+
+SMALL_DAMPING, HARDER = 1e-6, 8.0
+"""The same where the Hessian is positive and the step did not help: less, for it was good as far as second order goes."""
+
+EASIER, FORGET = 0.1, 1e-9
+"""What damping is multiplied by after a step that helped, and below which part of the largest entry it is dropped."""
+
+POSITIVE = 1e-14
+"""A pivot of the factorisation below this part of its diagonal is rounding, and the matrix not positive."""
+
 LONGEST = 0.5
 """No joint moves farther in one step [rad or m]."""
 
@@ -133,7 +146,7 @@ def damped_step(H: Array, g: Array, held: Flags, damping: float, L: Array, step:
             for k in range(j):
                 value -= L[i, k] * L[j, k]
             if i == j:
-                if value <= 1e-14 * (abs(H[i, i]) + damping):
+                if value <= POSITIVE * (abs(H[i, i]) + damping):
                     return False
                 L[i, i] = math.sqrt(value)
             else:
@@ -185,7 +198,7 @@ def settle(chain: ChainArrays, goal: GoalArrays, lower: Array, upper: Array, q: 
         while raised < RAISES and damping <= MOST * largest:
             if damped_step(H, g, held, damping, L, step):
                 break
-            damping = max(4.0 * damping, 1e-4 * largest)
+            damping = max(RAISE * damping, FIRST_DAMPING * largest)
             raised += 1
         if raised == RAISES or damping > MOST * largest:
             break
@@ -203,11 +216,11 @@ def settle(chain: ChainArrays, goal: GoalArrays, lower: Array, upper: Array, q: 
                 q[i] = trial[i]
             if small:
                 break
-            damping *= 0.1
-            if damping < 1e-9 * largest:
+            damping *= EASIER
+            if damping < FORGET * largest:
                 damping = 0.0
             derivatives(chain, goal, q, T, axes, moves, g, H)
             error = now
         else:
-            damping = max(8.0 * damping, 1e-6 * largest)
+            damping = max(HARDER * damping, SMALL_DAMPING * largest)
     return spent

@@ -15,6 +15,8 @@ from .task import OPEN, Task
 from .tree import nearest, scan_beside, take_nearest
 
 FIRST, MORE, RESTARTS, MORE_RESTARTS = 8, 40, 64, 256
+"""Samples beside a goal that are tried first, samples of a deeper lookup, restarts after both, and restarts where what is
+left is so little that more work is worth it."""
 
 
 AT_ONCE = 4
@@ -22,6 +24,11 @@ AT_ONCE = 4
 
 
 MARGIN = 0.5
+"""A sample whose first or last joint comes out farther beyond its limits [rad or m] is not tried, see `complete_seed`."""
+
+
+CONVERGED = 30
+"""Turns after which the root of x^(n+1) = x + 1 stands: each leaves less than a third of what it is off."""
 
 
 @hidden
@@ -61,11 +68,11 @@ def see(task: Task, desk: Desk, target: Array) -> None:
 
 
 @hidden
-def look_up(task: Task, desk: Desk, target: Array, wanted: int) -> int:
-    """Find the samples nearest to a target, (3, 4); return how many."""
+def look_up(task: Task, desk: Desk, target: Array, most: int) -> int:
+    """Find the samples nearest to a target, (3, 4), so many at most; return how many."""
     see(task, desk, target)
     coordinates(desk.seen, task.division, desk.point)
-    return nearest(task.atlas.tree, desk.point, wanted, desk.distance, desk.neighbour, desk.stack, desk.bound)
+    return nearest(task.atlas.tree, desk.point, most, desk.distance, desk.neighbour, desk.stack, desk.bound)
 
 
 @hidden
@@ -156,7 +163,7 @@ def restart(task: Task, number: int, q: Array) -> None:
     """Write start `number` of a low-discrepancy sequence over the limits (Roberts 2018, R_d)."""
     dof = len(q)
     g = 2.0
-    for _ in range(30):
+    for _ in range(CONVERGED):
         g = (1.0 + g) ** (1.0 / (dof + 1))
     step = 1.0
     for i in range(dof):

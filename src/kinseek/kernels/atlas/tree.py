@@ -15,6 +15,7 @@ from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.jit import called, hidden, kernel
 
 LEAF = 8
+"""Points of a leaf, as many as are measured side by side."""
 
 SLACK = 4.0
 """A branch is left out unless it may hold a point this many times closer (squared) than the worst one kept."""
@@ -157,16 +158,16 @@ def _select(points: Array, d: int, order: Indices, first: int, last: int, middle
 
 @hidden
 def nearest(
-    tree: Tree, point: Array, wanted: int, distance: Array, index: Indices, stack: Indices, bound: Array
+    tree: Tree, point: Array, most: int, distance: Array, index: Indices, stack: Indices, bound: Array
 ) -> int:
     """Find the nearest points, nearest first.
 
     Args:
         tree: Where to look.
         point: (dimensions,)
-        wanted: How many.
-        distance: Receives squared distances, at least (wanted,).
-        index: Receives places in the leaves, at least (wanted,).
+        most: How many.
+        distance: Receives squared distances, at least (most,).
+        index: Receives places in the leaves, at least (most,).
         stack: Memory, (64,).
         bound: Memory, (64 + LEAF,).
 
@@ -182,7 +183,7 @@ def nearest(
             break
         top -= 1
         node, low = stack[top], bound[top]
-        if found == wanted and (SLACK * low >= distance[found - 1] or scanned >= MOST_LEAVES):
+        if found == most and (SLACK * low >= distance[found - 1] or scanned >= MOST_LEAVES):
             continue
         while node < leaves - 1:
             gap = point[tree.axis[node]] - tree.split[node]
@@ -201,10 +202,10 @@ def nearest(
                 bound[64 + j] += gap * gap
         for j in range(LEAF):
             value = bound[64 + j]
-            if found == wanted and value >= distance[found - 1]:
+            if found == most and value >= distance[found - 1]:
                 continue
-            at = found if found < wanted else found - 1
-            found = min(found + 1, wanted)
+            at = found if found < most else found - 1
+            found = min(found + 1, most)
             while at > 0 and distance[at - 1] > value:
                 distance[at], index[at] = distance[at - 1], index[at - 1]
                 at -= 1

@@ -15,9 +15,35 @@ from kinseek.kernels.atlas.lanes import LANES, Lanes
 from kinseek.kernels.atlas.memory import Desk, make_desk
 from kinseek.kernels.atlas.samples import complete_seed
 from kinseek.kernels.atlas.seeds import MARGIN, into_limits
-from kinseek.kernels.atlas.task import Task, task_of
+from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR, Task, task_of
 from kinseek.kernels.atlas.tree import nearest
 from kinseek.kernels.jit import hidden, kernel
+
+CENTRE, SCALE, RATES = range(3)
+"""Rows of a view: where the answers are seen from, the weight of each joint, and one over 2π for each that has the same
+pose after a full turn, else 0, (n,) each."""
+
+
+SCORE = 2
+"""Place of the squared distance behind the joint values of an answer, after the two errors of a report."""
+
+
+ANSWER = SCORE + 1
+"""Numbers behind the joint values of an answer."""
+
+
+ANSWERS, SPENT, CONTINUUM = range(3)
+"""Places in the row behind the answers: their number, FK evaluations, and 1 if they belong to a continuum."""
+
+
+EVALUATED, CONTINUA, WEAKEST = range(3)
+"""Places in the tally of a search: FK evaluations, answers on a continuum, and the least singular value of the scaled
+Jacobian at any answer."""
+
+
+TALLY = WEAKEST + 1
+"""Numbers of a tally."""
+
 
 SEEDED, SIBLING, SAMPLED = 0, 1, 2
 """How `refine_all` treats its starts: give up those that lead to what is known; never that; take what is good enough."""
@@ -132,7 +158,7 @@ def refine_all(
     count: int,
     rates: Array,
     mode: int,
-    spent: Array,
+    tally: Array,
     w: int,
 ) -> int:
     """Refine seeds first … last-1, a lane that is done taking the next; append new answers; return how many there are.
@@ -150,7 +176,7 @@ def refine_all(
         count: How many are known already.
         rates: See `joint_gap`, (n,).
         mode: SEEDED, SIBLING or SAMPLED.
-        spent: Its first number is increased by the FK evaluations spent, (3,).
+        tally: Its EVALUATED is increased by the FK evaluations spent, (TALLY,).
         w: LANES.
     """
     task = task_of(handle, wanted)
@@ -160,7 +186,7 @@ def refine_all(
     busy, made = np.zeros(LANES, dtype=np.int64), np.zeros(LANES, dtype=np.int64)
     strikes, before, half = np.zeros(LANES, dtype=np.int64), np.zeros(LANES), np.zeros(dof)
     number, active, most = first, 0, SIBLING_STEPS if mode == SIBLING else STEPS
-    exact = 1e300 if mode == SAMPLED else EXACT
+    exact = np.inf if mode == SAMPLED else EXACT
     for l in range(LANES):
         stand_still(lanes, l)
     # Every start has so many steps at most, and in one lane they would be made one after the other.
@@ -179,7 +205,7 @@ def refine_all(
         for l in range(LANES):
             if busy[l] == 0:
                 continue
-            spent[0] += 1.0
+            tally[EVALUATED] += 1.0
             made[l] += 1
             error, done = lanes.error[3 * LANES + l], made[l] >= most
             if made[l] > 1 and error > WORTH * before[l]:
@@ -208,7 +234,7 @@ def refine_all(
             if done:
                 busy[l] = 0
                 active -= 1
-    memory[0] += 0.0  # Its last use, see `solve_pose`.
+    memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
     return count
 
 
@@ -216,14 +242,14 @@ def refine_all(
 def starts(
     task: Task,
     desk: Desk,
-    wanted: int,
+    most: int,
     begin: int,
     distance: Array,
     neighbour: Indices,
     seeds: Array,
 ) -> int:
-    """Complete the samples from number `begin` to number `wanted` into seeds, nearest first; return how many."""
-    found = nearest(task.atlas.tree, desk.point, wanted, distance, neighbour, desk.stack, desk.bound)
+    """Complete the samples from number `begin` to number `most` into seeds, nearest first; return how many."""
+    found = nearest(task.atlas.tree, desk.point, most, distance, neighbour, desk.stack, desk.bound)
     lower, upper, many = task.chain.lower, task.chain.upper, 0
     for k in range(begin, found):
         if complete_seed(task.atlas, task.division, desk.seen, neighbour[k], lower, upper, MARGIN, desk.seed):
@@ -239,7 +265,7 @@ def sorted_rows(
 ) -> int:
     """Judge rows by plain FK, and write those that reach the target sorted by their distance from `centre`.
 
-    Each row of the result is q, position error [m], orientation error [rad] and squared scaled distance, (n + 3,).
+    Each row of the result is q, position error [m], orientation error [rad] and squared scaled distance, (n + ANSWER,).
     """
     goal, dof, kept = GoalArrays(target, task.position_weight, task.axis_weights), len(centre), 0
     for j in range(count):
@@ -257,12 +283,13 @@ def sorted_rows(
                 gap = joint_gap(desk.seed[i], centre[i], 0.5 / math.pi)
             score += gap * gap * scale[i] * scale[i]
         at = kept
-        while at > 0 and result[at - 1, dof + 2] > score:
-            for i in range(dof + 3):
+        while at > 0 and result[at - 1, dof + SCORE] > score:
+            for i in range(dof + ANSWER):
                 result[at, i] = result[at - 1, i]
             at -= 1
         for i in range(dof):
             result[at, i] = desk.seed[i]
-        result[at, dof], result[at, dof + 1], result[at, dof + 2] = position, orientation, score
+        result[at, dof + POSITION_ERROR], result[at, dof + ORIENTATION_ERROR] = position, orientation
+        result[at, dof + SCORE] = score
         kept += 1
     return kept

@@ -12,10 +12,26 @@ from kinseek.kernels.atlas.memory import desk_size, make_desk
 from kinseek.kernels.atlas.one_goal import solve_pose
 from kinseek.kernels.atlas.samples import coordinates
 from kinseek.kernels.atlas.seeds import kick, restart, see
-from kinseek.kernels.atlas.task import task_of
+from kinseek.kernels.atlas.task import EVALUATIONS, task_of
 from kinseek.kernels.jit import hidden, kernel
 
-from .refine_all import EQUAL, SAMPLED, joint_gap, refine_all, sorted_rows, starts
+from .refine_all import (
+    ANSWER,
+    ANSWERS,
+    CENTRE,
+    CONTINUUM,
+    EQUAL,
+    EVALUATED,
+    RATES,
+    SAMPLED,
+    SCALE,
+    SPENT,
+    TALLY,
+    joint_gap,
+    refine_all,
+    sorted_rows,
+    starts,
+)
 
 SAMPLE_ROUNDS, SAMPLE_KICK = 16, 1.5
 """Rounds of starts around what was found, and how far around [rad or m], where a sample comes out too small."""
@@ -32,7 +48,7 @@ def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, 
         handle: The task, see `task_of`.
         wanted: See `task_of`.
         target: (4, 4), lengths in [m].
-        view: See `find_branches`.
+        view: See `refine_all.CENTRE`, (3, n).
         number: How many answers are wanted.
         w: LANES.
 
@@ -42,29 +58,29 @@ def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, 
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
     if not is_rigid(target):
-        return np.empty((0, dof + 3))
+        return np.empty((0, dof + ANSWER))
     memory = np.zeros(desk_size(dof, joints))
     desk = make_desk(memory, dof, joints)
     most = max(number + number // 2, 4 * LANES)
     rows, chosen, seeds = np.empty((most, dof)), np.empty((number, dof)), np.empty((most, dof))
     columns, left = np.empty((dof, most)), np.empty(most)
-    distance, neighbour, spent = np.empty(2 * most), np.empty(most, dtype=np.int64), np.zeros(3)
+    distance, neighbour, tally = np.empty(2 * most), np.empty(most, dtype=np.int64), np.zeros(TALLY)
     start(task, desk, target)
     see(task, desk, target)
     coordinates(desk.seen, task.division, desk.point)
     many = starts(task, desk, most, 0, distance, neighbour, seeds)
     count = refine_all(
-        handle, wanted, memory, target, seeds, 0, many, rows, left, 0, view[2], SAMPLED, spent, w
+        handle, wanted, memory, target, seeds, 0, many, rows, left, 0, view[RATES], SAMPLED, tally, w
     )
     kept = 0
     for rounds in range(SAMPLE_ROUNDS + 1):
-        kept = spread(view[2], rows, count, columns, chosen, distance)
+        kept = spread(view[RATES], rows, count, columns, chosen, distance)
         if kept == number or rounds == SAMPLE_ROUNDS or (kept == 0 and rounds > 0):
             break
         many, count = 4 * LANES, kept
         if count == 0:
             other = solve_pose(handle, wanted, target, w)
-            spent[0] += other[dof + 3]
+            tally[EVALUATED] += other[dof + EVALUATIONS]
             for i in range(dof):
                 seeds[0, i] = other[i]
             many = 1
@@ -78,12 +94,12 @@ def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, 
                 for i in range(dof):
                     seeds[k, i] = desk.seed[i]
         count = refine_all(
-            handle, wanted, memory, target, seeds, 0, many, rows, left, count, view[2], SAMPLED, spent, w
+            handle, wanted, memory, target, seeds, 0, many, rows, left, count, view[RATES], SAMPLED, tally, w
         )
-    result = np.empty((kept + 1, dof + 3))
-    result[kept, 0] = sorted_rows(task, desk, target, chosen, kept, view[0], view[1], result)
-    result[kept, 1], result[kept, 2] = spent[0], 1.0
-    memory[0] = 0.0  # Its last use, see `solve_pose`.
+    result = np.empty((kept + 1, dof + ANSWER))
+    result[kept, ANSWERS] = sorted_rows(task, desk, target, chosen, kept, view[CENTRE], view[SCALE], result)
+    result[kept, SPENT], result[kept, CONTINUUM] = tally[EVALUATED], 1.0
+    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return result
 
 

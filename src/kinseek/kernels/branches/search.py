@@ -25,12 +25,28 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import desk_size, make_desk
 from kinseek.kernels.atlas.one_goal import solve_pose
 from kinseek.kernels.atlas.samples import coordinates
-from kinseek.kernels.atlas.seeds import see
-from kinseek.kernels.atlas.seeds import turns_fully as turns
-from kinseek.kernels.atlas.task import Task, task_of
+from kinseek.kernels.atlas.seeds import see, turns_fully
+from kinseek.kernels.atlas.task import EVALUATIONS, Task, task_of
 from kinseek.kernels.jit import hidden, kernel
 
-from .refine_all import SEEDED, SIBLING, refine_all, sorted_rows, starts
+from .refine_all import (
+    ANSWER,
+    ANSWERS,
+    CENTRE,
+    CONTINUA,
+    CONTINUUM,
+    EVALUATED,
+    RATES,
+    SCALE,
+    SEEDED,
+    SIBLING,
+    SPENT,
+    TALLY,
+    WEAKEST,
+    refine_all,
+    sorted_rows,
+    starts,
+)
 from .sample import sample_branches
 from .twins import WEAK, images, twins
 
@@ -55,7 +71,7 @@ def in_doubt(task: Task, count: int) -> bool:
     """Is the number of answers suspicious: none, or odd where no joint has limits?"""
     full = True
     for i in range(len(task.lower)):
-        full = full and turns(task, i)
+        full = full and turns_fully(task, i)
     return count == 0 or (full and count % 2 == 1)
 
 
@@ -75,27 +91,25 @@ def find_branches(
         handle: The task with the coarse atlas, see `task_of`.
         fine: The task with the fine atlas, for a target that no coarse sample leads to.
         wanted: See `task_of`.
-        mirrors: Signs, shifts and 1 for joints that turn, of each mirror image, (k, 3, n).
+        mirrors: Of each mirror image, see `twins.SIGNS`, (k, 3, n).
         target: (4, 4), lengths in [m].
-        view: Where the answers are seen from, the weight of each joint, and one over 2π for each that has the same pose
-            after a full turn, else 0, (3, n): they come sorted by weighted distance.
+        view: See `refine_all.CENTRE`, (3, n): answers come sorted by weighted distance.
         w: LANES.
 
     Returns:
-        Joint values, position error [m], orientation error [rad] and squared distance of each answer; a last row with their
-        number, FK evaluations, and 1 if they belong to a continuum, (k + 1, n + 3). No row if the target is no
-        rigid transform.
+        Joint values, position error [m], orientation error [rad] and squared distance of each answer, and a last row, see
+        `refine_all.ANSWERS`, (k + 1, n + ANSWER). No row if the target is no rigid transform.
     """
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
     if not is_rigid(target):
-        return np.empty((0, dof + 3))
+        return np.empty((0, dof + ANSWER))
     memory = np.zeros(desk_size(dof, joints))
     desk = make_desk(memory, dof, joints)
     rows, seeds = np.empty((ROWS, dof)), np.empty((DEEP_STARTS, dof))
     distance, neighbour = np.empty(DEEP_STARTS), np.empty(DEEP_STARTS, dtype=np.int64)
-    spent, image, left = np.zeros(3), np.empty(dof), np.empty(ROWS)
-    spent[2] = np.inf
+    tally, image, left = np.zeros(TALLY), np.empty(dof), np.empty(ROWS)
+    tally[WEAKEST] = np.inf
     start(task, desk, target)
     see(task, desk, target)
     coordinates(desk.seen, task.division, desk.point)
@@ -107,39 +121,53 @@ def find_branches(
         mode, first, middle = SEEDED, count, 0
         if told < count:
             last = min(count, told + LANES)
-            many = twins(handle, wanted, memory, rows, told, last, seeds, spent, w)
-            many = images(task, mirrors, view[2], rows, told, last, seeds, many, image)
+            many = twins(handle, wanted, memory, rows, told, last, seeds, tally, w)
+            many = images(task, mirrors, view[RATES], rows, told, last, seeds, many, image)
             mode, told = SIBLING, last
         elif rounds == 0:
             many = starts(task, desk, STARTS, 0, distance, neighbour, seeds)
             middle = int(LATE * many)
             rounds = 1
-        elif rounds == 1 and (late or spent[2] < WEAK or in_doubt(task, count)):
+        elif rounds == 1 and (late or tally[WEAKEST] < WEAK or in_doubt(task, count)):
             many = starts(task, desk, DEEP_STARTS, begin, distance, neighbour, seeds)
             rounds = 2
-        elif rounds == 1 and begin == STARTS and spent[0] < SOON:
+        elif rounds == 1 and begin == STARTS and tally[EVALUATED] < SOON:
             many = starts(task, desk, MORE_STARTS, begin, distance, neighbour, seeds)
             begin = MORE_STARTS
         elif rounds == 2 and count == 0:
             other = solve_pose(fine, wanted, target, w)
-            spent[0] += other[dof + 3]
+            tally[EVALUATED] += other[dof + EVALUATIONS]
             for i in range(dof):
                 seeds[0, i] = other[i]
             mode, many, rounds = SIBLING, 1, 3
         else:
             break
         count = refine_all(
-            handle, wanted, memory, target, seeds, 0, middle, rows, left, count, view[2], mode, spent, w
+            handle, wanted, memory, target, seeds, 0, middle, rows, left, count, view[RATES], mode, tally, w
         )
         first = count
         count = refine_all(
-            handle, wanted, memory, target, seeds, middle, many, rows, left, count, view[2], mode, spent, w
+            handle,
+            wanted,
+            memory,
+            target,
+            seeds,
+            middle,
+            many,
+            rows,
+            left,
+            count,
+            view[RATES],
+            mode,
+            tally,
+            w,
         )
         late = late or (middle > 0 and count > first)
-    result = np.empty((count + 1, dof + 3))
-    result[count, 0] = sorted_rows(task, desk, target, rows, count, view[0], view[1], result)
-    result[count, 1], result[count, 2] = spent[0], 1.0 if spent[1] > 0.0 or count == ROWS else 0.0
-    memory[0] = 0.0  # Its last use, see `solve_pose`.
+    result = np.empty((count + 1, dof + ANSWER))
+    result[count, ANSWERS] = sorted_rows(task, desk, target, rows, count, view[CENTRE], view[SCALE], result)
+    endless = tally[CONTINUA] > 0.0 or count == ROWS
+    result[count, SPENT], result[count, CONTINUUM] = tally[EVALUATED], 1.0 if endless else 0.0
+    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return result
 
 
@@ -170,7 +198,7 @@ def many_branches(
         number: Answers wanted of a sample, else 0.
         begin: First target.
         end: One past the last target.
-        results: Receives what comes back of each, (end - begin, most + 1, n + 3).
+        results: Receives what comes back of each, (end - begin, most + 1, n + ANSWER).
         counts: Receives the number of rows, the last one included, (end - begin,).
         w: LANES.
     """

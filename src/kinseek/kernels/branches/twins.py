@@ -8,7 +8,7 @@ import numpy as np
 
 from kinseek.kernels.arm.division import nearest_copy
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.atlas.descent import free_turn
+from kinseek.kernels.atlas.descent import FLOOR, free_turn
 from kinseek.kernels.atlas.lanes import (
     LANES,
     lanes_forward,
@@ -21,7 +21,7 @@ from kinseek.kernels.atlas.memory import make_desk
 from kinseek.kernels.atlas.task import Task, task_of
 from kinseek.kernels.jit import hidden, kernel
 
-from .refine_all import EQUAL, squared_gap
+from .refine_all import CONTINUA, EQUAL, EVALUATED, WEAKEST, squared_gap
 
 WEAK = 0.02
 """Singular value of the scaled Jacobian at an answer below which others may hide beside it."""
@@ -39,6 +39,28 @@ PROBE, FLAT = 0.05, 1e-6
 """Length of the probing step along the weakest direction, and the scaled error along it that tells a continuum."""
 
 
+PHASES = 3
+"""The weakest direction is found at an answer, and the pose looked at on both sides of it: so many FK evaluations."""
+
+
+LEAN = 0.27
+"""The inverse iteration begins at ``1, 1 - LEAN, 1 - 2 LEAN …``: no two of its numbers are equal or opposite, and none is 0,
+so that it is not across the weakest direction of an arm of right angles, of which many numbers are."""
+
+
+FULL_FLOOR, SHORT_FLOOR = 1e-13, 1e-9
+"""What is added to the diagonal of J Jᵀ, by trial: with six joints and more, little; with fewer, more, for some rows are
+moved by no joint."""
+
+
+TINY = 1e-300
+"""Keeps a direction of no length from being divided by zero."""
+
+
+SIGNS, SHIFTS, TURNING = range(3)
+"""Rows of a mirror image ``q → sign · q + shift``: of each joint these two, and 1 where it turns, else 0, (n,) each."""
+
+
 @kernel
 def twins(
     handle: Indices,
@@ -48,14 +70,14 @@ def twins(
     first: int,
     last: int,
     seeds: Array,
-    spent: Array,
+    tally: Array,
     w: int,
 ) -> int:
     """Write where the twins of answers first … last-1, at most LANES, should be into seeds; return how many.
 
-    The second number of `spent` is increased by the answers that lie on a continuum of answers: those whose pose stays
-    where it is along the weakest direction, to second order. The third becomes the least singular value of their
-    scaled Jacobians, if it is less.
+    CONTINUA of the tally are increased by the answers that lie on a continuum of answers: those whose pose stays where it
+    is along the weakest direction, to second order. WEAKEST becomes the least singular value of their scaled Jacobians, if
+    it is less.
     """
     task = task_of(handle, wanted)
     dof = len(task.lower)
@@ -66,9 +88,10 @@ def twins(
     for l in range(LANES):
         for i in range(dof):
             lanes.q[i, l] = rows[min(first + l, last - 1), i]
-        desk.floor[l] = 1e-13 if dof >= 6 else 1e-9  # Rows that no joint can move make J Jᵀ singular.
+        # Rows that no joint can move make J Jᵀ singular.
+        desk.floor[l] = FULL_FLOOR if dof >= 6 else SHORT_FLOOR
         work[W + l] = 0.0
-    for phase in range(3):
+    for phase in range(PHASES):
         lanes_forward(task.chain.leader, task.links, lanes, w)
         lanes_residual(lanes, desk.columns, w)
         if phase == 0:
@@ -76,7 +99,7 @@ def twins(
             lanes_gram(0.0, desk.floor, lanes, w)
             for i in range(dof):
                 for l in range(w):
-                    lanes.step[i, l] = 1.0 - 0.27 * i
+                    lanes.step[i, l] = 1.0 - LEAN * i
             # Inverse iteration, u → (J Jᵀ)⁻¹ u; where there are rows that no joint moves, v → Jᵀ (J Jᵀ)⁻² J v. Exactly at a
             # singularity Jᵀ u leads nowhere; there the last turn takes what J makes nothing of, v - Jᵀ (J Jᵀ)⁻¹ J v.
             for turn in range(6):
@@ -87,16 +110,16 @@ def twins(
                     for i in range(dof):
                         for r in range(6):
                             for l in range(w):
-                                v = fresh * (1.0 - 0.27 * i) + (1.0 - fresh) * lanes.step[i, l]
+                                v = fresh * (1.0 - LEAN * i) + (1.0 - fresh) * lanes.step[i, l]
                                 e[r * W + l] += J[i, r * W + l] * v
                 elif turn == 0:
                     for r in range(6):
                         for l in range(w):
-                            e[r * W + l] = 1.0 - 0.27 * r
+                            e[r * W + l] = 1.0 - LEAN * r
                 lanes_solve(lanes, w)
                 if turn < 5:
                     for l in range(w):
-                        size = 1e-300
+                        size = TINY
                         for r in range(6):
                             size += e[r * W + l] * e[r * W + l]
                         size = 1.0 / math.sqrt(size)
@@ -105,12 +128,12 @@ def twins(
                 if turn in (0, 2):
                     continue
                 for l in range(w):
-                    size = 1e-300
+                    size = TINY
                     for i in range(dof):
                         d = 0.0
                         for r in range(6):
                             d += J[i, r * W + l] * e[r * W + l]
-                        d = 1.0 - 0.27 * i - d if turn == 5 else d
+                        d = 1.0 - LEAN * i - d if turn == 5 else d
                         size += d * d
                         way[i] = d
                     size = math.sqrt(size)
@@ -120,8 +143,9 @@ def twins(
                     for i in range(dof):
                         lanes.step[i, l] = way[i] / size
                 if turn == 4:
+                    # Kept there until the gram matrix gives way to it.
                     for r in range(6 * LANES):
-                        lanes.pose[r] = e[r]  # Kept there until the gram matrix gives way to it.
+                        lanes.pose[r] = e[r]
             for r in range(6 * LANES):
                 U[r] = lanes.pose[r]
         else:
@@ -134,21 +158,21 @@ def twins(
                 lanes.q[i, l] += shift * lanes.step[i, l]
     many = 0
     for l in range(LANES):
-        desk.floor[l] = 1e-11
+        desk.floor[l] = FLOOR
         if first + l >= last:
             continue
-        spent[0] += 3.0
-        spent[2] = min(spent[2], work[l])
+        tally[EVALUATED] += PHASES
+        tally[WEAKEST] = min(tally[WEAKEST], work[l])
         moved, bend = work[l] * PROBE, work[W + l]
         if moved < FLAT and abs(bend) < FLAT:
-            spent[1] += 1.0
+            tally[CONTINUA] += 1.0
         if 2.0 * moved * PROBE < FAR * abs(bend):
             t = 2.0 * moved * PROBE / bend
             for i in range(dof):
                 value = lanes.q[i, l] + t * lanes.step[i, l]
                 seeds[many, i] = min(max(value, task.lower[i]), task.upper[i])
             many += 1
-    memory[0] += 0.0  # Its last use, see `solve_pose`.
+    memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
     return many
 
 
@@ -170,8 +194,8 @@ def images(
             fits = many < len(seeds)
             for i in range(len(image)):
                 low, high = task.chain.lower[i], task.chain.upper[i]
-                value = mirrors[k, 0, i] * rows[j, i] + mirrors[k, 1, i]
-                if mirrors[k, 2, i] > 0.0:
+                value = mirrors[k, SIGNS, i] * rows[j, i] + mirrors[k, SHIFTS, i]
+                if mirrors[k, TURNING, i] > 0.0:
                     value = nearest_copy(value, low, high, 0.5 * (low + high))
                 fits = fits and low - EQUAL <= value <= high + EQUAL
                 image[i] = min(max(value, low), high)

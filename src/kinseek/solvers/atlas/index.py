@@ -6,6 +6,7 @@ import time
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from kinseek.goal import DEFAULT_TOLERANCE, Goal
 from kinseek.kernels.arm.division import NONE
@@ -14,12 +15,22 @@ from kinseek.kernels.atlas.one_goal import add_ending, routines
 from kinseek.kernels.atlas.range_steps import POSES
 from kinseek.kernels.atlas.ranges import range_routines
 from kinseek.kernels.atlas.samples import build_atlas
-from kinseek.kernels.atlas.task import NUMBERS, task_arrays, with_ranges
+from kinseek.kernels.atlas.task import (
+    AXES,
+    BUDGET,
+    NUMBERS,
+    ORIENTATION,
+    POSITION,
+    WANTED,
+    WEIGHT,
+    task_arrays,
+    with_ranges,
+)
 from kinseek.kernels.pointers import handle_of
 from kinseek.kinds import POSE, Kind
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
-from kinseek.robots.geometry import arm_length, divide, inverse, open_limits
+from kinseek.robots.geometry import RADIAN_PART, arm_length, divide, inverse, open_limits
 from kinseek.robots.sampling import middle_samples
 from kinseek.shelf import Shelf
 
@@ -54,9 +65,9 @@ class AtlasIndex:
             self.sorted = of_tip.sorted._replace(inverse_tip=tip)
         lower, upper = open_limits(chain)
         columns = (np.arange(3) < kind.columns).astype(float) * kind.column_weight
-        self._routines = routines()
+        self._routines, length = routines(), arm_length(chain) / RADIAN_PART
         self._arrays = task_arrays(
-            arrays, self.sorted, division, lower, upper, columns, arm_length(chain) / 3, self._routines, PLAIN
+            arrays, self.sorted, division, lower, upper, columns, length, self._routines, PLAIN
         )
         self._addresses = handle_of(self._arrays)
         self._range_routines = np.zeros_like(self._routines)
@@ -122,11 +133,26 @@ def atlas_of(chain: SerialChain, goal: Goal | None = None, samples: int = SAMPLE
 
 
 def wanted_of(goal: Goal, budget: int | None = None) -> Array:
-    """A goal's tolerances and weights as the kernels take them, (7,)."""
+    """A goal's tolerances and weights as the kernels take them, see `kernels.atlas.task.POSITION`, (WANTED,)."""
     most = np.inf if budget is None else float(budget)
-    tolerances = goal.position_tolerance, goal.orientation_tolerance
-    return np.array([*tolerances, goal.position_weight, most, *goal.axis_weights], dtype=float)
+    return _wanted(
+        goal.position_tolerance, goal.orientation_tolerance, goal.position_weight, most, goal.axis_weights
+    )
 
 
-PLAIN = np.array([DEFAULT_TOLERANCE, DEFAULT_TOLERANCE, 1.0, np.inf, 1.0, 1.0, 0.0])
+def _wanted(
+    position: float, orientation: float, weight: float, budget: float, axis_weights: ArrayLike
+) -> Array:
+    wanted = np.empty(WANTED)
+    wanted[POSITION], wanted[ORIENTATION], wanted[WEIGHT], wanted[BUDGET] = (
+        position,
+        orientation,
+        weight,
+        budget,
+    )
+    wanted[AXES:] = axis_weights
+    return wanted
+
+
+PLAIN = _wanted(DEFAULT_TOLERANCE, DEFAULT_TOLERANCE, 1.0, np.inf, (1.0, 1.0, 0.0))
 """`wanted_of` a goal that is just a pose; written out, since to make a goal runs a kernel, and importing shall run none."""

@@ -16,6 +16,7 @@ from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.range_steps import POSES
 from kinseek.kernels.atlas.ranges import solve_ranged
+from kinseek.kernels.atlas.task import EVALUATIONS
 from kinseek.problem import Problem
 from kinseek.ranges import Ranges
 from kinseek.robots.chain import SerialChain
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
     from kinseek.solvers.threads import GoOn
 
     from .solver import Atlas
+
+TINY = 1e-300
+"""Keeps a vector of no length from being divided by zero."""
 
 _GROUP = 64
 """Targets whose poses are made at once."""
@@ -47,7 +51,7 @@ def solve_ranges(search: Atlas, problem: Problem) -> Solution:
     count = len(goal.targets)
     near = (chain.lower + chain.upper) / 2 if problem.near is None else problem.near
     nears = np.ascontiguousarray(np.broadcast_to(near, (*goal.shape, chain.dof))).reshape(-1, chain.dof)
-    results, done = np.empty((count, chain.dof + 4)), np.zeros(count, dtype=bool)
+    results, done = np.empty((count, chain.dof + EVALUATIONS + 1)), np.zeros(count, dtype=bool)
     assert goal.ranges is not None
     asked, (spread, turns) = goal.questions, deviations(goal.ranges, goal.swing)
 
@@ -89,23 +93,23 @@ def deviations(ranges: Ranges, swing: tuple[float, float, float] | None) -> tupl
 
 def seed_poses(chain: SerialChain, goal: Goal, spread: Array, turns: Array, targets: slice) -> Array:
     """Poses spread over the ranges about each target, the first as near to it as they allow, (k, POSES, 3, 4)."""
-    wanted, frames = goal.targets[targets], goal.frames[targets]
-    low, high = place_ranges(chain, goal, wanted, frames)
+    about, frames = goal.targets[targets], goal.frames[targets]
+    low, high = place_ranges(chain, goal, about, frames)
     place = low[:, None] + spread[None] * (high - low)[:, None]
     place[:, 0] = np.clip(0.0, low, high)
-    poses = np.empty((len(wanted), POSES, 3, 4))
-    poses[..., 3:] = wanted[:, None, :, 3:] + _product(frames[:, None], place[..., None])
-    back = _product(np.swapaxes(frames, 1, 2), wanted[:, :, :3])
+    poses = np.empty((len(about), POSES, 3, 4))
+    poses[..., 3:] = about[:, None, :, 3:] + _product(frames[:, None], place[..., None])
+    back = _product(np.swapaxes(frames, 1, 2), about[:, :, :3])
     poses[..., :3] = _product(_product(frames[:, None], turns[None]), back[:, None])
     return poses
 
 
-def place_ranges(chain: SerialChain, goal: Goal, wanted: Array, frames: Array) -> tuple[Array, Array]:
-    """Ranges of x, y and z cut to what the arm can reach, lower and upper ends, (k, 3) each."""
+def place_ranges(chain: SerialChain, goal: Goal, about: Array, frames: Array) -> tuple[Array, Array]:
+    """Ranges of x, y and z about targets, (k, 3, 4), cut to what the arm can reach: lower and upper ends, (k, 3) each."""
     ends = np.array(goal.ranges)[:3]
     tool = 0.0 if goal.tool is None else float(np.linalg.norm(goal.tool[:3, 3]))
     reach = arm_length(chain) + tool
-    away = chain.fixed[0, :, 3] - wanted[:, :, 3]
+    away = chain.fixed[0, :, 3] - about[:, :, 3]
     shoulder = _product(np.swapaxes(frames, 1, 2), away[..., None])[..., 0]
     low, high = np.maximum(ends[:, 0], shoulder - reach), np.minimum(ends[:, 1], shoulder + reach)
     none = low > high  # The range lies out of reach: its nearer end is as good as any.
@@ -123,13 +127,13 @@ def turn_vectors(ranges: Ranges, swing: tuple[float, float, float] | None, sprea
     vectors = ends[:, 0] + spread[:, 3:] * (ends[:, 1] - ends[:, 0])
     vectors[0] = np.clip(0.0, ends[:, 0], ends[:, 1])
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(vectors * np.minimum(1.0, np.pi / np.maximum(lengths, 1e-300)))
+    return np.asarray(vectors * np.minimum(1.0, np.pi / np.maximum(lengths, TINY)))
 
 
 def rotations(vectors: Array) -> Array:
     """Rotation matrices of rotation vectors, (m, 3) -> (m, 3, 3), by Rodrigues' formula."""
     angles = np.linalg.norm(vectors, axis=1)
-    x, y, z = (vectors / np.maximum(angles, 1e-300)[:, None]).T
+    x, y, z = (vectors / np.maximum(angles, TINY)[:, None]).T
     zero = np.zeros_like(x)
     cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
     sine, cosine = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
