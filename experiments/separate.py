@@ -70,6 +70,8 @@ def measure(case: Row, effort: Effort) -> Row:
 
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Mean errors against evaluations, one point a breadth."""
+    from matplotlib.ticker import NullFormatter
+
     figure, axes = canvas(2, len(PANELS), (15, 6.8), sharex="col", sharey="row")
     for place, (arm, title) in enumerate(PANELS.items()):
         for axis, name in zip(axes[:, place], ("position_mean_mm", "orientation_mean_mrad"), strict=True):
@@ -80,6 +82,8 @@ def draw(rows: Sequence[Row], path: Path) -> None:
                     at = (float(row["evaluations_mean"]), float(row[name]))
                     axis.annotate(f" {row['breadth']}", at, va="bottom")
             axis.set(xscale="log", yscale="log")
+            axis.margins(x=0.15, y=0.1)
+            axis.xaxis.set_minor_formatter(NullFormatter())
         split = where(rows, arm=arm)
         chains = f"{split[0]['first']} + {split[0]['second']} joints" if split else ""
         if split and not split[0]["second"]:

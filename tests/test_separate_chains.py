@@ -200,6 +200,23 @@ def test_once_more_where_it_is_worth_it() -> None:
     assert (always.evaluations > 5 * once.evaluations).all()
 
 
+def test_a_goal_within_its_tolerances_is_not_searched_again() -> None:
+    arm = kinseek.load("elbow6")
+    T = random_goals(arm, 60)
+    exact, loose = (
+        arm.ik(
+            Goal.pose(T, position_tolerance=size, orientation_tolerance=size),
+            solver=SeparateChains(breadth=2),
+        )
+        for size in (1e-6, 0.02)
+    )
+    once = arm.ik(T, solver=SeparateChains(breadth=2, again=np.inf))
+    near = (once.position_error <= 0.02) & (once.orientation_error <= 0.02)
+    assert (exact.evaluations[near] > once.evaluations[near]).any()
+    np.testing.assert_array_equal(loose.evaluations[near], once.evaluations[near])
+    assert (loose.success >= near).all()
+
+
 def test_weights_are_heeded_by_what_is_worth_a_second_search() -> None:
     arm = kinseek.load("elbow6")
     T = random_goals(arm, 20)

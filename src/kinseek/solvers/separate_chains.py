@@ -30,7 +30,7 @@ from kinseek.solution import Solution, with_traces
 
 from .base import Found, solve_each
 from .breadth_tuning import window_leaves
-from .divide_and_conquer import DivideAndConquer, _OutOfTimeError
+from .divide_and_conquer import _MOST_CELLS, DivideAndConquer, _OutOfTimeError
 from .recording import Look, Recorder, require_room
 from .traits import Near, Traits, require
 
@@ -55,9 +55,9 @@ class SeparateChains(DivideAndConquer):
     breadth: int | tuple[int, ...] | str = 4
     """Br: later passes try 2(⌊D/2⌋ + Br) - 1 values a joint. One number, one a joint, or ``"tuned"``."""
     again: float = 1e-3
-    """Where the weighted error is worth more than this much of position [m], the chains are searched again: each with a beam
-    four times as wide, and if that was not enough, each once more for the whole goal with the other held. The best answer
-    counts. Infinity: never."""
+    """Where a tolerance is missed and the weighted error is worth more than this much of position [m], the chains are
+    searched again: each with a beam four times as wide, and if that was not enough, each once more for the whole goal with
+    the other held. The best answer counts. Infinity: never."""
 
     traits: ClassVar[Traits] = Traits(
         source="the paper, Sec. 5",
@@ -217,7 +217,7 @@ def _noted(solution: Solution, sentence: str) -> Solution:
 
 def _wider(search: DivideAndConquer) -> DivideAndConquer:
     """The search that is tried where another one dived: of every cell that it followed, `WIDER`, and kept apart."""
-    return replace(search, beam=WIDER * search.beam, children=1)
+    return replace(search, beam=min(WIDER * search.beam, _MOST_CELLS), children=1)
 
 
 WIDER = 4
@@ -235,13 +235,13 @@ class _Account:
         self.work, self.late = np.zeros(3, dtype=np.int64), False
         self.q = middle(problem.mechanism)
         """What the last search found for its joints, and those before it for the others, (n,)."""
-        self.best, self.least = problem.start, np.inf
-        """The best for the goal, (n,), and its weighted error."""
+        self.best, self.missed, self.least = problem.start, True, np.inf
+        """The best for the goal, (n,); does it miss a tolerance? And its weighted error."""
 
     @property
     def goes_on(self) -> bool:
         """Is more work worth it, as far as is known?"""
-        return self.least > self.enough
+        return self.missed and self.least > self.enough
 
     def note(self, sentence: str) -> None:
         """Keep a sentence, if a trace is asked for."""
@@ -282,9 +282,13 @@ class _Account:
             self.left -= found.evaluations
         self.q = self.q.copy()
         self.q[list(joints)] = found.q
-        error = found.weighted_error if goal is self.problem.goal else np.inf
-        if error < self.least or self.least == np.inf:
-            self.best, self.least = self.q, error
+        if self.least == np.inf:
+            self.best = self.q
+        if goal is self.problem.goal and (not found.success, found.weighted_error) < (
+            self.missed,
+            self.least,
+        ):
+            self.best, self.missed, self.least = self.q, not found.success, found.weighted_error
         return found
 
     def _record(self, recorder: Recorder, name: str, joints: Joints, found: Solution) -> None:
