@@ -36,6 +36,7 @@ SEARCHES: dict[str, Solver] = {
     "divide and conquer, static": kinseek.DivideAndConquer(branching_factor=100, tree="static", divisions=4),
     "divide and conquer, beam": kinseek.DivideAndConquer(breadth=2, beam=4, children=2),
     "divide and conquer, tuned": kinseek.DivideAndConquer(breadth="tuned", node_budget=500),
+    "separate chains": kinseek.SeparateChains(breadth=2),
     "blind search": kinseek.BlindSearch(),
     "blind search, few steps": kinseek.BlindSearch(most_steps=5),
     "coordinate descent": kinseek.CoordinateDescent(),

@@ -153,8 +153,8 @@ class SeparateChains(DivideAndConquer):
             account.search("goal, wider", _wider(plan.second), split.second, goal)
         if account.goes_on:
             # The second chain may stand at its limits: what it cannot do the first one can make up for in part.
-            account.search("first, again", plan.first, split.first, goal)
-            account.search("second, again", plan.second, split.second, goal)
+            account.search("first again", plan.first, split.first, goal)
+            account.search("second again", plan.second, split.second, goal)
         return account.found()
 
 
@@ -231,7 +231,7 @@ class _Account:
         self.problem, self.deadline = problem, deadline
         self.enough = solver.again * problem.goal.position_weight
         self.recorder = Recorder(problem, solver) if problem.trace else None
-        self.left = problem.budget
+        self.left, self.memory = problem.budget, 0
         self.work, self.late = np.zeros(3, dtype=np.int64), False
         self.q = middle(problem.mechanism)
         """What the last search found for its joints, and those before it for the others, (n,)."""
@@ -303,7 +303,7 @@ class _Account:
             lower[chosen], upper[chosen] = each.lower, each.upper
             work += (each.evaluations, each.nodes_created, each.nodes_expanded)
             window = Look(spacing, lower, upper, counts)
-            told = f"{name}: {each.name}"
+            told, self.memory = f"{name}: {each.name}", each.memory
             recorder.add(told, q, *work.tolist(), memory=each.memory, window=window, cells=each.cells)
 
     def found(self) -> Found:
@@ -313,7 +313,9 @@ class _Account:
         if self.recorder is None:
             return found
         if evaluations and not np.array_equal(self.best, self.q):
-            self.recorder.add("the best of all", self.best, evaluations, created, expanded)
+            self.recorder.add(
+                "the best of all", self.best, evaluations, created, expanded, memory=self.memory
+            )
         self.recorder.note_end(found)
         return found._replace(trace=self.recorder.finish())
 
