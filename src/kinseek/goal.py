@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from numbers import Real
-from typing import Any, Literal, Self, TypedDict, Unpack
+from typing import Any, Literal, Self, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidGoal, InvalidProblem
-from .kernels.arm.pose_error import HEAVIEST, LARGEST, LIGHTEST, judge
+from .kernels.arm.pose_error import judge
 from .kernels.arm.range_error import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS, judge_ranges
 from .kernels.arrays import ChainArrays, GoalArrays
 from .kinds import BOX, KINDS, PLAIN_KINDS, POINTING, POSE, POSITION, Kind
-from .poses import _at, _rotation_onto, _unit, _x_onto, as_pose, one_pose
+from .poses import _at, _rotation_onto, _unit, _x_onto, as_pose, one_pose, row_of, rpy_of
 from .ranges import (
     AXES,
     FRAMES,
@@ -31,27 +29,22 @@ from .ranges import (
     read_ranges,
     unit,
 )
+from .tolerances import (
+    DEFAULT_TOLERANCE,
+    DEFAULT_WEIGHT,
+    TOLERANCES,
+    WEIGHTS,
+    GoalOptions,
+    check_tolerance,
+    check_weight,
+    said,
+)
 
 Array = NDArray[np.float64]
 
 
 Frame = Literal["tool", "base"]
 """Whose axes the deviation of a goal is measured along; see `Goal`."""
-
-
-class GoalOptions(TypedDict, total=False):
-    """The fields of a `Goal` that say how exactly, of what tool, and how position and orientation are weighed."""
-
-    position_tolerance: float
-    orientation_tolerance: float
-    position_weight: float
-    orientation_weight: float
-    tool: Any
-    base: Any
-
-
-DEFAULT_TOLERANCE = 1e-6
-"""[m] and [rad]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,9 +83,9 @@ class Goal:
     """[m]"""
     orientation_tolerance: float = DEFAULT_TOLERANCE
     """[rad]"""
-    position_weight: float = 1.0
+    position_weight: float = DEFAULT_WEIGHT
     """The paper's K_P, per [m]."""
-    orientation_weight: float = 1.0
+    orientation_weight: float = DEFAULT_WEIGHT
     """The paper's K_A, per unit of 1 - cos φ."""
     tool: Array | None = None
     """T_tip_tool, (4, 4): the goal speaks of the tool, and errors are measured there; None: of the tip."""
@@ -112,24 +105,10 @@ class Goal:
             InvalidGoal: A tolerance is negative or not finite, a weight not positive, a number too large or too small to
                 compute with, the target not a pose.
         """
-        for name in ("position_tolerance", "orientation_tolerance"):
-            value = getattr(self, name)
-            if not (isinstance(value, Real) and np.isfinite(float(value)) and float(value) >= 0):
-                raise InvalidGoal(f"{name} must be a finite number >= 0, got {value!r}")
-            if float(value) > LARGEST:
-                raise InvalidGoal(
-                    f"{name} must be at most {LARGEST:g}, got {value!r}: nothing that is reached lies that far off. Where "
-                    f"the position or the orientation does not matter, Goal.pose(..., free=...) or Goal.position say so"
-                )
-        for name in ("position_weight", "orientation_weight"):
-            value = getattr(self, name)
-            if not (isinstance(value, Real) and np.isfinite(float(value)) and float(value) > 0):
-                raise InvalidGoal(f"{name} must be a finite number > 0, got {value!r}")
-            if not LIGHTEST <= float(value) <= HEAVIEST:
-                raise InvalidGoal(
-                    f"{name} must lie between {LIGHTEST:g} and {HEAVIEST:g}, got {value!r}: searches multiply weighted "
-                    f"errors, and beyond that doubles end"
-                )
+        for name in TOLERANCES:
+            check_tolerance(name, getattr(self, name))
+        for name in WEIGHTS:
+            check_weight(name, getattr(self, name))
         if self.kind not in KINDS:
             valid = ", ".join(repr(kind.name) for kind in PLAIN_KINDS)
             raise InvalidGoal(f"kind must be one of {valid}, got {self.kind!r}")
@@ -245,29 +224,27 @@ class Goal:
         parts = (
             [f"pose, batch of shape {self.shape}"]
             if self.shape
-            else [f"pose at {_row(self.target[:3, 3])} m"]
+            else [f"pose at {row_of(self.target[:3, 3])} m"]
         )
         if not self.form.ranges:
             parts[0] = parts[0].replace(POSE.name, self.kind, 1)
         if self.form.turned:
-            axis = _row(self.tool_axis)
-            along = f" along {_row(self.target[:3, :3] @ self.tool_axis)}" if not self.shape else ""
+            axis = row_of(self.tool_axis)
+            along = f" along {row_of(self.target[:3, :3] @ self.tool_axis)}" if not self.shape else ""
             parts.append(f"tool axis {axis}{along}")
         elif self.form.columns and not self.shape:
-            parts.append(f"rpy {_row(_rpy(self.target[:3, :3]))} rad")
+            parts.append(f"rpy {row_of(rpy_of(self.target[:3, :3]))} rad")
         free, within = self.free if self.form.ranges else (), self.within
         for axis in AXES:
             if axis in free:
                 parts.append(f"{axis} free")
             elif axis in within:
-                parts.append(f"{axis} within {_row(within[axis])}")
+                parts.append(f"{axis} within {row_of(within[axis])}")
         if self.swing is not None:
-            parts.append(f"only the direction of {_row(self.swing)} counts")
+            parts.append(f"only the direction of {row_of(self.swing)} counts")
         if self.ranges is not None:
             parts.append(f"frame={self.frame!r}")
-        for name, unit_of in _SAID:
-            if (value := getattr(self, name)) != Goal.__dataclass_fields__[name].default:
-                parts.append(f"{name}={value:g}{unit_of}")
+        parts += said({name: getattr(self, name) for name in (*TOLERANCES, *WEIGHTS)})
         parts += [name for name in ("tool", "base") if getattr(self, name) is not None]
         return f"Goal({', '.join(parts)})"
 
@@ -418,25 +395,3 @@ class Goal:
             float(self.position_weight),
             self.orientation_weight * (np.arange(3) < self.paper_columns).astype(float),
         )
-
-
-_SAID = (
-    ("position_tolerance", " m"),
-    ("orientation_tolerance", " rad"),
-    ("position_weight", ""),
-    ("orientation_weight", ""),
-)
-"""What the text of a goal says if it is not the default, and its unit."""
-
-
-def _row(values: Iterable[float]) -> str:
-    return f"[{', '.join(f'{round(float(value), 6) + 0.0:.6g}' for value in values)}]"
-
-
-def _rpy(turn: Array) -> tuple[float, float, float]:
-    """Roll, pitch and yaw of a rotation, (3, 3), for people [rad]; without a yaw where it cannot be told from the roll."""
-    level = math.hypot(turn[0, 0], turn[1, 0])
-    pitch = math.atan2(-turn[2, 0], level)
-    if level < 1e-9:
-        return math.atan2(-turn[1, 2], turn[1, 1]), pitch, 0.0
-    return math.atan2(turn[2, 1], turn[2, 2]), pitch, math.atan2(turn[1, 0], turn[0, 0])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import Any, overload
 
@@ -266,3 +267,17 @@ def _x_onto(axis: tuple[float, ...]) -> Array:
 
 def _index(where: NDArray[np.int64]) -> str:
     return str(int(where[0])) if len(where) == 1 else str(tuple(int(i) for i in where))
+
+
+def row_of(values: Iterable[float]) -> str:
+    """Numbers in brackets, six digits, for people."""
+    return f"[{', '.join(f'{round(float(value), 6) + 0.0:.6g}' for value in values)}]"
+
+
+def rpy_of(turn: Array) -> tuple[float, float, float]:
+    """Roll, pitch and yaw of a rotation, (3, 3), for people [rad]; without a yaw where it cannot be told from the roll."""
+    level = math.hypot(turn[0, 0], turn[1, 0])
+    pitch = math.atan2(-turn[2, 0], level)
+    if level < 1e-9:
+        return math.atan2(-turn[1, 2], turn[1, 1]), pitch, 0.0
+    return math.atan2(turn[2, 1], turn[2, 2]), pitch, math.atan2(turn[1, 0], turn[0, 0])

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek.arm import load
 from kinseek.errors import InvalidGoal, KinseekError, UnitWarning
-from kinseek.goal import Frame, Goal, GoalOptions
+from kinseek.goal import Frame, Goal
 from kinseek.poses import pose
 from kinseek.proof.branch_and_bound import prove as prove_goal
 from kinseek.proof.branch_and_bound import refuse_ranges
 from kinseek.proof.certificate import Certificate, Verdict
+from kinseek.tolerances import GoalOptions
 from kinseek.units import warn_of_angles
 
 from . import report

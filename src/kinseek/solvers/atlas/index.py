@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kinseek.goal import DEFAULT_TOLERANCE, Goal
+from kinseek.goal import Goal
 from kinseek.kernels.arm.division import NONE
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
 from kinseek.kernels.atlas.one_goal import add_ending, routines
@@ -33,6 +33,7 @@ from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import RADIAN_PART, arm_length, divide, inverse, open_limits
 from kinseek.robots.sampling import middle_samples
 from kinseek.shelf import Shelf
+from kinseek.tolerances import DEFAULT_TOLERANCE
 
 SAMPLES = 16_384
 
