@@ -1,9 +1,7 @@
-"""The front door: an `Arm`, its forward kinematics and its inverse kinematics."""
+"""The front door: an `Arm` and its inverse kinematics; its forward kinematics are in `kinematics`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from copy import copy
 from dataclasses import replace
 from math import hypot
 from pathlib import Path
@@ -13,24 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .branches.find import SPREAD, branches_of
-from .branches.index import BranchIndex, freedom, index_of
+from .branches.index import BranchIndex, index_of
 from .branches.order import Cost, Order, Valid
 from .branches.prefer import preferred
 from .branches.result import Branches, BranchesBatch, quick_branches
 from .deadline import Deadline
-from .errors import InvalidProblem, suggest
+from .errors import InvalidProblem
 from .goal import Goal
-from .kernels.arm.forward import forward_many
-from .kernels.arm.jacobian import jacobian_many
 from .kernels.atlas.near import solve_plain_near
 from .kernels.atlas.one_goal import solve_plain
-from .poses import one_pose
+from .kinematics import ForwardArm
 from .problem import Problem, as_joints
 from .proof.certificate import Certificate, Verdict
-from .robots import Mechanism, SerialChain, as_mechanism, black_box, read, read_dh
-from .robots.mechanism import no_axes
-from .robots.variants import with_limits, with_locked, with_tool
-from .shapes import ManyGoals, Matrix, OneGoal, Pose, Poses, Rows, Unshaped, UnshapedGoal, Vector
+from .robots import Mechanism, SerialChain, read
+from .shapes import ManyGoals, OneGoal, UnshapedGoal
 from .solution import Solution, Status, quick_solution
 from .solvers import Atlas, Solver
 from .solvers.atlas.index import PLAIN, SAMPLES, AtlasIndex, atlas_of
@@ -78,7 +72,7 @@ class BranchesOptions(TypedDict, total=False):
     time_limit: float | None
 
 
-class Arm:
+class Arm(ForwardArm):
     """A serial arm. Make one with `kinseek.load`, `Arm.from_dh` or `Arm.from_fk`.
 
     A class derived from it keeps its own attributes in copies, in pickles and in the arms that `with_tool`, `with_locked`
@@ -87,8 +81,7 @@ class Arm:
 
     def __init__(self, mechanism: Mechanism) -> None:
         """Wrap what a reader made."""
-        self._mechanism = as_mechanism(mechanism)
-        self._axes = self._mechanism.axes
+        super().__init__(mechanism)
         self._index: AtlasIndex | None = None
         self._branch_index: BranchIndex | None = None
 
@@ -101,270 +94,9 @@ class Arm:
 
     def _with(self, mechanism: Mechanism) -> Self:
         """The same arm in all but its mechanism."""
-        arm = copy(self)
-        arm._mechanism, arm._axes = mechanism, mechanism.axes
+        arm = super()._with(mechanism)
         arm._index = arm._branch_index = None
         return arm
-
-    @classmethod
-    def from_dh(
-        cls,
-        rows: Sequence[Sequence[float] | Mapping[str, float]] | Array,
-        lower: ArrayLike,
-        upper: ArrayLike,
-        **options: Any,
-    ) -> Self:
-        """Build an arm from Denavit-Hartenberg rows (a [m], alpha [rad], d [m], theta [rad]).
-
-        Args:
-            rows: One a joint, (n, 4), or mappings with the names a, alpha, d and theta.
-            lower: Lower limits, (n,), [rad] or [m].
-            upper: Upper limits, (n,), [rad] or [m]; infinite limits make a continuous joint.
-            options: ``convention="standard" | "modified"``, ``kinds="RRP…"``, ``names``, ``base`` and
-                ``tool`` (4, 4), ``name``; see `kinseek.robots.read_dh`.
-
-        Raises:
-            InvalidRobot: Wrong shapes, NaN, unknown convention or kind, lower above upper.
-        """
-        return cls(read_dh(rows, lower, upper, **options))
-
-    @classmethod
-    def from_fk(
-        cls,
-        fk: Callable[[Any], Any],
-        lower: ArrayLike,
-        upper: ArrayLike,
-        vectorized: bool = True,
-        *,
-        names: Sequence[str] | None = None,
-        kinds: str | Sequence[str] | None = None,
-        partial: bool = False,
-        name: str = "black_box",
-    ) -> Self:
-        """Build an arm from nothing but its forward kinematics: any mechanism at all.
-
-        Args:
-            fk: A function of joint values, (k, n) -> (k, 4, 4), or (n,) -> (4, 4) with ``vectorized=False``; lengths in
-                [m]. A Numba-compiled function of one row is looped over in compiled code. Searches ask it inside the
-                limits only; the same q must give the same pose.
-            lower: Lower limits, (n,), in whatever units `fk` takes.
-            upper: Upper limits, (n,).
-            vectorized: Does `fk` take many rows at once?
-            names: One a joint, all different.
-            kinds: One word, or one a joint: ``"number"`` is a number between its limits and nothing else is assumed of
-                it (the default); ``"revolute"`` an angle [rad] whose pose repeats after 2π; ``"continuous"`` one that
-                turns without end, its limits are not read; ``"prismatic"`` a slide [m].
-            partial: `fk` answers NaN where the mechanism cannot be put together; such joint values are never an answer.
-                Without it NaN is an error.
-            name: Of the mechanism, for messages.
-
-        Raises:
-            InvalidRobot: Not a function, limits that do not fit, unknown kinds, names not unique.
-            FailedKinematics: `fk` raises or gives no rigid transform, now or in a later search; it names the q.
-        """
-        return cls(
-            black_box(
-                fk, lower, upper, vectorized=vectorized, names=names, kinds=kinds, partial=partial, name=name
-            )
-        )
-
-    @property
-    def mechanism(self) -> Mechanism:
-        """What the arm is made of: a `SerialChain`, or a `BlackBox` where only a function is known."""
-        return self._mechanism
-
-    @property
-    def axes(self) -> SerialChain | None:
-        """Its axes and links; None where only a function is known."""
-        return self._axes
-
-    @property
-    def chain(self) -> SerialChain:
-        """Its axes and links, for what cannot do without them.
-
-        Raises:
-            InvalidProblem: The arm is a function; `mechanism` is there, and `axes` is None.
-        """
-        return self._require_axes("a chain is made of axes and links")
-
-    @property
-    def name(self) -> str:
-        """Name of the robot."""
-        return self._mechanism.name
-
-    @property
-    def dof(self) -> int:
-        """Number of joint variables n."""
-        return self._mechanism.dof
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the joint variables, base to tip."""
-        return self._mechanism.joint_names
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """Of each joint variable: ``"revolute"``, ``"continuous"`` or ``"prismatic"``; of a function also ``"number"``."""
-        return self._mechanism.kinds
-
-    @property
-    def base(self) -> str:
-        """Name of the link in which poses are given."""
-        return self._mechanism.base
-
-    @property
-    def tip(self) -> str:
-        """Name of the link whose pose is meant, or that carries the tool of `with_tool`."""
-        return self._mechanism.tip
-
-    @property
-    def lower(self) -> Array:
-        """Lower limits, (n,), [rad] or [m].
-
-        A continuous joint has no limits: lower and upper are -π and π, one turn in which answers lie unless `near` asks for
-        another.
-        """
-        return self._mechanism.lower.copy()
-
-    @property
-    def upper(self) -> Array:
-        """Upper limits, (n,), [rad] or [m]; see `lower`."""
-        return self._mechanism.upper.copy()
-
-    def sample(self, n: int, seed: int = 0) -> Rows:
-        """Joint values drawn uniformly from inside the limits; the same seed gives the same values.
-
-        Args:
-            n: How many.
-            seed: A whole number of at least 0.
-
-        Returns:
-            (n, dof), [rad] or [m].
-
-        Raises:
-            InvalidProblem: `n` or `seed` is no whole number of at least 0.
-        """
-        for name, value in (("n", n), ("seed", seed)):
-            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
-                raise InvalidProblem(f"{name} must be a whole number of at least 0, got {value!r}")
-        drawn = np.random.default_rng(seed).uniform(
-            self._mechanism.lower, self._mechanism.upper, (n, self.dof)
-        )
-        rows: Rows = np.clip(
-            drawn, self._mechanism.lower, self._mechanism.upper
-        )  # Rounding may lead past a limit.
-        return rows
-
-    @overload
-    def fk(self, q: Unshaped, link: str | None = None) -> Array: ...
-    @overload
-    def fk(self, q: Vector | Sequence[float], link: str | None = None) -> Pose: ...
-    @overload
-    def fk(self, q: Matrix | Sequence[Sequence[float]], link: str | None = None) -> Poses: ...
-    @overload
-    def fk(self, q: ArrayLike, link: str | None = None) -> Array: ...
-    def fk(self, q: ArrayLike, link: str | None = None) -> Array:
-        """Pose of the tip in the base, or of any link on the way to it.
-
-        Args:
-            q: Joint values, (..., n), [rad] or [m]; may lie outside the limits.
-            link: Name of a link or joint between base and tip, fixed ones included. A joint stands for the frame that it
-                moves, a name of both for the link. Without it: the tip, moved to the tool of `with_tool` if there is one;
-                ``link=arm.tip`` is the link that carries the tool.
-
-        Returns:
-            Transforms, (..., 4, 4), lengths in [m].
-
-        Raises:
-            InvalidProblem: A wrong shape, NaN or infinity, an unknown link, or a link of an arm that is a function.
-            FailedKinematics: The arm is a function, and it fails.
-        """
-        joints = as_joints(self._mechanism, q)
-        flat = np.ascontiguousarray(joints.reshape(-1, self.dof))
-        if link is not None:
-            chain = self._require_axes("fk(link=...) asks for a link")
-            if link not in chain.frames:
-                raise InvalidProblem(suggest(str(link), chain.frames, "link or joint"))
-            arrays = chain.arrays_to(chain.frames[link])
-            return forward_many(arrays, flat).reshape(*joints.shape[:-1], 4, 4)
-        return self._mechanism.forward(flat).reshape(*joints.shape[:-1], 4, 4)
-
-    def jacobian(self, q: ArrayLike) -> Array:
-        """How fast the tip moves and turns for each joint: the geometric Jacobian (Siciliano et al. 2009, Sec. 3.1).
-
-        Rows 0 to 2 are the velocity of the tip's origin, rows 3 to 5 the angular velocity, both along the axes of the base.
-        So ``jacobian(q) @ dq`` is the twist that joint velocities ``dq`` give the tip, which is the tool of `with_tool` if
-        there is one. A joint that others mimic moves these too.
-
-        Args:
-            q: Joint values, (..., n), [rad] or [m]; may lie outside the limits.
-
-        Returns:
-            (..., 6, n): of a joint that turns [m/rad] and [rad/rad], of one that slides [m/m] and [rad/m].
-
-        Raises:
-            InvalidProblem: A wrong shape, NaN or infinity, or an arm that is a function, whose derivatives nobody knows.
-        """
-        chain = self._require_axes("a Jacobian is worked out from axes")
-        joints = as_joints(self._mechanism, q)
-        flat = np.ascontiguousarray(joints.reshape(-1, self.dof))
-        return jacobian_many(chain.arrays, flat).reshape(*joints.shape[:-1], 6, self.dof)
-
-    def manipulability(self, q: ArrayLike) -> Any:
-        """How far the arm is from singular: the product of the Jacobian's singular values (Yoshikawa 1985, eq. 4).
-
-        It is √det(J Jᵀ) where the arm can move in all six directions. Of an arm that can do so nowhere, a planar one for
-        example, only as many singular values count as it can have anywhere. Metres and radians are mixed, as in the paper:
-        compare values of one arm.
-
-        Args:
-            q: Joint values, (..., n), [rad] or [m]; may lie outside the limits.
-
-        Returns:
-            At least 0, and 0 at a singularity; a float, or (...).
-
-        Raises:
-            InvalidProblem: As `jacobian`.
-        """
-        J = self.jacobian(q)
-        rank = self.dof - freedom(Problem(self._mechanism, Goal.pose(np.eye(4))))
-        values = np.linalg.svd(J, compute_uv=False)[..., :rank].prod(axis=-1)
-        return values if J.ndim > 2 else float(values)
-
-    def with_locked(self, values: Mapping[str, float]) -> Self:
-        """The arm with some joints locked; its `q` holds only the joints that are left.
-
-        Args:
-            values: Of each joint to lock, its value, [rad] or [m]. Joints that mimic it are locked with it.
-
-        Raises:
-            InvalidRobot: Unknown joints, values that are no numbers or outside the limits, or every joint locked.
-        """
-        return self._with(with_locked(self._require_axes("joints are locked along axes"), values))
-
-    def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> Self:
-        """The arm with narrower limits.
-
-        Args:
-            limits: Of each joint to narrow, its lower and upper limit, [rad] or [m]. A continuous joint takes any up to
-                a full turn apart.
-
-        Raises:
-            InvalidRobot: Unknown joints, limits that are no numbers, inverted, or wider than those of the arm.
-        """
-        return self._with(with_limits(self._mechanism, limits))
-
-    def with_tool(self, tool: Any) -> Self:
-        """The arm with its tip moved to a tool: `fk` and goals speak of it.
-
-        Args:
-            tool: T_tip_tool, (4, 4), or an object that carries one, lengths in [m].
-
-        Raises:
-            InvalidGoal: Not one pose.
-        """
-        chain = self._require_axes("a tool is put behind the last axis")
-        return self._with(with_tool(chain, one_pose(tool, "tool")))
 
     @property
     def atlas(self) -> AtlasIndex | Samples:
@@ -595,12 +327,6 @@ class Arm:
         problem = Problem(self._mechanism, asked, time_limit=time_limit)
         return prove(problem, gap=gap, budget=budget, threads=threads, deadline=deadline)
 
-    def _require_axes(self, why: str) -> SerialChain:
-        """The axes and links, or a refusal of what a function has not; `why` says what would need them."""
-        if self._axes is None:
-            raise InvalidProblem(no_axes(self._mechanism, why))
-        return self._axes
-
     def _with_proofs(self, solution: Solution, deadline: Deadline) -> Solution:
         from .proof.branch_and_bound import prove, refuse_ranges
 
@@ -616,14 +342,6 @@ class Arm:
         if deadline.passed:
             late = late | ~(np.asarray(solution.success) | proved)
         return replace(solution, proved_unreachable=proved, out_of_time=late if shape else bool(late))
-
-    def __repr__(self) -> str:
-        """Name, joints and frames; whether it carries a tool, and where joints are locked."""
-        tool = " + tool" if self._axes is not None and self._axes.tooled else ""
-        locked = () if self._axes is None else self._axes.locked
-        where = "".join(f", {name} locked at {value:.6g}" for name, value in locked)
-        joints = f"{self.dof} joint{'s' if self.dof > 1 else ''}"
-        return f"{type(self).__name__}({self.name!r}, {joints}, {self.base!r} -> {self.tip!r}{tool}{where})"
 
 
 _NO_PROOF = "nothing can be proved without axes"
