@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import kinseek
 from kinseek import ALL_SOLVERS, Goal, InvalidProblem, InvalidSolver, Problem, Solver
@@ -13,6 +14,7 @@ from kinseek.cli import main
 from kinseek.cli.searches import searches, searches_in_words
 from kinseek.solvers.traits import Near, OwnSolver, named, summary, table
 
+Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[1]
 SMALL: dict[str, Solver] = {
     "BruteForce": kinseek.BruteForce(4),
@@ -56,6 +58,26 @@ def test_a_search_takes_ranges_if_and_only_if_it_says_so(cls: type[OwnSolver]) -
         make(cls).solve(problem)
     taken = str(caught.value).split("What takes it")[1]
     assert [other.__name__ for other in ALL_SOLVERS if other.__name__ in taken] == named(lambda t: t.ranges)
+
+
+@every
+def test_a_search_needs_joints_that_turn_or_slide_if_and_only_if_it_says_so(cls: type[OwnSolver]) -> None:
+    def crank(q: Array) -> Array:
+        T = np.tile(np.eye(4), (len(q), 1, 1))
+        T[:, 0, 3] = q[:, 0] ** 3
+        return T
+
+    problem = Problem(kinseek.Arm.from_fk(crank, [0.1], [2.0]).mechanism, Goal.position([1.0, 0.0, 0.0]))
+    if cls.traits.axes or cls.traits.made_of:
+        return
+    if not cls.traits.plain_joints:
+        assert make(cls).solve(problem).q.shape == (1,)
+        return
+    with pytest.raises(InvalidSolver, match="needs joints that turn") as caught:
+        make(cls).solve(problem)
+    for other in ALL_SOLVERS:
+        works = other.__name__ in str(caught.value).split("What works on it")[1]
+        assert works is not (other.traits.axes or other.traits.plain_joints)
 
 
 @every

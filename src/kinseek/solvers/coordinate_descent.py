@@ -52,6 +52,7 @@ class CoordinateDescent:
         finds="a local minimum, exact along each joint and pair of joints",
         work="3 poses a joint, 9 a pair",
         near=Near.START,
+        plain_joints=True,
     )
 
     most_sweeps: int = 200

@@ -36,6 +36,8 @@ class Traits:
     """What `near` is to it. A search that needs it starts in the middle of every range without, and finds little."""
     axes: bool = False
     """Does it need axes and links? Else poses alone do, those of a function too."""
+    plain_joints: bool = False
+    """Does it need every joint to turn about an axis or to slide along one, those of a function too?"""
     ranges: bool = False
     """Does it take goals with free axes and ranges, of an arm with axes?"""
     made_of: bool = False
@@ -58,6 +60,12 @@ def named(wanted: Callable[[Traits], bool]) -> list[str]:
     ]
 
 
+def listed(wanted: Callable[[Traits], bool]) -> str:
+    """The same as text."""
+    names = named(wanted)
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])}, and {names[-1]}"
+
+
 def require(search: OwnSolver, problem: Problem) -> None:
     """Refuse an arm or a goal of which a search makes nothing, and say what works.
 
@@ -68,12 +76,12 @@ def require(search: OwnSolver, problem: Problem) -> None:
     name, traits = type(search).__name__, search.traits
     if traits.axes and problem.axes is None:
         why = no_axes(problem.mechanism, f"{name} needs the axes and links of an arm")
-        raise InvalidSolver(f"{why}. What works on it: {_listed(named(lambda each: not each.axes))}")
+        raise InvalidSolver(f"{why}. What works on it: {listed(lambda each: not each.axes)}")
     form = problem.goal.form
     if form.ranges and not traits.ranges:
         raise InvalidProblem(
             f"{name} makes nothing of {form.noun}, only of {', '.join(kind.noun for kind in PLAIN_KINDS)}. "
-            f"What takes it: {_listed(named(lambda each: each.ranges))}"
+            f"What takes it: {listed(lambda each: each.ranges)}"
         )
 
 
@@ -105,11 +113,8 @@ def _row(cls: type[OwnSolver]) -> tuple[str, ...]:
         traits.source,
         traits.finds,
         traits.near.value,
-        theirs or ("yes" if traits.axes else "no"),
+        theirs
+        or ("yes" if traits.axes else "no, but joints that turn or slide" if traits.plain_joints else "no"),
         theirs or ("yes, of an arm with axes" if traits.ranges else "no"),
         traits.work,
     )
-
-
-def _listed(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])}, and {names[-1]}"

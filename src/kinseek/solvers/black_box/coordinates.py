@@ -20,6 +20,7 @@ from kinseek.robots.mechanism import Mechanism
 from kinseek.shelf import Shelf
 from kinseek.solvers.base import Found
 from kinseek.solvers.recording import Recorder
+from kinseek.solvers.traits import listed
 
 from .asking import Asker, features
 from .samples import spread
@@ -163,10 +164,15 @@ def turning(box: Mechanism) -> Flags:
                 "coordinate descent needs joints that turn about an axis or slide along one, so that the squared error is "
                 f"a sinusoid or a parabola; joint {box.joint_names[i]!r} of {box.name!r} misses "
                 f"{'both' if len(possible) == 2 else 'what its kind promises'} by {misfit[best]:.2g} of what it moves. "
-                "Take Atlas or DivideAndConquer"
+                f"What works on it: {others()}"
             )
         form[i] = possible[best]
     return form
+
+
+def others() -> str:
+    """Searches that need no such joints."""
+    return listed(lambda traits: not traits.axes and not traits.plain_joints)
 
 
 def misfits(box: Mechanism, i: int, place: Array, possible: list[bool]) -> list[float]:
@@ -181,7 +187,7 @@ def misfits(box: Mechanism, i: int, place: Array, possible: list[bool]) -> list[
     if np.isnan(poses).any():
         raise InvalidSolver(
             "coordinate descent fits the error along each joint over its whole range, and joint "
-            f"{box.joint_names[i]!r} of {box.name!r} cannot go everywhere there; take Atlas or DivideAndConquer"
+            f"{box.joint_names[i]!r} of {box.name!r} cannot go everywhere there. What works on it: {others()}"
         )
     entries = features(poses, None, (0, 1, 2))
     moved = np.abs(entries - entries.mean(axis=0)).max()
