@@ -439,7 +439,7 @@ def _errors(solution: Solution, q: Array) -> Array:
 
 def _turns(solution: Solution, joints: tuple[int, int]) -> list[Array]:
     """By what a window is moved to be seen at both ends of the range of a joint that turns fully."""
-    wraps, lower, upper = solution.problem.chain.wraps, *solution.problem.limits
+    wraps, lower, upper = solution.problem.mechanism.wraps, *solution.problem.limits
     ways = [(-1, 0, 1) if wraps[joint] else (0,) for joint in joints]
     full = [upper[joint] - lower[joint] for joint in joints]
     return [np.array([i * full[0], k * full[1]]) for i in ways[0] for k in ways[1]]

@@ -85,7 +85,7 @@ class CoordinateDescent:
 
             recorder = Recorder(problem, self) if problem.trace else None
             found = answer(
-                problem.chain, problem, deadline, self.most_sweeps, self.pairs, self.stall, recorder
+                problem.mechanism, problem, deadline, self.most_sweeps, self.pairs, self.stall, recorder
             )
             return found if recorder is None else self._told(recorder, found, "a sweep cut short")
         # Squared weights, and half of K_A², so that near the goal the sum is (K_P |Δp|)² + (K_A Δφ)².
