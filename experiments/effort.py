@@ -33,6 +33,7 @@ EXPERIMENTS = (
     "question_08",
     "question_10",
     "question_10_exchanged",
+    "choices",
     "claim_01",
     "claim_15",
     "claim_16",

@@ -30,7 +30,7 @@ from .solvers import Atlas, Solver
 from .solvers.atlas.index import PLAIN, SAMPLES, AtlasIndex, atlas_of
 from .solvers.base import whole
 from .solvers.black_box.samples import Samples, samples_of
-from .solvers.checks import as_solver, warn_if_far
+from .solvers.checks import as_solver, warn_if_far, with_progress
 from .units import warn_of_distance
 
 Array = NDArray[np.float64]
@@ -143,7 +143,7 @@ class Arm(ForwardArm):
                 outside the limits.
             solver: One of `kinseek.solvers`; by default the `Atlas`.
             threads: Threads for a batch, of the default solver; every core unless given.
-            progress: Show a progress bar for a batch, of the default solver.
+            progress: Show a progress bar, of the default solver for a batch, or of a `solver` that has one.
             prove: Try to prove of every missed pose that it is out of reach; see `Arm.prove`.
             prefer: Which of all answers: ``"mid-range"``, ``"limits"`` (far from them) or ``"dexterity"``, as
                 `order` in `Arm.branches`. Where the arm has joints to spare, the best along the self-motion.
@@ -201,7 +201,11 @@ class Arm(ForwardArm):
         if wishes:
             solution = preferred(problem, prefer, cost, valid, threads)
         else:
-            search = Atlas(threads=threads, progress=progress) if solver is None else as_solver(solver)
+            search = (
+                Atlas(threads=threads, progress=progress)
+                if solver is None
+                else with_progress(as_solver(solver), progress)
+            )
             solution = search.solve(problem)
             warn_if_far(solution)
         return self._with_proofs(solution, deadline) if prove else solution

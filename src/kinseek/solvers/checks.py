@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields, is_dataclass, replace
 from typing import Any, cast
 
 import numpy as np
@@ -45,6 +46,12 @@ def as_solver(value: Any, what: str = "solver") -> Solver:
     raise InvalidSolver(
         f"{what} must be a search, an object with a method solve, got {got}. Valid: {', '.join(f'{n}()' for n in names)}"
     )
+
+
+def with_progress(solver: Solver, wanted: bool) -> Solver:
+    """The same search with a progress bar, if one is wanted and it has one."""
+    shows = is_dataclass(solver) and any(each.name == "progress" for each in fields(solver))
+    return replace(cast(Any, solver), progress=True) if wanted and shows else solver
 
 
 def warn_if_far(solution: Solution) -> None:

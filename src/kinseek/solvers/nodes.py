@@ -37,7 +37,7 @@ LONG = 60.0
 _WORTH_MEASURING = 2 * 10**9
 """Nodes: a core visits some 3e8 a second (benchmarks/test_searches.py), so fewer take no minute on one ten times slower."""
 PROBE_OF_A_FUNCTION = 512
-_PROBE, _PROBE_TIME = 1 << 20, 0.05
+_PROBE, _PROBE_TIME = 1 << 23, 0.05
 """Poses of a function or leaves of a grid, and seconds, of the piece of a search by which the whole is estimated."""
 
 
@@ -206,6 +206,8 @@ def seconds_a_target(problem: Problem, nodes: int, search: Callable[[Problem, De
     begun = time.perf_counter()
     found = search(probe, Deadline(_PROBE_TIME))
     seconds = time.perf_counter() - begun
+    if found.evaluations <= least / 2 and not found.out_of_time:
+        return seconds  # That was all of it.
     return seconds * max(1.0, nodes / max(found.nodes_expanded, found.evaluations, 1))
 
 

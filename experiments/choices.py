@@ -1,0 +1,171 @@
+"""What the paper leaves to the reader: every choice of `kinseek.DivideAndConquer` and `BlindSearch`, and what it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import kinseek
+
+from .arms import ARMS, BRANCHING_FACTOR, ERRORS, error_columns, random_goals
+from .effort import Effort, Row
+from .style import LOOKS, NAMES, canvas, column, save, where
+
+COLUMNS = (
+    "dof",
+    "arm",
+    "choice",
+    "divisions",
+    "breadth",
+    "position_weight",
+    "points",
+    *ERRORS,
+    "evaluations_mean",
+    "joints_short",
+)
+AS_BUILT, REACH = "as built", "breadth to reach"
+ELBOW = {2: (None, 0.5), 4: (None, 0.5, None, None), 6: (None, None, 0.5, None, None, None)}
+"""Half a cell on at the elbow alone; the cylindrical arm has none."""
+WRIST = {6: (None, None, None, None, 0.5, None)}
+CHOICES: dict[str, dict[str, Any]] = {
+    AS_BUILT: {},
+    "first pass by the formula": {"first": "formula"},
+    "first node at the lower limit": {"offset": 0.0},
+    "limited joints to the letter": {"limited": "letter"},
+    "no wrap": {"wrap": False},
+    "no wrap, to the letter": {"wrap": False, "limited": "letter"},
+    "no wrap, letter, formula": {"wrap": False, "limited": "letter", "first": "formula"},
+    "all lattices half a cell on": {"offset": 0.5},
+    "the elbow's half a cell on": {"offset": ELBOW},
+    "the wrist's half a cell on": {"offset": WRIST},
+    "ties: the first": {"ties": "first"},
+    "stop below 0.01": {"stop_below": 0.01},
+    "stop below 0.001": {"stop_below": 0.001},
+    REACH: {"breadth": "reach"},
+}
+BLIND: dict[str, dict[str, Any]] = {
+    "Blind Search, shrinking": {},
+    "Blind Search, fixed 0.1": {"shrink": None},
+    "Blind Search, fixed 0.01": {"shrink": None, "step": 0.01, "most_steps": 2000},
+}
+SPIKE = (AS_BUILT, "all lattices half a cell on", "the elbow's half a cell on", REACH)
+HEAVY = 20.0
+"""K_P / K_A [1/m] of the spike at D = 4, question 6."""
+
+
+def cases(effort: Effort) -> list[Row]:
+    """Each choice at D = 3 on every arm; over D for the lattices and breadths; and Blind Search from the middle."""
+    rows: list[Row] = []
+    for dof, arm in ARMS.items():
+        same: Row = {"dof": dof, "arm": arm}
+        for choice, options in CHOICES.items():
+            for breadth in effort.pick((1, 2, 3), (2,)):
+                row: Row = {
+                    **same,
+                    "choice": choice,
+                    "divisions": 3,
+                    "breadth": breadth,
+                    "position_weight": 1.0,
+                }
+                if fits(options, dof) and choice != REACH:
+                    rows.append(row)
+        if dof < 6:
+            rows += [
+                {
+                    **same,
+                    "choice": choice,
+                    "divisions": d,
+                    "breadth": breadth_to_reach(d) if choice == REACH else 4,
+                    "position_weight": weight,
+                }
+                for weight in (1.0, HEAVY)
+                for choice in SPIKE
+                for d in effort.pick((3, 4, 5, 6) if dof < 4 else (3, 4), (3,))
+                if fits(CHOICES[choice], dof)
+            ]
+        rows += [
+            {**same, "choice": choice, "divisions": 0, "breadth": 0, "position_weight": 1.0}
+            for choice in BLIND
+        ]
+    return rows
+
+
+def breadth_to_reach(divisions: int) -> int:
+    """The smallest breadth of a joint with a full turn that can walk back from any first cell; limited ones need more."""
+    return divisions * (divisions - 1) // 2 - divisions // 2 + 1
+
+
+def fits(options: dict[str, Any], dof: int) -> bool:
+    """Does the arm have the joint that is meant?"""
+    return not isinstance(options.get("offset"), dict) or dof in options["offset"]
+
+
+def solver_of(case: Row) -> kinseek.DivideAndConquer | kinseek.BlindSearch:
+    """The search of a case."""
+    choice = str(case["choice"])
+    if choice in BLIND:
+        return kinseek.BlindSearch(**BLIND[choice])
+    options = dict(CHOICES[choice])
+    if isinstance(options.get("offset"), dict):
+        options["offset"] = options["offset"][case["dof"]]
+    return kinseek.DivideAndConquer(
+        **{
+            "branching_factor": BRANCHING_FACTOR,
+            "divisions": int(case["divisions"]),
+            "breadth": int(case["breadth"]),
+            **options,
+        }
+    )
+
+
+def measure(case: Row, effort: Effort) -> Row:
+    """Errors and work, and of how many joints the breadth is too small to walk back from every first cell."""
+    arm, solver = kinseek.load(str(case["arm"])), solver_of(case)
+    points = effort.pick({2: 1000, 3: 1000, 4: 300, 6: 100}[arm.dof], 3)
+    goals = random_goals(arm, points, effort.seed)
+    solution = arm.ik(kinseek.Goal.pose(goals, position_weight=float(case["position_weight"])), solver=solver)
+    # Of Blind Search nothing is asked: it walks from where it is.
+    short = () if isinstance(solver, kinseek.BlindSearch) else solver.reach_notes(solution.problem)
+    return {
+        "points": points,
+        **error_columns(solution.position_error, solution.orientation_error),
+        "evaluations_mean": float(solution.evaluations.mean()),
+        "joints_short": len(short),
+    }
+
+
+def draw(rows: Sequence[Row], path: Path) -> None:
+    """Mean error of each choice, one panel an arm; and the spike over D."""
+    figure, axes = canvas(2, 3, (14, 9))
+    names = [*(name for name in CHOICES if name != REACH), *BLIND]
+    for axis, dof in zip((*axes[0], axes[1, 0]), ARMS, strict=True):
+        for look, breadth in zip(LOOKS, (1, 2, 3, 0), strict=False):
+            some = [
+                row
+                for row in where(rows, dof=dof, breadth=breadth, position_weight=1.0)
+                if row["choice"] in names and row["divisions"] in (0, 3)
+            ]
+            axis.plot(
+                column(some, "position_mean_mm"),
+                [names.index(str(row["choice"])) for row in some],
+                label=f"CB({breadth})" if breadth else "Blind Search",
+                **{**look, "linestyle": "none"},
+            )
+        axis.set(xscale="log", xlabel="mean position error [mm]", title=NAMES[dof])
+        axis.set_yticks(range(len(names)), names if axis in (axes[0, 0], axes[1, 0]) else [""] * len(names))
+        axis.invert_yaxis()
+    for axis, weight in zip(axes[1, 1:], (HEAVY, 1.0), strict=True):
+        for look, choice in zip(LOOKS, SPIKE, strict=False):
+            some = where(rows, dof=2, choice=choice, position_weight=weight)
+            some = [row for row in some if choice == REACH or row["breadth"] == 4]
+            axis.plot(column(some, "divisions"), column(some, "position_mean_mm"), label=choice, **look)
+        axis.set(yscale="log", ylim=(0.05, 10), xlabel="D", title=f"2 DOF, Br = 4, K_P = {weight:g} K_A")
+        axis.set_xticks(
+            sorted({int(row["divisions"]) for row in where(rows, dof=2, position_weight=weight)} - {0})
+        )
+    axes[1, 2].legend(loc="upper right")
+    axes[1, 1].set_ylabel("mean position error [mm]")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    figure.suptitle("What the paper leaves to the reader: D = 3, B = 7200, K_P = K_A unless said")
+    save(figure, path)
