@@ -10,6 +10,7 @@ import kinseek
 
 from .arms import ARMS, BRANCHING_FACTOR, ERRORS, error_columns, random_goals
 from .effort import Effort, Row
+from .store import Store
 from .style import LOOKS, NAMES, canvas, column, save, where
 
 COLUMNS = (
@@ -169,3 +170,98 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     figure.suptitle("What the paper leaves to the reader: D = 3, B = 7200, K_P = K_A unless said")
     save(figure, path)
+
+
+MEANS = {
+    AS_BUILT: ("`DivideAndConquer()`", "what kinseek chose"),
+    "first pass by the formula": (
+        '`first="formula"`',
+        "as many values as later passes, around the zero configuration (Sec. 3.2); with wrapping they are the same D",
+    ),
+    "first node at the lower limit": (
+        "`offset=0.0`",
+        "as the paper's Figure 2; ours: the middles of D cells",
+    ),
+    "limited joints to the letter": (
+        '`limited="letter"`',
+        "360/B · i for them too, and a window ends at a limit; ours: both limits are nodes, and it slides",
+    ),
+    "no wrap": ("`wrap=False`", "a full turn is a range with two ends"),
+    "no wrap, to the letter": ('`wrap=False, limited="letter"`', "both"),
+    "no wrap, letter, formula": ('`wrap=False, limited="letter", first="formula"`', "all three"),
+    "all lattices half a cell on": (
+        "`offset=0.5`",
+        "other samples in the first pass, at each joint that turns",
+    ),
+    "the elbow's half a cell on": ("`offset=(None, 0.5)` and so on", "at the elbow alone"),
+    "the wrist's half a cell on": (
+        "`offset=(None, None, None, None, 0.5, None)`",
+        "at joint 5 alone, whose first sample is singular",
+    ),
+    "ties: the first": ('`ties="first"`', "of equal leaves the first, not the one that rounding favours"),
+    "stop below 0.01": ("`stop_below=0.01`", "the first leaf with a smaller weighted error ends the search"),
+    "stop below 0.001": ("`stop_below=0.001`", "the same"),
+    "Blind Search, shrinking": ("`BlindSearch()`", "ours: the changes are halved where none helps"),
+    "Blind Search, fixed 0.1": ("`BlindSearch(shrink=None)`", "the paper's fixed changes"),
+    "Blind Search, fixed 0.01": ("`BlindSearch(0.01, shrink=None, most_steps=2000)`", "smaller ones"),
+}
+"""How each is chosen, and what it is."""
+
+
+def millimetres(row: Row) -> str:
+    """The mean error of a row to two digits."""
+    mean = float(row["position_mean_mm"])
+    return f"{mean:.2g}" if mean < 99.5 else f"{mean:.0f}"
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Mean position errors [mm] of all choices, in Markdown."""
+    lines = [
+        "| choice | how | what it is | 2 DOF | 3 DOF | 4 DOF | 6 DOF |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for choice, (how, what) in MEANS.items():
+        cells = []
+        for dof in ARMS:
+            some = where(rows, choice=choice, dof=dof, position_weight=1.0)
+            some = [row for row in some if row["divisions"] in (0, 3) and int(row["breadth"]) < 4]
+            cells.append(" / ".join(map(millimetres, some)) or "–")
+        lines.append(f"| {choice} | {how} | {what} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def walks_table(rows: Sequence[Row]) -> str:
+    """Mean position errors [mm] over D of the lattices and of the breadth that reaches, in Markdown."""
+    found = where(rows, dof=2, position_weight=HEAVY)
+    divisions = sorted({int(row["divisions"]) for row in found})
+    lines = [
+        f"| two-link arm, K_P = {HEAVY:g} K_A | {' | '.join(f'D = {d}' for d in divisions)} |",
+        f"| --- |{' --- |' * len(divisions)}",
+    ]
+    for choice in SPIKE:
+        cells = []
+        for d in divisions:
+            (row,) = where(found, choice=choice, divisions=d)
+            short = int(row["joints_short"])
+            breadth = f"Br = {row['breadth']}: " if choice == REACH else ""
+            cells.append(f"{breadth}{millimetres(row)}{', out of reach' if short else ''}")
+        lines.append(f"| {choice}{', Br = 4' if choice != REACH else ''} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def rewritten(text: str, rows: Sequence[Row]) -> str:
+    """The page with both tables made anew."""
+    for name, made in (("choices", table), ("walks", walks_table)):
+        begin, end = f"<!-- {name}: made by python -m experiments.choices -->", f"<!-- end of {name} -->"
+        head, rest = text.split(begin, 1)
+        text = f"{head}{begin}\n\n{made(rows)}\n\n{end}{rest.split(end, 1)[1]}"
+    return text
+
+
+HERE = Path(__file__).resolve().parent
+PAGE = HERE.parent / "docs" / "paper.md"
+
+if __name__ == "__main__":
+    kept = Store(HERE / "results", "choices", COLUMNS).rows()
+    PAGE.write_text(rewritten(PAGE.read_text(), kept))
+    print(f"{PAGE}: tables rewritten")

@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from experiments import choices
 from experiments.mirror import arm_with_lattice
 from experiments.readings import Reading, errors_of, search
+from experiments.store import Store
 
 import kinseek
 from kinseek import BlindSearch, BruteForce, DivideAndConquer, Goal
@@ -301,3 +303,49 @@ def test_fixed_changes_end_where_none_helps() -> None:
         (fixed.q > arm.lower + 0.01) & (fixed.q < arm.upper - 0.01) & (near > arm.lower) & (near < arm.upper)
     )
     np.testing.assert_allclose(moved[inside], np.rint(moved[inside]), atol=1e-6)
+
+
+def test_the_page_tells_what_was_measured() -> None:
+    """The tables of docs/paper.md are those of the rows, and the sentences below them hold."""
+    rows = Store(choices.HERE / "results", "choices", choices.COLUMNS).rows()
+    text = choices.PAGE.read_text()
+    assert choices.rewritten(text, rows) == text, "run python -m experiments.choices"
+
+    def error(choice: str, dof: int, breadth: int, divisions: int = 3, weight: float = 1.0) -> float:
+        (row,) = [
+            row
+            for row in rows
+            if (row["choice"], row["dof"], row["divisions"], row["position_weight"])
+            == (choice, dof, divisions, weight)
+            and row["breadth"] == breadth
+        ]
+        return float(row["position_mean_mm"])
+
+    built, limit = error("as built", 3, 3), error("first node at the lower limit", 3, 3)
+    letter = error("limited joints to the letter", 3, 3)
+    assert 3.5 < limit / built < 4.5
+    assert 1.7 < letter / limit < 2.1
+    assert error("as built", 4, 3) == pytest.approx(error("limited joints to the letter", 4, 3), rel=0.01)
+    turned = "all lattices half a cell on"
+    assert error(turned, 2, 2) > 2 * error("as built", 2, 2)
+    assert error(turned, 4, 3) < error("as built", 4, 3) / 2
+    for breadth in (1, 2):
+        assert 0.7 < error("the wrist's half a cell on", 6, breadth) / error("as built", 6, breadth) < 1
+    assert error("no wrap, letter, formula", 2, 1) > 100
+    heavy = choices.HEAVY
+    assert error("as built", 2, 4, 4, heavy) > 5 * error("the elbow's half a cell on", 2, 4, 4, heavy)
+    assert error("as built", 2, 4, 4, heavy) > 5 * error(choices.REACH, 2, 5, 4, heavy)
+    assert error(choices.REACH, 2, 3, 3, heavy) > error("as built", 2, 4, 3, heavy)
+    assert max(error(choices.REACH, 2, b, d, heavy) for d, b in ((5, 9), (6, 13))) < 0.1
+    work = {
+        (row["choice"], row["dof"], row["breadth"]): row["evaluations_mean"]
+        for row in rows
+        if row["divisions"] == 3
+    }
+    for threshold, low, high in (("0.01", 0.3, 0.61), ("0.001", 0.1, 0.34)):
+        for dof in (2, 3, 4, 6):
+            for breadth in (2, 3):
+                whole, some = (
+                    work[choice, dof, breadth] for choice in ("as built", f"stop below {threshold}")
+                )
+                assert low < 1 - float(some) / float(whole) < high, (threshold, dof, breadth)
