@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from kinseek.kernels.atlas import tree as neighbours
-from kinseek.kernels.atlas.tree import BESIDE, LEAF, SLACK, Tree, build_tree
+from kinseek.kernels.atlas.tree import BESIDE, LEAF, SLACK, Tree, make_tree, sort_tree
 from kinseek.kernels.jit import exposed
 
 Array = NDArray[np.float64]
@@ -22,6 +22,13 @@ def look_up(tree: Tree, point: Array, wanted: int) -> tuple[Array, NDArray[np.in
     stack, bound = np.empty(64, dtype=np.int64), np.empty(64 + LEAF)
     found = nearest(tree, point, wanted, distance, index, stack, bound)
     return distance[:found], index[:found]
+
+
+def build_tree(points: Array, order: NDArray[np.int64]) -> Tree:
+    """A tree of points, (k, dimensions); which of them stands at each place goes into `order`, (k,)."""
+    tree = make_tree(*points.shape)
+    sort_tree(points, order, tree)
+    return tree
 
 
 def clouds(dimensions: int) -> dict[str, Array]:

@@ -31,8 +31,8 @@ from .seeds import copy_joints, load_target, turns_fully
 from .task import ITERATE, JUDGE, WANTED, WEIGHTED_ERROR, Job, Task, handle_at, routine_at, task_of
 
 FIRST_STEPS, DEEP_STEPS, RESTART_STEPS, POLISH_STEPS = 10, 20, 30, 20
-"""Steps at most from one of the first samples, from one of a deeper lookup, from a restart, and towards a goal that is out
-of reach."""
+"""Steps at most from one of the first samples, from one of a deeper lookup, from a restart, and towards a goal out of
+reach."""
 
 
 STALL, NEARLY = 6, 0.03

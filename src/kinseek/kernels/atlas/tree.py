@@ -53,13 +53,6 @@ def make_tree(count: int, dimensions: int) -> Tree:
     )
 
 
-def build_tree(points: Array, order: Indices) -> Tree:
-    """Build a tree; see `sort_tree`."""
-    tree = make_tree(*points.shape)
-    sort_tree(points, order, tree)
-    return tree
-
-
 @kernel
 def sort_tree(points: Array, order: Indices, tree: Tree) -> None:
     """Build a tree.

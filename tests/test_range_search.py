@@ -1,0 +1,71 @@
+"""Goals with ranges go through the search of whole poses: what differs is called by address, and stands behind the desk."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek import Goal
+from kinseek.kernels.arm.range_error import QUESTION
+from kinseek.kernels.atlas import memory, range_steps
+from kinseek.kernels.atlas import task as tasks
+from kinseek.kernels.jit import exposed
+from kinseek.kernels.pointers import ROW
+from kinseek.solvers.atlas.index import atlas_of, wanted_of
+
+Array = NDArray[np.float64]
+
+task_of = exposed(tasks.task_of)
+desk_size, range_desk_size = exposed(memory.desk_size), exposed(range_steps.range_desk_size)
+make_range_desk = exposed(range_steps.make_range_desk)
+
+
+def test_only_the_search_itself_is_shared_of_the_routines() -> None:
+    index = atlas_of(kinseek.load("ur5e").chain)
+    plain, ranged = index.handle.reshape(-1, ROW), index.range_handle.reshape(-1, ROW)
+    others = {k for k in range(len(plain)) if (plain[k] != ranged[k]).any()}
+    assert others == {tasks.NUMBERS, tasks.ROUTINES, tasks.WEIGHTS}
+    routines, mine = index._routines, index._range_routines
+    assert mine[tasks.SEARCH] == routines[tasks.SEARCH]
+    for k in (tasks.ITERATE, tasks.ENDING, tasks.STARTS, tasks.JUDGE):
+        assert 0 != mine[k] != routines[k]
+    assert (routines[[tasks.STARTS, tasks.JUDGE]] == 0).all()
+
+
+def test_a_task_with_ranges_says_so() -> None:
+    index, wanted = atlas_of(kinseek.load("scara4").chain, Goal.position((0.2, 0.2, 0.1))), np.arange(7.0)
+    plain, ranged = task_of(index.handle, wanted), task_of(index.range_handle, wanted)
+    assert (plain.poses, ranged.poses) == (0, range_steps.POSES)
+    assert (ranged.columns > 0.0).all()
+    assert ranged.length == plain.length
+    assert tuple(ranged.division) == tuple(plain.division)
+
+
+def test_what_is_wanted_stands_where_tasks_look_for_it() -> None:
+    goal = Goal.pose(
+        np.eye(4),
+        position_tolerance=0.1,
+        orientation_tolerance=0.2,
+        position_weight=3.0,
+        orientation_weight=4.0,
+    )
+    task = task_of(atlas_of(kinseek.load("planar2").chain).handle, wanted_of(goal, 500))
+    assert (task.position_tolerance, task.orientation_tolerance) == (0.1, 0.2)
+    assert (task.position_weight, task.budget) == (3.0, 500.0)
+    np.testing.assert_array_equal(task.axis_weights, [4.0, 4.0, 0.0])
+
+
+@pytest.mark.parametrize(("dof", "joints"), [(2, 2), (7, 9)])
+def test_memory_of_ranges_begins_where_the_desk_ends(dof: int, joints: int) -> None:
+    first, count = desk_size(dof, joints), range_desk_size(dof, joints)
+    room = np.zeros(first + count)
+    ranges = make_range_desk(room.ctypes.data, dof, joints)
+    for part in ranges:
+        view = part.view(np.float64)
+        view += 1.0
+    np.testing.assert_array_equal(room[:first], 0.0)
+    np.testing.assert_array_equal(room[first:], 1.0)
+    assert ranges.question.shape == (QUESTION,)
+    assert ranges.poses.shape == (3 * range_steps.POSES, 4)
