@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import plots
-from kinseek.robots.chain import Joint, rotation, serial_chain, transform
+from kinseek.robots.chain import Joint, serial_chain
+from kinseek.transforms import rotation, transform
 
 from .command import PICTURES, command, writes
 from .fleet import batch_cost, single_times

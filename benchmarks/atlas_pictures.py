@@ -24,9 +24,10 @@ from kinseek.kernels.atlas.seeds import MARGIN
 from kinseek.kernels.atlas.tree import LEAF
 from kinseek.kernels.jit import exposed
 from kinseek.kinds import POSE
-from kinseek.robots.geometry import divide, inverse, open_limits
+from kinseek.robots.geometry import divide, open_limits
 from kinseek.robots.sampling import middle_samples
 from kinseek.solvers.atlas.index import SAMPLES
+from kinseek.transforms import inverse
 
 from .command import PICTURES, command, writes
 

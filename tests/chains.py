@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from kinseek.robots.chain import Joint, SerialChain, rotation, serial_chain, transform
+from kinseek.robots.chain import Joint, SerialChain, serial_chain
+from kinseek.transforms import rotation, transform
 
 Array = NDArray[np.float64]
 

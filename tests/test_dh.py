@@ -105,9 +105,12 @@ BAD: list[tuple[dict[str, Any], str]] = [
         {"kinds": "RP", "lower": [-1, -np.inf], "upper": [1, np.inf]},
         "'joint2': lower and upper limits must be",
     ),
-    ({"base": np.eye(3)}, r"base pose: expected shape \(4, 4\)"),
-    ({"tool": np.diag([1, 1, -1, 1])}, "tool pose: expected a rotation"),
-    ({"tool": np.full((4, 4), np.nan)}, "tool pose: expected a rotation"),
+    ({"base": np.eye(3)}, r"base pose: a pose must have shape \(4, 4\) .* got \(3, 3\)"),
+    (
+        {"tool": np.diag([1, 1, -1, 1])},
+        "tool pose: not a rigid transform: its determinant is -1, a reflection",
+    ),
+    ({"tool": np.full((4, 4), np.nan)}, "tool pose: a pose contains NaN or infinity"),
 ]
 
 

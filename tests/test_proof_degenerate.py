@@ -25,8 +25,9 @@ from kinseek.proof.boxes import excluded
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.isolation import isolate
 from kinseek.proof.reduce import ROUNDING, error_question, start_boxes
-from kinseek.robots.chain import Joint, SerialChain, rotation, serial_chain, transform
+from kinseek.robots.chain import Joint, SerialChain, serial_chain
 from kinseek.solution import Solution, conclude
+from kinseek.transforms import rotation, transform
 from reference import fk, weighted_error
 
 pytestmark = pytest.mark.slow

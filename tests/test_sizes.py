@@ -15,7 +15,8 @@ from kinseek import Goal
 from kinseek.errors import InvalidGoal, InvalidProblem, InvalidRobot
 from kinseek.kernels.arm.pose_error import LARGEST, ROUNDING, weighted_error
 from kinseek.poses import as_pose
-from kinseek.robots.chain import Joint, serial_chain, transform
+from kinseek.robots.chain import Joint, serial_chain
+from kinseek.transforms import transform
 from reference import weighted_error as plain_weighted_error
 
 Array = NDArray[np.float64]

@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike
 from kinseek.errors import InvalidRobot
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.robots import SerialChain, read, read_urdf
-from kinseek.robots.chain import Array, rotation, transform
+from kinseek.robots.chain import Array
+from kinseek.transforms import rotation, transform
 
 SHARED = Path(__file__).parents[2] / "shared" / "robots"
 NEEDS_SHARED = pytest.mark.skipif(not SHARED.is_dir(), reason="the shared robots are not here")

@@ -15,7 +15,7 @@ from .kernels.arm.pose_error import judge
 from .kernels.arm.range_error import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS, judge_ranges
 from .kernels.arrays import ChainArrays, GoalArrays
 from .kinds import BOX, KINDS, PLAIN_KINDS, POINTING, POSE, POSITION, Kind
-from .poses import _at, _rotation_onto, _unit, _x_onto, as_pose, one_pose, row_of, rpy_of
+from .poses import _at, _unit, _x_onto, as_pose, one_pose, row_of, rpy_of
 from .ranges import (
     AXES,
     FRAMES,
@@ -25,7 +25,6 @@ from .ranges import (
     Ranges,
     check_ranges,
     free_turns,
-    inverse_pose,
     read_ranges,
     unit,
 )
@@ -39,6 +38,7 @@ from .tolerances import (
     check_weight,
     said,
 )
+from .transforms import inverse, rotation_onto
 
 Array = NDArray[np.float64]
 
@@ -213,7 +213,7 @@ class Goal:
             InvalidGoal: Wrong shape, NaN or infinity, a zero vector, an option out of its range, or axes as in `Goal.pose`.
         """
         axis, onto = _unit(tool_axis, "tool_axis"), _unit(direction, "direction")
-        ranges, target = read_ranges(free, box, POINTING), _at(position, _rotation_onto(axis, onto))
+        ranges, target = read_ranges(free, box, POINTING), _at(position, rotation_onto(axis, onto))
         if ranges is None:
             return cls(target, kind=POINTING.name, tool_axis=(axis[0], axis[1], axis[2]), **options)
         swing = (float(onto[0]), float(onto[1]), float(onto[2]))
@@ -363,7 +363,7 @@ class Goal:
         """Targets as kernels take them, in the arm's base, tip rotation included, (k, 3, 4)."""
         flat = self.target.reshape(-1, 4, 4)[:, :3].copy()
         if self.base is not None:
-            flat = inverse_pose(self.base)[:3] @ self.target.reshape(-1, 4, 4)
+            flat = inverse(self.base) @ self.target.reshape(-1, 4, 4)
         if self.form.turned:
             flat[..., :3] = flat[..., :3] @ self.tip_rotation
         return flat

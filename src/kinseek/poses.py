@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import InvalidGoal
 from .kernels.arm.pose_error import LARGEST, all_rigid, rigid_each
 from .shapes import Pose
+from .transforms import rotation_onto
 from .units import warn_of_angles
 
 Array = NDArray[np.float64]
@@ -247,20 +248,9 @@ def _unit(value: ArrayLike, name: str) -> Array:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _rotation_onto(start: Array, end: Array) -> Array:
-    """Return a rotation that takes the unit vector `start` onto `end`, (3, 3)."""
-    frames = []
-    for axis in (start, end):
-        other = np.eye(3)[np.argmin(np.abs(axis))]
-        second = np.cross(axis, other)
-        second /= np.linalg.norm(second)
-        frames.append(np.stack([axis, second, np.cross(axis, second)], axis=1))
-    return np.asarray(frames[1] @ frames[0].T)
-
-
 @lru_cache(maxsize=64)
 def _x_onto(axis: tuple[float, ...]) -> Array:
-    turn = _rotation_onto(np.array([1.0, 0.0, 0.0]), np.array(axis))
+    turn = rotation_onto(np.array([1.0, 0.0, 0.0]), np.array(axis))
     turn.flags.writeable = False
     return turn
 

@@ -17,6 +17,7 @@ from .kernels.arm.pose_error import LARGEST
 from .kernels.arrays import ChainArrays
 from .robots.chain import SerialChain
 from .robots.mechanism import Mechanism, no_axes
+from .turns import TURN, nearest_turns
 
 Array = NDArray[np.float64]
 
@@ -112,7 +113,7 @@ class Problem:
             return q
         centre = np.zeros(self.mechanism.dof) if self.near is None else self.near
         near = np.broadcast_to(centre, np.shape(q))
-        turned = q + 2 * np.pi * np.round((near - q) / (2 * np.pi))
+        turned = q + nearest_turns(near - q)
         return np.where(free, np.clip(turned, near - np.pi, near + np.pi), q)
 
     def each(self) -> Iterator[Problem]:
@@ -181,7 +182,7 @@ def as_joints(arm: Mechanism, q: object, name: str = "q") -> Array:
 
 def within_limits(arm: Mechanism, q: Array) -> Array:
     """Joint values inside the limits nearest to `q`, full turns taken off where that helps, (..., n)."""
-    turns = np.where(arm.turns, 2 * np.pi, np.inf)
+    turns = np.where(arm.turns, TURN, np.inf)
     below, above = q < arm.lower, q > arm.upper
     up = np.where(below, np.ceil((arm.lower - q) / turns), 0.0)
     down = np.where(above, np.ceil((q - arm.upper) / turns), 0.0)

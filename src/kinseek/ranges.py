@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .errors import InvalidGoal, suggest
 from .kernels.arm.pose_error import LARGEST
@@ -119,11 +118,3 @@ def _range(axis: str, pair: object) -> tuple[float, float]:
             f"is larger; if every turn will do, say free={axis!r}"
         )
     return low, high
-
-
-def inverse_pose(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Inverse of a rigid transform, (4, 4)."""
-    inverse = np.eye(4)
-    inverse[:3, :3] = matrix[:3, :3].T
-    inverse[:3, 3] = -matrix[:3, :3].T @ matrix[:3, 3]
-    return inverse

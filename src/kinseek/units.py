@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import UnitWarning
+from .turns import TURN
 
 Array = NDArray[np.float64]
 
-TURN = 2 * math.pi
-"""Angles beyond it [rad] are asked about: nobody needs them to write a rotation down."""
 TURNS_OF_A_JOINT = 4 * math.pi * 1.001
 """Limits beyond it [rad] are asked about: wrists that turn twice to either side are the widest that are sold."""
 FAR = 10.0
@@ -25,7 +24,7 @@ FAR = 10.0
 
 
 def warn_of_angles(angles: Array | Sequence[float], what: str, advice: str, level: int) -> None:
-    """Warn of angles beyond a full turn.
+    """Warn of angles beyond a full turn: nobody needs them to write a rotation down.
 
     Args:
         angles: Any number of them, [rad].

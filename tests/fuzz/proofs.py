@@ -25,8 +25,9 @@ from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.proof.exclusion import examine
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.reduce import error_question, question, start_boxes
-from kinseek.robots.chain import Joint, SerialChain, rotation, serial_chain, transform
+from kinseek.robots.chain import Joint, SerialChain, serial_chain
 from kinseek.solution import conclude
+from kinseek.transforms import rotation, transform
 
 Array = NDArray[np.float64]
 

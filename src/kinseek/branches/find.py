@@ -19,6 +19,7 @@ from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import open_limits
 from kinseek.solvers.atlas.index import wanted_of
 from kinseek.solvers.threads import GoOn, spread
+from kinseek.turns import TURN
 
 from .index import BranchIndex, index_of
 from .order import ORDERS, Cost, Valid, is_valid, scores
@@ -215,9 +216,9 @@ def turned_copies(chain: SerialChain, q: Array) -> Array:
             if not np.isfinite(open_lower[i]) or open_lower[i] == chain.lower[i]:
                 choices.append(np.array([value]))
                 continue
-            least = np.ceil((chain.lower[i] - value) / (2 * np.pi) - 1e-12)
-            most = np.floor((chain.upper[i] - value) / (2 * np.pi) + 1e-12)
-            turned = value + 2 * np.pi * np.arange(least, most + 1)
+            least = np.ceil((chain.lower[i] - value) / TURN - 1e-12)
+            most = np.floor((chain.upper[i] - value) / TURN + 1e-12)
+            turned = value + TURN * np.arange(least, most + 1)
             choices.append(np.clip(turned, chain.lower[i], chain.upper[i]))
         count = len(rows) + math.prod(len(values) for values in choices)
         if count > MOST_COPIES:

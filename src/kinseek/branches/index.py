@@ -20,8 +20,10 @@ from kinseek.kernels.branches.twins import SHIFTS, SIGNS
 from kinseek.kinds import Kind
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
+from kinseek.robots.sampling import weyl
 from kinseek.shelf import Shelf
 from kinseek.solvers.atlas.index import KEPT, AtlasIndex, atlas_of, wanted_of
+from kinseek.turns import shortest
 
 SAMPLES = 1024
 """Samples of the coarse atlas; see `kernels.branches` for why so few."""
@@ -29,6 +31,10 @@ SAMPLES = 1024
 
 _MOST_MIRRORED = 8
 """Joints up to which mirror images are looked for: there are 2ⁿ patterns of signs."""
+
+
+_PLACES = 7
+"""Configurations at which the freedom of a goal is counted; the least counts, for at a singularity there is more."""
 
 
 class BranchIndex:
@@ -83,7 +89,7 @@ class BranchIndex:
                 reached = forward_many(problem.arrays, np.ascontiguousarray(signs * probe + shifts))
                 for k in np.flatnonzero(np.abs(reached - pose).max(axis=(1, 2)) < 1e-9):
                     image = np.array([signs[k], shifts[k], turns])
-                    turned = np.where(turns, (shifts[k] + np.pi) % (2 * np.pi) - np.pi, shifts[k])
+                    turned = np.where(turns, shortest(shifts[k]), shifts[k])
                     itself = (signs[k] > 0).all() and np.abs(turned).max() < 1e-6
                     if not itself and not any(_same_image(image, known, turns) for known in found):
                         found.append(image)
@@ -92,7 +98,7 @@ class BranchIndex:
 
 def _same_image(one: Array, other: Array, turns: NDArray[np.bool_]) -> bool:
     apart = one[SHIFTS] - other[SHIFTS]
-    apart = np.where(turns, (apart + np.pi) % (2 * np.pi) - np.pi, apart)
+    apart = np.where(turns, shortest(apart), apart)
     return bool((one[SIGNS] == other[SIGNS]).all() and np.abs(apart).max() < 1e-6)
 
 
@@ -136,9 +142,7 @@ def constraint_jacobian(problem: Problem, q: Array) -> Array:
 def freedom(problem: Problem) -> int:
     """Joints less the constraints of a goal, as they are anywhere but at singularities."""
     chain = problem.chain
-    shares = (0.5 + np.arange(1, 8)[:, None] * np.sqrt([2.0, 3, 5, 7, 11, 13, 17, 19])[None]) % 1.0
-    shares = np.tile(shares, -(-chain.dof // shares.shape[1]))[:, : chain.dof]
-    q = chain.lower + (0.1 + 0.8 * shares) * (chain.upper - chain.lower)
+    q = chain.lower + (0.1 + 0.8 * weyl(_PLACES, chain.dof)) * (chain.upper - chain.lower)
     values = np.linalg.svd(constraint_jacobian(problem, q), compute_uv=False)
     rank = int((values > 1e-6 * values.max()).sum(axis=1).max())
     return chain.dof - rank

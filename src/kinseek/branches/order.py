@@ -10,6 +10,7 @@ import numpy as np
 from kinseek.errors import InvalidProblem
 from kinseek.kernels.arrays import Array
 from kinseek.problem import Problem
+from kinseek.turns import shortest
 
 from .index import constraint_jacobian, index_of
 
@@ -38,7 +39,7 @@ def scores(problem: Problem, q: Array, order: str, cost: Cost | None) -> Array:
     if problem.near is not None:
         gap = q - problem.near
         turning = np.array(chain.kinds) == "continuous"
-        gap = np.where(turning, (gap + np.pi) % (2 * np.pi) - np.pi, gap)
+        gap = np.where(turning, shortest(gap), gap)
         return np.asarray(np.linalg.norm(gap, axis=-1))
     if order == "dexterity":
         return -manipulability(problem, q)

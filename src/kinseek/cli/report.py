@@ -68,8 +68,7 @@ def _units(kinds: Sequence[str]) -> tuple[str, str]:
 
 def reach(arm: Arm) -> tuple[float, float]:
     """Largest distance of the tip from the base [m]: one measured, and one bounded by link sums."""
-    postures = np.random.default_rng(0).uniform(arm.lower, arm.upper, (_POSTURES, arm.dof))
-    return float(np.linalg.norm(arm.fk(postures)[:, :3, 3], axis=1).max()), arm.chain.reach
+    return float(np.linalg.norm(arm.fk(arm.sample(_POSTURES))[:, :3, 3], axis=1).max()), arm.chain.reach
 
 
 def print_pose(arm: Arm, q: Array, T: Array, as_json: bool) -> None:

@@ -15,7 +15,8 @@ from kinseek.kernels.proof.gate import CROSSED
 from kinseek.kernels.proof.last_joint import Roll
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
-from kinseek.robots.geometry import arm_length, divide, inverse
+from kinseek.robots.geometry import arm_length, divide
+from kinseek.transforms import inverse, square
 
 ROUNDING = 1e-12
 """Margin, relative to all lengths that are added: a thousand times what rounding takes."""
@@ -101,7 +102,7 @@ def error_question(
         place_of_foot = np.eye(4)
         place_of_foot[2, 3] = foot
         wanted = wanted._replace(
-            last=np.ascontiguousarray((_square(target) @ _square(inverse(fixed[-1])) @ place_of_foot)[:3]),
+            last=np.ascontiguousarray((square(target) @ square(inverse(fixed[-1])) @ place_of_foot)[:3]),
             margin=wanted.margin + ROUNDING * abs(foot),
             offset=float(np.linalg.norm(fixed[-1, :, 3] - [0.0, 0.0, foot])),
         )
@@ -149,7 +150,7 @@ def _divided(problem: Problem) -> tuple[Array, Array, int, bool]:
     division = divide(problem.chain, problem.goal.form)
     fixed, target = problem.arrays.fixed.copy(), problem.goal.targets[0].copy()
     if division.head != NONE:
-        target = (_square(inverse(fixed[0])) @ _square(target))[:3]
+        target = (square(inverse(fixed[0])) @ square(target))[:3]
         fixed[0] = np.eye(4)[:3]
     return fixed, np.ascontiguousarray(target), division.head, division.tail == TURN
 
@@ -171,8 +172,8 @@ def _cut(fixed: Array, target: Array, along: float) -> tuple[Array, Array]:
         [[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, along], [0.0, 0.0, 0.0, 1.0]]
     )
     short = fixed[:-1].copy()
-    short[-1] = (_square(short[-1]) @ turned)[:3]
-    wanted = _square(target) @ _square(inverse(fixed[-1])) @ turned
+    short[-1] = (square(short[-1]) @ turned)[:3]
+    wanted = square(target) @ square(inverse(fixed[-1])) @ turned
     return short, np.ascontiguousarray(wanted[:3])
 
 
@@ -235,9 +236,3 @@ def _wanted(problem: Problem, target: Array, columns: int, trust: float, foot: f
         side_y=0.0,
         side_z=0.0,
     )
-
-
-def _square(A: Array) -> Array:
-    square = np.zeros((4, 4))
-    square[:3], square[3, 3] = A, 1.0
-    return square

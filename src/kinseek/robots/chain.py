@@ -20,6 +20,7 @@ from kinseek.errors import InvalidRobot
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.kernels.arrays import ChainArrays, chain_arrays
+from kinseek.transforms import rotation, square
 
 from .files import MOST_JOINTS, require_few
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE, Variables
@@ -30,7 +31,7 @@ _AXIS_ROUNDING = 1e-3
 """How far an axis may be from unit length to pass as a rounded unit vector."""
 
 _RIGID = 1e-5
-"""How far RRᵀ of an origin may be from the identity: `Arm.from_dh` takes a base that is off by 1e-6 in each entry."""
+"""How far RRᵀ of an origin may be from the identity: that of a rotation written down to six digits passes."""
 
 
 @dataclass(frozen=True)
@@ -262,29 +263,14 @@ def joint_points(chain: SerialChain, q: Array) -> Array:
     T, points = np.eye(4), [np.zeros(3)]
     for k in range(len(chain.leader)):
         value = chain.multiplier[k] * q[chain.leader[k]] + chain.offset[k]
-        T = T @ np.vstack([chain.fixed[k], [0.0, 0.0, 0.0, 1.0]])
+        T = T @ square(chain.fixed[k])
         points.append(T[:3, 3].copy())
         if chain.prismatic[k]:
             T[:3, 3] += value * T[:3, 2]
             points.append(T[:3, 3].copy())
         else:
             T[:3, :3] = T[:3, :3] @ rotation(np.array([0.0, 0.0, 1.0]), value)
-    return np.array([*points, (T @ np.vstack([chain.fixed[-1], [0.0, 0.0, 0.0, 1.0]]))[:3, 3]])
-
-
-def rotation(axis: Array, angle: float) -> Array:
-    """Rotation by `angle` [rad] about the unit vector `axis`, (3, 3), by Rodrigues' formula."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross))
-
-
-def transform(rotation_matrix: Array, translation: Sequence[float] | Array) -> Array:
-    """Put a rotation and a translation [m] together, (4, 4)."""
-    pose = np.eye(4)
-    pose[:3, :3] = rotation_matrix
-    pose[:3, 3] = translation
-    return pose
+    return np.array([*points, (T @ square(chain.fixed[-1]))[:3, 3]])
 
 
 def follow_mimics(joint: str, mimics: Mapping[str, tuple[str, float, float]]) -> tuple[str, float, float]:

@@ -17,10 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kinseek.errors import InvalidRobot, suggest
+from kinseek.errors import InvalidGoal, InvalidRobot, suggest
 from kinseek.kernels.arm.pose_error import LARGEST
+from kinseek.poses import one_pose
+from kinseek.transforms import rotation, transform
 
-from .chain import Array, Frame, Joint, SerialChain, rotation, serial_chain, transform
+from .chain import Array, Frame, Joint, SerialChain, serial_chain
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 
 _COLUMNS = ("a", "alpha", "d", "theta")
@@ -37,8 +39,8 @@ def read_dh(
     convention: str = "standard",
     kinds: str | None = None,
     names: Sequence[str] | None = None,
-    base: ArrayLike | None = None,
-    tool: ArrayLike | None = None,
+    base: Any = None,
+    tool: Any = None,
     name: str = "dh arm",
 ) -> SerialChain:
     """Build the arm that a table of Denavit-Hartenberg parameters describes.
@@ -50,8 +52,9 @@ def read_dh(
         convention: ``"standard"`` or ``"modified"``.
         kinds: One letter per joint, R or P, such as ``"RRPR"``; all R unless given.
         names: Names of the joints; ``joint1``, ``joint2``, … unless given.
-        base: Pose of the first row's frame in the base, (4, 4), lengths in [m]; the identity unless given.
-        tool: Pose of the tip in the last row's frame, (4, 4), lengths in [m]; the identity unless given.
+        base: Pose of the first row's frame in the base, (4, 4), or an object that carries one, lengths in [m]; the identity
+            unless given.
+        tool: Pose of the tip in the last row's frame, likewise.
         name: Name of the arm.
 
     The frames of the rows are called ``link1``, ``link2``, …, the base ``base`` and the tip ``tool``.
@@ -161,23 +164,13 @@ def _limits(values: ArrayLike, what: str, count: int) -> list[float]:
     return [float(value) for value in limits]
 
 
-def _rigid(pose: ArrayLike | None, what: str) -> Array:
+def _rigid(pose: Any, what: str) -> Array:
     if pose is None:
         return np.eye(4)
-    matrix = _numbers(pose, f"{what} pose")
-    if matrix.shape != (4, 4):
-        raise InvalidRobot(f"{what} pose: expected shape (4, 4), got {matrix.shape}")
-    turn = matrix[:3, :3]
-    if not (
-        np.isfinite(matrix).all()
-        and np.allclose(turn @ turn.T, np.eye(3), rtol=0, atol=1e-6)
-        and np.linalg.det(turn) > 0
-        and np.array_equal(matrix[3], (0, 0, 0, 1))
-    ):
-        raise InvalidRobot(f"{what} pose: expected a rotation, a translation and the last row 0 0 0 1")
-    if np.abs(matrix[:3, 3]).max() > LARGEST:
-        raise InvalidRobot(f"{what} pose: expected lengths of at most {LARGEST:g} m, got {matrix[:3, 3]}")
-    return matrix
+    try:
+        return one_pose(pose, f"{what} pose")
+    except InvalidGoal as error:
+        raise InvalidRobot(str(error)) from None
 
 
 def _numbers(values: object, what: str) -> Array:

@@ -8,6 +8,7 @@ from kinseek.kernels.arm.division import NONE, SLIDE, TURN, Division
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.task import OPEN
 from kinseek.kinds import Kind
+from kinseek.turns import holds_a_turn
 
 from .chain import SerialChain
 
@@ -19,7 +20,7 @@ evaluations by 2 % to 3 % up or down, and no pose is missed."""
 
 def open_limits(chain: SerialChain) -> tuple[Array, Array]:
     """Limits for refining: none for a joint whose range holds a full turn, since it can always go on."""
-    free = (chain.upper - chain.lower >= 2 * np.pi - 1e-9) & chain.periodic
+    free = holds_a_turn(chain.lower, chain.upper) & chain.periodic
     far = np.where(np.array(chain.kinds) == "continuous", np.inf, OPEN)
     return np.where(free, -far, chain.lower), np.where(free, far, chain.upper)
 
@@ -51,9 +52,3 @@ def arm_length(chain: SerialChain) -> float:
         i = chain.leader[k]
         links += max(abs(chain.lower[i]), abs(chain.upper[i])) * abs(float(chain.multiplier[k])) / 2
     return max(links, 1e-3)
-
-
-def inverse(A: Array) -> Array:
-    """Inverse of a rigid transform, (3, 4)."""
-    turn = A[:, :3].T
-    return np.hstack([turn, -turn @ A[:, 3:]])

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.turns import TURN, ends_meet, holds_a_turn
+
 if TYPE_CHECKING:
     from .chain import SerialChain
 
@@ -135,8 +137,7 @@ class Variables:
     @cached_property
     def wraps(self) -> Flags:
         """Of each variable, (n,): do both ends of its range give the same poses?"""
-        turns = (self.upper - self.lower) / (2 * np.pi)
-        return np.asarray((turns > 0.5) & (np.abs(turns - np.round(turns)) < 1e-6) & self.periodic)
+        return np.asarray(ends_meet(self.lower, self.upper) & self.periodic)
 
     @cached_property
     def endless(self) -> Flags:
@@ -149,12 +150,12 @@ class Variables:
     @cached_property
     def full(self) -> Flags:
         """Of each variable, (n,): is it an angle whose range holds a whole turn? Then no limit ever stops it."""
-        return np.asarray(self.turns & (self.upper - self.lower >= 2 * np.pi - 1e-9))
+        return self.turns & holds_a_turn(self.lower, self.upper)
 
     @cached_property
     def span(self) -> Array:
         """What joint values are scaled by, (n,): the range, and of an angle one turn at most."""
-        return np.where(self.turns, np.minimum(self.upper - self.lower, 2 * np.pi), self.upper - self.lower)
+        return np.where(self.turns, np.minimum(self.upper - self.lower, TURN), self.upper - self.lower)
 
 
 def no_axes(mechanism: Mechanism, why: str) -> str:

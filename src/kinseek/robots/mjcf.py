@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from kinseek.errors import InvalidRobot, MissingExtra
+from kinseek.transforms import rotation, transform
 from kinseek.units import warn_of_joints
 
-from .chain import Array, Frame, Joint, SerialChain, rotation, serial_chain, transform
+from .chain import Array, Frame, Joint, SerialChain, serial_chain
 from .files import MOST_JOINTS, require_few
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .mjcf_xml import reduced

@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinseek.kernels.arm.division import NONE, Division
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.tree import LEAF
+from kinseek.turns import one_turn
 
 from .chain import SerialChain
+
+Flags = NDArray[np.bool_]
 
 A_JOINT = 64
 """Samples of one joint at most: an arm of few joints needs no more. Tried on 4-joint arms: with 32 a goal takes 6 % more FK
@@ -22,17 +26,21 @@ def middle_samples(chain: SerialChain, division: Division, samples: int) -> tupl
     first, last = int(division.head != NONE), chain.dof - int(division.tail != NONE)
     wanted = min(samples, A_JOINT ** max(last - first, 0))
     count = LEAF * 2 ** max(math.ceil(math.log2(max(wanted, LEAF) / LEAF)), 0)
-    lower, upper = chain.lower[first:last].copy(), chain.upper[first:last].copy()
-    turns = np.array([kind != "prismatic" for kind in chain.kinds[first:last]], dtype=bool)
-    wide = turns & (upper - lower > 2 * np.pi)  # One turn has them all.
-    middle = (lower + upper) / 2
-    lower[wide], upper[wide] = middle[wide] - np.pi, middle[wide] + np.pi
-    centred = low_discrepancy(count, last - first) - 0.5
-    # Answers crowd in the corners of the limits, where a sample inside leads past them: every eighth sample is
-    # spread twice as wide and brought back, so that each of its joints stands at a limit half of the time.
+    turns = chain.turns[first:last]
+    return spread_inside(chain.lower[first:last], chain.upper[first:last], turns, count), first
+
+
+def spread_inside(lower: Array, upper: Array, turns: Flags, count: int) -> Array:
+    """Spread joint values over their ranges, over one turn of those that turn and have room for more, (count, n).
+
+    Answers crowd in the corners of the limits, where a sample inside leads past them: every eighth sample is spread twice
+    as wide and brought back, so that each of its joints stands at a limit half of the time.
+    """
+    lower, upper = one_turn(lower, upper, turns)
+    centred = low_discrepancy(count, len(lower)) - 0.5
     corner = np.arange(count) % 8 == 7
     centred[corner] = np.clip(2 * centred[corner], -0.5, 0.5)
-    return np.ascontiguousarray(lower + (centred + 0.5) * (upper - lower)), first
+    return np.ascontiguousarray(lower + (centred + 0.5) * (upper - lower))
 
 
 def low_discrepancy(count: int, dimensions: int) -> Array:
@@ -42,3 +50,13 @@ def low_discrepancy(count: int, dimensions: int) -> Array:
         g = (1 + g) ** (1 / (dimensions + 1))
     steps = g ** -np.arange(1.0, dimensions + 1)
     return np.asarray((0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0)
+
+
+def weyl(count: int, dimensions: int) -> Array:
+    """Points of the unit cube in steps of square roots of primes, (count, dimensions) (Weyl 1916).
+
+    Spread less well than `low_discrepancy`, but no two coordinates of few points are close to a simple ratio.
+    """
+    primes = [p for p in range(2, 400) if all(p % i for i in range(2, int(p**0.5) + 1))]
+    steps = np.sqrt(np.resize(np.array(primes, dtype=float), dimensions))
+    return np.asarray((np.arange(1, count + 1)[:, None] * steps) % 1.0)

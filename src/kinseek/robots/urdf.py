@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from kinseek.errors import InvalidRobot
+from kinseek.transforms import rotation, transform
 from kinseek.units import warn_of_joints
 
-from .chain import Array, Frame, Joint, SerialChain, follow_mimics, rotation, serial_chain, transform
+from .chain import Array, Frame, Joint, SerialChain, follow_mimics, serial_chain
 from .files import MOST_JOINTS, file_bytes, require_few
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .tree import frame_path

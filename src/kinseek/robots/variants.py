@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot, suggest
+from kinseek.transforms import rotation, square, transform
+from kinseek.turns import TURN
 
-from .chain import Frame, SerialChain, rotation, transform
+from .chain import Frame, SerialChain
 from .mechanism import CONTINUOUS, REVOLUTE, Mechanism
 
 Array = NDArray[np.float64]
@@ -50,7 +52,7 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
     ends = [Frame(0, pending)]
     """After each physical joint of the arm: how many are kept, and what has come since the last of them."""
     for k, i in enumerate(chain.leader):
-        pending = pending @ _square(chain.fixed[k])
+        pending = pending @ square(chain.fixed[k])
         if i in locked:
             pending = pending @ _moved(
                 bool(chain.prismatic[k]), chain.multiplier[k] * locked[i] + chain.offset[k]
@@ -61,7 +63,7 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
         kept.append(k)
         pending = np.eye(4)
         ends.append(Frame(len(kept), pending))
-    fixed.append((pending @ _square(chain.fixed[-1]))[:3])
+    fixed.append((pending @ square(chain.fixed[-1]))[:3])
     return replace(
         chain,
         joint_names=tuple(chain.joint_names[i] for i in left),
@@ -105,7 +107,7 @@ def with_limits(chain: Mechanism, limits: Mapping[str, tuple[float, float]]) -> 
             ) from None
         if low > high:
             raise InvalidRobot(f"joint {name!r}: lower limit {low:g} is above upper limit {high:g}")
-        if kinds[i] == CONTINUOUS and high - low > 2 * math.pi:
+        if kinds[i] == CONTINUOUS and high - low > TURN:
             raise InvalidRobot(
                 f"joint {name!r} turns without end, so limits [{low:g}, {high:g}] wider than a full turn say nothing"
             )
@@ -125,7 +127,7 @@ def with_tool(chain: SerialChain, tool: Array) -> SerialChain:
     The link at the tip stays where it is; only what `fk` and goals speak of moves.
     """
     fixed = chain.fixed.copy()
-    fixed[-1] = (_square(fixed[-1]) @ tool)[:3]
+    fixed[-1] = (square(fixed[-1]) @ tool)[:3]
     return replace(chain, fixed=fixed, tooled=True)
 
 
@@ -152,7 +154,3 @@ def _moved(prismatic: bool, value: float) -> Array:
     if prismatic:
         return transform(np.eye(3), [0.0, 0.0, value])
     return transform(rotation(np.array([0.0, 0.0, 1.0]), value), [0.0, 0.0, 0.0])
-
-
-def _square(A: Array) -> Array:
-    return np.vstack([A, [0.0, 0.0, 0.0, 1.0]])

@@ -17,6 +17,7 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array
 from kinseek.robots.chain import SerialChain
+from kinseek.robots.sampling import weyl
 
 Breadth = tuple[int, ...]
 
@@ -26,11 +27,8 @@ _PATIENCE = 3
 
 
 def probe_joints(chain: SerialChain) -> Array:
-    """Joint vectors spread over the limits by Weyl's sequence with square roots of primes, (k, n)."""
-    primes = [p for p in range(2, 400) if all(p % i for i in range(2, int(p**0.5) + 1))]
-    steps = np.sqrt(np.resize(np.array(primes, dtype=float), chain.dof))
-    spread = (np.arange(1, _PROBES + 1)[:, None] * steps) % 1.0
-    return np.asarray(chain.lower + spread * (chain.upper - chain.lower))
+    """Joint vectors spread over the limits, (k, n)."""
+    return np.asarray(chain.lower + weyl(_PROBES, chain.dof) * (chain.upper - chain.lower))
 
 
 def breadth_to_reach(divisions: int, wraps: bool, clips: bool, offset: Fraction) -> int:

@@ -30,10 +30,11 @@ from kinseek.kernels.pointers import handle_of
 from kinseek.kinds import POSE, Kind
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
-from kinseek.robots.geometry import RADIAN_PART, arm_length, divide, inverse, open_limits
+from kinseek.robots.geometry import RADIAN_PART, arm_length, divide, open_limits
 from kinseek.robots.sampling import middle_samples
 from kinseek.shelf import Shelf
 from kinseek.tolerances import DEFAULT_TOLERANCE
+from kinseek.transforms import inverse
 
 SAMPLES = 16_384
 

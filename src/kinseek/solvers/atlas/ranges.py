@@ -23,6 +23,7 @@ from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length
 from kinseek.robots.sampling import low_discrepancy
 from kinseek.solution import Solution
+from kinseek.transforms import rotations
 
 from .index import atlas_of, wanted_of
 from .solver import batch_solution
@@ -128,16 +129,6 @@ def turn_vectors(ranges: Ranges, swing: tuple[float, float, float] | None, sprea
     vectors[0] = np.clip(0.0, ends[:, 0], ends[:, 1])
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(vectors * np.minimum(1.0, np.pi / np.maximum(lengths, TINY)))
-
-
-def rotations(vectors: Array) -> Array:
-    """Rotation matrices of rotation vectors, (m, 3) -> (m, 3, 3), by Rodrigues' formula."""
-    angles = np.linalg.norm(vectors, axis=1)
-    x, y, z = (vectors / np.maximum(angles, TINY)[:, None]).T
-    zero = np.zeros_like(x)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
-    sine, cosine = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
-    return np.asarray(np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross))
 
 
 def _product(A: Array, B: Array) -> Array:

@@ -10,6 +10,7 @@ from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.base import Found
 from kinseek.solvers.recording import Recorder
+from kinseek.turns import nearest_turns, shortest
 
 from .asking import Asker
 from .refine import Ends, into_range, squared, walk
@@ -94,7 +95,7 @@ def nearest_to(asker: Asker, samples: Samples, problem: Problem, seeds: NDArray[
     assert problem.near is not None
     # A joint with room for whole turns takes the turn that is nearest to `near`.
     with np.errstate(invalid="ignore"):
-        turns = np.where(box.full, np.round((problem.near - q) / (2 * np.pi)) * 2 * np.pi, 0.0)
+        turns = np.where(box.full, nearest_turns(problem.near - q), 0.0)
     moved = q + turns
     q = np.where(box.endless | ((moved >= box.lower) & (moved <= box.upper)), moved, q)
     return np.asarray(q[np.argmin(distance(box, q, problem.near))])
@@ -103,7 +104,7 @@ def nearest_to(asker: Asker, samples: Samples, problem: Problem, seeds: NDArray[
 def distance(box: Mechanism, q: Array, near: Array) -> Array:
     """Distances in joint space, continuous joints the short way round, (k, n) -> (k,)."""
     away = q - near
-    away = np.where(box.endless, away - 2 * np.pi * np.round(away / (2 * np.pi)), away)
+    away = np.where(box.endless, shortest(away), away)
     return np.asarray(np.sqrt((away**2).sum(axis=1)))
 
 

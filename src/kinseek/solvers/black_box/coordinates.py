@@ -21,6 +21,7 @@ from kinseek.shelf import Shelf
 from kinseek.solvers.base import Found
 from kinseek.solvers.recording import Recorder
 from kinseek.solvers.traits import listed
+from kinseek.turns import TURN
 
 from .asking import Asker, features
 from .samples import spread
@@ -137,7 +138,7 @@ def places(box: Mechanism, form: Flags, i: int, count: int = 3) -> Array:
     low, high = box.lower[i], box.upper[i]
     middle, width = (low + high) / 2, max(high - low, 1e-6)
     if form[i]:
-        width = min(width, 2 * np.pi * (1 - 1 / count))
+        width = min(width, TURN * (1 - 1 / count))
     return np.asarray(middle + width * (np.arange(count) / (count - 1) - 0.5))
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.robots.mechanism import Mechanism
+from kinseek.turns import TURN
 
 from .asking import Asker
 
@@ -205,5 +206,5 @@ def bounded_step(
 def into_range(box: Mechanism, q: Array) -> Array:
     """Joint values inside the limits, joints that turn fully by whole turns, (k, n)."""
     outside = box.full & ((q < box.lower) | (q > box.upper))
-    turned = np.where(outside, box.lower + np.mod(q - box.lower, 2 * np.pi), q)
+    turned = np.where(outside, box.lower + np.mod(q - box.lower, TURN), q)
     return np.clip(turned, box.lower, box.upper)

@@ -16,7 +16,7 @@ from kinseek.errors import InvalidRobot
 from kinseek.goal import Goal
 from kinseek.kinds import Kind
 from kinseek.robots.mechanism import Mechanism
-from kinseek.robots.sampling import low_discrepancy
+from kinseek.robots.sampling import spread_inside
 from kinseek.shelf import Kept, Shelf
 
 from .asking import features
@@ -92,15 +92,5 @@ def samples_of(box: Mechanism, count: int) -> Samples:
 
 
 def spread(box: Mechanism, count: int) -> Array:
-    """Joint values of low discrepancy over one turn at most of every joint, (count, n).
-
-    Every eighth is spread twice as wide and brought back: answers crowd in the corners of the limits.
-    """
-    lower, upper = box.lower.copy(), box.upper.copy()
-    wide = box.turns & (upper - lower > 2 * np.pi)
-    middle = (lower + upper) / 2
-    lower[wide], upper[wide] = middle[wide] - np.pi, middle[wide] + np.pi
-    centred = low_discrepancy(count, box.dof) - 0.5
-    corner = np.arange(count) % 8 == 7
-    centred[corner] = np.clip(2 * centred[corner], -0.5, 0.5)
-    return np.clip(lower + (centred + 0.5) * (upper - lower), box.lower, box.upper)
+    """Joint values spread inside the limits, (count, n); none is a rounding outside, where nobody may ask a function."""
+    return np.clip(spread_inside(box.lower, box.upper, box.turns, count), box.lower, box.upper)

@@ -1,0 +1,109 @@
+"""Rigid transforms and turns, against SciPy and against plain words; base and tool of a DH table as users hold them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import kinseek
+from kinseek.transforms import inverse, rotation, rotation_onto, rotations, square, transform
+from kinseek.turns import TURN, ends_meet, holds_a_turn, nearest_turns, one_turn, shortest
+
+Array = NDArray[np.float64]
+RNG = np.random.default_rng(7)
+VECTORS = RNG.normal(size=(50, 3))
+
+
+def test_rotations_are_those_of_scipy() -> None:
+    expected = Rotation.from_rotvec(VECTORS).as_matrix()
+    np.testing.assert_allclose(rotations(VECTORS), expected, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(rotations(np.zeros((1, 3)))[0], np.eye(3))
+    for vector, matrix in zip(VECTORS, expected, strict=True):
+        angle = float(np.linalg.norm(vector))
+        np.testing.assert_allclose(rotation(vector / angle, angle), matrix, rtol=0, atol=1e-15)
+
+
+def test_a_rotation_takes_one_axis_onto_another() -> None:
+    axes = VECTORS / np.linalg.norm(VECTORS, axis=1, keepdims=True)
+    for start, end in [*zip(axes, axes[::-1], strict=True), (axes[0], axes[0]), (axes[0], -axes[0])]:
+        turn = rotation_onto(start, end)
+        np.testing.assert_allclose(turn @ start, end, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(turn @ turn.T, np.eye(3), rtol=0, atol=1e-15)
+        assert np.linalg.det(turn) > 0
+
+
+def test_an_inverse_undoes_a_transform_with_its_last_row_and_without() -> None:
+    for vector, place in zip(VECTORS, RNG.normal(size=(50, 3)), strict=True):
+        T = transform(rotations(vector[None])[0], place)
+        np.testing.assert_array_equal(inverse(T), inverse(T[:3]))
+        np.testing.assert_array_equal(square(T[:3]), T)
+        np.testing.assert_allclose(inverse(T) @ T, np.eye(4)[:3], rtol=0, atol=1e-14)
+
+
+def test_the_short_way_round() -> None:
+    gap = np.array([0.0, 3.0, 3.5, -3.5, 2 * TURN + 0.25, -5 * TURN - 0.25])
+    np.testing.assert_allclose(
+        shortest(gap), [0.0, 3.0, 3.5 - TURN, TURN - 3.5, 0.25, -0.25], rtol=0, atol=1e-14
+    )
+    np.testing.assert_array_equal(nearest_turns(gap), [0.0, 0.0, TURN, -TURN, 2 * TURN, -5 * TURN])
+    # What is within half a turn already is not touched by any rounding.
+    inside = RNG.uniform(-np.pi, np.pi, 1000)
+    np.testing.assert_array_equal(shortest(inside), inside)
+
+
+def test_ranges_that_hold_a_turn() -> None:
+    lower, upper = np.array([-3.14159, -np.pi, -TURN, -4.0]), np.array([3.14159, np.pi, TURN, 4.0])
+    np.testing.assert_array_equal(holds_a_turn(lower, upper), [False, True, True, True])
+    np.testing.assert_array_equal(ends_meet(lower, upper), [True, True, True, False])
+    np.testing.assert_array_equal(ends_meet(np.zeros(2), np.array([1e-9, TURN + 1e-7])), [False, True])
+
+
+def test_a_wide_range_is_cut_to_one_turn_in_its_middle() -> None:
+    lower, upper = np.array([-7.0, -7.0, -1.0]), np.array([9.0, 9.0, 1.0])
+    low, high = one_turn(lower, upper, np.array([True, False, True]))
+    np.testing.assert_allclose(low, [1.0 - np.pi, -7.0, -1.0])
+    np.testing.assert_allclose(high, [1.0 + np.pi, 9.0, 1.0])
+    assert lower[0] == -7.0, "the limits that were given are left alone"
+
+
+class Carrier:
+    """What users of other libraries hold."""
+
+    def __init__(self, matrix: Array) -> None:
+        self.homogeneous = matrix
+
+
+def test_base_and_tool_of_a_table_are_read_as_every_pose_is() -> None:
+    rows, limits = [(0.5, 0.0, 0.2, 0.0), (0.3, 0.4, 0.0, 0.1)], ([-2.0, -2.0], [2.0, 2.0])
+    base, tool = (
+        kinseek.pose([0.1, 0.2, 0.3], rpy=[0.1, 0.2, 0.3]),
+        kinseek.pose([0, 0, 0.1], rpy=[0.3, 0, 0]),
+    )
+    q = np.array([0.3, -0.4])
+    plain = kinseek.Arm.from_dh(rows, *limits, base=base, tool=tool).fk(q)
+    carried = kinseek.Arm.from_dh(rows, *limits, base=Carrier(base), tool=Carrier(tool)).fk(q)
+    np.testing.assert_array_equal(carried, plain)
+    # Rounded to single precision a base is no rotation any more; the arm's poses are ones all the same.
+    rounded = base.astype(np.float32).astype(float)
+    assert np.abs(rounded[:3, :3].T @ rounded[:3, :3] - np.eye(3)).max() > 1e-9
+    turn = kinseek.Arm.from_dh(rows, *limits, base=rounded).fk(q)[:3, :3]
+    np.testing.assert_allclose(turn.T @ turn, np.eye(3), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("base", "message"),
+    [
+        (np.diag([1.0, 1.0, 1.0, 2.0]), "base pose: not a rigid transform: its last row"),
+        (
+            np.diag([1.1, 1.0, 1.0, 1.0]),
+            "base pose: not a rigid transform: RᵀR differs from the identity by 0.21",
+        ),
+        (np.tile(np.eye(4), (2, 1, 1)), r"base pose must be one pose, \(4, 4\)"),
+        ("here", "base pose: a pose must be a"),
+    ],
+)
+def test_a_base_that_is_no_pose_is_told_what_it_is(base: object, message: str) -> None:
+    with pytest.raises(kinseek.InvalidRobot, match=message):
+        kinseek.Arm.from_dh([(0.5, 0.0, 0.2, 0.0)], [-1.0], [1.0], base=base)
