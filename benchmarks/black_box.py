@@ -28,7 +28,8 @@ from kinseek.robots.chain import SerialChain
 from kinseek.solvers.black_box.samples import Samples
 
 from .command import arm_name, at_least_one, command, writes
-from .targets import fleet_arm, load, machine, plain_fk, pose_errors, random_joints, singular_joints
+from .page import Page
+from .targets import fleet_arm, plain_fk, pose_errors, random_joints, singular_joints
 
 Array = NDArray[np.float64]
 
@@ -204,45 +205,51 @@ def percent(misses: list[str], count: int) -> str:
     return f"{np.floor(1e4 * (count - len(misses)) / count) / 1e2:.2f}" if count else "–"
 
 
-def table(rows: list[Row]) -> str:
-    """The page as Markdown."""
-    first = rows[0]
-    lines = [
-        "# Arms given as functions",
-        "",
-        f"Made by `python -m benchmarks.black_box`. {machine()}.",
-        "",
+def page(rows: list[Row]) -> Page:
+    """The page."""
+    first, page = rows[0], Page("Arms given as functions", "benchmarks.black_box")
+    page.say(
         f"{first.random:,} targets from joint values uniform inside the limits and {first.singular:,} near singularities",
         "and limits, an arm; no seed. Solved: within 1e-6 m and 1e-6 rad by plain NumPy FK, and inside the limits. One",
-        f"pose: a single call `arm.ik(T)`, wall time. Load of the machine over the last fifteen minutes: {load()}.",
-        "",
-        "| mechanism | function | joints | solved, random % | solved, near singular % | median ms | p99 ms | "
-        "poses asked for | samples | sampled in ms |",
-        "|---|---|--:|--:|--:|--:|--:|--:|--:|--:|",
-    ]
-    lines += [
-        f"| {row.name} | {row.way} | {row.dof} | {percent(row.misses, row.random)} | "
-        f"{percent(row.singular_misses, row.singular)} | {row.median:.1f} | {row.p99:.1f} | {row.poses:.0f} | "
-        f"{row.samples:,} | {row.build:.0f} |"
-        for row in rows
-    ]
+        "pose: a single call `arm.ik(T)`, wall time.",
+    )
+    page.table(
+        "mechanism | function | >joints | >solved, random % | >solved, near singular % | >median ms | >p99 ms | "
+        ">poses asked for | >samples | >sampled in ms",
+        [
+            (
+                row.name,
+                row.way,
+                row.dof,
+                percent(row.misses, row.random),
+                percent(row.singular_misses, row.singular),
+                f"{row.median:.1f}",
+                f"{row.p99:.1f}",
+                f"{row.poses:.0f}",
+                f"{row.samples:,}",
+                f"{row.build:.0f}",
+            )
+            for row in rows
+        ],
+    )
     six = [row for row in rows if row.dof == 6 and row.way == "vectorised"]
     if six:
         slowest = max(six, key=lambda row: row.median)
         worst = max(six, key=lambda row: len(row.misses))
-        lines += [
-            "",
-            "## Aimed at, and met",
-            "",
-            f"- Six joints, vectorised, median ≤ {WANTED_MS:g} ms: {sum(row.median <= WANTED_MS for row in six)} of "
-            f"{len(six)}; slowest {slowest.name}, {slowest.median:.1f} ms.",
-            f"- Six joints, vectorised, ≥ {WANTED_SOLVED} % of random targets: "
-            f"{sum(len(row.misses) <= row.random * (1 - WANTED_SOLVED / 100) for row in six)} of {len(six)}; "
-            f"worst {worst.name}, {percent(worst.misses, worst.random)} %.",
-        ]
+        solved = sum(len(row.misses) <= row.random * (1 - WANTED_SOLVED / 100) for row in six)
+        page.head("Aimed at, and met")
+        page.items(
+            [
+                f"Six joints, vectorised, median ≤ {WANTED_MS:g} ms: {sum(row.median <= WANTED_MS for row in six)} of "
+                f"{len(six)}; slowest {slowest.name}, {slowest.median:.1f} ms.",
+                f"Six joints, vectorised, ≥ {WANTED_SOLVED} % of random targets: {solved} of {len(six)}; "
+                f"worst {worst.name}, {percent(worst.misses, worst.random)} %.",
+            ]
+        )
     misses = [miss for row in rows for miss in (*row.misses, *row.singular_misses)]
-    lines += ["", f"## Misses: {len(misses)}", "", *([f"- {miss}" for miss in misses] or ["None."])]
-    return "\n".join(lines) + "\n"
+    page.head(f"Misses: {len(misses)}")
+    page.items(misses)
+    return page
 
 
 def main() -> None:
@@ -272,7 +279,7 @@ def main() -> None:
             f"{row.median:.2f} / {row.p99:.2f} ms  {row.poses:.0f} poses",
             flush=True,
         )
-    options.output.write_text(table(rows), encoding="utf-8")
+    page(rows).write(options.output)
 
 
 if __name__ == "__main__":

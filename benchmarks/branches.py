@@ -29,7 +29,8 @@ from kinseek.problem import Problem
 from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
 
 from .command import arm_name, at_least_one, command, writes
-from .targets import load, machine, plain_fk, random_joints, strict
+from .page import Page
+from .targets import plain_fk, random_joints, strict
 
 Array = NDArray[np.float64]
 
@@ -192,47 +193,41 @@ def measure(name: str, count: int, seed: int) -> Row:
     )
 
 
-def table(rows: list[Row]) -> str:
-    """The page as Markdown."""
-    lines = [
-        "# Every branch",
-        "",
-        "Made by `python -m benchmarks.branches`. " + machine() + ".",
-        "",
+def page(rows: list[Row]) -> Page:
+    """The page."""
+    page = Page("Every branch", "benchmarks.branches")
+    page.say(
         "Targets from joint values uniform inside the limits. Complete: targets at which the witness has no answer inside",
         "the limits that is lacking; extra: targets at which the witness lacks one. Judged by plain NumPy FK to 1e-6 m and",
         "1e-6 rad. Times: `arm.branches(T)` from Python, wall time; best fifth: the least median of five parts of the run.",
-        f"EAIK's time includes the filter by limits. Load of the machine over the last fifteen minutes: {load()}.",
-        "",
-        "| arm | witness | targets | complete % | extra | answers, mean | median µs | best fifth µs | p99 µs | EAIK µs | "
-        "index ms |",
-        "|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
-    ]
+        "EAIK's time includes the filter by limits.",
+    )
+    cells = []
     for row in (row for row in rows if row.arm not in REDUNDANT):
         share = np.floor(1e5 * (row.targets - len(row.lacking)) / row.targets) / 1e3
         complete = f"{share:.3f}" if row.witness in ("EAIK", "1,000 restarts") else "–"
         other = "–" if np.isnan(row.witness_median) else f"{row.witness_median:.1f}"
-        lines.append(
-            f"| {row.arm} | {row.witness} | {row.targets:,} | {complete} | {row.extra} | {row.answers:.2f} | "
-            f"{row.median:.1f} | {row.fastest:.1f} | {row.p99:.1f} | {other} | {row.index:.1f} |"
+        found = row.arm, row.witness, f"{row.targets:,}", complete, row.extra, f"{row.answers:.2f}"
+        cells.append((*found, *times(row), other, f"{row.index:.1f}"))
+    page.table(
+        "arm | witness | >targets | >complete % | >extra | >answers, mean | >median µs | >best fifth µs | >p99 µs | "
+        ">EAIK µs | >index ms",
+        cells,
+    )
+    if spare := [row for row in rows if row.arm in REDUNDANT]:
+        page.say("Arms with a joint to spare: a spread sample of 50.")
+        page.table(
+            "arm | >targets | >fewest answers | >median µs | >best fifth µs | >p99 µs | >index ms",
+            [(row.arm, f"{row.targets:,}", row.fewest, *times(row), f"{row.index:.1f}") for row in spare],
         )
-    spare = [row for row in rows if row.arm in REDUNDANT]
-    if spare:
-        lines += [
-            "",
-            "Arms with a joint to spare: a spread sample of 50.",
-            "",
-            "| arm | targets | fewest answers | median µs | best fifth µs | p99 µs | index ms |",
-            "|---|--:|--:|--:|--:|--:|--:|",
-        ]
-        lines += [
-            f"| {row.arm} | {row.targets:,} | {row.fewest} | {row.median:.1f} | {row.fastest:.1f} | {row.p99:.1f} | "
-            f"{row.index:.1f} |"
-            for row in spare
-        ]
-    lines += ["", "## Lacking", ""]
-    missed = [f"- {row.arm}: numbers {row.lacking}" for row in rows if row.lacking]
-    return "\n".join(lines + (missed or ["Nothing."])) + "\n"
+    page.head("Lacking")
+    page.items((f"{row.arm}: numbers {row.lacking}" for row in rows if row.lacking), "Nothing.")
+    return page
+
+
+def times(row: Row) -> tuple[str, str, str]:
+    """Median, best fifth and p99 [µs]."""
+    return f"{row.median:.1f}", f"{row.fastest:.1f}", f"{row.p99:.1f}"
 
 
 def main() -> None:
@@ -255,7 +250,7 @@ def main() -> None:
             f"p99 {row.p99:.1f}; EAIK {row.witness_median:.1f}; index {row.index:.1f} ms",
             flush=True,
         )
-    options.output.write_text(table(rows), encoding="utf-8")
+    page(rows).write(options.output)
 
 
 if __name__ == "__main__":

@@ -1,30 +1,26 @@
 """Tuned against constant breadth (the paper's BT and CB) at the same budget of leaves a window.
 
 For each of the paper's arms and each constant breadth: its window is the budget that tuning gets.
-Run: python benchmarks/breadth.py [TARGETS]
+python -m benchmarks.breadth [TARGETS]
 """
 
 from __future__ import annotations
-
-import argparse
 
 import numpy as np
 
 import kinseek
 from kinseek import DivideAndConquer, Goal, Problem
 
+from .command import at_least_one, command
+
 CASES = {"planar2": (1, 2, 3, 5), "cylindrical3": (1, 2, 3), "scara4": (1, 2, 3), "elbow6": (1, 2)}
 
 
 def main() -> None:
     """Print a row an arm and budget: mean position error [mm], mean weighted error, nodes expanded."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("targets", nargs="?", type=int, default=500, help="an arm, 500 by default")
+    parser = command(__file__, __doc__)
+    parser.add_argument("targets", nargs="?", type=at_least_one, default=500, help="an arm, 500 by default")
     count = parser.parse_args().targets
-    if count < 1:
-        parser.error(f"{count} targets are too few; at least 1")
     print(f"{'arm':14}{'leaves':>8}{'breadth':>22}{'mean [mm]':>12}{'mean error':>12}{'nodes':>10}")
     for name, breadths in CASES.items():
         arm = kinseek.load(name)

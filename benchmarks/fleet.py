@@ -25,7 +25,8 @@ from kinseek.kinds import POSE
 from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
 
 from .command import arm_name, at_least_one, command, writes
-from .targets import fleet_arm, fleet_names, load, machine, plain_fk, random_joints, singular_joints, strict
+from .page import Page
+from .targets import fleet_arm, fleet_names, plain_fk, random_joints, singular_joints, strict
 
 Array = NDArray[np.float64]
 
@@ -167,50 +168,54 @@ def percent(solved: int, count: int) -> str:
     return f"{np.floor(1e5 * solved / count) / 1e3:.3f}"
 
 
-def table(rows: list[Row], misses: list[Miss]) -> str:
-    """The page as Markdown."""
-    first = rows[0]
-    lines = [
-        "# The fleet",
-        "",
-        "Made by `python -m benchmarks.fleet`. " + machine() + ".",
-        "",
+def page(rows: list[Row], misses: list[Miss]) -> Page:
+    """The page."""
+    first, page = rows[0], Page("The fleet", "benchmarks.fleet")
+    page.say(
         f"{first.random:,} targets from joint values uniform inside the limits and {first.singular:,} near singularities",
         "and limits, an arm; no seed. Solved: within 1e-6 m and 1e-6 rad by plain NumPy FK, and inside the limits.",
         "One pose: `arm.ik(T)` from Python, 5,000 calls, wall time. Batch: one thread, processor time. Two cores: wall",
-        f"time against one thread. Medians. Load of the machine over the last fifteen minutes: {load()}.",
-        "",
-        "| arm | joints | solved, random % | solved, near singular % | one pose µs | p99 µs | batch µs a pose | "
-        "near singular µs a pose | two cores | build ms | memory MB |",
-        "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
-    ]
-    for row in rows:
-        lines.append(
-            f"| {row.arm} | {row.dof} | {percent(row.random_solved, row.random)} | "
-            f"{percent(row.singular_solved, row.singular)} | {row.one_median:.1f} | {row.one_p99:.1f} | {row.batch:.2f} | "
-            f"{row.singular_batch:.2f} | {row.two_cores:.2f} × | {row.build:.0f} | {row.memory:.1f} |"
-        )
-    lines += ["", "## Aimed at, and met", "", "| what | aimed at | worst arm | met by |", "|---|---|---|---|"]
-    lines += verdicts(rows)
-    lines += ["", f"## Misses: {len(misses)}", ""]
-    lines += [
-        f"- {miss.arm}, {miss.kind}, seed {miss.seed}, number {miss.index}: {miss.position_error:.1e} m, "
+        "time against one thread. Medians.",
+    )
+    page.table(
+        "arm | >joints | >solved, random % | >solved, near singular % | >one pose µs | >p99 µs | >batch µs a pose | "
+        ">near singular µs a pose | >two cores | >build ms | >memory MB",
+        [
+            (
+                row.arm,
+                row.dof,
+                percent(row.random_solved, row.random),
+                percent(row.singular_solved, row.singular),
+                f"{row.one_median:.1f}",
+                f"{row.one_p99:.1f}",
+                f"{row.batch:.2f}",
+                f"{row.singular_batch:.2f}",
+                f"{row.two_cores:.2f} ×",
+                f"{row.build:.0f}",
+                f"{row.memory:.1f}",
+            )
+            for row in rows
+        ],
+    )
+    page.head("Aimed at, and met")
+    page.table("what | aimed at | worst arm | met by", verdicts(rows))
+    page.head(f"Misses: {len(misses)}")
+    page.items(
+        f"{miss.arm}, {miss.kind}, seed {miss.seed}, number {miss.index}: {miss.position_error:.1e} m, "
         f"{miss.orientation_error:.1e} rad; made from q = {np.array2string(miss.q, precision=6, max_line_width=200)}"
         for miss in misses
-    ] or ["None."]
-    return "\n".join(lines) + "\n"
+    )
+    return page
 
 
-def verdicts(rows: list[Row]) -> list[str]:
+def verdicts(rows: list[Row]) -> list[tuple[str, str, str, str]]:
     """One row a target: what is aimed at, the worst arm, and how many arms meet it."""
 
     def line(
         what: str, aim: str, values: list[float], good: list[bool], unit: str, largest: bool = True
-    ) -> str:
+    ) -> tuple[str, str, str, str]:
         worst = max(range(len(rows)), key=lambda i: values[i] if largest else -values[i])
-        return (
-            f"| {what} | {aim} | {values[worst]:.5g}{unit}, {rows[worst].arm} | {sum(good)} of {len(rows)} |"
-        )
+        return what, aim, f"{values[worst]:.5g}{unit}, {rows[worst].arm}", f"{sum(good)} of {len(rows)}"
 
     best: dict[int, float] = {}
     for row in rows:
@@ -239,7 +244,7 @@ def verdicts(rows: list[Row]) -> list[str]:
     )
     if six:
         fast = sum(row.one_median <= BAND["one_median"] for row in six)
-        lines.append(f"| one pose, median, 6 and 7 joints | ≤ 10 µs | | {fast} of {len(six)} |")
+        lines.append(("one pose, median, 6 and 7 joints", "≤ 10 µs", "", f"{fast} of {len(six)}"))
     return lines
 
 
@@ -275,9 +280,9 @@ def main() -> None:
             f"build {row.build:.0f} ms  {row.memory:.1f} MB",
             flush=True,
         )
-    options.output.write_text(table(rows, misses), encoding="utf-8")
+    page(rows, misses).write(options.output)
     write_misses(options.output.with_name(options.output.stem + "_misses.csv"), misses)
-    print(f"{len(misses)} misses; wrote {options.output}")
+    print(f"{len(misses)} misses")
 
 
 if __name__ == "__main__":

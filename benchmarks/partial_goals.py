@@ -27,7 +27,8 @@ from kinseek import Goal
 from kinseek.robots import catalog_names
 
 from .command import arm_name, at_least_one, command, writes
-from .targets import STRICT, load, machine, plain_fk, random_joints, singular_joints
+from .page import Page
+from .targets import STRICT, plain_fk, random_joints, singular_joints
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -178,32 +179,35 @@ def within(off: Array, free: tuple[str, ...], box: dict[str, tuple[float, float]
     )
 
 
-def table(small: list[Row], ranged: list[Row]) -> str:
-    """The page as Markdown."""
-    lines = [
-        "# Partial goals",
-        "",
-        "Made by `python -m benchmarks.partial_goals`. " + machine() + ".",
-        "",
+def page(small: list[Row], ranged: list[Row]) -> Page:
+    """The page."""
+    page = Page("Partial goals", "benchmarks.partial_goals")
+    page.say(
         "Reachable goals that fix less than a pose, no seed. Solved: within 1e-6 m and 1e-6 rad by plain NumPy FK, and",
         "inside the limits. One goal: median wall time of 300 calls of `arm.ik(goal)`. Batch: one thread, processor time,",
-        f"median of {REPEATS}. Load of the machine over the last fifteen minutes: {load()}.",
-    ]
-    head = [
-        "",
-        "| arm | joints | goal | solved | of | one goal µs | batch µs a goal |",
-        "|---|--:|---|--:|--:|--:|--:|",
-    ]
+        f"median of {REPEATS}.",
+    )
     for title, rows in (("Arms of three to five joints", small), ("Free axes and ranges", ranged)):
-        lines += ["", f"## {title}", *head]
-        lines += [
-            f"| {row.arm} | {row.dof} | {row.goal} | {row.count - len(row.missed):,} | {row.count:,} | "
-            f"{row.median:.0f} | {row.batch:.1f} |"
-            for row in rows
-        ]
+        page.head(title)
+        page.table(
+            "arm | >joints | goal | >solved | >of | >one goal µs | >batch µs a goal",
+            [
+                (
+                    row.arm,
+                    row.dof,
+                    row.goal,
+                    f"{row.count - len(row.missed):,}",
+                    f"{row.count:,}",
+                    f"{row.median:.0f}",
+                    f"{row.batch:.1f}",
+                )
+                for row in rows
+            ],
+        )
     misses = [miss for row in [*small, *ranged] for miss in row.missed]
-    lines += ["", f"## Misses: {len(misses)}", "", *([f"- {miss}" for miss in misses] or ["None."])]
-    return "\n".join(lines) + "\n"
+    page.head(f"Misses: {len(misses)}")
+    page.items(misses)
+    return page
 
 
 def main() -> None:
@@ -229,8 +233,8 @@ def main() -> None:
             small += small_arm(name, options.targets, options.singular, options.seed)
     for name in options.arms or RANGED:
         ranged += ranged_arm(name, options.ranged, options.seed)
-    options.output.write_text(table(small, ranged), encoding="utf-8")
-    print(f"{sum(len(row.missed) for row in [*small, *ranged])} misses; wrote {options.output}")
+    page(small, ranged).write(options.output)
+    print(f"{sum(len(row.missed) for row in [*small, *ranged])} misses")
 
 
 if __name__ == "__main__":

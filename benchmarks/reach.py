@@ -1,11 +1,10 @@
 """How many of 1,000 random reachable targets the beam reaches to 1 mm: the paper's arms, one setting for all.
 
-Run: python benchmarks/reach.py [TARGETS]
+python -m benchmarks.reach [TARGETS]
 """
 
 from __future__ import annotations
 
-import argparse
 import time
 
 import numpy as np
@@ -13,18 +12,18 @@ import numpy as np
 import kinseek
 from kinseek import DivideAndConquer
 
+from .command import at_least_one, command
+
 SOLVER = DivideAndConquer(10**6, breadth="tuned", node_budget=5000, beam=64, children=2)
 
 
 def main() -> None:
     """Print a row an arm, and the targets that were missed."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    parser = command(__file__, __doc__)
+    parser.add_argument(
+        "targets", nargs="?", type=at_least_one, default=1000, help="an arm, 1,000 by default"
     )
-    parser.add_argument("targets", nargs="?", type=int, default=1000, help="an arm, 1,000 by default")
     count = parser.parse_args().targets
-    if count < 1:
-        parser.error(f"{count} targets are too few; at least 1")
     print(SOLVER)
     print(f"{'arm':14}{'within 1 mm':>12}{'mean [mm]':>12}{'worst [mm]':>12}{'ms a pose':>12}  missed q")
     for name in ("planar2", "cylindrical3", "scara4", "elbow6"):

@@ -10,8 +10,6 @@ is proved that no pose of the arm comes within 1 cm and 1°. kinseek says so (`i
 
 from __future__ import annotations
 
-import os
-import subprocess
 import tempfile
 import time
 from dataclasses import replace
@@ -23,9 +21,18 @@ from numpy.typing import NDArray
 
 import kinseek
 from benchmarks.command import arm_name, at_least_one, command, writes
-from benchmarks.peers.__main__ import ENVIRONMENTS, HERE, PEERS, VENVS, environment, write_arm
+from benchmarks.page import Page, row_of
+from benchmarks.peers.environments import (
+    ENVIRONMENTS,
+    HERE,
+    PEERS,
+    VENVS,
+    ask,
+    environment,
+    releases,
+    write_arm,
+)
 from benchmarks.proof import unreachable
-from benchmarks.targets import load, machine
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.problem import Problem
 from kinseek.proof.branch_and_bound import prove
@@ -68,29 +75,16 @@ def weighted(problem: Problem, q: Array) -> float:
     return float(judge(problem.arrays, q[None], problem.goal.targets, problem.goal.arrays)[0, 2])
 
 
-def ask(peer: str, python: Path, source: Path) -> dict[str, Array] | str:
-    """Run a peer; what it hands back, or why there is nothing."""
-    one = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-    with tempfile.TemporaryDirectory() as folder:
-        destination = Path(folder) / "answers.npz"
-        command = [str(python), str(HERE / "unreachable_worker.py"), peer, str(source), str(destination)]
-        try:
-            done = subprocess.run(
-                command, capture_output=True, text=True, timeout=600, env=os.environ | one, check=False
-            )
-        except subprocess.TimeoutExpired:
-            return "stopped after 600 s"
-        if done.returncode or not destination.is_file():
-            lines = [line for line in done.stderr.strip().splitlines() if line.strip()]
-            reason = lines[-1].removeprefix("RuntimeError: ") if lines else f"ended with {done.returncode}"
-            return reason[:60]
-        with np.load(destination) as found:
-            return {key: found[key] for key in found}
-
-
 def row(
-    name: str, who: str, problems: list[Problem], nearest: list[float], q: Array, said: Array, times: Array
-) -> str:
+    name: str,
+    who: str,
+    problems: list[Problem],
+    nearest: list[float],
+    q: Array,
+    said: Array,
+    times: Array,
+    note: str = "",
+) -> tuple[str, ...]:
     """One row: what came back, what was said of it, and how far it is from the nearest pose."""
     some, chain = np.isfinite(q).all(axis=1), problems[0].chain
     middle = (chain.lower + chain.upper) / 2
@@ -105,12 +99,9 @@ def row(
     ]
     share = 100 / len(problems)
     solved, approximate = share * (said == 2).sum(), share * (said == 1).sum()
-    ratio = f"{np.median(ratios):.2f} | {np.quantile(ratios, 0.9):.2f}" if ratios else "– | –"
-    limits = f"{share * inside.sum():.0f}"
-    return (
-        f"| {name} | {who} | {share * (~some).sum():.0f} | {solved:.0f} | {approximate:.0f} | {limits} | {ratio} | "
-        f"{np.median(times):.2f} | {np.quantile(times, 0.99):.1f} |"
-    )
+    ratio = (f"{np.median(ratios):.2f}", f"{np.quantile(ratios, 0.9):.2f}") if ratios else ("–", "–")
+    shares = (f"{each:.0f}" for each in (share * (~some).sum(), solved, approximate, share * inside.sum()))
+    return (name, who, *shares, *ratio, f"{np.median(times):.2f}", f"{np.quantile(times, 0.99):.1f}", note)
 
 
 def main() -> None:
@@ -125,49 +116,51 @@ def main() -> None:
     options = parser.parse_args()
     VENVS.mkdir(exist_ok=True)
     pythons = {name: environment(name) for name in ENVIRONMENTS}
-    began, rows, versions, counts = time.perf_counter(), [], {}, []
+    began, rows, versions, counts = (
+        time.perf_counter(),
+        list[tuple[str, ...]](),
+        dict[str, str](),
+        list[str](),
+    )
     for name in options.arms:
         arm = kinseek.load(name)
         problems, nearest = far_goals(arm, options.goals, options.seed)
         counts.append(f"{len(problems)} for {name}")
         q, times, proved = ours(arm, problems)
-        rows.append(row(name, "**kinseek**", problems, nearest, q, np.ones(len(proved)), times))
-        rows[-1] += f" proved for {100 * proved.mean():.0f} % |"
+        note = f"proved for {100 * proved.mean():.0f} %"
+        rows.append(row(name, "**kinseek**", problems, nearest, q, np.ones(len(proved)), times, note))
         with tempfile.TemporaryDirectory() as folder:
             source = Path(folder) / "arm.npz"
             write_arm(name, arm, np.array([problem.goal.target for problem in problems]), source)
             for peer, (place, _) in PEERS.items():
                 python = pythons[place]
-                found = "could not be installed" if python is None else ask(peer, python, source)
+                if python is None:
+                    found: dict[str, Any] | str = "could not be installed"
+                else:
+                    found = ask("unreachable_worker.py", peer, python, source, 600)
                 if isinstance(found, str):
-                    rows.append(f"| {name} | {peer} | – | – | – | – | – | – | – | – | {found} |")
+                    rows.append((name, peer, *"–" * 8, found))
                     continue
                 versions[peer] = str(found["version"])
-                rows.append(
-                    row(name, peer, problems, nearest, found["q"], found["said"], found["times"]) + " |"
-                )
-        print("\n".join(rows), flush=True)
-    used = ", ".join(f"{peer} {release}" for peer, release in versions.items())
-    lines = [
-        "# Goals out of reach",
-        "",
-        f"Made by `python -m benchmarks.unreachable` in {(time.perf_counter() - began) / 60:.0f} minutes. {machine()}.",
-        f"Peers: {used}. Load of the machine over the last fifteen minutes: {load()}.",
-        "",
+                times = found["times"] / 1e3
+                rows.append(row(name, peer, problems, nearest, found["q"], found["said"], times))
+        print("\n".join(map(row_of, rows)), flush=True)
+    minutes = (time.perf_counter() - began) / 60
+    page = Page("Goals out of reach", "benchmarks.unreachable", minutes, releases(versions))
+    page.say(
         f"Goals of which it is proved that no pose comes within 1 cm and 1°: {', '.join(counts)}.",
         "What each hands back: nothing; joint values that it says are an answer; joint values that it says are none; how",
         "many of these lie inside the limits (whole turns taken off), and the weighted error of those over that of the",
         f"nearest pose, which is enclosed to {100 * NEAREST:.0f} % where the budget allows, as median and 90th percentile.",
         "Time of a call, median and 99th percentile; kinseek's is that of `ik(prove=True)`, proof included. Settings:",
         "`benchmarks/peers/unreachable_worker.py`. EAIK and the loop of pinocchio's manual know no limits.",
-        "",
-        "| arm | who | nothing % | “solved” % | “not solved” % | inside limits % | error over nearest | 90 % | ms | 99 % "
-        "| |",
-        "|---|---|--:|--:|--:|--:|--:|--:|--:|--:|---|",
-        *rows,
-    ]
-    options.output.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    print(f"wrote {options.output}")
+    )
+    page.table(
+        "arm | who | >nothing % | >“solved” % | >“not solved” % | >inside limits % | >error over nearest | >90 % | >ms | "
+        ">99 % |",
+        rows,
+    )
+    page.write(options.output)
 
 
 if __name__ == "__main__":

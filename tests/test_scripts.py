@@ -15,17 +15,17 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ("benchmarks", "experiments", "docs")
-PARTS = {"__init__", "command", "targets"}
+PARTS = {"__init__", "command", "environments", "page", "targets"}
 """Files of benchmarks/ that others import and nobody runs."""
 
 SCRIPTS = [
     *(path for path in sorted((ROOT / "benchmarks").glob("*.py")) if path.stem not in PARTS),
-    *sorted((ROOT / "benchmarks" / "peers").glob("[!_]*.py")),
+    *(path for path in sorted((ROOT / "benchmarks" / "peers").glob("[!_]*.py")) if path.stem not in PARTS),
     ROOT / "benchmarks" / "peers" / "__main__.py",
     ROOT / "experiments" / "__main__.py",
 ]
-AS_FILES = ("breadth", "reach", "worker", "unreachable_worker")
-"""Run as ``python benchmarks/reach.py``, as the documentation has it, or from the environment of a peer."""
+AS_FILES = ("worker", "unreachable_worker")
+"""Run from the environment of a peer."""
 
 scripts = pytest.mark.parametrize(
     "script", SCRIPTS, ids=lambda path: str(path.relative_to(ROOT).with_suffix(""))

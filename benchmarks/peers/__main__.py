@@ -10,10 +10,7 @@ kinseek is measured again before and after every peer, in several rounds; the ra
 
 from __future__ import annotations
 
-import os
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
 from dataclasses import dataclass
@@ -25,39 +22,12 @@ from numpy.typing import NDArray
 import kinseek
 from benchmarks.command import arm_name, at_least_one, command, writes
 from benchmarks.fleet import single_times
-from benchmarks.targets import (
-    ROBOTS,
-    fleet_arm,
-    load,
-    machine,
-    plain_fk,
-    random_joints,
-    singular_joints,
-    strict,
-)
-from kinseek.robots import catalog_entry
-from kinseek.robots.catalog import catalog_path
+from benchmarks.page import Page, row_of
+from benchmarks.targets import fleet_arm, plain_fk, random_joints, singular_joints, strict
+
+from .environments import HERE, PEERS, VENVS, ask, environment, releases, write_arm
 
 Array = NDArray[np.float64]
-
-HERE = Path(__file__).resolve().parent
-VENVS = HERE / ".venvs"
-
-ENVIRONMENTS = {
-    "optik": ("optik-py", "numpy"),
-    "shared": ("pin", "EAIK", "ssik", "pytracik", "roboticstoolbox-python"),
-}
-"""Wheels that share an environment; the others want one each."""
-
-PEERS = {
-    "EAIK": ("shared", 2.0),
-    "ssik": ("shared", 1.5),
-    "Robotics Toolbox": ("shared", 4.0),
-    "OptIK": ("optik", 12.0),
-    "TRAC-IK": ("shared", 30.0),
-    "pinocchio loop": ("shared", None),
-}
-"""Environment, and how many times faster than it kinseek means to be."""
 
 ARMS = ("panda", "ur5e", "iiwa14", "irb120", "kr6r900", "puma560")
 
@@ -76,52 +46,6 @@ class Result:
     """Strict, random targets [%]."""
     singular: float
     """Strict, near singularities and limits [%]."""
-
-
-def environment(name: str) -> Path | None:
-    """Python of an environment, made if it is not there; None where that fails."""
-    folder = VENVS / name
-    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    if (folder / "ready").is_file():
-        return python
-    print(f"making {folder.name}: {', '.join(ENVIRONMENTS[name])}", flush=True)
-    try:
-        subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
-        subprocess.run(
-            [str(python), "-m", "pip", "install", "--quiet", *ENVIRONMENTS[name]], check=True, timeout=900
-        )
-    except (subprocess.SubprocessError, OSError) as error:
-        print(f"  cannot: {error}")
-        return None
-    (folder / "ready").touch()
-    return python
-
-
-def write_arm(name: str, arm: kinseek.Arm, targets: Array, path: Path) -> None:
-    """Write down what a peer may need to know of an arm."""
-    chain, n = arm.chain, arm.dof
-    square = np.concatenate([chain.fixed, np.tile([[[0.0, 0.0, 0.0, 1.0]]], (n + 1, 1, 1))], axis=1)
-    frames = [np.eye(4)]
-    for A in square:
-        frames.append(frames[-1] @ A)
-    points = np.array([frame[:3, 3] for frame in frames])
-    urdf = ROBOTS / f"{name}.urdf"
-    np.savez(
-        path,
-        name=name,
-        urdf=str(urdf if urdf.is_file() else catalog_path(name)),
-        base=catalog_entry(name).base,
-        tip=catalog_entry(name).tip,
-        joints=np.array(arm.joint_names),
-        folder=str(VENVS),
-        lower=arm.lower,
-        upper=arm.upper,
-        fixed=chain.fixed,
-        axes=np.array([frame[:3, 2] for frame in frames[1 : n + 1]]),
-        offsets=np.diff(points, axis=0),
-        turn=frames[-1][:3, :3].T,
-        targets=targets,
-    )
 
 
 def summary(arm: kinseek.Arm, q: Array, times: Array, targets: Array, random: int) -> Result:
@@ -148,22 +72,10 @@ def measure_peer(
     peer: str, python: Path, arm: kinseek.Arm, source: Path, targets: Array, random: int
 ) -> tuple[Result | str, str]:
     """Run a peer in its environment; return what it does, or why there is nothing, and its version."""
-    one = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-    with tempfile.TemporaryDirectory() as folder:
-        destination = Path(folder) / "answers.npz"
-        command = [str(python), str(HERE / "worker.py"), peer, str(source), str(destination)]
-        try:
-            done = subprocess.run(
-                command, capture_output=True, text=True, timeout=300, env=os.environ | one, check=False
-            )
-        except subprocess.TimeoutExpired:
-            return "stopped after 300 s", ""
-        if done.returncode or not destination.is_file():
-            lines = [line for line in done.stderr.strip().splitlines() if line.strip()]
-            reason = lines[-1].removeprefix("RuntimeError: ") if lines else f"ended with {done.returncode}"
-            return reason[:60], ""
-        with np.load(destination) as found:
-            return summary(arm, found["q"], found["times"], targets, random), str(found["version"])
+    found = ask("worker.py", peer, python, source, 300)
+    if isinstance(found, str):
+        return found, ""
+    return summary(arm, found["q"], found["times"], targets, random), str(found["version"])
 
 
 def main() -> None:
@@ -182,7 +94,7 @@ def main() -> None:
     VENVS.mkdir(exist_ok=True)
     pythons = {name: environment(name) for name in {PEERS[peer][0] for peer in options.peers}}
     began, random = time.perf_counter(), options.targets
-    rows: list[str] = []
+    rows: list[tuple[str, ...]] = []
     versions: dict[str, str] = {}
     ratios: dict[str, list[tuple[float, str]]] = {peer: [] for peer in options.peers}
     for name in options.arms:
@@ -219,10 +131,9 @@ def main() -> None:
             ratio = statistics.median(each for _, each in found)
             rows.append(line(name, peer, typical([result for result, _ in found]), ratio))
             ratios[peer].append((ratio, name))
-        print("\n".join(rows[-1 - len(theirs) :]), flush=True)
+        print("\n".join(map(row_of, rows[-1 - len(theirs) :])), flush=True)
     minutes = (time.perf_counter() - began) / 60
-    options.output.write_text(page(rows, versions, ratios, random, options.rounds, minutes), encoding="utf-8")
-    print(f"wrote {options.output}")
+    page(rows, versions, ratios, random, options.rounds, minutes).write(options.output)
 
 
 def typical(results: list[Result]) -> Result:
@@ -233,59 +144,54 @@ def typical(results: list[Result]) -> Result:
     return Result(*(statistics.median(column) for column in columns))
 
 
-def line(name: str, who: str, result: Result | str, ratio: float) -> str:
+def line(name: str, who: str, result: Result | str, ratio: float) -> tuple[str, ...]:
     """One row of the table."""
     if isinstance(result, str):
-        return f"| {name} | {who} | – | – | – | – | – | {result} |"
-    times = f"{result.median:.1f} | {result.mean:.1f} | {result.p99:.1f}"
+        return (name, who, *"–" * 5, result)
+    numbers = result.median, result.mean, result.p99, result.random, result.singular
     slower = f"{ratio:.1f} ×" if np.isfinite(ratio) else ""
-    return f"| {name} | {who} | {times} | {result.random:.1f} | {result.singular:.1f} | {slower} |"
+    return (name, who, *(f"{number:.1f}" for number in numbers), slower)
 
 
 def page(
-    rows: list[str],
+    rows: list[tuple[str, ...]],
     versions: dict[str, str],
     ratios: dict[str, list[tuple[float, str]]],
     random: int,
     rounds: int,
     minutes: float,
-) -> str:
-    """The page as Markdown."""
-    used = ", ".join(f"{peer} {release}" for peer, release in versions.items() if release)
-    lines = [
-        "# Against peers",
-        "",
-        f"Made by `python -m benchmarks.peers` in {minutes:.0f} minutes. {machine()}. Peers: {used}.",
-        f"Load of the machine over the last fifteen minutes: {load()}.",
-        "",
+) -> Page:
+    """The page."""
+    page = Page("Against peers", "benchmarks.peers", minutes, releases(versions))
+    page.say(
         f"{random:,} random reachable targets and {random // 2:,} near singularities and limits, an arm; one pose at a",
         "time, one thread, wall time of the call as made from Python; no seed from the answer. Strict: within 1e-6 m and",
         "1e-6 rad by plain NumPy FK, and inside the limits but for 1e-9 of rounding. Times are of the random targets. The",
         "last column is the peer's median over kinseek's, measured just before and after it; the median of "
         f"{rounds} rounds. Settings: `benchmarks/peers/worker.py`.",
-        "",
-        "| arm | who | median µs | mean µs | p99 µs | strict % random | strict % near singular | kinseek is faster by |",
-        "|---|---|--:|--:|--:|--:|--:|--:|",
-        *rows,
-        "",
-        "| peer | aimed at | median of the arms | least | |",
-        "|---|--:|--:|--:|---|",
-    ]
-    for peer, found in ratios.items():
-        aim = PEERS[peer][1]
-        if not found:
-            lines.append(f"| {peer} | {'' if aim is None else f'{aim:g} ×'} | – | – | not measured |")
-            continue
-        least, where = min(found)
-        middle = statistics.median(ratio for ratio, _ in found)
-        verdict = (
-            ""
-            if aim is None
-            else ("met" if least >= aim else "met by the median" if middle >= aim else "missed")
-        )
-        goal = "" if aim is None else f"{aim:g} ×"
-        lines.append(f"| {peer} | {goal} | {middle:.1f} × | {least:.1f} × ({where}) | {verdict} |")
-    return "\n".join(lines) + "\n"
+    )
+    page.table(
+        "arm | who | >median µs | >mean µs | >p99 µs | >strict % random | >strict % near singular | >kinseek is faster by",
+        rows,
+    )
+    page.table(
+        "peer | >aimed at | >median of the arms | >least |",
+        [aimed(peer, PEERS[peer][1], found) for peer, found in ratios.items()],
+    )
+    return page
+
+
+def aimed(peer: str, aim: float | None, found: list[tuple[float, str]]) -> tuple[str, ...]:
+    """One row of the table of what is aimed at: the ratios found, and on which arm."""
+    wanted = "" if aim is None else f"{aim:g} ×"
+    if not found:
+        return peer, wanted, "–", "–", "not measured"
+    least, where = min(found)
+    middle = statistics.median(ratio for ratio, _ in found)
+    found_here = peer, wanted, f"{middle:.1f} ×", f"{least:.1f} × ({where})"
+    if aim is None:
+        return (*found_here, "")
+    return (*found_here, "met" if least >= aim else "met by the median" if middle >= aim else "missed")
 
 
 if __name__ == "__main__":

@@ -8,13 +8,11 @@ Runs in the peer's environment, beside `worker.py`, whose settings it shares; he
 from __future__ import annotations
 
 import importlib
-import time
 from collections.abc import Callable
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-from worker import DISTRIBUTIONS, PEERS, arguments, limit_memory
+from worker import PEERS, elementary, reduced, work
 
 SOLVED, APPROXIMATE, NOTHING = 2, 1, 0
 """Joint values said to be an answer, joint values said to be none, no joint values."""
@@ -49,17 +47,12 @@ def eaik(arm: Any) -> Callable[[Any], Answer]:
 def robotics_toolbox(arm: Any) -> Callable[[Any], Answer]:
     """Levenberg-Marquardt with restarts: it returns where it ended, and a flag."""
     module = importlib.import_module("roboticstoolbox")
-    chain, lower, upper = [], arm["lower"], arm["upper"]
-    for i, A in enumerate(arm["fixed"]):
-        chain.append(module.ET.SE3(np.vstack([A, [0.0, 0.0, 0.0, 1.0]])))
-        if i < len(lower):
-            chain.append(module.ET.Rz(qlim=np.array([lower[i], upper[i]])))
-    ets = module.ETS(chain)
+    ets, start = elementary(module, arm), (arm["lower"] + arm["upper"]) / 2
 
     def solve(T: Any) -> Answer:
         found = ets.ik_LM(
             T,
-            q0=(lower + upper) / 2,
+            q0=start,
             method="chan",
             k=0.1,
             tol=1e-13,
@@ -76,10 +69,7 @@ def pinocchio_loop(arm: Any) -> Callable[[Any], Answer]:
     """The loop of pinocchio's manual as printed, limits aside: 1,000 steps, then where it ended and a flag."""
     import pinocchio as pin
 
-    model = pin.buildModelFromUrdf(str(arm["urdf"]))
-    others = [joint for joint in model.names[1:] if joint not in set(arm["joints"].tolist())]
-    locked = [model.getJointId(joint) for joint in others]
-    model = pin.buildReducedModel(model, locked, pin.neutral(model))
+    model = reduced(pin, arm)
     data = model.createData()
     frame, base = model.getFrameId(str(arm["tip"])), model.getFrameId(str(arm["base"]))
     pin.framesForwardKinematics(model, data, pin.neutral(model))
@@ -128,22 +118,8 @@ RAW: dict[str, Callable[[Any], Callable[[Any], Answer]]] = {
 
 
 def main() -> None:
-    """Ask for every target once, after some to warm up."""
-    name, source, destination = arguments(__doc__, RAW)
-    limit_memory(8)
-    arm = dict(np.load(source, allow_pickle=False))
-    solve, targets = RAW[name](arm), arm["targets"]
-    for T in targets[:5]:
-        solve(T)
-    answers, times = np.full((len(targets), len(arm["lower"])), np.nan), np.empty(len(targets))
-    said = np.zeros(len(targets), dtype=int)
-    for i, T in enumerate(targets):
-        began = time.perf_counter_ns()
-        q, said[i] = solve(T)
-        times[i] = (time.perf_counter_ns() - began) / 1e6
-        if q is not None:
-            answers[i] = q
-    np.savez(destination, q=answers, said=said, times=times, version=version(DISTRIBUTIONS[name]))
+    """Ask for one answer a target, and what the peer says of it."""
+    work(__doc__, RAW, 5, lambda answer: answer)
 
 
 if __name__ == "__main__":

@@ -124,13 +124,7 @@ def robotics_toolbox(arm: Any) -> Solve:
     """Levenberg-Marquardt in C++ with restarts, tuned: by default its tolerance is on the squared error."""
     module = importlib.import_module("roboticstoolbox")
 
-    chain, lower, upper = [], arm["lower"], arm["upper"]
-    for i, A in enumerate(arm["fixed"]):
-        square = np.vstack([A, [0.0, 0.0, 0.0, 1.0]])
-        chain.append(module.ET.SE3(square))
-        if i < len(lower):
-            chain.append(module.ET.Rz(qlim=np.array([lower[i], upper[i]])))
-    ets, start = module.ETS(chain), (lower + upper) / 2
+    ets, start = elementary(module, arm), (arm["lower"] + arm["upper"]) / 2
 
     def solve(T: Any) -> Any:
         found = ets.ik_LM(
@@ -145,10 +139,7 @@ def pinocchio_loop(arm: Any) -> Solve:
     """The loop of pinocchio's manual, with clamping and up to 100 random restarts."""
     import pinocchio as pin
 
-    model = pin.buildModelFromUrdf(str(arm["urdf"]))
-    others = [joint for joint in model.names[1:] if joint not in set(arm["joints"].tolist())]
-    locked = [model.getJointId(joint) for joint in others]
-    model = pin.buildReducedModel(model, locked, pin.neutral(model))
+    model = reduced(pin, arm)
     if model.nq != len(arm["lower"]):
         raise RuntimeError("continuous joints are two numbers in pinocchio: left out")
     data, frame, base = (
@@ -177,6 +168,24 @@ def pinocchio_loop(arm: Any) -> Solve:
         return None
 
     return solve
+
+
+def elementary(module: Any, arm: Any) -> Any:
+    """An arm as the elementary transforms of the Robotics Toolbox."""
+    chain, lower, upper = [], arm["lower"], arm["upper"]
+    for i, A in enumerate(arm["fixed"]):
+        chain.append(module.ET.SE3(np.vstack([A, [0.0, 0.0, 0.0, 1.0]])))
+        if i < len(lower):
+            chain.append(module.ET.Rz(qlim=np.array([lower[i], upper[i]])))
+    return module.ETS(chain)
+
+
+def reduced(pin: Any, arm: Any) -> Any:
+    """A model of pinocchio with the joints of the arm alone."""
+    model = pin.buildModelFromUrdf(str(arm["urdf"]))
+    others = [joint for joint in model.names[1:] if joint not in set(arm["joints"].tolist())]
+    locked = [model.getJointId(joint) for joint in others]
+    return pin.buildReducedModel(model, locked, pin.neutral(model))
 
 
 PEERS: dict[str, Callable[[Any], Solve]] = {
@@ -208,22 +217,38 @@ def arguments(doc: str | None, peers: Iterable[str]) -> tuple[str, str, str]:
     return options.peer, options.input, options.output
 
 
-def main() -> None:
-    """Solve every target once, after some to warm up."""
-    name, source, destination = arguments(__doc__, PEERS)
+def work(
+    doc: str | None, peers: dict[str, Callable[[Any], Any]], warm: int, read: Callable[[Any], tuple[Any, int]]
+) -> None:
+    """Ask a peer for every target once, after some to warm up; write answers, what it says of them, and times [µs].
+
+    Args:
+        doc: What `--help` prints.
+        peers: What makes, of an arm, the function that is asked and timed.
+        warm: Targets to warm up with.
+        read: Makes of what that function hands back joint values or None, and what the peer says of them.
+    """
+    name, source, destination = arguments(doc, peers)
     limit_memory(8)
     arm = dict(np.load(source, allow_pickle=False))
-    solve, targets = PEERS[name](arm), arm["targets"]
-    for T in targets[:20]:
+    solve, targets = peers[name](arm), arm["targets"]
+    for T in targets[:warm]:
         solve(T)
     answers, times = np.full((len(targets), len(arm["lower"])), np.nan), np.empty(len(targets))
+    said = np.zeros(len(targets), dtype=int)
     for i, T in enumerate(targets):
         began = time.perf_counter_ns()
-        q = solve(T)
+        found = solve(T)
         times[i] = (time.perf_counter_ns() - began) / 1e3
+        q, said[i] = read(found)
         if q is not None:
             answers[i] = q
-    np.savez(destination, q=answers, times=times, version=version(DISTRIBUTIONS[name]))
+    np.savez(destination, q=answers, said=said, times=times, version=version(DISTRIBUTIONS[name]))
+
+
+def main() -> None:
+    """Ask for one answer a target; nothing is said of it."""
+    work(__doc__, PEERS, 20, lambda q: (q, 0))
 
 
 if __name__ == "__main__":
