@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .branches.find import SPREAD, branches_of
 from .branches.index import BranchIndex, index_of
-from .branches.order import Cost, Order, Valid
+from .branches.order import Cost, Order, Valid, Wishes
 from .branches.prefer import preferred
 from .branches.result import Branches, BranchesBatch, quick_branches
 from .deadline import Deadline
@@ -277,16 +277,8 @@ class Arm(ForwardArm):
                 return quick_branches(axes, goal, found, index.freedom > 0)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self._mechanism, near, "near")
-        return branches_of(
-            Problem(self._mechanism, asked, start, time_limit=time_limit),
-            order=order,
-            cost=cost,
-            valid=valid,
-            copies=copies,
-            count=count,
-            threads=threads,
-            prove=prove,
-        )
+        wishes = Wishes(order, cost, valid, copies, count, prove)
+        return branches_of(Problem(self._mechanism, asked, start, time_limit=time_limit), wishes, threads)
 
     @property
     def _branches(self) -> BranchIndex:

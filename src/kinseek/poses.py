@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
-from typing import Any, overload
+from typing import Any, TypedDict, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,30 +23,30 @@ _REPAIRABLE = 1e-6
 """A matrix closer than this to a rotation is brought onto one; farther away it is refused."""
 
 
-@overload
-def pose(
-    position: Sequence[float],
-    *,
-    quat_wxyz: Sequence[float] | None = None,
-    quat_xyzw: Sequence[float] | None = None,
-    rpy: Sequence[float] | None = None,
-    rotvec: Sequence[float] | None = None,
-    degrees: bool = False,
-) -> Pose: ...
+class OneRotation(TypedDict, total=False):
+    """What `pose` takes beside one position; it is explained there."""
+
+    quat_wxyz: Sequence[float] | None
+    quat_xyzw: Sequence[float] | None
+    rpy: Sequence[float] | None
+    rotvec: Sequence[float] | None
+    degrees: bool
+
+
+class Rotations(TypedDict, total=False):
+    """What `pose` takes beside any positions; it is explained there."""
+
+    quat_wxyz: ArrayLike | None
+    quat_xyzw: ArrayLike | None
+    rpy: ArrayLike | None
+    rotvec: ArrayLike | None
+    degrees: bool
 
 
 @overload
-def pose(
-    position: ArrayLike,
-    *,
-    quat_wxyz: ArrayLike | None = None,
-    quat_xyzw: ArrayLike | None = None,
-    rpy: ArrayLike | None = None,
-    rotvec: ArrayLike | None = None,
-    degrees: bool = False,
-) -> Array: ...
-
-
+def pose(position: Sequence[float], **rotation: Unpack[OneRotation]) -> Pose: ...
+@overload
+def pose(position: ArrayLike, **rotation: Unpack[Rotations]) -> Array: ...
 def pose(
     position: ArrayLike,
     *,

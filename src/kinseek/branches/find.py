@@ -12,7 +12,7 @@ from kinseek.errors import InvalidProblem, suggest
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.branches.refine_all import ANSWER, ANSWERS, CONTINUUM, RATES, SPENT
+from kinseek.kernels.branches.refine_all import ANSWER, RATES
 from kinseek.kernels.branches.search import ROWS, many_branches
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
@@ -22,8 +22,8 @@ from kinseek.solvers.threads import GoOn, spread
 from kinseek.turns import TURN
 
 from .index import BranchIndex, index_of
-from .order import ORDERS, Cost, Valid, is_valid, scores
-from .result import Branches, BranchesBatch
+from .order import ORDERS, Cost, Wishes, is_valid, scores
+from .result import Branches, BranchesBatch, answers_of
 
 SPREAD = 50
 """Answers in a sample, unless told otherwise."""
@@ -41,46 +41,35 @@ _PIECE = 4
 """Targets that are done at a stretch: some ten milliseconds if they are hard."""
 
 
-def branches_of(
-    problem: Problem,
-    *,
-    order: str = "mid-range",
-    cost: Cost | None = None,
-    valid: Valid | None = None,
-    copies: bool = False,
-    count: int | None = None,
-    threads: int | None = None,
-    prove: bool = False,
-) -> Branches | BranchesBatch:
+def branches_of(problem: Problem, wishes: Wishes, threads: int | None = None) -> Branches | BranchesBatch:
     """Find every branch of every target of a problem; see `Arm.branches`."""
-    _check(problem, order, cost, count)
+    _check(problem, wishes)
     deadline = Deadline(problem.time_limit)
     index, goal = index_of(problem), problem.goal
-    number = (count or SPREAD) if index.freedom else 0
+    number = (wishes.count or SPREAD) if index.freedom else 0
     wanted = wanted_of(goal)
     targets = np.zeros((len(goal.targets), 4, 4))
     targets[:, :3], targets[:, 3, 3] = goal.targets, 1.0
     views = index.view[None]
     # A proof takes answers inside [-π, π]; they are turned and sorted afterwards.
-    if problem.near is not None and not prove:
+    if problem.near is not None and not wishes.prove:
         near = np.broadcast_to(problem.near, (*goal.shape, problem.chain.dof)).reshape(-1, problem.chain.dof)
         views = np.stack([near, np.ones_like(near), np.broadcast_to(index.view[RATES], near.shape)], axis=1)
     found = _search(index, wanted, targets, np.ascontiguousarray(views), number, threads, deadline)
     each = tuple(
-        _none(one, index)
-        if rows is None
-        else _finish(one, rows, index, order, cost, valid, copies, count, prove, deadline)
+        _none(one, index) if rows is None else _finish(one, rows, index, wishes, deadline)
         for one, rows in zip(problem.each(), found, strict=True)
     )
     return BranchesBatch(each, goal.shape) if goal.shape else each[0]
 
 
-def _check(problem: Problem, order: str, cost: Cost | None, count: int | None) -> None:
+def _check(problem: Problem, wishes: Wishes) -> None:
+    order, count = wishes.order, wishes.count
     if order not in ORDERS:
         raise InvalidProblem(suggest(str(order), ORDERS, "order"))
     if count is not None and (isinstance(count, bool) or not isinstance(count, int) or count < 1):
         raise InvalidProblem(f"count must be a whole number of at least 1, got {count!r}")
-    chosen = [name for name, given in _given(problem, order, cost) if given]
+    chosen = [name for name, given in _given(problem, order, wishes.cost) if given]
     if len(chosen) > 1:
         raise InvalidProblem(f"{' and '.join(chosen)} both say what comes first; give one of them")
 
@@ -154,20 +143,12 @@ def _none(problem: Problem, index: BranchIndex) -> Branches:
 
 
 def _finish(
-    problem: Problem,
-    rows: Array,
-    index: BranchIndex,
-    order: str,
-    cost: Cost | None,
-    valid: Valid | None,
-    copies: bool,
-    count: int | None,
-    prove: bool,
-    deadline: Deadline,
+    problem: Problem, rows: Array, index: BranchIndex, wishes: Wishes, deadline: Deadline
 ) -> Branches:
     """Prove, sort, filter and judge the answers to one target."""
-    number, dof, complete, late = int(rows[-1, ANSWERS]), problem.chain.dof, False, False
-    q, errors = rows[:number, :dof].copy(), rows[:number, dof : dof + 2]
+    order, cost, valid, copies, prove = wishes.order, wishes.cost, wishes.valid, wishes.copies, wishes.prove
+    found, complete, late = answers_of(rows, problem.chain.dof), False, False
+    q, errors = found.q.copy(), found.errors
     if prove:
         from kinseek.proof.isolation import prove_complete
 
@@ -186,14 +167,14 @@ def _finish(
     if valid is not None:
         passed = [i for i in place if is_valid(valid, q[i])]
         rejected, place = len(place) - len(passed), np.array(passed, dtype=np.int64)
-    place = place[:count]
+    place = place[: wishes.count]
     return Branches(
         q=q[place],
         position_error=errors[place, 0].copy(),
         orientation_error=errors[place, 1].copy(),
         complete=complete and len(place) + rejected == len(q),
-        sampled=bool(index.freedom) or (rows[-1, CONTINUUM] > 0.0 and not complete),
-        evaluations=int(rows[-1, SPENT]),
+        sampled=bool(index.freedom) or (found.singular and not complete),
+        evaluations=found.evaluations,
         rejected=rejected,
         problem=problem,
         out_of_time=late,

@@ -13,7 +13,6 @@ from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.branches.refine_all import ANSWERS
 from kinseek.kernels.branches.sample import sample_branches
 from kinseek.kernels.branches.search import find_branches
 from kinseek.kernels.branches.twins import SHIFTS, SIGNS
@@ -24,6 +23,8 @@ from kinseek.robots.sampling import weyl
 from kinseek.shelf import Shelf
 from kinseek.solvers.atlas.index import KEPT, AtlasIndex, atlas_of, wanted_of
 from kinseek.turns import shortest
+
+from .result import answers_of
 
 SAMPLES = 1024
 """Samples of the coarse atlas; see `kernels.branches` for why so few."""
@@ -82,7 +83,7 @@ class BranchIndex:
             rows = self.search(wanted, target, self.view, 0)
             if not len(rows):
                 continue
-            for other in rows[: int(rows[-1, ANSWERS]), :dof]:
+            for other in answers_of(rows, dof).q:
                 shifts = other - signs * q
                 whole = np.round(shifts / np.pi) * np.pi
                 shifts = np.where(turns & (np.abs(shifts - whole) < 1e-6), whole, shifts)

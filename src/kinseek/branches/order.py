@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -27,6 +28,18 @@ Order = Literal["mid-range", "limits", "dexterity"]
 
 
 ORDERS: tuple[Order, ...] = get_args(Order)
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """Which answers are wanted, and in which order; see `Arm.branches`."""
+
+    order: str = "mid-range"
+    cost: Cost | None = None
+    valid: Valid | None = None
+    copies: bool = False
+    count: int | None = None
+    prove: bool = False
 
 
 def scores(problem: Problem, q: Array, order: str, cost: Cost | None) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from kinseek.errors import InvalidProblem, suggest
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.near import solve_near
-from kinseek.kernels.atlas.task import EVALUATIONS, ORIENTATION, ORIENTATION_ERROR, POSITION, POSITION_ERROR
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.index import wanted_of
@@ -20,7 +20,7 @@ from kinseek.solvers.atlas.solver import Atlas
 
 from .find import branches_of
 from .index import BranchIndex, constraint_jacobian, index_of
-from .order import ORDERS, Cost, Valid, is_valid, scores
+from .order import ORDERS, Cost, Valid, Wishes, is_valid, scores
 from .result import Branches, BranchesBatch
 
 _SLIDERS = 3
@@ -49,22 +49,46 @@ def preferred(
         raise InvalidProblem(f"{' and '.join(chosen)} both say what comes first; give one of them")
     deadline = Deadline(problem.time_limit)
     order, index = prefer or ORDERS[0], index_of(problem)
-    found = branches_of(problem, order=order, cost=cost, copies=cost is not None, threads=threads)
+    found = branches_of(problem, Wishes(order=order, cost=cost, copies=cost is not None), threads)
     each = found if isinstance(found, BranchesBatch) else [found]
     picks = [
         _pick(one, branches, order, cost, valid, index, deadline)
         for one, branches in zip(problem.each(), each, strict=True)
     ]
-    q = np.array([pick[0] for pick in picks]).reshape(-1, problem.chain.dof)
-    work = np.array([[pick[1], 0, 0] for pick in picks], dtype=np.int64).reshape(-1, 3)
-    solution = conclude(problem, q, work, np.array([pick[4] for pick in picks], dtype=bool))
+    q = np.array([pick.q for pick in picks]).reshape(-1, problem.chain.dof)
+    work = np.array([[pick.evaluations, 0, 0] for pick in picks], dtype=np.int64).reshape(-1, 3)
+    solution = conclude(problem, q, work, np.array([pick.out_of_time for pick in picks], dtype=bool))
     shape = problem.goal.shape
-    passed, refused = (np.reshape([pick[k] for pick in picks], shape) for k in (2, 3))
+    passed = np.reshape([pick.passed for pick in picks], shape)
+    refused = np.reshape([pick.refused for pick in picks], shape)
     if not shape:
         return replace(solution, success=solution.success and bool(passed), rejected=int(refused))
     return replace(
         solution, success=solution.success & passed.astype(bool), rejected=refused.astype(np.int64)
     )
+
+
+class Pick(NamedTuple):
+    """The answer to one target."""
+
+    q: Array
+    """(n,)"""
+    evaluations: int
+    passed: bool
+    """Did `valid`, where there is one, agree?"""
+    refused: int
+    """Answers that it did not agree to."""
+    out_of_time: bool
+
+
+class Slide(NamedTuple):
+    """Where a way down along the self-motion ended."""
+
+    q: Array
+    """(n,)"""
+    cost: float
+    evaluations: int
+    refused: int
 
 
 def _pick(
@@ -75,44 +99,33 @@ def _pick(
     valid: Valid | None,
     index: BranchIndex,
     deadline: Deadline,
-) -> tuple[Array, int, bool, int, bool]:
-    """Choose an answer to one target.
-
-    Returns:
-        Joint values, FK evaluations, whether it passed, how many were refused, and whether the time was too short.
-    """
+) -> Pick:
+    """Choose an answer to one target."""
     candidates, spent, refused = branches.q, branches.evaluations, 0
     if not len(candidates):
         last = Atlas().solve(replace(problem, time_limit=deadline.left))
         spent += last.evaluations
         if not last.success:
-            return (
-                last.q,
-                spent,
-                True,
-                0,
-                last.out_of_time,
-            )  # Missed: the errors say so, and nobody was asked.
+            # Missed: the errors say so, and nobody was asked.
+            return Pick(last.q, spent, True, 0, last.out_of_time)
         candidates = last.q[None]
     if valid is not None:
         while refused < len(candidates) and not is_valid(valid, candidates[refused]):
             refused += 1
         if refused == len(candidates):
-            return candidates[0], spent, False, refused, branches.out_of_time
+            return Pick(candidates[0], spent, False, refused, branches.out_of_time)
     best = candidates[refused]
     if not index.freedom:
-        return best, spent, True, refused, branches.out_of_time
+        return Pick(best, spent, True, refused, branches.out_of_time)
 
     def measure(q: Array) -> Array:
         return scores(problem, q, order, cost)
 
     starts = [best] if valid is not None else list(candidates[:_SLIDERS])
-    ends = []
-    for start in starts:
-        end, value, more, no = _slide(problem, index, start, measure, valid, deadline)
-        spent, refused = spent + more, refused + no
-        ends.append((value, end))
-    return min(ends, key=lambda pair: pair[0])[1], spent, True, refused, deadline.passed
+    slides = [_slide(problem, index, start, measure, valid, deadline) for start in starts]
+    spent += sum(slide.evaluations for slide in slides)
+    refused += sum(slide.refused for slide in slides)
+    return Pick(min(slides, key=lambda slide: slide.cost).q, spent, True, refused, deadline.passed)
 
 
 def _slide(
@@ -122,14 +135,15 @@ def _slide(
     measure: Callable[[Array], Array],
     valid: Valid | None,
     deadline: Deadline,
-) -> tuple[Array, float, int, int]:
-    """Go downhill along the self-motion; return where that ends, its cost, FK evaluations and answers refused.
+) -> Slide:
+    """Go downhill along the self-motion.
 
     Every step follows the gradient inside the null space of what the goal fixes, is brought back onto the self-motion by
     the atlas's own walk, and counts only if the tolerances are met there, the cost is less, and `valid` agrees.
     """
-    wanted, target = wanted_of(problem.goal), np.eye(4)
-    target[:3] = problem.goal.targets[0]
+    goal = problem.goal
+    wanted, target = wanted_of(goal), np.eye(4)
+    target[:3] = goal.targets[0]
     value, step, spent, refused = float(measure(q[None])[0]), _FIRST, 0, 0
     lower, upper = problem.limits
     for _ in range(_SLIDES):
@@ -141,16 +155,14 @@ def _slide(
             for way in ways:
                 aim = np.clip(q + step * way, lower, upper)
                 row = solve_near(index.fine.handle, wanted, target, aim, LANES)
-                away = np.abs(row[: len(q)] - aim).max()
+                reached, (position_error, orientation_error, _, evaluations) = row[: len(q)], row[len(q) :]
                 # A continuous joint that leaves its range comes in at the other end, and so the cost judges it.
-                there = problem.placed(row[: len(q)])
-                report = row[len(q) :]
-                spent += int(report[EVALUATIONS])
+                there = problem.placed(reached)
+                spent += int(evaluations)
                 missed = (
-                    report[POSITION_ERROR] > wanted[POSITION]
-                    or report[ORIENTATION_ERROR] > wanted[ORIENTATION]
+                    position_error > goal.position_tolerance or orientation_error > goal.orientation_tolerance
                 )
-                if missed or away > 2 * step:
+                if missed or np.abs(reached - aim).max() > 2 * step:
                     continue
                 less = float(measure(there[None])[0])
                 if less >= value:
@@ -163,7 +175,7 @@ def _slide(
             step = 1.5 * step if accepted else 0.5 * step
         if not accepted:
             break
-    return q, value, spent, refused
+    return Slide(q, value, spent, refused)
 
 
 def _ways_down(

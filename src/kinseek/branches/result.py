@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,6 +120,25 @@ class BranchesBatch(Sequence[Branches]):
         counts = self.counts
         span = f"{counts.min()} to {counts.max()} answers each" if counts.size else "empty"
         return f"BranchesBatch(shape={self.shape}, {span})"
+
+
+class Answers(NamedTuple):
+    """What the kernels found for one target."""
+
+    q: Array
+    """(k, n)"""
+    errors: Array
+    """Position errors [m] and orientation errors [rad], (k, 2)."""
+    evaluations: int
+    singular: bool
+    """Did the search meet endlessly many answers?"""
+
+
+def answers_of(rows: Array, dof: int) -> Answers:
+    """Name what stands where in the rows that `kernels.branches.search.find_branches` returns: the last one counts."""
+    last = rows[-1]
+    found = rows[: int(last[ANSWERS])]
+    return Answers(found[:, :dof], found[:, dof : dof + 2], int(last[SPENT]), bool(last[CONTINUUM] > 0.0))
 
 
 def quick_branches(chain: SerialChain, target: Array, found: Array, sampled: bool) -> Branches:
