@@ -137,9 +137,8 @@ def ranged_arm(name: str, targets: int, seed: int) -> list[Row]:
                 low, high = box.get(axis, (-0.5, 0.5) if axis in free else (0.0, 0.0))
                 away[:, i] = rng.uniform(low, high, targets)
             lengths = np.linalg.norm(away[:, 3:], axis=1, keepdims=True)
-            away[:, 3:] *= np.minimum(
-                1.0, 3.1 / np.maximum(lengths, 1e-9)
-            )  # A rotation vector is at most π long.
+            # A rotation vector is at most π long.
+            away[:, 3:] *= np.minimum(1.0, 3.1 / np.maximum(lengths, 1e-9))
             wanted = wanted_from(T, away, frame)
             goal = Goal.pose(wanted, free=free, box=box, frame=frame)
             answer = arm.ik(goal)

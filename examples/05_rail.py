@@ -18,9 +18,8 @@ print(f"  {arm.joint_names[0]} slides from {arm.lower[0]} to {arm.upper[0]} m")
 places = np.linspace(-1.8, 1.8, 7).round(2) + 0.0
 poses = np.array([kinseek.pose([x, 0.75, 0.3], rpy=[np.pi, 0, 0]) for x in places])
 alone = kinseek.load("ur10e")
-first = arm.fk(np.zeros(arm.dof)) @ np.linalg.inv(
-    alone.fk(np.zeros(6))
-)  # Where the rail carries the arm at 0.
+# Where the rail carries the arm at 0.
+first = arm.fk(np.zeros(arm.dof)) @ np.linalg.inv(alone.fk(np.zeros(6)))
 print(
     f"  with the rail {arm.ik(poses).success.sum()} of {len(poses)}, standing in the middle of it "
     f"{alone.ik(np.linalg.inv(first) @ poses).success.sum()} of {len(poses)}"

@@ -238,9 +238,8 @@ def test_goals_in_odd_places_are_solved_or_honestly_not(name: str) -> None:
     solution = arm.ik(targets)
     away, angle = pose_errors(plain_fk(arm.chain, solution.q), targets)
     np.testing.assert_allclose(solution.position_error, away, atol=1e-12)
-    np.testing.assert_allclose(
-        solution.orientation_error, angle, atol=1e-7
-    )  # Near π the plain formula is rough.
+    # Near π the plain formula is rough.
+    np.testing.assert_allclose(solution.orientation_error, angle, atol=1e-7)
     np.testing.assert_array_equal(
         solution.success, (solution.position_error <= 1e-6) & (solution.orientation_error <= 1e-6)
     )

@@ -148,9 +148,8 @@ def test_near_is_answered_by_the_answer_nearest_to_it() -> None:
     T = arm.fk(q)
     solution = box.ik(T, near=q + 0.05)
     assert solution.success.all()
-    assert (
-        np.linalg.norm(solution.q - q, axis=1).max() < 0.01
-    )  # Within a tolerance of 1e-6 m near a singularity.
+    # Within a tolerance of 1e-6 m near a singularity.
+    assert np.linalg.norm(solution.q - q, axis=1).max() < 0.01
     far = box.ik(T[0], near=np.full(6, 100.0))  # Outside the limits it may lie, the answer not.
     assert far.success
     assert (far.q <= arm.upper).all()

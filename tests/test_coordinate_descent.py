@@ -75,9 +75,8 @@ def test_three_samples_give_the_coefficients(a: float, b: float, c: float, slide
     assert coefficients(f0, f1, f2, slide) == pytest.approx((a, b, c), abs=1e-9)
 
 
-@example(
-    [0.0, 0.0, -1.0, -1.0, 0.0, -3.0, 0.0, 2.5, 3.0], (False, True)
-)  # Least at one end, nearly so at the other.
+# Least at one end, nearly so at the other.
+@example([0.0, 0.0, -1.0, -1.0, 0.0, -3.0, 0.0, 2.5, 3.0], (False, True))
 @given(st.lists(COEFFICIENT, min_size=9, max_size=9), st.tuples(st.booleans(), st.booleans()))
 @settings(max_examples=50)
 def test_a_pair_is_minimised_over_its_box(numbers: list[float], revolute: tuple[bool, bool]) -> None:

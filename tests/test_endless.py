@@ -159,9 +159,8 @@ def test_copies_without_number_are_refused() -> None:
     with pytest.raises(InvalidProblem, match="narrow the limits by with_limits"):
         arm.ik(target, cost=lambda q: np.abs(q).sum(axis=1))
     few = kinseek.Arm.from_dh([[1.0, 0, 0, 0]] * 3, [-10.0] * 3, [10.0] * 3)
-    assert (
-        len(few.branches(target, copies=True)) >= 2 * 3**3
-    )  # Two answers, each joint at three turns or more.
+    # Two answers, each joint at three turns or more.
+    assert len(few.branches(target, copies=True)) >= 2 * 3**3
     assert few.ik(target, cost=lambda q: np.abs(q).sum(axis=1)).success
 
 

@@ -57,9 +57,8 @@ def test_tracked_poses_never_jump_over_the_seam(name: str, seed: int) -> None:
         step = np.abs(solution.q - q)[turning(arm)]
         assert (step <= np.pi).all()
         assert inside(arm, solution.q, q)
-        if (
-            np.abs(solution.q - q).max() > 1.0
-        ):  # Another branch: the walk met a singularity; go on from the curve.
+        # Another branch: the walk met a singularity; go on from the curve.
+        if np.abs(solution.q - q).max() > 1.0:
             near = path[np.argmin(np.abs(arm.fk(path) - target).max(axis=(1, 2)))]
             solution = arm.ik(target, near=near)
         q = solution.q

@@ -84,9 +84,8 @@ def test_the_largest_lengths_are_computed_to_a_tenth_of_the_default_tolerance() 
     def worst(length: float) -> float:
         fixed = long_chain(20, 1.0).fixed.copy()
         fixed[:, :, 3] *= length
-        arm = kinseek.Arm(
-            replace(long_chain(20, 1.0), fixed=fixed)
-        )  # Past the check, so that both sides are seen.
+        # Past the check, so that both sides are seen.
+        arm = kinseek.Arm(replace(long_chain(20, 1.0), fixed=fixed))
         rng, apart = np.random.default_rng(1), 0.0
         for _ in range(50):
             quarters = rng.integers(-20, 21, 20)

@@ -91,9 +91,8 @@ def test_a_search_without_end_ends(name: str, solver: Solver) -> None:
     assert solution.status is Status.OUT_OF_TIME
     assert not solution.success
     judged(arm, solution)
-    untuned = (
-        isinstance(solver, DivideAndConquer) and solver.breadth == "tuned"
-    )  # The time was spent on that.
+    # The time was spent on that.
+    untuned = isinstance(solver, DivideAndConquer) and solver.breadth == "tuned"
     assert untuned or solution.evaluations > 0
 
 

@@ -111,9 +111,8 @@ def test_real_arms_are_not_asked_about() -> None:
     for name in catalog_names():
         kinseek.load(name)  # Warnings are errors in these tests.
     for path in SHARED.rglob("*.urdf") if SHARED.is_dir() else ():
-        with contextlib.suppress(
-            kinseek.InvalidRobot
-        ):  # It branches; the limits of all joints are in its parts.
+        # It branches; the limits of all joints are in its parts.
+        with contextlib.suppress(kinseek.InvalidRobot):
             kinseek.load(path)
 
 

@@ -1,4 +1,4 @@
-"""What is asked: a `Goal`, and `pose()` to write one down without guessing a quaternion's order."""
+"""What is asked: a `Goal`."""
 
 from __future__ import annotations
 

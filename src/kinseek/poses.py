@@ -1,4 +1,7 @@
-"""Reading poses: what users hold, checked, and brought onto a rigid transform where rounding left it beside one."""
+"""Reading poses: what users hold, checked, and brought onto a rigid transform where rounding left it beside one.
+
+`pose` writes one down without guessing a quaternion's order.
+"""
 
 from __future__ import annotations
 
@@ -126,9 +129,8 @@ def as_pose(target: Any) -> Array:
             f"{np.abs(matrix[tuple(first)][:3, 3]).max():.6g} m: farther off, rounding of positions comes close to 1e-6 m. "
             f"Are these other units?"
         )
-    turn = np.clip(
-        matrix[..., :3, :3], -1e6, 1e6
-    )  # Whatever is larger is no rotation either, and has no square.
+    # Whatever is larger is no rotation either, and has no square.
+    turn = np.clip(matrix[..., :3, :3], -1e6, 1e6)
     off = np.abs(np.swapaxes(turn, -1, -2) @ turn - np.eye(3)).max(axis=(-2, -1))
     row = np.abs(matrix[..., 3, :] - [0, 0, 0, 1]).max(axis=-1)
     mirrored = np.linalg.det(turn) < 0

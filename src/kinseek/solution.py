@@ -129,9 +129,8 @@ class Solution(Generic[Flag, Number, Count, State]):
         """`Status`, or an object array of them, (...)."""
         solution: Solution = self
         if isinstance(solution.success, np.ndarray):
-            names = np.array(
-                [*Status], dtype=object
-            )  # Solved, best effort, rejected, proved unreachable, late.
+            # Solved, best effort, rejected, proved unreachable, late.
+            names = np.array([*Status], dtype=object)
             missed = np.where(solution.rejected > 0, 2, 1)
             missed = np.where(solution.out_of_time, 4, missed)
             missed = np.where(solution.proved_unreachable, 3, missed)

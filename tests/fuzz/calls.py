@@ -440,9 +440,8 @@ def case(
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         finding = f"{name}: {type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
-    seconds = min(
-        time.perf_counter() - began, time.process_time() - spent
-    )  # What others take does not count.
+    # What others take does not count.
+    seconds = min(time.perf_counter() - began, time.process_time() - spent)
     return Outcome(number, name, seconds, finding, refused)
 
 

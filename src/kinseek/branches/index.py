@@ -27,7 +27,7 @@ from kinseek.turns import shortest
 from .result import answers_of
 
 SAMPLES = 1024
-"""Samples of the coarse atlas; see `kernels.branches` for why so few."""
+"""Samples of the coarse atlas; see `kernels.branches.search` for why so few."""
 
 
 _MOST_MIRRORED = 8

@@ -147,7 +147,7 @@ def quick_branches(chain: SerialChain, target: Array, found: Array, sampled: boo
     Args:
         chain: The arm.
         target: (4, 4).
-        found: What `kernels.branches.find_branches` returns.
+        found: What `kernels.branches.search.find_branches` returns.
         sampled: Does the arm have joints to spare?
     """
     dof, last = chain.dof, found[-1]

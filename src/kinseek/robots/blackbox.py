@@ -108,9 +108,8 @@ class BlackBox(Variables):
         """
         result = np.empty((len(q), 4, 4))
         for begin in range(0, len(q), _MOST_ROWS):
-            rows = q[
-                begin : begin + _MOST_ROWS
-            ].copy()  # Whatever the function writes there stays its own affair.
+            # Whatever the function writes there stays its own affair.
+            rows = q[begin : begin + _MOST_ROWS].copy()
             result[begin : begin + len(rows)] = self._checked(
                 self._evaluate(rows), q[begin : begin + len(rows)]
             )

@@ -27,7 +27,7 @@ def open_limits(chain: SerialChain) -> tuple[Array, Array]:
 
 def divide(chain: SerialChain, kind: Kind) -> Division:
     """Choose what can be divided out of an arm for a kind of goal."""
-    dof, _joints = chain.dof, len(chain.leader)
+    dof = chain.dof
     alone = np.bincount(chain.leader, minlength=dof) == 1
     head = NONE
     if dof > 1 and chain.leader[0] == 0 and alone[0]:

@@ -1,7 +1,7 @@
 """The atlas: sort the search space once, then one answer takes microseconds (the default).
 
 The paper's divide and conquer assumes that what it searches is sorted, and forward kinematics is not. So it is
-sorted: see `kernels.atlas` for the idea, and `kernels.atlas.one_goal` for what happens to one goal.
+sorted: see docs/atlas.md for the idea, and `kernels.atlas.one_goal` for what happens to one goal.
 """
 
 from __future__ import annotations

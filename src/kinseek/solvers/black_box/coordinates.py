@@ -56,9 +56,8 @@ def answer(
     form = _forms.of(box).get(None, lambda: turning(box))
     goal = problem.goal
     weights = np.full(len(asker.target), goal.position_weight**2)
-    weights[3:] = (
-        goal.orientation_weight**2 / 2
-    )  # As in the compiled search: (K_P |Δp|)² + (K_A Δφ)² near the goal.
+    # As in the compiled search: (K_P |Δp|)² + (K_A Δφ)² near the goal.
+    weights[3:] = goal.orientation_weight**2 / 2
 
     def errors_at(rows: Array) -> Array:
         value = (asker.ask(rows) ** 2) @ weights
