@@ -7,6 +7,7 @@ import threading
 import time
 import weakref
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -82,6 +83,12 @@ def test_things_go_with_their_owner_and_stay_with_others() -> None:
     gc.collect()
     assert gone() is None
     assert shelf.of(other).get(0, Owner) is stays
+
+
+def test_nothing_else_is_kept_by_weak_references() -> None:
+    package = Path(kinseek.__file__).parent
+    files = {path.name for path in package.rglob("*.py") if "weakref" in path.read_text(encoding="utf-8")}
+    assert files == {"shelf.py"}
 
 
 def test_branches_and_samples_are_dropped_with_their_arms() -> None:

@@ -158,7 +158,7 @@ def quick_branches(chain: SerialChain, target: Array, found: Array, sampled: boo
         position_error=found[:count, dof + POSITION_ERROR],
         orientation_error=found[:count, dof + ORIENTATION_ERROR],
         complete=False,
-        sampled=sampled or last[CONTINUUM] > 0.0,
+        sampled=sampled or bool(last[CONTINUUM] > 0.0),
         evaluations=int(last[SPENT]),
         rejected=0,
         _question=(chain, target.copy(), None),  # The caller may write the next target into the same array.
