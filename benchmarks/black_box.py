@@ -159,7 +159,7 @@ def good(case: Case, q: Array, targets: Array) -> NDArray[np.bool_]:
 def measure(case: Case) -> Row:
     """Solve every target by a call of its own."""
     case.arm.ik(case.fk(case.random[:1])[0])  # Whatever compiles or loads does so before the clock runs.
-    box: Any = case.arm.chain
+    box = case.arm.mechanism
     built = [Samples(box, 16_384) for _ in range(3)]
     times: list[float] = []
     asked: list[int] = []
