@@ -36,8 +36,14 @@ SEARCHES: dict[str, Solver] = {
     "divide and conquer, static": kinseek.DivideAndConquer(branching_factor=100, tree="static", divisions=4),
     "divide and conquer, beam": kinseek.DivideAndConquer(breadth=2, beam=4, children=2),
     "divide and conquer, tuned": kinseek.DivideAndConquer(breadth="tuned", node_budget=500),
+    "divide and conquer, by the formula": kinseek.DivideAndConquer(breadth=2, first="formula"),
+    "divide and conquer, to the letter": kinseek.DivideAndConquer(breadth=2, limited="letter"),
+    "divide and conquer, turned lattice": kinseek.DivideAndConquer(divisions=4, offset=0.25, ties="first"),
+    "divide and conquer, early": kinseek.DivideAndConquer(breadth=2, beam=3, stop_below=0.05),
+    "divide and conquer, reaching": kinseek.DivideAndConquer(breadth="reach"),
     "separate chains": kinseek.SeparateChains(breadth=2),
     "blind search": kinseek.BlindSearch(),
+    "blind search, fixed changes": kinseek.BlindSearch(shrink=None),
     "blind search, few steps": kinseek.BlindSearch(most_steps=5),
     "coordinate descent": kinseek.CoordinateDescent(),
     "coordinate descent, single": kinseek.CoordinateDescent(pairs=False, most_sweeps=7),
@@ -274,32 +280,66 @@ def test_a_time_limit_is_noted() -> None:
     assert str(late).startswith("no search")
 
 
-@pytest.mark.parametrize("wrap", [True, False])
+READINGS: dict[str, dict[str, Any]] = {
+    "as it is": {},
+    "without wrapping": {"wrap": False},
+    "formula": {"first": "formula"},
+    "letter": {"limited": "letter"},
+    "formula and letter": {"first": "formula", "limited": "letter", "wrap": False},
+    "offset": {"offset": 0.375},
+    "static": {"tree": "static"},
+}
+
+
+@pytest.mark.parametrize("reading", READINGS)
 @pytest.mark.parametrize("robot", ["planar2", "cylindrical3"])
-def test_windows_are_those_of_the_search(robot: str, wrap: bool) -> None:
-    # Every window holds the best node before it, with the spacing that it says, and the best of the pass.
+def test_windows_are_those_of_the_search(robot: str, reading: str) -> None:
+    # Every window holds the best node before it and the best of its own pass, with the spacing that it says, and as many
+    # leaves as were evaluated.
     arm = kinseek.load(robot)
-    full = (arm.upper - arm.lower) * arm.chain.wraps * wrap
+    search = kinseek.DivideAndConquer(breadth=2, **READINGS[reading])
+    full = (arm.upper - arm.lower) * arm.chain.wraps * search.wrap
     for target in targets(arm, 5):
-        search = kinseek.DivideAndConquer(breadth=2, wrap=wrap)
         trace = arm.ik(target, solver=search, trace=True).trace
         for before, each in pairwise([None, *trace]):
+            assert each.evaluations == np.prod(each.counts)
             for d in range(arm.dof):
                 values = each.values(d)
-                assert len(values) == each.counts[d] == (3 if before is None else 5)
                 tried = [each.q[d]] if before is None else [each.q[d], before.q[d]]
+                # The nodes of a first pass are rounded to the grid.
+                step = (arm.upper[d] - arm.lower[d]) / 7199
                 for q in tried:
                     away = np.abs(values - q)
                     if full[d]:
                         away = np.minimum(away, np.abs(away - full[d]))
-                    # The first pass's nodes are rounded to the grid, by less than one of its spacings.
-                    assert away.min() < 1e-9 + (full[d] or arm.upper[d] - arm.lower[d]) / 7199 * (
-                        before is None
-                    )
-                np.testing.assert_allclose(np.diff(values), each.spacing[d], rtol=1e-9 if before else 1e-3)
+                    assert away.min() < 1e-9 + step * (before is None)
+                np.testing.assert_allclose(np.diff(values), each.spacing[d], rtol=1e-9)
                 if not full[d]:
                     assert values[0] >= arm.lower[d] - 1e-9
                     assert values[-1] <= arm.upper[d] + 1e-9
+                elif before is not None:
+                    assert values[0] <= before.q[d] + 1e-9
+                    assert values[-1] >= before.q[d] - 1e-9
+
+
+def test_a_breadth_that_cannot_walk_back_is_noted() -> None:
+    arm = kinseek.load("planar2")
+    target = arm.fk([2.0, 1.1])
+    short = arm.ik(target, solver=kinseek.DivideAndConquer(breadth=2), trace=True).trace
+    assert [note.partition(":")[0] for note in short.notes] == ["joint1", "joint2"]
+    assert all("breadth='reach'" in note for note in short.notes)
+    assert arm.ik(target, solver=kinseek.DivideAndConquer(breadth="reach"), trace=True).trace.notes == ()
+
+
+def test_an_early_stop_is_noted() -> None:
+    arm = kinseek.load("planar2")
+    target = arm.fk([2.0, 1.1])
+    for search in (
+        kinseek.DivideAndConquer(breadth="reach", stop_below=0.5),
+        kinseek.BruteForce(stop_below=0.5),
+    ):
+        trace = arm.ik(target, solver=search, trace=True).trace
+        assert trace.notes[-1].endswith("a weighted error below 0.5.")
 
 
 def test_a_window_of_a_joint_that_was_turned_goes_with_it() -> None:
