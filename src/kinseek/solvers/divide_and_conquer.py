@@ -285,29 +285,31 @@ class DivideAndConquer:
         passes = plan.passes._replace(tie=tie_of(problem, self.ties))
         arrays, goal, q = problem.arrays, problem.goal.arrays, np.empty(problem.mechanism.dof)
         at = np.array(BEGINNING)
-        recorder, held = self._recorder(problem), bytes_of(memory, plan.grid)
-        done, found, spacings = False, Found(problem.start, 0), passes.spacings
-        # All passes at once; or, to look at what each does, one more at a time: the same bits.
-        for last in range(1 if recorder else len(spacings), len(spacings) + 1):
-            now = passes._replace(spacings=spacings[:last])
+        recorder, before, plans = None, q, [passes]
+        if problem.trace:  # Not all passes at once, but one more at a time: the same bits.
+            recorder, before = self._recorder(problem), problem.start
+            ends = range(1, len(passes.spacings) + 1)
+            plans = [passes._replace(spacings=passes.spacings[:end]) for end in ends]
+        for k, now in enumerate(plans):
             done = descend(arrays, goal, plan.grid, now, budget, PART, memory, at, q)
             while not done and not deadline.passed:
                 watch(int(at[TRIED]))
                 done = descend(arrays, goal, plan.grid, now, budget, PART, memory, at, q)
             leaves, expanded = int(at[TRIED]), int(at[VISITED])
             created = problem.mechanism.dof * self.branching_factor if self.tree == "static" else expanded
-            before = found.q
-            found = Found(q.copy() if leaves else problem.start, leaves, created, expanded, not done)
-            if recorder and leaves > recorder.spent:
-                record_pass(recorder, plan.grid, plan.first, passes, last - 1, before, found, held)
+            found = Found(q if leaves else problem.start, leaves, created, expanded, not done)
+            if recorder is None:
+                break
+            if leaves > recorder.spent:
+                held = bytes_of(memory, plan.grid)
+                record_pass(recorder, plan.grid, plan.first, passes, k, before, found, held)
             if at[STOPPED] or not done:
                 break
+            before = found.q.copy()
         return found if recorder is None else self._told(recorder, found)
 
-    def _recorder(self, problem: Problem) -> Recorder | None:
-        """What keeps the passes if that was asked for, with a sentence for each joint that may be locked out."""
-        if not problem.trace:
-            return None
+    def _recorder(self, problem: Problem) -> Recorder:
+        """What keeps the passes, with a sentence for each joint that may be locked out."""
         recorder = Recorder(problem, self)
         for sentence in self.reach_notes(problem):
             recorder.note(sentence)
@@ -329,7 +331,7 @@ class DivideAndConquer:
         box = problem.mechanism
         passes = plan.passes._replace(tie=tie_of(problem, self.ties))
         asker = Asker(box, problem, deadline)
-        recorder, held = self._recorder(problem), bytes_of(plan.grid)
+        recorder, held = self._recorder(problem) if problem.trace else None, bytes_of(plan.grid)
         stored = box.dof * self.branching_factor if self.tree == "static" else 0
         before = problem.start
 
