@@ -184,7 +184,8 @@ def test_windows_slide_at_limits_and_wrap_where_the_joint_does(
         assert nodes.min() >= 0
         assert nodes.max() < size
     later_window(grid, centre, spacing, np.full(3, count), False, window)
-    for d, twin in enumerate(window_around(grid, centre.tolist(), spacing, np.full(3, count), False)):
+    wraps, counts = grid.wraps.tolist(), np.full(3, count)
+    for d, twin in enumerate(window_around(wraps, size, centre.tolist(), spacing, counts, False)):
         np.testing.assert_array_equal(window.nodes[d, : window.counts[d]], twin)
         nodes = window.nodes[d, : window.counts[d]]
         assert centre[d] in nodes

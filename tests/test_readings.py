@@ -249,7 +249,9 @@ def test_windows_walk_as_far_as_the_rule_says_and_with_less_breadth_they_do_not(
             for side in (-1, 1):
                 at, gone = start, 0
                 for k in range(4, -1, -1):
-                    nodes = window_around(grid, [at] * arm.dof, divisions**k, counts, clips)[joint]
+                    nodes = window_around(
+                        grid.wraps.tolist(), grid.size, [at] * arm.dof, divisions**k, counts, clips
+                    )[joint]
                     if wraps:  # The nodes are numbered from the lower end on, so count them.
                         gone += len(nodes) // 2 * divisions**k
                     else:

@@ -15,7 +15,7 @@ from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude, with_traces
 from kinseek.trace import Trace
 
-from .threads import Watch, progress_bar
+from .threads import Watch, progress_bar, unwatched
 
 
 def whole(name: str, value: object, least: int, most: int = 2**62) -> int:
@@ -56,7 +56,7 @@ class Found(NamedTuple):
 
 def watch_each(
     problem: Problem,
-    search: Callable[[Problem, Deadline, Watch], Found],
+    search: Callable[[Problem, Deadline, Callable[[int], object]], Found],
     work: int,
     wanted: bool,
     deadline: Deadline | None = None,
@@ -70,6 +70,8 @@ def watch_each(
         wanted: Show it.
         deadline: When to end.
     """
+    if not wanted:
+        return solve_each(problem, lambda one, until: search(one, until, unwatched), deadline)
     with progress_bar(wanted, work * len(problem.goal.targets)) as advance:
         watch = Watch(advance, work)
 

@@ -50,8 +50,9 @@ def as_solver(value: Any, what: str = "solver") -> Solver:
 
 def with_progress(solver: Solver, wanted: bool) -> Solver:
     """The same search with a progress bar, if one is wanted and it has one."""
-    shows = is_dataclass(solver) and any(each.name == "progress" for each in fields(solver))
-    return replace(cast(Any, solver), progress=True) if wanted and shows else solver
+    if wanted and is_dataclass(solver) and any(each.name == "progress" for each in fields(solver)):
+        return replace(cast(Any, solver), progress=True)
+    return solver
 
 
 def warn_if_far(solution: Solution) -> None:

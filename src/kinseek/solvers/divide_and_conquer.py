@@ -158,7 +158,7 @@ class DivideAndConquer:
         except _OutOfTimeError:
             return solve_each(problem, lambda one, _: Found(one.start, 0, out_of_time=True), deadline)
         require_room(problem, len(plan.passes.spacings))
-        memory = np.empty(0) if problem.axes is None else np.empty(memory_size(*plan.sizes))
+        memory = np.empty(0) if problem.axes is None else np.empty(_memory_size(*plan.sizes))
 
         def search(one: Problem, until: Deadline, watch: Callable[[int], object] = unwatched) -> Found:
             if one.axes is None:
@@ -231,16 +231,27 @@ class DivideAndConquer:
 
     def _plan(self, problem: Problem, deadline: Deadline) -> _Plan:
         """What all targets of a problem share."""
-        count, letter = self.branching_factor, self.limited == "letter"
-        static = self.tree == "static"
-        grid = joint_grid(problem.mechanism, count, static=static, wrap=self.wrap, letter=letter)
+        static, letter = self.tree == "static", self.limited == "letter"
+        size = self.branching_factor
+        grid = joint_grid(problem.mechanism, size, static=static, wrap=self.wrap, letter=letter)
+        breadths = self.breadths(problem, deadline)
+        # Only around the zero configuration do the first nodes depend on the arm.
+        zero = tuple(zero_nodes(grid)) if self.first == "formula" else None
+        return _Plan(grid, *self._nodes(breadths, tuple(grid.wraps.tolist()), zero))
+
+    @lru_cache(maxsize=64)  # noqa: B019  # A plan takes longer than a small search; this keeps searches, which are small too.
+    def _nodes(
+        self, breadths: tuple[int, ...], wraps: tuple[bool, ...], zero: tuple[int, ...] | None
+    ) -> tuple[list[Indices], Passes, int, int]:
+        """Nodes of the first pass, all passes, and the leaves and nodes that they come to."""
+        count = self.branching_factor
         spacings = [max(count // self.divisions, 1)]
         while spacings[-1] > 1:
             # Departs from the paper: with B = 10, D = 4 its spacing goes 2, 0; here the last one is always 1.
             spacings.append(max(spacings[-1] // self.divisions, 1))
-        sides = [2 * (self.divisions // 2 + b) - 1 for b in self.breadths(problem, deadline)]
+        sides = [2 * (self.divisions // 2 + b) - 1 for b in breadths]
         later = np.array([min(each, count) for each in sides], dtype=np.int64)
-        first = self._first(grid, spacings[0], later)
+        first = self._first(wraps, zero, spacings[0], later)
         padded = np.zeros((len(first), max(map(len, first))), dtype=np.int64)
         for row, nodes in zip(padded, first, strict=True):
             row[: len(nodes)] = nodes
@@ -249,29 +260,34 @@ class DivideAndConquer:
             later,
             padded,
             np.array([len(nodes) for nodes in first], dtype=np.int64),
-            letter,
+            self.limited == "letter",
             float(self.stop_below) or -1.0,
             0.0,
             self.beam,
             min(self.children or self.beam, self.beam),
         )
-        return _Plan(grid, first, passes)
+        counts = passes.counts.tolist(), passes.later.tolist()
+        cells = (1, (len(spacings) - 1) * self.beam)
+        leaves = sum(n * math.prod(each) for n, each in zip(cells, counts, strict=True))
+        everything = [sum(math.prod(each[:d]) for d in range(1, len(each) + 1)) for each in counts]
+        return first, passes, leaves, sum(n * each for n, each in zip(cells, everything, strict=True))
 
-    def _first(self, grid: Grid, spacing: int, later: Indices) -> list[Indices]:
+    def _first(
+        self, wraps: tuple[bool, ...], zero: tuple[int, ...] | None, spacing: int, later: Indices
+    ) -> list[Indices]:
         """Nodes of the first pass, of each joint."""
-        offsets = self._offsets(grid.wraps)
-        if self.first == "formula":
-            zero = zero_nodes(grid)
+        offsets, size = self._offsets(np.array(wraps)), self.branching_factor
+        if zero is not None:
             if self.offset is not None:
                 shifted = [node + int(each * spacing) for node, each in zip(zero, offsets, strict=True)]
-                zero = [
-                    n % grid.size if w else min(n, grid.size - 1)
-                    for n, w in zip(shifted, grid.wraps, strict=True)
-                ]
-            return window_around(grid, zero, spacing, later, self.limited == "letter")
-        count = min(self.divisions, grid.size)
+                zero = tuple(
+                    node % size if wrap else min(node, size - 1)
+                    for node, wrap in zip(shifted, wraps, strict=True)
+                )
+            return window_around(wraps, size, zero, spacing, later, self.limited == "letter")
+        count = min(self.divisions, size)
         require_memory(len(offsets) * count, "the first pass tries D values of every joint")
-        return [spread_nodes(grid.size, count, each) for each in offsets]
+        return [spread_nodes(size, count, each) for each in offsets]
 
     def _search(
         self,
@@ -282,7 +298,7 @@ class DivideAndConquer:
         watch: Callable[[int], object],
     ) -> Found:
         budget = int(np.iinfo(np.int64).max if problem.budget is None else problem.budget)
-        passes = plan.passes._replace(tie=tie_of(problem, self.ties))
+        passes = self._with_ties(problem, plan)
         arrays, goal, q = problem.arrays, problem.goal.arrays, np.empty(problem.mechanism.dof)
         at = np.array(BEGINNING)
         recorder, before, plans = None, q, [passes]
@@ -322,6 +338,10 @@ class DivideAndConquer:
             recorder.note(f"Stopped at a node with a weighted error below {self.stop_below:g}.")
         return found._replace(trace=recorder.finish())
 
+    def _with_ties(self, problem: Problem, plan: _Plan) -> Passes:
+        tie = tie_of(problem, self.ties)
+        return plan.passes._replace(tie=tie) if tie else plan.passes
+
     def _ask(
         self, problem: Problem, plan: _Plan, deadline: Deadline, watch: Callable[[int], object]
     ) -> Found:
@@ -329,7 +349,7 @@ class DivideAndConquer:
         from .black_box.grid import best_or_start, descend
 
         box = problem.mechanism
-        passes = plan.passes._replace(tie=tie_of(problem, self.ties))
+        passes = self._with_ties(problem, plan)
         asker = Asker(box, problem, deadline)
         recorder, held = self._recorder(problem) if problem.trace else None, bytes_of(plan.grid)
         stored = box.dof * self.branching_factor if self.tree == "static" else 0
@@ -374,6 +394,10 @@ class _Plan(NamedTuple):
     first: list[Indices]
     """Nodes of the first pass, of each joint."""
     passes: Passes
+    leaves: int
+    """Leaves that the passes try at most."""
+    nodes: int
+    """Nodes that the passes visit at most."""
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
@@ -381,20 +405,8 @@ class _Plan(NamedTuple):
         most = max(self.passes.first.shape[1], *self.passes.later.tolist())
         return len(self.passes.later), most, self.passes.beam, self.passes.children
 
-    def total(self, of_a_pass: Callable[[list[int]], int]) -> int:
-        """What all passes come to at most."""
-        later = (len(self.passes.spacings) - 1) * self.passes.beam
-        return of_a_pass(self.passes.counts.tolist()) + later * of_a_pass(self.passes.later.tolist())
 
-    @property
-    def leaves(self) -> int:
-        """Leaves that the passes try at most."""
-        return self.total(math.prod)
-
-    @property
-    def nodes(self) -> int:
-        """Nodes that the passes visit at most."""
-        return self.total(lambda counts: sum(math.prod(counts[:d]) for d in range(1, len(counts) + 1)))
+_memory_size = lru_cache(maxsize=64)(memory_size)  # Summing up takes as long as a hundred leaves.
 
 
 class _OutOfTimeError(Exception):

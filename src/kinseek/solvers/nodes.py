@@ -100,22 +100,22 @@ def zero_nodes(grid: Grid) -> list[int]:
 
 
 def window_around(
-    grid: Grid, centre: Sequence[int], spacing: int, counts: Indices, clips: bool
+    wraps: Sequence[bool], size: int, centre: Sequence[int], spacing: int, counts: Indices, clips: bool
 ) -> list[Indices]:
     """Take the nodes around a centre: see `kernels.grid.descent.later_window`, of which this is the twin in Python."""
     result = []
     for d, middle in enumerate(centre):
-        count, clipped = int(counts[d]), clips and not grid.wraps[d]
+        count, clipped = int(counts[d]), clips and not wraps[d]
         if not clipped:
-            count = min(count, (grid.size - 1) // spacing + 1)
+            count = min(count, (size - 1) // spacing + 1)
         first = int(middle) - (count // 2) * spacing
-        if not grid.wraps[d] and not clipped:
+        if not wraps[d] and not clipped:
             while first < 0:
                 first += spacing
-            while first + (count - 1) * spacing >= grid.size and first >= spacing:
+            while first + (count - 1) * spacing >= size and first >= spacing:
                 first -= spacing
         nodes = first + np.arange(count, dtype=np.int64) * spacing
-        result.append(nodes % grid.size if grid.wraps[d] else nodes[(nodes >= 0) & (nodes < grid.size)])
+        result.append(nodes % size if wraps[d] else nodes[(nodes >= 0) & (nodes < size)])
     return result
 
 

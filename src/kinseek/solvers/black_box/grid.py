@@ -129,6 +129,7 @@ def descend(
     """
     dof = len(grid.lower)
     cells, expanded, leaves = Cells.empty(passes.beam, dof, passes.tie), 0, 0
+    wraps = grid.wraps.tolist()
     for k, spacing in enumerate(passes.spacings):
         before, cells = cells, Cells.empty(passes.beam, dof, passes.tie)
         if len(before.q):
@@ -139,7 +140,7 @@ def descend(
             nodes = first
             if k > 0:
                 centre = before.nodes[cell].tolist()
-                nodes = window_around(grid, centre, int(spacing), passes.later, passes.clips)
+                nodes = window_around(wraps, grid.size, centre, int(spacing), passes.later, passes.clips)
             values = [node_values(grid, d, each) for d, each in enumerate(nodes)]
             litter = Cells.empty(passes.children if k else passes.beam, dof, passes.tie)
             if passes.tie > 0 and len(cells.q):  # The best so far has to be beaten clearly.
