@@ -230,7 +230,8 @@ def record_pass(
     else:
         steps = np.where(grid.step > 0, grid.step, 1.0)
         centre = np.rint((before - grid.lower) / steps).astype(np.int64)
-        nodes = window_around(grid, centre.tolist(), int(passes.spacings[k]), passes.later, passes.clips)
+        spacing, wraps = int(passes.spacings[k]), grid.wraps.tolist()
+        nodes = window_around(wraps, grid.size, centre.tolist(), spacing, passes.later, passes.clips)
         window = grid_window(grid, nodes, centre)
     leaves = found.evaluations - recorder.spent
     cells = -(-leaves // int(np.prod(window.counts))) if k else 1
