@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_TINY = 1e-300
+"""Stands for a length of 0 where it is divided by: no length that anybody gives is shorter."""
+
 
 def rotation(axis: Array, angle: float) -> Array:
     """Rotation by `angle` [rad] about the unit vector `axis`, (3, 3), by Rodrigues' formula."""
@@ -20,7 +23,7 @@ def rotation(axis: Array, angle: float) -> Array:
 def rotations(vectors: Array) -> Array:
     """Rotation matrices of rotation vectors [rad], (m, 3) -> (m, 3, 3), by Rodrigues' formula."""
     angles = np.linalg.norm(vectors, axis=1)
-    x, y, z = (vectors / np.maximum(angles, 1e-300)[:, None]).T
+    x, y, z = (vectors / np.maximum(angles, _TINY)[:, None]).T
     zero = np.zeros_like(x)
     cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
     sine, cosine = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]

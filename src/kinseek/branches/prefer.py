@@ -13,6 +13,7 @@ from kinseek.errors import InvalidProblem, suggest
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.near import solve_near
+from kinseek.kernels.atlas.task import EVALUATIONS, ORIENTATION, ORIENTATION_ERROR, POSITION, POSITION_ERROR
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.index import wanted_of
@@ -155,12 +156,13 @@ def _slide(
             for way in ways:
                 aim = np.clip(q + step * way, lower, upper)
                 row = solve_near(index.fine.handle, wanted, target, aim, LANES)
-                reached, (position_error, orientation_error, _, evaluations) = row[: len(q)], row[len(q) :]
+                reached, report = row[: len(q)], row[len(q) :]
                 # A continuous joint that leaves its range comes in at the other end, and so the cost judges it.
                 there = problem.placed(reached)
-                spent += int(evaluations)
+                spent += int(report[EVALUATIONS])
                 missed = (
-                    position_error > goal.position_tolerance or orientation_error > goal.orientation_tolerance
+                    report[POSITION_ERROR] > wanted[POSITION]
+                    or report[ORIENTATION_ERROR] > wanted[ORIENTATION]
                 )
                 if missed or np.abs(reached - aim).max() > 2 * step:
                     continue

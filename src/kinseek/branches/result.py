@@ -135,7 +135,7 @@ class Answers(NamedTuple):
 
 
 def answers_of(rows: Array, dof: int) -> Answers:
-    """Name what stands where in the rows that `kernels.branches.search.find_branches` returns: the last one counts."""
+    """Name what stands in rows of answers: joint values and errors, and in the last row how many, at what cost."""
     last = rows[-1]
     found = rows[: int(last[ANSWERS])]
     return Answers(found[:, :dof], found[:, dof : dof + 2], int(last[SPENT]), bool(last[CONTINUUM] > 0.0))
