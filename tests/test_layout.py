@@ -81,7 +81,8 @@ def test_a_desk_fills_its_memory_and_no_part_lies_over_another(dof: int, joints:
         "best": (LANES, dof),
         "best_error": (LANES,),
         "floor": (LANES,),
-        "mode": (4,),
+        "columns": (3,),
+        "damping": (1,),
     }
     whole_numbers = {name for name, array in arrays_of(laid) if array.dtype == np.int64}
     assert whole_numbers == {"neighbour", "stack", "state"}
