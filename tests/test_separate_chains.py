@@ -239,7 +239,7 @@ def test_a_function_is_split_by_asking() -> None:
     T = random_goals(arm, 3)
     solver = SeparateChains(breadth=2)
     asked.clear()
-    split = solver.split(Problem(box.chain, Goal.pose(T)))
+    split = solver.split(Problem(box.mechanism, Goal.pose(T)))
     assert (split.first, split.second) == ((0, 1, 2), (3,))
     assert sum(asked) == split.evaluations
     asked.clear()
@@ -247,7 +247,7 @@ def test_a_function_is_split_by_asking() -> None:
     np.testing.assert_allclose(found.q, exact.q, atol=1e-12)
     assert abs(sum(asked) - np.sum(found.evaluations)) <= 3 * 7, "but for those that judge each search"
     asked.clear()
-    solver.split(Problem(box.chain, Goal.pose(T)))
+    solver.split(Problem(box.mechanism, Goal.pose(T)))
     assert not asked, "once is enough"
 
 
@@ -262,7 +262,7 @@ def test_a_function_of_one_row_that_may_not_close() -> None:
     arm = kinseek.Arm.from_fk(pose, [0, 0], [1, 6], vectorized=False, partial=True)
     T = arm.fk([0.3, 1.0])
     solver = SeparateChains(200, breadth=2)
-    assert solver.split(Problem(arm.chain, Goal.pose(T))).second == (1,)
+    assert solver.split(Problem(arm.mechanism, Goal.pose(T))).second == (1,)
     solution = arm.ik(T, solver=solver)
     assert solution.position_error < 0.005
     assert solution.orientation_error < 0.03
@@ -293,8 +293,8 @@ def test_what_is_found_out_is_kept_as_long_as_the_arm_and_no_longer() -> None:
             each.ik(
                 Goal.pose(T, tool=kinseek.pose([0.01 * number, 0, 0])), solver=SeparateChains(10, breadth=1)
             )
-        assert len(_known[each.chain]) == KEPT
-    gone = weakref.ref(each.chain), weakref.ref(box.chain)
+        assert len(_known.of(each.mechanism)) == KEPT
+    gone = weakref.ref(each.mechanism), weakref.ref(box.mechanism)
     del each, box
     gc.collect()
     assert [ref() for ref in gone] == [None, None]

@@ -8,7 +8,6 @@ import time
 import weakref
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -105,10 +104,10 @@ def test_branches_and_samples_are_dropped_with_their_arms() -> None:
     function = kinseek.Arm.from_fk(fk, [-1.0, -1.0], [1.0, 1.0])
     function.ik(kinseek.Goal.position([0.2, 0.3, 0.0]))
     function.ik(kinseek.Goal.position([0.2, 0.3, 0.0]), solver=kinseek.CoordinateDescent())
-    chain_of_function: Any = function.chain
-    box = weakref.ref(chain_of_function)
-    asked = weakref.ref(samples._samples.of(chain_of_function).get(SAMPLES, lambda: pytest.fail("not kept")))
-    assert len(coordinates._forms.of(chain_of_function)) == 1
-    del arm, function, chain_of_function
+    mechanism = function.mechanism
+    box = weakref.ref(mechanism)
+    asked = weakref.ref(samples._samples.of(mechanism).get(SAMPLES, lambda: pytest.fail("not kept")))
+    assert len(coordinates._forms.of(mechanism)) == 1
+    del arm, function, mechanism
     gc.collect()
     assert (index(), chain(), box(), asked()) == (None,) * 4

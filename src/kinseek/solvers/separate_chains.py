@@ -12,9 +12,6 @@ in each these are two trees of depth three in place of one of depth six: their s
 
 from __future__ import annotations
 
-import threading
-import weakref
-from collections import OrderedDict
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, NamedTuple
 
@@ -26,6 +23,7 @@ from kinseek.errors import InvalidSolver
 from kinseek.goal import Goal
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
+from kinseek.shelf import Shelf
 from kinseek.solution import Solution, with_traces
 
 from .base import Found, solve_each
@@ -481,25 +479,19 @@ class _Known(NamedTuple):
 KEPT = 16
 """Kinds of goal, tools and tool axes that are kept for an arm, the last ones used."""
 
-_known: weakref.WeakKeyDictionary[Mechanism, OrderedDict[tuple[int, bytes | None], _Known]] = (
-    weakref.WeakKeyDictionary()
-)
-_looking = threading.RLock()
+_known: Shelf[Mechanism, tuple[int, bytes | None], _Known] = Shelf(KEPT)
 
 
 def known_of(chain: Mechanism, goal: Goal) -> _Known:
     """What was found out about an arm for a kind of goal and a tool: at the first call, and dropped with the arm."""
+
+    def find_out() -> _Known:
+        split = find_split(chain, goal)
+        made_anew = split.whole or chain.axes is None
+        return _Known(split, None, None) if made_anew else _Known(split, *parts(chain, goal, split))
+
     key = (goal.columns, None if goal.tip is None else goal.tip.tobytes())
-    with _looking:
-        mine = _known.setdefault(chain, OrderedDict())
-        if key not in mine:
-            split = find_split(chain, goal)
-            made_anew = split.whole or chain.axes is None
-            mine[key] = _Known(split, None, None) if made_anew else _Known(split, *parts(chain, goal, split))
-        mine.move_to_end(key)
-        if len(mine) > KEPT:
-            mine.popitem(last=False)
-        return mine[key]
+    return _known.of(chain).get(key, find_out)
 
 
 def parts(chain: Mechanism, goal: Goal, split: Split) -> tuple[Mechanism, Mechanism | None]:
