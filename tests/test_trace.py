@@ -142,7 +142,7 @@ def test_seeds_are_read_where_the_desk_has_them() -> None:
     laid = desk(memory.ctypes.data, dof, joints)
     laid.lanes.q[:] = np.arange(8 * dof).reshape(dof, 8)
     laid.state[:] = [0, 2, 1, 0, 2, 2, 2, 2]
-    seeds = tracing.filled_lanes(memory, dof)
+    seeds = tracing.filled_lanes(memory, dof, joints)
     assert [seed.tolist() for seed in seeds] == [laid.lanes.q[:, 0].tolist(), laid.lanes.q[:, 3].tolist()]
 
 

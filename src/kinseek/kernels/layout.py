@@ -116,7 +116,9 @@ class Layout:
         self.count = plain(0)
         """Numbers that the memory holds."""
         views = {}
+        self._places: dict[str, tuple[Count, Part | Layout]] = {}
         for field, part in parts.items():
+            self._places[field] = self.count, part
             views[field] = part.at(self.count, field)
             self.count = self.count + part.count
         name, self._given = name or bundle.__name__.lower(), ", ".join(made_for)
@@ -127,6 +129,25 @@ class Layout:
             _function(f"make_{name}(address, {self._given})", _bundled(bundle, views), below, bundle)
         )
         """A kernel of an address and what the memory is made for: the views."""
+
+    def look(self, path: str, memory: NDArray[np.float64], **numbers: int) -> NDArray[Any]:
+        """An array in a memory, for Python to look at: ``"field"``, or ``"field.field"`` of a bundle in the bundle.
+
+        Args:
+            path: Which.
+            memory: All of it.
+            numbers: What the memory is made for.
+        """
+        field, _, rest = path.partition(".")
+        first, part = self._places[field]
+        place = memory[first.of(**numbers) :]
+        if isinstance(part, Layout):
+            return part.look(rest, place, **numbers)
+        seen = place[: part.count.of(**numbers)]
+        integers = part.view.startswith("integer")
+        return (seen.view(np.int64) if integers else seen).reshape(
+            [each.of(**numbers) for each in part.shape]
+        )
 
     def at(self, first: Count, name: str) -> str:
         """See `Part.at`."""

@@ -7,7 +7,6 @@ code, and so are the bits of the answer.
 
 from __future__ import annotations
 
-import ctypes
 from typing import NamedTuple
 
 import numpy as np
@@ -18,9 +17,9 @@ from kinseek.kernels.atlas.batch import solve_some
 from kinseek.kernels.atlas.descent import DEEP_STEPS, FIRST_STEPS, RESTART_STEPS
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import LAYOUT
-from kinseek.kernels.atlas.one_goal import PASSES, search_routine
+from kinseek.kernels.atlas.one_goal import PASSES, search_within
 from kinseek.kernels.atlas.seeds import RESTARTS
-from kinseek.kernels.without_jit import WITHOUT_JIT, call_at
+from kinseek.kernels.atlas.task import BUDGET
 from kinseek.problem import Problem, within_limits
 from kinseek.solution import Solution, with_traces
 from kinseek.solvers.base import Found
@@ -76,7 +75,7 @@ def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
     """Keep the look-up and every round; what follows the last restart is one, or a patient search before it."""
     problem, held = recorder.problem, _held(index)
     wanted, restarts, spent = wanted_of(problem.goal, problem.budget), 0, 0
-    most = wanted[3]
+    most = wanted[BUDGET]
     seeds = _seeds(index, problem, wanted, 0)
     errors = [recorder.judged(seed)[2] for seed in seeds]
     # Where no round fits into the budget, the answer is not even the best sample.
@@ -105,7 +104,7 @@ def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
 def _ask(index: AtlasIndex, problem: Problem, wanted: Array, budget: int) -> Array:
     """What the search gives within a budget: joint values, three errors, FK evaluations, (n + 4,)."""
     results, less = np.empty((1, problem.chain.dof + 4)), wanted.copy()
-    less[3] = budget
+    less[BUDGET] = budget
     some = np.zeros(1, dtype=np.int64)
     solve_some(index.handle, less, problem.goal.targets, results, some, 0, 1, LANES)
     row: Array = results[0]
@@ -117,24 +116,14 @@ def _seeds(index: AtlasIndex, problem: Problem, wanted: Array, budget: int) -> l
     dof, joints = problem.chain.dof, len(problem.chain.leader)
     memory, q = np.zeros(LAYOUT.count.of(dof=dof, joints=joints)), np.empty(dof)
     target = np.ascontiguousarray(problem.goal.targets[0])
-    held = index.handle, wanted, memory, target
-    arguments = (*(each.ctypes.data for each in held), float(budget), q.ctypes.data, LANES)
-    address = search_routine.address
-    if WITHOUT_JIT:
-        call_at(address, arguments)
-    else:
-        whole = ctypes.c_int64
-        ctypes.CFUNCTYPE(whole, *[whole] * 4, ctypes.c_double, whole, whole)(address)(*arguments)
-    return filled_lanes(memory, dof)
+    search_within(index.handle, wanted, memory, target, float(budget), q, LANES)
+    return filled_lanes(memory, dof, joints)
 
 
-def filled_lanes(memory: Array, dof: int) -> list[Array]:
+def filled_lanes(memory: Array, dof: int, joints: int) -> list[Array]:
     """Joint values of the lanes of a desk that are on their way, each (n,)."""
-    # The first part of a desk is q of its lanes; after `state` come `best`, `best_error`, `floor` and `mode`.
-    lanes = memory[: dof * LANES].reshape(dof, LANES).T
-    end = len(memory) - (LANES * dof + LANES + LANES + 4)
-    state = memory[end - LANES : end].view(np.int64)
-    return [np.array(lane) for lane, now in zip(lanes, state, strict=True) if now == 0]
+    lanes, state = (LAYOUT.look(path, memory, dof=dof, joints=joints) for path in ("lanes.q", "state"))
+    return [np.array(lane) for lane, now in zip(lanes.T, state, strict=True) if now == 0]
 
 
 def _held(index: AtlasIndex) -> int:
