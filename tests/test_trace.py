@@ -72,7 +72,7 @@ def holds_together(solution: Solution) -> None:
     assert (last.weighted_error, last.position_error, last.orientation_error) == (
         *(solution.weighted_error, solution.position_error, solution.orientation_error),
     )
-    assert trace.joint_names == solution.problem.chain.joint_names
+    assert trace.joint_names == solution.problem.mechanism.joint_names
     assert all(len(line) <= WIDTH for line in str(trace).splitlines())
 
 
