@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .entry import F64, FLAG, I64, Bundle
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
@@ -31,6 +33,19 @@ class ChainArrays(NamedTuple):
     """[rad] or [m], (n,)"""
     upper: Array
     """[rad] or [m], (n,)"""
+
+
+CHAIN = Bundle(
+    ChainArrays,
+    fixed=F64["m+1", 3, 4],
+    prismatic=FLAG["m"],
+    leader=I64["m"],
+    multiplier=F64["m"],
+    offset=F64["m"],
+    start=I64["n+1"],
+    lower=F64["n"],
+    upper=F64["n"],
+)
 
 
 def chain_arrays(
@@ -66,3 +81,6 @@ class GoalArrays(NamedTuple):
     """K_P of the paper, per [m]."""
     axis_weights: Array
     """K_A for the x, y and z columns, (3,): a pose (1, 1, 0)·K_A, a direction (1, 0, 0)·K_A."""
+
+
+GOAL = Bundle(GoalArrays, target=F64[3, 4], position_weight=F64, axis_weights=F64[3])

@@ -9,58 +9,28 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
-from llvmlite import ir
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from .arrays import Array, Indices
-from .jit import view
-from .without_jit import WITHOUT_JIT, call_at, view_at
+from .jit import COMPILES, view
+from .without_jit import call_at, pointer_at, view_at
 
 ROW = 4
 """Numbers a row of a handle holds: address and three dimensions."""
 
+call: Any = call_at
+"""Call the `jit.Routine` at an address with a tuple of integers and floats; it returns an integer."""
 
-types: Any = numba.types  # Untyped in Numba itself.
-carray: Any = view_at if WITHOUT_JIT else vars(numba)["carray"]
+carray: Any = view_at
+_pointer_to: Any = pointer_at
 
+if COMPILES:
+    from . import compiler
 
-def _pointer_to(dtype: Any) -> Any:
-    if WITHOUT_JIT:
-        return lambda address: (address, numba.np.numpy_support.as_dtype(dtype))
+    call, carray, _pointer_to = compiler.call_routine, compiler.carray, compiler.pointer_to
 
-    @intrinsic
-    def pointer(typing_context: Any, address: Any) -> Any:
-        """Turn an address into a pointer."""
-        result = types.CPointer(dtype)
-
-        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            return builder.inttoptr(args[0], context.get_value_type(result))
-
-        return result(types.int64), generate
-
-    return pointer
-
-
-_floats, _integers, _bools = (_pointer_to(t) for t in (types.float64, types.int64, types.boolean))
-
-
-@intrinsic
-def _call(typing_context: Any, address: Any, arguments: Any) -> Any:
-    """Call the `jit.Routine` at an address with a tuple of integers and floats; return the integer it returns."""
-    result = types.int64
-
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        given = [builder.extract_value(values[1], i) for i in range(len(arguments))]
-        kind = ir.FunctionType(context.get_value_type(result), [value.type for value in given])
-        return builder.call(builder.inttoptr(values[0], kind.as_pointer()), given)
-
-    return result(types.int64, arguments), generate
-
-
-call: Any = call_at if WITHOUT_JIT else _call  # To its stubs an intrinsic is called with its typing context.
+_floats, _integers, _bools = map(_pointer_to, "fib")
 
 
 def handle_of(arrays: list[NDArray[Any]]) -> Indices:

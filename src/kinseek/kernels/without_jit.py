@@ -13,13 +13,10 @@ from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numpy as np
-from numba.core import config
 from numpy.typing import DTypeLike
 
 P = ParamSpec("P")
 R = TypeVar("R")
-
-WITHOUT_JIT = bool(vars(config)["DISABLE_JIT"])
 
 
 class Bounded(np.ndarray[Any, np.dtype[Any]]):
@@ -73,6 +70,11 @@ def plainly(kernel: Callable[P, R]) -> Callable[P, R]:
             return cast("R", unbounded(kernel(*bounded(given), **named)))
 
     return run
+
+
+def pointer_at(element: str) -> Callable[[int], tuple[int, DTypeLike]]:
+    """What makes an address of numbers, see `entry.Leaf`, into a place for `view_at`."""
+    return lambda address: (address, {"f": np.float64, "i": np.int64, "b": np.bool_}[element])
 
 
 def view_at(place: tuple[int, DTypeLike], shape: tuple[int, ...]) -> Bounded:

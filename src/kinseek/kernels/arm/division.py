@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kinseek.kernels.arrays import Array
+from kinseek.kernels.entry import F64, I64, Bundle
 from kinseek.kernels.jit import hidden
 
 NONE, TURN, SLIDE = 0, 1, 2
@@ -24,6 +25,9 @@ class Division(NamedTuple):
     """Directions kept: 2 the whole orientation, 1 an axis, 0 none."""
     length: float
     """Length that a direction counts as, [m]."""
+
+
+DIVISION = Bundle(Division, head=I64, tail=I64, columns=I64, length=F64)
 
 
 @hidden

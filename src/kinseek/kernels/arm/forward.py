@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
-from kinseek.kernels.arrays import Array, ChainArrays
-from kinseek.kernels.jit import hidden, kernel
+from kinseek.kernels.arrays import CHAIN, Array, ChainArrays
+from kinseek.kernels.entry import F64
+from kinseek.kernels.jit import entry, hidden
 
 from .trigonometry import sine_cosine
 
@@ -70,13 +71,19 @@ def forward(chain: ChainArrays, q: Array, T: Array) -> None:
     advance(chain.fixed[joints], True, 0.0, T)
 
 
-@kernel
-def forward_many(chain: ChainArrays, q: Array) -> Array:
-    """Poses of the tip at many joint vectors, (k, n) -> (k, 4, 4), lengths in [m]."""
-    poses, T = np.empty((len(q), 4, 4)), np.empty((3, 4))
+@entry(chain=CHAIN, q=F64["k", "n"], poses=F64["k", 4, 4].out)
+def write_poses(chain: ChainArrays, q: Array, poses: Array) -> None:
+    """Write poses of the tip at many joint vectors, (k, n), into `poses`, (k, 4, 4), lengths in [m]."""
+    T = np.empty((3, 4))
     for k in range(len(q)):
         forward(chain, q[k], T)
         copy_pose(T, poses[k])
         for c in range(4):
             poses[k, 3, c] = 1.0 if c == 3 else 0.0
+
+
+def forward_many(chain: ChainArrays, q: Array) -> Array:
+    """Poses of the tip at many joint vectors, (k, n) -> (k, 4, 4), lengths in [m]."""
+    poses = np.empty((len(q), 4, 4))
+    write_poses(chain, np.ascontiguousarray(q), poses)
     return poses

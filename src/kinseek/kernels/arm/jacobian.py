@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from kinseek.kernels.arrays import Array, ChainArrays
-from kinseek.kernels.jit import kernel
+from kinseek.kernels.arrays import CHAIN, Array, ChainArrays
+from kinseek.kernels.entry import F64
+from kinseek.kernels.jit import entry
 
 from .forward import advance, identity
 
 
-@kernel
-def jacobian_many(chain: ChainArrays, q: Array) -> Array:
-    """Velocity [m] and angular velocity [rad] of the tip, in the base, for each joint variable, (k, n) -> (k, 6, n)."""
-    count, dof, joints = len(q), len(chain.lower), len(chain.leader)
-    result, axes, T = np.zeros((count, 6, dof)), np.empty((joints, 6)), np.empty((3, 4))
-    for k in range(count):
+@entry(chain=CHAIN, q=F64["k", "n"], result=F64["k", 6, "n"].out)
+def add_jacobians(chain: ChainArrays, q: Array, result: Array) -> None:
+    """Add to `result`, (k, 6, n), what `jacobian_many` gives for q, (k, n)."""
+    joints = len(chain.leader)
+    axes, T = np.empty((joints, 6)), np.empty((3, 4))
+    for k in range(len(q)):
         identity(T)
         for m in range(joints):
             value = chain.multiplier[m] * q[k, chain.leader[m]] + chain.offset[m]
@@ -38,4 +39,10 @@ def jacobian_many(chain: ChainArrays, q: Array) -> Array:
                 result[k, 3, i] += scale * zx
                 result[k, 4, i] += scale * zy
                 result[k, 5, i] += scale * zz
+
+
+def jacobian_many(chain: ChainArrays, q: Array) -> Array:
+    """Velocity [m] and angular velocity [rad] of the tip, in the base, for each joint variable, (k, n) -> (k, 6, n)."""
+    result = np.zeros((len(q), 6, len(chain.lower)))
+    add_jacobians(chain, np.ascontiguousarray(q), result)
     return result

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
-from kinseek.kernels.arrays import Array, ChainArrays, Flags, GoalArrays
-from kinseek.kernels.jit import exact, hidden, kernel, kernel_exact
+from kinseek.kernels.arrays import CHAIN, GOAL, Array, ChainArrays, Flags, GoalArrays
+from kinseek.kernels.entry import F64, FLAG, I64
+from kinseek.kernels.jit import entry, exact, hidden
 
 from .forward import forward
 
@@ -100,7 +101,17 @@ def errors(T: Array, goal: GoalArrays) -> tuple[float, float]:
     return position, 0.0
 
 
-@kernel
+@entry(chain=CHAIN, q=F64["k", "n"], targets=F64["k", 3, 4], goal=GOAL, result=F64["k", 3].out)
+def write_errors(chain: ChainArrays, q: Array, targets: Array, goal: GoalArrays, result: Array) -> None:
+    """Write what `judge` gives into `result`, (k, 3)."""
+    T = np.empty((3, 4))
+    for k in range(len(q)):
+        forward(chain, q[k], T)
+        this = GoalArrays(targets[k], goal.position_weight, goal.axis_weights)
+        result[k, 0], result[k, 1] = errors(T, this)
+        result[k, 2] = weighted_error(T, this)
+
+
 def judge(chain: ChainArrays, q: Array, targets: Array, goal: GoalArrays) -> Array:
     """Recompute what joint values reach, from nothing but plain FK.
 
@@ -114,12 +125,7 @@ def judge(chain: ChainArrays, q: Array, targets: Array, goal: GoalArrays) -> Arr
         Position error [m], orientation error [rad] and weighted error of each, (k, 3).
     """
     result = np.empty((len(q), 3))
-    T = np.empty((3, 4))
-    for k in range(len(q)):
-        forward(chain, q[k], T)
-        this = GoalArrays(targets[k], goal.position_weight, goal.axis_weights)
-        result[k, 0], result[k, 1] = errors(T, this)
-        result[k, 2] = weighted_error(T, this)
+    write_errors(chain, np.ascontiguousarray(q), np.ascontiguousarray(targets), goal, result)
     return result
 
 
@@ -147,7 +153,7 @@ def is_rigid(T: Array) -> bool:
     return upright
 
 
-@kernel
+@entry(returns=FLAG, poses=F64["k", 4, 4])
 def all_rigid(poses: Array) -> bool:
     """Are all poses, (k, 4, 4), finite and rigid transforms to rounding?"""
     loose = 0
@@ -156,12 +162,17 @@ def all_rigid(poses: Array) -> bool:
     return loose == 0
 
 
-@kernel
+@entry(poses=F64["k", 4, 4], result=FLAG["k"].out)
+def write_rigid(poses: Array, result: Flags) -> None:
+    """Write what `rigid_each` gives into `result`, (k,)."""
+    for k in range(len(poses)):
+        result[k] = is_rigid(poses[k])
+
+
 def rigid_each(poses: Array) -> Flags:
     """Which poses, (k, 4, 4), are rigid transforms to rounding, see `is_rigid`, (k,)."""
     result = np.empty(len(poses), dtype=np.bool_)
-    for k in range(len(poses)):
-        result[k] = is_rigid(poses[k])
+    write_rigid(np.ascontiguousarray(poses), result)
     return result
 
 
@@ -185,7 +196,7 @@ def is_loose(T: Array, tolerance: float) -> bool:
     return mirrored
 
 
-@kernel_exact
+@entry(returns=I64, exact=True, poses=F64["k", 4, 4], tolerance=F64, nan_is_fine=FLAG)
 def first_loose(poses: Array, tolerance: float, nan_is_fine: bool) -> int:
     """Index of the first pose of (k, 4, 4) that is no rigid transform, or -1; with `nan_is_fine` NaN is passed over."""
     for k in range(len(poses)):
@@ -199,12 +210,17 @@ def first_loose(poses: Array, tolerance: float, nan_is_fine: bool) -> int:
     return -1
 
 
-@kernel
-def judge_poses(poses: Array, targets: Array, goal: GoalArrays) -> Array:
-    """Errors of poses that are there already, (k, 4, 4), as `judge` gives them, (k, 3)."""
-    result = np.empty((len(poses), 3))
+@entry(poses=F64["k", 4, 4], targets=F64["k", 3, 4], goal=GOAL, result=F64["k", 3].out)
+def write_pose_errors(poses: Array, targets: Array, goal: GoalArrays, result: Array) -> None:
+    """Write what `judge_poses` gives into `result`, (k, 3)."""
     for k in range(len(poses)):
         this = GoalArrays(targets[k], goal.position_weight, goal.axis_weights)
         result[k, 0], result[k, 1] = errors(poses[k], this)
         result[k, 2] = weighted_error(poses[k], this)
+
+
+def judge_poses(poses: Array, targets: Array, goal: GoalArrays) -> Array:
+    """Errors of poses that are there already, (k, 4, 4), as `judge` gives them, (k, 3)."""
+    result = np.empty((len(poses), 3))
+    write_pose_errors(np.ascontiguousarray(poses), np.ascontiguousarray(targets), goal, result)
     return result

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
-from kinseek.kernels.arrays import Array, ChainArrays
-from kinseek.kernels.jit import called, hidden, kernel
+from kinseek.kernels.arrays import CHAIN, Array, ChainArrays
+from kinseek.kernels.entry import F64
+from kinseek.kernels.jit import called, entry, hidden
 
 from .forward import forward
 
@@ -113,7 +114,26 @@ def range_weighted(weight_p: float, weight_o: float, place: float, turn: float) 
     return weight_p * place + 2.0 * weight_o * half * half
 
 
-@kernel
+@entry(
+    chain=CHAIN,
+    q=F64["k", "n"],
+    questions=F64["k", QUESTION],
+    weight_p=F64,
+    weight_o=F64,
+    result=F64["k", 3].out,
+)
+def write_range_errors(
+    chain: ChainArrays, q: Array, questions: Array, weight_p: float, weight_o: float, result: Array
+) -> None:
+    """Write what `judge_ranges` gives into `result`, (k, 3)."""
+    T, out, work = np.empty((3, 4)), np.empty(6), np.empty(27)
+    for k in range(len(q)):
+        forward(chain, q[k], T)
+        deviation(T, questions[k], out, work)
+        result[k, 0], result[k, 1] = range_errors(out, questions[k])
+        result[k, 2] = range_weighted(weight_p, weight_o, result[k, 0], result[k, 1])
+
+
 def judge_ranges(chain: ChainArrays, q: Array, questions: Array, weight_p: float, weight_o: float) -> Array:
     """Recompute what joint values reach, from nothing but plain FK.
 
@@ -127,10 +147,8 @@ def judge_ranges(chain: ChainArrays, q: Array, questions: Array, weight_p: float
     Returns:
         Position error [m], orientation error [rad] and weighted error of each, (k, 3).
     """
-    result, T, out, work = np.empty((len(q), 3)), np.empty((3, 4)), np.empty(6), np.empty(27)
-    for k in range(len(q)):
-        forward(chain, q[k], T)
-        deviation(T, questions[k], out, work)
-        result[k, 0], result[k, 1] = range_errors(out, questions[k])
-        result[k, 2] = range_weighted(weight_p, weight_o, result[k, 0], result[k, 1])
+    result = np.empty((len(q), 3))
+    write_range_errors(
+        chain, np.ascontiguousarray(q), np.ascontiguousarray(questions), weight_p, weight_o, result
+    )
     return result

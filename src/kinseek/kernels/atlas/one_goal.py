@@ -13,7 +13,8 @@ import numpy as np
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, is_rigid, weighted_error
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
-from kinseek.kernels.jit import hidden, kernel, routine, view
+from kinseek.kernels.entry import F64, FLAG, I64
+from kinseek.kernels.jit import entry, hidden, kernel, routine, view
 from kinseek.kernels.pointers import call, part1, part2
 
 from .descent import (
@@ -288,7 +289,7 @@ def solve_pose(handle: Indices, wanted: Array, target: Array, w: int) -> Array:
     return result
 
 
-@kernel
+@entry(returns=(F64, F64, F64, I64, FLAG), address=I64, target=F64[4, 4], q=F64["n"])
 def solve_plain(address: int, target: Array, q: Array) -> tuple[float, float, float, int, bool]:
     """Answer one pose under the default tolerances and weights, with as little between Python and the answer as can be.
 

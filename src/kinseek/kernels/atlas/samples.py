@@ -14,13 +14,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kinseek.kernels.arm.division import NONE, SLIDE, TURN, Division, nearest_copy
+from kinseek.kernels.arm.division import DIVISION, NONE, SLIDE, TURN, Division, nearest_copy
 from kinseek.kernels.arm.forward import advance, advance_segment, identity
 from kinseek.kernels.arm.trigonometry import rough_angle
-from kinseek.kernels.arrays import Array, ChainArrays
-from kinseek.kernels.jit import hidden, kernel
+from kinseek.kernels.arrays import CHAIN, Array, ChainArrays
+from kinseek.kernels.entry import F64, I64, Bundle
+from kinseek.kernels.jit import entry, hidden
 
-from .tree import Tree, make_tree, sort_tree
+from .tree import TREE, Tree, make_tree, sort_tree
 
 
 class Atlas(NamedTuple):
@@ -65,6 +66,16 @@ def coordinates(K: Array, division: Division, out: Array) -> int:
     return used
 
 
+ATLAS = Bundle(
+    Atlas,
+    tree=TREE,
+    middle=F64["s", "middle"].out,
+    poses=F64["s", 3, 4].out,
+    inverse_head=F64[3, 4],
+    inverse_tip=F64[3, 4],
+)
+
+
 def build_atlas(
     chain: ChainArrays,
     division: Division,
@@ -82,7 +93,7 @@ def build_atlas(
     return atlas
 
 
-@kernel
+@entry(chain=CHAIN, division=DIVISION, middle=F64["s", "middle"], first=I64, atlas=ATLAS)
 def fill_atlas(chain: ChainArrays, division: Division, middle: Array, first: int, atlas: Atlas) -> None:
     """Compute K and its coordinates for every sample, and sort them.
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.entry import F64, I64, Bundle
 from kinseek.kernels.jit import called, hidden, kernel
 
 LEAF = 8
@@ -39,6 +40,15 @@ class Tree(NamedTuple):
     """Where it splits it, same shape."""
     beside: Indices
     """The leaves whose centres are nearest to each leaf's, nearest first, -1 where there are no more, (leaves · BESIDE,)."""
+
+
+TREE = Bundle(
+    Tree,
+    points=F64["leaves", "used", LEAF].out,
+    axis=I64["inner"].out,
+    split=F64["inner"].out,
+    beside=I64["*"].out,
+)
 
 
 def make_tree(count: int, dimensions: int) -> Tree:

@@ -1,0 +1,46 @@
+"""Compile the kernels while the package is built (native/build.py), or say why they will be compiled where it runs."""
+
+from __future__ import annotations
+
+import os
+import runpy
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+ROOT = Path(__file__).resolve().parent
+KERNELS = ROOT / "src" / "kinseek" / "kernels"
+
+
+class CompiledKernels(BuildHookInterface[Any]):
+    """Puts the library of kernels beside their sources, and so into the wheel."""
+
+    PLUGIN_NAME = "custom"
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Build it; an editable install gets the level of this machine alone, since nobody else runs it."""
+        wanted = os.environ.get("KINSEEK_BUILD", "auto")
+        if wanted not in ("auto", "always", "never"):
+            raise ValueError(f"KINSEEK_BUILD must be 'auto', 'always' or 'never', got {wanted!r}")
+        if wanted == "never":
+            return self._without(build_data, "KINSEEK_BUILD=never")
+        try:
+            native = runpy.run_path(str(ROOT / "native" / "build.py"))
+            library = native["build"](KERNELS, native["this_level"]() if version == "editable" else None)
+        except Exception as error:
+            if wanted == "always":
+                raise
+            return self._without(build_data, f"{type(error).__name__}: {error}")
+        build_data["pure_python"] = False
+        build_data["artifacts"].append(f"src/kinseek/kernels/{library.name}")
+        build_data["tag"] = f"cp311-abi3-{native['platform_tag'](library)}"
+        return None
+
+    def _without(self, build_data: dict[str, Any], why: str) -> None:
+        """Build a package of Python files alone: Numba compiles the kernels where it runs."""
+        self.app.display_warning(
+            f"kinseek: kernels are not compiled now ({why}); kinseek[jit] compiles them later"
+        )
+        for stale in KERNELS.glob("_prebuilt.*"):
+            stale.unlink()

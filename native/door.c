@@ -1,0 +1,240 @@
+/* The door of the library: callables that check what they are given, hand it over by address, and give the GIL back meanwhile. */
+#define Py_LIMITED_API 0x030B0000
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+#include <stdint.h>
+#include <string.h>
+#include "door.h"
+
+#define MOST_ARRAYS 96
+#define MOST_SLOTS 384
+#define MOST_NAMES 32
+#define MOST_RESULTS 8
+
+enum { FLOAT, INTEGER, FLAG, ARRAY, BUNDLE };  /* As native/build.py writes them. */
+
+typedef struct {
+    int32_t (*code)(int64_t *);
+    PyObject *explain;  /* Called with the arguments where they do not fit: it raises a TypeError that says why. */
+    int arguments, slots, results;
+    int32_t result_kind[MOST_RESULTS];
+    Py_ssize_t length;
+    int32_t program[];
+} Entry;
+
+typedef struct {
+    int64_t slot[MOST_SLOTS];
+    int64_t named[MOST_NAMES];
+    Py_buffer held[MOST_ARRAYS];
+    int slots, arrays;
+} Call;
+
+static const int32_t *take(Call *call, const int32_t *at, PyObject *value);
+
+static const int32_t *take_array(Call *call, const int32_t *at, PyObject *value) {
+    int32_t element = *at++, dimensions = *at++, written = *at++;
+    Py_buffer *view = &call->held[call->arrays];
+    if (PyObject_GetBuffer(value, view, PyBUF_ND | PyBUF_FORMAT | (written ? PyBUF_WRITABLE : 0))) return NULL;
+    call->arrays++;
+    const char *format = view->format ? view->format : "B";
+    int fits = view->ndim == dimensions && format[1] == 0 &&
+               (element == FLOAT ? format[0] == 'd'
+                : element == INTEGER ? (format[0] == 'l' || format[0] == 'q') && view->itemsize == 8
+                                     : format[0] == '?');
+    if (!fits) return NULL;
+    call->slot[call->slots++] = (int64_t)(intptr_t)view->buf;
+    for (int i = 0; i < dimensions; i++) {
+        int32_t name = *at++, plus = *at++;
+        int64_t length = view->shape[i];
+        if (name == -1 && length != plus) return NULL;
+        if (name >= 0) {
+            if (call->named[name] < 0) call->named[name] = length - plus;
+            if (call->named[name] != length - plus || length < plus) return NULL;
+        }
+        call->slot[call->slots++] = length;
+    }
+    return at;
+}
+
+static const int32_t *take(Call *call, const int32_t *at, PyObject *value) {
+    switch (*at++) {
+    case FLOAT: {
+        double number = PyFloat_AsDouble(value);
+        if (number == -1.0 && PyErr_Occurred()) return NULL;
+        memcpy(&call->slot[call->slots++], &number, 8);
+        return at;
+    }
+    case INTEGER: {
+        long long number = PyLong_AsLongLong(value);
+        if (number == -1 && PyErr_Occurred()) return NULL;
+        call->slot[call->slots++] = number;
+        return at;
+    }
+    case FLAG: {
+        int truth = PyObject_IsTrue(value);
+        if (truth < 0) return NULL;
+        call->slot[call->slots++] = truth;
+        return at;
+    }
+    case ARRAY:
+        return take_array(call, at, value);
+    default: {
+        int32_t fields = *at++;
+        if (!PyTuple_Check(value) || PyTuple_Size(value) != fields) return NULL;
+        for (int32_t i = 0; i < fields && at; i++) at = take(call, at, PyTuple_GetItem(value, i));
+        return at;
+    }
+    }
+}
+
+static PyObject *result(int32_t kind, int64_t slot) {
+    if (kind == INTEGER) return PyLong_FromLongLong(slot);
+    if (kind == FLAG) return PyBool_FromLong(slot != 0);
+    double number;
+    memcpy(&number, &slot, 8);
+    return PyFloat_FromDouble(number);
+}
+
+static PyObject *results(const Entry *entry, const int64_t *slot) {
+    if (entry->results == 0) Py_RETURN_NONE;
+    if (entry->results == 1) return result(entry->result_kind[0], slot[0]);
+    PyObject *all = PyTuple_New(entry->results);
+    for (int i = 0; all && i < entry->results; i++) {
+        PyObject *one = result(entry->result_kind[i], slot[i]);
+        if (!one) Py_CLEAR(all);
+        else PyTuple_SetItem(all, i, one);
+    }
+    return all;
+}
+
+static PyObject *misfit(const Entry *entry, PyObject *const *args, Py_ssize_t count) {
+    PyErr_Clear();
+    PyObject *given = PyTuple_New(count), *said = NULL;
+    for (Py_ssize_t i = 0; given && i < count; i++) {
+        Py_INCREF(args[i]);
+        PyTuple_SetItem(given, i, args[i]);
+    }
+    if (given) said = PyObject_Call(entry->explain, given, NULL);
+    Py_XDECREF(given);
+    Py_XDECREF(said);
+    if (!PyErr_Occurred()) PyErr_SetString(PyExc_TypeError, "a kernel was given what it does not take");
+    return NULL;
+}
+
+static PyObject *call_entry(PyObject *self, PyObject *const *args, Py_ssize_t count) {
+    const Entry *entry = PyCapsule_GetPointer(self, "kinseek.entry");
+    if (!entry) return NULL;
+    Call call;
+    call.slots = call.arrays = 0;
+    for (int i = 0; i < MOST_NAMES; i++) call.named[i] = -1;
+    const int32_t *at = count == entry->arguments ? entry->program : NULL;
+    for (Py_ssize_t i = 0; i < count && at; i++) at = take(&call, at, args[i]);
+    PyObject *answer = NULL;
+    if (at) {
+        int32_t status;
+        Py_BEGIN_ALLOW_THREADS
+        status = entry->code(call.slot);
+        Py_END_ALLOW_THREADS
+        if (status == 0) answer = results(entry, call.slot + call.slots);
+        else PyErr_NoMemory();  /* Nothing else fails inside a kernel. */
+    }
+    for (int i = 0; i < call.arrays; i++) PyBuffer_Release(&call.held[i]);
+    return at ? answer : misfit(entry, args, count);
+}
+
+static PyMethodDef caller = {"kernel", (PyCFunction)(void (*)(void))call_entry, METH_FASTCALL, NULL};
+
+static void forget(PyObject *capsule) {
+    Entry *entry = PyCapsule_GetPointer(capsule, "kinseek.entry");
+    Py_XDECREF(entry->explain);
+    PyMem_Free(entry);
+}
+
+static const Symbol *find(const char *name, long level) {
+    for (const Symbol *one = symbols; one->name; one++)
+        if (one->level == level && !strcmp(one->name, name)) return one;
+    PyErr_Format(PyExc_LookupError, "the library has no %s", name);
+    return NULL;
+}
+
+/* entry(name, level, arguments, program as bytes of 32-bit integers, results as the same, explain) -> a callable */
+static PyObject *make_entry(PyObject *self, PyObject *args) {
+    const char *name, *program, *kinds;
+    long level;
+    int arguments;
+    Py_ssize_t length, results;
+    PyObject *explain;
+    if (!PyArg_ParseTuple(args, "sliy#y#O", &name, &level, &arguments, &program, &length, &kinds, &results, &explain)) return NULL;
+    const Symbol *symbol = find(name, level);
+    if (!symbol) return NULL;
+    if (results > (Py_ssize_t)sizeof(int32_t) * MOST_RESULTS) return PyErr_Format(PyExc_ValueError, "%s returns too much", name);
+    int32_t slots = 0, arrays = 0, highest = -1;
+    for (Py_ssize_t i = 0; i < length / 4;) {  /* Does the longest call fit into `Call`? */
+        int32_t op = ((const int32_t *)program)[i++];
+        if (op == BUNDLE) i++;
+        else slots++;
+        if (op != ARRAY) continue;
+        arrays++;
+        int32_t dimensions = ((const int32_t *)program)[i + 1];
+        for (int32_t d = 0; d < dimensions; d++) {
+            int32_t named = ((const int32_t *)program)[i + 3 + 2 * d];
+            highest = named > highest ? named : highest;
+        }
+        slots += dimensions;
+        i += 3 + 2 * dimensions;
+    }
+    if (slots + MOST_RESULTS > MOST_SLOTS || arrays > MOST_ARRAYS || highest >= MOST_NAMES)
+        return PyErr_Format(PyExc_ValueError, "%s takes too much", name);
+    Entry *entry = PyMem_Malloc(sizeof(Entry) + (size_t)length);
+    if (!entry) return PyErr_NoMemory();
+    entry->code = (int32_t (*)(int64_t *))symbol->code;
+    entry->explain = explain;
+    Py_INCREF(explain);
+    entry->arguments = arguments;
+    entry->slots = slots;
+    entry->results = (int)(results / 4);
+    memcpy(entry->result_kind, kinds, (size_t)results);
+    entry->length = length;
+    memcpy(entry->program, program, (size_t)length);
+    PyObject *capsule = PyCapsule_New(entry, "kinseek.entry", forget);
+    if (!capsule) return NULL;
+    PyObject *made = PyCFunction_NewEx(&caller, capsule, NULL);
+    Py_DECREF(capsule);
+    return made;
+}
+
+static PyObject *address(PyObject *self, PyObject *args) {
+    const char *name;
+    long level;
+    if (!PyArg_ParseTuple(args, "sl", &name, &level)) return NULL;
+    const Symbol *symbol = find(name, level);
+    return symbol ? PyLong_FromVoidPtr((void *)symbol->code) : NULL;
+}
+
+static PyObject *best_level(PyObject *self, PyObject *unused) {
+#if defined(__x86_64__) || defined(_M_X64)
+    __builtin_cpu_init();
+    int two = __builtin_cpu_supports("sse4.2") && __builtin_cpu_supports("ssse3") && __builtin_cpu_supports("popcnt");
+    int three = two && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi") &&
+                __builtin_cpu_supports("bmi2");
+    return PyLong_FromLong(three ? 3 : two ? 2 : 0);
+#else
+    return PyLong_FromLong(1);
+#endif
+}
+
+static PyMethodDef methods[] = {
+    {"entry", make_entry, METH_VARARGS, NULL},
+    {"address", address, METH_VARARGS, NULL},
+    {"best_level", best_level, METH_NOARGS, NULL},
+    {0}};
+
+static int fill(PyObject *module) {
+    return PyModule_AddStringConstant(module, "digest", digest) || PyModule_AddStringConstant(module, "levels", levels_built) ||
+           PyModule_AddStringConstant(module, "made_of", made_of);
+}
+
+static PyModuleDef_Slot slots[] = {{Py_mod_exec, (void *)fill}, {0}};
+static struct PyModuleDef definition = {PyModuleDef_HEAD_INIT, "_prebuilt", NULL, 0, methods, slots};
+
+PyMODINIT_FUNC PyInit__prebuilt(void) { return PyModuleDef_Init(&definition); }

@@ -1,0 +1,25 @@
+/* What compiled kernels ask of Numba's runtime: memory that counts its references. */
+#include <stdint.h>
+#include <stdlib.h>
+
+typedef struct {
+    int64_t references;
+    void *destructor, *context, *data;
+    int64_t size;
+    void *allocator;
+} Memory;  /* The first four stand where Numba's own has them: kernels count references in the first. */
+
+void *NRT_MemInfo_alloc_aligned(size_t size, uint32_t alignment) {
+    Memory *made = malloc(sizeof(Memory) + size + alignment);
+    if (!made) return NULL;
+    uintptr_t at = (uintptr_t)(made + 1);
+    if (alignment) at = (at + alignment - 1) / alignment * alignment;
+    *made = (Memory){1, NULL, NULL, (void *)at, (int64_t)size, NULL};
+    return made;
+}
+
+void *NRT_MemInfo_alloc_safe_aligned(size_t size, uint32_t alignment) { return NRT_MemInfo_alloc_aligned(size, alignment); }
+void *NRT_MemInfo_alloc(size_t size) { return NRT_MemInfo_alloc_aligned(size, 16); }
+void NRT_MemInfo_call_dtor(void *memory) { free(memory); }
+void *NRT_Allocate(size_t size) { return malloc(size); }
+void NRT_Free(void *memory) { free(memory); }

@@ -1,0 +1,233 @@
+"""The one place that asks Numba for anything: its options, its types, and the guard against stale machine code.
+
+Numba's disk cache looks only at the file that holds the compiled function: a kernel whose imported callee
+changed in another file would run on with the old machine code. So the cache lives in a folder named after a
+digest of every source file that holds a kernel or that kernels are made of: change any of them, reinstall in
+place, and the folder is a new one. Files without kernels may change freely.
+
+Floating point: results hold no NaN (the shell refuses them), the sign of zero carries no meaning, and a
+product may be fused with a sum. Sums are never reordered.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import Future
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar, cast
+
+import numba
+from llvmlite import ir
+from numba.core import config, event, sigutils
+from numba.core.types import unliteral
+from numba.extending import intrinsic
+
+from .kept_code import c_function, keep_code
+from .sources import source_digest
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def _cache_folder() -> Path | None:
+    """Return a writable folder for this very state of the sources, or None where there is none."""
+    user_cache = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or "~/.cache"
+    candidates = [
+        os.environ.get("NUMBA_CACHE_DIR"),
+        str(Path(user_cache).expanduser() / "kinseek"),
+        str(Path(tempfile.gettempdir()) / f"kinseek-{os.getuid() if hasattr(os, 'getuid') else 'user'}"),
+    ]
+    for candidate in filter(None, candidates):
+        folder = Path(candidate) / f"kinseek-{numba.__version__}-{source_digest()}"
+        try:
+            folder.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            folder.mkdir(exist_ok=True, mode=0o700)
+            with tempfile.TemporaryFile(dir=folder):
+                if _is_ours(folder.parent) and _is_ours(folder):
+                    return folder
+        except OSError:
+            continue
+    return None
+
+
+def _is_ours(folder: Path) -> bool:
+    """Return whether nobody else can put machine code there: a shared temporary folder invites it."""
+    status = folder.stat()
+    return not hasattr(os, "getuid") or (status.st_uid == os.getuid() and not status.st_mode & stat.S_IWOTH)
+
+
+_CACHE = _cache_folder()
+
+
+NUMERICS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"nnan", "nsz", "contract"}}
+
+_njit: Any = numba.njit  # Its stubs leave out `no_cfunc_wrapper`, which saves compile time.
+signature_of: Callable[[str], Any] = sigutils.normalize_signature
+_unliteral: Callable[[Any], Any] = unliteral
+
+
+def bare(function: Callable[..., Any], exact: bool) -> Any:
+    """A kernel as a library takes it: without what lets Python call it, and not kept on disk."""
+    options = NUMERICS | {"fastmath": False} if exact else NUMERICS
+    return _njit(nogil=True, no_cfunc_wrapper=True, no_cpython_wrapper=True, **options)(function)
+
+
+class Compiled:
+    """The machine code of a routine, made once: with this goes the code."""
+
+    def __init__(self, signature: str, function: Callable[..., int]) -> None:
+        """Remember what to compile, as a C function of this signature."""
+        self._signature, self._function = signature, function
+        self._code: Any = None
+
+    @property
+    def address(self) -> int:
+        """Where its machine code stands, compiled by now or read from disk."""
+        return undisturbed(self._address)
+
+    def _address(self) -> int:
+        with _one_thread:
+            if self._code is None:
+                options = {"nopython": True} | NUMERICS
+                with _cached():
+                    signature = signature_of(self._signature)
+                    self._code = c_function(signature, self._function, options, _CACHE)
+            address: int = self._code.address
+            return address
+
+
+_one_thread = threading.Lock()
+
+
+def undisturbed(work: Callable[[], R]) -> R:
+    """Compile something, or read it from disk, where no signal handler runs: in a thread of its own.
+
+    Handlers run in the main thread, and may raise in the middle of what LLVM asks of Numba; LLVM goes on without the
+    answer, and the kernel has no machine code. So the main thread waits, hears Ctrl-C at once, and what was begun is
+    finished behind it.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return work()
+    result = Future[R]()
+
+    def run() -> None:
+        try:
+            result.set_result(work())
+        except BaseException as error:
+            result.set_exception(error)
+
+    threading.Thread(target=run, name="kinseek compiles").start()
+    return result.result()
+
+
+@contextmanager
+def _cached() -> Iterator[None]:
+    """Let Numba keep what is decorated here in our folder: it reads its settings when it builds a function's cache."""
+    settings = vars(config)
+    ours = {"CACHE_DIR": str(_CACHE or ""), "CACHE_LOCATOR_CLASSES": ""}
+    before = {name: settings.get(name, "") for name in ours}
+    settings.update(ours)
+    try:
+        yield
+    finally:
+        settings.update(before)
+
+
+def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
+    """Let Numba compile a function when it is first called."""
+    made = _njit(nogil=True, no_cfunc_wrapper=True, **(NUMERICS | options))(function)
+    if _CACHE is not None:
+        with _cached():
+            keep_code(made, function, _CACHE)
+    _ignore_literals(made)
+    _compile_undisturbed(made)
+    return cast("Callable[P, R]", made)
+
+
+def exposed(function: Callable[P, R]) -> Callable[P, R]:
+    """See `jit.exposed`."""
+    hidden: Any = function
+
+    def call(*given: Any) -> Any:
+        return hidden(*given)
+
+    return cast("Callable[P, R]", _njit(call))
+
+
+def pointer_to(element: str) -> Any:
+    """A kernel that turns an address into a pointer to such numbers, see `entry.Leaf`."""
+    types: Any = numba.types  # Untyped in Numba itself.
+    of = {"f": types.float64, "i": types.int64, "b": types.boolean}[element]
+
+    @intrinsic
+    def pointer(typing_context: Any, address: Any) -> Any:
+        result = types.CPointer(of)
+
+        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            return builder.inttoptr(args[0], context.get_value_type(result))
+
+        return result(types.int64), generate
+
+    return pointer
+
+
+@intrinsic
+def call_routine(typing_context: Any, address: Any, arguments: Any) -> Any:
+    """Call the `jit.Routine` at an address with a tuple of integers and floats; return the integer it returns."""
+    result = numba.types.int64
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        given = [builder.extract_value(values[1], i) for i in range(len(arguments))]
+        kind = ir.FunctionType(context.get_value_type(result), [value.type for value in given])
+        return builder.call(builder.inttoptr(values[0], kind.as_pointer()), given)
+
+    return result(numba.types.int64, arguments), generate
+
+
+carray: Any = vars(numba)["carray"]
+
+
+def _compile_undisturbed(compiled: Any) -> None:
+    compile_for_args = compiled._compile_for_args
+    compiled._compile_for_args = lambda *args, **kws: undisturbed(lambda: compile_for_args(*args, **kws))
+
+
+def _ignore_literals(compiled: Any) -> None:
+    """Let a kernel be compiled once, not anew for each constant that another kernel calls it with."""
+    template = compiled.get_call_template
+
+    def general(args: Iterable[Any], kws: Mapping[str, Any]) -> Any:
+        return template(
+            tuple(_unliteral(arg) for arg in args), {name: _unliteral(kw) for name, kw in kws.items()}
+        )
+
+    compiled.get_call_template = general
+
+
+class _FirstRunNotice(event.Listener):
+    """Say once, on stderr, that kernels are being compiled."""
+
+    said = False
+
+    def on_start(self, details: Any) -> None:
+        """Numba is about to compile: ours, and not found in the cache."""
+        function = getattr(details.data.get("dispatcher"), "py_func", None)
+        if not self.said and getattr(function, "__module__", "").startswith("kinseek."):
+            _FirstRunNotice.said = True
+            print(
+                "kinseek: compiling kernels, once per machine and version (some twenty seconds) ...",
+                file=sys.stderr,
+            )
+
+    def on_end(self, details: Any) -> None:
+        """Nothing to say."""
+
+
+_register: Callable[[str, event.Listener], None] = event.register
+_register("numba:compile", _FirstRunNotice())

@@ -1,0 +1,162 @@
+"""What of the kernels may be called from outside: each entry is declared once, with names, elements and shapes.
+
+From the declaration come the compiled function, the symbol in a library that is built before it is shipped, the checks at
+that library's door, and a C header. Machine code trusts what it is given: memory that is another shape than it takes it
+for is read beyond its end, so nothing passes the door unchecked.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """Length of an array along one dimension: a number, or a name that means the same number in a whole call, plus one."""
+
+    name: str = ""
+    plus: int = 0
+
+    @classmethod
+    def read(cls, value: int | str) -> Dimension:
+        """Read ``4``, ``"n"``, ``"m+1"``, or ``"*"`` for any length.
+
+        Raises:
+            TypeError: Anything else.
+        """
+        if isinstance(value, int):
+            return cls("", value)
+        found = re.fullmatch(r"([a-z_]+|\*)(?:\+(\d+))?", value)
+        if found is None:
+            raise TypeError(f"a dimension is a number, a name, a name plus a number or '*', got {value!r}")
+        return cls(found[1], int(found[2] or 0))
+
+    def __str__(self) -> str:
+        """As it was read."""
+        return f"{self.name}+{self.plus}" if self.name and self.plus else self.name or str(self.plus)
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """A number, or a C-contiguous array of them."""
+
+    element: str
+    """``"f"`` for a float, ``"i"`` for an integer of 64 bits, ``"b"`` for a truth value."""
+    shape: tuple[Dimension, ...] = ()
+    written: bool = False
+    """Does the kernel write into it?"""
+
+    def __getitem__(self, shape: int | str | tuple[int | str, ...]) -> Leaf:
+        """An array of such numbers."""
+        each = shape if isinstance(shape, tuple) else (shape,)
+        return Leaf(self.element, tuple(map(Dimension.read, each)))
+
+    @property
+    def out(self) -> Leaf:
+        """The same, written into by the kernel."""
+        return replace(self, written=True)
+
+    def words(self, known: Mapping[str, int]) -> str:
+        """What it is, for messages; lengths that are known already are told."""
+        if not self.shape:
+            return _NAMES[self.element][0]
+        lengths = [str(known[d.name] + d.plus) if d.name in known else str(d) for d in self.shape]
+        kind = "writable, C-contiguous" if self.written else "C-contiguous"
+        return f"a {kind} array of {_NAMES[self.element][1]} of shape ({', '.join(lengths)}{',' * (len(lengths) == 1)})"
+
+    def fits(self, value: Any, known: dict[str, int]) -> bool:
+        """Is a value such an array? Lengths that have a name become known."""
+        if (
+            not isinstance(value, np.ndarray)
+            or value.dtype != _NAMES[self.element][1]
+            or value.ndim != len(self.shape)
+        ):
+            return False
+        if not value.flags.c_contiguous or (self.written and not value.flags.writeable):
+            return False
+        for length, dimension in zip(value.shape, self.shape, strict=True):
+            if dimension.name != "*":
+                free = known.setdefault(dimension.name, length - dimension.plus) if dimension.name else 0
+                if length != free + dimension.plus or free < 0:
+                    return False
+        return True
+
+
+_NAMES = {"f": ("a number", "float64"), "i": ("a whole number", "int64"), "b": ("True or False", "bool")}
+
+F64, I64, FLAG = Leaf("f"), Leaf("i"), Leaf("b")
+
+
+class Bundle:
+    """A named tuple of numbers, arrays and bundles."""
+
+    def __init__(self, made_of: Any, **fields: Leaf | Bundle) -> None:
+        """Declare the fields of a named tuple.
+
+        Raises:
+            TypeError: They are not those that it has.
+        """
+        if tuple(fields) != made_of._fields:
+            raise TypeError(
+                f"{made_of.__name__} has the fields {made_of._fields}, declared are {tuple(fields)}"
+            )
+        self.made_of, self.fields = made_of, fields
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A kernel that Python calls."""
+
+    function: Callable[..., Any]
+    takes: dict[str, Leaf | Bundle]
+    returns: tuple[Leaf, ...]
+    exact: bool
+
+    @property
+    def name(self) -> str:
+        """Of the symbol."""
+        return f"ks_{self.function.__name__}"
+
+    def leaves(self) -> Iterator[tuple[str, Leaf]]:
+        """All numbers and arrays in the order in which they are handed over, bundles taken apart."""
+        for name, one in self.takes.items():
+            yield from _leaves(name, one)
+
+
+def _leaves(path: str, one: Leaf | Bundle) -> Iterator[tuple[str, Leaf]]:
+    if isinstance(one, Leaf):
+        yield path, one
+        return
+    for name, field in one.fields.items():
+        yield from _leaves(f"{path}.{name}", field)
+
+
+ENTRIES: dict[str, Entry] = {}
+"""All entries of the modules that are imported."""
+
+
+def declare(
+    function: Callable[..., Any],
+    returns: tuple[Leaf, ...],
+    takes: dict[str, Leaf | Bundle],
+    exact: bool = False,
+) -> Entry:
+    """Note an entry.
+
+    Raises:
+        TypeError: The names are not those of the function's parameters, or another entry has its name.
+    """
+    names = tuple(inspect.signature(function).parameters)
+    if names != tuple(takes):
+        raise TypeError(f"{function.__name__} takes {names}, declared are {tuple(takes)}")
+    made = Entry(function, takes, returns, exact)
+    if made.name in ENTRIES and ENTRIES[made.name].function.__module__ != function.__module__:
+        raise TypeError(f"two entries are called {made.name}")
+    ENTRIES[made.name] = made
+    return made

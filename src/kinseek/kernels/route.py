@@ -1,0 +1,185 @@
+"""How the kernels of this process run: from the library that was built with the package, or compiled here by Numba.
+
+`KINSEEK_JIT=1` has them compiled, `KINSEEK_LEVEL` chooses among the levels of processors that a library holds, and
+`NUMBA_DISABLE_JIT=1` runs them as plain Python, for tests (`without_jit`).
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from importlib.util import find_spec
+from typing import Any
+
+from .entry import Bundle, Entry, Leaf
+from .sources import source_digest
+
+_FLOAT, _INTEGER, _FLAG, _ARRAY, _BUNDLE = range(5)  # As native/door.c reads them.
+_OF = {"f": _FLOAT, "i": _INTEGER, "b": _FLAG}
+_ANY_LENGTH = -2
+
+
+class Library:
+    """The machine code that was built with the package, for one level of processors."""
+
+    def __init__(self, door: Any, level: int) -> None:
+        """Take the extension module that holds it."""
+        self._door, self.level = door, level
+
+    def caller(self, entry: Entry) -> Callable[..., Any]:
+        """What Python calls for an entry; it raises TypeError where an argument does not fit the declaration.
+
+        Raises:
+            ImportError: The library does not hold it.
+        """
+        results = _bytes([_OF[leaf.element] for leaf in entry.returns])
+        explain = _Explanation(entry)
+        try:
+            made: Callable[..., Any] = self._door.entry(
+                entry.name, self.level, len(entry.takes), _program(entry), results, explain
+            )
+        except LookupError as error:
+            raise ImportError(f"the library of kernels does not fit the package: {error}") from None
+        return made
+
+    def address(self, name: str) -> int:
+        """Where the machine code of a routine stands."""
+        found: int = self._door.address(name, self.level)
+        return found
+
+
+def _program(entry: Entry) -> bytes:
+    """What an entry takes, as numbers that native/door.c goes along."""
+    names: dict[str, int] = {}
+    numbers: list[int] = []
+
+    def add(one: Leaf | Bundle) -> None:
+        if isinstance(one, Bundle):
+            numbers.extend((_BUNDLE, len(one.fields)))
+            for field in one.fields.values():
+                add(field)
+            return
+        if not one.shape:
+            numbers.append(_OF[one.element])
+            return
+        numbers.extend((_ARRAY, _OF[one.element], len(one.shape), int(one.written)))
+        for dimension in one.shape:
+            if dimension.name == "*":
+                numbers.extend((_ANY_LENGTH, 0))
+            else:
+                name = names.setdefault(dimension.name, len(names)) if dimension.name else -1
+                numbers.extend((name, dimension.plus))
+
+    for one in entry.takes.values():
+        add(one)
+    return _bytes(numbers)
+
+
+def _bytes(numbers: list[int]) -> bytes:
+    return b"".join(number.to_bytes(4, sys.byteorder, signed=True) for number in numbers)
+
+
+class _Explanation:
+    """Called with arguments that do not fit: says which, what it is, and what it should be."""
+
+    def __init__(self, entry: Entry) -> None:
+        self.entry = entry
+
+    def __call__(self, *given: Any) -> None:
+        """Raise the TypeError."""
+        takes = self.entry.takes
+        if len(given) != len(takes):
+            raise TypeError(
+                f"{self.entry.name} takes {len(takes)} arguments ({', '.join(takes)}), got {len(given)}"
+            )
+        known: dict[str, int] = {}
+        for (name, one), value in zip(takes.items(), given, strict=True):
+            self._check(name, one, value, known)
+        raise TypeError(f"{self.entry.name} was given what it does not take")
+
+    def _check(self, path: str, one: Leaf | Bundle, value: Any, known: dict[str, int]) -> None:
+        if isinstance(one, Bundle):
+            if not isinstance(value, tuple) or len(value) != len(one.fields):
+                self._refuse(path, f"a {one.made_of.__name__} ({', '.join(one.fields)})", repr(type(value)))
+            for (name, field), part in zip(one.fields.items(), value, strict=True):
+                self._check(f"{path}.{name}", field, part, known)
+            return
+        expected = one.words(known)
+        if not one.shape:
+            try:
+                int(value) if one.element == "i" else float(value)
+            except (TypeError, ValueError):
+                self._refuse(path, expected, repr(value))
+            return
+        if not one.fits(value, known):
+            words = f"{getattr(value, 'dtype', type(value).__name__)} of shape {getattr(value, 'shape', '?')}"
+            flags = getattr(value, "flags", None)
+            if flags is not None and not flags.c_contiguous:
+                words += ", not C-contiguous"
+            if flags is not None and one.written and not flags.writeable:
+                words += ", read-only"
+            self._refuse(path, expected, words)
+
+    def _refuse(self, path: str, expected: str, got: str) -> None:
+        raise TypeError(f"{self.entry.name}: {path} must be {expected}, got {got}")
+
+
+def _asked(name: str) -> bool:
+    return os.environ.get(name, "") not in ("", "0")
+
+
+PLAIN = _asked("NUMBA_DISABLE_JIT")
+"""Do kernels run as plain Python?"""
+
+
+def _library() -> tuple[Library | None, str]:
+    """The library, or None and why it is not used."""
+    if PLAIN:
+        return None, "NUMBA_DISABLE_JIT asks for plain Python"
+    if _asked("KINSEEK_JIT"):
+        return None, "KINSEEK_JIT asks for Numba"
+    try:
+        from . import _prebuilt as door  # type: ignore[attr-defined,unused-ignore]
+    except ImportError as error:
+        built = find_spec("kinseek.kernels._prebuilt") is not None
+        return None, f"it cannot be loaded ({error})" if built else "none was built"
+    if door.digest != (now := source_digest()):
+        return (
+            None,
+            f"it was built from other sources (their digest is {door.digest}, that of those here {now})",
+        )
+    return _at_level(door)
+
+
+def _at_level(door: Any) -> tuple[Library | None, str]:
+    """The library for the highest level that this processor runs, or the one that KINSEEK_LEVEL asks for."""
+    levels, best = [int(level) for level in door.levels.split()], door.best_level()
+    usable = [level for level in levels if level <= best]
+    if wanted := os.environ.get("KINSEEK_LEVEL"):
+        if wanted not in map(str, usable):
+            raise ImportError(
+                f"KINSEEK_LEVEL={wanted!r}: the library of kernels has the levels {', '.join(map(str, levels))}, of which "
+                f"this processor runs {', '.join(map(str, usable)) or 'none'}"
+            )
+        return Library(door, int(wanted)), ""
+    if not usable:
+        return None, f"it needs a processor of level {min(levels)} at least, this one has {best}"
+    return Library(door, max(usable)), ""
+
+
+LIBRARY, WHY_NOT = _library()
+"""The library, or None and why it is not used."""
+
+if LIBRARY is None and not PLAIN and find_spec("numba") is None:
+    raise ImportError(
+        f"kinseek has no library of compiled kernels that runs here: {WHY_NOT}. With Numba it compiles them itself: "
+        "pip install 'kinseek[jit]'"
+    )
+
+
+def told() -> str:
+    """How kernels run, in a sentence."""
+    if LIBRARY is not None:
+        return f"Kernels run from the library built with the package, level {LIBRARY.level}."
+    return f"Kernels {'run as plain Python' if PLAIN else 'are compiled by Numba'}: there is no library, {WHY_NOT}."
