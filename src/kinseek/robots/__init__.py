@@ -9,6 +9,7 @@ from typing import Any
 from kinseek.errors import InvalidRobot, suggest
 
 from .blackbox import BlackBox, black_box
+from .bundled import read_bundled
 from .catalog import CatalogEntry, catalog_entry, catalog_names, catalog_path
 from .chain import SerialChain
 from .dh import read_dh
@@ -50,6 +51,8 @@ def read(source: str | Path, base: str | None = None, tip: str | None = None) ->
     """
     _require_readable(source, base, tip)
     if isinstance(source, str) and source in catalog_names():
+        if base is None and tip is None and (bundled := read_bundled(source)) is not None:
+            return bundled
         entry = catalog_entry(source)
         return read_urdf(catalog_path(source), base or entry.base, tip or entry.tip)
 

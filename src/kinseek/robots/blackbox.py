@@ -6,6 +6,7 @@ distrusted instead: every pose that it gives is checked, and one that is none na
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -314,6 +315,8 @@ def _limits(values: ArrayLike, name: str) -> Array:
 
 
 def _is_compiled(function: Function) -> bool:
+    if "numba" not in sys.modules:  # Then it cannot have compiled anything.
+        return False
     from numba.extending import is_jitted
 
     return bool(is_jitted(function))

@@ -1,0 +1,67 @@
+"""The bundled arms as numbers, read from their URDF files beforehand: an arm is there without an XML parser.
+
+    python -m kinseek.robots.prepare_catalog        # after a change in catalog/
+
+Beside each ``NAME.urdf`` stands a ``NAME.json`` with what the reader makes of it, to the last bit, and a digest of the file it
+was made from. Where that is not the file that is there, the file is read.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .catalog import catalog_path
+from .chain import Frame, SerialChain
+
+_WORDS = ("name", "base", "tip")
+_FLOATS = ("lower", "upper", "fixed", "multiplier", "offset")
+
+
+def read_bundled(name: str) -> SerialChain | None:
+    """The chain of a bundled arm between its own base and tip, or None where it was not read beforehand."""
+    path = catalog_path(name)
+    try:
+        kept = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    current = isinstance(kept, dict) and kept.get("digest") == _digest(path)
+    return _chain(kept, path) if current else None
+
+
+def _chain(kept: dict[str, Any], path: Path) -> SerialChain:
+    given: dict[str, Any] = {word: kept[word] for word in _WORDS}
+    given |= {name: np.array(kept[name], dtype=np.float64) for name in _FLOATS}
+    return SerialChain(
+        **given,
+        joint_names=tuple(kept["joint_names"]),
+        kinds=tuple(kept["kinds"]),
+        prismatic=np.array(kept["prismatic"], dtype=np.bool_),
+        leader=np.array(kept["leader"], dtype=np.int64),
+        source=str(path),
+        frames={
+            name: Frame(joints, np.array([*rows, [0.0, 0.0, 0.0, 1.0]]))
+            for name, (joints, rows) in kept["frames"].items()
+        },
+    )
+
+
+def as_kept(chain: SerialChain, path: Path) -> dict[str, Any]:
+    """What is written of a chain that was read from a file; numbers are written with as many digits as their bits need."""
+    return {
+        "digest": _digest(path),
+        **{word: getattr(chain, word) for word in _WORDS},
+        "joint_names": chain.joint_names,
+        "kinds": chain.kinds,
+        **{name: getattr(chain, name).tolist() for name in (*_FLOATS, "prismatic", "leader")},
+        "frames": {name: (frame.joints, frame.pose[:3].tolist()) for name, frame in chain.frames.items()},
+    }
+
+
+def _digest(path: Path) -> str:
+    """Of the text of a file, whichever way its lines end."""
+    return hashlib.sha256(path.read_text(encoding="utf-8").encode()).hexdigest()[:16]
