@@ -107,9 +107,8 @@ class _Explanation:
             return
         expected = one.words(known)
         if not one.shape:
-            try:
-                int(value) if one.element == "i" else float(value)
-            except (TypeError, ValueError):
+            ways = ("__index__",) if one.element == "i" else ("__index__", "__float__")
+            if not any(hasattr(type(value), way) for way in ways):
                 self._refuse(path, expected, repr(value))
             return
         if not one.fits(value, known):
