@@ -13,8 +13,8 @@ from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.branches.sample import sample_branches
-from kinseek.kernels.branches.search import find_branches
+from kinseek.kernels.branches.refine_all import ANSWER
+from kinseek.kernels.branches.search import ROWS, many_branches
 from kinseek.kernels.branches.twins import SHIFTS, SIGNS
 from kinseek.kinds import Kind
 from kinseek.problem import Problem
@@ -59,10 +59,13 @@ class BranchIndex:
             self.mirrors = self._mirrors(problem)
 
     def search(self, wanted: Array, target: Array, view: Array, count: int) -> Array:
-        """Rows of answers to one target, (4, 4), as `kernels.branches.find_branches` returns them."""
-        if self.freedom:
-            return sample_branches(self.fine.handle, wanted, target, view, count, LANES)
-        return find_branches(self.coarse.handle, self.fine.handle, wanted, self.mirrors, target, view, LANES)
+        """Rows of answers to one target, (4, 4), as `kernels.branches.search.many_branches` writes them."""
+        most, number = (count, count) if self.freedom else (ROWS, 0)
+        results, counts = np.empty((1, most + 1, view.shape[-1] + ANSWER)), np.empty(1, dtype=np.int64)
+        handles = self.coarse.handle, self.fine.handle
+        one = target[None], view[None]
+        many_branches(*handles, wanted, self.mirrors, *one, number, 0, 1, results, counts, LANES)
+        return results[0, : counts[0]]
 
     def _mirrors(self, problem: Problem) -> Array:
         """Look for images q → signs · q + shifts that leave every pose as it is.

@@ -12,7 +12,7 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem, suggest
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.near import solve_near
+from kinseek.kernels.atlas.near import solve_many_near
 from kinseek.kernels.atlas.task import EVALUATIONS, ORIENTATION, ORIENTATION_ERROR, POSITION, POSITION_ERROR
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
@@ -155,8 +155,9 @@ def _slide(
         while ways and not accepted and step > _LAST:
             for way in ways:
                 aim = np.clip(q + step * way, lower, upper)
-                row = solve_near(index.fine.handle, wanted, target, aim, LANES)
-                reached, report = row[: len(q)], row[len(q) :]
+                rows = np.empty((1, len(q) + EVALUATIONS + 1))
+                solve_many_near(index.fine.handle, wanted, target[None, :3], aim[None], rows, 0, 1, LANES)
+                reached, report = rows[0, : len(q)], rows[0, len(q) :]
                 # A continuous joint that leaves its range comes in at the other end, and so the cost judges it.
                 there = problem.placed(reached)
                 spent += int(report[EVALUATIONS])

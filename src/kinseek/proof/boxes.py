@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from kinseek.kernels.proof.progress import (
     UPPER,
     Tuning,
 )
-from kinseek.kernels.proof.search import search_boxes
+from kinseek.kernels.proof.search import enclose_boxes, exclude_boxes, isolate_boxes
 from kinseek.problem import Problem
 
 from .reduce import error_question, question, start_boxes
@@ -146,23 +146,21 @@ class Run:
         while outcome in (STOPPED, FULL) and not (self.seen and watch.over):
             judge_only = self.heap is not None and watch.over
             until = 0 if judge_only else min(self.seen + self._chunk, most)
-            outcome = search_boxes(
-                *self._asked,
-                self.boxes,
-                self.heap,
-                self._places,
-                self.q,
-                self._tuning,
-                self.counts,
-                self.figures,
-                until,
-                most,
-            )
+            outcome = self._search(until, most)
             if outcome == FULL:
                 self._enlarge()
             elif judge_only or self.seen >= most:
                 break
         return outcome
+
+    def _search(self, until: int, most: int) -> int:
+        asked: Any = (*self._asked, self.boxes)
+        told: Any = self.q, self._tuning, self.counts, self.figures, until, most
+        if self.heap is not None:
+            return enclose_boxes(*asked, self.heap, *told)
+        if self._places is not None:
+            return isolate_boxes(*asked, self._places, *told)
+        return exclude_boxes(*asked, *told)
 
     def _enlarge(self) -> None:
         if self.heap is None:

@@ -2,8 +2,8 @@
 
     python -m kinseek.robots.prepare_catalog        # after a change in catalog/
 
-Beside each ``NAME.urdf`` stands a ``NAME.json`` with what the reader makes of it, to the last bit, and a digest of the file it
-was made from. Where that is not the file that is there, the file is read.
+Beside each ``NAME.urdf`` stands a ``NAME.json`` with what the reader makes of it, to the last bit, and a digest of the file
+it was made from. Where that is not the file that is there, the file is read.
 """
 
 from __future__ import annotations

@@ -12,10 +12,21 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, weighted_error
-from kinseek.kernels.arrays import Array, ChainArrays, Flags, GoalArrays, Indices
-from kinseek.kernels.grid.memory import Beam, Scratch, Window, make_beam, make_scratch, make_window
+from kinseek.kernels.arrays import CHAIN, GOAL, Array, ChainArrays, Flags, GoalArrays, Indices
+from kinseek.kernels.entry import F64, FLAG, I64, Bundle
+from kinseek.kernels.grid.memory import (
+    TAKEN_BEAM,
+    TAKEN_SCRATCH,
+    TAKEN_WINDOW,
+    Beam,
+    Scratch,
+    Window,
+    make_beam,
+    make_scratch,
+    make_window,
+)
 from kinseek.kernels.grid.window import PART, PAUSED, nodes_until, search_part, window_nodes
-from kinseek.kernels.jit import inner, kernel
+from kinseek.kernels.jit import entry, inner
 from kinseek.problem import Problem
 from kinseek.solution import Solution
 
@@ -163,7 +174,21 @@ LEAF, LEAVES, EXPANDED, STEPS = range(4)
 """Where a walk is at: the next leaf of its step's window; and of the steps that are done, leaves, nodes and their number."""
 
 
-@kernel
+MEMORY = Bundle(Memory, window=TAKEN_WINDOW, scratch=TAKEN_SCRATCH, beam=TAKEN_BEAM, now=F64[2].out)
+
+
+@entry(
+    returns=FLAG,
+    chain=CHAIN,
+    goal=GOAL,
+    wraps=FLAG["n"],
+    tolerances=F64[2],
+    parameters=F64[4],
+    work=I64,
+    memory=MEMORY,
+    at=I64[4].out,
+    q=F64["n"].out,
+)
 def walk(
     chain: ChainArrays,
     goal: GoalArrays,

@@ -18,9 +18,10 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import chordal_error, errors
-from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
+from kinseek.kernels.arrays import CHAIN, GOAL, Array, ChainArrays, GoalArrays, Indices
+from kinseek.kernels.entry import F64, FLAG, I64
 from kinseek.kernels.grid.sinusoid import TURN, coefficients, minimise_pair, minimiser
-from kinseek.kernels.jit import inner, kernel
+from kinseek.kernels.jit import entry, inner, kernel
 from kinseek.problem import Problem
 from kinseek.solution import Solution
 
@@ -153,7 +154,18 @@ def joint_kinds(chain: ChainArrays) -> Array:
     return kinds
 
 
-@kernel
+@entry(
+    returns=FLAG,
+    chain=CHAIN,
+    squared=GOAL,
+    goal=GOAL,
+    limits=F64[4],
+    pairs=FLAG,
+    budget=I64,
+    part=I64,
+    at=I64[2].out,
+    q=F64["n"].out,
+)
 def sweep_down(
     chain: ChainArrays,
     squared: GoalArrays,

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
-from kinseek.kernels.jit import hidden, kernel
+from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.jit import entry, hidden
 from kinseek.kernels.pointers import integer_part
 
 from .descent import FIRST_STEPS, iterate, reset_weights, within
@@ -15,7 +16,7 @@ from .lanes import LANES, Lanes
 from .memory import Desk, desk_size, make_desk
 from .one_goal import finish, solve_pose
 from .seeds import FIRST, load_seed, middle, scan, take_seed
-from .task import EVALUATIONS, Job, Task, task_of
+from .task import EVALUATIONS, HANDLE, WANTED, Job, Task, task_of
 
 
 class Queue(NamedTuple):
@@ -77,7 +78,17 @@ def next_target(task: Task, desk: Desk, queue: Queue, targets: Array, number: in
     return next_seed(task, desk, queue, targets, l)
 
 
-@kernel
+@entry(
+    returns=I64,
+    handle=HANDLE,
+    wanted=F64[WANTED],
+    targets=F64["k", 3, 4],
+    results=F64["k", "width"].out,
+    left=I64["*"].out,
+    begin=I64,
+    end=I64,
+    w=I64,
+)
 def solve_many(
     handle: Indices,
     wanted: Array,
@@ -96,7 +107,7 @@ def solve_many(
     Args:
         handle: The task, see `task_of`.
         wanted: See `task_of`.
-        targets: Rigid transforms, (k, 4, 4), lengths in [m].
+        targets: Rigid transforms, (k, 3, 4), lengths in [m].
         results: Receives what `solve_pose` returns, (k, n + 4).
         left: Receives the numbers of the targets that are left, (end - begin,).
         begin: First target.
@@ -123,7 +134,17 @@ def solve_many(
     return count
 
 
-@kernel
+@entry(
+    returns=I64,
+    handle=HANDLE,
+    wanted=F64[WANTED],
+    targets=F64["k", 3, 4],
+    results=F64["k", "width"].out,
+    some=I64["*"],
+    begin=I64,
+    end=I64,
+    w=I64,
+)
 def solve_some(
     handle: Indices,
     wanted: Array,

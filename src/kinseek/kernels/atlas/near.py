@@ -8,7 +8,8 @@ import numpy as np
 
 from kinseek.kernels.arm.pose_error import LARGEST, is_rigid
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.jit import called, exact, hidden, kernel, view
+from kinseek.kernels.entry import F64, FLAG, I64
+from kinseek.kernels.jit import called, entry, exact, hidden, view
 from kinseek.kernels.pointers import part1
 
 from .descent import DEEP_STEPS, descend_lanes, goal_of, keep_closest, start
@@ -18,8 +19,10 @@ from .one_goal import finish, solve_target
 from .seeds import MORE, fill_from_lookup, load_seed, look_up, turns_fully
 from .task import (
     EVALUATIONS,
+    HANDLE,
     ORIENTATION_ERROR,
     POSITION_ERROR,
+    WANTED,
     WEIGHTED_ERROR,
     Job,
     Task,
@@ -108,7 +111,13 @@ def all_finite(values: Array) -> bool:
     return strange == 0
 
 
-@kernel
+@entry(
+    returns=(F64, F64, F64, I64, FLAG),
+    address=I64,
+    target=F64[4, 4],
+    near=F64["n"],
+    q=F64["n"].out,
+)
 def solve_plain_near(
     address: int, target: Array, near: Array, q: Array
 ) -> tuple[float, float, float, int, bool]:
@@ -139,21 +148,16 @@ def solve_plain_near(
     )
 
 
-@kernel
-def solve_near(handle: Indices, wanted: Array, target: Array, near: Array, w: int) -> Array:
-    """As `one_goal.solve_pose`, near a start, (n,)."""
-    task = task_of(handle, wanted)
-    dof = len(task.lower)
-    result, memory = np.empty(dof + EVALUATIONS + 1), np.zeros(desk_size(dof, len(task.chain.leader)))
-    address = result.ctypes.data
-    q, report = part1(address, 0, dof), part1(address, dof, EVALUATIONS + 1)
-    report[EVALUATIONS] = walk_near(handle, wanted, memory, target, near, q, w)
-    conclude_near(handle, wanted, memory, target, near, q, report)
-    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
-    return result
-
-
-@kernel
+@entry(
+    handle=HANDLE,
+    wanted=F64[WANTED],
+    targets=F64["k", 3, 4],
+    near=F64["k", "n"],
+    results=F64["k", "n+4"].out,
+    begin=I64,
+    end=I64,
+    w=I64,
+)
 def solve_many_near(
     handle: Indices, wanted: Array, targets: Array, near: Array, results: Array, begin: int, end: int, w: int
 ) -> None:

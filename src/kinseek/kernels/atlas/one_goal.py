@@ -57,6 +57,7 @@ from .seeds import (
 from .task import (
     ENDING,
     EVALUATIONS,
+    HANDLE,
     ITERATE,
     JUDGE,
     ORIENTATION_ERROR,
@@ -254,6 +255,23 @@ def routines() -> Indices:
 def add_ending(addresses: Indices) -> None:
     """Add the routine that only a goal out of reach needs: it is a quarter of all there is to compile."""
     addresses[ENDING] = ending_routine.address
+
+
+@entry(
+    returns=I64,
+    handle=HANDLE,
+    wanted=F64[WANTED],
+    memory=F64["*"].out,
+    target=F64[3, 4],
+    budget=F64,
+    q=F64["n"].out,
+    w=I64,
+)
+def search_within(
+    handle: Indices, wanted: Array, memory: Array, target: Array, budget: float, q: Array, w: int
+) -> int:
+    """As `solve_target`, (3, 4), in a memory of the caller, who may look at it afterwards, see `memory.LAYOUT`."""
+    return solve_target(handle, wanted, memory, target, budget, q, w)
 
 
 @kernel

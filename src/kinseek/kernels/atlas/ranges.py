@@ -13,7 +13,8 @@ import numpy as np
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.range_error import QUESTION, deviation, range_errors, range_weighted
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.jit import kernel, routine
+from kinseek.kernels.entry import F64, FLAG, I64
+from kinseek.kernels.jit import entry, routine
 from kinseek.kernels.pointers import part1
 
 from .descent import judge_by_ranges
@@ -28,6 +29,7 @@ from .seeds import MARGIN, MORE, into_limits, load_seed, look_up
 from .task import (
     ENDING,
     EVALUATIONS,
+    HANDLE,
     ITERATE,
     JUDGE,
     ORIENTATION_ERROR,
@@ -111,7 +113,17 @@ def range_routines() -> Indices:
     return addresses
 
 
-@kernel
+@entry(
+    handle=HANDLE,
+    wanted=F64[WANTED],
+    questions=F64["k", QUESTION],
+    poses=F64["k", POSES, 3, 4],
+    near=F64["k", "n"],
+    close=FLAG,
+    results=F64["*", "n+4"].out,
+    begin=I64,
+    w=I64,
+)
 def solve_ranged(
     handle: Indices,
     wanted: Array,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from kinseek.kernels.arm.division import Division
 from kinseek.kernels.arm.links import links_of
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
+from kinseek.kernels.entry import I64
 from kinseek.kernels.jit import view
 from kinseek.kernels.layout import Rows
 from kinseek.kernels.pointers import ROW, floats1, integer_part, integers, part1
@@ -28,6 +29,9 @@ K_P, most FK evaluations, and from AXES on K_A of the x, y and z columns."""
 
 WANTED = AXES + 3
 """Numbers that say what is wanted; `Task` has them by name."""
+
+HANDLE = I64["*"]
+"""A handle, declared: its length is not the callers' to choose."""
 
 POSITION_ERROR, ORIENTATION_ERROR, WEIGHTED_ERROR, EVALUATIONS = range(4)
 """Places in a report on joint values: [m], [rad], and the FK evaluations they took. Behind the joint values of an answer

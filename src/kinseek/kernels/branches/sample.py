@@ -13,7 +13,7 @@ from kinseek.kernels.atlas.one_goal import solve_pose
 from kinseek.kernels.atlas.samples import coordinates
 from kinseek.kernels.atlas.seeds import kick, restart, see
 from kinseek.kernels.atlas.task import EVALUATIONS, task_of
-from kinseek.kernels.jit import hidden, kernel
+from kinseek.kernels.jit import called, hidden
 
 from .refine_all import (
     ANSWER,
@@ -37,7 +37,7 @@ SAMPLE_ROUNDS, SAMPLE_KICK = 16, 1.5
 """Rounds of starts around what was found, and how far around [rad or m], where a sample comes out too small."""
 
 
-@kernel
+@called
 def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, number: int, w: int) -> Array:
     """Find a well-spread sample of the answers to one target that leaves the arm some freedom.
 

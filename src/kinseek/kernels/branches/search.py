@@ -26,8 +26,9 @@ from kinseek.kernels.atlas.memory import desk_size, make_desk
 from kinseek.kernels.atlas.one_goal import solve_pose
 from kinseek.kernels.atlas.samples import coordinates
 from kinseek.kernels.atlas.seeds import see, turns_fully
-from kinseek.kernels.atlas.task import EVALUATIONS, Task, task_of
-from kinseek.kernels.jit import hidden, kernel
+from kinseek.kernels.atlas.task import EVALUATIONS, HANDLE, WANTED, Task, task_of
+from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.jit import called, entry, hidden
 
 from .refine_all import (
     ANSWER,
@@ -75,7 +76,7 @@ def in_doubt(task: Task, count: int) -> bool:
     return count == 0 or (full and count % 2 == 1)
 
 
-@kernel
+@called
 def find_branches(
     handle: Indices,
     fine: Indices,
@@ -171,7 +172,20 @@ def find_branches(
     return result
 
 
-@kernel
+@entry(
+    handle=HANDLE,
+    fine=HANDLE,
+    wanted=F64[WANTED],
+    mirrors=F64["*", 3, "n"],
+    targets=F64["k", 4, 4],
+    views=F64["*", 3, "n"],
+    number=I64,
+    begin=I64,
+    end=I64,
+    results=F64["*", "*", "width"].out,
+    counts=I64["*"].out,
+    w=I64,
+)
 def many_branches(
     handle: Indices,
     fine: Indices,

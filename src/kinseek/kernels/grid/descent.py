@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
-from kinseek.kernels.jit import exact, inner, kernel, view
+from kinseek.kernels.arrays import CHAIN, GOAL, Array, ChainArrays, GoalArrays, Indices
+from kinseek.kernels.entry import F64, FLAG, I64, Bundle
+from kinseek.kernels.jit import entry, exact, inner, view
 
 from .memory import Beam, Scratch, Window, make_bench
 from .window import EARLY, PAUSED, WHOLE, clear, nodes_until, offer, search_part, window_nodes
@@ -118,7 +119,42 @@ def later_window(
         window.counts[d] = kept
 
 
-@kernel
+GRID = Bundle(
+    Grid,
+    lower=F64["n"],
+    upper=F64["n"],
+    step=F64["n"],
+    wraps=FLAG["n"],
+    size=I64,
+    table=F64["n", "*"],
+)
+
+PASSES = Bundle(
+    Passes,
+    spacings=I64["*"],
+    later=I64["n"],
+    first=I64["n", "*"],
+    counts=I64["n"],
+    clips=FLAG,
+    stop_below=F64,
+    tie=F64,
+    beam=I64,
+    children=I64,
+)
+
+
+@entry(
+    returns=FLAG,
+    chain=CHAIN,
+    goal=GOAL,
+    grid=GRID,
+    passes=PASSES,
+    budget=I64,
+    work=I64,
+    memory=F64["*"].out,
+    at=I64[len(BEGINNING)].out,
+    q=F64["n"].out,
+)
 def descend(
     chain: ChainArrays,
     goal: GoalArrays,

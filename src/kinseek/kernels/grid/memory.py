@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.entry import F64, I64, Bundle
 from kinseek.kernels.jit import view
 from kinseek.kernels.layout import DOF, Layout, floats, named, plain, whole
 
@@ -49,6 +50,19 @@ class Scratch(NamedTuple):
     """Which value of each joint is on the current path, (n,)."""
     q: Array
     """(n,)"""
+
+
+TAKEN_WINDOW = Bundle(Window, values=F64["n", "most"].out, nodes=I64["n", "most"].out, counts=I64["n"].out)
+TAKEN_BEAM = Bundle(Beam, errors=F64["cells"].out, nodes=I64["cells", "n"].out, q=F64["cells", "n"].out)
+TAKEN_SCRATCH = Bundle(
+    Scratch,
+    lanes=F64[9, MOST_LANES].out,
+    errors=F64[MOST_LANES].out,
+    poses=F64["n+1", 3, 4].out,
+    path=I64["n"].out,
+    q=F64["n"].out,
+)
+"""The same as arrays anywhere, for kernels that take them as such."""
 
 
 def make_scratch(dof: int) -> Scratch:

@@ -12,7 +12,8 @@ import math
 import numpy as np
 
 from kinseek.kernels.arrays import Array, Flags
-from kinseek.kernels.jit import inner, kernel
+from kinseek.kernels.entry import F64, FLAG
+from kinseek.kernels.jit import entry, inner, kernel
 
 TURN = 2.0 * math.pi
 
@@ -41,7 +42,7 @@ def value_at(a: float, b: float, c: float, delta: float, revolute: bool) -> floa
     return a + (b + c * delta) * delta
 
 
-@kernel
+@entry(returns=F64, a=F64, b=F64, c=F64, low=F64, high=F64, revolute=FLAG)
 def minimiser(a: float, b: float, c: float, low: float, high: float, revolute: bool) -> float:
     """Return the δ in [low, high] where the fit is least; of equal ones the δ nearest to 0."""
     if revolute:
@@ -68,7 +69,7 @@ def basis(delta: float, revolute: bool, phi: Array) -> None:
     phi[2] = math.sin(delta) if revolute else delta * delta
 
 
-@kernel
+@entry(M=F64[3, 3], low=F64[2], high=F64[2], revolute=FLAG[2], delta=F64[2].out)
 def minimise_pair(M: Array, low: Array, high: Array, revolute: Flags, delta: Array) -> None:
     """Minimise φ(δ_1)ᵀ M φ(δ_2) over a box; write the minimiser into delta, (2,).
 

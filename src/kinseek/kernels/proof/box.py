@@ -14,6 +14,7 @@ import numpy as np
 from kinseek.kernels.arm.division import SLIDE, TURN
 from kinseek.kernels.arm.forward import advance, identity
 from kinseek.kernels.arrays import Array, Flags, Indices
+from kinseek.kernels.entry import F64, FLAG, I64, Bundle
 from kinseek.kernels.jit import hidden, view
 
 TINY = 1e-300
@@ -105,6 +106,39 @@ class Wanted(NamedTuple):
     """Where a second column of the hand counts too: its part along the goal's second column, else 0."""
     side_z: float
     """And along its third."""
+
+
+FORM = Bundle(
+    Form,
+    fixed=F64["part+1", 3, 4],
+    prismatic=FLAG["part"],
+    leader=I64["part"],
+    multiplier=F64["part"],
+    offset=F64["part"],
+    head=I64,
+    columns=I64,
+    tail=I64,
+    foot=F64,
+)
+
+WANTED = Bundle(
+    Wanted,
+    target=F64[3, 4],
+    last=F64[3, 4],
+    position=F64,
+    chord=F64,
+    angle=F64,
+    weight_p=F64,
+    weight_a=F64,
+    margin=F64,
+    margin_a=F64,
+    trust=F64,
+    length=F64,
+    offset=F64,
+    back=F64,
+    side_y=F64,
+    side_z=F64,
+)
 
 
 class Desk(NamedTuple):

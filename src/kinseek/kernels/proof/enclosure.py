@@ -7,6 +7,7 @@ from typing import NamedTuple
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import weighted_error
 from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
+from kinseek.kernels.entry import F64, I64, Bundle
 from kinseek.kernels.jit import hidden
 
 from .bounds import first_order
@@ -28,6 +29,9 @@ class Heap(NamedTuple):
     """A lower bound of the weighted error in the box of each row, (room,)."""
     order: Indices
     """Rows of the boxes that are left, the first COUNT of it, as a heap; then rows to be taken again, (room,)."""
+
+
+HEAP = Bundle(Heap, bound=F64["room"].out, order=I64["room"].out)
 
 
 @hidden

@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import math
 
-from kinseek.kernels.arrays import ChainArrays
-from kinseek.kernels.jit import hidden, kernel
+from kinseek.kernels.arrays import CHAIN, ChainArrays
+from kinseek.kernels.entry import F64
+from kinseek.kernels.jit import entry, hidden
 
-from .box import Form, Wanted
+from .box import FORM, WANTED, Form, Wanted
 
 CROSSED = 1e-4
 """sin² of the angle between two axes from which on their common normal is used: its foot is a hundred lengths away at most,
@@ -43,7 +44,7 @@ def gate(form: Form, wanted: Wanted, chain: ChainArrays) -> tuple[bool, float]:
     return open_, error
 
 
-@kernel
+@entry(returns=F64, form=FORM, wanted=WANTED, chain=CHAIN)
 def least_by_gate(form: Form, wanted: Wanted, chain: ChainArrays) -> float:
     """Lower bound of the weighted error, as far as lengths and angles tell."""
     return gate(form, wanted, chain)[1]

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kinseek.kernels.arrays import Array, Flags, Indices
+from kinseek.kernels.entry import F64, FLAG, I64, Bundle
 from kinseek.kernels.jit import hidden, spliced
 
 from .approach import step
@@ -69,6 +70,19 @@ class Places(NamedTuple):
     """Half widths of the neighbourhood, (most, reduced n)."""
     distance: Array
     """Of anything within the tolerances in its neighbourhood from the centre of it, (most, reduced n)."""
+
+
+PLACES = Bundle(
+    Places,
+    answers=F64["*", "n"],
+    periodic=FLAG["reduced"],
+    isolated=FLAG["most"].out,
+    number=I64["most"].out,
+    q=F64["most", "n"].out,
+    centre=F64["most", "reduced"].out,
+    radius=F64["most", "reduced"].out,
+    distance=F64["most", "reduced"].out,
+)
 
 
 @hidden

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from kinseek.kernels.entry import F64, I64, Bundle
+
 ENDED, FOUND, STOPPED, FULL = 0, 1, 2, 3
 """No box is left; an answer was found; as many boxes as were asked for have been examined; there is no room for more."""
 
@@ -63,3 +65,16 @@ class Tuning(NamedTuple):
     """Tolerance of the hand's turn [rad]."""
     gap: float
     """Bounds are close enough where they differ by this part of the upper one."""
+
+
+TUNING = Bundle(
+    Tuning,
+    spread=F64,
+    shrink=F64,
+    passes=I64,
+    often=I64,
+    steps=I64,
+    position=F64,
+    orientation=F64,
+    gap=F64,
+)

@@ -4,8 +4,8 @@ Three searches run it: `exclusion` asks whether a goal can be reached, `isolatio
 `enclosure` how near the arm can come. They differ in what the loop is given. With a `Heap` the box with the least bound
 comes first and is judged by the weighted error; without one the last box comes first and is judged by the tolerances. With
 `Places` every answer gets a neighbourhood, and boxes inside of one need no further look. What is None is left out when the
-loop is compiled, once for each of the three. (A function as an argument would do the same, but its machine code is never
-found on disk again.)
+loop is compiled, once for each of the three entries below. (A function as an argument would do the same, but its machine
+code is never found on disk again.)
 
 All memory is the caller's: a kernel that hands a bundle of arrays to Python has Python build it, and where that is
 interrupted there is nothing to hand back.
@@ -17,16 +17,19 @@ import numpy as np
 
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, weighted_error
-from kinseek.kernels.arrays import Array, ChainArrays, GoalArrays, Indices
-from kinseek.kernels.jit import hidden, kernel, spliced
+from kinseek.kernels.arrays import CHAIN, GOAL, Array, ChainArrays, GoalArrays, Indices
+from kinseek.kernels.entry import F64, I64, Bundle, Leaf
+from kinseek.kernels.jit import entry, hidden, spliced
 
 from .approach import approach
 from .box import (
+    FORM,
     HEAD,
     MISS_COLUMNS,
     MISS_POINT,
     NARROW,
     NEAR,
+    WANTED,
     Desk,
     Form,
     Wanted,
@@ -36,17 +39,19 @@ from .box import (
     store_box,
     widest,
 )
-from .enclosure import FINE, Heap, bound_box, sift_down, sift_up, start_heap
+from .enclosure import FINE, HEAP, Heap, bound_box, sift_down, sift_up, start_heap
 from .exclusion import exclude_box
 from .gate import gate
-from .isolation import Places, admit, inside
-from .last_joint import Roll
+from .isolation import PLACES, Places, admit, inside
+from .last_joint import ROLL, Roll
 from .neighbourhood import make_expansion
 from .progress import (
     AGAIN,
     CEILING,
     COUNT,
+    COUNTS,
     ENDED,
+    FIGURES,
     FLOOR,
     FOUND,
     FULL,
@@ -59,13 +64,14 @@ from .progress import (
     STOPPED,
     STUCK,
     TRIAL,
+    TUNING,
     UPPER,
     USED,
     Tuning,
 )
 
 
-@kernel
+@spliced
 def search_boxes(
     form: Form,
     wanted: Wanted,
@@ -269,3 +275,85 @@ def split(
         sift_up(heap.bound, heap.order, count)
     counts[COUNT] += 1
     counts[KEPT] += 1
+
+
+_ASKED: dict[str, Leaf | Bundle] = {
+    "form": FORM,
+    "wanted": WANTED,
+    "roll": ROLL,
+    "chain": CHAIN,
+    "goal": GOAL,
+}
+_TOLD: dict[str, Leaf | Bundle] = {
+    "q": F64["n"].out,
+    "tuning": TUNING,
+    "counts": I64[COUNTS].out,
+    "figures": F64[FIGURES].out,
+    "until": I64,
+    "budget": I64,
+}
+
+
+@entry(returns=I64, **_ASKED, boxes=F64["room", "*"].out, **_TOLD)
+def exclude_boxes(
+    form: Form,
+    wanted: Wanted,
+    roll: Roll,
+    chain: ChainArrays,
+    goal: GoalArrays,
+    boxes: Array,
+    q: Array,
+    tuning: Tuning,
+    counts: Indices,
+    figures: Array,
+    until: int,
+    budget: int,
+) -> int:
+    """`search_boxes` for one answer, or none."""
+    return search_boxes(
+        form, wanted, roll, chain, goal, boxes, None, None, q, tuning, counts, figures, until, budget
+    )
+
+
+@entry(returns=I64, **_ASKED, boxes=F64["room", "*"].out, heap=HEAP, **_TOLD)
+def enclose_boxes(
+    form: Form,
+    wanted: Wanted,
+    roll: Roll,
+    chain: ChainArrays,
+    goal: GoalArrays,
+    boxes: Array,
+    heap: Heap,
+    q: Array,
+    tuning: Tuning,
+    counts: Indices,
+    figures: Array,
+    until: int,
+    budget: int,
+) -> int:
+    """`search_boxes` for the least weighted error."""
+    return search_boxes(
+        form, wanted, roll, chain, goal, boxes, heap, None, q, tuning, counts, figures, until, budget
+    )
+
+
+@entry(returns=I64, **_ASKED, boxes=F64["room", "*"].out, places=PLACES, **_TOLD)
+def isolate_boxes(
+    form: Form,
+    wanted: Wanted,
+    roll: Roll,
+    chain: ChainArrays,
+    goal: GoalArrays,
+    boxes: Array,
+    places: Places,
+    q: Array,
+    tuning: Tuning,
+    counts: Indices,
+    figures: Array,
+    until: int,
+    budget: int,
+) -> int:
+    """`search_boxes` for all answers."""
+    return search_boxes(
+        form, wanted, roll, chain, goal, boxes, None, places, q, tuning, counts, figures, until, budget
+    )
