@@ -13,12 +13,14 @@ interrupted there is nothing to hand back.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, weighted_error
 from kinseek.kernels.arrays import CHAIN, GOAL, Array, ChainArrays, GoalArrays, Indices
-from kinseek.kernels.entry import F64, I64, Bundle, Leaf
+from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, hidden, spliced
 
 from .approach import approach
@@ -277,14 +279,14 @@ def split(
     counts[KEPT] += 1
 
 
-_ASKED: dict[str, Leaf | Bundle] = {
+_ASKED: dict[str, Any] = {
     "form": FORM,
     "wanted": WANTED,
     "roll": ROLL,
     "chain": CHAIN,
     "goal": GOAL,
 }
-_TOLD: dict[str, Leaf | Bundle] = {
+_TOLD: dict[str, Any] = {
     "q": F64["n"].out,
     "tuning": TUNING,
     "counts": I64[COUNTS].out,
