@@ -154,13 +154,13 @@ class Run:
         return outcome
 
     def _search(self, until: int, most: int) -> int:
-        asked: tuple[Any, ...] = (*self._asked, self.boxes)
-        told = self.q, self._tuning, self.counts, self.figures, until, most
+        asked: list[Any] = [*self._asked, self.boxes]
+        told: list[Any] = [self.q, self._tuning, self.counts, self.figures, until, most]
         if self.heap is not None:
-            return enclose_boxes(*asked, *(self.heap, *told))
+            return enclose_boxes(*[*asked, self.heap, *told])
         if self._places is not None:
-            return isolate_boxes(*asked, *(self._places, *told))
-        return exclude_boxes(*asked, *told)
+            return isolate_boxes(*[*asked, self._places, *told])
+        return exclude_boxes(*[*asked, *told])
 
     def _enlarge(self) -> None:
         if self.heap is None:
