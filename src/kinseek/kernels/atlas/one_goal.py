@@ -275,14 +275,6 @@ def search_within(
 
 
 @kernel
-def search_within(
-    handle: Indices, wanted: Array, memory: Array, target: Array, budget: float, q: Array, w: int
-) -> int:
-    """As `solve_target`, (3, 4), in a memory of the caller, who may look at it afterwards, see `memory.LAYOUT`."""
-    return solve_target(handle, wanted, memory, target, budget, q, w)
-
-
-@kernel
 def solve_pose(handle: Indices, wanted: Array, target: Array, w: int) -> Array:
     """Answer one target.
 
