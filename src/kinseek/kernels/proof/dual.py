@@ -83,6 +83,8 @@ def count_side(wanted: Wanted, desk: Desk) -> float:
     Let x be the last joint's axis, and let the columns x and y of the hand count. The best turn about x leaves y·y_g at
     ``√(1 - (x·y_g)²)``, so the second column costs ``½ K_A (x·y_g)²`` at least: as if v_c counted twice along y_g.
     """
+    if wanted.side_y == 0.0 and wanted.side_z == 0.0:
+        return 0.0  # K_A may be 0 then.
     s0, s1, s2 = side(wanted, desk)
     along = s0 * desk.y[0, 0] + s1 * desk.y[1, 0] + s2 * desk.y[2, 0]
     desk.y[0, 0] += along * s0
