@@ -12,11 +12,11 @@ from kinseek.kernels.atlas.memory import desk_size, make_desk
 from kinseek.kernels.atlas.one_goal import solve_pose
 from kinseek.kernels.atlas.samples import coordinates
 from kinseek.kernels.atlas.seeds import kick, restart, see
-from kinseek.kernels.atlas.task import EVALUATIONS, task_of
-from kinseek.kernels.jit import called, hidden
+from kinseek.kernels.atlas.task import EVALUATIONS, HANDLE, WANTED, task_of
+from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.jit import entry, hidden
 
 from .refine_all import (
-    ANSWER,
     ANSWERS,
     CENTRE,
     CONTINUUM,
@@ -37,8 +37,19 @@ SAMPLE_ROUNDS, SAMPLE_KICK = 16, 1.5
 """Rounds of starts around what was found, and how far around [rad or m], where a sample comes out too small."""
 
 
-@called
-def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, number: int, w: int) -> Array:
+@entry(
+    returns=I64,
+    handle=HANDLE,
+    wanted=F64[WANTED],
+    target=F64[4, 4],
+    view=F64[3, "n"],
+    number=I64,
+    result=F64["*", "width"].out,
+    w=I64,
+)
+def sample_branches(
+    handle: Indices, wanted: Array, target: Array, view: Array, number: int, result: Array, w: int
+) -> int:
     """Find a well-spread sample of the answers to one target that leaves the arm some freedom.
 
     Half as many starts again as answers are wanted, the nearest samples, are refined; if limits leave too few, more are
@@ -50,6 +61,7 @@ def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, 
         target: (4, 4), lengths in [m].
         view: See `refine_all.CENTRE`, (3, n).
         number: How many answers are wanted.
+        result: Receives the rows, (at least number + 1, n + ANSWER), see `find_branches`.
         w: LANES.
 
     Returns:
@@ -58,7 +70,7 @@ def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, 
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
     if not is_rigid(target):
-        return np.empty((0, dof + ANSWER))
+        return 0
     memory = np.zeros(desk_size(dof, joints))
     desk = make_desk(memory, dof, joints)
     most = max(number + number // 2, 4 * LANES)
@@ -96,11 +108,10 @@ def sample_branches(handle: Indices, wanted: Array, target: Array, view: Array, 
         count = refine_all(
             handle, wanted, memory, target, seeds, 0, many, rows, left, count, view[RATES], SAMPLED, tally, w
         )
-    result = np.empty((kept + 1, dof + ANSWER))
     result[kept, ANSWERS] = sorted_rows(task, desk, target, chosen, kept, view[CENTRE], view[SCALE], result)
     result[kept, SPENT], result[kept, CONTINUUM] = tally[EVALUATED], 1.0
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
-    return result
+    return kept + 1
 
 
 @hidden

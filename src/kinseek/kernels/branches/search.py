@@ -28,10 +28,9 @@ from kinseek.kernels.atlas.samples import coordinates
 from kinseek.kernels.atlas.seeds import see, turns_fully
 from kinseek.kernels.atlas.task import EVALUATIONS, HANDLE, WANTED, Task, task_of
 from kinseek.kernels.entry import F64, I64
-from kinseek.kernels.jit import called, entry, hidden
+from kinseek.kernels.jit import entry, hidden
 
 from .refine_all import (
-    ANSWER,
     ANSWERS,
     CENTRE,
     CONTINUA,
@@ -76,7 +75,17 @@ def in_doubt(task: Task, count: int) -> bool:
     return count == 0 or (full and count % 2 == 1)
 
 
-@called
+@entry(
+    returns=I64,
+    handle=HANDLE,
+    fine=HANDLE,
+    wanted=F64[WANTED],
+    mirrors=F64["*", 3, "n"],
+    target=F64[4, 4],
+    view=F64[3, "n"],
+    result=F64["*", "width"].out,
+    w=I64,
+)
 def find_branches(
     handle: Indices,
     fine: Indices,
@@ -84,8 +93,9 @@ def find_branches(
     mirrors: Array,
     target: Array,
     view: Array,
+    result: Array,
     w: int,
-) -> Array:
+) -> int:
     """Find all answers to one target, for an arm and a goal that leave no freedom.
 
     Args:
@@ -95,16 +105,17 @@ def find_branches(
         mirrors: Of each mirror image, see `twins.SIGNS`, (k, 3, n).
         target: (4, 4), lengths in [m].
         view: See `refine_all.CENTRE`, (3, n): answers come sorted by weighted distance.
+        result: Receives joint values, position error [m], orientation error [rad] and squared distance of each answer, and
+            a last row, see `refine_all.ANSWERS`, (at least ROWS + 1, n + ANSWER).
         w: LANES.
 
     Returns:
-        Joint values, position error [m], orientation error [rad] and squared distance of each answer, and a last row, see
-        `refine_all.ANSWERS`, (k + 1, n + ANSWER). No row if the target is no rigid transform.
+        How many rows; none if the target is no rigid transform.
     """
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
     if not is_rigid(target):
-        return np.empty((0, dof + ANSWER))
+        return 0
     memory = np.zeros(desk_size(dof, joints))
     desk = make_desk(memory, dof, joints)
     rows, seeds = np.empty((ROWS, dof)), np.empty((DEEP_STARTS, dof))
@@ -164,12 +175,11 @@ def find_branches(
             w,
         )
         late = late or (middle > 0 and count > first)
-    result = np.empty((count + 1, dof + ANSWER))
     result[count, ANSWERS] = sorted_rows(task, desk, target, rows, count, view[CENTRE], view[SCALE], result)
     endless = tally[CONTINUA] > 0.0 or count == ROWS
     result[count, SPENT], result[count, CONTINUUM] = tally[EVALUATED], 1.0 if endless else 0.0
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
-    return result
+    return count + 1
 
 
 @entry(
@@ -218,11 +228,8 @@ def many_branches(
     """
     for t in range(begin, end):
         view = views[t if len(views) > 1 else 0]
+        result = results[t - begin]
         if number > 0:
-            found = sample_branches(fine, wanted, targets[t], view, number, w)
+            counts[t - begin] = sample_branches(fine, wanted, targets[t], view, number, result, w)
         else:
-            found = find_branches(handle, fine, wanted, mirrors, targets[t], view, w)
-        counts[t - begin] = len(found)
-        for j in range(len(found)):
-            for i in range(found.shape[1]):
-                results[t - begin, j, i] = found[j, i]
+            counts[t - begin] = find_branches(handle, fine, wanted, mirrors, targets[t], view, result, w)
