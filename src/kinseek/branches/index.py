@@ -14,8 +14,7 @@ from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.branches.refine_all import ANSWER
-from kinseek.kernels.branches.sample import sample_branches
-from kinseek.kernels.branches.search import ROWS, find_branches
+from kinseek.kernels.branches.search import ROWS, many_branches
 from kinseek.kernels.branches.twins import SHIFTS, SIGNS
 from kinseek.kinds import Kind
 from kinseek.problem import Problem
@@ -61,11 +60,11 @@ class BranchIndex:
 
     def search(self, wanted: Array, target: Array, view: Array, count: int) -> Array:
         """Rows of answers to one target, (4, 4), as `kernels.branches.search.many_branches` writes them."""
-        rows = np.empty(((count if self.freedom else ROWS) + 1, view.shape[-1] + ANSWER))
-        handles = self.coarse.handle, self.fine.handle
-        if self.freedom:
-            return rows[: sample_branches(handles[1], wanted, target, view, count, rows, LANES)]
-        return rows[: find_branches(*handles, wanted, self.mirrors, target, view, rows, LANES)]
+        most, number = (count, count) if self.freedom else (ROWS, 0)
+        rows, found = np.empty((1, most + 1, view.shape[-1] + ANSWER)), np.empty(1, dtype=np.int64)
+        handles, one = (self.coarse.handle, self.fine.handle), (target[None], view[None])
+        many_branches(*handles, wanted, self.mirrors, *one, number, 0, 1, rows, found, LANES)
+        return rows[0, : found[0]]
 
     def _mirrors(self, problem: Problem) -> Array:
         """Look for images q → signs · q + shifts that leave every pose as it is.

@@ -12,9 +12,8 @@ from kinseek.kernels.atlas.memory import desk_size, make_desk
 from kinseek.kernels.atlas.one_goal import solve_pose
 from kinseek.kernels.atlas.samples import coordinates
 from kinseek.kernels.atlas.seeds import kick, restart, see
-from kinseek.kernels.atlas.task import EVALUATIONS, HANDLE, WANTED, task_of
-from kinseek.kernels.entry import F64, I64
-from kinseek.kernels.jit import entry, hidden
+from kinseek.kernels.atlas.task import EVALUATIONS, task_of
+from kinseek.kernels.jit import called, hidden
 
 from .refine_all import (
     ANSWERS,
@@ -37,16 +36,7 @@ SAMPLE_ROUNDS, SAMPLE_KICK = 16, 1.5
 """Rounds of starts around what was found, and how far around [rad or m], where a sample comes out too small."""
 
 
-@entry(
-    returns=I64,
-    handle=HANDLE,
-    wanted=F64[WANTED],
-    target=F64[4, 4],
-    view=F64[3, "n"],
-    number=I64,
-    result=F64["*", "width"].out,
-    w=I64,
-)
+@called
 def sample_branches(
     handle: Indices, wanted: Array, target: Array, view: Array, number: int, result: Array, w: int
 ) -> int:

@@ -28,7 +28,7 @@ from kinseek.kernels.atlas.samples import coordinates
 from kinseek.kernels.atlas.seeds import see, turns_fully
 from kinseek.kernels.atlas.task import EVALUATIONS, HANDLE, WANTED, Task, task_of
 from kinseek.kernels.entry import F64, I64
-from kinseek.kernels.jit import entry, hidden
+from kinseek.kernels.jit import called, entry, hidden
 
 from .refine_all import (
     ANSWERS,
@@ -75,17 +75,7 @@ def in_doubt(task: Task, count: int) -> bool:
     return count == 0 or (full and count % 2 == 1)
 
 
-@entry(
-    returns=I64,
-    handle=HANDLE,
-    fine=HANDLE,
-    wanted=F64[WANTED],
-    mirrors=F64["*", 3, "n"],
-    target=F64[4, 4],
-    view=F64[3, "n"],
-    result=F64["*", "width"].out,
-    w=I64,
-)
+@called
 def find_branches(
     handle: Indices,
     fine: Indices,
