@@ -140,6 +140,7 @@ def test_bounds_one_percent_too_small_are_caught(name: str) -> None:
     assert sum(nearest_lost(chain, rng, trust=0.99) for _ in range(100)) > 0
 
 
+@pytest.mark.jit
 def test_the_chord_is_an_upper_bound_and_tight() -> None:
     bound = exposed(chord_of)
     for angle in np.linspace(0, 4, 4001):

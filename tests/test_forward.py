@@ -83,6 +83,7 @@ def test_angles_are_accurate_at_both_ends(angle: float) -> None:
     assert solution.orientation_error == pytest.approx(angle, rel=1e-9, abs=1e-15)
 
 
+@pytest.mark.jit
 def test_chordal_error_agrees_with_the_twin() -> None:
     arm, goal = kinseek.load("elbow6"), goals()[0]
     half = goal.orientation_weight**2 / 2

@@ -162,6 +162,7 @@ def test_beams_refuse_twins() -> None:
 @pytest.mark.parametrize(
     ("dof", "most", "cells", "children"), [(1, 1, 1, 1), (2, 7, 1, 1), (6, 3, 64, 2), (7, 9, 5, 5)]
 )
+@pytest.mark.jit
 def test_a_bench_fills_its_memory_and_no_part_lies_over_another(
     dof: int, most: int, cells: int, children: int
 ) -> None:

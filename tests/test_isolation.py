@@ -276,6 +276,7 @@ def test_contractions_hold_and_one_percent_less_is_caught(name: str) -> None:
 
 @settings(max_examples=40)
 @given(chain=serial_chains(), seed=st.integers(0, 2**32 - 1))
+@pytest.mark.jit
 def test_contractions_hold_on_any_chain(chain: SerialChain, seed: int) -> None:
     rng = np.random.default_rng(seed)
     assert sum(contraction_fails(chain, rng) for _ in range(3)) == 0

@@ -15,9 +15,9 @@ from types import CodeType, ModuleType
 import pytest
 
 import kinseek
-from kinseek.kernels.jit import kernel_sources, source_digest
+from kinseek.kernels.sources import kernel_sources, source_digest
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.jit]
 
 PACKAGE = Path(kinseek.__file__).parent
 

@@ -15,7 +15,7 @@ import pytest
 
 import kinseek
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.jit]
 
 PACKAGE = Path(kinseek.__file__).parent
 

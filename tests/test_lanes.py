@@ -19,6 +19,8 @@ from kinseek.kernels.jit import exposed
 from kinseek.robots.chain import SerialChain
 from reference import fk
 
+pytestmark = pytest.mark.jit
+
 Array = NDArray[np.float64]
 
 lanes_forward, lanes_residual = exposed(eight.lanes_forward), exposed(eight.lanes_residual)

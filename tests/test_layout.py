@@ -21,6 +21,8 @@ from kinseek.kernels.pointers import ROW
 from kinseek.kinds import POSE
 from kinseek.solvers.atlas.index import PLAIN, AtlasIndex, wanted_of
 
+pytestmark = pytest.mark.jit
+
 Array = NDArray[np.float64]
 
 ARMS = [(1, 1), (2, 2), (3, 5), (6, 6), (7, 7), (7, 9), (20, 20)]

@@ -83,7 +83,7 @@ def test_read_only_memory_is_read_and_never_written() -> None:
 @library
 def test_numbers_are_numbers() -> None:
     assert first_loose(np.eye(4)[None], 1, False) == -1  # A whole number is a float too.
-    assert first_loose(np.eye(4)[None] * 2.0, np.float64(1e-9), np.bool_(False)) == 0
+    assert first_loose(np.eye(4)[None] * 2.0, np.float64(1e-9), np.bool_(False)) == 0  # type: ignore[arg-type]
     for wrong in ("1", None, [1.0]):
         with pytest.raises(TypeError, match="tolerance must be a number"):
             first_loose(np.eye(4)[None], wrong, False)  # type: ignore[arg-type]
@@ -223,3 +223,21 @@ def test_declarations_are_checked() -> None:
     assert not F64["m+1", 3, 4].fits(np.zeros((7, 3, 4)), known)
     assert not F64["m+1"].fits(np.zeros(0), {})
     assert FLAG["k"].words({}) == "a C-contiguous array of bool of shape (k,)"
+
+
+@library
+@pytest.mark.slow
+def test_the_library_has_the_bits_of_kernels_compiled_for_its_level() -> None:
+    pytest.importorskip("numba")
+    assert LIBRARY is not None
+    names = {1: "generic", 2: "x86-64-v2", 3: "x86-64-v3"}
+    level = {"KINSEEK_LEVEL": str(LIBRARY.level)}
+    compiled = {"KINSEEK_JIT": "1", "NUMBA_CPU_NAME": names[LIBRARY.level], "NUMBA_CPU_FEATURES": ""}
+    built, made = (
+        run("import tests.bits; tests.bits.main()", **level),
+        run("import tests.bits; tests.bits.main()", **compiled),
+    )
+    assert built.returncode == 0, built.stderr
+    assert made.returncode == 0, made.stderr
+    assert built.stdout.count("\n") > 40
+    assert built.stdout.splitlines() == made.stdout.splitlines()

@@ -10,6 +10,8 @@ from kinseek.kernels.atlas import tree as neighbours
 from kinseek.kernels.atlas.tree import BESIDE, LEAF, SLACK, Tree, make_tree, sort_tree
 from kinseek.kernels.jit import exposed
 
+pytestmark = pytest.mark.jit
+
 Array = NDArray[np.float64]
 
 nearest, scan_beside = exposed(neighbours.nearest), exposed(neighbours.scan_beside)

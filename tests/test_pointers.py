@@ -11,6 +11,8 @@ from kinseek.kernels import pointers
 from kinseek.kernels.jit import exposed
 from kinseek.kernels.pointers import ROW, handle_of
 
+pytestmark = pytest.mark.jit
+
 ARRAYS: list[tuple[str, Any]] = [
     ("floats1", np.arange(3.0)),
     ("floats2", np.arange(6.0).reshape(2, 3)),

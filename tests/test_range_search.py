@@ -34,6 +34,7 @@ def test_only_the_search_itself_is_shared_of_the_routines() -> None:
     assert (routines[[tasks.STARTS, tasks.JUDGE]] == 0).all()
 
 
+@pytest.mark.jit
 def test_a_task_with_ranges_says_so() -> None:
     index, wanted = atlas_of(kinseek.load("scara4").chain, Goal.position((0.2, 0.2, 0.1))), np.arange(7.0)
     plain, ranged = task_of(index.handle, wanted), task_of(index.range_handle, wanted)
@@ -43,6 +44,7 @@ def test_a_task_with_ranges_says_so() -> None:
     assert tuple(ranged.division) == tuple(plain.division)
 
 
+@pytest.mark.jit
 def test_what_is_wanted_stands_where_tasks_look_for_it() -> None:
     goal = Goal.pose(
         np.eye(4),
@@ -58,6 +60,7 @@ def test_what_is_wanted_stands_where_tasks_look_for_it() -> None:
 
 
 @pytest.mark.parametrize(("dof", "joints"), [(2, 2), (7, 9)])
+@pytest.mark.jit
 def test_memory_of_ranges_begins_where_the_desk_ends(dof: int, joints: int) -> None:
     first, count = desk_size(dof, joints), range_desk_size(dof, joints)
     room = np.zeros(first + count)

@@ -20,6 +20,8 @@ from kinseek.kernels.jit import exposed
 from kinseek.robots.chain import SerialChain
 from reference import fk, weighted_error
 
+pytestmark = pytest.mark.jit
+
 Array = NDArray[np.float64]
 
 settle: Any = exposed(newton.settle)

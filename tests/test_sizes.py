@@ -201,6 +201,7 @@ def test_errors_are_never_negative_and_exact_close_to_the_goal(weight: float) ->
     assert (rest >= half * weight * (1 - 1e-6) - 1e-29 * weight).all()
 
 
+@pytest.mark.jit
 def test_weighted_errors_of_boxes_do_not_cancel() -> None:
     arm = kinseek.load("panda")
     pose = arm.fk(np.random.default_rng(4).uniform(arm.lower, arm.upper))
@@ -214,6 +215,7 @@ def test_weighted_errors_of_boxes_do_not_cancel() -> None:
     assert solution.weighted_error >= 0.0
 
 
+@pytest.mark.jit
 def test_the_compiled_weighted_error_is_the_plain_one() -> None:
     from kinseek.kernels.jit import exposed
 

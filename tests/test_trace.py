@@ -134,6 +134,7 @@ def test_a_round_of_the_atlas_begins_at_its_samples() -> None:
         assert np.isfinite(trace[0].spacing).any()
 
 
+@pytest.mark.jit
 def test_seeds_are_read_where_the_desk_has_them() -> None:
     # Memory is read by hand there; the kernels' own view of it has to agree.
     dof, joints = 5, 6

@@ -29,7 +29,8 @@ from kinseek import Atlas, Goal, Problem, Solver
 from kinseek.branches import index as branching
 from kinseek.kernels.proof.exclusion import examine
 from kinseek.kernels.proof.neighbourhood import contractions
-from kinseek.kernels.without_jit import WITHOUT_JIT, Bounded, bounded, call_at, unbounded, view_at
+from kinseek.kernels.route import PLAIN
+from kinseek.kernels.without_jit import Bounded, bounded, call_at, unbounded, view_at
 from kinseek.proof import branch_and_bound, isolation
 from kinseek.proof.boxes import enclosed, excluded
 from kinseek.proof.reduce import error_question, question
@@ -252,7 +253,7 @@ def _compiled(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return answers
 
 
-plainly = pytest.mark.skipif(not WITHOUT_JIT, reason="for NUMBA_DISABLE_JIT=1, see the top of the file")
+plainly = pytest.mark.skipif(not PLAIN, reason="for NUMBA_DISABLE_JIT=1, see the top of the file")
 
 
 @plainly
