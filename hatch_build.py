@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parent
 KERNELS = ROOT / "src" / "kinseek" / "kernels"
 
 
-class CompiledKernels(BuildHookInterface[Any]):
+class CompiledKernels(BuildHookInterface):  # type: ignore[misc,type-arg,unused-ignore]
     """Puts the library of kernels beside their sources, and so into the wheel."""
 
     PLUGIN_NAME = "custom"

@@ -9,12 +9,17 @@ from typing import Any
 
 import llvmlite.binding as llvm
 from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.np import arrayobj
+from numba.core import cgutils as typed_cgutils
+from numba.core import types as typed_types
+from numba.np import arrayobj as typed_arrayobj
 
 from kinseek.kernels import compiler, entry, jit
 from kinseek.kernels.sources import PACKAGE, kernel_sources
+
+# Half typed in Numba itself.
+types: Any = typed_types
+cgutils: Any = typed_cgutils
+arrayobj: Any = typed_arrayobj
 
 ELEMENTS = {"f": types.float64, "i": types.int64, "b": types.boolean}
 
@@ -191,7 +196,8 @@ def _object(made: Any, name: str, takes: list[Any], returns: Any, wrap: Any) -> 
     passes.add_global_dead_code_eliminate_pass()
     passes.run(whole, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2)))
     whole.verify()
-    return machine.emit_object(whole)
+    data: bytes = machine.emit_object(whole)
+    return data
 
 
 if __name__ == "__main__":

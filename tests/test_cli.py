@@ -17,6 +17,7 @@ import kinseek
 from kinseek.cli import main
 from kinseek.cli.searches import make_search, option_of, parameters, searches
 from kinseek.cli.words import gather
+from kinseek.kernels.route import told
 
 REACHABLE = ("--at", "-0.3", "0.4", "0")
 
@@ -53,7 +54,11 @@ def test_version(run: Run) -> None:
 def test_help_lists_the_commands(run: Run, words: tuple[str, ...]) -> None:
     code, out, _ = run(*words)
     assert code == 0
-    assert all(command in out for command in ("robots", "show", "fk", "solve"))
+    assert all(command in out for command in ("robots", "kernels", "show", "fk", "solve"))
+
+
+def test_it_says_how_kernels_run(run: Run) -> None:
+    assert run("kernels") == (0, f"{told()}\n", "")
 
 
 def test_solve_proves_what_it_misses(run: Run) -> None:

@@ -16,6 +16,7 @@ import kinseek
 from kinseek.arm import load
 from kinseek.errors import InvalidGoal, KinseekError, UnitWarning
 from kinseek.goal import Frame, Goal
+from kinseek.kernels.route import told
 from kinseek.poses import pose
 from kinseek.proof.branch_and_bound import prove as prove_goal
 from kinseek.proof.branch_and_bound import refuse_ranges
@@ -88,6 +89,13 @@ def top(
 def robots() -> int:
     """List the bundled arms."""
     report.print_robots()
+    return 0
+
+
+@app.command()
+def kernels() -> int:
+    """Say how the compiled kernels run here: from the library built with the package, or by Numba."""
+    print(told())
     return 0
 
 
