@@ -132,7 +132,8 @@ def _emit_all(work: Path, levels: list[int], known: dict[int, str]) -> None:
             "NUMBA_CPU_FEATURES": "",
             "NUMBA_DISABLE_JIT": "0",
             "NUMBA_CACHE_DIR": str(work / "cache"),
-            "PYTHONPATH": str(SOURCE),
+            # A build in an environment of its own finds Numba by this path too.
+            "PYTHONPATH": os.pathsep.join(filter(None, (str(SOURCE), os.environ.get("PYTHONPATH")))),
             "PYTHONDONTWRITEBYTECODE": "1",
         }
         command = [sys.executable, str(HERE / "emit.py"), str(work), str(level)]
