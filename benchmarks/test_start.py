@@ -1,6 +1,7 @@
-"""A user's first seconds: import, a second process's first answer, and a first run that compiles.
+"""A user's first seconds: import, a process's first answer, and a first run that compiles.
 
-Each figure is one of fresh processes, started with a cache folder of their own.
+Each figure is one of fresh processes, started with a cache folder of their own. With `library` kernels run from the library that
+was built with the package, with `numba` Numba compiles them.
 Run: pytest benchmarks/test_start.py --benchmark-only
 """
 
@@ -16,6 +17,8 @@ from typing import Any
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
+from kinseek.kernels.route import LIBRARY, told
+
 LOAD = "import kinseek; arm = kinseek.load('elbow6'); T = arm.fk(arm.lower + 0.3); "
 FIRST = {
     "atlas": LOAD + "arm.ik(T)",
@@ -29,17 +32,24 @@ def fresh(benchmark: Any, call: Callable[[], None], rounds: int, warmup: int = 1
     benchmark.pedantic(call, rounds=rounds, warmup_rounds=warmup)
 
 
-def python(code: str, cache: Path) -> None:
+def python(code: str, cache: Path, jit: str = "1") -> None:
     # A user's Python keeps its byte code.
     other = ("NUMBA_CACHE_DIR", "PYTHONDONTWRITEBYTECODE")
     environment = {name: value for name, value in os.environ.items() if name not in other}
     environment["XDG_CACHE_HOME"] = str(cache)
+    environment["KINSEEK_JIT"] = jit
     subprocess.run([sys.executable, "-c", code], env=environment, check=True, capture_output=True)
 
 
 @pytest.mark.parametrize("code", ["pass", "import numpy, numba", "import numpy, numba, kinseek"])
 def test_import(benchmark: BenchmarkFixture, code: str, tmp_path: Path) -> None:
     fresh(benchmark, lambda: python(code, tmp_path), 9)
+
+
+@pytest.mark.parametrize("code", ["import numpy", "import kinseek", *FIRST])
+@pytest.mark.skipif(LIBRARY is None, reason=told())
+def test_from_the_library(benchmark: BenchmarkFixture, tmp_path: Path, code: str) -> None:
+    fresh(benchmark, lambda: python(FIRST.get(code, code), tmp_path, jit="0"), 9)
 
 
 @pytest.mark.parametrize("what", FIRST)

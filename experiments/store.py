@@ -181,7 +181,7 @@ def processor() -> str:
 
 
 def commit() -> str:
-    """The commit that ran, with a mark if the tree differs from it."""
+    """The commit that ran, with a mark if what runs differs from it; results are what it writes."""
     here = Path(__file__).parent
 
     def git(*words: str) -> str:
@@ -189,7 +189,7 @@ def commit() -> str:
         return done.stdout.strip()
 
     try:
-        changed = git("status", "--porcelain", "--", "../src", ".")
+        changed = git("status", "--porcelain", "--", "../src", ".", ":(exclude)results")
         return git("rev-parse", "HEAD") + (" with changes" if changed else "")
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
