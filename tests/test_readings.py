@@ -128,6 +128,8 @@ def test_every_cell_has_one_node(size: int, offset: float) -> None:
         ({"offset": True}, "got True"),
         ({"stop_below": -1.0}, "stop_below must be a number >= 0, got -1.0"),
         ({"stop_below": float("nan")}, "stop_below must be"),
+        ({"stop_below": "0.1"}, "stop_below must be a number >= 0, got '0.1'"),
+        ({"stop_below": None}, "stop_below must be a number >= 0, got None"),
         ({"ties": "last"}, "ties must be one of 'rounding', 'first'; got 'last'"),
         ({"ties": "first", "beam": 2}, "got beam=2"),
         ({"breadth": "far"}, "'reach' or 'tuned'; got 'far'"),

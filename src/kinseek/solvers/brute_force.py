@@ -19,7 +19,15 @@ from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution
 
 from .base import Found, watch_each, whole
-from .nodes import MOST_NODES, joint_grid, require_memory, require_patience, require_ties, tie_of
+from .nodes import (
+    MOST_NODES,
+    joint_grid,
+    require_error,
+    require_memory,
+    require_patience,
+    require_ties,
+    tie_of,
+)
 from .recording import Recorder, bytes_of, grid_window, require_room
 from .threads import unwatched
 from .traits import Near, Traits, require
@@ -68,8 +76,7 @@ class BruteForce:
         whole("seed", self.seed, 0)
         if self.most_nodes is not None:
             whole("most_nodes", self.most_nodes, 1)
-        if not self.stop_below >= 0:
-            raise InvalidSolver(f"stop_below must be a number >= 0, got {self.stop_below}")
+        require_error(self.stop_below)
         require_ties(self.ties)
         if self.order not in ORDERS:
             raise InvalidSolver(f"order must be one of {', '.join(ORDERS)}; got {self.order!r}")

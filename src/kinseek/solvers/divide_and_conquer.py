@@ -35,6 +35,7 @@ from .breadth_tuning import breadth_to_reach, probe_joints, widen_by_trial, wind
 from .nodes import (
     MOST_NODES,
     joint_grid,
+    require_error,
     require_memory,
     require_patience,
     require_ties,
@@ -124,8 +125,7 @@ class DivideAndConquer:
             raise InvalidSolver(f"first must be 'D' or 'formula', got {self.first!r}")
         if self.limited not in ("middles", "letter"):
             raise InvalidSolver(f"limited must be 'middles' or 'letter', got {self.limited!r}")
-        if not self.stop_below >= 0:
-            raise InvalidSolver(f"stop_below must be a number >= 0, got {self.stop_below}")
+        require_error(self.stop_below)
         require_ties(self.ties)
         if self.ties == "first" and self.beam > 1:
             raise InvalidSolver(

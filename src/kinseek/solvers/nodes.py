@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from numbers import Real
 
 import numpy as np
 
@@ -141,6 +142,16 @@ def require_ties(ties: str) -> None:
     """
     if ties not in TIES:
         raise InvalidSolver(f"ties must be one of {', '.join(map(repr, TIES))}; got {ties!r}")
+
+
+def require_error(stop_below: object) -> None:
+    """Check the weighted error below which a search stops.
+
+    Raises:
+        InvalidSolver: It is none.
+    """
+    if not (isinstance(stop_below, Real) and stop_below >= 0):
+        raise InvalidSolver(f"stop_below must be a number >= 0, got {stop_below!r}")
 
 
 def require_patience(
