@@ -314,7 +314,7 @@ def test_a_tuned_breadth_is_tuned_chain_by_chain() -> None:
         box.ik(T, solver=solver)
 
 
-@pytest.mark.parametrize("again", [-1.0, float("nan"), "far", None])
+@pytest.mark.parametrize("again", [-1.0, float("nan"), "far", None, True])
 def test_again_is_a_distance(again: Any) -> None:
     with pytest.raises(InvalidSolver, match="again must be a distance in metres of at least 0, got"):
         SeparateChains(again=again)
@@ -325,10 +325,42 @@ def test_parameters_that_do_not_fit_are_refused() -> None:
     T = random_goals(arm, 1)[0]
     with pytest.raises(InvalidSolver, match="breadth must be one number or 6, one a joint"):
         arm.ik(T, solver=SeparateChains(breadth=(1, 2, 3)))
+    with pytest.raises(InvalidSolver, match="offset must be one number or 6, one a joint; got 5"):
+        arm.ik(T, solver=SeparateChains(offset=(None, 0.5, None, None, 0.5)))
     with pytest.raises(InvalidSolver, match="divisions must be at least 2"):
         SeparateChains(divisions=1)
     with pytest.raises(InvalidProblem, match="only of a whole pose, a direction, a position"):
         arm.ik(Goal.pose(T, free="x"), solver=SeparateChains())
+
+
+def test_the_papers_rule_for_ties_goes_with_the_wider_beam() -> None:
+    arm = kinseek.load("elbow6")
+    T = random_goals(arm, 1)[0]
+    once = arm.ik(T, solver=SeparateChains(ties="first", again=np.inf))
+    again = arm.ik(T, solver=SeparateChains(ties="first", again=0.0))
+    assert again.evaluations > once.evaluations
+    assert again.weighted_error <= once.weighted_error
+
+
+def test_what_is_below_the_wanted_error_is_not_searched_again() -> None:
+    arm = kinseek.load("elbow6")
+    T = arm.fk([0.3, 0.4, 0.5, 0.6, 0.7, 0.8])
+    once = arm.ik(T, solver=SeparateChains(stop_below=0.01, again=np.inf))
+    solution = arm.ik(T, solver=SeparateChains(stop_below=0.01))
+    assert 1e-3 < once.weighted_error < 0.01
+    assert solution.evaluations == once.evaluations
+
+
+@pytest.mark.parametrize("count", [1, 30])
+def test_a_batch_has_one_bar_and_not_two_a_target(count: int, capsys: pytest.CaptureFixture[str]) -> None:
+    arm = kinseek.load("planar2")
+    arm.ik(random_goals(arm, count), solver=SeparateChains(breadth=2, again=np.inf, progress=True))
+    lines = [line for line in capsys.readouterr().err.splitlines() if "solving" in line]
+    assert 1 <= len(lines) <= 2
+
+
+def test_a_chain_of_one_joint_is_told_as_one() -> None:
+    assert "so joint1 is searched for its place, then joint2" in split_of("planar2").sentence
 
 
 def test_a_second_chain_that_would_take_for_ever_is_refused_before_the_first_is_searched() -> None:

@@ -26,7 +26,7 @@ from kinseek.robots.mechanism import Mechanism
 from kinseek.shelf import Shelf
 from kinseek.solution import Solution, with_traces
 
-from .base import Found, solve_each
+from .base import Found, solve_each, watch_each
 from .breadth_tuning import window_leaves
 from .divide_and_conquer import _MOST_CELLS, DivideAndConquer, _OutOfTimeError
 from .recording import Look, Recorder, require_room
@@ -55,7 +55,8 @@ class SeparateChains(DivideAndConquer):
     again: float = 1e-3
     """Where a tolerance is missed and the weighted error is worth more than this much of position [m], the chains are
     searched again: each with a beam four times as wide, and if that was not enough, each once more for the whole goal with
-    the other held. The best answer counts. Infinity: never."""
+    the other held. The best answer counts. Infinity: never. Nor is one below `stop_below` searched again; in the wider beam
+    rounding decides ties."""
 
     traits: ClassVar[Traits] = Traits(
         source="the paper, Sec. 5",
@@ -68,7 +69,7 @@ class SeparateChains(DivideAndConquer):
         """Check the parameters."""
         super().__post_init__()
         try:
-            fine = float(self.again) >= 0
+            fine = not isinstance(self.again, bool) and float(self.again) >= 0
         except (TypeError, ValueError):
             fine = False
         if not fine:
@@ -92,7 +93,8 @@ class SeparateChains(DivideAndConquer):
             plan = self._chain_plan(problem, split, deadline)
         except _OutOfTimeError:
             return solve_each(problem, lambda one, _: Found(one.start, 0, out_of_time=True), deadline)
-        return solve_each(problem, lambda one, _: self._chains(one, plan, deadline), deadline)
+        batch = self.progress and len(problem.goal.targets) > 1  # Else each chain shows its own.
+        return watch_each(problem, lambda one, *_: self._chains(one, plan, deadline), 1, batch, deadline)
 
     def _chain_plan(self, problem: Problem, split: Split, deadline: Deadline) -> _Plan:
         """The search of each chain, with breadths in numbers.
@@ -102,6 +104,7 @@ class SeparateChains(DivideAndConquer):
         """
         if not isinstance(self.breadth, str):
             self.breadths(problem)
+        self._offsets(problem.mechanism.wraps)
         require_room(problem, ROUNDS * (int(np.log(self.branching_factor) / np.log(self.divisions)) + 2))
         goal = problem.goal.at(problem.goal.target.reshape(-1, 4, 4)[:0])
         known = known_of(problem.mechanism, problem.goal)
@@ -119,7 +122,9 @@ class SeparateChains(DivideAndConquer):
                 breadths = search.breadths(nothing, deadline)
                 search = replace(search, breadth=breadths)
                 for each in (search, _wider(search)) if np.isfinite(self.again) else (search,):
-                    each.solve(nothing)  # It refuses here if it must.
+                    replace(each, progress=False).solve(nothing)  # It refuses here if it must.
+                if len(problem.goal.targets) > 1:
+                    search = replace(search, progress=False)
                 leaves.append(window_leaves(breadths, self.divisions))
             searches.append(search)
         return _Plan(split, first, searches[0], searches[1], leaves[0] / sum(leaves))
@@ -214,8 +219,11 @@ def _noted(solution: Solution, sentence: str) -> Solution:
 
 
 def _wider(search: DivideAndConquer) -> DivideAndConquer:
-    """The search that is tried where another one dived: of every cell that it followed, `WIDER`, and kept apart."""
-    return replace(search, beam=min(WIDER * search.beam, _MOST_CELLS), children=1)
+    """The search that is tried where another one dived: of every cell that it followed, `WIDER`, and kept apart.
+
+    A rule for ties is that of one cell: with more of them rounding decides.
+    """
+    return replace(search, beam=min(WIDER * search.beam, _MOST_CELLS), children=1, ties="rounding")
 
 
 WIDER = 4
@@ -227,7 +235,7 @@ class _Account:
 
     def __init__(self, problem: Problem, solver: SeparateChains, deadline: Deadline) -> None:
         self.problem, self.deadline = problem, deadline
-        self.enough = solver.again * problem.goal.position_weight
+        self.enough = max(solver.again * problem.goal.position_weight, solver.stop_below)
         self.recorder = Recorder(problem, solver) if problem.trace else None
         self.left, self.memory = problem.budget, 0
         self.work, self.late = np.zeros(3, dtype=np.int64), False
@@ -346,7 +354,7 @@ def find_split(chain: Mechanism, goal: Goal) -> Split:
             where = ", ".join(f"{x:.4g}" for x in np.round(point, 6) + 0.0)
             why = (
                 f"moving {_told(chain, joints)} leaves the point ({where}) m of the hand at rest, so {_told(chain, first)} "
-                f"are searched for its place, then {_told(chain, joints)} for the goal"
+                f"{_are(first)} searched for its place, then {_told(chain, joints)} for the goal"
             )
             at = (float(point[0]), float(point[1]), float(point[2]))
             return Split(first, joints, idle, at, why + _idly(chain, idle), look.evaluations)
@@ -354,7 +362,7 @@ def find_split(chain: Mechanism, goal: Goal) -> Split:
             f"moving {_told(chain, joints)} leaves a point of the hand at rest, but of the {freedom} ways in which the hand "
             f"can move its place settles {place}, and they cannot settle the others"
         )
-    sentence = f"{_told(chain, movers)} are searched as one chain: {why}" + _idly(chain, idle)
+    sentence = f"{_told(chain, movers)} {_are(movers)} searched as one chain: {why}" + _idly(chain, idle)
     return Split(movers, (), idle, (0.0, 0.0, 0.0), sentence, look.evaluations)
 
 
@@ -371,6 +379,10 @@ def _resting(look: _Look, movers: Joints) -> list[tuple[Joints, Array]]:
 
 def _told(chain: Mechanism, joints: Joints) -> str:
     return ", ".join(chain.joint_names[j] for j in joints)
+
+
+def _are(joints: Joints) -> str:
+    return "is" if len(joints) == 1 else "are"
 
 
 def _idly(chain: Mechanism, idle: Joints) -> str:
