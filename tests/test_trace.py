@@ -411,3 +411,15 @@ def test_free_axes_have_a_trace_too() -> None:
         traced = arm.ik(goal, trace=True)
         same(arm.ik(goal), traced)
         holds_together(traced)
+
+
+def test_a_long_name_of_a_pass_keeps_its_number_in_the_table() -> None:
+    arm = kinseek.load("planar2")
+    far = kinseek.pose([0.2, 0.1, 0.3])
+    search = kinseek.Polished(kinseek.SeparateChains(), kinseek.CoordinateDescent())
+    trace = arm.ik(far, solver=search, trace=True).trace
+    lines = str(trace).splitlines()
+    wide = [line for line in lines if line.startswith("first: place, wide")]
+    assert len(wide) > 1
+    assert len({line[:21] for line in wide}) == len(wide)
+    assert max(map(len, lines)) <= 80

@@ -245,7 +245,10 @@ class Trace:
 
     def _line(self, each: Pass, spent: int) -> tuple[str, ...]:
         """One pass as words."""
-        name = each.name if len(each.name) <= NAME else each.name[: NAME - 3] + "..."
+        name = each.name
+        if len(name) > NAME:  # The number of a pass stands at the end.
+            end = name.rpartition(" ")[2][-8:]
+            name = f"{name[: NAME - 3 - len(end)].rstrip()}..{end.rjust(len(end) + 1)}"
         if each.counts is None:
             values = ""
         else:
