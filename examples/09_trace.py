@@ -1,6 +1,6 @@
 """What a search does, pass by pass: the paper's Figures 1 to 3 as pictures of a real search, and searches side by side.
 
-Run: python examples/09_trace.py [PICTURE] [tree | circles | breadths | windows | progress]
+Run: python examples/09_trace.py [PICTURE.png] [tree | circles | breadths | windows | progress]
 """
 
 import sys
@@ -8,7 +8,11 @@ import sys
 import kinseek
 from kinseek import plots
 
+PICTURES = "tree", "circles", "breadths", "windows", "progress"
+path = sys.argv[1] if len(sys.argv) > 1 else "09_trace.png"
 which = sys.argv[2] if len(sys.argv) > 2 else "windows"
+if which not in PICTURES or not path.endswith(".png"):
+    sys.exit(f"Run: python examples/09_trace.py [PICTURE.png] [{' | '.join(PICTURES)}]")
 arm = kinseek.load("planar2")
 target = arm.fk([2.0, 1.1])
 
@@ -44,4 +48,4 @@ else:  # Searches side by side, on six joints.
     figure, _ = plots.progress(
         {name: arm.ik(target, solver=solver, trace=True) for name, solver in searches.items()}
     )
-print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "09_trace.png"))
+print("wrote", plots.save(figure, path))
