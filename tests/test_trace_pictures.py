@@ -112,13 +112,34 @@ def test_circles_have_a_spoke_for_each_value() -> None:
         (lambda: plots.tree(planar(divisions=40)), "1,600 leaves"),
         (lambda: plots.circles(planar(), "elbow"), "valid: joint1, joint2"),
         (lambda: plots.circles(planar(), 2), "from 0 to 1"),
+        (lambda: plots.circles(planar(), 1.7), "a name, or a number from 0 to 1; got 1.7"),  # type: ignore[arg-type]
+        (lambda: plots.circles(planar(), passes=0), "passes must be at least 1, got 0"),
+        (lambda: plots.tree(planar(), "pass 1"), "from 1 to 8"),  # type: ignore[arg-type]
+        (lambda: plots.tree(planar().trace), "give the solution"),  # type: ignore[arg-type]
+        (lambda: plots.windows(planar().trace), "give the solution"),  # type: ignore[arg-type]
         (lambda: plots.windows(planar(), (0, 0)), "two different"),
+        (lambda: plots.windows(planar(), (0, "elbow")), "valid: joint1, joint2"),
+        (lambda: plots.windows(planar(), 0), "joints must be two"),  # type: ignore[arg-type]
+        (lambda: plots.save(plots.plane()[0], "arm.svg"), "must end in .png, got 'arm.svg'"),
+        (lambda: plots.save(plots.plane()[0], "arm"), "must end in .png, got 'arm'"),
         (lambda: plots.windows(PLANAR.ik(PLANAR.fk([2.0, 1.1]), trace=True)), "no pass"),
     ],
 )
 def test_what_cannot_be_drawn_says_so(draw: object, words: str) -> None:
     with pytest.raises(InvalidUse, match=words):
         draw()  # type: ignore[operator]
+
+
+def test_joints_have_names_in_every_picture() -> None:
+    _, by_name = plots.windows(planar(), ("joint2", "joint1"))
+    assert [each.get_xlabel() for each in by_name] == ["joint2 [rad]"] * 2
+
+
+def test_passes_that_leave_a_joint_alone_are_no_circles() -> None:
+    solution = PLANAR.ik(PLANAR.fk([2.0, 1.1]), solver=kinseek.SeparateChains(again=float("inf")), trace=True)
+    _, axes = plots.circles(solution, "joint2")
+    titles = [each.get_title() for each in axes]
+    assert all("goal: pass" in each and "nan" not in each for each in titles)
 
 
 def test_a_slide_is_no_circle() -> None:

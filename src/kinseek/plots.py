@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -207,7 +208,8 @@ def tree(solution: Solution, number: int = 1, size: tuple[float, float] = (7.2, 
         InvalidUse: No trace, a batch, a pass without a window, or more leaves than can be told apart.
         MissingExtra: Matplotlib is not installed.
     """
-    trace, one = _trace_of(solution), _pass(_trace_of(solution), number)
+    trace = _trace_of(_judged(solution))
+    one = _pass(trace, number)
     values = [one.values(d) for d in range(len(trace.joint_names))]
     counts = [len(each) for each in values]
     leaves = int(np.prod(counts))
@@ -270,16 +272,23 @@ def circles(
     Args:
         solution: Of one target with its trace, or the trace.
         joint: Its number from 0 on, or its name.
-        passes: How many.
+        passes: How many, of those that try more than one value of it.
         size: Of each circle [inch].
 
     Raises:
-        InvalidUse: No trace, a batch, no such joint, one that slides, or no pass with a window.
+        InvalidUse: No trace, a batch, no such joint, one that slides, no pass with a window, or less than one pass.
         MissingExtra: Matplotlib is not installed.
     """
     trace = _trace_of(solution)
     d = _turning(trace, joint)
-    shown = {each.name: each for each in _with_windows(trace)[:passes]}
+    if passes < 1:
+        raise InvalidUse(f"passes must be at least 1, got {passes}")
+    moved = [each for each in _with_windows(trace) if len(each.values(d)) > 1]
+    if not moved:
+        raise InvalidUse(
+            f"no pass of this {trace.search} tries more than one value of joint {trace.joint_names[d]!r}"
+        )
+    shown = {each.name: each for each in moved[:passes]}
     return _spokes(
         shown, d, f"{trace.joint_names[d]}: values tried, and the best known after the pass (dot)", size
     )
@@ -325,10 +334,11 @@ def _spokes(shown: Mapping[str, Pass], d: int, caption: str, size: float) -> tup
             each.plot([0, np.cos(value)], [0, np.sin(value)], color=COLOURS[1], linewidth=1.1)
         best = pass_.q[d]
         each.plot(np.cos(best), np.sin(best), MARKS[0], color=COLOURS[0], markersize=7, zorder=3)
-        spacing = np.nan if pass_.spacing is None else np.rad2deg(pass_.spacing[d])
-        each.set_title(
-            f"({chr(97 + i)}) {name}\n{len(pass_.values(d))} values, {spacing:.3g}° apart", fontsize=9
-        )
+        count = len(pass_.values(d))
+        tried = "1 value"
+        if count > 1 and pass_.spacing is not None:
+            tried = f"{count} values, {np.rad2deg(pass_.spacing[d]):.3g}° apart"
+        each.set_title(f"({chr(97 + i)}) {name}\n{tried}", fontsize=9)
         each.set(xlim=(-1.12, 1.12), ylim=(-1.12, 1.12))
         each.set_aspect("equal")
         each.axis("off")
@@ -337,28 +347,32 @@ def _spokes(shown: Mapping[str, Pass], d: int, caption: str, size: float) -> tup
 
 
 def windows(
-    solution: Solution, joints: tuple[int, int] = (0, 1), size: tuple[float, float] = (8.6, 4.2)
+    solution: Solution,
+    joints: tuple[int | str, int | str] = (0, 1),
+    size: tuple[float, float] = (8.6, 4.2),
 ) -> tuple[Any, Any]:
     """Draw the windows of the passes closing in on the answer, over the landscape of the weighted error.
 
     On the left the whole ranges of two joints, on the right what is around the answer, a cross; all other joints stand where
-    the answer has them. A frame is a window, a ring the best known after its pass, and darker is nearer to the goal.
+    the answer has them. A frame is a window, a dot the best known after its pass, and darker is nearer to the goal.
     Windows too small to see are left out.
 
     Args:
         solution: Of one target, with its trace.
-        joints: Which two.
+        joints: Which two, by number from 0 on or by name.
         size: Of the figure [inch].
 
     Raises:
         InvalidUse: No trace, a batch, not two joints of the arm, or no pass with a window.
         MissingExtra: Matplotlib is not installed.
     """
-    trace = _trace_of(solution)
-    dof = len(trace.joint_names)
-    if len(set(joints)) != 2 or not all(0 <= joint < dof for joint in joints):
-        raise InvalidUse(f"joints must be two different numbers from 0 to {dof - 1}, got {joints}")
-    shown, (x, y) = _with_windows(trace), joints
+    trace = _trace_of(_judged(solution))
+    if not isinstance(joints, Sequence) or isinstance(joints, str) or len(joints) != 2:
+        raise InvalidUse(f"joints must be two, by number or by name; got {joints!r}")
+    x, y = (_joint(trace, joint) for joint in joints)
+    if x == y:
+        raise InvalidUse(f"joints must be two different ones, got {joints!r}")
+    shown = _with_windows(trace)
     lower, upper = solution.problem.limits
     figure, axes = plane(2, size=size)
     answer = np.asarray(solution.q)
@@ -371,14 +385,14 @@ def windows(
         (centre - np.minimum(close, half), centre + np.minimum(close, half)),
     ]
     for each, (low, high) in zip(axes, boxes, strict=True):
-        image = _landscape(each, solution, joints, low, high)
+        image = _landscape(each, solution, (x, y), low, high)
         for i, pass_ in enumerate(shown):
             start, end = (each_end[[x, y]] for each_end in pass_.ends)
             wide = end - start
             if (wide < (high - low) / 60).any() or i == 6:  # As many colours as can be told apart on grey.
                 break
             colour = COLOURS[i % 6]
-            for turn in _turns(solution, joints):
+            for turn in _turns(solution, (x, y)):
                 corner = start + turn
                 each.add_patch(
                     _pyplot().Rectangle(corner, *wide, fill=False, edgecolor=colour, linewidth=1.6)
@@ -467,6 +481,17 @@ def _trace_of(traced: Trace | Solution) -> Trace:
     return trace
 
 
+def _judged(solution: Solution) -> Solution:
+    """A solution, which says how far off any joint values are; a trace alone does not.
+
+    Raises:
+        InvalidUse: Something else.
+    """
+    if isinstance(solution, Trace):
+        raise InvalidUse("a trace does not know the goal, which this picture needs; give the solution")
+    return solution
+
+
 def _named(traces: Mapping[str, Trace | Solution] | Sequence[Trace | Solution]) -> dict[str, Trace]:
     """Traces by name; without one, by that of their search."""
     if isinstance(traces, Mapping):
@@ -481,14 +506,21 @@ def _named(traces: Mapping[str, Trace | Solution] | Sequence[Trace | Solution]) 
     return named
 
 
+def _joint(trace: Trace, joint: int | str) -> int:
+    """The number of a joint, from 0 on."""
+    names = trace.joint_names
+    if not isinstance(joint, str):
+        if not isinstance(joint, Integral) or isinstance(joint, bool) or not 0 <= joint < len(names):
+            raise InvalidUse(f"a joint must be a name, or a number from 0 to {len(names) - 1}; got {joint!r}")
+        return int(joint)
+    if joint not in names:
+        raise InvalidUse(f"there is no joint {joint!r}; valid: {', '.join(names)}")
+    return names.index(joint)
+
+
 def _turning(trace: Trace, joint: int | str) -> int:
     """The number of a joint that turns, from 0 on."""
-    names = trace.joint_names
-    if isinstance(joint, str) and joint not in names:
-        raise InvalidUse(f"there is no joint {joint!r}; valid: {', '.join(names)}")
-    d = names.index(joint) if isinstance(joint, str) else int(joint)
-    if not 0 <= d < len(names):
-        raise InvalidUse(f"joint must be from 0 to {len(names) - 1}, got {joint}")
+    names, d = trace.joint_names, _joint(trace, joint)
     if trace.kinds[d] not in ("revolute", "continuous"):
         raise InvalidUse(f"joint {names[d]!r} is {trace.kinds[d]}: it does not turn in a circle")
     return d
@@ -496,8 +528,8 @@ def _turning(trace: Trace, joint: int | str) -> int:
 
 def _pass(trace: Trace, number: int) -> Pass:
     """Pass by its number, from 1 on."""
-    if not 1 <= number <= len(trace):
-        raise InvalidUse(f"number must be from 1 to {len(trace)}, the passes of this search; got {number}")
+    if not isinstance(number, Integral) or not 1 <= number <= len(trace):
+        raise InvalidUse(f"number must be from 1 to {len(trace)}, the passes of this search; got {number!r}")
     return trace[number - 1]
 
 
@@ -516,7 +548,13 @@ def _with_windows(trace: Trace) -> list[Pass]:
 
 
 def save(figure: Any, path: str | Path, dpi: int = 110) -> Path:
-    """Write a PNG of `dpi` dots an inch, without the name of the program that made it, and forget the figure."""
+    """Write a PNG of `dpi` dots an inch, without the name of the program that made it, and forget the figure.
+
+    Raises:
+        InvalidUse: The path ends in that of another format.
+    """
+    if Path(path).suffix.lower() != ".png":
+        raise InvalidUse(f"pictures are PNG files: the path must end in .png, got {str(path)!r}")
     figure.savefig(path, dpi=dpi, metadata={"Software": None})
     _pyplot().close(figure)
     return Path(path)
