@@ -235,6 +235,15 @@ def test_the_three_ways_to_give_breadth(given: str, expected: object) -> None:
     assert search.breadth == expected
 
 
+@pytest.mark.parametrize(
+    ("given", "expected"), [("0.25", 0.25), ("none", None), ("none,0.5", (None, 0.5)), ("0,0.5", (0.0, 0.5))]
+)
+def test_an_offset_is_one_number_or_one_a_joint_or_none(given: str, expected: object) -> None:
+    search = make_search("divide-and-conquer", {"offset": given})
+    assert isinstance(search, kinseek.DivideAndConquer)
+    assert search.offset == expected
+
+
 @pytest.mark.parametrize("search", searches())
 def test_every_plain_field_is_an_option_with_help(run: Run, search: str) -> None:
     out = run("solve", "--help").out

@@ -146,10 +146,22 @@ def _read(parameter: Parameter, value: object) -> object:
             if kind in (int, float, str):
                 return kind(value)
             if get_origin(kind) is tuple and "," in value:
-                return tuple(get_args(kind)[0](part) for part in value.split(","))
+                each = get_args(get_args(kind)[0]) or get_args(kind)[:1]
+                return tuple(_part(part, each) for part in value.split(","))
         except ValueError:
             continue
     raise InvalidSolver(f"{parameter.option} takes {_shape(parameter)}, got {value!r}")
+
+
+def _part(text: str, kinds: tuple[type, ...]) -> object:
+    """What stands for one joint.
+
+    Raises:
+        ValueError: It is of none of these kinds.
+    """
+    if NoneType in kinds and text.strip().lower() == "none":
+        return None
+    return next(kind for kind in kinds if kind is not NoneType)(text)
 
 
 def _docstrings(cls: type) -> dict[str, str]:
