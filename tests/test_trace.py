@@ -419,7 +419,7 @@ def test_a_long_name_of_a_pass_keeps_its_number_in_the_table() -> None:
     search = kinseek.Polished(kinseek.SeparateChains(), kinseek.CoordinateDescent())
     trace = arm.ik(far, solver=search, trace=True).trace
     lines = str(trace).splitlines()
-    wide = [line for line in lines if line.startswith("first: place, wide")]
+    wide = [line for line in lines if line.startswith("first: place, wi")]
     assert len(wide) > 1
     assert len({line[:21] for line in wide}) == len(wide)
     assert max(map(len, lines)) <= 80

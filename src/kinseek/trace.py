@@ -21,8 +21,8 @@ from .errors import InvalidUse
 
 Array = NDArray[np.float64]
 
-WIDTH, NAME = 80, 21
-"""Letters of a line of the printed table, and of a pass's name in it."""
+WIDTH, NAME = 80, 12
+"""Letters of a line of the printed table, and of a pass's name in it, if there is room for no more."""
 
 SHOWN = 40
 """Passes that are printed; of more, the first and the last half of them."""
@@ -234,6 +234,9 @@ class Trace:
             body = [*body[: SHOWN // 2], more, *body[-(SHOWN // 2) :]]
         table = [*head, *body]
         widths = [max(len(row[i]) for row in table) for i in range(len(head[0]))]
+        room = max(NAME, WIDTH - sum(widths[1:]) - 2 * len(widths[1:]))
+        table = [(_shortened(row[0], room), *row[1:]) for row in table]
+        widths[0] = max(len(row[0]) for row in table)
         lines = [self.search]
         for row in table:
             cells = [row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))]
@@ -245,10 +248,6 @@ class Trace:
 
     def _line(self, each: Pass, spent: int) -> tuple[str, ...]:
         """One pass as words."""
-        name = each.name
-        if len(name) > NAME:  # The number of a pass stands at the end.
-            end = name.rpartition(" ")[2][-8:]
-            name = f"{name[: NAME - 3 - len(end)].rstrip()}..{end.rjust(len(end) + 1)}"
         if each.counts is None:
             values = ""
         else:
@@ -260,7 +259,7 @@ class Trace:
             spacing = f"{np.nanmax(each.spacing):.3g}"
         errors = each.weighted_error, each.position_error, each.orientation_error
         work = f"{spent:,}" if spent < 10**9 else f"{spent:.4g}"
-        return name, spacing, values, work, *(f"{error:.2e}" for error in errors)
+        return each.name, spacing, values, work, *(f"{error:.2e}" for error in errors)
 
 
 def require_memory(targets: int, passes: int, dof: int, notes: int = 0) -> None:
@@ -308,6 +307,14 @@ def _bytes(count: int) -> str:
             return f"{size:.0f} {unit}" if unit == "bytes" else f"{size:.1f} {unit}"
         size /= 1024
     return f"{size:,.1f} {units[-1]}"
+
+
+def _shortened(name: str, room: int) -> str:
+    """The name of a pass in so many letters, with its number, which stands at the end."""
+    if len(name) <= room:
+        return name
+    end = name.rpartition(" ")[2][-6:]
+    return f"{name[: room - 3 - len(end)].rstrip()}.. {end}"
 
 
 def _wrapped(note: str) -> list[str]:
