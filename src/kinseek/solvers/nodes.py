@@ -150,7 +150,7 @@ def require_error(stop_below: object) -> None:
     Raises:
         InvalidSolver: It is none.
     """
-    if not (isinstance(stop_below, Real) and stop_below >= 0):
+    if not (isinstance(stop_below, Real) and float(stop_below) >= 0):
         raise InvalidSolver(f"stop_below must be a number >= 0, got {stop_below!r}")
 
 
