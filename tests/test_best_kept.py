@@ -52,6 +52,7 @@ kept: Any = numba.njit(_kept)
 
 
 @pytest.mark.parametrize("boxed", [False, True])
+@pytest.mark.jit
 def test_no_two_of_the_best_are_alike_and_the_best_of_all_is_among_them(boxed: bool) -> None:
     arm, rng = kinseek.load("ur5e"), np.random.default_rng(1)
     centres = rng.uniform(-2, 2, (3, 6))

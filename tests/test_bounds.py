@@ -116,6 +116,7 @@ def nearest_lost(chain: SerialChain, rng: np.random.Generator, trust: float = 1.
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", catalog_names())
+@pytest.mark.jit
 def test_no_box_loses_what_it_holds(name: str) -> None:
     """Two million joint vectors over all arms, each in a box."""
     chain, rng = kinseek.load(name).chain, np.random.default_rng(0)
@@ -126,6 +127,7 @@ def test_no_box_loses_what_it_holds(name: str) -> None:
 @pytest.mark.slow
 @settings(max_examples=60)
 @given(chain=serial_chains(), seed=st.integers(0, 2**32 - 1))
+@pytest.mark.jit
 def test_no_box_loses_what_it_holds_on_any_chain(chain: SerialChain, seed: int) -> None:
     rng = np.random.default_rng(seed)
     assert sum(reachable_lost(chain, rng) for _ in range(3)) == 0
@@ -134,6 +136,7 @@ def test_no_box_loses_what_it_holds_on_any_chain(chain: SerialChain, seed: int) 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
+@pytest.mark.jit
 def test_bounds_one_percent_too_small_are_caught(name: str) -> None:
     chain, rng = kinseek.load(name).chain, np.random.default_rng(0)
     assert sum(reachable_lost(chain, rng, trust=0.99) for _ in range(100)) > 0

@@ -115,6 +115,7 @@ def test_a_question_that_never_ended_does(name: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.jit
 def test_a_slide_without_curvature_is_walked_downhill() -> None:
     arm = kinseek.Arm.from_dh([[0, 0, 0, 0]], [0], [1000], kinds="P")
     goal = GoalArrays(transform(np.eye(3), [0.0, 0.0, 5.0])[:3].copy(), 1.0, np.zeros(3))
@@ -126,6 +127,7 @@ def test_a_slide_without_curvature_is_walked_downhill() -> None:
 
 
 @pytest.mark.parametrize("length", [1.0, 1e5, 1e7, 1e10])
+@pytest.mark.jit
 def test_a_step_is_finite_however_far_one_joint_moves_the_tip(length: float) -> None:
     """A Jacobian of rank one, (1, 2, 4) times a length: in rounding 4 - 2·2 and 16 - 4·4 leave nothing to divide by."""
     lanes = eight.Lanes(

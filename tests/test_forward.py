@@ -35,6 +35,7 @@ def test_catalog_arms_agree_with_the_twin(name: str) -> None:
 @pytest.mark.slow
 @given(serial_chains(), st.integers(0, 2**32 - 1))
 @settings(max_examples=100)
+@pytest.mark.jit
 def test_random_chains_agree_with_the_twin(chain: SerialChain, seed: int) -> None:
     q = np.random.default_rng(seed).uniform(-4, 4, (3, chain.dof))
     many = forward_many(chain.arrays, q)
