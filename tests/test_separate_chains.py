@@ -359,6 +359,20 @@ def test_a_batch_has_one_bar_and_not_two_a_target(count: int, capsys: pytest.Cap
     assert 1 <= len(lines) <= 2
 
 
+def test_a_long_batch_is_told_beforehand(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from kinseek.solvers import nodes
+
+    monkeypatch.setattr(nodes, "LONG", 1e-4)
+    monkeypatch.setattr(nodes, "_WORTH_MEASURING", 10**5)
+    arm = kinseek.load("planar2")
+    arm.ik(random_goals(arm, 10), solver=SeparateChains())
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 1
+    assert "nodes for each of 10 targets, about" in told[0]
+
+
 def test_a_chain_of_one_joint_is_told_as_one() -> None:
     assert "so joint1 is searched for its place, then joint2" in split_of("planar2").sentence
 

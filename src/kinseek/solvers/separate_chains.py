@@ -29,6 +29,7 @@ from kinseek.solution import Solution, with_traces
 from .base import Found, solve_each, watch_each
 from .breadth_tuning import window_leaves
 from .divide_and_conquer import _MOST_CELLS, DivideAndConquer, _OutOfTimeError
+from .nodes import require_patience
 from .recording import Look, Recorder, require_room
 from .traits import Near, Traits, require
 
@@ -93,8 +94,14 @@ class SeparateChains(DivideAndConquer):
             plan = self._chain_plan(problem, split, deadline)
         except _OutOfTimeError:
             return solve_each(problem, lambda one, _: Found(one.start, 0, out_of_time=True), deadline)
-        batch = self.progress and len(problem.goal.targets) > 1  # Else each chain shows its own.
-        return watch_each(problem, lambda one, *_: self._chains(one, plan, deadline), 1, batch, deadline)
+        batch = len(problem.goal.targets) > 1  # Else each chain tells and shows its own.
+        if batch:
+            change = "a smaller breadth, beam or number of divisions"
+            require_patience(
+                problem, plan.nodes, None, change, lambda one, until: self._chains(one, plan, until)
+            )
+        shown = self.progress and batch
+        return watch_each(problem, lambda one, *_: self._chains(one, plan, deadline), 1, shown, deadline)
 
     def _chain_plan(self, problem: Problem, split: Split, deadline: Deadline) -> _Plan:
         """The search of each chain, with breadths in numbers.
@@ -111,7 +118,7 @@ class SeparateChains(DivideAndConquer):
         first, second = known.first, known.second
         if first is None:
             first, second = parts(problem.mechanism, problem.goal, split)
-        searches, leaves = [], []
+        searches, leaves, nodes = [], [], 0
         for joints, chain, wanted in (
             (split.first, first, split.first_goal(goal)),
             (split.second, second, goal),
@@ -123,11 +130,12 @@ class SeparateChains(DivideAndConquer):
                 search = replace(search, breadth=breadths)
                 for each in (search, _wider(search)) if np.isfinite(self.again) else (search,):
                     replace(each, progress=False).solve(nothing)  # It refuses here if it must.
+                nodes += search._plan(nothing, deadline).nodes
                 if len(problem.goal.targets) > 1:
                     search = replace(search, progress=False)
                 leaves.append(window_leaves(breadths, self.divisions))
             searches.append(search)
-        return _Plan(split, first, searches[0], searches[1], leaves[0] / sum(leaves))
+        return _Plan(split, first, searches[0], searches[1], leaves[0] / sum(leaves), nodes)
 
     def _of(self, joints: Joints) -> DivideAndConquer:
         """The search of some of the joints."""
@@ -208,6 +216,8 @@ class _Plan(NamedTuple):
     second: DivideAndConquer
     share: float
     """Part of a budget that the first chain may spend."""
+    nodes: int
+    """That both visit for one target, if none is searched again."""
 
 
 def _noted(solution: Solution, sentence: str) -> Solution:
