@@ -327,7 +327,7 @@ def test_a_breadth_that_cannot_walk_back_is_noted() -> None:
     arm = kinseek.load("planar2")
     target = arm.fk([2.0, 1.1])
     short = arm.ik(target, solver=kinseek.DivideAndConquer(breadth=2), trace=True).trace
-    assert [note.partition(":")[0] for note in short.notes] == ["joint1", "joint2"]
+    assert [note.partition(":")[0] for note in short.notes] == ["joint1, joint2"]
     assert all("breadth='reach'" in note for note in short.notes)
     assert arm.ik(target, solver=kinseek.DivideAndConquer(breadth="reach"), trace=True).trace.notes == ()
 

@@ -190,17 +190,21 @@ class DivideAndConquer:
         return self.breadth
 
     def reach_notes(self, problem: Problem) -> tuple[str, ...]:
-        """Of each joint that cannot walk back from every wrong cell of the first pass, a sentence that says so.
+        """Of joints that cannot walk back from every wrong cell of the first pass, a sentence that says so.
 
         See `breadth_tuning.breadth_to_reach`.
         """
+        short: dict[tuple[int, int], list[str]] = {}
         each = zip(
             problem.mechanism.joint_names, self.breadths(problem), self._reaching(problem), strict=True
         )
+        for name, breadth, enough in each:
+            if breadth < enough:
+                short.setdefault((breadth, enough), []).append(name)
         return tuple(
-            f"{name}: from a wrong first cell a breadth of {breadth} cannot always lead back; {enough} can (breadth='reach')"
-            for name, breadth, enough in each
-            if breadth < enough
+            f"{', '.join(names)}: from a wrong first cell a breadth of {breadth} cannot always lead back; "
+            f"{enough} can (breadth='reach')"
+            for (breadth, enough), names in short.items()
         )
 
     def _reaching(self, problem: Problem) -> tuple[int, ...]:
