@@ -11,6 +11,7 @@ from .arm import Arm, load
 from .branches.result import Branches, BranchesBatch
 from .errors import (
     FailedKinematics,
+    InvalidExport,
     InvalidGoal,
     InvalidProblem,
     InvalidRobot,
@@ -54,6 +55,7 @@ __all__ = [
     "DivideAndConquer",
     "FailedKinematics",
     "Goal",
+    "InvalidExport",
     "InvalidGoal",
     "InvalidProblem",
     "InvalidRobot",

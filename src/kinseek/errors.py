@@ -6,6 +6,7 @@
     ├── InvalidGoal(ValueError)      the target: pose, tolerances, weights
     ├── InvalidProblem(ValueError)   the call: joint vectors, start, budget
     ├── InvalidSolver(ValueError)    the search's own parameters
+    ├── InvalidExport(ValueError)    what a controller is given: target, folder, memory
     ├── InvalidUse(TypeError)         a result is used as what it is not: a solution as a truth value
     ├── MissingExtra(ImportError)    an optional dependency is not installed
     └── NotReached(RuntimeError)     raised only by Solution.require(); carries the solution
@@ -54,6 +55,10 @@ class InvalidProblem(KinseekError, ValueError):
 
 class InvalidSolver(KinseekError, ValueError):
     """A parameter of a search is out of its range, or the search would not fit into memory."""
+
+
+class InvalidExport(KinseekError, ValueError):
+    """An arm cannot be written for a controller so: target, form, folder, or more memory than there is."""
 
 
 class InvalidUse(KinseekError, TypeError):

@@ -1,0 +1,104 @@
+"""Processors that machine code can be written for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from kinseek.errors import InvalidExport, suggest
+
+
+@dataclass(frozen=True)
+class Cpu:
+    """One processor, or a family whose programs all its members run."""
+
+    name: str
+    """As LLVM calls it."""
+    features: str = ""
+    """What it has beyond the name, as LLVM calls it."""
+    options: str = ""
+    """What a C compiler must be told so that its code fits."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A kind of processor."""
+
+    name: str
+    triple: str
+    """As LLVM calls it."""
+    compiler: str
+    """The C compiler that Debian has for it."""
+    cpus: tuple[Cpu, ...]
+    """Those known; the first unless another is asked for."""
+    bits: int
+    """Of an address."""
+    relocation: str = "static"
+    abi: str = ""
+    numba: bool = False
+    """Can Numba itself optimise for it? Then the answers have the bits that kinseek has on such a processor."""
+
+    def cpu(self, name: str | None) -> Cpu:
+        """The processor of a name; the first unless given.
+
+        Raises:
+            InvalidExport: None has that name.
+        """
+        known = {one.name: one for one in self.cpus}
+        if name is None:
+            return self.cpus[0]
+        if name not in known:
+            raise InvalidExport(suggest(name, known, f"processor of {self.name}"))
+        return known[name]
+
+
+# Hard-float calls would be right for a Cortex-M with a floating-point unit, but LLVM cannot be told of them from Python, and
+# what it then makes of `aapcs16` links and computes other numbers. So numbers are passed in the integer registers (softfp).
+_THUMB = "-mthumb -mfloat-abi=softfp"
+
+_KNOWN = (
+    Target(
+        "x86-64",
+        "x86_64-unknown-linux-gnu",
+        "gcc",
+        (Cpu("x86-64-v3", options="-march=x86-64-v3"), Cpu("x86-64-v2", options="-march=x86-64-v2")),
+        64,
+        "pic",
+        numba=True,
+    ),
+    Target("aarch64", "aarch64-unknown-linux-gnu", "aarch64-linux-gnu-gcc", (Cpu("generic"),), 64, "pic"),
+    Target(
+        "thumbv7em",
+        "thumbv7em-none-eabi",
+        "arm-none-eabi-gcc",
+        (
+            Cpu("cortex-m7", options=f"-mcpu=cortex-m7 -mfpu=fpv5-d16 {_THUMB}"),
+            Cpu("cortex-m4", options=f"-mcpu=cortex-m4 -mfpu=fpv4-sp-d16 {_THUMB}"),
+        ),
+        32,
+    ),
+    Target(
+        "riscv32",
+        "riscv32-unknown-elf",
+        "riscv64-unknown-elf-gcc",
+        (
+            Cpu("generic-rv32", "+m,+c", "-march=rv32imc -mabi=ilp32"),
+            Cpu("sifive-e31", "", "-march=rv32imac -mabi=ilp32"),
+        ),
+        32,
+        abi="ilp32",
+    ),
+)
+
+TARGETS: dict[str, Target] = {one.name: one for one in _KNOWN}
+"""All of them by name."""
+
+
+def target_of(name: str) -> Target:
+    """The target of a name.
+
+    Raises:
+        InvalidExport: None has it.
+    """
+    if name not in TARGETS:
+        raise InvalidExport(suggest(str(name), TARGETS, "target"))
+    return TARGETS[name]
