@@ -1,4 +1,4 @@
-"""The command line: ``kinseek robots | show | fk | solve``. It computes nothing itself.
+"""The command line: ``kinseek robots | show | fk | solve | export``. It computes nothing itself.
 
 Exit codes: 0 done or reached, 1 not reached, 2 misuse or output that cannot be written, 141 the reader of a pipe has gone.
 """

@@ -6,6 +6,8 @@ import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, cast
 
 import numpy as np
@@ -14,20 +16,25 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek.arm import load
-from kinseek.errors import InvalidGoal, KinseekError, UnitWarning
+from kinseek.errors import InvalidExport, InvalidGoal, KinseekError, UnitWarning, suggest
+from kinseek.export import TARGETS, checked_folder, prepare
 from kinseek.goal import Frame, Goal
 from kinseek.kernels.route import told
 from kinseek.poses import pose
 from kinseek.proof.branch_and_bound import prove as prove_goal
 from kinseek.proof.branch_and_bound import refuse_ranges
 from kinseek.proof.certificate import Certificate, Verdict
+from kinseek.solvers import DivideAndConquer
 from kinseek.tolerances import GoalOptions
 from kinseek.units import warn_of_angles
 
 from . import report
 from .output import complain, held_output, warnings_in_one_line, write_out
 from .searches import make_search, searches_in_words, with_search_options
-from .words import LENGTHS, gather, joint_values, numbers
+from .words import LENGTHS, gather, joint_values, numbers, size
+
+_EXPORTED = "divide-and-conquer"
+"""The search that is exported."""
 
 app = typer.Typer(
     add_completion=False,
@@ -45,6 +52,13 @@ ArmName = Annotated[
 ]
 Base = Annotated[str | None, typer.Option(help="Link that stays; the root of the file unless given.")]
 Tip = Annotated[str | None, typer.Option(help="Link whose pose is meant; the only leaf unless given.")]
+At = Annotated[str | None, typer.Option(metavar="X Y Z", help="Wanted position of the tip in the base, m.")]
+Rpy = Annotated[
+    str | None, typer.Option(metavar="R P Y", help="Roll, pitch, yaw about fixed x, y, z, as in URDF, rad.")
+]
+QuatWxyz = Annotated[str | None, typer.Option(metavar="W X Y Z", help="Quaternion, real part first.")]
+QuatXyzw = Annotated[str | None, typer.Option(metavar="X Y Z W", help="Quaternion, real part last.")]
+Rotvec = Annotated[str | None, typer.Option(metavar="X Y Z", help="Axis times angle, rad.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
 
@@ -128,20 +142,11 @@ def fk(
 @with_search_options
 def solve(
     arm: ArmName,
-    at: Annotated[
-        str | None, typer.Option(metavar="X Y Z", help="Wanted position of the tip in the base, m.")
-    ] = None,
-    rpy: Annotated[
-        str | None,
-        typer.Option(metavar="R P Y", help="Roll, pitch, yaw about fixed x, y, z, as in URDF, rad."),
-    ] = None,
-    quat_wxyz: Annotated[
-        str | None, typer.Option(metavar="W X Y Z", help="Quaternion, real part first.")
-    ] = None,
-    quat_xyzw: Annotated[
-        str | None, typer.Option(metavar="X Y Z W", help="Quaternion, real part last.")
-    ] = None,
-    rotvec: Annotated[str | None, typer.Option(metavar="X Y Z", help="Axis times angle, rad.")] = None,
+    at: At = None,
+    rpy: Rpy = None,
+    quat_wxyz: QuatWxyz = None,
+    quat_xyzw: QuatXyzw = None,
+    rotvec: Rotvec = None,
     position_only: Annotated[bool, typer.Option("--position-only", help="Any orientation will do.")] = False,
     free: Annotated[
         str | None,
@@ -178,8 +183,8 @@ def solve(
 ) -> int:
     """Find joint values that reach a pose. Exit code 0: reached, 1: not reached."""
     loaded = load(arm, base, tip)
-    turns = {"--rpy": rpy, "--quat-wxyz": quat_wxyz, "--quat-xyzw": quat_xyzw, "--rotvec": rotvec}
-    target = _target(at, {name: text for name, text in turns.items() if text is not None}, position_only, deg)
+    turns = _given({"--rpy": rpy, "--quat-wxyz": quat_wxyz, "--quat-xyzw": quat_xyzw, "--rotvec": rotvec})
+    target = _target(at, turns, position_only, deg)
     options: GoalOptions = {
         "position_tolerance": position_tolerance,
         "orientation_tolerance": orientation_tolerance,
@@ -205,6 +210,79 @@ def solve(
     return 0 if solution.success else 1
 
 
+@app.command()
+@partial(with_search_options, only=_EXPORTED)
+def export(
+    arm: ArmName,
+    to: Annotated[str, typer.Option(metavar="c", help="The language that is written.")],
+    folder: Annotated[
+        Path | None, typer.Option(help="Where the files go, made unless it is there; ARM_c unless given.")
+    ] = None,
+    target: Annotated[
+        str, typer.Option(metavar="NAME", help=f"The kind of processor: {', '.join(TARGETS)}.")
+    ] = "x86-64",
+    cpu: Annotated[
+        str | None, typer.Option(metavar="NAME", help="One processor of that kind, as LLVM calls it.")
+    ] = None,
+    form: Annotated[
+        str, typer.Option(help="How the kernels are written: object, assembly or llvm (its assembly).")
+    ] = "object",
+    ram: Annotated[
+        str | None, typer.Option(metavar="BYTES", help="What static memory may take: 65536, 64k or 1M.")
+    ] = None,
+    flash: Annotated[
+        str | None, typer.Option(metavar="BYTES", help="What kernels and constants may take.")
+    ] = None,
+    at: At = None,
+    rpy: Rpy = None,
+    quat_wxyz: QuatWxyz = None,
+    quat_xyzw: QuatXyzw = None,
+    rotvec: Rotvec = None,
+    position_only: Annotated[
+        bool, typer.Option("--position-only", help="Any orientation will do, now and on the part.")
+    ] = False,
+    deg: Annotated[bool, typer.Option("--deg", help="--rpy and --rotvec are in degrees.")] = False,
+    base: Base = None,
+    tip: Tip = None,
+    **search_options: Any,
+) -> int:
+    """Write an arm as C and machine code for a small controller: forward kinematics, and divide and conquer.
+
+    The program solves the goal that is given, or a pose that the arm can reach.
+    """
+    if to != "c":
+        raise InvalidExport(suggest(to, ["c"], "language"))
+    loaded = load(arm, base, tip)
+    goal, turns = (
+        None,
+        _given({"--rpy": rpy, "--quat-wxyz": quat_wxyz, "--quat-xyzw": quat_xyzw, "--rotvec": rotvec}),
+    )
+    if at is not None or turns or position_only:
+        wanted = _target(at, turns, position_only, deg)
+        goal = Goal.position(wanted[:3, 3]) if position_only else Goal.pose(wanted)
+    search = cast("DivideAndConquer", make_search(_EXPORTED, search_options))
+    place = checked_folder(folder if folder is not None else Path(f"{loaded.name}_c"))
+    parts = prepare(
+        loaded,
+        target,
+        cpu=cpu,
+        search=search,
+        goal=goal,
+        form=form,
+        ram=size(ram, "--ram"),
+        flash=size(flash, "--flash"),
+        notice=complain,
+    )
+    complain(str(parts))  # Before anything is written, and what goes to stdout waits for the end.
+    parts.write(place)
+    report.print_parts(place, parts)
+    return 0
+
+
+def _given(options: dict[str, str | None]) -> dict[str, str]:
+    return {name: text for name, text in options.items() if text is not None}
+
+
 def _target(at: str | None, turns: dict[str, str], position_only: bool, deg: bool) -> NDArray[np.float64]:
     """Read the wanted pose, (4, 4).
 
@@ -212,11 +290,11 @@ def _target(at: str | None, turns: dict[str, str], position_only: bool, deg: boo
         InvalidGoal: No position, no rotation, or more than one.
     """
     if at is None:
-        raise InvalidGoal("solve needs --at X Y Z, the wanted position in metres")
+        raise InvalidGoal("a goal needs --at X Y Z, the wanted position in metres")
     chosen = [*turns, *(["--position-only"] if position_only else [])]
     if len(chosen) != 1:
         options = "--rpy, --quat-wxyz, --quat-xyzw, --rotvec or --position-only"
-        raise InvalidGoal(f"solve needs exactly one of {options}; got {' and '.join(chosen) or 'none'}")
+        raise InvalidGoal(f"a goal needs exactly one of {options}; got {' and '.join(chosen) or 'none'}")
     position = numbers(at, "--at", LENGTHS["--at"])
     turn: dict[str, Any] = {}
     for option, text in turns.items():

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
+from kinseek.export import Parts
 from kinseek.goal import Goal
 from kinseek.proof.certificate import Certificate
 from kinseek.robots import catalog_entry, catalog_names
@@ -56,6 +58,12 @@ def print_arm(arm: Arm) -> None:
     least, most = reach(arm)
     _print(f"reach: at least {least:.3f} m from base to tip (the farthest of {_POSTURES:,} random postures)")
     _print(f"reach: at most {most:.3f} m from base to tip (the sum of all links and slides)")
+
+
+def print_parts(folder: Path, parts: Parts) -> None:
+    """Print what was written for a controller, and how it becomes a program."""
+    _print(f"{folder}: {', '.join(sorted(parts.files))}")
+    print(f"cd {folder} && {parts.command}")  # To be copied, so in one line.
 
 
 def _units(kinds: Sequence[str]) -> tuple[str, str]:

@@ -59,6 +59,21 @@ def numbers(text: str, option: str, count: int | None = None) -> list[float]:
     return [float(word) for word in words]
 
 
+def size(text: str | None, option: str) -> int | None:
+    """Read a number of bytes, ``64k`` and ``4M`` being 1024 and 1024² of them; None where none was given.
+
+    Raises:
+        InvalidProblem: It is none.
+    """
+    if text is None:
+        return None
+    times = {"k": 1024, "m": 1024**2}.get(text[-1:].lower(), 1)
+    digits = text if times == 1 else text[:-1]
+    if not (digits.isascii() and digits.isdigit()):
+        raise InvalidProblem(f"{option}: {text!r} is no number of bytes; write 65536, 64k or 4M")
+    return int(digits) * times
+
+
 def joint_values(arm: Arm, values: Sequence[float], option: str, degrees: bool) -> NDArray[np.float64]:
     """Read one number a joint, (n,), [m] of a prismatic joint, else [rad] or degrees.
 

@@ -5,7 +5,7 @@
 >>> told = to_c(kinseek.load("scara4"), "scara4_c", target="thumbv7em", ram=64 * 1024)  # doctest: +SKIP
 """
 
+from .controller import Parts, checked_folder, prepare, to_c
 from .targets import TARGETS, Target
-from .controller import Parts, prepare, to_c
 
-__all__ = ["TARGETS", "Parts", "Target", "prepare", "to_c"]
+__all__ = ["TARGETS", "Parts", "Target", "checked_folder", "prepare", "to_c"]

@@ -9,7 +9,7 @@ import platform
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -126,17 +126,17 @@ def checked_folder(folder: str | Path) -> Path:
     if not isinstance(folder, str | Path) or not str(folder):
         raise InvalidExport(f"folder must be a path, got {folder!r}")
     place = Path(folder)
+    header, names = place / "kinseek.h", [*FORMS.values(), *_GENERATED, *(each.name for each in _C.iterdir())]
     try:
-        if place.exists() and not place.is_dir():
-            raise InvalidExport(f"{str(folder)!r} is no folder")
-        if not place.parent.is_dir():
-            raise InvalidExport(f"there is no folder {str(place.parent)!r} to make {place.name!r} in")
-        header = place / "kinseek.h"
+        exists, fits, around = place.exists(), place.is_dir(), place.parent.is_dir()
         ours = header.is_file() and header.read_text(encoding="utf-8", errors="replace").startswith(_MARK)
-        names = [*FORMS.values(), *_GENERATED, *(each.name for each in _C.iterdir())]
         foreign = [] if ours else [name for name in names if (place / name).exists()]
     except (OSError, ValueError) as error:
         raise InvalidExport(f"cannot look into {str(folder)!r}: {error}") from error
+    if exists and not fits:
+        raise InvalidExport(f"{str(folder)!r} is no folder")
+    if not around:
+        raise InvalidExport(f"there is no folder {str(place.parent)!r} to make {place.name!r} in")
     if foreign:
         raise InvalidExport(
             f"{str(folder)!r} holds {', '.join(sorted(foreign))}, which kinseek did not write; choose another folder"
@@ -195,8 +195,13 @@ def prepare(
     ram: int | None = None,
     flash: int | None = None,
     form: str = "object",
+    notice: Callable[[str], object] = lambda words: None,
 ) -> Parts:
-    """Compile an arm for a part, and say what it takes before anything is written; arguments as in `to_c`.
+    """Compile an arm for a part, and say what it takes before anything is written.
+
+    Args:
+        arm, target, cpu, search, goal, ram, flash, form: As in `to_c`.
+        notice: Told, once everything is checked, that compiling begins.
 
     Raises:
         InvalidExport: As `to_c`, but for the folder.
@@ -229,6 +234,7 @@ def prepare(
                 f"got {ram:,}. Fewer joints (with_locked), a smaller beam or breadth, or fewer divisions need less"
             )
     numbers = least + per_lane * lanes
+    notice(f"compiling the kernels for {chosen.triple}, {part.name} (some twenty seconds) ...")
     told, kernels = _compiled(chosen, part, lanes, plan.sizes, FORMS[form])
     if told["memory"] != numbers:
         raise RuntimeError(f"the kernels need {told['memory']} numbers of memory, expected {numbers}")

@@ -137,11 +137,16 @@ def _entry(one: Any) -> tuple[list[bytes], Any]:
     return [wrapper.as_bitcode(), final.as_bitcode()], library._codegen
 
 
+def _untyped(module: str) -> Any:
+    """A module that says nothing of its types."""
+    return importlib.import_module(module)
+
+
 def _numba_type(one: Any) -> Any:
     """What Numba calls what an entry takes."""
-    from numba import types
-
     from kinseek.kernels import entry
+
+    types = _untyped("numba.core.types")
 
     if isinstance(one, entry.Bundle):
         return types.BaseTuple.from_types(tuple(map(_numba_type, one.fields.values())), one.made_of)
@@ -166,7 +171,8 @@ class _Table:
     def read(self, kind: Any) -> Any:
         """The value of a type."""
         from llvmlite import ir
-        from numba import types
+
+        types = _untyped("numba.core.types")
 
         builder, word = self.builder, ir.IntType(64)
         if isinstance(kind, types.BaseTuple):
@@ -180,7 +186,8 @@ class _Table:
 
     def _array(self, kind: Any) -> Any:
         from llvmlite import ir
-        from numba.np import arrayobj
+
+        arrayobj = _untyped("numba.np.arrayobj")
 
         builder, word = self.builder, ir.IntType(64)
         array = arrayobj.make_array(kind)(self.context, builder)
@@ -199,8 +206,8 @@ class _Table:
             TypeError: It is not what is declared.
         """
         from llvmlite import ir
-        from numba import types
-        from numba.core import cgutils
+
+        types, cgutils = _untyped("numba.core.types"), _untyped("numba.core.cgutils")
 
         many = isinstance(kind, types.BaseTuple)
         kinds = tuple(kind.types) if many else () if kind == types.none else (kind,)

@@ -1,0 +1,356 @@
+"""What is written for controllers runs as C: the same numbers as kinseek, in the memory that was told.
+
+On this machine as plain C; on a Cortex-M7 and on a 64-bit ARM where a compiler and QEMU for them are installed.
+"""
+
+from __future__ import annotations
+
+import platform
+import re
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kinseek
+from kinseek import DivideAndConquer, Goal
+from kinseek.cli.commands import run
+from kinseek.errors import InvalidExport, InvalidProblem, InvalidSolver, MissingExtra
+from kinseek.export import TARGETS, Parts, controller, prepare, to_c
+from kinseek.export.c_calls import c_declarations, c_definitions
+from kinseek.kernels.entry import ENTRIES
+from kinseek.kernels.grid.memory import MOST_LANES
+
+EXAMPLE = Path(__file__).parent.parent / "examples" / "cortex_m7"
+SMALL = DivideAndConquer(branching_factor=360)
+GOALS = 8
+
+CHECK = """
+#include <stdio.h>
+#include <string.h>
+#include "kinseek.h"
+#include "asked.h"
+
+static void put(double number) {
+    uint32_t half[2];
+    memcpy(half, &number, sizeof half);
+    printf(" %08lx%08lx", (unsigned long)half[1], (unsigned long)half[0]);
+}
+
+int main(void) {
+    for (int k = 0; k < GOALS; k++) {
+        double pose[16], q[KINSEEK_DOF];
+        int fine = kinseek_fk(asked_q[k], pose) == KINSEEK_DONE;
+        fine = fine && kinseek_begin(asked_pose[k]) == KINSEEK_MORE;
+        int state = KINSEEK_MORE;
+        while (state == KINSEEK_MORE) state = kinseek_go_on(WORK, q);
+        printf("goal %d %ld %ld", fine && state == KINSEEK_DONE, (long)kinseek_leaves(), (long)kinseek_nodes());
+        for (int i = 0; i < 16; i++) put(pose[i]);
+        for (int i = 0; i < KINSEEK_DOF; i++) put(q[i]);
+        printf("\\n");
+    }
+    double bad[16] = {0.0}, q[KINSEEK_DOF] = {0.0};
+    bad[3] = 1.0 / bad[0];
+    printf("refused %d\\n", kinseek_begin(bad) == KINSEEK_NOT_FINITE && kinseek_solve(bad, q) == KINSEEK_NOT_FINITE);
+    return 0;
+}
+"""
+
+
+def asked(arm: kinseek.Arm) -> tuple[Any, Any]:
+    q = arm.sample(GOALS, seed=3)
+    return q, arm.fk(q)
+
+
+def answers(folder: Path, arm: kinseek.Arm, build: list[str], start: list[str], work: int) -> list[Any]:
+    """Compile and run the check; of each goal leaves, nodes, pose (16,) and joint values (n,)."""
+
+    def table(name: str, rows: Any) -> str:
+        text = ",\n".join("{" + ", ".join(float(x).hex() for x in np.ravel(row)) + "}" for row in rows)
+        return f"static const double {name}[][{np.size(rows[0])}] = {{{text}}};\n"
+
+    q, poses = asked(arm)
+    numbers = f"#define GOALS {GOALS}\n#define WORK {work}\n"
+    (folder / "asked.h").write_text(numbers + table("asked_q", q) + table("asked_pose", poses))
+    (folder / "check.c").write_text(CHECK)
+    strict = ["-O2", "-Wall", "-Wextra", "-Werror", "-std=c11"]
+    for program in ("main.c", "check.c"):
+        files = [program, "kinseek.c", "kernels.c", "runtime.c"]
+        subprocess.run(
+            [build[0], *strict, *files, *build[1:], "-lm", "-o", program[:-2]], cwd=folder, check=True
+        )
+    main = subprocess.run(
+        [*start, "./main"], cwd=folder, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert main.returncode == 0, main.stdout + main.stderr
+    done = subprocess.run(
+        [*start, "./check"], cwd=folder, capture_output=True, text=True, timeout=300, check=True
+    )
+    assert "refused 1" in done.stdout
+    found = []
+    for line in done.stdout.splitlines():
+        if line.startswith("goal"):
+            fine, leaves, nodes, *bits = line.split()[1:]
+            assert fine == "1"
+            values = np.array([struct.unpack(">d", bytes.fromhex(each))[0] for each in bits])
+            found.append((int(leaves), int(nodes), values[:16].reshape(4, 4), values[16:]))
+    assert len(found) == GOALS
+    return found
+
+
+def compare(found: list[Any], arm: kinseek.Arm, search: DivideAndConquer, most: float) -> None:
+    """Poses at most so far from kinseek's, and the very nodes that it finds."""
+    q, poses = asked(arm)
+    for (leaves, nodes, pose, answer), one, target in zip(found, q, poses, strict=True):
+        expected = arm.ik(target, solver=search)
+        assert np.abs(pose - arm.fk(one)).max() <= most
+        assert leaves == expected.evaluations
+        assert nodes >= leaves
+        assert np.abs(answer - expected.q).max() <= most
+
+
+def levels() -> set[str]:
+    try:
+        text = Path("/proc/cpuinfo").read_text()
+    except OSError:
+        return set()
+    return set(next((line for line in text.splitlines() if line.startswith("flags")), "").split())
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="runs what is written for x86-64")
+@pytest.mark.skipif(not {"avx2", "fma"} <= levels(), reason="the processor is below x86-64-v3")
+@pytest.mark.parametrize("name", ["panda", "elbow6", "cylindrical3"])
+def test_plain_c_gives_the_same_bits(tmp_path: Path, name: str) -> None:
+    if shutil.which("gcc") is None:
+        pytest.skip("there is no gcc")
+    arm = kinseek.load(name)
+    form = {"panda": "object", "elbow6": "assembly", "cylindrical3": "object"}[name]
+    parts = to_c(arm, tmp_path / "out", search=SMALL, form=form)
+    assert parts.lanes == parts.most_lanes < MOST_LANES
+    file = {"object": "kernels.o", "assembly": "kernels.s"}[form]
+    found = answers(tmp_path / "out", arm, ["gcc", "-march=x86-64-v3", file], [], work=500)
+    compare(found, arm, SMALL, 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="runs what is written for x86-64")
+def test_a_smaller_memory_finds_as_good_nodes(tmp_path: Path) -> None:
+    if shutil.which("gcc") is None:
+        pytest.skip("there is no gcc")
+    arm = kinseek.load("elbow6")
+    parts = to_c(arm, tmp_path / "out", cpu="x86-64-v2", search=SMALL, ram=3 * 1024)
+    assert parts.ram <= 3 * 1024
+    assert parts.lanes < parts.most_lanes
+    assert f"{parts.lanes} tabulated leaves and not {parts.most_lanes}" in str(parts)
+    found = answers(tmp_path / "out", arm, ["gcc", "-march=x86-64-v2", "kernels.o"], [], work=1 << 40)
+    _, poses = asked(arm)
+    for (leaves, _, _, q), target in zip(found, poses, strict=True):
+        expected = arm.ik(target, solver=SMALL)
+        assert leaves == expected.evaluations
+        error = Goal.pose(target).measure(arm.chain.arrays, q[None])[0, 2]
+        assert error == pytest.approx(expected.weighted_error, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_a_cortex_m7_finds_the_same(tmp_path: Path) -> None:
+    compiler, emulator = shutil.which("arm-none-eabi-gcc"), shutil.which("qemu-system-arm")
+    if compiler is None or emulator is None:
+        pytest.skip("needs arm-none-eabi-gcc and qemu-system-arm")
+    arm, folder = kinseek.load("panda"), tmp_path / "out"
+    parts = to_c(arm, folder, "thumbv7em", search=SMALL, ram=64 * 1024, flash=64 * 1024)
+    options = [*parts.cpu.options.split(), "--specs=rdimon.specs", "-nostartfiles", "-Wl,--no-warnings"]
+    board = [str(EXAMPLE / "start.c"), "-T", str(EXAMPLE / "part.ld")]
+    start = [
+        emulator,
+        "-M",
+        "mps2-an500",
+        "-nographic",
+        "-semihosting-config",
+        "enable=on,target=native",
+        "-kernel",
+    ]
+    found = answers(folder, arm, [compiler, *options, *board, "kernels.o"], start, work=5000)
+    compare(found, arm, SMALL, 1e-14)
+    sizes = subprocess.run(
+        ["arm-none-eabi-nm", "-S", "main"], cwd=folder, capture_output=True, text=True, check=True
+    )
+    taken = {
+        line.split()[3]: int(line.split()[1], 16)
+        for line in sizes.stdout.splitlines()
+        if len(line.split()) == 4
+    }
+    assert 0 <= parts.ram - sum(taken[name] for name in ("memory", "wanted", "at", "place")) <= 64
+
+
+@pytest.mark.slow
+def test_a_64_bit_arm_finds_the_same(tmp_path: Path) -> None:
+    compiler, emulator = shutil.which("aarch64-linux-gnu-gcc"), shutil.which("qemu-aarch64")
+    if compiler is None or emulator is None:
+        pytest.skip("needs aarch64-linux-gnu-gcc and qemu-aarch64")
+    arm = kinseek.load("panda")
+    to_c(arm, tmp_path / "out", "aarch64", search=SMALL)
+    found = answers(tmp_path / "out", arm, [compiler, "-static", "kernels.o"], [emulator], work=1 << 40)
+    compare(found, arm, SMALL, 1e-14)
+
+
+@pytest.mark.slow
+def test_the_kernels_ask_for_nothing_but_memory_and_mathematics() -> None:
+    told, text = controller._compiled(
+        TARGETS["riscv32"], TARGETS["riscv32"].cpus[0], 9, (3, 3, 1, 1), "kernels.ll"
+    )
+    assert set(told["asks"]) <= {"NRT_MemInfo_alloc_aligned", "NRT_MemInfo_call_dtor"}
+    assert b"atomicrmw" not in text
+    assert b'target triple = "riscv32-unknown-elf"' in text
+
+
+def test_c_has_the_types_that_are_declared() -> None:
+    one = [ENTRIES["ks_write_poses"]]
+    text = c_declarations(one)
+    assert "const double *fixed;  /* (m+1, 3, 4) */" in text
+    assert "const bool *prismatic;" in text
+    assert re.search(
+        r"int32_t kinseek_write_poses\(int64_t m, int64_t n, int64_t k, const KinseekChainArrays \*chain, "
+        r"const double \*q, double \*poses\);",
+        text,
+    )
+    body = c_definitions(one)
+    assert "(int64_t)(uintptr_t)chain->fixed,\n        m + 1,\n        3,\n        4," in body
+    assert "kinseek_bits(goal->position_weight)" in c_definitions([ENTRIES["ks_descend"]])
+
+
+FUNCTION = kinseek.Arm.from_fk(lambda q: np.broadcast_to(np.eye(4), (len(q), 4, 4)), [-1.0], [1.0])
+PANDA = kinseek.load("panda")
+
+
+@pytest.mark.parametrize(
+    ("arm", "given", "words"),
+    [
+        (PANDA, {"target": "avr"}, "unknown target 'avr'.*Valid: aarch64, riscv32, thumbv7em, x86-64"),
+        (PANDA, {"cpu": "cortex-m7"}, "unknown processor of x86-64 'cortex-m7'"),
+        (PANDA, {"form": "elf"}, "form must be one of 'object', 'assembly', 'llvm', got 'elf'"),
+        (PANDA, {"ram": 0}, "ram must be a whole number of bytes of at least 1, got 0"),
+        (PANDA, {"flash": 1e6}, "flash must be a whole number of bytes"),
+        (
+            PANDA,
+            {"ram": 2048},
+            r"'panda' with 7 joints needs 2,\d\d\d bytes of RAM at least for this search, got 2,048",
+        ),
+        (FUNCTION, {}, "an arm that is a function cannot be exported"),
+        (PANDA, {"search": DivideAndConquer(tree="static")}, "tree must be 'dynamic'"),
+        (PANDA, {"search": DivideAndConquer(ties="first")}, "ties must be 'rounding'"),
+        (PANDA, {"goal": Goal.pose(np.stack([np.eye(4)] * 2))}, r"one goal, got a batch of shape \(2,\)"),
+        (PANDA, {"goal": Goal.pointing([0.4, 0, 0.4], [0, 0, 1])}, "a pose or position of the tip"),
+        (PANDA, {"goal": Goal.pose(np.eye(4), tool=np.eye(4))}, "a pose or position of the tip"),
+    ],
+)
+def test_bad_input_is_refused_before_anything_is_compiled(
+    arm: kinseek.Arm, given: dict[str, Any], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*_: object) -> None:
+        raise AssertionError("it came to compiling")
+
+    monkeypatch.setattr(controller, "_compiled", never)
+    with pytest.raises(InvalidExport, match=words):
+        prepare(arm, **given)
+
+
+def test_parameters_of_the_search_are_its_own_to_refuse() -> None:
+    with pytest.raises(InvalidSolver, match="breadth must be one number or 7"):
+        prepare(PANDA, search=DivideAndConquer(breadth=(1, 2)))
+    with pytest.raises(InvalidProblem, match="makes nothing of"):
+        prepare(PANDA, goal=Goal.pose(np.eye(4), free="x"))
+
+
+def test_bad_folders_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidExport, match="there is no folder .* to make 'c' in"):
+        to_c(PANDA, tmp_path / "nowhere" / "c")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InvalidExport, match="is no folder"):
+        to_c(PANDA, tmp_path / "file")
+    (tmp_path / "main.c").write_text("int main(void) { return 0; }")
+    with pytest.raises(InvalidExport, match=r"holds main\.c, which kinseek did not write"):
+        to_c(PANDA, tmp_path)
+    with pytest.raises(InvalidExport, match="folder must be a path"):
+        to_c(PANDA, "")
+
+
+def test_without_numba_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(controller, "find_spec", lambda name: None)
+    with pytest.raises(MissingExtra, match=r"pip install 'kinseek\[jit\]'"):
+        to_c(PANDA, tmp_path / "c")
+    assert not (tmp_path / "c").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["panda"], "Missing option '--to'"),
+        (["panda", "--to", "rust"], "unknown language 'rust'. Valid: c"),
+        (["panda", "--to", "c", "--ram", "64q"], "--ram: '64q' is no number of bytes"),
+        (["panda", "--to", "c", "--target", "arm"], "unknown target 'arm'"),
+        (["panda", "--to", "c", "--ram", "1k"], "needs 2,"),
+        (["panda", "--to", "c", "--at", "0.4 0 0.4"], "a goal needs exactly one of"),
+        (["panda", "--to", "c", "--folder", "/no/where"], "there is no folder '/no'"),
+    ],
+)
+def test_the_command_line_refuses_in_one_line(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["export", *words]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+
+
+def test_the_command_line_tells_sizes_before_it_writes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: dict[str, Any] = {}
+    target = TARGETS["thumbv7em"]
+    parts = Parts(
+        {"kinseek.h": b"/* Written by kinseek"},
+        target,
+        target.cpus[1],
+        30_000,
+        1500,
+        4000,
+        9,
+        27,
+        "kernels.o",
+    )
+
+    def known(arm: kinseek.Arm, name: str, **rest: Any) -> Parts:
+        given.update(rest)
+        return parts
+
+    monkeypatch.setattr("kinseek.cli.commands.prepare", known)
+    words = [
+        "export",
+        "scara4",
+        "--to",
+        "c",
+        "--target",
+        "thumbv7em",
+        "--folder",
+        str(tmp_path / "c"),
+        "--breadth",
+        "2",
+    ]
+    assert (
+        run([*words, "--ram", "64k", "--flash", "1M", "--at", "0.3", "-0.1", "0.2", "--position-only"]) == 0
+    )
+    assert (given["ram"], given["flash"]) == (65536, 1048576)
+    assert given["search"] == DivideAndConquer(breadth=2)
+    assert given["goal"].kind == "position"
+    out, error = capsys.readouterr()
+    assert "flash 31,500 bytes" in error
+    assert "RAM 4,000 bytes" in error
+    assert "kinseek.h" in out
+    assert parts.command in out
+    assert run([*words, "--json"]) == 2
+    assert run(words) == 0  # Its own files may be written again.
