@@ -267,7 +267,7 @@ def test_parameters_of_the_search_are_its_own_to_refuse() -> None:
 
 
 def test_bad_folders_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InvalidExport, match="there is no folder .* to make 'c' in"):
+    with pytest.raises(InvalidExport, match=r"there is no folder .* to make 'c' in"):
         to_c(PANDA, tmp_path / "nowhere" / "c")
     (tmp_path / "file").write_text("")
     with pytest.raises(InvalidExport, match="is no folder"):

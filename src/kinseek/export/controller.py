@@ -200,7 +200,14 @@ def prepare(
     """Compile an arm for a part, and say what it takes before anything is written.
 
     Args:
-        arm, target, cpu, search, goal, ram, flash, form: As in `to_c`.
+        arm: As in `to_c`, and so are all but the last.
+        target: A name of `TARGETS`.
+        cpu: A processor of the target.
+        search: Divide and conquer.
+        goal: What the program solves.
+        ram: [bytes] that static memory may take.
+        flash: [bytes] that kernels and constants may take.
+        form: ``"object"``, ``"assembly"`` or ``"llvm"``.
         notice: Told, once everything is checked, that compiling begins.
 
     Raises:
