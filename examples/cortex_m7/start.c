@@ -8,13 +8,15 @@ extern uint32_t stack_end[], stack_top[], __bss_start__[], __bss_end__[];
 extern void initialise_monitor_handles(void); /* Of newlib: printf goes through the debugger. */
 extern int main(void);
 
+void reset(void);
+
 enum { PAINT = 0x5AFE5AFE };
 
 static void stop(void) {
     for (;;) __asm volatile("bkpt 1");
 }
 
-static void reset(void) {
+void reset(void) {
     *(volatile uint32_t *)0xE000ED88 |= 0xFu << 20; /* The floating-point unit on (CPACR). */
     __asm volatile("dsb\n isb");
     for (uint32_t *at = __bss_start__; at < __bss_end__; at++) *at = 0;

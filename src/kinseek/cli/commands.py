@@ -24,7 +24,7 @@ from kinseek.poses import pose
 from kinseek.proof.branch_and_bound import prove as prove_goal
 from kinseek.proof.branch_and_bound import refuse_ranges
 from kinseek.proof.certificate import Certificate, Verdict
-from kinseek.solvers import DivideAndConquer
+from kinseek.solvers import Atlas, DivideAndConquer
 from kinseek.tolerances import GoalOptions
 from kinseek.units import warn_of_angles
 
@@ -33,8 +33,8 @@ from .output import complain, held_output, warnings_in_one_line, write_out
 from .searches import make_search, searches_in_words, with_search_options
 from .words import LENGTHS, gather, joint_values, numbers, size
 
-_EXPORTED = "divide-and-conquer"
-"""The search that is exported."""
+_EXPORTED = ("divide-and-conquer", "atlas")
+"""The searches that can be exported; the first unless another is asked for."""
 
 app = typer.Typer(
     add_completion=False,
@@ -238,6 +238,12 @@ def export(
     quat_wxyz: QuatWxyz = None,
     quat_xyzw: QuatXyzw = None,
     rotvec: Rotvec = None,
+    solver: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME", help=f"The search: {' or '.join(_EXPORTED)}; the atlas takes 3 to 4 MB of flash."
+        ),
+    ] = _EXPORTED[0],
     position_only: Annotated[
         bool, typer.Option("--position-only", help="Any orientation will do, now and on the part.")
     ] = False,
@@ -246,7 +252,7 @@ def export(
     tip: Tip = None,
     **search_options: Any,
 ) -> int:
-    """Write an arm as C and machine code for a small controller: forward kinematics, and divide and conquer.
+    """Write an arm as C and machine code for a small controller: forward kinematics, and a search.
 
     The program solves the goal that is given, or a pose that the arm can reach.
     """
@@ -260,7 +266,9 @@ def export(
     if at is not None or turns or position_only:
         wanted = _target(at, turns, position_only, deg)
         goal = Goal.position(wanted[:3, 3]) if position_only else Goal.pose(wanted)
-    search = cast("DivideAndConquer", make_search(_EXPORTED, search_options))
+    if solver not in _EXPORTED:
+        raise InvalidExport(suggest(solver, _EXPORTED, "search for a controller"))
+    search = cast("DivideAndConquer | Atlas", make_search(solver, search_options))
     place = checked_folder(folder if folder is not None else Path(f"{loaded.name}_c"))
     parts = prepare(
         loaded,

@@ -6,7 +6,7 @@ import ast
 import inspect
 import re
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
 from types import NoneType, UnionType
@@ -70,20 +70,16 @@ def parameters(search: str) -> dict[str, Parameter]:
     return found
 
 
-def with_search_options(command: Callable[..., int], only: str | None = None) -> Callable[..., int]:
-    """Give a command one option for every field of every search, or of one; they arrive as keyword arguments."""
+def with_search_options(command: Callable[..., int], only: Sequence[str] = ()) -> Callable[..., int]:
+    """Give a command one option for every field of every search, or of some; they arrive as keyword arguments."""
     signature = inspect.signature(command, eval_str=True)
     kept = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
     owners: dict[str, list[str]] = {}
-    for search in searches() if only is None else [only]:
+    for search in only or searches():
         for name in parameters(search):
             owners.setdefault(name, []).append(search)
     made = [
-        _option(
-            [parameters(search)[name] for search in owning],
-            f"Options of --solver {' and '.join(owning)}" if only is None else "Options of the search",
-        )
-        for name, owning in owners.items()
+        _option([parameters(search)[name] for search in owning], owning) for name, owning in owners.items()
     ]
     command.__dict__["__signature__"] = signature.replace(parameters=[*kept, *made])
     return command
@@ -116,7 +112,7 @@ def make_search(search: str | None, given: Mapping[str, object]) -> Solver | Non
     return searches()[search](**{name: _read(own[name], value) for name, value in named.items()})
 
 
-def _option(same: list[Parameter], panel: str) -> inspect.Parameter:
+def _option(same: list[Parameter], owners: list[str]) -> inspect.Parameter:
     first = same[0]
     notes = dict.fromkeys(parameter.help for parameter in same)
     defaults = dict.fromkeys(str(parameter.default) for parameter in same)
@@ -127,7 +123,7 @@ def _option(same: list[Parameter], panel: str) -> inspect.Parameter:
         decl,
         help=escape(text.strip().replace("`", "")),
         metavar=None if flag else _shape(first),
-        rich_help_panel=panel,
+        rich_help_panel=f"Options of --solver {' and '.join(owners)}",
     )
     kind = bool | None if flag else str | None
     return inspect.Parameter(

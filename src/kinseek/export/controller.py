@@ -1,49 +1,44 @@
-"""An arm as C and machine code: its constants, forward kinematics, and divide and conquer in a fixed memory."""
+"""An arm as C and machine code: its constants, forward kinematics, and a search in a fixed memory."""
 
 from __future__ import annotations
 
 import json
-import math
 import os
 import platform
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import kinseek
 from kinseek.arm import Arm
-from kinseek.deadline import Deadline
 from kinseek.errors import InvalidExport, MissingExtra
 from kinseek.goal import Goal
 from kinseek.kernels.entry import ENTRIES
-from kinseek.kernels.grid.descent import BEGINNING, TRIED, VISITED
-from kinseek.kernels.grid.memory import MOST_LANES, TAKEN_SCRATCH, memory_size
-from kinseek.kernels.grid.window import PART, split_depth
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import no_axes
-from kinseek.solvers import DivideAndConquer
-from kinseek.solvers.traits import require
+from kinseek.solvers import Atlas, DivideAndConquer
 
+from .atlas import atlas_design
 from .c_calls import c_declarations, c_definitions
+from .c_text import array, defined, guarded, number
+from .design import C, Design, chain_constants
+from .grid import grid_design
 from .targets import Cpu, Target, target_of
 
 FORMS = {"object": "kernels.o", "assembly": "kernels.s", "llvm": "kernels.ll"}
 """How the kernels may be written, and the file that holds them."""
 
-_C = Path(__file__).parent / "c"
 _MARK = "/* Written by kinseek"
-_PLACES, _HEAD, _ALIGNMENT = 4, 48, 32  # As c/runtime.c has them; a head is smaller where addresses are.
 _CODE = (".text", ".rodata", ".srodata", ".data", ".sdata", ".ARM.ex", ".eh_frame", ".init_array")
-_ENTRIES = [ENTRIES[name] for name in ("ks_write_poses", "ks_descend")]
-_GENERATED = ("arm.h", "constants.h", "goal.h", "kernels.h", "kernels.c")
+_FK = ENTRIES["ks_write_poses"]
+_GENERATED = ("arm.h", "constants.h", "goal.h", "kernels.h", "kernels.c", "plan.h", "rows.h", "atlas.bin")
 
 
 @dataclass(frozen=True)
@@ -79,7 +74,7 @@ class Parts:
             self.target.compiler,
             "-O2",
             self.cpu.options,
-            "main.c kinseek.c kernels.c runtime.c",
+            "main.c kinseek.c search.c kernels.c runtime.c",
             self.kernels,
         ]
         return " ".join(filter(None, [*words, "-lm -o solve"]))
@@ -108,8 +103,8 @@ class Parts:
         place = checked_folder(folder)
         try:
             place.mkdir(exist_ok=True)
-            for name in FORMS.values():
-                (place / name).unlink(missing_ok=True)  # What an earlier export wrote in another form.
+            for name in (*FORMS.values(), *_GENERATED):
+                (place / name).unlink(missing_ok=True)  # What an earlier export wrote and this one does not.
             for name, content in self.files.items():
                 (place / name).write_bytes(content)
         except OSError as error:
@@ -126,7 +121,10 @@ def checked_folder(folder: str | Path) -> Path:
     if not isinstance(folder, str | Path) or not str(folder):
         raise InvalidExport(f"folder must be a path, got {folder!r}")
     place = Path(folder)
-    header, names = place / "kinseek.h", [*FORMS.values(), *_GENERATED, *(each.name for each in _C.iterdir())]
+    header, names = (
+        place / "kinseek.h",
+        [*FORMS.values(), *_GENERATED, *(each.name for each in C.rglob("*.[ch]"))],
+    )
     try:
         exists, fits, around = place.exists(), place.is_dir(), place.parent.is_dir()
         ours = header.is_file() and header.read_text(encoding="utf-8", errors="replace").startswith(_MARK)
@@ -150,7 +148,7 @@ def to_c(
     target: str = "x86-64",
     *,
     cpu: str | None = None,
-    search: DivideAndConquer | None = None,
+    search: DivideAndConquer | Atlas | None = None,
     goal: Goal | None = None,
     ram: int | None = None,
     flash: int | None = None,
@@ -163,7 +161,8 @@ def to_c(
         folder: Made unless it is there; the folder around it must be there.
         target: A name of `TARGETS`.
         cpu: A processor of the target; its first unless given.
-        search: Divide and conquer with the dynamic tree; with its own defaults unless given.
+        search: Divide and conquer with the dynamic tree, by default with its own defaults; or the atlas, for parts with some
+            4 MB of flash.
         goal: One pose or position that the program solves; its kind and weights hold for all goals on the part. Unless
             given, a pose that the arm can reach.
         ram: [bytes] that static memory may take; the search tabulates fewer leaves where it must.
@@ -190,7 +189,7 @@ def prepare(
     target: str = "x86-64",
     *,
     cpu: str | None = None,
-    search: DivideAndConquer | None = None,
+    search: DivideAndConquer | Atlas | None = None,
     goal: Goal | None = None,
     ram: int | None = None,
     flash: int | None = None,
@@ -203,7 +202,7 @@ def prepare(
         arm: As in `to_c`, and so are all but the last.
         target: A name of `TARGETS`.
         cpu: A processor of the target.
-        search: Divide and conquer.
+        search: Divide and conquer, or the atlas.
         goal: What the program solves.
         ram: [bytes] that static memory may take.
         flash: [bytes] that kernels and constants may take.
@@ -225,101 +224,58 @@ def prepare(
     if arm.axes is None:
         why = "a controller is given the axes and links of an arm"
         raise InvalidExport(f"an arm that is a function cannot be exported: {no_axes(arm.mechanism, why)}")
-    search = search or DivideAndConquer()
+    search = DivideAndConquer() if search is None else search
     problem = _problem(arm, search, goal)
-    plan = search._plan(problem, Deadline())
-    most_lanes, per_lane = _lanes(problem, plan), _numbers_a_lane()
-    room = 8 * max(12, arm.dof)  # A pose without its last row, or a node of each joint.
-    least = memory_size(*plan.sizes) - per_lane * MOST_LANES
-    fixed = 8 * (least + 12 + len(BEGINNING)) + _PLACES * (_HEAD + room + _ALIGNMENT)
-    lanes = most_lanes
-    if ram is not None and fixed + 8 * per_lane * lanes > ram:
-        lanes = (ram - fixed) // (8 * per_lane)
-        if lanes < 1:
-            raise InvalidExport(
-                f"{arm.name!r} with {arm.dof} joints needs {fixed + 8 * per_lane:,} bytes of RAM at least for this search, "
-                f"got {ram:,}. Fewer joints (with_locked), a smaller beam or breadth, or fewer divisions need less"
-            )
-    numbers = least + per_lane * lanes
+    design = (
+        atlas_design(search, problem, ram) if isinstance(search, Atlas) else grid_design(search, problem, ram)
+    )
     notice(f"compiling the kernels for {chosen.triple}, {part.name} (some twenty seconds) ...")
-    told, kernels = _compiled(chosen, part, lanes, plan.sizes, FORMS[form])
-    if told["memory"] != numbers:
-        raise RuntimeError(f"the kernels need {told['memory']} numbers of memory, expected {numbers}")
-    texts, constants = _texts(arm, search, problem, plan, numbers, room)
-    code = sum(size for name, size in told["sections"] if name.startswith(_CODE))
+    told, kernels = _compiled(chosen, part, design, FORMS[form])
+    if design.memory not in (None, told["memory"]):
+        raise RuntimeError(f"the kernels need {told['memory']} numbers of memory, expected {design.memory}")
+    texts, constants = _texts(arm, search, problem, design)
     parts = Parts(
         files={},
         target=chosen,
         cpu=part,
-        code=code,
+        code=sum(size for name, size in told["sections"] if name.startswith(_CODE)),
         constants=constants,
-        ram=fixed + 8 * per_lane * lanes,
-        lanes=lanes,
-        most_lanes=most_lanes,
+        ram=design.ram,
+        lanes=design.lanes,
+        most_lanes=design.most_lanes,
         kernels=FORMS[form],
     )
     if flash is not None and parts.flash > flash:
         raise InvalidExport(f"{arm.name!r} needs more flash than {flash:,} bytes: {parts}")
-    marked = {
-        name: f"{_MARK} {kinseek.__version__}: {arm.name}, {parts}\n   {parts.command} */\n{text}".encode()
-        for name, text in texts.items()
-    }
-    parts.files.update(marked | {FORMS[form]: kernels})
+    for name, text in texts.items():
+        parts.files[name] = (
+            f"{_MARK} {kinseek.__version__}: {arm.name}, {parts}\n   {parts.command} */\n{text}".encode()
+        )
+    parts.files.update({**design.data, FORMS[form]: kernels})
     return parts
 
 
-def _problem(arm: Arm, search: DivideAndConquer, goal: Goal | None) -> Problem:
-    """The goal as a problem, where the program knows goals of its kind, and the search.
+def _problem(arm: Arm, search: DivideAndConquer | Atlas, goal: Goal | None) -> Problem:
+    """The goal as a problem, where the program knows the search and goals of its kind.
 
     Raises:
         InvalidExport: It does not.
     """
-    if search.tree != "dynamic":
-        raise InvalidExport(
-            f"a controller makes nodes when they are needed: tree must be 'dynamic', got {search.tree!r}"
-        )
-    if search.ties != "rounding":
-        raise InvalidExport(f"ties must be 'rounding' in an exported search, got {search.ties!r}")
+    if not isinstance(search, DivideAndConquer | Atlas):
+        raise InvalidExport(f"what can be exported is DivideAndConquer and Atlas, got {search!r}")
     asked = Goal.pose(arm.fk(arm.sample(1)[0])) if goal is None else goal
     problem = Problem(arm.mechanism, asked)
-    require(search, problem)
     if asked.shape:
         raise InvalidExport(f"the program solves one goal, got a batch of shape {asked.shape}")
-    if asked.tip is not None or asked.base is not None:
+    if asked.form.ranges or asked.tip is not None or asked.base is not None:
         raise InvalidExport(
-            "a goal for a controller is a pose or position of the tip in the arm's base: no direction, tool= or base=; "
-            "Arm.with_tool moves the tip"
+            "a goal for a controller is a pose or position of the tip in the arm's base: no free axes, direction, tool= or "
+            "base=; Arm.with_tool moves the tip"
         )
     return problem
 
 
-def _lanes(problem: Problem, plan: Any) -> int:
-    """Leaves that the search tabulates at once: those of the suffix that it chooses for a full window of each pass."""
-    passes, size = plan.passes, plan.grid.size
-    windows = [passes.counts]
-    windows += [
-        np.minimum(passes.later, (size - 1) // spacing + 1) for spacing in passes.spacings[1:].tolist()
-    ]
-    most = 1
-    for counts in windows:
-        s = split_depth(problem.arrays, counts.astype(np.int64))
-        most = max(most, math.prod(counts[s:].tolist()))
-    return most
-
-
-def _numbers_a_lane() -> int:
-    """Numbers of a search's memory that each tabulated leaf takes."""
-    taken = 0
-    for leaf in TAKEN_SCRATCH.fields.values():
-        lengths = [each.plus for each in getattr(leaf, "shape", ()) if not each.name]
-        if MOST_LANES in lengths:
-            taken += math.prod(lengths) // MOST_LANES
-    return taken
-
-
-def _compiled(
-    target: Target, cpu: Cpu, lanes: int, sizes: Iterable[int], name: str
-) -> tuple[dict[str, Any], bytes]:
+def _compiled(target: Target, cpu: Cpu, design: Design, name: str) -> tuple[dict[str, Any], bytes]:
     """Have the kernels compiled in a process of their own: what it tells of them, and the file of a name.
 
     Raises:
@@ -330,10 +286,11 @@ def _compiled(
         raise MissingExtra("compiling the kernels for another processor", "jit")
     optimised = target.numba and platform.machine().lower() in ("x86_64", "amd64")
     job = {
-        "lanes": lanes,
-        "sizes": [int(each) for each in sizes],
-        "modules": sorted({each.function.__module__ for each in _ENTRIES}),
-        "entries": [each.name for each in _ENTRIES],
+        "lanes": design.lanes,
+        "sizes": list(design.sizes),
+        "modules": [_FK.function.__module__, *design.modules],
+        "entries": [each.name for each in (_FK, *design.entries)],
+        "routines": list(design.routines),
         "triple": target.triple,
         "cpu": cpu.name,
         "features": cpu.features,
@@ -374,87 +331,47 @@ def _compiled(
 
 
 def _texts(
-    arm: Arm, search: DivideAndConquer, problem: Problem, plan: Any, numbers: int, room: int
+    arm: Arm, search: DivideAndConquer | Atlas, problem: Problem, design: Design
 ) -> tuple[dict[str, str], int]:
     """All files in C, by name, and the bytes of the constants that the part holds."""
-    chain, goal, passes, grid = problem.arrays, problem.goal.arrays, plan.passes, plan.grid
-    arrays: dict[str, NDArray[Any]] = {f"chain_{name}": each for name, each in chain._asdict().items()}
-    arrays |= {name: getattr(grid, name) for name in ("step", "wraps")}
-    arrays |= {name: getattr(passes, name) for name in ("spacings", "later", "first", "counts")}
-    arrays["axis_weights"] = goal.axis_weights
-    arm_h = _defined(
-        "KINSEEK_ARM_H",
-        {
-            "NAME": json.dumps(arm.name),
-            "DOF": arm.dof,
-            "JOINTS": len(chain.leader),
-            "MEMORY": f"{numbers} /* Numbers of 8 bytes, of which a search makes use. */",
-            "ROOM": f"{room} /* [bytes] of each place for working memory. */",
-            "AT": len(BEGINNING),
-            "BEGINNING": f"{{{', '.join(map(str, BEGINNING))}}}",
-            "TRIED": TRIED,
-            "VISITED": VISITED,
-            "PART": f"{PART} /* Leaves of a part of the search, where nobody asks for shorter ones. */",
-            "POSITION_WEIGHT": _number(float(goal.position_weight)),
-        },
-    )
-    fields = {name: f"chain_{name}" for name in chain._fields}
-    constants = [_array(name, values) for name, values in arrays.items()]
-    constants += [
-        _structure("KinseekChainArrays", "chain", fields),
-        _structure(
-            "KinseekGrid",
-            "grid",
-            {
-                "lower": "chain_lower",
-                "upper": "chain_upper",
-                "step": "step",
-                "wraps": "wraps",
-                "size": str(grid.size),
-                "table": "chain_lower",
-                "table_length": "0 /* No node is made beforehand. */",
-            },
-        ),
-        _structure(
-            "KinseekPasses",
-            "passes",
-            {
-                "spacings": "spacings",
-                "spacings_length": str(len(passes.spacings)),
-                "later": "later",
-                "first": "first",
-                "first_length": str(passes.first.shape[1]),
-                "counts": "counts",
-                "clips": str(int(passes.clips)),
-                "stop_below": _number(passes.stop_below),
-                "tie": _number(passes.tie),
-                "beam": str(passes.beam),
-                "children": str(passes.children),
-            },
-        ),
-    ]
-    answer = search.solve(problem)
-    goal_h = [
-        _array("goal_pose", problem.goal.target),
-        "/* What kinseek answers. */",
-        _array("expected_q", np.asarray(answer.q)),
-        _array("expected_pose", arm.fk(answer.q)),
-        f"#define EXPECTED_LEAVES {int(answer.evaluations)}",
-        "static const char *const joint_names[] = {"
-        + ", ".join(json.dumps(name) for name in arm.joint_names)
-        + "};",
-    ]
-    texts = {each.name: each.read_text(encoding="utf-8") for each in sorted(_C.iterdir())}
-    texts |= {
-        "arm.h": arm_h,
-        "constants.h": _guarded("KINSEEK_CONSTANTS_H", ['#include "kernels.h"', *constants]),
-        "goal.h": _guarded("KINSEEK_GOAL_H", ["#include <stdint.h>", *goal_h]),
-        "kernels.h": _guarded(
-            "KINSEEK_KERNELS_H", ["#include <stdbool.h>\n#include <stdint.h>", c_declarations(_ENTRIES)]
-        ),
-        "kernels.c": f"{_KERNELS_C}\n{c_definitions(_ENTRIES)}\n",
+    constants, taken = chain_constants(design.chain, design.axis_weights)
+    numbers = {
+        "NAME": json.dumps(arm.name),
+        "DOF": arm.dof,
+        "JOINTS": len(design.chain.leader),
+        "ROOM": f"{design.room} /* [bytes] of working memory. */",
+        "POSITION_WEIGHT": number(float(problem.goal.arrays.position_weight)),
     }
-    return texts, sum(each.nbytes for each in arrays.values())
+    answer = search.solve(problem)
+    names = ", ".join(json.dumps(name) for name in arm.joint_names)
+    goal = [
+        "#include <stdint.h>",
+        array("goal_pose", problem.goal.target),
+        "/* What kinseek answers. */",
+        array("expected_q", np.asarray(answer.q)),
+        array("expected_pose", arm.fk(answer.q)),
+        f"#define EXPECTED_EVALUATIONS {int(answer.evaluations)}",
+        f"static const char *const joint_names[] = {{{names}}};",
+    ]
+    entries = (_FK, *design.entries)
+    calls = ["#include <stdbool.h>", "#include <stdint.h>", "", c_declarations(entries)]
+    texts = {
+        each.name: each.read_text(encoding="utf-8")
+        for folder in (C, C / design.folder)
+        for each in _files(folder)
+    }
+    texts |= design.texts | {
+        "arm.h": defined("KINSEEK_ARM_H", numbers | design.numbers),
+        "constants.h": constants,
+        "goal.h": guarded("KINSEEK_GOAL_H", goal),
+        "kernels.h": guarded("KINSEEK_KERNELS_H", calls),
+        "kernels.c": f"{_KERNELS_C}\n{c_definitions(entries)}\n",
+    }
+    return texts, taken + design.constants
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(each for each in folder.iterdir() if each.is_file())
 
 
 _KERNELS_C = """/* Each function writes what it is given into a table of 64-bit numbers, which the compiled kernels read. */
@@ -467,34 +384,10 @@ static inline int64_t kinseek_bits(double number) {
     memcpy(&bits, &number, sizeof bits);
     return bits;
 }
+
+static inline double kinseek_number(int64_t bits) {
+    double number;
+    memcpy(&number, &bits, sizeof number);
+    return number;
+}
 """
-
-_ELEMENTS = {"f": "double", "i": "int64_t", "b": "bool"}
-
-
-def _array(name: str, values: NDArray[Any]) -> str:
-    """An array of constants in C, every number to the last bit."""
-    flat = np.ravel(values)
-    write = _number if flat.dtype.kind == "f" else lambda each: str(int(each))
-    words = ", ".join(write(each) for each in flat.tolist())
-    shape = f"  /* {values.shape} */" if values.ndim > 1 else ""
-    return f"static const {_ELEMENTS[flat.dtype.kind]} {name}[] = {{{words}}};{shape}"
-
-
-def _number(value: float) -> str:
-    if not math.isfinite(value):
-        raise InvalidExport(f"a constant of the arm or search is {value}")
-    return value.hex()
-
-
-def _structure(kind: str, name: str, fields: dict[str, str]) -> str:
-    lines = [f"    .{field} = {value}," for field, value in fields.items()]
-    return "\n".join([f"static const {kind} {name} = {{", *lines, "};"])
-
-
-def _defined(guard: str, values: dict[str, object]) -> str:
-    return _guarded(guard, [f"#define KINSEEK_{name} {value}" for name, value in values.items()])
-
-
-def _guarded(guard: str, lines: list[str]) -> str:
-    return "\n".join([f"#ifndef {guard}", f"#define {guard}", "", *lines, "", "#endif", ""])

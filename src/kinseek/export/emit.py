@@ -76,21 +76,23 @@ def main() -> None:
         importlib.import_module(name)
     from kinseek.kernels.grid.memory import memory_size
 
-    module, host = _lowered(job["entries"])
+    module, host = _lowered(job["entries"], job["routines"])
     told = _written(module, host, job, path.parent)
     told["memory"] = memory_size(*job["sizes"])
     (path.parent / "told.json").write_text(json.dumps(told), encoding="utf-8")
 
 
-def _lowered(names: list[str]) -> tuple[Any, tuple[str, str]]:
-    """One module with all entries, and the processor and its features that Numba compiled them for."""
+def _lowered(entries: list[str], routines: list[str]) -> tuple[Any, tuple[str, str]]:
+    """One module with all entries and routines, and the processor and its features that Numba compiled them for."""
     import llvmlite.binding as llvm
 
+    from kinseek.kernels import jit
     from kinseek.kernels.entry import ENTRIES
 
     whole: Any = None
+    names = [*entries, *routines]
     for name in names:
-        parts, codegen = _entry(ENTRIES[name])
+        parts, codegen = _entry(ENTRIES[name]) if name in entries else _routine(jit.ROUTINES[name])
         for part in parts:
             one = llvm.parse_bitcode(part)
             for each in [*one.functions, *one.global_variables]:  # What two entries share comes twice.
@@ -107,30 +109,60 @@ def _lowered(names: list[str]) -> tuple[Any, tuple[str, str]]:
 
 
 def _entry(one: Any) -> tuple[list[bytes], Any]:
-    """The compiled function and its wrapper, as bitcode."""
+    """The compiled function and a wrapper that takes the table of its arguments, as bitcode."""
+    from llvmlite import ir
+
+    signature = tuple(map(_numba_type, one.takes.values()))
+
+    def wrap(call: Any, context: Any, builder: Any, given: Any, result: Any) -> Any:
+        table = _Table(context, builder, given[0])
+        status, value = call([table.read(kind) for kind in signature])
+        table.write(result, value, one)
+        return status.code
+
+    kind = ir.FunctionType(ir.IntType(32), [ir.IntType(64).as_pointer()])
+    return _wrapped(one, one.exact, signature, kind, wrap)
+
+
+def _routine(one: Any) -> tuple[list[bytes], Any]:
+    """The compiled function and a wrapper that is a function in C: numbers in, a number out, -1 where it failed."""
+    from llvmlite import ir
+
+    from kinseek.kernels import compiler
+
+    types = _untyped("numba.core.types")
+    word = ir.IntType(64)
+    signature = tuple(compiler.signature_of(one.signature)[0])
+
+    def wrap(call: Any, context: Any, builder: Any, given: Any, result: Any) -> Any:
+        status, value = call(list(given))
+        return builder.select(status.is_ok, value, word(-1))
+
+    takes = [ir.DoubleType() if each == types.float64 else word for each in signature]
+    return _wrapped(one, False, signature, ir.FunctionType(word, takes), wrap)
+
+
+def _wrapped(one: Any, exact: bool, signature: Any, kind: Any, wrap: Any) -> tuple[list[bytes], Any]:
     import llvmlite.binding as llvm
     from llvmlite import ir
 
     from kinseek.kernels import compiler
 
-    compiled = compiler.bare(one.function, one.exact)
-    signature = tuple(map(_numba_type, one.takes.values()))
+    compiled = compiler.bare(one.function, exact)
     compiled.compile(signature)
     made = compiled.overloads[signature]
     context, library = made.target_context, made.library
     final = library._final_module
     module = ir.Module(one.name)
-    word = ir.IntType(64)
-    function = ir.Function(module, ir.FunctionType(ir.IntType(32), [word.as_pointer()]), one.name)
+    function = ir.Function(module, kind, one.name)
     builder = ir.IRBuilder(function.append_basic_block())
-    table = _Table(context, builder, function.args[0])
-    arguments = [table.read(kind) for kind in signature]
     callee = context.declare_function(module, made.fndesc)
-    status, value = context.call_conv.call_function(
-        builder, callee, made.signature.return_type, signature, arguments
-    )
-    table.write(made.signature.return_type, value, one)
-    builder.ret(status.code)
+    result = made.signature.return_type
+
+    def call(arguments: list[Any]) -> Any:
+        return context.call_conv.call_function(builder, callee, result, signature, arguments)
+
+    builder.ret(wrap(call, context, builder, function.args, result))
     wrapper = llvm.parse_assembly(str(module))
     wrapper.triple, wrapper.data_layout = final.triple, final.data_layout
     # The wrapper goes first: of what may come twice only that is linked which something asks for.

@@ -1,5 +1,5 @@
-/* What the kernels ask of a runtime: a little working memory, from a fixed number of fixed places, given back at the end of
-   each call. A kernel that finds none, or needs more than there is, says so, and the call fails. */
+/* What the kernels ask of a runtime: a little working memory, from one array of a fixed size, given back at the end of each
+   call. A kernel that finds too little says so, and the call fails. */
 #include <stdint.h>
 #include <stddef.h>
 
@@ -12,29 +12,48 @@ typedef struct {
     void *allocator;
 } Head; /* The kernels count references in the first, and read the fourth. */
 
-enum { PLACES = 4, ALIGNMENT = 32 };
-
-static struct {
+typedef struct {
+    int64_t span; /* [bytes] from this block to the next. */
     Head head;
-    char room[KINSEEK_ROOM + ALIGNMENT];
-} place[PLACES];
+} Block;
+
+static union {
+    int64_t even;
+    char bytes[KINSEEK_ROOM];
+} room;
+static int64_t used; /* [bytes] of blocks, from the beginning. */
 
 void *NRT_MemInfo_alloc_aligned(int64_t size, uint32_t alignment);
 void NRT_MemInfo_call_dtor(void *memory);
 
 void *NRT_MemInfo_alloc_aligned(int64_t size, uint32_t alignment) {
-    if (size > KINSEEK_ROOM || alignment > ALIGNMENT) return NULL;
-    for (int i = 0; i < PLACES; i++) {
-        if (place[i].head.references) continue;
-        uintptr_t first = (uintptr_t)place[i].room, even = alignment ? alignment : 1;
-        void *data = (void *)((first + even - 1) / even * even);
-        place[i].head = (Head){1, NULL, NULL, data, size, NULL};
-        return &place[i].head;
+    int64_t span = ((int64_t)sizeof(Block) + size + alignment + 7) / 8 * 8, at = 0;
+    Block *block = (Block *)room.bytes;
+    for (; at < used; at += block->span) {
+        block = (Block *)(room.bytes + at);
+        if (!block->head.references && block->span >= span) break;
     }
-    return NULL;
+    if (at >= used) {
+        if (at + span > KINSEEK_ROOM) return NULL;
+        block = (Block *)(room.bytes + at);
+        block->span = span;
+        used = at + span;
+    }
+    uintptr_t first = (uintptr_t)(block + 1), even = alignment ? alignment : 1;
+    block->head = (Head){1, NULL, NULL, (void *)((first + even - 1) / even * even), size, NULL};
+    return &block->head;
 }
 
-void NRT_MemInfo_call_dtor(void *memory) { ((Head *)memory)->references = 0; }
+void NRT_MemInfo_call_dtor(void *memory) {
+    int64_t at = 0, last = 0;
+    ((Head *)memory)->references = 0;
+    while (at < used) {
+        Block *block = (Block *)(room.bytes + at);
+        at += block->span;
+        if (block->head.references) last = at;
+    }
+    used = last; /* Whatever stands behind the last block that is held is free. */
+}
 
 #if defined(__arm__)
 /* Tables for unwinding the stack name it; nothing unwinds here. */

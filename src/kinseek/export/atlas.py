@@ -1,0 +1,86 @@
+"""The atlas: sorted samples in flash, and what refines the nearest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kinseek.errors import InvalidExport
+from kinseek.goal import Goal
+from kinseek.kernels import jit  # Whole: what names its decorators is taken for a file of kernels.
+from kinseek.kernels.atlas.memory import LAYOUT
+from kinseek.kernels.atlas.task import ENDING, EVALUATIONS, ITERATE, JUDGE, ROUTINES, SEARCH
+from kinseek.kernels.entry import ENTRIES
+from kinseek.kernels.pointers import ROW
+from kinseek.problem import Problem
+from kinseek.solvers import Atlas
+from kinseek.solvers.atlas.index import atlas_of
+
+from .c_text import guarded
+from .design import Design, room_for
+
+_LINE = 64
+
+
+def atlas_design(search: Atlas, problem: Problem, ram: int | None) -> Design:
+    """What the search brings along.
+
+    Raises:
+        InvalidExport: A goal that a controller does not know, or more memory than there is.
+    """
+    plain = Goal.pose(np.eye(4))
+    options = ("kind", "position_tolerance", "orientation_tolerance", "position_weight", "orientation_weight")
+    if changed := [name for name in options if getattr(problem.goal, name) != getattr(plain, name)]:
+        raise InvalidExport(
+            f"the atlas of a controller answers whole poses, to the default tolerances and weights; got another "
+            f"{' and '.join(changed)}"
+        )
+    chain, dof = problem.arrays, problem.mechanism.dof
+    joints = len(chain.leader)
+    index = atlas_of(problem.chain, None, search.samples)
+    blob, rows = bytearray(), []
+    for each in index._arrays:
+        blob.extend(b"\0" * (-len(blob) % _LINE))
+        rows.append((len(blob), *each.shape, *(1,) * (ROW - 1 - each.ndim)))
+        blob.extend(each.astype(each.dtype.newbyteorder("<")).tobytes())
+    # What a call works on; and of the last resort, which walks to the nearest pose, what `settle` makes.
+    desk = LAYOUT.count.of(dof=dof, joints=joints) + EVALUATIONS + 1
+    room = room_for(desk, 12, 6 * joints, 3 * joints, dof, dof, dof, dof * dof, dof * dof, dof)
+    taken = room + 8 * (JUDGE + 1 + ROW * len(rows) + 1)
+    if ram is not None and taken > ram:
+        raise InvalidExport(
+            f"{problem.mechanism.name!r} with {dof} joints needs {taken:,} bytes of RAM for the atlas, got {ram:,}; divide "
+            "and conquer needs less"
+        )
+    entry = ENTRIES["ks_solve_plain"]
+    routines = ("ks_iterate_routine", "ks_search_routine", "ks_ending_routine")
+    lines = [
+        f"extern void {name}(void); /* A number to the kernels, not to be called from C. */"
+        for name in routines
+    ]
+    table = ",\n    ".join("{" + ", ".join(map(str, row)) + "}" for row in rows)
+    lines.append(f"static const int64_t rows[][{ROW}] = {{\n    {table}}};")
+    return Design(
+        folder="atlas",
+        entries=(entry,),
+        routines=routines,
+        modules=tuple(
+            dict.fromkeys(
+                [entry.function.__module__, *(jit.ROUTINES[name].function.__module__ for name in routines)]
+            )
+        ),
+        numbers={
+            "ROWS": len(rows),
+            "ROUTINES": JUDGE + 1,
+            "ROUTINES_ROW": ROUTINES,
+            "ITERATE": ITERATE,
+            "SEARCH": SEARCH,
+            "ENDING": ENDING,
+        },
+        chain=chain,
+        axis_weights=problem.goal.arrays.axis_weights,
+        texts={"rows.h": guarded("KINSEEK_ROWS_H", ["#include <stdint.h>", *lines])},
+        data={"atlas.bin": bytes(blob)},
+        constants=len(blob) + 8 * ROW * len(rows),
+        room=room,
+        ram=taken,
+    )

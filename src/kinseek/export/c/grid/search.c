@@ -1,0 +1,38 @@
+/* Divide and conquer: the plan of its passes, and all memory that it takes. */
+#include <string.h>
+
+#include "constants.h"
+#include "kinseek.h"
+#include "plan.h"
+
+static double memory[KINSEEK_MEMORY];
+static double wanted[12]; /* The first three rows of the pose. */
+static int64_t at[KINSEEK_AT];
+
+static const int64_t beginning[KINSEEK_AT] = KINSEEK_BEGINNING;
+
+int kinseek_begin(const double pose[16]) {
+    if (!kinseek_finite(pose, 12)) return KINSEEK_NOT_FINITE;
+    memcpy(wanted, pose, sizeof wanted);
+    memcpy(at, beginning, sizeof at);
+    return KINSEEK_MORE;
+}
+
+int kinseek_go_on(int64_t work, double q[KINSEEK_DOF]) {
+    const KinseekGoalArrays goal = {wanted, KINSEEK_POSITION_WEIGHT, axis_weights};
+    bool done = false;
+    int32_t failed = kinseek_descend(KINSEEK_JOINTS, KINSEEK_DOF, &chain, &goal, &grid, &passes, INT64_MAX, work, memory,
+                                     KINSEEK_MEMORY, at, q, &done);
+    if (failed) return KINSEEK_FAILED;
+    return done ? KINSEEK_DONE : KINSEEK_MORE;
+}
+
+int kinseek_solve(const double pose[16], double q[KINSEEK_DOF]) {
+    int state = kinseek_begin(pose);
+    while (state == KINSEEK_MORE) state = kinseek_go_on(KINSEEK_PART, q);
+    return state;
+}
+
+int64_t kinseek_evaluations(void) { return at[KINSEEK_TRIED]; }
+
+int64_t kinseek_nodes(void) { return at[KINSEEK_VISITED]; }

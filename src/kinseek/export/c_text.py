@@ -1,0 +1,49 @@
+"""Constants as C."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidExport
+
+_ELEMENTS = {"f": "double", "i": "int64_t", "b": "bool"}
+
+
+def array(name: str, values: NDArray[Any]) -> str:
+    """An array of constants in C, every number to the last bit."""
+    flat = np.ravel(values)
+    write = number if flat.dtype.kind == "f" else lambda each: str(int(each))
+    words = ", ".join(write(each) for each in flat.tolist())
+    shape = f"  /* {values.shape} */" if values.ndim > 1 else ""
+    return f"static const {_ELEMENTS[flat.dtype.kind]} {name}[] = {{{words}}};{shape}"
+
+
+def number(value: float) -> str:
+    """A number to the last bit.
+
+    Raises:
+        InvalidExport: It is not finite.
+    """
+    if not math.isfinite(value):
+        raise InvalidExport(f"a constant of the arm or search is {value}")
+    return value.hex()
+
+
+def structure(kind: str, name: str, fields: dict[str, str]) -> str:
+    """A constant structure."""
+    lines = [f"    .{field} = {value}," for field, value in fields.items()]
+    return "\n".join([f"static const {kind} {name} = {{", *lines, "};"])
+
+
+def defined(guard: str, values: dict[str, object]) -> str:
+    """A header that gives names to numbers."""
+    return guarded(guard, [f"#define KINSEEK_{name} {value}" for name, value in values.items()])
+
+
+def guarded(guard: str, lines: list[str]) -> str:
+    """A header that may be included twice."""
+    return "\n".join([f"#ifndef {guard}", f"#define {guard}", "", *lines, "", "#endif", ""])

@@ -1,0 +1,134 @@
+"""Divide and conquer with the dynamic tree, in a memory of a fixed size."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from kinseek.deadline import Deadline
+from kinseek.errors import InvalidExport
+from kinseek.kernels.entry import ENTRIES
+from kinseek.kernels.grid.descent import BEGINNING, TRIED, VISITED
+from kinseek.kernels.grid.memory import MOST_LANES, TAKEN_SCRATCH, memory_size
+from kinseek.kernels.grid.window import PART, split_depth
+from kinseek.problem import Problem
+from kinseek.solvers import DivideAndConquer
+
+from .c_text import array, guarded, number, structure
+from .design import Design, room_for
+
+
+def grid_design(search: DivideAndConquer, problem: Problem, ram: int | None) -> Design:
+    """What the search brings along; it tabulates fewer leaves at once where `ram`, [bytes], asks for it.
+
+    Raises:
+        InvalidExport: A search that a controller does not know, or more memory than there is.
+        InvalidSolver: Parameters of the search that do not fit the arm.
+    """
+    if search.tree != "dynamic":
+        raise InvalidExport(
+            f"a controller makes nodes when they are needed: tree must be 'dynamic', got {search.tree!r}"
+        )
+    if search.ties != "rounding":
+        raise InvalidExport(f"ties must be 'rounding' in an exported search, got {search.ties!r}")
+    plan, dof = search._plan(problem, Deadline()), problem.mechanism.dof
+    most_lanes, a_lane = _lanes(problem, plan), _numbers_a_lane()
+    room = room_for(12, dof)  # A pose without its last row, and a node of each joint.
+    least = memory_size(*plan.sizes) - a_lane * MOST_LANES
+    fixed, lanes = 8 * (least + 12 + len(BEGINNING)) + room, most_lanes
+    if ram is not None and fixed + 8 * a_lane * lanes > ram:
+        lanes = (ram - fixed) // (8 * a_lane)
+        if lanes < 1:
+            raise InvalidExport(
+                f"{problem.mechanism.name!r} with {dof} joints needs {fixed + 8 * a_lane:,} bytes of RAM at least for this "
+                f"search, got {ram:,}. Fewer joints (with_locked), a smaller beam or breadth, or fewer divisions need less"
+            )
+    numbers = least + a_lane * lanes
+    text, constants = _plan_in_c(plan)
+    entry = ENTRIES["ks_descend"]
+    return Design(
+        folder="grid",
+        entries=(entry,),
+        routines=(),
+        modules=(entry.function.__module__,),
+        numbers={
+            "GRID": "1 /* The search can be done in parts. */",
+            "MEMORY": f"{numbers} /* Numbers of 8 bytes that a search works on. */",
+            "AT": len(BEGINNING),
+            "BEGINNING": f"{{{', '.join(map(str, BEGINNING))}}}",
+            "TRIED": TRIED,
+            "VISITED": VISITED,
+            "PART": f"{PART} /* Leaves of a part of the search, where nobody asks for shorter ones. */",
+        },
+        chain=problem.arrays,
+        axis_weights=problem.goal.arrays.axis_weights,
+        texts={"plan.h": text},
+        data={},
+        constants=constants,
+        room=room,
+        ram=fixed + 8 * a_lane * lanes,
+        lanes=lanes,
+        most_lanes=most_lanes,
+        sizes=plan.sizes,
+        memory=numbers,
+    )
+
+
+def _plan_in_c(plan: Any) -> tuple[str, int]:
+    """The grid and the passes, and their bytes."""
+    grid, passes = plan.grid, plan.passes
+    arrays = {name: getattr(grid, name) for name in ("step", "wraps")}
+    arrays |= {name: getattr(passes, name) for name in ("spacings", "later", "first", "counts")}
+    of_grid = {
+        "lower": "chain_lower",
+        "upper": "chain_upper",
+        "step": "step",
+        "wraps": "wraps",
+        "size": str(grid.size),
+        "table": "chain_lower",
+        "table_length": "0 /* No node is made beforehand. */",
+    }
+    of_passes = {
+        "spacings": "spacings",
+        "spacings_length": str(len(passes.spacings)),
+        "later": "later",
+        "first": "first",
+        "first_length": str(passes.first.shape[1]),
+        "counts": "counts",
+        "clips": str(int(passes.clips)),
+        "stop_below": number(passes.stop_below),
+        "tie": number(passes.tie),
+        "beam": str(passes.beam),
+        "children": str(passes.children),
+    }
+    lines = [array(name, each) for name, each in arrays.items()]
+    lines += [structure("KinseekGrid", "grid", of_grid), structure("KinseekPasses", "passes", of_passes)]
+    return guarded("KINSEEK_PLAN_H", ['#include "constants.h"', *lines]), sum(
+        each.nbytes for each in arrays.values()
+    )
+
+
+def _lanes(problem: Problem, plan: Any) -> int:
+    """Leaves that the search tabulates at once: those of the suffix that it chooses for a full window of each pass."""
+    passes, size = plan.passes, plan.grid.size
+    windows = [passes.counts]
+    windows += [
+        np.minimum(passes.later, (size - 1) // spacing + 1) for spacing in passes.spacings[1:].tolist()
+    ]
+    most = 1
+    for counts in windows:
+        s = split_depth(problem.arrays, counts.astype(np.int64))
+        most = max(most, math.prod(counts[s:].tolist()))
+    return most
+
+
+def _numbers_a_lane() -> int:
+    """Numbers of a search's memory that each tabulated leaf takes."""
+    taken = 0
+    for leaf in TAKEN_SCRATCH.fields.values():
+        lengths = [each.plus for each in getattr(leaf, "shape", ()) if not each.name]
+        if MOST_LANES in lengths:
+            taken += math.prod(lengths) // MOST_LANES
+    return taken
