@@ -75,6 +75,11 @@ int main(void) {
 """
 
 
+ASKED = {"NRT_MemInfo_alloc_aligned", "NRT_MemInfo_call_dtor"}
+"""What runtime.c has."""
+MATHEMATICS = {"sin", "cos", "sincos", "sqrt", "atan2", "pow"}
+
+
 def asked(arm: kinseek.Arm) -> tuple[Any, Any]:
     q = arm.sample(GOALS, seed=3)
     poses = arm.fk(q)
@@ -95,7 +100,7 @@ def answers(folder: Path, arm: kinseek.Arm, build: list[str], start: list[str], 
     (folder / "check.c").write_text(CHECK)
     strict = ["-O2", "-Wall", "-Wextra", "-Werror", "-std=c11"]
     for program in ("main.c", "check.c"):
-        files = [program, "kinseek.c", "search.c", "kernels.c", "runtime.c"]
+        files = [program, "kinseek.c", "search.c", "calls.c", "runtime.c"]
         subprocess.run(
             [build[0], *strict, *files, *build[1:], "-lm", "-o", program[:-2]], cwd=folder, check=True
         )
@@ -230,12 +235,10 @@ def test_the_atlas_gives_the_same_bits(tmp_path: Path) -> None:
     if shutil.which("gcc") is None:
         pytest.skip("there is no gcc")
     arm, search = kinseek.load("panda"), Atlas(samples=2048)
-    parts = to_c(arm, tmp_path / "out", search=search, flash=1 << 20, ram=32 * 1024)
+    to_c(arm, tmp_path / "out", search=search, flash=1 << 20, ram=32 * 1024)
     found = answers(tmp_path / "out", arm, ["gcc", "-march=x86-64-v3", "kernels.o"], [], work=0)
     compare(found, arm, search, 0.0)
     assert [state for state, *_ in found] == [DONE] * (GOALS - 1) + [MISSED]
-    # As much working memory as was told suffices for every goal, and no less than half of it would.
-    assert 8_000 < parts.ram < 32_000
 
 
 @pytest.mark.slow
@@ -244,7 +247,8 @@ def test_a_cortex_m7_runs_the_atlas(tmp_path: Path) -> None:
     if compiler is None or emulator is None:
         pytest.skip("needs arm-none-eabi-gcc and qemu-system-arm")
     arm, search = kinseek.load("panda"), Atlas(samples=2048)
-    to_c(arm, tmp_path / "out", "thumbv7em", search=search)
+    parts = to_c(arm, tmp_path / "out", "thumbv7em", search=search)
+    assert set(parts.asks) - MATHEMATICS <= ASKED
     found = answers(tmp_path / "out", arm, [compiler, *M7, "kernels.o"], [emulator, *BOARD], work=0)
     compare(found, arm, search, 1e-12)
 

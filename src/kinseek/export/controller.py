@@ -38,7 +38,7 @@ FORMS = {"object": "kernels.o", "assembly": "kernels.s", "llvm": "kernels.ll"}
 _MARK = "/* Written by kinseek"
 _CODE = (".text", ".rodata", ".srodata", ".data", ".sdata", ".ARM.ex", ".eh_frame", ".init_array")
 _FK = ENTRIES["ks_write_poses"]
-_GENERATED = ("arm.h", "constants.h", "goal.h", "kernels.h", "kernels.c", "plan.h", "rows.h", "atlas.bin")
+_GENERATED = ("arm.h", "constants.h", "goal.h", "calls.h", "calls.c", "plan.h", "rows.h", "atlas.bin")
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,9 @@ class Parts:
     """Leaves that the search would tabulate at once without a limit on memory."""
     kernels: str
     """Name of the file that holds the kernels."""
+    asks: tuple[str, ...] = ()
+    """Functions that the kernels ask for; besides, a compiler for the part may bring its own for what it has no
+    instructions for."""
 
     @property
     def flash(self) -> int:
@@ -74,7 +77,7 @@ class Parts:
             self.target.compiler,
             "-O2",
             self.cpu.options,
-            "main.c kinseek.c search.c kernels.c runtime.c",
+            "main.c kinseek.c search.c calls.c runtime.c",
             self.kernels,
         ]
         return " ".join(filter(None, [*words, "-lm -o solve"]))
@@ -244,6 +247,7 @@ def prepare(
         lanes=design.lanes,
         most_lanes=design.most_lanes,
         kernels=FORMS[form],
+        asks=tuple(told["asks"]),
     )
     if flash is not None and parts.flash > flash:
         raise InvalidExport(f"{arm.name!r} needs more flash than {flash:,} bytes: {parts}")
@@ -364,8 +368,8 @@ def _texts(
         "arm.h": defined("KINSEEK_ARM_H", numbers | design.numbers),
         "constants.h": constants,
         "goal.h": guarded("KINSEEK_GOAL_H", goal),
-        "kernels.h": guarded("KINSEEK_KERNELS_H", calls),
-        "kernels.c": f"{_KERNELS_C}\n{c_definitions(entries)}\n",
+        "calls.h": guarded("KINSEEK_CALLS_H", calls),
+        "calls.c": f"{_KERNELS_C}\n{c_definitions(entries)}\n",
     }
     return texts, taken + design.constants
 
@@ -375,7 +379,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 _KERNELS_C = """/* Each function writes what it is given into a table of 64-bit numbers, which the compiled kernels read. */
-#include "kernels.h"
+#include "calls.h"
 
 #include <string.h>
 

@@ -63,7 +63,7 @@ def chain_constants(chain: ChainArrays, axis_weights: NDArray[np.float64]) -> tu
     arrays = {f"chain_{name}": each for name, each in chain._asdict().items()} | {
         "axis_weights": axis_weights
     }
-    lines = ['#include "kernels.h"', *(array(name, each) for name, each in arrays.items())]
+    lines = ['#include "calls.h"', *(array(name, each) for name, each in arrays.items())]
     lines.append(structure("KinseekChainArrays", "chain", {name: f"chain_{name}" for name in chain._fields}))
     # Not every file that includes them makes use of all.
     unused = [line.replace("static const ", "__attribute__((unused)) static const ", 1) for line in lines]
