@@ -22,6 +22,7 @@ from kinseek.cli.commands import run
 from kinseek.errors import InvalidExport, InvalidSolver, MissingExtra
 from kinseek.export import TARGETS, Parts, controller, prepare, to_c
 from kinseek.export.c_calls import c_declarations, c_definitions
+from kinseek.export.c_text import string
 from kinseek.kernels.entry import ENTRIES
 from kinseek.kernels.grid.memory import MOST_LANES
 
@@ -266,6 +267,11 @@ def test_c_has_the_types_that_are_declared() -> None:
     body = c_definitions(one)
     assert "(int64_t)(uintptr_t)chain->fixed,\n        m + 1,\n        3,\n        4," in body
     assert "kinseek_bits(goal->position_weight)" in c_definitions([ENTRIES["ks_descend"]])
+
+
+def test_names_are_safe_in_c() -> None:
+    assert string("left_arm 2") == '"left_arm 2"'
+    assert string('*/ "\\\n??/é') == r'"\052\057 \042\134\012\077\077\057\303\251"'
 
 
 FUNCTION = kinseek.Arm.from_fk(lambda q: np.broadcast_to(np.eye(4), (len(q), 4, 4)), [-1.0], [1.0])

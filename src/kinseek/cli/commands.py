@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 import warnings
 from collections.abc import Sequence
@@ -269,7 +270,9 @@ def export(
     if solver not in _EXPORTED:
         raise InvalidExport(suggest(solver, _EXPORTED, "search for a controller"))
     search = cast("DivideAndConquer | Atlas", make_search(solver, search_options))
-    place = checked_folder(folder if folder is not None else Path(f"{loaded.name}_c"))
+    place = checked_folder(
+        folder if folder is not None else Path(re.sub(r"[^\w.-]", "_", loaded.name) + "_c")
+    )
     parts = prepare(
         loaded,
         target,

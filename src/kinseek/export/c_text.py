@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from string import ascii_letters, digits
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidExport
 
+_PLAIN = f"{ascii_letters}{digits} _.,:+-()"
 _ELEMENTS = {"f": "double", "i": "int64_t", "b": "bool"}
 
 
@@ -31,6 +33,14 @@ def number(value: float) -> str:
     if not math.isfinite(value):
         raise InvalidExport(f"a constant of the arm or search is {value}")
     return value.hex()
+
+
+def string(text: str) -> str:
+    """A string in C, and safe in a comment: whatever is no plain letter as the octal numbers of its bytes in UTF-8."""
+    plain = "".join(
+        chr(byte) if chr(byte) in _PLAIN else f"\\{byte:03o}" for byte in text.encode("utf-8", "replace")
+    )
+    return f'"{plain}"'
 
 
 def structure(kind: str, name: str, fields: dict[str, str]) -> str:

@@ -27,7 +27,7 @@ from kinseek.solvers import Atlas, DivideAndConquer
 
 from .atlas import atlas_design
 from .c_calls import c_declarations, c_definitions
-from .c_text import array, defined, guarded, number
+from .c_text import array, defined, guarded, number, string
 from .design import C, Design, chain_constants
 from .grid import grid_design
 from .targets import Cpu, Target, target_of
@@ -253,7 +253,7 @@ def prepare(
         raise InvalidExport(f"{arm.name!r} needs more flash than {flash:,} bytes: {parts}")
     for name, text in texts.items():
         parts.files[name] = (
-            f"{_MARK} {kinseek.__version__}: {arm.name}, {parts}\n   {parts.command} */\n{text}".encode()
+            f"{_MARK} {kinseek.__version__}: {string(arm.name)}, {parts}\n   {parts.command} */\n{text}".encode()
         )
     parts.files.update({**design.data, FORMS[form]: kernels})
     return parts
@@ -340,14 +340,14 @@ def _texts(
     """All files in C, by name, and the bytes of the constants that the part holds."""
     constants, taken = chain_constants(design.chain, design.axis_weights)
     numbers = {
-        "NAME": json.dumps(arm.name),
+        "NAME": string(arm.name),
         "DOF": arm.dof,
         "JOINTS": len(design.chain.leader),
         "ROOM": f"{design.room} /* [bytes] of working memory. */",
         "POSITION_WEIGHT": number(float(problem.goal.arrays.position_weight)),
     }
     answer = search.solve(problem)
-    names = ", ".join(json.dumps(name) for name in arm.joint_names)
+    names = ", ".join(string(name) for name in arm.joint_names)
     goal = [
         "#include <stdint.h>",
         array("goal_pose", problem.goal.target),
