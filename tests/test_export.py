@@ -269,6 +269,12 @@ def test_c_has_the_types_that_are_declared() -> None:
     assert "kinseek_bits(goal->position_weight)" in c_definitions([ENTRIES["ks_descend"]])
 
 
+def test_assembly_of_llvm_is_for_clang() -> None:
+    target = TARGETS["riscv32"]
+    parts = Parts({}, target, target.cpus[0], 1, 1, 1, 1, 1, "kernels.ll")
+    assert parts.command.startswith("clang --target=riscv32-unknown-elf -O2 -march=rv32imc")
+
+
 def test_names_are_safe_in_c() -> None:
     assert string("left_arm 2") == '"left_arm 2"'
     assert string('*/ "\\\n??/é') == r'"\052\057 \042\134\012\077\077\057\303\251"'

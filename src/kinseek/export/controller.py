@@ -73,8 +73,9 @@ class Parts:
     @property
     def command(self) -> str:
         """What compiles and links the program, in the folder; bare metal also needs what starts the part."""
+        llvm = self.kernels == FORMS["llvm"]  # Which GCC does not read.
         words = [
-            self.target.compiler,
+            f"clang --target={self.target.triple}" if llvm else self.target.compiler,
             "-O2",
             self.cpu.options,
             "main.c kinseek.c search.c calls.c runtime.c",
@@ -124,10 +125,8 @@ def checked_folder(folder: str | Path) -> Path:
     if not isinstance(folder, str | Path) or not str(folder):
         raise InvalidExport(f"folder must be a path, got {folder!r}")
     place = Path(folder)
-    header, names = (
-        place / "kinseek.h",
-        [*FORMS.values(), *_GENERATED, *(each.name for each in C.rglob("*.[ch]"))],
-    )
+    header = place / "kinseek.h"
+    names = [*FORMS.values(), *_GENERATED, *(each.name for each in C.rglob("*.[ch]"))]
     try:
         exists, fits, around = place.exists(), place.is_dir(), place.parent.is_dir()
         ours = header.is_file() and header.read_text(encoding="utf-8", errors="replace").startswith(_MARK)
