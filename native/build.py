@@ -7,6 +7,9 @@ kernels ask of Numba's runtime (``runtime.c``). No optimisation runs a second ti
 
     python native/build.py src/kinseek/kernels          # the library, for every level of this kind of processor
     python native/build.py OUT --levels 3
+    python native/build.py OUT --target aarch64-linux-gnu arm64-apple-darwin    # for other machines, each in a folder
+
+For other machines LLVM optimises what Numba lowered, and ``zig cc`` (PyPI's ziglang) links: see docs/building.md.
 """
 
 from __future__ import annotations
@@ -23,14 +26,13 @@ import sysconfig
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 HERE = Path(__file__).resolve().parent
 SOURCE = HERE.parent / "src"
-LEVELS = {
-    "x86_64": {2: "x86-64-v2", 3: "x86-64-v3"},
-    "aarch64": {1: "generic"},
-}
-"""Names that LLVM has for the levels of each kind of processor; x86-64-v4 was no faster than v3 where it was tried."""
+TARGETS: dict[str, Any] = runpy.run_path(str(HERE / "targets.py"))["TARGETS"]
+LEVELS: dict[str, dict[int, str]] = runpy.run_path(str(HERE / "targets.py"))["LEVELS"]
+OUTSIDE: dict[str, Any] = runpy.run_path(str(HERE / "outside.py"))
 
 ALIASES = {"amd64": "x86_64", "x64": "x86_64", "arm64": "aarch64"}
 
@@ -40,8 +42,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("folder", type=Path, help="where the library goes")
     parser.add_argument("--levels", type=int, nargs="*", help="levels of the processor; all by default")
+    parser.add_argument("--target", nargs="+", choices=TARGETS, help="build for other machines, every level")
+    parser.add_argument(
+        "--keep", type=Path, help="where object files for other machines stay; a second run takes them"
+    )
     options = parser.parse_args()
-    print(build(options.folder, options.levels))
+    if not options.target:
+        print(build(options.folder, options.levels))
+    elif options.levels:
+        parser.error("--target builds every level")
+    else:
+        for path in build_for(options.folder, options.target, options.keep):
+            print(path, platform_tag(path, path.parent.name))
 
 
 def machine() -> str:
@@ -61,14 +73,20 @@ def this_level() -> list[int]:
     return [3] if 3 in known and {"avx2", "fma", "bmi1", "bmi2"} <= flags else list(known)[:1]
 
 
-def platform_tag(library: Path) -> str:
-    """Of a wheel with this library: the oldest glibc that has all it asks for, else the platform's own."""
+def platform_tag(library: Path, target: str = "") -> str:
+    """Of a wheel with this library: the oldest glibc that has all it asks for, else the platform's own.
+
+    No system that pip and Python 3.11 run on is older than manylinux_2_17.
+    """
     platform_name = sysconfig.get_platform().replace("-", "_").replace(".", "_")
-    if not platform_name.startswith("linux"):
-        return platform_name
+    processor = machine()
+    if target:
+        platform_name, processor = TARGETS[target].tag or "linux", TARGETS[target].processor
     asked = re.findall(rb"GLIBC_(\d+)\.(\d+)", library.read_bytes())
-    major, minor = max((int(a), int(b)) for a, b in asked)
-    return f"manylinux_{major}_{minor}_{machine()}"
+    if not platform_name.startswith("linux") or not asked:
+        return platform_name
+    major, minor = max((2, 17), *((int(a), int(b)) for a, b in asked))
+    return f"manylinux_{major}_{minor}_{processor}"
 
 
 def is_current(library: Path, levels: list[int]) -> bool:
@@ -114,6 +132,8 @@ def build(folder: Path, levels: list[int] | None = None) -> Path:
         new = work / library.name
         sources = [str(HERE / "door.c"), str(HERE / "runtime.c"), str(table)]
         options = ["-O2", "-shared", "-fPIC", "-s", "-Wl,-Bsymbolic", "-Wl,--gc-sections", *hidden]
+        if platform.libc_ver()[0] == "glibc":
+            options.append("-Wl,--wrap=pow")  # See runtime.c.
         _run([compiler, *options, *sources, *objects, "-lm", "-o", str(new)])
         folder.mkdir(parents=True, exist_ok=True)
         shutil.copy2(new, folder / (library.name + ".new"))
@@ -121,14 +141,83 @@ def build(folder: Path, levels: list[int] | None = None) -> Path:
     return library
 
 
-def _emit_all(work: Path, levels: list[int], known: dict[int, str]) -> None:
-    """Have every entry and routine compiled: each process takes the next that nobody has taken, all of one level."""
-    share = max(1, (os.cpu_count() or 1) // len(levels))
-    running = []
-    for level in levels:
-        environment = os.environ | {
+def build_for(folder: Path, targets: list[str], keep: Path | None = None) -> list[Path]:
+    """Compile for other machines and link; return where the libraries are, each in a folder named after its target.
+
+    Where nothing can link for a target (``x86_64-pc-windows-msvc``), its objects and the table of them stay there instead.
+
+    Raises:
+        BuildError: A step failed.
+    """
+    made = []
+    with tempfile.TemporaryDirectory() as place:
+        work = keep or Path(place)
+        work.mkdir(parents=True, exist_ok=True)
+        _emit_foreign(work, targets)
+        for name in targets:
+            target, at = TARGETS[name], folder / name
+            at.mkdir(parents=True, exist_ok=True)
+            table, objects = _table(work / name, list(target.levels)), sorted((work / name).glob("*.o"))
+            if target.linker:
+                made.append(
+                    _link_foreign(at / f"_prebuilt{target.suffix}", target, table, objects, Path(place))
+                )
+            else:
+                for path in [table, *objects]:
+                    shutil.copy2(path, at)
+    return made
+
+
+def _link_foreign(library: Path, target: Any, table: Path, objects: list[Path], work: Path) -> Path:
+    """Compile the door for another machine and link, with the C compiler that is in PyPI's ziglang."""
+    zig = [sys.executable, "-m", "ziglang"]
+    include = [
+        "-include",
+        str(HERE / "foreign_pyconfig.h"),
+        f"-I{sysconfig.get_path('include')}",
+        f"-I{HERE}",
+    ]
+    against = []
+    if target.windows:
+        # Only names matter, so the library to link against needs no Python for Windows.
+        data = [f"    {name} DATA" for name in OUTSIDE["PYTHON_DATA"]]
+        names = ["LIBRARY python3.dll", "EXPORTS", *(f"    {name}" for name in OUTSIDE["PYTHON"]), *data, ""]
+        (work / "python3.def").write_text("\n".join(names))
+        against = [str(work / "python3.lib")]
+        _run([*zig, "dlltool", "-m", "i386:x86-64", "-d", str(work / "python3.def"), "-l", against[0]])
+    options = [
+        "-target",
+        target.linker,
+        "-O2",
+        "-shared",
+        "-fPIC",
+        "-s",
+        "-fvisibility=hidden",
+        *target.options,
+    ]
+    sources = [str(HERE / "door.c"), str(HERE / "runtime.c"), str(table)]
+    _run([*zig, "cc", *options, *include, *sources, *map(str, objects), *against, "-lm", "-o", str(library)])
+    return library
+
+
+def _emit_foreign(work: Path, targets: list[str]) -> None:
+    """Have everything lowered once, and machine code made for every target."""
+    for stale in [each for name in targets for each in (work / name).glob("*.taken")]:
+        if not stale.with_suffix(".o").exists():
+            stale.unlink()
+    asked = {"NUMBA_OPT": "0", "NUMBA_CPU_NAME": "generic", "PYTHONWARNINGS": "ignore::UserWarning"}
+    command = [sys.executable, str(HERE / "emit.py"), str(work), *targets]
+    environment = _environment(work, asked)
+    running = [subprocess.Popen(command, env=environment) for _ in range(os.cpu_count() or 1)]
+    _wait(running, [work / name for name in targets])
+
+
+def _environment(work: Path, asked: dict[str, str]) -> dict[str, str]:
+    """Of a process that compiles."""
+    return (
+        os.environ
+        | {
             "KINSEEK_JIT": "1",
-            "NUMBA_CPU_NAME": known[level],
             "NUMBA_CPU_FEATURES": "",
             "NUMBA_DISABLE_JIT": "0",
             "NUMBA_CACHE_DIR": str(work / "cache"),
@@ -136,13 +225,28 @@ def _emit_all(work: Path, levels: list[int], known: dict[int, str]) -> None:
             "PYTHONPATH": os.pathsep.join(filter(None, (str(SOURCE), os.environ.get("PYTHONPATH")))),
             "PYTHONDONTWRITEBYTECODE": "1",
         }
+        | asked
+    )
+
+
+def _emit_all(work: Path, levels: list[int], known: dict[int, str]) -> None:
+    """Have every entry and routine compiled: each process takes the next that nobody has taken, all of one level."""
+    share = max(1, (os.cpu_count() or 1) // len(levels))
+    running = []
+    for level in levels:
+        environment = _environment(work, {"NUMBA_CPU_NAME": known[level]})
         command = [sys.executable, str(HERE / "emit.py"), str(work), str(level)]
         running += [subprocess.Popen(command, env=environment) for _ in range(share)]
+    _wait(running, [work])
+
+
+def _wait(running: list[subprocess.Popen[bytes]], places: list[Path]) -> None:
+    """Wait until all have ended, and show how far they are."""
     began = time.monotonic()
     try:
         while any(one.poll() is None for one in running) and not any(one.poll() for one in running):
             time.sleep(0.2)
-            _show(work, len(levels), time.monotonic() - began)
+            _show(places, time.monotonic() - began)
     finally:
         for one in running:
             one.terminate()
@@ -151,11 +255,10 @@ def _emit_all(work: Path, levels: list[int], known: dict[int, str]) -> None:
         raise BuildError("the kernels could not be compiled, see above")
 
 
-def _show(work: Path, levels: int, seconds: float) -> None:
+def _show(places: list[Path], seconds: float) -> None:
     """Draw how many are done: in place in a terminal, now and then in a file."""
-    lists = list(work.glob("names.?"))
-    total = max([len(path.read_text().split()) for path in lists], default=0) * levels
-    done = len(list(work.glob("*.o")))
+    total = sum(len(path.read_text().split()) for place in places for path in place.glob("names.?"))
+    done = sum(len(list(place.glob("*.o"))) for place in places)
     if sys.stderr.isatty() and total:
         bar = "#" * (30 * done // total)
         sys.stderr.write(f"\rkernels [{bar:30s}] {done} of {total}, {seconds:.0f} s ")

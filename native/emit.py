@@ -1,9 +1,17 @@
-"""emit.py FOLDER LEVEL: compile entries and routines, and write an object file of each; several may run at once."""
+"""Compile entries and routines, and write an object file of each; several processes may run at once.
+
+    emit.py FOLDER LEVEL        # for this machine, a level of its processor
+    emit.py FOLDER TARGET...    # for other machines (targets.py), every level of each, in a folder for each
+
+For this machine Numba optimises. For another one Numba types and lowers alone, with ``NUMBA_OPT=0``, and LLVM optimises for
+that machine what came out: finished modules hold instructions of the processor that they were made on.
+"""
 
 from __future__ import annotations
 
 import importlib
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +19,9 @@ import llvmlite.binding as llvm
 from llvmlite import ir
 from numba.core import cgutils as typed_cgutils
 from numba.core import types as typed_types
+from numba.core.registry import cpu_target as typed_cpu_target
 from numba.np import arrayobj as typed_arrayobj
+from targets import TARGETS, Target
 
 from kinseek.kernels import compiler, entry, jit
 from kinseek.kernels.sources import PACKAGE, kernel_sources
@@ -20,23 +30,43 @@ from kinseek.kernels.sources import PACKAGE, kernel_sources
 types: Any = typed_types
 cgutils: Any = typed_cgutils
 arrayobj: Any = typed_arrayobj
+cpu_target: Any = typed_cpu_target
 
 ELEMENTS = {"f": types.float64, "i": types.int64, "b": types.boolean}
+
+Linked = Callable[[int], Any]
+"""Makes the module of a compiled kernel and its wrapper, for a level."""
+
+DYNAMIC = "numba.dynamic.globals"
+"""Names of what holds addresses of the process that compiles. Lowering leaves unused ones, no machine code may keep one."""
 
 
 def main() -> None:
     """Compile what nobody else has taken yet."""
-    folder, level = Path(sys.argv[1]), int(sys.argv[2])
+    folder = Path(sys.argv[1])
     for path in kernel_sources():
         importlib.import_module(".".join(["kinseek", *path.relative_to(PACKAGE).with_suffix("").parts]))
     # Routines take longest, so they come first.
     jobs: list[Any] = [*jit.ROUTINES.values(), *entry.ENTRIES.values()]
-    if _taken(folder / f"names.{level}.taken"):
-        _put(folder / f"names.{level}", "\n".join(job.name for job in jobs).encode())
+    names = "\n".join(job.name for job in jobs).encode()
+    if sys.argv[2].isdecimal():
+        places: list[tuple[Path, int, Target | None]] = [(folder, int(sys.argv[2]), None)]
+    else:
+        llvm.initialize_all_targets()
+        llvm.initialize_all_asmprinters()
+        targets = {name: TARGETS[name] for name in sys.argv[2:]}
+        places = [(folder / name, level, one) for name, one in targets.items() for level in one.levels]
+    for place, level, _ in places:
+        place.mkdir(exist_ok=True)
+        if _taken(place / f"names.{level}.taken"):
+            _put(place / f"names.{level}", names)
     for job in jobs:
-        if _taken(folder / f"{job.name}.{level}.taken"):
-            data = compile_routine(job, level) if isinstance(job, jit.Routine) else compile_entry(job, level)
-            _put(folder / f"{job.name}.{level}.o", data)
+        if _taken(places[0][0] / f"{job.name}.{places[0][1]}.taken"):
+            link = compiled_routine(job) if isinstance(job, jit.Routine) else compiled_entry(job)
+            for place, level, target in places:
+                whole = link(level)
+                data = _native_object(whole) if target is None else _foreign_object(whole, target, level)
+                _put(place / f"{job.name}.{level}.o", data)
 
 
 def _put(path: Path, data: bytes) -> None:
@@ -55,7 +85,7 @@ def _taken(path: Path) -> bool:
     return True
 
 
-def compile_entry(one: entry.Entry, level: int) -> bytes:
+def compiled_entry(one: entry.Entry) -> Linked:
     """An entry and its wrapper: takes the table of its arguments, returns 0 or Numba's number for a failure."""
     compiled = compiler.bare(one.function, getattr(one, "exact", False))
     signature = tuple(map(numba_type, one.takes.values()))
@@ -76,10 +106,10 @@ def compile_entry(one: entry.Entry, level: int) -> bytes:
         reader.write(made.signature.return_type, value, one)
         return status.code
 
-    return _object(made, f"{one.name}_l{level}", [types.int64], types.int32, wrap)
+    return lambda level: _linked(made, f"{one.name}_l{level}", [types.int64], types.int32, wrap)
 
 
-def compile_routine(one: Any, level: int) -> bytes:
+def compiled_routine(one: Any) -> Linked:
     """A routine, and its wrapper: a C function of numbers that returns a number, -1 where it failed."""
     compiled = compiler.bare(one.function, getattr(one, "exact", False))
     signature = tuple(compiler.signature_of(one.signature)[0])
@@ -96,7 +126,7 @@ def compile_routine(one: Any, level: int) -> bytes:
         )
         return builder.select(status.is_ok, value, ir.Constant(value.type, -1))
 
-    return _object(made, f"{one.name}_l{level}", list(signature), types.int64, wrap)
+    return lambda level: _linked(made, f"{one.name}_l{level}", list(signature), types.int64, wrap)
 
 
 def numba_type(one: Any) -> Any:
@@ -168,10 +198,9 @@ class _Table:
                 self.builder.store(wide, place)
 
 
-def _object(made: Any, name: str, takes: list[Any], returns: Any, wrap: Any) -> bytes:
-    """Link a compiled function and its wrapper, leave nothing else visible, and write the machine code."""
-    library = made.library
-    codegen, context = library._codegen, made.target_context
+def _linked(made: Any, name: str, takes: list[Any], returns: Any, wrap: Any) -> Any:
+    """A module of a compiled function and its wrapper, nothing else of which is visible."""
+    library, context = made.library, made.target_context
     module = ir.Module(name)
     kind = ir.FunctionType(context.get_value_type(returns), [context.get_value_type(each) for each in takes])
     function = ir.Function(module, kind, name)
@@ -182,20 +211,57 @@ def _object(made: Any, name: str, takes: list[Any], returns: Any, wrap: Any) -> 
     whole.triple, whole.data_layout = final.triple, final.data_layout
     whole.link_in(llvm.parse_bitcode(final.as_bitcode()))
     for one in [*whole.functions, *whole.global_variables]:
-        if not one.is_declaration and one.name != name:
+        if not one.is_declaration and one.name != name and not one.name.startswith(DYNAMIC):
             one.linkage = "internal"
-    target = llvm.Target.from_triple(whole.triple)
-    machine = target.create_target_machine(
+    return whole
+
+
+def _native_object(whole: Any) -> bytes:
+    """Machine code of what Numba has optimised for this machine."""
+    codegen = cpu_target.target_context.codegen()
+    machine = llvm.Target.from_triple(whole.triple).create_target_machine(
         cpu=codegen._get_host_cpu_name(),
         features=codegen._get_host_cpu_features(),
         opt=3,
         reloc="pic",
         codemodel="default",
     )
+    return _emitted(whole, machine, llvm.create_pass_builder(machine, _tuning(2)))
+
+
+def _foreign_object(whole: Any, target: Target, level: int) -> bytes:
+    """Optimise for another machine as Numba does: inline first, drop pairs of reference counts, then everything."""
+    whole = llvm.parse_bitcode(whole.as_bitcode())  # Its triple may change only before anything asked for it.
+    machine = llvm.Target.from_triple(target.triple).create_target_machine(
+        cpu=target.levels[level], features="", opt=3, reloc="pic", codemodel="default"
+    )
+    whole.triple, whole.data_layout = target.triple, str(machine.target_data)
+    for options, loops in ((_tuning(0), True), (_tuning(3), False)):
+        builder = llvm.create_pass_builder(machine, options)
+        passes = builder.getModulePassManager()
+        if loops:
+            passes.add_loop_rotate_pass()
+            passes.add_instruction_combine_pass()
+            passes.add_jump_threading_pass()
+        passes.add_refprune_pass()
+        passes.run(whole, builder)
+    return _emitted(whole, machine, builder)
+
+
+def _tuning(speed: int) -> Any:
+    options = llvm.create_pipeline_tuning_options(speed_level=speed)
+    options.loop_vectorization, options.slp_vectorization = speed == 3, False
+    return options
+
+
+def _emitted(whole: Any, machine: Any, builder: Any) -> bytes:
+    """Leave out what nobody calls, and write machine code."""
     passes = llvm.create_new_module_pass_manager()
     passes.add_global_dead_code_eliminate_pass()
-    passes.run(whole, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2)))
+    passes.run(whole, builder)
     whole.verify()
+    if kept := [one.name for one in whole.global_variables if one.name.startswith(DYNAMIC)]:
+        raise ValueError(f"{whole.name} holds addresses of this very process: {', '.join(kept)}")
     data: bytes = machine.emit_object(whole)
     return data
 
