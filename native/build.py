@@ -132,8 +132,8 @@ def build(folder: Path, levels: list[int] | None = None) -> Path:
         new = work / library.name
         sources = [str(HERE / "door.c"), str(HERE / "runtime.c"), str(table)]
         options = ["-O2", "-shared", "-fPIC", "-s", "-Wl,-Bsymbolic", "-Wl,--gc-sections", *hidden]
-        if platform.libc_ver()[0] == "glibc":
-            options.append("-Wl,--wrap=pow")  # See runtime.c.
+        if platform.libc_ver()[0] == "glibc" and machine() in LEVELS:
+            options += ["-DWRAP_POW", "-Wl,--wrap=pow"]  # See runtime.c.
         _run([compiler, *options, *sources, *objects, "-lm", "-o", str(new)])
         folder.mkdir(parents=True, exist_ok=True)
         shutil.copy2(new, folder / (library.name + ".new"))

@@ -24,7 +24,7 @@ void NRT_MemInfo_call_dtor(void *memory) { free(memory); }
 void *NRT_Allocate(size_t size) { return malloc(size); }
 void NRT_Free(void *memory) { free(memory); }
 
-#if defined(__GLIBC__) && (defined(__x86_64__) || defined(__aarch64__))
+#if defined(WRAP_POW) && defined(__GLIBC__) && (defined(__x86_64__) || defined(__aarch64__))
 /* What is linked today asks for the `pow` of glibc 2.29, which differs from the one of before only in that it leaves out a
    handler of errors, removed since. For the oldest one every system has what the library asks for: `-Wl,--wrap=pow`. */
 double oldest_pow(double, double);
