@@ -151,7 +151,7 @@ def build_for(folder: Path, targets: list[str], keep: Path | None = None) -> lis
     """
     made = []
     with tempfile.TemporaryDirectory() as place:
-        work = keep or Path(place)
+        work = keep / source_digest() if keep else Path(place)
         work.mkdir(parents=True, exist_ok=True)
         _emit_foreign(work, targets)
         for name in targets:
@@ -177,7 +177,7 @@ def _link_foreign(library: Path, target: Any, table: Path, objects: list[Path], 
         f"-I{sysconfig.get_path('include')}",
         f"-I{HERE}",
     ]
-    against = []
+    new, against = work / f"{target.linker}{target.suffix}", []
     if target.windows:
         # Only names matter, so the library to link against needs no Python for Windows.
         data = [f"    {name} DATA" for name in OUTSIDE["PYTHON_DATA"]]
@@ -196,15 +196,18 @@ def _link_foreign(library: Path, target: Any, table: Path, objects: list[Path], 
         *target.options,
     ]
     sources = [str(HERE / "door.c"), str(HERE / "runtime.c"), str(table)]
-    _run([*zig, "cc", *options, *include, *sources, *map(str, objects), *against, "-lm", "-o", str(library)])
+    _run([*zig, "cc", *options, *include, *sources, *map(str, objects), *against, "-lm", "-o", str(new)])
+    shutil.copy2(new, library)
     return library
 
 
 def _emit_foreign(work: Path, targets: list[str]) -> None:
     """Have everything lowered once, and machine code made for every target."""
-    for stale in [each for name in targets for each in (work / name).glob("*.taken")]:
-        if not stale.with_suffix(".o").exists():
-            stale.unlink()
+    levels = [(name, level) for name in targets for level in TARGETS[name].levels]
+    for taken in (work / targets[0]).glob("*.taken"):
+        kernel = taken.name.split(".")[0]
+        if not all((work / name / f"{kernel}.{level}.o").exists() for name, level in levels):
+            taken.unlink()
     asked = {"NUMBA_OPT": "0", "NUMBA_CPU_NAME": "generic", "PYTHONWARNINGS": "ignore"}
     command = [sys.executable, str(HERE / "emit.py"), str(work), *targets]
     environment = _environment(work, asked)
