@@ -131,7 +131,10 @@ def build(folder: Path, levels: list[int] | None = None) -> Path:
         hidden = ["-fvisibility=hidden", f"-I{sysconfig.get_path('include')}", f"-I{HERE}"]
         new = work / library.name
         sources = [str(HERE / "door.c"), str(HERE / "runtime.c"), str(table)]
-        options = ["-O2", "-shared", "-fPIC", "-s", "-Wl,-Bsymbolic", "-Wl,--gc-sections", *hidden]
+        bound = ["-s", "-Wl,-Bsymbolic", "-Wl,--gc-sections"]
+        if sys.platform == "darwin":
+            bound = list(TARGETS["arm64-apple-darwin"].options)
+        options = ["-O2", "-shared", "-fPIC", *bound, *hidden]
         if platform.libc_ver()[0] == "glibc" and machine() in LEVELS:
             options += ["-DWRAP_POW", "-Wl,--wrap=pow"]  # See runtime.c.
         _run([compiler, *options, *sources, *objects, "-lm", "-o", str(new)])

@@ -5,6 +5,9 @@
 #include <stdint.h>
 #include <string.h>
 #include "door.h"
+#if defined(__x86_64__) || defined(_M_X64)
+#include <cpuid.h>
+#endif
 
 #define MOST_ARRAYS 96
 #define MOST_SLOTS 384
@@ -211,17 +214,24 @@ static PyObject *address(PyObject *self, PyObject *args) {
     return symbol ? PyLong_FromVoidPtr((void *)symbol->code) : NULL;
 }
 
-static PyObject *best_level(PyObject *self, PyObject *unused) {
 #if defined(__x86_64__) || defined(_M_X64)
-    __builtin_cpu_init();
-    int two = __builtin_cpu_supports("sse4.2") && __builtin_cpu_supports("ssse3") && __builtin_cpu_supports("popcnt");
-    int three = two && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi") &&
-                __builtin_cpu_supports("bmi2");
-    return PyLong_FromLong(three ? 3 : two ? 2 : 0);
-#else
-    return PyLong_FromLong(1);
-#endif
+/* Asked of the processor itself: `__builtin_cpu_supports` says no to everything where zig links. */
+static int level(void) {
+    unsigned a, b, c, d, low, high;
+    const unsigned v2 = bit_SSE3 | bit_SSSE3 | bit_CMPXCHG16B | bit_SSE4_1 | bit_SSE4_2 | bit_POPCNT;
+    const unsigned v3 = bit_FMA | bit_MOVBE | bit_OSXSAVE | bit_AVX | bit_F16C, v3_too = bit_BMI | bit_AVX2 | bit_BMI2;
+    if (!__get_cpuid(1, &a, &b, &c, &d) || (c & v2) != v2) return 0;
+    if ((c & v3) != v3) return 2;
+    __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
+    if ((low & 6) != 6) return 2;  /* The system does not keep the wide registers. */
+    if (!__get_cpuid_count(7, 0, &a, &b, &c, &d) || (b & v3_too) != v3_too) return 2;
+    return __get_cpuid(0x80000001, &a, &b, &c, &d) && (c & bit_LZCNT) ? 3 : 2;
 }
+#else
+static int level(void) { return 1; }
+#endif
+
+static PyObject *best_level(PyObject *self, PyObject *unused) { return PyLong_FromLong(level()); }
 
 static PyMethodDef methods[] = {
     {"entry", make_entry, METH_VARARGS, NULL},

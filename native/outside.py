@@ -57,6 +57,7 @@ SYSTEM = [
     "_memcpy_chk",
     "dyld_stub_binder",
     "bzero",
+    "memset_pattern16",
 ]
 """What compilers and linkers add by themselves."""
 
