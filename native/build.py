@@ -15,6 +15,7 @@ For other machines LLVM optimises what Numba lowered, and ``zig cc`` (PyPI's zig
 from __future__ import annotations
 
 import argparse
+import hashlib
 import os
 import platform
 import re
@@ -93,8 +94,15 @@ def is_current(library: Path, levels: list[int]) -> bool:
     """Was the library that is there made from these sources, for these levels?"""
     if not library.exists():
         return False
-    content = library.read_bytes()
-    return f"kinseek kernels {source_digest()} levels {' '.join(map(str, levels))};".encode() in content
+    return made_of(levels).encode() in library.read_bytes()
+
+
+def made_of(levels: list[int]) -> str:
+    """What a library for some levels is made of: the kernels, and what stands in this folder."""
+    own = hashlib.sha256()
+    for path in sorted(HERE.glob("*.[cph]*")):
+        own.update(path.read_bytes())
+    return f"kinseek kernels {source_digest()} by {own.hexdigest()[:16]} levels {' '.join(map(str, levels))};"
 
 
 def source_digest() -> str:
@@ -281,7 +289,7 @@ def _table(work: Path, levels: list[int]) -> Path:
     lines += ["", "const Symbol symbols[] = {", *rows, "    {0, 0, 0}};"]
     told = " ".join(map(str, levels))
     lines += [f'const char digest[] = "{digest}";', f'const char levels_built[] = "{told}";']
-    lines += [f'const char made_of[] = "kinseek kernels {digest} levels {told};";', ""]
+    lines += [f'const char made_of[] = "{made_of(levels)}";', ""]
     path = work / "table.c"
     path.write_text("\n".join(lines))
     return path

@@ -157,7 +157,11 @@ def solve_some(
 ) -> int:
     """Answer the targets whose numbers are some[begin:end], (k,), one after the other, as `solve_pose`; return how many."""
     for k in range(begin, end):
-        results[some[k]] = solve_pose(handle, wanted, targets[some[k]], w)
+        answer = solve_pose(handle, wanted, targets[some[k]], w)
+        for j in range(
+            len(answer)
+        ):  # A row at once may fail in words, and the words need Python's own functions.
+            results[some[k], j] = answer[j]
     return end - begin
 
 
