@@ -32,7 +32,7 @@ def test_example_runs(
     runpy.run_path(str(example), run_name="__main__")
     assert len(capsys.readouterr().out.splitlines()) > 5
     drawn = [path.name for path in tmp_path.iterdir()]
-    assert drawn == ([f"{example.stem}.png"] if "[PICTURE]" in example.read_text(encoding="utf-8") else [])
+    assert drawn == ([f"{example.stem}.png"] if "[PICTURE" in example.read_text(encoding="utf-8") else [])
 
 
 @pytest.mark.parametrize("example", EXAMPLES[2:], ids=lambda path: path.stem)

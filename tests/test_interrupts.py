@@ -65,6 +65,7 @@ def test_bundles_are_seen(annotation: Any, bundle: bool) -> None:
     assert hands_back_a_bundle(annotation) == bundle
 
 
+@pytest.mark.jit
 def test_no_kernel_hands_a_bundle_back_to_python() -> None:
     """To make one, Numba calls its class: a signal handler that raises there kills the process."""
     seen = dict(kernels())
@@ -126,6 +127,7 @@ print(arm.ik(T).q.tobytes().hex())
 """SIGINT at the very moment in which LLVM asks Numba for a kernel's machine code."""
 
 
+@pytest.mark.jit
 def test_ctrl_c_while_a_kernel_is_read_from_disk() -> None:
     def run(moment: int) -> str:
         code = LOADING.format(moment=moment)

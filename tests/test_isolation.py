@@ -268,6 +268,7 @@ def contraction_fails(chain: SerialChain, rng: np.random.Generator, trust: float
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["planar2", "scara4", "cylindrical3", "ur5e", "jaco2_6", "so101"])
+@pytest.mark.jit
 def test_contractions_hold_and_one_percent_less_is_caught(name: str) -> None:
     chain, rng = kinseek.load(name).chain, np.random.default_rng(0)
     assert sum(contraction_fails(chain, rng) for _ in range(150)) == 0

@@ -51,6 +51,7 @@ def test_pictures_of_the_examples(
     assert found == []
 
 
+@pytest.mark.jit
 def test_pictures_of_the_proof(found: list[str], tmp_path: Path) -> None:
     proof_pictures.draw_cost(proof_pictures.read_rows(proof_pictures.ROWS), tmp_path)
     proof_pictures.draw_tightness(tmp_path)
@@ -58,6 +59,7 @@ def test_pictures_of_the_proof(found: list[str], tmp_path: Path) -> None:
     assert found == []
 
 
+@pytest.mark.jit
 def test_pictures_of_the_atlas(found: list[str], tmp_path: Path) -> None:
     arm = kinseek.load(atlas_pictures.ARM)
     query = atlas_pictures.Query(arm, arm.fk(np.array([0.4, -1.1, 1.3, -0.9, 1.2, 0.5])))
@@ -95,6 +97,7 @@ def test_an_arm_that_is_missing_is_explained(tmp_path: Path, monkeypatch: pytest
     assert seen == [(4, []), (4, []), (3, ["not run"])]
 
 
+@pytest.mark.jit
 def test_boxes_that_are_left_can_be_seen(tmp_path: Path) -> None:
     from matplotlib.colors import to_rgb
     from matplotlib.image import imread

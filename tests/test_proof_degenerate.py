@@ -107,6 +107,7 @@ def test_a_goal_half_a_turn_from_the_middle_of_the_box(at: float, tip: tuple[flo
     spare=st.sampled_from([1.0, 1.5, 100.0]),
     passes=st.integers(0, 2),
 )
+@pytest.mark.jit
 def test_boxes_at_quarter_turns_keep_goals_at_quarter_turns(
     axes: list[str],
     seed: int,
@@ -164,6 +165,7 @@ def question_of(margin: float = ROUNDING) -> Wanted:
     return Wanted(**nothing | {"trust": 1.0, "margin_a": margin})
 
 
+@pytest.mark.jit
 def test_the_slack_of_a_twist_holds_where_the_axis_points_backwards() -> None:
     """A cosine that is off by the margin must not make the slack too small, nor a turn of the others escape it."""
     slack, rng, wanted = exposed(twist_slack), np.random.default_rng(4), question_of()
@@ -185,6 +187,7 @@ def test_the_slack_of_a_twist_holds_where_the_axis_points_backwards() -> None:
         assert bound >= min(2 * np.arcsin(min(moved / np.sqrt(square), 1.0)), np.pi) - 1e-15, (lean, omega)
 
 
+@pytest.mark.jit
 def test_the_best_twist_and_what_rounding_makes_of_it() -> None:
     """Entries that are off by half the margin turn the best twist by no more than is said."""
     desk = exposed(make_desk)(2, 2)
@@ -208,6 +211,7 @@ def test_the_best_twist_and_what_rounding_makes_of_it() -> None:
     assert said > 2000
 
 
+@pytest.mark.jit
 def test_halves_of_a_box_hold_all_of_it() -> None:
     """In exact arithmetic, for slides that stand as far away as a moon as for angles."""
     desk, rng, cut = exposed(make_desk)(1, 1), np.random.default_rng(6), exposed(halve)
@@ -246,6 +250,7 @@ def test_isolation_splits_boxes_as_far_as_exclusion_does() -> None:
 
 
 @pytest.mark.parametrize("scale", [1e-12, 1.0, 1e15, 1e30])
+@pytest.mark.jit
 def test_equations_without_a_single_answer_are_solved_by_something_finite(scale: float) -> None:
     run, rng = exposed(solve), np.random.default_rng(7)
     for _ in range(500):
