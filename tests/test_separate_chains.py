@@ -16,7 +16,7 @@ from chains import serial_chains
 from kinseek import DivideAndConquer, Goal, Problem, SeparateChains
 from kinseek.errors import FailedKinematics, InvalidProblem, InvalidSolver, InvalidUse
 from kinseek.robots.chain import SerialChain
-from kinseek.solvers.separate_chains import KEPT, Split, _known, find_split
+from kinseek.solvers.chain_split import KEPT, Split, _known, find_split
 from reference import errors, fk, weighted_error
 
 

@@ -4,6 +4,8 @@ A coarse grid over every joint first; then, pass by pass, a finer grid around th
 spacing is one node. ``breadth`` is the paper's constant breadth (one number) or breadth tuning (one a joint),
 ``tree`` its dynamically-created tree. The paper notes that the error is not sorted along any joint, so that
 the search may dive into a local minimum: ``beam`` follows the K best cells of each pass instead of one.
+
+Longer than other files here, since the search, its readings of the paper and the tuning of its breadths share one plan.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
 """Separate chains: joints that leave a point of the hand at rest are searched after those that move it.
 
 The paper ends with this idea (Sec. 5): "break up the manipulator into separate chains", for instance "run the solver on
-the first 3 joints on the SCARA robot and then run the solver for the last joint". Which joints these are is found here by
-forward kinematics alone. Moving a joint from q to q' takes a point w of the hand from R w + p to R' w + p', so that it
-rests where (R - R') w = p' - p, at all settings of the other joints: a small least-squares problem. Of a wrist whose axes
-meet w is the centre; and since the goal says where the hand is, it says where that centre has to be.
+the first 3 joints on the SCARA robot and then run the solver for the last joint". Which joints these are, and which point w
+of the hand they leave at rest, is found by forward kinematics alone, see `chain_split`.
 
 The first chain is searched for the place of w alone, the second for the whole goal with the first held. With three joints
 in each these are two trees of depth three in place of one of depth six: their sizes add, and no longer multiply.
@@ -23,18 +21,17 @@ from kinseek.errors import InvalidSolver
 from kinseek.goal import Goal
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
-from kinseek.shelf import Shelf
 from kinseek.solution import Solution, with_traces
 
 from .base import Found, solve_each, watch_each
 from .breadth_tuning import window_leaves
+from .chain_split import Joints, Split, known_of, middle, parts
 from .divide_and_conquer import _MOST_CELLS, DivideAndConquer, _OutOfTimeError
 from .nodes import require_patience
 from .recording import Look, Recorder, require_room
 from .traits import Near, Traits, require
 
 Array = NDArray[np.float64]
-Joints = tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -173,39 +170,6 @@ ROUNDS = 6
 """Searches of a chain for one target, at most."""
 
 
-class Split(NamedTuple):
-    """The chains in which an arm is searched for a kind of goal."""
-
-    first: Joints
-    """Joints that are searched first, by number: for the place of `point`, or if there is no second chain for the goal."""
-    second: Joints
-    """Joints that leave `point` at rest; they are searched after the first ones, for the goal."""
-    idle: Joints
-    """Joints that move nothing of what the goal asks for; they stay in the middle of their ranges."""
-    point: tuple[float, float, float]
-    """In the frame of the tip, or of the goal's tool [m]."""
-    sentence: str
-    """All of this, and why, in words."""
-    evaluations: int
-    """FK evaluations that it took to find out, once."""
-
-    @property
-    def whole(self) -> bool:
-        """Is the whole arm one chain?"""
-        return not (self.second or self.idle)
-
-    def first_goal(self, goal: Goal) -> Goal:
-        """What the first chain is searched for."""
-        if not self.second:
-            return goal
-        return Goal.position(
-            goal.target[..., :3, :3] @ np.array(self.point) + goal.target[..., :3, 3],
-            base=goal.base,
-            position_weight=goal.position_weight,
-            position_tolerance=goal.position_tolerance,
-        )
-
-
 class _Plan(NamedTuple):
     """What is the same for every target of a batch."""
 
@@ -334,193 +298,3 @@ class _Account:
             )
         self.recorder.note_end(found)
         return found._replace(trace=self.recorder.finish())
-
-
-def middle(chain: Mechanism) -> Array:
-    """The middle of every joint's range, (n,), [rad] or [m]."""
-    return np.asarray(chain.lower + (chain.upper - chain.lower) / 2)
-
-
-SETTINGS = 12
-"""Settings of all joints at which each joint is moved."""
-STILL = 1e-6
-"""A point rests if it moves by no more than this, as a part of the arm's reach; what a description rounds is more."""
-STEP, FREEDOM = 1e-3, 1e-4
-"""To count the ways in which something can move: the step, as a part of a joint's range, and the part of the largest
-singular value below which another is none."""
-
-
-def find_split(chain: Mechanism, goal: Goal) -> Split:
-    """Find the chains by forward kinematics alone: move every joint alone, at settings of the others, and look."""
-    look = _Look(chain, goal)
-    movers = tuple(j for j in range(chain.dof) if look.moves(j)) or tuple(range(chain.dof))
-    idle = tuple(j for j in range(chain.dof) if j not in movers)
-    freedom = look.freedom(movers)
-    why = "no joint leaves a point of the hand at rest whose place the goal tells"
-    for joints, point in reversed(_resting(look, movers)):
-        first = tuple(j for j in movers if j not in joints)
-        place = look.freedom(first, point)
-        if first and freedom - place <= len(joints):
-            where = ", ".join(f"{x:.4g}" for x in np.round(point, 6) + 0.0)
-            why = (
-                f"moving {_told(chain, joints)} leaves the point ({where}) m of the hand at rest, so {_told(chain, first)} "
-                f"{_are(first)} searched for its place, then {_told(chain, joints)} for the goal"
-            )
-            at = (float(point[0]), float(point[1]), float(point[2]))
-            return Split(first, joints, idle, at, why + _idly(chain, idle), look.evaluations)
-        why = (
-            f"moving {_told(chain, joints)} leaves a point of the hand at rest, but of the {freedom} ways in which the hand "
-            f"can move its place settles {place}, and they cannot settle the others"
-        )
-    sentence = f"{_told(chain, movers)} {_are(movers)} searched as one chain: {why}" + _idly(chain, idle)
-    return Split(movers, (), idle, (0.0, 0.0, 0.0), sentence, look.evaluations)
-
-
-def _resting(look: _Look, movers: Joints) -> list[tuple[Joints, Array]]:
-    """Ever more joints that leave a point at rest, from the last one on, and that point [m], (3,)."""
-    found: list[tuple[Joints, Array]] = []
-    for j in reversed(movers):
-        joints = (j, *(found[-1][0] if found else ()))
-        point = look.point_at_rest(joints)
-        if point is not None:
-            found.append((joints, point))
-    return found
-
-
-def _told(chain: Mechanism, joints: Joints) -> str:
-    return ", ".join(chain.joint_names[j] for j in joints)
-
-
-def _are(joints: Joints) -> str:
-    return "is" if len(joints) == 1 else "are"
-
-
-def _idly(chain: Mechanism, idle: Joints) -> str:
-    return f"; moving {_told(chain, idle)} changes nothing that the goal asks for" if idle else ""
-
-
-class _Look:
-    """Poses of the hand at some settings, and what moving one joint alone makes of them."""
-
-    def __init__(self, chain: Mechanism, goal: Goal) -> None:
-        """Ask for all poses that are needed.
-
-        Raises:
-            InvalidProblem: The goal has free axes or ranges.
-        """
-        self.axes = goal.tip_rotation[:, : goal.columns]
-        """Directions whose image the goal tells, as columns, (3, c): all of a pose, the tool axis of a direction."""
-        n, rng = chain.dof, np.random.default_rng(1)
-        span = chain.upper - chain.lower
-        step = STEP * chain.span
-        settings = chain.lower + step + rng.random((SETTINGS, n)) * (span - 2 * step)
-        moved = np.repeat(settings[None], n, axis=0)
-        lower, upper = np.repeat(settings[None], n, axis=0), np.repeat(settings[None], n, axis=0)
-        for j in range(n):
-            moved[j, :, j] = chain.lower[j] + rng.random(SETTINGS) * span[j]
-            lower[j, :, j] -= step[j]
-            upper[j, :, j] += step[j]
-        q = np.concatenate([settings[None], moved, lower, upper])
-        inside = np.clip(q, chain.lower, chain.upper).reshape(-1, n)
-        self.evaluations = len(inside)
-        """Poses asked for."""
-        poses = _poses(chain, goal, inside).reshape(*q.shape[:2], 4, 4)
-        self.settings, self.moved = poses[0], poses[1 : n + 1]
-        self.lower, self.upper = poses[n + 1 : 2 * n + 1], poses[2 * n + 1 :]
-        reach = float(np.nanmax(np.abs(poses[..., :3, 3]), initial=0.0))
-        self.reach = max(reach, 1e-3)
-        """[m]"""
-        self.still = (1e-5 if chain.single else STILL) * self.reach
-        """[m]"""
-
-    def moves(self, j: int) -> bool:
-        """Does a joint move anything of the hand that the goal asks for?"""
-        turn, slide = self._between(j)
-        turned = turn @ self.axes * self.reach
-        return bool(max(np.abs(slide).max(initial=0.0), np.abs(turned).max(initial=0.0)) > self.still)
-
-    def point_at_rest(self, joints: Joints) -> Array | None:
-        """The point nearest to the tip that none of these joints moves, if there is one that the goal tells of [m], (3,)."""
-        turns, slides = zip(*(self._between(j) for j in joints), strict=True)
-        A, b = np.concatenate(turns).reshape(-1, 3) @ self.axes, np.concatenate(slides).reshape(-1)
-        if not len(b):
-            return None
-        point = np.zeros(3)
-        if self.axes.size:
-            point = self.axes @ np.linalg.lstsq(A, b, rcond=1e-6)[0]
-        left = np.abs(np.concatenate(turns) @ point - np.concatenate(slides)).max()
-        near = np.linalg.norm(point) <= 2 * self.reach
-        return point if near and left <= self.still else None
-
-    def freedom(self, joints: Joints, point: Array | None = None) -> int:
-        """In how many ways some joints can move what the goal asks for, or a point (3,) of the hand."""
-        if not joints:
-            return 0
-        J = np.stack(
-            [self._features(self.upper[j], point) - self._features(self.lower[j], point) for j in joints]
-        )
-        J = J[:, ~np.isnan(J).any(axis=(0, 2))]
-        largest = np.abs(J).max(axis=(1, 2), initial=0.0)
-        # A joint with a narrow range counts as much as one with a wide one.
-        J = (J / np.where(largest > 0, largest, 1.0)[:, None, None]).transpose(1, 2, 0)
-        values = np.linalg.svd(J, compute_uv=False)
-        return int((values > FREEDOM * values.max(initial=1e-300)).sum(axis=1).max(initial=0))
-
-    def _between(self, j: int) -> tuple[Array, Array]:
-        """R - R' and p' - p where a joint is moved from one pose to another, (k, 3, 3) and (k, 3), where there are both."""
-        before, after = self.settings, self.moved[j]
-        there = ~np.isnan(before + after).any(axis=(1, 2))
-        turn = before[there, :3, :3] - after[there, :3, :3]
-        return turn, after[there, :3, 3] - before[there, :3, 3]
-
-    def _features(self, poses: Array, point: Array | None) -> Array:
-        """What the goal asks for, (k, 3 + 3c), or where a point is, (k, 3), in parts of the arm's reach."""
-        if point is not None:
-            return (poses[:, :3, :3] @ point + poses[:, :3, 3]) / self.reach
-        turned = (poses[:, :3, :3] @ self.axes).reshape(len(poses), -1)
-        return np.concatenate([poses[:, :3, 3] / self.reach, turned], axis=1)
-
-
-def _poses(chain: Mechanism, goal: Goal, q: Array) -> Array:
-    """Poses of the goal's tool, or of the tip, (k, n) -> (k, 4, 4), lengths in [m]."""
-    poses = chain.forward(q)
-    return np.asarray(poses if goal.tool is None else poses @ goal.tool)
-
-
-class _Known(NamedTuple):
-    """What is kept of an arm for a kind of goal."""
-
-    split: Split
-    first: Mechanism | None
-    """The first chain, the others held in the middle; its tip is the point if there is a second chain. None: made anew, for
-    what is made of a function would keep that function for ever."""
-    second: Mechanism | None
-    """The second chain with the first in the middle."""
-
-
-KEPT = 16
-"""Kinds of goal, tools and tool axes that are kept for an arm, the last ones used."""
-
-_known: Shelf[Mechanism, tuple[int, bytes | None], _Known] = Shelf(KEPT)
-
-
-def known_of(chain: Mechanism, goal: Goal) -> _Known:
-    """What was found out about an arm for a kind of goal and a tool: at the first call, and dropped with the arm."""
-
-    def find_out() -> _Known:
-        split = find_split(chain, goal)
-        made_anew = split.whole or chain.axes is None
-        return _Known(split, None, None) if made_anew else _Known(split, *parts(chain, goal, split))
-
-    key = (goal.columns, None if goal.tip is None else goal.tip.tobytes())
-    return _known.of(chain).get(key, find_out)
-
-
-def parts(chain: Mechanism, goal: Goal, split: Split) -> tuple[Mechanism, Mechanism | None]:
-    """Both chains, with what is not theirs in the middle."""
-    q = middle(chain)
-    if not split.second:
-        return chain.part(split.first, q, None), None
-    tool = np.eye(4) if goal.tool is None else goal.tool.copy()
-    tool[:3, 3] += tool[:3, :3] @ np.array(split.point)
-    return chain.part(split.first, q, tool), chain.part(split.second, q, None)

@@ -1,146 +1,22 @@
-"""Pictures of arms and of searches with Matplotlib (extra ``experiments``).
-
-Nothing is computed here but where joints are, and how far off a goal is.
-
->>> from kinseek import plots
->>> figure, axes = plots.space()                    # doctest: +SKIP
->>> plots.draw_arm(axes, arm, solution.q)           # doctest: +SKIP
->>> plots.save(figure, "arm.png")                   # doctest: +SKIP
-
-Of a solution with a trace, ``arm.ik(..., trace=True)``: `tree`, `circles` and `breadths` are Figures 1 to 3 of the paper as
-pictures of a real search, `windows` shows a search closing in on its answer, and `progress` sets any searches side by side.
-"""
+"""Pictures of what searches did, from their traces: Figures 1 to 3 of the paper, and searches side by side."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from numbers import Integral
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from .arm import Arm
-from .errors import InvalidProblem, InvalidUse, MissingExtra
-from .robots.chain import joint_points
-from .solution import Solution, judge
-from .trace import Pass, Trace
+from kinseek.errors import InvalidUse
+from kinseek.solution import Solution, judge
+from kinseek.trace import Pass, Trace
+
+from .arms import COLOURS, plane, pyplot
+from .shown import joint_of, judged, named, pass_of, trace_of, turning, with_windows
 
 Array = NDArray[np.float64]
-
-COLOURS = ("#0072b2", "#c23b00", "#009e73", "#e69f00", "#7a4e8f", "#56b4e9", "#000000", "#999999")
-"""Apart for most eyes, and in grey."""
-
-ZOOM = 0.85
-"""Of the box in space, so that numbers and labels beside it stay in the picture."""
-
-NUMBERS, LABEL = 11.5, 30.0
-"""Way of numbers and of a label from an axis of a cube [pt], with Matplotlib's own 8 and 21 in it."""
-
-
-def _pyplot() -> Any:
-    try:
-        import matplotlib
-    except ImportError:
-        raise MissingExtra("A picture", "experiments") from None
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    pyplot.rcParams.update({"font.size": 9, "grid.alpha": 0.3})
-    return pyplot
-
-
-def space(
-    size: tuple[float, float] = (5.2, 4.6), elevation: float = 22.0, azimuth: float = -60.0
-) -> tuple[Any, Any]:
-    """Make a figure with axes in space, lengths in [m], drawn without a screen.
-
-    Args:
-        size: Of the figure [inch].
-        elevation: Of the eye [degrees].
-        azimuth: Of the eye [degrees].
-
-    Raises:
-        MissingExtra: Matplotlib is not installed.
-    """
-    figure = _pyplot().figure(figsize=size, layout="constrained")
-    axes = figure.add_subplot(projection="3d")
-    axes.view_init(elevation, azimuth)
-    axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
-    return figure, axes
-
-
-def plane(columns: int = 1, size: tuple[float, float] = (5.2, 4.2), rows: int = 1) -> tuple[Any, Any]:
-    """Make a figure with axes in a plane, an array of them if there are more than one, drawn without a screen.
-
-    Args:
-        columns: Axes beside each other.
-        size: Of the figure [inch].
-        rows: Axes below each other.
-
-    Raises:
-        MissingExtra: Matplotlib is not installed.
-    """
-    figure, axes = _pyplot().subplots(rows, columns, figsize=size, layout="constrained")
-    for each in np.ravel(axes):
-        each.grid(True)
-    return figure, axes
-
-
-def draw_line(axes: Any, points: ArrayLike, **look: Any) -> None:
-    """Draw a line through points, (k, 2) or (k, 3) [m]; `look` as Matplotlib's `plot` takes it."""
-    axes.plot(*np.asarray(points, dtype=float).T, **look)
-
-
-def draw_arm(axes: Any, arm: Arm, q: ArrayLike, color: str = COLOURS[0], **look: Any) -> None:
-    """Draw a serial arm as a line through its joints at joint values q, (n,).
-
-    Raises:
-        InvalidProblem: An arm that is a function: nobody knows where its joints are.
-    """
-    if arm.axes is None:
-        raise InvalidProblem(
-            f"{arm.name!r} is a function: where its links are, only its author knows; use draw_line"
-        )
-    points = joint_points(arm.axes, np.asarray(q, dtype=float))
-    draw_line(axes, points, **({"color": color, "linewidth": 2.5, "solid_capstyle": "round"} | look))
-    moving = points[1:-1]
-    axes.scatter(*moving.T, color=color, s=14, alpha=look.get("alpha", 1.0))
-
-
-def draw_frame(axes: Any, T: ArrayLike, length: float) -> None:
-    """Draw the axes x, y and z of a pose, (4, 4), in red, green and blue, `length` [m] long."""
-    matrix = np.asarray(T, dtype=float)
-    for c, color in enumerate((COLOURS[1], COLOURS[2], COLOURS[0])):
-        draw_line(axes, [matrix[:3, 3], matrix[:3, 3] + length * matrix[:3, c]], color=color, linewidth=1.4)
-
-
-def same_scale(axes: Any) -> None:
-    """Let a metre be as long along every axis."""
-    if not hasattr(axes, "get_zlim"):
-        axes.set_aspect("equal")
-        return
-    from matplotlib.ticker import MaxNLocator
-
-    ends = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
-    sides = ends[:, 1] - ends[:, 0]
-    axes.set_box_aspect(sides, zoom=ZOOM)
-    elevation, azimuth = np.radians([axes.elev, axes.azim])
-    towards = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
-    seen = sides * np.sqrt(1.0 - np.square(towards))
-    for i, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
-        # An axis that is short, or points at the eye, has few numbers, else they are printed over each other. Those of z
-        # stand above each other and take less room.
-        least = 2 if i == 2 else 1
-        axis.set_major_locator(MaxNLocator(max(least, round(5 * seen[i] / seen.max())), min_n_ticks=least))
-        # Matplotlib moves numbers and label away from an axis by a share of the two other sides: into the numbers where
-        # those are short, out of the picture where they are long. Here the way is as long as beside a cube.
-        beside = np.linalg.norm(np.delete(sides, i)) / np.linalg.norm(sides) / np.sqrt(2 / 3)
-        axis.labelpad = LABEL / beside - 21.0
-        axis.set_tick_params(pad=NUMBERS / beside - 8.0)
-
 
 MOST_LEAVES = 1000
 """Of a tree that is drawn."""
@@ -180,7 +56,7 @@ def progress(
     }
     if error not in names:
         raise InvalidUse(f"error must be one of {', '.join(names)}; got {error!r}")
-    drawn = _named(traces)
+    drawn = named(traces)
     figure, axes = plane(size=size)
     for i, (name, trace) in enumerate(drawn.items()):
         errors = np.maximum(getattr(trace, f"{error}_errors"), LEAST_ERROR)
@@ -208,8 +84,8 @@ def tree(solution: Solution, number: int = 1, size: tuple[float, float] = (7.2, 
         InvalidUse: No trace, a batch, a pass without a window, or more leaves than can be told apart.
         MissingExtra: Matplotlib is not installed.
     """
-    trace = _trace_of(_judged(solution))
-    one = _pass(trace, number)
+    trace = trace_of(judged(solution))
+    one = pass_of(trace, number)
     values = [one.values(d) for d in range(len(trace.joint_names))]
     counts = [len(each) for each in values]
     leaves = int(np.prod(counts))
@@ -279,11 +155,11 @@ def circles(
         InvalidUse: No trace, a batch, no such joint, one that slides, no pass with a window, or less than one pass.
         MissingExtra: Matplotlib is not installed.
     """
-    trace = _trace_of(solution)
-    d = _turning(trace, joint)
+    trace = trace_of(solution)
+    d = turning(trace, joint)
     if passes < 1:
         raise InvalidUse(f"passes must be at least 1, got {passes}")
-    moved = [each for each in _with_windows(trace) if len(each.values(d)) > 1]
+    moved = [each for each in with_windows(trace) if len(each.values(d)) > 1]
     if not moved:
         raise InvalidUse(
             f"no pass of this {trace.search} tries more than one value of joint {trace.joint_names[d]!r}"
@@ -312,10 +188,10 @@ def breadths(
         InvalidUse: As `circles`, or a search that has no such pass.
         MissingExtra: Matplotlib is not installed.
     """
-    drawn = _named(traces)
-    shown = {name: _pass(trace, number) for name, trace in drawn.items()}
+    drawn = named(traces)
+    shown = {name: pass_of(trace, number) for name, trace in drawn.items()}
     trace = next(iter(drawn.values()))
-    d = _turning(trace, joint)
+    d = turning(trace, joint)
     return _spokes(
         shown,
         d,
@@ -366,13 +242,13 @@ def windows(
         InvalidUse: No trace, a batch, not two joints of the arm, or no pass with a window.
         MissingExtra: Matplotlib is not installed.
     """
-    trace = _trace_of(_judged(solution))
+    trace = trace_of(judged(solution))
     if not isinstance(joints, Sequence) or isinstance(joints, str) or len(joints) != 2:
         raise InvalidUse(f"joints must be two, by number or by name; got {joints!r}")
-    x, y = (_joint(trace, joint) for joint in joints)
+    x, y = (joint_of(trace, joint) for joint in joints)
     if x == y:
         raise InvalidUse(f"joints must be two different ones, got {joints!r}")
-    shown = _with_windows(trace)
+    shown = with_windows(trace)
     lower, upper = solution.problem.limits
     figure, axes = plane(2, size=size)
     answer = np.asarray(solution.q)
@@ -394,9 +270,7 @@ def windows(
             colour = COLOURS[i % 6]
             for turn in _turns(solution, (x, y)):
                 corner = start + turn
-                each.add_patch(
-                    _pyplot().Rectangle(corner, *wide, fill=False, edgecolor=colour, linewidth=1.6)
-                )
+                each.add_patch(pyplot().Rectangle(corner, *wide, fill=False, edgecolor=colour, linewidth=1.6))
             each.plot(
                 *pass_.q[[x, y]],
                 MARKS[0],
@@ -463,98 +337,3 @@ def _axis(trace: Trace, joint: int) -> str:
     """What an axis of a joint's values is called."""
     unit = {"prismatic": " [m]", "number": ""}.get(trace.kinds[joint], " [rad]")
     return f"{trace.joint_names[joint]}{unit}"
-
-
-def _trace_of(traced: Trace | Solution) -> Trace:
-    """The trace of one target.
-
-    Raises:
-        InvalidUse: A batch, something else, or no trace.
-    """
-    trace = traced.trace if isinstance(traced, Solution) else traced
-    if isinstance(trace, np.ndarray):
-        raise InvalidUse(
-            f"a picture shows one search, got a batch of shape {trace.shape}; choose one: solution[0]"
-        )
-    if not isinstance(trace, Trace):
-        raise InvalidUse(f"a trace, or a solution that has one, is needed; got {type(traced).__name__}")
-    return trace
-
-
-def _judged(solution: Solution) -> Solution:
-    """A solution, which says how far off any joint values are; a trace alone does not.
-
-    Raises:
-        InvalidUse: Something else.
-    """
-    if isinstance(solution, Trace):
-        raise InvalidUse("a trace does not know the goal, which this picture needs; give the solution")
-    return solution
-
-
-def _named(traces: Mapping[str, Trace | Solution] | Sequence[Trace | Solution]) -> dict[str, Trace]:
-    """Traces by name; without one, by that of their search."""
-    if isinstance(traces, Mapping):
-        named = {name: _trace_of(each) for name, each in traces.items()}
-    else:
-        named = {}
-        for each in map(_trace_of, [traces] if isinstance(traces, Trace | Solution) else traces):
-            again = sum(name.partition(" (")[0] == each.search for name in named)
-            named[f"{each.search} ({again + 1})" if again else each.search] = each
-    if not named:
-        raise InvalidUse("a picture needs at least one trace, got none")
-    return named
-
-
-def _joint(trace: Trace, joint: int | str) -> int:
-    """The number of a joint, from 0 on."""
-    names = trace.joint_names
-    if not isinstance(joint, str):
-        if not isinstance(joint, Integral) or isinstance(joint, bool) or not 0 <= joint < len(names):
-            raise InvalidUse(f"a joint must be a name, or a number from 0 to {len(names) - 1}; got {joint!r}")
-        return int(joint)
-    if joint not in names:
-        raise InvalidUse(f"there is no joint {joint!r}; valid: {', '.join(names)}")
-    return names.index(joint)
-
-
-def _turning(trace: Trace, joint: int | str) -> int:
-    """The number of a joint that turns, from 0 on."""
-    names, d = trace.joint_names, _joint(trace, joint)
-    if trace.kinds[d] not in ("revolute", "continuous"):
-        raise InvalidUse(f"joint {names[d]!r} is {trace.kinds[d]}: it does not turn in a circle")
-    return d
-
-
-def _pass(trace: Trace, number: int) -> Pass:
-    """Pass by its number, from 1 on."""
-    if not isinstance(number, Integral) or not 1 <= number <= len(trace):
-        raise InvalidUse(f"number must be from 1 to {len(trace)}, the passes of this search; got {number!r}")
-    return trace[number - 1]
-
-
-def _with_windows(trace: Trace) -> list[Pass]:
-    """The passes that have a window.
-
-    Raises:
-        InvalidUse: None has.
-    """
-    shown = [each for each in trace if each.counts is not None]
-    if not shown:
-        raise InvalidUse(
-            f"no pass of this {trace.search} has a window; one of DivideAndConquer or BruteForce has"
-        )
-    return shown
-
-
-def save(figure: Any, path: str | Path, dpi: int = 110) -> Path:
-    """Write a PNG of `dpi` dots an inch, without the name of the program that made it, and forget the figure.
-
-    Raises:
-        InvalidUse: The path ends in that of another format.
-    """
-    if Path(path).suffix.lower() != ".png":
-        raise InvalidUse(f"pictures are PNG files: the path must end in .png, got {str(path)!r}")
-    figure.savefig(path, dpi=dpi, metadata={"Software": None})
-    _pyplot().close(figure)
-    return Path(path)

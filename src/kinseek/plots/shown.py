@@ -1,0 +1,97 @@
+"""What of a trace is shown: which trace, which pass, which joint; and what cannot be shown is refused by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from numbers import Integral
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidUse
+from kinseek.solution import Solution
+from kinseek.trace import Pass, Trace
+
+Array = NDArray[np.float64]
+
+
+def trace_of(traced: Trace | Solution) -> Trace:
+    """The trace of one target.
+
+    Raises:
+        InvalidUse: A batch, something else, or no trace.
+    """
+    trace = traced.trace if isinstance(traced, Solution) else traced
+    if isinstance(trace, np.ndarray):
+        raise InvalidUse(
+            f"a picture shows one search, got a batch of shape {trace.shape}; choose one: solution[0]"
+        )
+    if not isinstance(trace, Trace):
+        raise InvalidUse(f"a trace, or a solution that has one, is needed; got {type(traced).__name__}")
+    return trace
+
+
+def judged(solution: Solution) -> Solution:
+    """A solution, which says how far off any joint values are; a trace alone does not.
+
+    Raises:
+        InvalidUse: Something else.
+    """
+    if isinstance(solution, Trace):
+        raise InvalidUse("a trace does not know the goal, which this picture needs; give the solution")
+    return solution
+
+
+def named(traces: Mapping[str, Trace | Solution] | Sequence[Trace | Solution]) -> dict[str, Trace]:
+    """Traces by name; without one, by that of their search."""
+    if isinstance(traces, Mapping):
+        named = {name: trace_of(each) for name, each in traces.items()}
+    else:
+        named = {}
+        for each in map(trace_of, [traces] if isinstance(traces, Trace | Solution) else traces):
+            again = sum(name.partition(" (")[0] == each.search for name in named)
+            named[f"{each.search} ({again + 1})" if again else each.search] = each
+    if not named:
+        raise InvalidUse("a picture needs at least one trace, got none")
+    return named
+
+
+def joint_of(trace: Trace, joint: int | str) -> int:
+    """The number of a joint, from 0 on."""
+    names = trace.joint_names
+    if not isinstance(joint, str):
+        if not isinstance(joint, Integral) or isinstance(joint, bool) or not 0 <= joint < len(names):
+            raise InvalidUse(f"a joint must be a name, or a number from 0 to {len(names) - 1}; got {joint!r}")
+        return int(joint)
+    if joint not in names:
+        raise InvalidUse(f"there is no joint {joint!r}; valid: {', '.join(names)}")
+    return names.index(joint)
+
+
+def turning(trace: Trace, joint: int | str) -> int:
+    """The number of a joint that turns, from 0 on."""
+    names, d = trace.joint_names, joint_of(trace, joint)
+    if trace.kinds[d] not in ("revolute", "continuous"):
+        raise InvalidUse(f"joint {names[d]!r} is {trace.kinds[d]}: it does not turn in a circle")
+    return d
+
+
+def pass_of(trace: Trace, number: int) -> Pass:
+    """Pass by its number, from 1 on."""
+    if not isinstance(number, Integral) or not 1 <= number <= len(trace):
+        raise InvalidUse(f"number must be from 1 to {len(trace)}, the passes of this search; got {number!r}")
+    return trace[number - 1]
+
+
+def with_windows(trace: Trace) -> list[Pass]:
+    """The passes that have a window.
+
+    Raises:
+        InvalidUse: None has.
+    """
+    shown = [each for each in trace if each.counts is not None]
+    if not shown:
+        raise InvalidUse(
+            f"no pass of this {trace.search} has a window; one of DivideAndConquer or BruteForce has"
+        )
+    return shown
