@@ -104,6 +104,7 @@ def test_ctrl_c_is_heard_and_the_arm_works_on(reports: dict[str, dict[str, Any]]
 
 LOADING = """
 import os, signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # A job in the background begins without it.
 from numba.core import codegen
 given, seen = codegen.CPUCodeLibrary.__dict__["_object_getbuffer_hook"].__func__, []
 def hook(cls, module):

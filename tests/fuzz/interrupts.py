@@ -186,6 +186,7 @@ def interrupted(call: Call, delay: float) -> float | None:
 def inside(name: str, moments: int, seed: int) -> dict[str, Any]:
     """Interrupt one call at random moments; say how often it was heard, how late at worst, and what was wrong."""
     faulthandler.enable()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # A job in the background begins without it.
     rng, call = random.Random(f"{seed} {name}"), CALLS[name]()
     before, took = None, 0.5
     if name not in LONG:
