@@ -171,7 +171,7 @@ def test_a_function_whose_joints_move_nothing_gets_a_step_however_small_its_damp
     """Three joints do the same, one twice and one four times as fast, and the last does nothing."""
     box: Any = kinseek.Arm.from_fk(
         lambda q: np.tile(np.eye(4), (len(q), 1, 1)), [-1.0] * 4, [1.0] * 4, kinds="prismatic"
-    ).chain
+    ).mechanism
     slopes = np.zeros((1, 3, 4))
     slopes[0, 0] = [1.0, 2.0, 4.0, 0.0]
     for damping in (1e-2, 1e-12, 1e-20, 1e-200):

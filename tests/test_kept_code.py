@@ -202,8 +202,8 @@ def test_a_folder_that_breaks_while_kernels_are_defined_is_not_replaced_by_the_s
 ) -> None:
     """Numba would go on to the folder of the sources, where no digest guards against stale code."""
     broken = """
-import kinseek.kernels.jit as jit
-folder = jit._CACHE
+import kinseek.kernels.compiler as compiler
+folder = compiler._CACHE
 folder.rename(folder.with_name("gone"))
 folder.write_text("")
 """
