@@ -247,7 +247,9 @@ def few_samples() -> None:
 def _compiled(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """What machine code answers in all the cases."""
     to = tmp_path_factory.mktemp("compiled") / "answers"
-    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_DISABLE_JIT"}
+    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_DISABLE_JIT"} | {
+        "KINSEEK_JIT": "1"
+    }
     subprocess.run([sys.executable, __file__, str(to)], env=environment, check=True)
     answers: dict[str, Any] = pickle.loads(to.read_bytes())
     return answers
