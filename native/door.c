@@ -14,14 +14,13 @@
 #define MOST_NAMES 32
 #define MOST_RESULTS 8
 
-enum { FLOAT, INTEGER, FLAG, ARRAY, BUNDLE };  /* As native/build.py writes them. */
+enum { FLOAT, INTEGER, FLAG, ARRAY, BUNDLE };  /* As src/kinseek/kernels/route.py writes them. */
 
 typedef struct {
     int32_t (*code)(int64_t *);
     PyObject *explain;  /* Called with the arguments where they do not fit: it raises a TypeError that says why. */
-    int arguments, slots, results;
+    int arguments, results;
     int32_t result_kind[MOST_RESULTS];
-    Py_ssize_t length;
     int32_t program[];
 } Entry;
 
@@ -194,10 +193,8 @@ static PyObject *make_entry(PyObject *self, PyObject *args) {
     entry->explain = explain;
     Py_INCREF(explain);
     entry->arguments = arguments;
-    entry->slots = slots;
     entry->results = (int)(results / 4);
     memcpy(entry->result_kind, kinds, (size_t)results);
-    entry->length = length;
     memcpy(entry->program, program, (size_t)length);
     PyObject *capsule = PyCapsule_New(entry, "kinseek.entry", forget);
     if (!capsule) return NULL;

@@ -1,0 +1,128 @@
+"""How a declared kernel is called from outside: a wrapper in LLVM's language, beside what Numba makes of the kernel.
+
+An entry's wrapper takes a table of 64-bit numbers: of every number its value, of every array its address and its
+lengths, in the order of the declaration, bundles taken apart; behind them it writes what the kernel returns. The library
+that is built with the package and what is exported for controllers are called so.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir
+from numba.core import cgutils as typed_cgutils
+from numba.core import types as typed_types
+from numba.np import arrayobj as typed_arrayobj
+
+from .compiler import bare, signature_of
+from .entry import Bundle, Entry
+from .jit import Routine
+
+# Half typed in Numba itself.
+types: Any = typed_types
+cgutils: Any = typed_cgutils
+arrayobj: Any = typed_arrayobj
+
+ELEMENTS = {"f": types.float64, "i": types.int64, "b": types.boolean}
+WORD = ir.IntType(64)
+
+
+def compiled(one: Entry | Routine) -> Any:
+    """What Numba makes of an entry or a routine."""
+    declared = (
+        map(numba_type, one.takes.values()) if isinstance(one, Entry) else signature_of(one.signature)[0]
+    )
+    signature = tuple(declared)
+    kernel = bare(one.function, isinstance(one, Entry) and one.exact)
+    kernel.compile(signature)
+    return kernel.overloads[signature]
+
+
+def wrapper_of(one: Entry | Routine, made: Any, name: str) -> str:
+    """A module, in LLVM's language, that holds nothing but the wrapper of what `compiled` gave.
+
+    The wrapper of an entry returns 0, or Numba's number for a failure; that of a routine is a C function of numbers that
+    returns a number, -1 where it failed.
+    """
+    signature = tuple(made.signature.args)
+    context, result = made.target_context, made.signature.return_type
+    module = ir.Module(name)
+    if isinstance(one, Entry):
+        kind = ir.FunctionType(ir.IntType(32), [WORD.as_pointer()])
+    else:
+        kind = ir.FunctionType(WORD, [context.get_value_type(each) for each in signature])
+    function = ir.Function(module, kind, name)
+    builder = ir.IRBuilder(function.append_basic_block())
+    callee = context.declare_function(module, made.fndesc)
+
+    def call(arguments: list[Any]) -> Any:
+        return context.call_conv.call_function(builder, callee, result, signature, arguments)
+
+    if isinstance(one, Entry):
+        table = Table(context, builder, function.args[0])
+        status, value = call([table.read(each) for each in signature])
+        table.write(result, value, one)
+        builder.ret(status.code)
+    else:
+        status, value = call(list(function.args))
+        builder.ret(builder.select(status.is_ok, value, WORD(-1)))
+    return str(module)
+
+
+def numba_type(one: Any) -> Any:
+    """What Numba calls what an entry takes."""
+    if isinstance(one, Bundle):
+        return types.BaseTuple.from_types(tuple(map(numba_type, one.fields.values())), one.made_of)
+    element = ELEMENTS[one.element]
+    return types.Array(element, len(one.shape), "C") if one.shape else element
+
+
+class Table:
+    """Arguments in a table of 64-bit numbers, one after the other, results behind them."""
+
+    def __init__(self, context: Any, builder: Any, table: Any) -> None:
+        """Begin at the beginning of a table."""
+        self.context, self.builder, self.table, self.place = context, builder, table, 0
+
+    def _next(self, kind: Any) -> Any:
+        """Where the next number stands, as a pointer to such a value."""
+        place = self.builder.gep(self.table, [WORD(self.place)])
+        self.place += 1
+        return self.builder.bitcast(place, kind.as_pointer())
+
+    def read(self, kind: Any) -> Any:
+        """The value of a type."""
+        if isinstance(kind, types.BaseTuple):
+            return self.context.make_tuple(self.builder, kind, [self.read(each) for each in kind.types])
+        if isinstance(kind, types.Array):
+            return self._array(kind)
+        if kind == types.float64:
+            return self.builder.load(self._next(ir.DoubleType()))
+        number = self.builder.load(self._next(WORD))
+        return self.builder.icmp_signed("!=", number, WORD(0)) if kind == types.boolean else number
+
+    def _array(self, kind: Any) -> Any:
+        array = arrayobj.make_array(kind)(self.context, self.builder)
+        data = self.builder.inttoptr(self.builder.load(self._next(WORD)), array.data.type)
+        shape = [self.builder.load(self._next(WORD)) for _ in range(kind.ndim)]
+        size = self.context.get_abi_sizeof(self.context.get_data_type(kind.dtype))
+        strides = [WORD(size)]
+        for length in reversed(shape[1:]):
+            strides.insert(0, self.builder.mul(strides[0], length))
+        arrayobj.populate_array(array, data, shape, strides, size, None)
+        return array._getvalue()
+
+    def write(self, kind: Any, value: Any, one: Entry) -> None:
+        """Put what an entry returns behind its arguments.
+
+        Raises:
+            TypeError: It is not what is declared.
+        """
+        many = isinstance(kind, types.BaseTuple)
+        kinds = tuple(kind.types) if many else () if kind == types.none else (kind,)
+        if kinds != tuple(map(numba_type, one.returns)):
+            raise TypeError(f"{one.name} returns {kind}, declared is {one.returns}")
+        values = cgutils.unpack_tuple(self.builder, value) if many else [value]
+        for each, part in zip(kinds, values, strict=False):  # One that returns nothing has a value too.
+            wide = self.builder.zext(part, WORD) if each == types.boolean else part
+            self.builder.store(wide, self._next(ir.DoubleType() if each == types.float64 else WORD))
