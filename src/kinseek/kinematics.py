@@ -313,6 +313,12 @@ class ForwardArm:
             raise InvalidProblem(no_axes(self._mechanism, why))
         return self._axes
 
+    def _repr_html_(self) -> str:
+        """For notebooks: the joints, and a picture in the middle of their limits."""
+        from .notebook.cards import arm_card
+
+        return arm_card(self)
+
     def __repr__(self) -> str:
         """Name, joints and frames; whether it carries a tool, and where joints are locked."""
         tool = " + tool" if self._axes is not None and self._axes.tooled else ""

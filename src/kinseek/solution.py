@@ -49,6 +49,8 @@ class Status(Enum):
         return self.value
 
 
+_TOLD = ("position_error", "orientation_error", "weighted_error", "evaluations")
+"""What tables tell of an answer."""
 _NO: Any = False
 _NONE: Any = 0
 
@@ -282,6 +284,31 @@ class Solution(Generic[Flag, Number, Count, State]):
             f"{goal.orientation_tolerance:g} rad{refusals}",
             self,
         )
+
+    def to_frame(self) -> Any:
+        """A ``pandas.DataFrame``: a row for each target; its joint values by name, then status, errors and evaluations.
+
+        The rows of a batch of several dimensions are called by all their numbers.
+
+        Raises:
+            MissingExtra: pandas is not installed.
+        """
+        from .notebook.frames import frame
+
+        solution: Solution = self
+        shape = np.shape(solution.success) or (1,)
+        facts = {name: np.ravel(getattr(solution, name)) for name in ("success", *_TOLD)}
+        states = [status.name for status in np.ravel(np.asarray(solution.status, dtype=object))]
+        numbers = [np.ravel(each) for each in np.indices(shape)]
+        names = ["target"] if len(shape) == 1 else [f"target {i}" for i in range(len(shape))]
+        joints = solution.problem.mechanism.joint_names
+        return frame(joints, self.q.reshape(-1, len(joints)), {"status": states, **facts}, numbers, names)
+
+    def _repr_html_(self) -> str:
+        """For notebooks: a table and a picture; of a batch its first rows."""
+        from .notebook.cards import solution_card
+
+        return solution_card(self)
 
     def __repr__(self) -> str:
         """Short enough to print in a shell."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.errors import InvalidUse
 from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR
 from kinseek.kernels.branches.refine_all import ANSWERS, CONTINUUM, SPENT
 from kinseek.problem import MadeWhenAsked, Problem
@@ -69,6 +70,24 @@ class Branches:
         """Joint values by name, base to tip: of each one value an answer, (k,), [rad] or [m]."""
         return by_name(self.problem.mechanism.joint_names, self.q)
 
+    def to_frame(self) -> Any:
+        """A ``pandas.DataFrame``: a row for each answer; its joint values by name, then its errors.
+
+        Raises:
+            MissingExtra: pandas is not installed.
+        """
+        from kinseek.notebook.frames import frame
+
+        facts = {"position_error": self.position_error, "orientation_error": self.orientation_error}
+        names = self.problem.mechanism.joint_names
+        return frame(names, self.q, facts, [np.arange(len(self))], ["branch"])
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the first answers, and a picture of these."""
+        from kinseek.notebook.cards import branches_card
+
+        return branches_card(self)
+
     def __repr__(self) -> str:
         """Short enough to print in a shell."""
         what = "a sample" if self.sampled else "complete" if self.complete else "not proved complete"
@@ -120,6 +139,30 @@ class BranchesBatch(Sequence[Branches]):
         if not self.each:
             return np.zeros((0, 0))
         return np.concatenate([one.q for one in self.each])
+
+    def to_frame(self) -> Any:
+        """A ``pandas.DataFrame``: a row for each answer to each goal, called by the goal's flat number and its own.
+
+        Raises:
+            MissingExtra: pandas is not installed.
+            InvalidUse: A batch of no goals, which tells no joints.
+        """
+        from kinseek.notebook.frames import frame
+
+        if not self.each:
+            raise InvalidUse("a batch of no goals has no table")
+        columns = ("position_error", "orientation_error")
+        facts = {name: np.concatenate([getattr(one, name) for one in self.each]) for name in columns}
+        goals = np.repeat(np.arange(len(self)), self.counts.ravel())
+        branches = np.concatenate([np.arange(len(one)) for one in self.each])
+        names = self.each[0].problem.mechanism.joint_names
+        return frame(names, self.q, facts, [goals, branches], ["target", "branch"])
+
+    def _repr_html_(self) -> str:
+        """For notebooks: how many answers the first goals have."""
+        from kinseek.notebook.cards import branches_batch_card
+
+        return branches_batch_card(self)
 
     def __repr__(self) -> str:
         """Short enough to print in a shell."""

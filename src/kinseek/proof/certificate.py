@@ -65,6 +65,12 @@ class Certificate:
             + (" The time was up." if self.out_of_time else "")
         )
 
+    def _repr_html_(self) -> str:
+        """For notebooks: what is proved, the bounds, and a picture of the best pose found."""
+        from kinseek.notebook.cards import certificate_card
+
+        return certificate_card(self)
+
     def __repr__(self) -> str:
         """Short enough to print in a shell."""
         return (
