@@ -13,10 +13,12 @@ import pytest
 from benchmarks.black_box import example_case
 from benchmarks.targets import plain_fk, pose_errors, random_joints, singular_joints, strict
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 import kinseek
 from kinseek import Goal, InvalidProblem, InvalidRobot, InvalidSolver, KinseekError, Problem, Status
 from kinseek.errors import FailedKinematics
+from kinseek.solvers.black_box.samples import nearest_columns
 from reference import errors, fk, weighted_error
 
 Array = NDArray[np.float64]
@@ -526,3 +528,20 @@ def test_a_mechanism_that_never_closes_is_refused() -> None:
     box = kinseek.Arm.from_fk(lambda q: np.full((len(q), 4, 4), np.nan), [0.0], [1.0], partial=True)
     with pytest.raises(InvalidRobot, match="all of 64 samples"):
         box.ik(np.eye(4))
+
+
+@pytest.mark.parametrize("size", [1, 7, 500, 20_000])
+def test_the_nearest_samples_are_those_of_a_k_d_tree(size: int) -> None:
+    rng = np.random.default_rng(size)
+    points = np.concatenate([rng.normal(size=(size, 3)), rng.uniform(-1, 1, (size, 6))], axis=1)
+    tree, columns = cKDTree(points), np.ascontiguousarray(points.T)
+    for target in points[rng.integers(size, size=20)] + rng.normal(size=(20, 9)) * 0.1:
+        for count in {1, min(size, 64), min(size, 500)}:
+            expected = np.atleast_1d(tree.query(target, count)[1])
+            np.testing.assert_array_equal(nearest_columns(columns, target, count), expected)
+
+
+def test_of_samples_equally_near_the_first_come_first() -> None:
+    points = np.zeros((3, 100))
+    points[0, 40:] = 1.0
+    np.testing.assert_array_equal(nearest_columns(points, np.zeros(3), 60)[:40], np.arange(40))

@@ -4,11 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import kinseek
-from kinseek.transforms import inverse, rotation, rotation_onto, rotations, square, transform
+from kinseek.transforms import (
+    from_quaternion,
+    from_rpy,
+    inverse,
+    quaternion,
+    rotation,
+    rotation_onto,
+    rotations,
+    square,
+    transform,
+)
 from kinseek.turns import TURN, ends_meet, holds_a_turn, nearest_turns, one_turn, shortest
 
 Array = NDArray[np.float64]
@@ -23,6 +35,84 @@ def test_rotations_are_those_of_scipy() -> None:
     for vector, matrix in zip(VECTORS, expected, strict=True):
         angle = float(np.linalg.norm(vector))
         np.testing.assert_allclose(rotation(vector / angle, angle), matrix, rtol=0, atol=1e-15)
+
+
+ANGLES = st.one_of(
+    st.floats(-7.0, 7.0),
+    st.sampled_from([0.0, np.pi / 2, -np.pi / 2, np.pi, -np.pi, 2 * np.pi]),
+    st.floats(-1e-7, 1e-7),
+)
+AXES = st.tuples(*[st.one_of(st.floats(-1.0, 1.0), st.sampled_from([0.0, 1.0, -1.0]))] * 3)
+
+
+def around(axis: tuple[float, float, float], angle: float) -> Array:
+    length = float(np.linalg.norm(axis))
+    return np.array(axis) / length * angle if length > 1e-3 else np.array([angle, 0.0, 0.0])
+
+
+@given(st.tuples(ANGLES, ANGLES, ANGLES))
+def test_roll_pitch_and_yaw_are_those_of_scipy(angles: tuple[float, float, float]) -> None:
+    expected = Rotation.from_euler("xyz", angles).as_matrix()
+    np.testing.assert_allclose(from_rpy(np.array(angles)), expected, rtol=0, atol=2e-15)
+
+
+@given(AXES, ANGLES)
+def test_rotation_vectors_are_those_of_scipy_near_0_and_half_a_turn(
+    axis: tuple[float, float, float], angle: float
+) -> None:
+    vector = around(axis, angle)
+    np.testing.assert_allclose(
+        rotations(vector), Rotation.from_rotvec(vector).as_matrix(), rtol=0, atol=2e-15
+    )
+
+
+@given(AXES, ANGLES)
+def test_quaternions_are_those_of_scipy_near_0_and_half_a_turn(
+    axis: tuple[float, float, float], angle: float
+) -> None:
+    turn = Rotation.from_rotvec(around(axis, angle)).as_matrix()
+    found, expected = quaternion(turn), np.roll(Rotation.from_matrix(turn).as_quat(canonical=True), 1)
+    # Of half a turn either sign is right, and rounding chooses.
+    off = min(np.abs(found - expected).max(), np.abs(found + expected).max() if found[0] < 1e-8 else np.inf)
+    assert off <= 4e-16 * 4
+    assert found[0] >= 0.0
+    assert next(value for value in found if value != 0.0) > 0.0
+    # Small angles keep all their digits: there the vector is half the angle.
+    np.testing.assert_allclose(2 * np.abs(found[1:]), 2 * np.abs(expected[1:]), rtol=1e-9, atol=1e-16)
+
+
+@given(st.tuples(*[st.floats(-1.0, 1.0)] * 4), st.sampled_from([1e-8, 0.3, 1.0, 7.0, 1e150, 1e300]))
+def test_quaternions_of_any_length_give_the_rotations_of_scipy(
+    numbers: tuple[float, float, float, float], length: float
+) -> None:
+    wxyz = np.array(numbers)
+    if np.linalg.norm(wxyz) < 0.2:
+        wxyz = np.array([0.1, 0.2, 0.3, -0.9])
+    expected = Rotation.from_quat(np.roll(wxyz, -1)).as_matrix()
+    turn = from_quaternion(wxyz * length)
+    np.testing.assert_allclose(turn, expected, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(turn.T @ turn, np.eye(3), rtol=0, atol=1e-15)
+    unit = wxyz / np.linalg.norm(wxyz)
+    np.testing.assert_allclose(np.abs(quaternion(turn) @ unit), 1.0, rtol=0, atol=1e-15)
+
+
+def test_a_stack_of_rotations_is_turned_as_each_of_them() -> None:
+    stack = RNG.normal(size=(2, 5, 3))
+    for of in (from_rpy, rotations):
+        np.testing.assert_array_equal(of(stack), [[of(one) for one in row] for row in stack])
+    turns = rotations(stack)
+    wxyz = quaternion(turns)
+    assert wxyz.shape == (2, 5, 4)
+    np.testing.assert_array_equal(wxyz, [[quaternion(one) for one in row] for row in turns])
+    np.testing.assert_allclose(from_quaternion(wxyz), turns, rtol=0, atol=2e-15)
+    assert quaternion(np.zeros((0, 3, 3))).shape == (0, 4)
+    assert from_quaternion(np.zeros((0, 4))).shape == from_rpy(np.zeros((0, 3))).shape == (0, 3, 3)
+
+
+def test_half_turns_have_one_quaternion_each() -> None:
+    for axis in np.eye(3):
+        turn = 2 * np.outer(axis, axis) - np.eye(3)
+        np.testing.assert_array_equal(quaternion(turn), [0.0, *axis])
 
 
 def test_a_rotation_takes_one_axis_onto_another() -> None:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import InvalidGoal
 from .kernels.arm.pose_error import LARGEST, all_rigid, rigid_each
 from .shapes import Pose
-from .transforms import rotation_onto
+from .transforms import from_quaternion, from_rpy, rotation_onto, rotations
 from .units import warn_of_angles
 
 Array = NDArray[np.float64]
@@ -198,22 +198,17 @@ def _why_not_rigid(off: float, row: float, mirrored: bool, where: str) -> str:
 
 
 def _rotation_matrix(name: str, value: ArrayLike) -> Array:
-    from scipy.spatial.transform import Rotation
-
-    numbers = _finite(value, name, 4 if name.startswith("quat") else 3)
-    if name == "rpy":
-        return np.asarray(Rotation.from_euler("xyz", numbers.reshape(-1, 3)).as_matrix()).reshape(
-            *numbers.shape[:-1], 3, 3
-        )
-    if name == "rotvec":
-        return np.asarray(Rotation.from_rotvec(numbers.reshape(-1, 3)).as_matrix()).reshape(
-            *numbers.shape[:-1], 3, 3
-        )
-    length = np.linalg.norm(numbers, axis=-1)
+    if name in ("rpy", "rotvec"):
+        angles = _finite(value, name, 3)
+        if (most := float(np.abs(angles).max(initial=0.0))) > LARGEST:
+            raise InvalidGoal(f"{name} must have angles of at most {LARGEST:g} rad, got {most:g}")
+        return from_rpy(angles) if name == "rpy" else rotations(angles)
+    numbers = _finite(value, name, 4)
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(numbers, axis=-1)
     if (length < 1e-9).any():
         raise InvalidGoal(f"{name} has length {length.min():.3g}: a zero quaternion is no rotation")
-    xyzw = numbers if name == "quat_xyzw" else np.roll(numbers, -1, axis=-1)
-    return np.asarray(Rotation.from_quat(xyzw.reshape(-1, 4)).as_matrix()).reshape(*numbers.shape[:-1], 3, 3)
+    return from_quaternion(numbers if name == "quat_wxyz" else np.roll(numbers, 1, axis=-1))
 
 
 def _at(position: ArrayLike, turn: Array) -> Array:

@@ -21,13 +21,54 @@ def rotation(axis: Array, angle: float) -> Array:
 
 
 def rotations(vectors: Array) -> Array:
-    """Rotation matrices of rotation vectors [rad], (m, 3) -> (m, 3, 3), by Rodrigues' formula."""
-    angles = np.linalg.norm(vectors, axis=1)
-    x, y, z = (vectors / np.maximum(angles, _TINY)[:, None]).T
+    """Rotation matrices of rotation vectors [rad], (..., 3) -> (..., 3, 3), by Rodrigues' formula."""
+    angles = np.linalg.norm(vectors, axis=-1)
+    x, y, z = np.moveaxis(vectors / np.maximum(angles, _TINY)[..., None], -1, 0)
     zero = np.zeros_like(x)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
-    sine, cosine = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
+    cross = _matrix([zero, -z, y], [z, zero, -x], [-y, x, zero])
+    sine, cosine = np.sin(angles)[..., None, None], np.cos(angles)[..., None, None]
     return np.asarray(np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross))
+
+
+def from_rpy(angles: Array) -> Array:
+    """Rotation matrices of roll, pitch and yaw [rad] about the fixed axes x, y, z in this order, (..., 3) -> (..., 3, 3)."""
+    (sr, sp, sy), (cr, cp, cy) = (np.moveaxis(of(angles), -1, 0) for of in (np.sin, np.cos))
+    return _matrix(
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    )
+
+
+def from_quaternion(wxyz: Array) -> Array:
+    """Rotation matrices of quaternions with their real part first and of any length but 0, (..., 4) -> (..., 3, 3)."""
+    scaled = wxyz / np.abs(wxyz).max(axis=-1, keepdims=True)  # Or the squares of a length might overflow.
+    w, x, y, z = np.moveaxis(scaled / np.linalg.norm(scaled, axis=-1, keepdims=True), -1, 0)
+    return _matrix(
+        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+    )
+
+
+def quaternion(turn: Array) -> Array:
+    """Unit quaternions w, x, y, z of rotations, (..., 3, 3) -> (..., 4); the first number that is not 0 is above 0.
+
+    Shepperd 1978: the products of any two of its numbers are sums of the rotation's. Those with the largest number give all
+    four without the difference of nearly equal numbers.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(turn, (-2, -1), (0, 1))
+    products = _matrix(  # 4 q qᵀ
+        [1 + a + e + i, h - f, c - g, d - b],
+        [h - f, 1 + a - e - i, b + d, c + g],
+        [c - g, b + d, 1 - a + e - i, f + h],
+        [d - b, c + g, f + h, 1 - a - e + i],
+    )
+    largest = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
+    row = np.take_along_axis(products, largest[..., None, None], axis=-2)[..., 0, :]
+    row = row / np.linalg.norm(row, axis=-1, keepdims=True)
+    first = np.take_along_axis(row, np.argmax(row != 0.0, axis=-1)[..., None], axis=-1)
+    return np.asarray(np.where(first < 0.0, -row, row) + 0.0)  # Adding zero turns -0 into 0.
 
 
 def rotation_onto(start: Array, end: Array) -> Array:
@@ -60,3 +101,8 @@ def square(A: Array) -> Array:
     whole = np.zeros((4, 4))
     whole[:3], whole[3, 3] = A, 1.0
     return whole
+
+
+def _matrix(*rows: Sequence[Array]) -> Array:
+    """Matrices of rows of their numbers, each (...), as (..., rows, columns)."""
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

@@ -7,7 +7,6 @@ filed under the whole of what a goal compares.
 from __future__ import annotations
 
 import time
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +26,12 @@ _DEAR = 8
 """A function that runs Python for every row gets this many times fewer samples."""
 
 
-MOST_TREES = 16
-"""Kinds of goals and tools whose trees are kept, the last ones used."""
+MOST_FEATURES = 16
+"""Kinds of goals and tools whose features are kept, the last ones used."""
 
 
 class Samples:
-    """Joint values spread over the limits, their poses, and a k-d tree for each kind of goal."""
+    """Joint values spread over the limits, their poses, and their features for each kind of goal."""
 
     def __init__(self, box: Mechanism, count: int) -> None:
         """Ask the function.
@@ -57,21 +56,20 @@ class Samples:
         self.evaluations = len(q)
         """Poses asked for."""
         self.memory = self.q.nbytes + self.poses.nbytes
-        """[bytes], without the trees."""
+        """[bytes], without the features."""
         self.build_time = time.perf_counter() - began
         """[s]"""
-        self._trees: Kept[tuple[Kind, bytes | None], Any] = Kept(MOST_TREES)
+        self._features: Kept[tuple[Kind, bytes | None], Array] = Kept(MOST_FEATURES)
 
     def nearest(self, goal: Goal, target: Array, count: int) -> NDArray[np.int64]:
         """Samples nearest to the features of a target, (m,), nearest first, (k,)."""
-        tree = self._trees.get(goal.prepared_as, lambda: self._tree(goal))
-        _, found = tree.query(self._scaled(target[None], goal.form)[0], min(count, self.samples))
-        return np.atleast_1d(np.asarray(found, dtype=np.int64))
+        columns = self._features.get(goal.prepared_as, lambda: self._columns(goal))
+        return nearest_columns(columns, self._scaled(target[None], goal.form)[0], min(count, self.samples))
 
-    def _tree(self, goal: Goal) -> Any:
-        from scipy.spatial import cKDTree
-
-        return cKDTree(self._scaled(features(self.poses, goal.tip, tuple(range(goal.columns))), goal.form))
+    def _columns(self, goal: Goal) -> Array:
+        """Features of all samples, (m, N): one feature after the other, as `nearest_columns` goes through them."""
+        points = features(self.poses, goal.tip, tuple(range(goal.columns)))
+        return np.ascontiguousarray(self._scaled(points, goal.form).T)
 
     def _scaled(self, points: Array, kind: Kind) -> Array:
         """Two columns hold the third."""
@@ -94,3 +92,21 @@ def samples_of(box: Mechanism, count: int) -> Samples:
 def spread(box: Mechanism, count: int) -> Array:
     """Joint values spread inside the limits, (count, n); none is a rounding outside, where nobody may ask a function."""
     return np.clip(spread_inside(box.lower, box.upper, box.turns, count), box.lower, box.upper)
+
+
+def nearest_columns(points: Array, target: Array, count: int) -> NDArray[np.int64]:
+    """Numbers of the points nearest to a target, nearest first, (count,).
+
+    All are compared. Among 16,384 samples that takes a fifth of a millisecond longer than a k-d tree does, and nothing to
+    build; the walks that begin there take some milliseconds.
+
+    Args:
+        points: One in each column, (m, N).
+        target: (m,)
+        count: At least 1 and at most N.
+    """
+    away = np.zeros(points.shape[1])
+    for values, value in zip(points, target, strict=True):
+        away += (values - value) ** 2
+    near = np.argpartition(away, count - 1)[:count]
+    return np.asarray(near[np.lexsort((near, away[near]))])
