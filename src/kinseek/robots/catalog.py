@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
 from kinseek.errors import InvalidRobot, suggest
@@ -80,4 +79,4 @@ def catalog_entry(name: str) -> CatalogEntry:
 
 
 def _folder() -> Path:
-    return Path(str(resources.files(__package__) / "catalog"))
+    return Path(__file__).with_name("catalog")

@@ -23,7 +23,6 @@ from kinseek.units import warn_of_joints
 from .chain import Array, Frame, Joint, SerialChain, serial_chain
 from .files import MOST_JOINTS, require_few
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
-from .mjcf_xml import reduced
 from .tree import frame_path
 
 
@@ -105,6 +104,7 @@ def _compile(path: Path) -> Any:
         import mujoco
     except ImportError as error:
         raise MissingExtra("reading MJCF", "mjcf") from error
+    from .mjcf_xml import reduced  # xml.sax brings along all that speaks HTTP.
 
     model = reduced(path)
     try:
