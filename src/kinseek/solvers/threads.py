@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from queue import SimpleQueue
 
@@ -45,6 +44,8 @@ def spread(
             work(begin, end, lambda: not deadline.passed)
             advance(end - begin)
         return
+    from concurrent.futures import ThreadPoolExecutor  # It brings `logging` along, and one pose needs no threads.
+
     left, finished, stopped = iter(chunks), SimpleQueue[int](), threading.Event()
 
     def go_on() -> bool:
