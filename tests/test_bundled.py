@@ -69,7 +69,8 @@ import json, sys
 import kinseek
 arm = kinseek.load("panda")
 arm.fk(arm.lower)
-print(json.dumps([name for name in ("lxml", "urdf_parser_py", "scipy.spatial", "xacrodoc", "mujoco") if name in sys.modules]))
+heavy = ("lxml", "urdf_parser_py", "scipy.spatial", "xacrodoc", "mujoco")
+print(json.dumps([name for name in heavy if name in sys.modules]))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert json.loads(done.stdout) == []

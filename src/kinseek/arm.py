@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Self, TypedDict, TypeGuard, Unpack, cast, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from .branches.find import SPREAD, branches_of
 from .branches.index import BranchIndex, index_of
@@ -24,7 +24,7 @@ from .kinematics import ForwardArm
 from .problem import Problem, as_joints
 from .proof.certificate import Certificate, Verdict
 from .robots import Mechanism, SerialChain, read
-from .shapes import ManyGoals, OneGoal, UnshapedGoal
+from .shapes import Joints, ManyGoals, OneGoal, UnshapedGoal
 from .solution import Solution, Status, quick_solution
 from .solvers import Atlas, Solver
 from .solvers.atlas.index import PLAIN, SAMPLES, AtlasIndex, atlas_of
@@ -46,7 +46,7 @@ _FLOAT = np.dtype(np.float64)
 class IkOptions(TypedDict, total=False):
     """What `Arm.ik` takes beside the goal; it is explained there."""
 
-    near: ArrayLike | None
+    near: Joints | None
     solver: Solver | None
     threads: int | None
     progress: bool
@@ -61,7 +61,7 @@ class IkOptions(TypedDict, total=False):
 class BranchesOptions(TypedDict, total=False):
     """What `Arm.branches` takes beside the goal; it is explained there."""
 
-    near: ArrayLike | None
+    near: Joints | None
     order: Order
     cost: Cost | None
     valid: Valid | None
@@ -123,7 +123,7 @@ class Arm(ForwardArm):
         self,
         goal: Any,
         *,
-        near: ArrayLike | None = None,
+        near: Joints | None = None,
         solver: Solver | None = None,
         threads: int | None = None,
         progress: bool = False,
@@ -139,8 +139,8 @@ class Arm(ForwardArm):
         Args:
             goal: A pose, (4, 4) or (..., 4, 4); an object that carries one (SciPy, pinocchio, spatialmath);
                 or a `Goal`.
-            near: Joint values that the answer shall be near to, (n,) or (..., n), [rad] or [m]; they may lie
-                outside the limits.
+            near: Joint values that the answer shall be near to, (n,) or (..., n), [rad] or [m], or by name as `fk` takes
+                them; they may lie outside the limits.
             solver: One of `kinseek.solvers`; by default the `Atlas`.
             threads: Threads for a batch, of the default solver; every core unless given.
             progress: Show a progress bar, of the default solver for a batch, or of a `solver` that has one.
@@ -224,7 +224,7 @@ class Arm(ForwardArm):
         self,
         goal: Any,
         *,
-        near: ArrayLike | None = None,
+        near: Joints | None = None,
         order: Order = "mid-range",
         cost: Cost | None = None,
         valid: Valid | None = None,
@@ -238,7 +238,7 @@ class Arm(ForwardArm):
 
         Args:
             goal: As in `ik`: a pose, (4, 4) or (..., 4, 4), an object that carries one, or a `Goal`.
-            near: Joint values, (n,) or (..., n), [rad] or [m]: answers come nearest to them first.
+            near: Joint values, (n,) or (..., n), [rad] or [m], or by name: answers come nearest to them first.
             order: What comes first unless `near` or `cost` say it: ``"mid-range"`` (nearest to the middle of the
                 ranges, each joint measured in half its range), ``"limits"`` (farthest from the limits, by the same
                 measure) or ``"dexterity"`` (most manipulability, Yoshikawa 1985).

@@ -22,7 +22,7 @@ from .problem import Problem, as_joints
 from .robots import Mechanism, SerialChain, as_mechanism, black_box, read_dh
 from .robots.mechanism import no_axes
 from .robots.variants import with_limits, with_locked, with_tool
-from .shapes import Matrix, Pose, Poses, Rows, Unshaped, Vector
+from .shapes import Joints, Matrix, Pose, Poses, Rows, Unshaped, Vector
 
 Array = NDArray[np.float64]
 
@@ -45,16 +45,16 @@ class ForwardArm:
     def from_dh(
         cls,
         rows: Sequence[Sequence[float] | Mapping[str, float]] | Array,
-        lower: ArrayLike,
-        upper: ArrayLike,
+        lower: ArrayLike | Mapping[str, float],
+        upper: ArrayLike | Mapping[str, float],
         **options: Any,
     ) -> Self:
         """Build an arm from Denavit-Hartenberg rows (a [m], alpha [rad], d [m], theta [rad]).
 
         Args:
             rows: One a joint, (n, 4), or mappings with the names a, alpha, d and theta.
-            lower: Lower limits, (n,), [rad] or [m].
-            upper: Upper limits, (n,), [rad] or [m]; infinite limits make a continuous joint.
+            lower: Lower limits, (n,) or by name of joint, [rad] or [m].
+            upper: Upper limits, likewise; infinite limits make a continuous joint.
             options: ``convention="standard" | "modified"``, ``kinds="RRP…"``, ``names``, ``base`` and
                 ``tool`` (4, 4), ``name``; see `kinseek.robots.read_dh`.
 
@@ -67,8 +67,8 @@ class ForwardArm:
     def from_fk(
         cls,
         fk: Callable[[Any], Any],
-        lower: ArrayLike,
-        upper: ArrayLike,
+        lower: ArrayLike | Mapping[str, float],
+        upper: ArrayLike | Mapping[str, float],
         vectorized: bool = True,
         *,
         names: Sequence[str] | None = None,
@@ -82,8 +82,9 @@ class ForwardArm:
             fk: A function of joint values, (k, n) -> (k, 4, 4), or (n,) -> (4, 4) with ``vectorized=False``; lengths in
                 [m]. A Numba-compiled function of one row is looped over in compiled code. Searches ask it inside the
                 limits only; the same q must give the same pose.
-            lower: Lower limits, (n,), in whatever units `fk` takes.
-            upper: Upper limits, (n,).
+            lower: Lower limits, (n,), in whatever units `fk` takes; or by name, which also gives the joints their names and
+                their order, unless `names` does.
+            upper: Upper limits, likewise.
             vectorized: Does `fk` take many rows at once?
             names: One a joint, all different.
             kinds: One word, or one a joint: ``"number"`` is a number between its limits and nothing else is assumed of
@@ -197,12 +198,16 @@ class ForwardArm:
     @overload
     def fk(self, q: Matrix | Sequence[Sequence[float]], link: str | None = None) -> Poses: ...
     @overload
-    def fk(self, q: ArrayLike, link: str | None = None) -> Array: ...
-    def fk(self, q: ArrayLike, link: str | None = None) -> Array:
+    def fk(self, q: Mapping[str, float], link: str | None = None) -> Pose: ...
+    @overload
+    def fk(self, q: Joints, link: str | None = None) -> Array: ...
+    def fk(self, q: Joints, link: str | None = None) -> Array:
         """Pose of the tip in the base, or of any link on the way to it.
 
         Args:
-            q: Joint values, (..., n), [rad] or [m]; may lie outside the limits.
+            q: Joint values, (..., n), [rad] or [m]; may lie outside the limits. Or by name, in any order: a mapping from
+                every joint of `joint_names` to its value or its values, (...); or an object with ``name`` and ``position``,
+                as a ROS JointState, whose further joints are passed over.
             link: Name of a link or joint between base and tip, fixed ones included. A joint stands for the frame that it
                 moves, a name of both for the link. Without it: the tip, moved to the tool of `with_tool` if there is one;
                 ``link=arm.tip`` is the link that carries the tool.
@@ -211,7 +216,8 @@ class ForwardArm:
             Transforms, (..., 4, 4), lengths in [m].
 
         Raises:
-            InvalidProblem: A wrong shape, NaN or infinity, an unknown link, or a link of an arm that is a function.
+            InvalidProblem: A wrong shape, NaN or infinity, unknown or lacking names, an unknown link, or a link of an arm
+                that is a function.
             FailedKinematics: The arm is a function, and it fails.
         """
         joints = as_joints(self._mechanism, q)
@@ -224,7 +230,7 @@ class ForwardArm:
             return forward_many(arrays, flat).reshape(*joints.shape[:-1], 4, 4)
         return self._mechanism.forward(flat).reshape(*joints.shape[:-1], 4, 4)
 
-    def jacobian(self, q: ArrayLike) -> Array:
+    def jacobian(self, q: Joints) -> Array:
         """How fast the tip moves and turns for each joint: the geometric Jacobian (Siciliano et al. 2009, Sec. 3.1).
 
         Rows 0 to 2 are the velocity of the tip's origin, rows 3 to 5 the angular velocity, both along the axes of the base.
@@ -232,7 +238,7 @@ class ForwardArm:
         there is one. A joint that others mimic moves these too.
 
         Args:
-            q: Joint values, (..., n), [rad] or [m]; may lie outside the limits.
+            q: Joint values, (..., n), [rad] or [m], or by name as `fk` takes them; may lie outside the limits.
 
         Returns:
             (..., 6, n): of a joint that turns [m/rad] and [rad/rad], of one that slides [m/m] and [rad/m].
@@ -245,7 +251,7 @@ class ForwardArm:
         flat = np.ascontiguousarray(joints.reshape(-1, self.dof))
         return jacobian_many(chain.arrays, flat).reshape(*joints.shape[:-1], 6, self.dof)
 
-    def manipulability(self, q: ArrayLike) -> Any:
+    def manipulability(self, q: Joints) -> Any:
         """How far the arm is from singular: the product of the Jacobian's singular values (Yoshikawa 1985, eq. 4).
 
         It is √det(J Jᵀ) where the arm can move in all six directions. Of an arm that can do so nowhere, a planar one for
@@ -253,7 +259,7 @@ class ForwardArm:
         compare values of one arm.
 
         Args:
-            q: Joint values, (..., n), [rad] or [m]; may lie outside the limits.
+            q: Joint values, (..., n), [rad] or [m], or by name as `fk` takes them; may lie outside the limits.
 
         Returns:
             At least 0, and 0 at a singularity; a float, or (...).

@@ -17,6 +17,7 @@ from .kernels.arm.pose_error import LARGEST
 from .kernels.arrays import ChainArrays
 from .robots.chain import SerialChain
 from .robots.mechanism import Mechanism, no_axes
+from .robots.named import in_order
 from .turns import TURN, nearest_turns
 
 Array = NDArray[np.float64]
@@ -151,11 +152,13 @@ class MadeWhenAsked:
 
 
 def as_joints(arm: Mechanism, q: object, name: str = "q") -> Array:
-    """Read joint values, (..., n), [rad] or [m].
+    """Read joint values, (..., n), [rad] or [m], or by name, as `robots.named.in_order` takes them.
 
     Raises:
-        InvalidProblem: Not numbers, a wrong shape, NaN or infinity.
+        InvalidProblem: Not numbers, a wrong shape, NaN or infinity, unknown or lacking names.
     """
+    if not isinstance(q, np.ndarray | list | tuple):
+        q = in_order(q, arm.joint_names, name, InvalidProblem)
     try:
         joints = np.array(q, dtype=np.float64)
     except (TypeError, ValueError) as error:

@@ -16,6 +16,7 @@ from .kernels.arm.pose_error import judge_poses
 from .problem import MadeWhenAsked, Problem
 from .robots.chain import SerialChain
 from .robots.mechanism import Mechanism
+from .robots.named import by_name
 from .trace import Trace
 
 if TYPE_CHECKING:  # Defaults of type variables come with Python 3.13; type checkers know them everywhere.
@@ -123,6 +124,14 @@ class Solution(Generic[Flag, Number, Count, State]):
         raise InvalidUse(
             "no trace was kept; ask for it: arm.ik(..., trace=True), or Problem(..., trace=True)"
         )
+
+    @property
+    def joints(self) -> dict[str, Any]:
+        """Joint values by name, base to tip: of each a float, or (...) of a batch, [rad] or [m].
+
+        `Arm.fk` and ``near=`` take it as it is. For a ROS JointState: ``name=list(joints), position=list(joints.values())``.
+        """
+        return by_name(self.problem.mechanism.joint_names, self.q)
 
     @property
     def status(self) -> State:

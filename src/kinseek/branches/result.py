@@ -13,6 +13,7 @@ from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR
 from kinseek.kernels.branches.refine_all import ANSWERS, CONTINUUM, SPENT
 from kinseek.problem import MadeWhenAsked, Problem
 from kinseek.robots.chain import SerialChain
+from kinseek.robots.named import by_name
 
 Array = NDArray[np.float64]
 
@@ -62,6 +63,11 @@ class Branches:
         """Joint values of one answer, (n,)."""
         answer: Array = self.q[index]
         return answer
+
+    @property
+    def joints(self) -> dict[str, Array]:
+        """Joint values by name, base to tip: of each one value an answer, (k,), [rad] or [m]."""
+        return by_name(self.problem.mechanism.joint_names, self.q)
 
     def __repr__(self) -> str:
         """Short enough to print in a shell."""

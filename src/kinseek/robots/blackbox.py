@@ -7,7 +7,7 @@ distrusted instead: every pose that it gives is checked, and one that is none na
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NoReturn
@@ -19,6 +19,7 @@ from kinseek.errors import FailedKinematics, InvalidRobot, suggest
 from kinseek.kernels.arm.pose_error import LARGEST, first_loose
 
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE, Variables
+from .named import in_order
 
 Array = NDArray[np.float64]
 Function = Callable[[Any], Any]
@@ -217,8 +218,8 @@ class BlackBox(Variables):
 
 def black_box(
     function: Function,
-    lower: ArrayLike,
-    upper: ArrayLike,
+    lower: ArrayLike | Mapping[str, float],
+    upper: ArrayLike | Mapping[str, float],
     *,
     vectorized: bool = True,
     names: Sequence[str] | None = None,
@@ -234,11 +235,17 @@ def black_box(
     """
     if not callable(function):
         raise InvalidRobot(f"fk must be a function, got {type(function).__name__}")
+    if names is None and isinstance(lower, Mapping):
+        names = tuple(lower)
+    listed: tuple[Any, ...] = () if names is None else _listed(names, "names")
+    if all(isinstance(each, str) for each in listed):
+        lower = in_order(lower, listed, "lower", InvalidRobot)
+        upper = in_order(upper, listed, "upper", InvalidRobot)
     low, high = _limits(lower, "lower"), _limits(upper, "upper")
     if low.shape != high.shape:
         raise InvalidRobot(f"lower and upper must be equally long, got {len(low)} and {len(high)}")
     dof = len(low)
-    called = tuple(f"joint{i + 1}" for i in range(dof)) if names is None else _listed(names, "names")
+    called = tuple(f"joint{i + 1}" for i in range(dof)) if names is None else listed
     if len(called) != dof or not all(isinstance(each, str) for each in called) or len(set(called)) != dof:
         raise InvalidRobot(f"names must be {dof} different strings, one a joint, got {called}")
     kind_of = (
@@ -304,7 +311,7 @@ def _listed(values: Any, name: str) -> tuple[Any, ...]:
         raise InvalidRobot(f"{name} must be words, one a joint, got {values!r:.80}") from None
 
 
-def _limits(values: ArrayLike, name: str) -> Array:
+def _limits(values: object, name: str) -> Array:
     try:
         numbers = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:

@@ -24,6 +24,7 @@ from kinseek.transforms import rotation, transform
 
 from .chain import Array, Frame, Joint, SerialChain, serial_chain
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
+from .named import in_order
 
 _COLUMNS = ("a", "alpha", "d", "theta")
 _X, _Z = np.eye(3)[0], np.eye(3)[2]
@@ -33,8 +34,8 @@ Row = Sequence[float] | Mapping[str, float]
 
 def read_dh(
     rows: Sequence[Row] | Array,
-    lower: ArrayLike,
-    upper: ArrayLike,
+    lower: ArrayLike | Mapping[str, float],
+    upper: ArrayLike | Mapping[str, float],
     *,
     convention: str = "standard",
     kinds: str | None = None,
@@ -47,8 +48,9 @@ def read_dh(
 
     Args:
         rows: The table, (n, 4), or n mappings; see the head of this file.
-        lower: Lower limits, (n,), [rad] or [m]; a revolute joint with two infinite limits is continuous.
-        upper: Upper limits, (n,).
+        lower: Lower limits, (n,) or by name of joint, [rad] or [m]; a revolute joint with two infinite limits is
+            continuous.
+        upper: Upper limits, likewise.
         convention: ``"standard"`` or ``"modified"``.
         kinds: One letter per joint, R or P, such as ``"RRPR"``; all R unless given.
         names: Names of the joints; ``joint1``, ``joint2``, … unless given.
@@ -77,7 +79,10 @@ def read_dh(
     for what, values in (("kinds", letters), ("names", names)):
         if len(values) != count:
             raise InvalidRobot(f"{what} has {len(values)} entries, expected {count}: one per DH row")
-    lowers, uppers = _limits(lower, "lower", count), _limits(upper, "upper", count)
+    lowers, uppers = (
+        _limits(in_order(limits, names, f"{what} limits", InvalidRobot), what, count)
+        for limits, what in ((lower, "lower"), (upper, "upper"))
+    )
 
     joints, links, pose = [], [], _rigid(base, "base")
     for i, (a, alpha, d, theta) in enumerate(table):

@@ -44,7 +44,9 @@ def spread(
             work(begin, end, lambda: not deadline.passed)
             advance(end - begin)
         return
-    from concurrent.futures import ThreadPoolExecutor  # It brings `logging` along, and one pose needs no threads.
+    from concurrent.futures import (
+        ThreadPoolExecutor,
+    )  # It brings `logging` along, and one pose needs no threads.
 
     left, finished, stopped = iter(chunks), SimpleQueue[int](), threading.Event()
 

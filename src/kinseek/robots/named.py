@@ -1,0 +1,60 @@
+"""Joint values by name: read from a mapping or a ROS JointState into the order of an arm, and told by name again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import suggest
+
+Array = NDArray[np.float64]
+
+
+def in_order(values: Any, names: Sequence[str], what: str, error: Callable[[str], Exception]) -> Any:
+    """Bring values that are given by joint into the order of an arm; everything else is left as it is.
+
+    Args:
+        values: A mapping from joint names to numbers or to arrays, (...), that broadcast; or an object with ``name`` and
+            ``position``, as a ROS JointState: those that are not of this arm are passed over.
+        names: Of the joints, base to tip, n of them.
+        what: What the values are called.
+        error: Made of a message, and raised.
+
+    Returns:
+        (..., n), or `values`.
+
+    Raises:
+        error: A mapping names a joint that the arm has not, joints are lacking, or their values do not broadcast.
+    """
+    if not isinstance(values, Mapping):
+        if not (hasattr(values, "name") and hasattr(values, "position")):
+            return values
+        values = _of_message(values, what, error)
+        values = {name: value for name, value in values.items() if name in names}
+    for name in values:
+        if name not in names:
+            raise error(f"{what}: {suggest(str(name), names, 'joint')}")
+    if lacking := [name for name in names if name not in values]:
+        given = ", ".join(values) or "none"
+        raise error(f"{what}: no value for joint {', '.join(map(repr, lacking))}; given: {given}")
+    try:
+        columns = np.broadcast_arrays(*[np.asarray(values[name], dtype=np.float64) for name in names])
+    except (TypeError, ValueError, OverflowError) as reason:
+        raise error(f"{what}: values of joints must be numbers, or arrays that broadcast: {reason}") from None
+    return np.stack(columns, axis=-1)
+
+
+def _of_message(message: Any, what: str, error: Callable[[str], Exception]) -> Mapping[str, Any]:
+    names, positions = list(message.name), list(message.position)
+    if len(names) != len(positions):
+        raise error(f"{what}: {len(names)} names and {len(positions)} positions, expected as many of both")
+    return dict(zip(names, positions, strict=True))
+
+
+def by_name(names: Sequence[str], q: Array) -> dict[str, Any]:
+    """Of each joint its value, a float, or its values, (...), from joint values, (..., n)."""
+    columns = np.moveaxis(q, -1, 0)
+    return dict(zip(names, columns.tolist() if q.ndim == 1 else columns.copy(), strict=True))
