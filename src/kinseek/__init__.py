@@ -20,6 +20,7 @@ from .errors import (
     KinseekError,
     MissingExtra,
     NotReached,
+    RepairWarning,
     UnitWarning,
 )
 from .goal import Goal
@@ -66,6 +67,7 @@ __all__ = [
     "NotReached",
     "Polished",
     "Problem",
+    "RepairWarning",
     "SeparateChains",
     "Solution",
     "Solver",

@@ -13,7 +13,8 @@
 
 Missing a tolerance is a status of the solution, never an exception.
 
-One warning, `UnitWarning(UserWarning)`: a number is taken as it is, and another unit would explain it better.
+Two warnings: `UnitWarning(UserWarning)`, a number is taken as it is, and another unit would explain it better; and
+`RepairWarning(UserWarning)`, a matrix that was no rotation was brought onto one, because that was asked for.
 """
 
 from __future__ import annotations
@@ -89,6 +90,10 @@ class NotReached(KinseekError, RuntimeError):
 
 class UnitWarning(UserWarning):
     """An angle beyond a full turn or a length far beyond the arm: degrees or millimetres, perhaps."""
+
+
+class RepairWarning(UserWarning):
+    """A rounded matrix was brought onto the nearest rotation; the message tells how far it was from one."""
 
 
 def suggest(got: str, valid: Iterable[str], noun: str) -> str:

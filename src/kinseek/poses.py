@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import Any, TypedDict, Unpack, overload
@@ -13,7 +14,7 @@ from typing import Any, TypedDict, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import InvalidGoal
+from .errors import InvalidGoal, RepairWarning
 from .kernels.arm.pose_error import LARGEST, all_rigid, rigid_each
 from .shapes import Pose
 from .transforms import from_quaternion, from_rpy, rotation_onto, rotations
@@ -24,6 +25,8 @@ Array = NDArray[np.float64]
 
 _REPAIRABLE = 1e-6
 """A matrix closer than this to a rotation is brought onto one; farther away it is refused."""
+_ROUNDED = 0.1
+"""Where `repair` is said, this far: what was written down with two digits is at most 0.03 away."""
 
 
 class OneRotation(TypedDict, total=False):
@@ -34,6 +37,7 @@ class OneRotation(TypedDict, total=False):
     rpy: Sequence[float] | None
     rotvec: Sequence[float] | None
     degrees: bool
+    repair: bool
 
 
 class Rotations(TypedDict, total=False):
@@ -44,6 +48,8 @@ class Rotations(TypedDict, total=False):
     rpy: ArrayLike | None
     rotvec: ArrayLike | None
     degrees: bool
+    rotation: Any
+    repair: bool
 
 
 @overload
@@ -58,40 +64,65 @@ def pose(
     rpy: ArrayLike | None = None,
     rotvec: ArrayLike | None = None,
     degrees: bool = False,
+    rotation: Any = None,
+    repair: bool = False,
 ) -> Array:
     """Write a pose down; at most one rotation, none means no turn.
 
     Args:
-        position: [m], (..., 3).
+        position: [m], (..., 3). Or a whole pose, (..., 4, 4), or an object that carries one, and no rotation.
         quat_wxyz: Quaternion with its real part first, (..., 4); need not be of unit length.
         quat_xyzw: Quaternion with its real part last, (..., 4); need not be of unit length.
         rpy: Roll, pitch, yaw [rad] about the fixed axes x, y, z in this order, as in URDF, (..., 3).
         rotvec: Rotation vector, axis times angle [rad], (..., 3).
         degrees: `rpy` and `rotvec` are in degrees.
+        rotation: Rotation matrix, (..., 3, 3), or an object with ``.as_matrix()``, such as a SciPy ``Rotation``.
+        repair: Bring a matrix that was rounded to a few digits onto the nearest rotation, and say by a warning how far it
+            was from one. Without it a matrix farther than 1e-6 from a rotation is refused; with it, farther than 0.1.
 
     Returns:
         Transform, (..., 4, 4).
 
     Raises:
-        InvalidGoal: Wrong shapes, NaN or infinity, a zero quaternion, more than one rotation, a quaternion in degrees.
+        InvalidGoal: Wrong shapes, NaN or infinity, a zero quaternion, more than one rotation, a quaternion in degrees, a
+            matrix that is no rotation, `repair` where there is no matrix.
 
     Warns:
         UnitWarning: `rpy` or `rotvec` has an angle beyond 2π, and `degrees` is not said.
+        RepairWarning: A matrix was farther than 1e-6 from a rotation, and `repair` is said.
     """
-    given = {"quat_wxyz": quat_wxyz, "quat_xyzw": quat_xyzw, "rpy": rpy, "rotvec": rotvec}
+    given = {
+        "quat_wxyz": quat_wxyz,
+        "quat_xyzw": quat_xyzw,
+        "rpy": rpy,
+        "rotvec": rotvec,
+        "rotation": rotation,
+    }
     named = {name: value for name, value in given.items() if value is not None}
     if len(named) > 1:
         raise InvalidGoal(f"give one rotation, got {' and '.join(named)}")
+    if degrees and not named.keys() <= {"rpy", "rotvec"}:
+        raise InvalidGoal(f"degrees=True is for rpy and rotvec: {next(iter(named))} has no unit")
+    repairable = _ROUNDED if repair else _REPAIRABLE
+    whole = _whole(position)
+    if whole is not None:
+        if beside := [*named, *["degrees"] * degrees]:
+            raise InvalidGoal(f"a whole pose, {whole.shape}, takes no {' and no '.join(beside)} beside it")
+        return _rigid(whole.astype(np.float64), repairable, 3)
+    if repair and rotation is None:
+        raise InvalidGoal(
+            "repair=True is for matrices: rotation=R, (..., 3, 3), or a whole pose, (..., 4, 4)"
+        )
     turn = np.eye(3)
     for name, value in named.items():
-        if name in ("rpy", "rotvec"):
+        if name == "rotation":
+            turn = _of_matrix(value, repairable)
+        elif name in ("rpy", "rotvec"):
             angles = _finite(value, name, 3)
             if not degrees:
                 lengths = angles if name == "rpy" else np.linalg.norm(angles, axis=-1)
                 warn_of_angles(lengths, name, "say degrees=True", 2)
             turn = _rotation_matrix(name, np.deg2rad(angles) if degrees else angles)
-        elif degrees:
-            raise InvalidGoal(f"degrees=True is for rpy and rotvec: {name} has no unit")
         else:
             turn = _rotation_matrix(name, value)
     return _at(position, turn)
@@ -111,7 +142,14 @@ def as_pose(target: Any) -> Array:
         InvalidGoal: Wrong shape, NaN or infinity, farther than 1e-6 from a rigid transform, or a position farther off
             than arithmetic bears.
     """
-    matrix = _matrix_of(target)
+    return _rigid(_matrix_of(target), _REPAIRABLE, 2)
+
+
+def _rigid(matrix: Array, repairable: float, level: int) -> Array:
+    """Check poses, (..., 4, 4), as `as_pose` does, and bring those onto a rotation that are no farther than that from one.
+
+    What is repaired beyond what `as_pose` repairs is told; `level` calls lie between here and the line to blame.
+    """
     if matrix.ndim < 2 or matrix.shape[-2:] != (4, 4):
         raise InvalidGoal(f"a pose must have shape (4, 4) or (..., 4, 4), got {matrix.shape}{_hint(matrix)}")
     if all_rigid(np.ascontiguousarray(matrix.reshape(-1, 4, 4))):
@@ -134,11 +172,20 @@ def as_pose(target: Any) -> Array:
     off = np.abs(np.swapaxes(turn, -1, -2) @ turn - np.eye(3)).max(axis=(-2, -1))
     row = np.abs(matrix[..., 3, :] - [0, 0, 0, 1]).max(axis=-1)
     mirrored = np.linalg.det(turn) < 0
-    wrong = (off > _REPAIRABLE) | (row > _REPAIRABLE) | mirrored
+    wrong = (off > repairable) | (row > _REPAIRABLE) | mirrored
     if wrong.any():
         first = np.argwhere(wrong)[0]
         where = f" at index {_index(first)} of the batch" if matrix.ndim > 2 else ""
-        raise InvalidGoal(_why_not_rigid(off[tuple(first)], row[tuple(first)], mirrored[tuple(first)], where))
+        raise InvalidGoal(
+            _why_not_rigid(off[tuple(first)], row[tuple(first)], mirrored[tuple(first)], where, repairable)
+        )
+    if off.size and (most := float(off.max())) > _REPAIRABLE:
+        warnings.warn(
+            f"{int((off > _REPAIRABLE).sum())} of {off.size} matrices were no rotations, and were brought onto the nearest "
+            f"ones: RᵀR differed from the identity by up to {most:.3g}",
+            RepairWarning,
+            stacklevel=level,
+        )
     loose = ~rigid_each(np.ascontiguousarray(matrix.reshape(-1, 4, 4))).reshape(matrix.shape[:-2])
     if loose.any():  # Only these: what else is in a batch changes nothing.
         left, _, right = np.linalg.svd(turn[loose])
@@ -158,15 +205,19 @@ def one_pose(value: Any, name: str) -> Array:
     return matrix
 
 
+_CARRIERS = ("homogeneous", "A", "as_matrix")
+"""What objects call the 4x4 that they carry."""
+
+
 def _matrix_of(target: Any) -> Array:
-    for attribute in ("homogeneous", "A", "as_matrix"):
+    for attribute in _CARRIERS:
         carried = None if isinstance(target, np.ndarray) else getattr(target, attribute, None)
         if carried is not None:
             target = carried() if callable(carried) else carried
             break
     if isinstance(target, list | tuple) and target and not np.isscalar(target[0]):
         first = target[0]
-        if any(hasattr(first, name) for name in ("homogeneous", "A", "as_matrix")):
+        if any(hasattr(first, name) for name in _CARRIERS):
             target = [_matrix_of(each) for each in target]
     try:
         return np.array(target, dtype=np.float64)
@@ -187,14 +238,43 @@ def _hint(matrix: Array) -> str:
     return ""
 
 
-def _why_not_rigid(off: float, row: float, mirrored: bool, where: str) -> str:
-    if off > _REPAIRABLE:
+def _why_not_rigid(off: float, row: float, mirrored: bool, where: str, repairable: float) -> str:
+    if off > repairable:
         reason = f"RᵀR differs from the identity by {off:.3g}"
     elif mirrored:
         reason = "its determinant is -1, a reflection"
     else:
         reason = f"its last row differs from [0, 0, 0, 1] by {row:.3g}"
-    return f"not a rigid transform{where}: {reason} (repaired up to {_REPAIRABLE:g}, refused above)"
+    rounded = _REPAIRABLE < off <= _ROUNDED and row <= _REPAIRABLE and not mirrored
+    hint = (
+        "; one that was rounded to a few digits is taken by kinseek.pose(..., repair=True)" if rounded else ""
+    )
+    return f"not a rigid transform{where}: {reason} (repaired up to {repairable:g}, refused above){hint}"
+
+
+def _whole(position: Any) -> Array | None:
+    """What is given for a position, if it is a whole pose, (..., 4, 4), or an object that carries one."""
+    if isinstance(position, np.ndarray):
+        return position if position.shape[-2:] == (4, 4) else None
+    carries = any(hasattr(position, name) for name in _CARRIERS)
+    nested = isinstance(position, list | tuple) and len(position) > 0 and np.ndim(position[0]) > 0
+    if not (carries or nested):
+        return None
+    matrix = _matrix_of(position)
+    return matrix if carries or matrix.shape[-2:] == (4, 4) else None
+
+
+def _of_matrix(value: Any, repairable: float) -> Array:
+    """Read rotation matrices, (..., 3, 3)."""
+    try:
+        turn = _matrix_of(value)
+        if turn.ndim < 2 or turn.shape[-2:] != (3, 3):
+            raise InvalidGoal(f"expected a matrix of shape (3, 3) or (..., 3, 3), got {turn.shape}")
+        matrix = np.zeros((*turn.shape[:-2], 4, 4))
+        matrix[..., :3, :3], matrix[..., 3, 3] = turn, 1.0
+        return _rigid(matrix, repairable, 4)[..., :3, :3]
+    except InvalidGoal as error:
+        raise InvalidGoal(f"rotation: {error}") from None
 
 
 def _rotation_matrix(name: str, value: ArrayLike) -> Array:
