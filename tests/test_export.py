@@ -18,7 +18,7 @@ import pytest
 
 import kinseek
 from kinseek import Atlas, BruteForce, DivideAndConquer, Goal
-from kinseek.cli.commands import run
+from kinseek.cli.program import run
 from kinseek.errors import InvalidExport, InvalidSolver, MissingExtra
 from kinseek.export import TARGETS, Parts, controller, prepare, to_c
 from kinseek.export.c_calls import c_declarations, c_definitions
@@ -393,7 +393,7 @@ def test_the_command_line_tells_sizes_before_it_writes(
         given.update(rest)
         return parts
 
-    monkeypatch.setattr("kinseek.cli.commands.prepare", known)
+    monkeypatch.setattr("kinseek.cli.commands.export.prepare", known)
     words = [
         "export",
         "scara4",

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
-from kinseek.export import Parts
+from kinseek.branches.result import Branches
 from kinseek.goal import Goal
 from kinseek.proof.certificate import Certificate
 from kinseek.robots import catalog_entry, catalog_names
@@ -19,6 +19,9 @@ from kinseek.solution import Solution
 from kinseek.solvers import Solver
 
 from .tables import sentence, table, terminal_width
+
+if TYPE_CHECKING:
+    from kinseek.export import Parts
 
 Array = NDArray[np.float64]
 
@@ -81,10 +84,8 @@ def reach(arm: Arm) -> tuple[float, float]:
 
 def print_pose(arm: Arm, q: Array, T: Array, as_json: bool) -> None:
     """Print a pose of the tip in the base."""
-    from scipy.spatial.transform import Rotation
-
-    xyzw = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
-    wxyz = np.roll(xyzw, 1)
+    wxyz = _quaternion(T[:3, :3])
+    xyzw = np.roll(wxyz, -1)
     if as_json:
         facts = {"position": T[:3, 3], "quat_wxyz": wxyz, "quat_xyzw": xyzw, "matrix": T}
         _print_json({**_arm_facts(arm), "q": q.tolist(), **{k: v.tolist() for k, v in facts.items()}})
@@ -158,15 +159,7 @@ def solution_facts(
     ]
     return {
         **_arm_facts(arm),
-        "goal": {
-            "kind": goal.kind,
-            "target": goal.target.tolist(),
-            **_openness(goal),
-            "position_tolerance": goal.position_tolerance,
-            "orientation_tolerance": goal.orientation_tolerance,
-            "position_weight": goal.position_weight,
-            "orientation_weight": goal.orientation_weight,
-        },
+        "goal": _goal_facts(goal),
         "solver": "default" if search is None else repr(search),
         "success": bool(solution.success),
         "status": solution.status.name,
@@ -181,6 +174,66 @@ def solution_facts(
         "nodes_expanded": int(solution.nodes_expanded),
         "seconds": seconds,
         "proof": None if proof is None else _proof_facts(proof),
+    }
+
+
+def print_branches(arm: Arm, found: Branches, goal: Goal, seconds: float, as_json: bool) -> None:
+    """Print every answer to a goal."""
+    room = np.minimum(found.q - arm.lower, arm.upper - found.q)
+    room[:, [kind == "continuous" for kind in arm.kinds]] = np.inf
+    turns = bool(goal.form.columns)
+    if as_json:
+        answers = [
+            {
+                "q": q.tolist(),
+                "position_error": float(place),
+                "orientation_error": float(turn) if turns else None,
+            }
+            for q, place, turn in zip(found.q, found.position_error, found.orientation_error, strict=True)
+        ]
+        facts = {"complete": found.complete, "sampled": found.sampled, "evaluations": int(found.evaluations)}
+        _print_json(
+            {**_arm_facts(arm), "goal": _goal_facts(goal), "branches": answers, **facts, "seconds": seconds}
+        )
+        return
+    units = ["m" if kind == "prismatic" else "rad" for kind in arm.kinds]
+    columns = (
+        ">",
+        *(f">{name}\n{unit}" for name, unit in zip(arm.joint_names, units, strict=True)),
+        ">to a limit",
+    )
+    rows = [
+        (str(k + 1), *(f"{value:.6f}" for value in q), f"{least:.6f}" if np.isfinite(least) else "no limit")
+        for k, (q, least) in enumerate(zip(found.q, room.min(axis=1), strict=True))
+    ]
+    if rows:
+        _print_table(columns, rows)
+    _print(_how_many(found))
+    if rows:
+        worst = [f"position {found.position_error.max():.3g} m"]
+        worst += [f"orientation {found.orientation_error.max():.3g} rad"] * turns
+        _print(f"largest errors: {', '.join(worst)}")
+    _print(f"{found.evaluations:,} FK evaluations, {seconds:.3g} s (loading compiled kernels included)")
+
+
+def _how_many(found: Branches) -> str:
+    count = f"{len(found)} answer{'s' if len(found) != 1 else ''}"
+    if found.sampled:
+        return f"{count}, a spread sample of endlessly many"
+    if found.complete:
+        return f"{count}; it is proved that there is no other"
+    return f"{count}; that there is no other is not proved (--prove tries)"
+
+
+def _goal_facts(goal: Goal) -> dict[str, Any]:
+    return {
+        "kind": goal.kind,
+        "target": goal.target.tolist(),
+        **_openness(goal),
+        "position_tolerance": goal.position_tolerance,
+        "orientation_tolerance": goal.orientation_tolerance,
+        "position_weight": goal.position_weight,
+        "orientation_weight": goal.orientation_weight,
     }
 
 
@@ -215,6 +268,13 @@ def _both(kind: str, value: float) -> tuple[str, str]:
     if kind == "prismatic":
         return f"{value:.6f} m", f"{value * 1000:.3f} mm"
     return f"{value:.6f} rad", f"{np.rad2deg(value):.3f} deg"
+
+
+def _quaternion(turn: Array) -> Array:
+    """Of a rotation, (3, 3): w x y z, w at least 0."""
+    from scipy.spatial.transform import Rotation
+
+    return np.roll(np.asarray(Rotation.from_matrix(turn).as_quat(canonical=True)), 1)
 
 
 def _row(values: Array) -> str:
