@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.branches.order import Order
-from kinseek.branches.result import Branches
+from kinseek.branches.result import Branches, BranchesBatch
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.proof.certificate import Certificate, Verdict
@@ -53,8 +53,8 @@ class Question:
         proof = prove(solution.problem, answer=solution)
         return replace(solution, proved_unreachable=proof.verdict is Verdict.UNREACHABLE), proof
 
-    def branches(self, goal: Goal, count: int | None = None) -> Branches:
-        """Every answer to one goal.
+    def branches(self, goal: Goal, count: int | None = None) -> Branches | BranchesBatch:
+        """Every answer to one goal, or to each of a batch.
 
         Raises:
             InvalidProblem: A search or a trace is asked for, too.
@@ -64,4 +64,4 @@ class Question:
                 "--all finds every branch in a way of its own; it takes neither --solver nor --trace"
             )
         order: dict[str, Any] = {} if self.prefer is None else {"order": self.prefer}
-        return cast(Branches, self.arm.branches(goal, near=self.near, count=count, prove=self.prove, **order))
+        return self.arm.branches(goal, near=self.near, count=count, prove=self.prove, **order)

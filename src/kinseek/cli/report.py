@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 
 _POSTURES = 20_000
 """Postures from which `show` measures the reach."""
+_LISTED = 10
+"""Rows that were not reached, for people."""
 
 
 def print_robots() -> None:
@@ -177,25 +179,40 @@ def solution_facts(
     }
 
 
-def print_branches(arm: Arm, found: Branches, goal: Goal, seconds: float, as_json: bool) -> None:
+def answer_facts(solution: Solution) -> dict[str, Any]:
+    """What is said of an answer in a line of JSON."""
+    turns = bool(solution.problem.goal.form.columns)
+    return {
+        "success": bool(solution.success),
+        "status": solution.status.name,
+        "q": solution.q.tolist(),
+        "position_error": float(solution.position_error),
+        "orientation_error": float(solution.orientation_error) if turns else None,
+        "evaluations": int(solution.evaluations),
+    }
+
+
+def branches_facts(found: Branches) -> dict[str, Any]:
+    """All answers to a goal, as JSON takes them."""
+    turns = bool(found.problem.goal.form.columns)
+    answers = [
+        {"q": q.tolist(), "position_error": float(place), "orientation_error": float(turn) if turns else None}
+        for q, place, turn in zip(found.q, found.position_error, found.orientation_error, strict=True)
+    ]
+    facts = {"complete": found.complete, "sampled": found.sampled, "evaluations": int(found.evaluations)}
+    return {"branches": answers, **facts}
+
+
+def print_branches(arm: Arm, found: Branches, seconds: float, as_json: bool) -> None:
     """Print every answer to a goal."""
-    room = np.minimum(found.q - arm.lower, arm.upper - found.q)
-    room[:, [kind == "continuous" for kind in arm.kinds]] = np.inf
-    turns = bool(goal.form.columns)
+    goal = found.problem.goal
     if as_json:
-        answers = [
-            {
-                "q": q.tolist(),
-                "position_error": float(place),
-                "orientation_error": float(turn) if turns else None,
-            }
-            for q, place, turn in zip(found.q, found.position_error, found.orientation_error, strict=True)
-        ]
-        facts = {"complete": found.complete, "sampled": found.sampled, "evaluations": int(found.evaluations)}
         _print_json(
-            {**_arm_facts(arm), "goal": _goal_facts(goal), "branches": answers, **facts, "seconds": seconds}
+            {**_arm_facts(arm), "goal": _goal_facts(goal), **branches_facts(found), "seconds": seconds}
         )
         return
+    room = np.minimum(found.q - arm.lower, arm.upper - found.q)
+    room[:, [kind == "continuous" for kind in arm.kinds]] = np.inf
     units = ["m" if kind == "prismatic" else "rad" for kind in arm.kinds]
     columns = (
         ">",
@@ -211,9 +228,23 @@ def print_branches(arm: Arm, found: Branches, goal: Goal, seconds: float, as_jso
     _print(_how_many(found))
     if rows:
         worst = [f"position {found.position_error.max():.3g} m"]
-        worst += [f"orientation {found.orientation_error.max():.3g} rad"] * turns
+        worst += [f"orientation {found.orientation_error.max():.3g} rad"] * bool(goal.form.columns)
         _print(f"largest errors: {', '.join(worst)}")
     _print(f"{found.evaluations:,} FK evaluations, {seconds:.3g} s (loading compiled kernels included)")
+
+
+def print_batch(arm: Arm, reached: NDArray[np.bool_], out: str, seconds: float, as_json: bool) -> None:
+    """Print what became of the poses of a file, (N,)."""
+    missed = (np.flatnonzero(~reached) + 1).tolist()
+    if as_json:
+        facts = {"poses": len(reached), "reached": int(reached.sum()), "not_reached": missed}
+        _print_json({**_arm_facts(arm), **facts, "out": out, "seconds": seconds})
+        return
+    _print(f"{len(reached):,} poses: {int(reached.sum()):,} reached, {len(missed):,} not; {seconds:.3g} s")
+    if missed:
+        listed = ", ".join(f"{row:,}" for row in missed[:_LISTED])
+        _print(f"not reached: row {listed}{' and others' if len(missed) > _LISTED else ''}")
+    _print(f"answers: {out}")
 
 
 def _how_many(found: Branches) -> str:

@@ -116,19 +116,29 @@ def in_radians(arm: Arm, values: Mapping[str, float], option: str, degrees: bool
 
 
 def joint_values(arm: Arm, text: str, option: str, degrees: bool) -> NDArray[np.float64]:
-    """Read one number a joint, or JOINT=VALUE of every joint, (n,), [m] of a prismatic joint, else [rad] or degrees.
+    """Read one number a joint, or JOINT=VALUE of every joint, as `joints_in_order` takes them.
+
+    Raises:
+        InvalidProblem: Not one number a joint.
+    """
+    values = named_values(text, option) if "=" in text else numbers(text, option)
+    return joints_in_order(arm, values, option, degrees)
+
+
+def joints_in_order(
+    arm: Arm, values: Sequence[float] | Mapping[str, float], option: str, degrees: bool
+) -> NDArray[np.float64]:
+    """Joint values, (n,), [m] of a prismatic joint, else [rad], of one number a joint in order or by name.
 
     Raises:
         InvalidProblem: Not one number a joint.
     """
     names = ", ".join(arm.joint_names)
-    if "=" in text:
-        named = in_radians(arm, named_values(text, option), option, False)
+    if isinstance(values, Mapping):
+        named = in_radians(arm, values, option, False)
         if lacking := [name for name in arm.joint_names if name not in named]:
             raise InvalidProblem(f"{option} lacks a value of {', '.join(lacking)}. Joints: {names}")
         values = [named[name] for name in arm.joint_names]
-    else:
-        values = numbers(text, option)
     if len(values) != arm.dof:
         raise InvalidProblem(f"{option} needs {arm.dof} numbers, got {len(values)}. Joints: {names}")
     q = np.array(values, dtype=np.float64)

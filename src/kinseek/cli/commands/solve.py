@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from pathlib import Path
+from typing import Any, cast
 
 import click
 
 from kinseek.arm import Arm, load
+from kinseek.branches.result import Branches
 from kinseek.cli import report
+from kinseek.cli.batch import solve_file
+from kinseek.cli.columns import VALID
 from kinseek.cli.goals import Asked, take_turns, target_of
 from kinseek.cli.help import Command, option
+from kinseek.cli.json_lines import solve_lines
 from kinseek.cli.options import ARM, GOAL, arm_argument, chain_options, json_option, pose_options
 from kinseek.cli.question import Question
 from kinseek.cli.searches import make_search, search_options, searches_in_words
@@ -19,6 +24,7 @@ from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 
 _WHICH = "Which answer"
+_MANY = "Many poses"
 
 
 @click.command(
@@ -32,7 +38,13 @@ _WHICH = "Which answer"
         "kinseek solve planar2 --at 0.3 0.4 0 --position-only --near joint1=0.2,joint2=1.5",
         "kinseek solve panda --at 0.4 0.1 0.5 --quat-wxyz 0 1 0 0 --prefer limits --json",
     ],
-    more=["Exit codes: 0 reached, 1 not reached, 2 misuse."],
+    more=[
+        f"Columns of --batch, lengths in m, angles in rad: {VALID}. With --position-only those of a rotation may be "
+        "left out. A line of --jsonl is an object such as "
+        '{"position": [0.4, 0.2, 0.3], "rpy": [3.14, 0, 0]}; quat_wxyz, quat_xyzw and rotvec may stand in place of '
+        "rpy, matrix in place of both, and id and near beside them.",
+        "Exit codes: 0 reached, 1 not reached, 2 misuse, or a wrong line of --jsonl; 130 stopped with Ctrl-C.",
+    ],
 )
 @arm_argument
 @pose_options
@@ -116,6 +128,26 @@ _WHICH = "Which answer"
     group="How close",
     help="K_A of the weighted error. Default: 1.",
 )
+@option(
+    "--batch",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    group=_MANY,
+    help="Poses in a .csv or .parquet file, or an array (N, 4, 4) in a .npy file, in place of --at.",
+)
+@option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    group=_MANY,
+    help="Where the answers of --batch go, .csv, .npy or .parquet: as a whole when all are there, or not at all.",
+)
+@option(
+    "--jsonl",
+    is_flag=True,
+    group=_MANY,
+    help="A pose a line on standard input, in place of --at, and an answer a line on standard output, at once.",
+)
 @option("--trace", is_flag=True, help="Print what the search did, pass by pass.")
 @json_option
 @option("--solver", metavar="NAME", group="The search", later=searches_in_words)
@@ -139,6 +171,9 @@ def command(
     orientation_tolerance: float,
     position_weight: float,
     orientation_weight: float,
+    batch: Path | None,
+    out: Path | None,
+    jsonl: bool,
     trace: bool,
     as_json: bool,
     solver: str | None,
@@ -167,12 +202,26 @@ def command(
         prove=prove,
         trace=trace,
     )
-    target = target_of(at, turns, position_only, deg)
-    if every:
-        return _every(question, asked.goal(target), count, as_json)
-    if count is not None:
+    if count is not None and not every:
         raise InvalidProblem("--count is how many answers --all gives at most; add --all")
-    return _one(question, asked.goal(target), as_json)
+    if batch is None and not jsonl:
+        if out is not None:
+            raise InvalidProblem("--out is where the answers of --batch go; add --batch")
+        return _one(question, asked.goal(target_of(at, turns, position_only, deg)), every, count, as_json)
+    given = {
+        "--at": at,
+        **{f"--{name.replace('_', '-')}": text for name, text in turns.items()},
+        "--trace": trace or None,
+    }
+    for name in (name for name, value in given.items() if value is not None):
+        raise InvalidProblem(f"{'--jsonl' if jsonl else '--batch'} takes many poses; it goes without {name}")
+    if batch is None:
+        return solve_lines(question, deg, every, count)
+    if jsonl or out is None:
+        raise InvalidProblem(
+            "--batch and --jsonl exclude each other" if jsonl else "--batch needs --out FILE"
+        )
+    return solve_file(question, batch, out, deg, every, count, as_json)
 
 
 def _locked(arm: Arm, lock: tuple[str, ...], deg: bool) -> Arm:
@@ -181,20 +230,17 @@ def _locked(arm: Arm, lock: tuple[str, ...], deg: bool) -> Arm:
     return arm.with_locked(in_radians(arm, named_values(" ".join(lock), "--lock"), "--lock", deg))
 
 
-def _one(question: Question, goal: Goal, as_json: bool) -> int:
-    clock = time.perf_counter()
+def _one(question: Question, goal: Goal, every: bool, count: int | None, as_json: bool) -> int:
+    clock, proof = time.perf_counter(), None
+    if every:
+        found = question.branches(goal, count)
+        report.print_branches(question.arm, cast(Branches, found), time.perf_counter() - clock, as_json)
+        return 0 if len(found) else 1
     if question.prove:
         solution, proof = question.answer_with_proof(goal)
     else:
-        solution, proof = question.answer(goal), None
+        solution = question.answer(goal)
     report.print_solution(
         question.arm, solution, question.search, time.perf_counter() - clock, as_json, proof
     )
     return 0 if solution.success else 1
-
-
-def _every(question: Question, goal: Goal, count: int | None, as_json: bool) -> int:
-    clock = time.perf_counter()
-    found = question.branches(goal, count)
-    report.print_branches(question.arm, found, goal, time.perf_counter() - clock, as_json)
-    return 0 if len(found) else 1
