@@ -338,6 +338,8 @@ MISUSE = {
     "misspelt command": (("slove", "ur5e"), "did you mean 'solve'"),
     "no arm": (("solve",), "ARM"),
     "unknown robot": (("show", "pandda"), "did you mean 'panda'"),
+    "upper case": (("show", "UR5E"), "did you mean 'ur5e'?"),
+    "other case": (("show", "Panda"), "did you mean 'panda'?"),
     "missing file": (("show", "nowhere.urdf"), "nowhere.urdf"),
     "unknown link": (("show", "panda", "--tip", "hand"), "unknown link 'hand'"),
     "no such option": (("show", "panda", "--frob", "1"), "--frob"),

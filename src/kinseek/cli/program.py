@@ -15,7 +15,7 @@ from .help import Option, definitions, help_width, paragraph
 from .output import complain, held_output, warnings_in_one_line, write_out
 from .words import gather
 
-COMMANDS = ("robots", "show", "fk", "solve", "export", "kernels")
+COMMANDS = ("solve", "show", "fk", "robots", "check", "export", "kernels")
 """In the order of ``--help``; each is a file in `commands` with its command in `command`."""
 
 

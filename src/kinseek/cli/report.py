@@ -15,6 +15,7 @@ from kinseek.branches.result import Branches
 from kinseek.goal import Goal
 from kinseek.proof.certificate import Certificate
 from kinseek.robots import catalog_entry, catalog_names
+from kinseek.robots.soundness import Checkup, Severity
 from kinseek.solution import Solution
 from kinseek.solvers import Solver
 
@@ -63,6 +64,26 @@ def print_arm(arm: Arm) -> None:
     least, most = reach(arm)
     _print(f"reach: at least {least:.3f} m from base to tip (the farthest of {_POSTURES:,} random postures)")
     _print(f"reach: at most {most:.3f} m from base to tip (the sum of all links and slides)")
+
+
+def print_checkup(name: str, found: Checkup, as_json: bool) -> None:
+    """Print what was found out about a file, the worst first."""
+    order = list(Severity)
+    findings = sorted(found.findings, key=lambda finding: order.index(finding.severity))
+    counts = {severity: sum(each.severity is severity for each in findings) for severity in order}
+    if as_json:
+        listed = [{"severity": f.severity.value, "part": f.part, "what": f.what} for f in findings]
+        _print_json({"file": name, "sound": found.sound, "findings": listed})
+        return
+    for finding in findings:
+        _print(f"{finding.severity.value}: {finding.part}{': ' if finding.part else ''}{finding.what}")
+    said = [
+        f"{count} {severity.value}{'s' if count > 1 else ''}" for severity, count in counts.items() if count
+    ]
+    size = (
+        f" ({found.links} links, {found.joints} joints, {found.moving} of them move)" if found.links else ""
+    )
+    _print(f"{name}{size}: {'sound' if found.sound else 'not sound'}{', ' if said else ''}{', '.join(said)}")
 
 
 def print_parts(folder: Path, parts: Parts) -> None:
