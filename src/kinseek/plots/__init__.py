@@ -14,26 +14,34 @@ errors, an argument says how much is computed. docs/plots.md shows all of them.
 from __future__ import annotations
 
 from .arms import arm, branches, draw_arm, draw_frame, draw_line
+from .atlases import samples
 from .figures import COLOURS, plane, same_scale, save, space
 from .landscapes import landscape, passes, windows
+from .paths import joints
+from .proofs import boxes
 from .traces import breadths, circles, progress, tree
+from .workspaces import workspace
 
 __all__ = [
     "COLOURS",
     "arm",
+    "boxes",
     "branches",
     "breadths",
     "circles",
     "draw_arm",
     "draw_frame",
     "draw_line",
+    "joints",
     "landscape",
     "passes",
     "plane",
     "progress",
     "same_scale",
+    "samples",
     "save",
     "space",
     "tree",
     "windows",
+    "workspace",
 ]

@@ -114,7 +114,8 @@ def branches(
     count = f"{len(branches)} {'answer' if len(branches) == 1 else 'answers'}"
     axes = figure.axes[0] if ax is None else ax
     axes.set_title(
-        f"{problem.mechanism.name}: {count}{', a sample of endlessly many' if branches.sampled else ''}", y=0.97
+        f"{problem.mechanism.name}: {count}{', a sample of endlessly many' if branches.sampled else ''}",
+        y=0.97,
     )
     return figure
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -146,11 +145,20 @@ def passes(
         look = {"cmap": "viridis", "vmin": low, "vmax": high, "edgecolors": "white", "linewidths": 0.8}
         room = panel * 72 / max(len(each.values(x)), len(each.values(y)))
         ax.scatter(*values, c=errors[i], s=min(42.0, (0.5 * room) ** 2), **look)
-        ax.plot(*each.q[[x, y]], MARKS[0], markersize=11, markerfacecolor="none", markeredgecolor=COLOURS[1], mew=2)
+        ax.plot(
+            *each.q[[x, y]],
+            MARKS[0],
+            markersize=11,
+            markerfacecolor="none",
+            markeredgecolor=COLOURS[1],
+            mew=2,
+        )
         if following is not None:
             _frame(ax, solution, following, x, y, edgecolor="black", linewidth=1.4)
         spacing = each.spacing
-        apart = "" if spacing is None else f"\n{errors[i].size} nodes, {_spacings(solution, spacing, x, y)} apart"
+        apart = (
+            "" if spacing is None else f"\n{errors[i].size} nodes, {_spacings(solution, spacing, x, y)} apart"
+        )
         ax.set_title(f"{each.name}{apart}")
         ax.set(xlim=(start[0], end[0]), ylim=(start[1], end[1]))
         ax.grid(False)

@@ -147,9 +147,7 @@ def tree(solution: Solution, number: int = 1, size: tuple[float, float] = (7.2, 
 
 
 @drawn
-def circles(
-    solution: Solution | Trace, joint: int | str = 0, passes: int = 3, size: float = 2.5
-) -> Any:
+def circles(solution: Solution | Trace, joint: int | str = 0, passes: int = 3, size: float = 2.5) -> Any:
     """Draw the values that the first passes try for a joint that turns as spokes of a circle, as Fig. 2 of the paper.
 
     Args:
@@ -234,5 +232,3 @@ def _spokes(shown: Mapping[str, Pass], d: int, caption: str, size: float) -> Any
         each.axis("off")
     figure.supxlabel(caption, fontsize=9)
     return figure
-
-
