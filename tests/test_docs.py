@@ -1,0 +1,223 @@
+"""What the documentation shows runs, and where it points to is there.
+
+Every Python block of a page runs, one after the other with the same names. A comment before a block, which no reader sees,
+says what is special about it:
+
+    <!-- needs: ikpy, eaik -->          runs where these can be imported, after the plain blocks before it
+    <!-- not run: what is in the way --> does not run
+    <!-- ends with: 1 -->                the exit code of its commands, where it is not 0
+
+A line of a shell block that begins with ``kinseek`` runs too, unless its block is marked so.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shlex
+import shutil
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+if not (ROOT / "docs").is_dir():
+    pytest.skip("the documentation is not part of what is tested here", allow_module_level=True)
+sys.path.insert(0, str(ROOT / "docs"))
+
+import make_site  # noqa: E402  # A script of the documentation.
+
+LANGUAGES = {"python", "sh", "text", "c", "xml", "csv", "json", "cmake", "html"}
+BLOCK = re.compile(
+    r"(?:^<!-- (?P<mark>needs|not run|ends with): (?P<words>[^>]+) -->\n+)?"
+    r"^```(?P<language>\S*)[^\n]*\n(?P<code>.*?)^```$",
+    re.MULTILINE | re.DOTALL,
+)
+
+
+@dataclass(frozen=True)
+class Block:
+    page: Path
+    line: int
+    language: str
+    code: str
+    needs: tuple[str, ...] = ()
+    not_run: str = ""
+    code_at_end: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.page.relative_to(ROOT)}:{self.line}"
+
+    def run(self, names: dict[str, object]) -> None:
+        lines = "\n" * self.line  # So that an error names the line of the page.
+        exec(compile(lines + self.code, str(self.page), "exec"), names)
+
+
+def blocks_of(page: Path) -> list[Block]:
+    text = page.read_text(encoding="utf-8")
+    found = []
+    for match in BLOCK.finditer(text):
+        words = (match["words"] or "").strip()
+        found.append(
+            Block(
+                page,
+                text[: match.start("language")].count("\n") + 1,
+                match["language"],
+                match["code"],
+                tuple(words.split(", ")) if match["mark"] == "needs" else (),
+                words if match["mark"] == "not run" else "",
+                int(words) if match["mark"] == "ends with" else 0,
+            )
+        )
+    return found
+
+
+PAGES = [page for page in make_site.sources() if page.suffix == ".md"]
+BLOCKS = [block for page in PAGES for block in blocks_of(page)]
+PYTHON = [block for block in BLOCKS if block.language == "python" and not block.not_run]
+COMMANDS = [
+    (block, line)
+    for block in BLOCKS
+    if block.language == "sh" and not block.not_run
+    for line in block.code.replace("\\\n", " ").splitlines()
+    if line.startswith("kinseek ")
+]
+
+
+def name_of(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("page", sorted({block.page for block in PYTHON}), ids=name_of)
+def test_python_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # Where it may write.
+    names: dict[str, object] = {"__name__": "__main__"}
+    for block in PYTHON:
+        if block.page == page and not block.needs:
+            block.run(names)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("block", [block for block in PYTHON if block.needs], ids=str)
+def test_python_that_needs_more_runs(block: Block, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lacking = [name for name in block.needs if importlib.util.find_spec(name) is None]
+    if lacking:
+        pytest.skip(f"not installed: {', '.join(lacking)}")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {"__name__": "__main__"}
+    for before in PYTHON:
+        if before.page == block.page and before.line < block.line and not before.needs:
+            before.run(names)
+    block.run(names)
+
+
+@pytest.mark.parametrize(("block", "command"), COMMANDS, ids=[f"{block}: {line}" for block, line in COMMANDS])
+def test_command_runs(block: Block, command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from kinseek.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(shlex.split(command, comments=True)[1:])
+    assert (ended.value.code or 0) == block.code_at_end
+
+
+def test_every_block_says_what_it_is_in() -> None:
+    """A block of Python by another name would not be run."""
+    assert [f"{block}: {block.language!r}" for block in BLOCKS if block.language not in LANGUAGES] == []
+    assert len(PYTHON) > 20
+    assert len(COMMANDS) > 0
+
+
+def anchors(page: Path) -> set[str]:
+    """The anchors of a page's headings, as the repository's pages and the site have them."""
+    text = make_site.CODE.sub(
+        lambda code: "" if code[0].lstrip().startswith("```") else code[0].strip("`"),
+        page.read_text(encoding="utf-8"),
+    )
+    seen: dict[str, int] = {}
+    found = set()
+    for heading in re.findall(r"^#+ +(.*?) *$", text, re.MULTILINE):
+        plain = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).replace("*", "")
+        slug = re.sub(r"[^\w\- ]", "", plain.lower()).replace(" ", "-")
+        found.add(slug + (f"-{seen[slug]}" if slug in seen else ""))
+        seen[slug] = seen.get(slug, 0) + 1
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_somewhere(page: Path) -> None:
+    broken = []
+
+    def follow(link: str) -> str:
+        name, _, anchor = link.partition("#")
+        if not re.match(r"[a-z]+:", link):
+            target = (page.parent / name).resolve() if name else page
+            if not target.exists() or (anchor and anchor not in anchors(target)):
+                broken.append(link)
+        return link
+
+    make_site.links(page.read_text(encoding="utf-8"), follow)
+    assert broken == []
+
+
+def test_a_broken_link_is_seen(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(
+        '# A `b` & c\n\n[x](y.md) `[no](no.md)` ![](p.png) <img src="q.png">\n\n```\n[no](no)\n# no\n```\n'
+    )
+    seen: list[str] = []
+
+    def rewrite(link: str) -> str:
+        seen.append(link)
+        return "z"
+
+    text = make_site.links(page.read_text(), rewrite)
+    assert seen == ["y.md", "p.png", "q.png"]
+    assert text.count("(z)") == 2
+    assert anchors(page) == {"a-b--c"}
+
+
+def test_every_page_has_its_place_in_the_navigation() -> None:
+    navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:\n")[1]
+    named = re.findall(r"^ +- (?!#)[^:#]+: (\S+\.md)$", navigation, re.MULTILINE)
+    assert sorted(named) == sorted(str(make_site.place(page)) for page in make_site.sources())
+
+
+@pytest.fixture(scope="module")
+def site() -> Path:
+    """The site, made anew: a warning is an error."""
+    pytest.importorskip("zensical")
+    assert make_site.main() == 0
+    return make_site.SITE
+
+
+@pytest.mark.slow
+def test_the_site_asks_nothing_of_the_network(site: Path) -> None:
+    pages = sorted(site.rglob("*.html"))
+    assert len(pages) > len(PAGES)
+    fetched = re.compile(
+        r"<(?:script|img|iframe|source|video)[^>]*\bsrc=\"?https?:|<link[^>]*rel=\"?stylesheet[^>]*https?:"
+    )
+    assert [page.name for page in pages if fetched.search(page.read_text(encoding="utf-8"))] == []
+
+
+@pytest.mark.slow
+def test_the_site_is_searched_from_a_folder(site: Path) -> None:
+    """In a browser, where nothing may be asked for but files."""
+    api = pytest.importorskip("playwright.sync_api")
+    chromium = shutil.which("chromium") or pytest.skip("no chromium")
+    asked: list[str] = []
+    with api.sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        page = browser.new_page()
+        page.on("request", lambda request: asked.append(request.url))
+        page.on("pageerror", lambda error: asked.append(f"error: {error}"))
+        page.goto((site / "index.html").as_uri())
+        page.get_by_role("button", name="Search").first.click()
+        page.get_by_role("textbox").or_(page.get_by_role("combobox")).first.fill("manipulability")
+        page.get_by_text("How far the arm is from singular").first.wait_for(timeout=30_000)
+        browser.close()
+    assert [url for url in asked if not url.startswith(("file:", "data:", "blob:", "about:"))] == []
