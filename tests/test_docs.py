@@ -6,18 +6,21 @@ says what is special about it:
     <!-- needs: ikpy, eaik -->          runs where these can be imported, after the plain blocks before it
     <!-- not run: what is in the way --> does not run
     <!-- ends with: 1 -->                the exit code of its commands, where it is not 0
+    <!-- printed: above -->              what the Python block before this block of text prints; … stands for anything
 
 A line of a shell block that begins with ``kinseek`` runs too, unless its block is marked so.
 """
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
+import io
 import re
 import shlex
 import shutil
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -30,9 +33,12 @@ sys.path.insert(0, str(ROOT / "docs"))
 
 import make_site  # noqa: E402  # A script of the documentation.
 
+import kinseek  # noqa: E402
+import kinseek.errors  # noqa: E402
+
 LANGUAGES = {"python", "sh", "text", "c", "xml", "csv", "json", "cmake", "html"}
 BLOCK = re.compile(
-    r"(?:^<!-- (?P<mark>needs|not run|ends with): (?P<words>[^>]+) -->\n+)?"
+    r"(?:^<!-- (?P<mark>needs|not run|ends with|printed): (?P<words>[^>]+) -->\n+)?"
     r"^```(?P<language>\S*)[^\n]*\n(?P<code>.*?)^```$",
     re.MULTILINE | re.DOTALL,
 )
@@ -47,20 +53,28 @@ class Block:
     needs: tuple[str, ...] = ()
     not_run: str = ""
     code_at_end: int = 0
+    prints: str | None = None
 
     def __str__(self) -> str:
         return f"{self.page.relative_to(ROOT)}:{self.line}"
 
     def run(self, names: dict[str, object]) -> None:
         lines = "\n" * self.line  # So that an error names the line of the page.
-        exec(compile(lines + self.code, str(self.page), "exec"), names)
+        out = io.StringIO()
+        with contextlib.redirect_stdout(out):
+            exec(compile(lines + self.code, str(self.page), "exec"), names)
+        if self.prints is not None:
+            pattern = ".*?".join(re.escape(part) for part in " ".join(self.prints.split()).split("…"))
+            assert re.fullmatch(pattern, " ".join(out.getvalue().split())), out.getvalue()
 
 
 def blocks_of(page: Path) -> list[Block]:
     text = page.read_text(encoding="utf-8")
-    found = []
+    found: list[Block] = []
     for match in BLOCK.finditer(text):
         words = (match["words"] or "").strip()
+        if match["mark"] == "printed":
+            found[-1] = replace(found[-1], prints=match["code"])
         found.append(
             Block(
                 page,
@@ -122,6 +136,33 @@ def test_command_runs(block: Block, command: str, tmp_path: Path, monkeypatch: p
     with pytest.raises(SystemExit) as ended:
         main(shlex.split(command, comments=True)[1:])
     assert (ended.value.code or 0) == block.code_at_end
+
+
+@pytest.mark.parametrize("said", ["Solved: …", "Solved: both …\nwithin their tolerances."])
+def test_what_is_printed_is_compared(said: str) -> None:
+    block = Block(
+        ROOT / "README.md", 1, "python", "import kinseek\nprint(kinseek.Status.SOLVED)", prints=said
+    )
+    block.run({})
+    with pytest.raises(AssertionError):
+        replace(block, prints=said.replace("Solved", "Solve")).run({})
+
+
+def test_every_error_has_its_cure() -> None:
+    """The page has a heading for each public error, in the order of errors.py, and an example that raises it."""
+    page = ROOT / "docs" / "errors.md"
+    names = [
+        name
+        for name, value in vars(kinseek.errors).items()
+        if isinstance(value, type) and issubclass(value, Exception) and value.__module__ == "kinseek.errors"
+    ]
+    assert {name for name in dir(kinseek) if name in names} == set(names)
+    text = page.read_text(encoding="utf-8")
+    assert re.findall(r"^## `(\w+)`$", text, re.MULTILINE) == [
+        name for name in names if name != "KinseekError"
+    ]
+    for name in names:
+        assert f"kinseek.{name}" in "".join(block.code for block in blocks_of(page)), name
 
 
 def test_every_block_says_what_it_is_in() -> None:

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-import kinseek
 from kinseek.cli.words import is_number
 
 ROOT = Path(__file__).parents[1]
@@ -65,8 +64,3 @@ def test_the_pose_of_the_first_command_is_reached(capsys: pytest.CaptureFixture[
     with pytest.raises(SystemExit) as ended:
         main(words)
     assert ended.value.code == 0
-
-
-def test_the_readme_names_every_search() -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert [cls.__name__ for cls in kinseek.ALL_SOLVERS if f"`{cls.__name__}`" not in text] == []
