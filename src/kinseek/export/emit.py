@@ -74,8 +74,10 @@ def main() -> None:
     sys.meta_path.insert(0, _Finder(job["lanes"]))
     for name in job["modules"]:
         importlib.import_module(name)
+    from kinseek.kernels.compiler import never_run
     from kinseek.kernels.grid.memory import memory_size
 
+    never_run()
     module, host = _lowered(job["entries"], job["routines"])
     told = _written(module, host, job, path.parent)
     told["memory"] = memory_size(*job["sizes"])
