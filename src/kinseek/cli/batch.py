@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from kinseek.solution import Solution
 
 from . import report
 from .files import read_poses, writable, write_columns
+from .output import on_terminal
 from .question import Question
 
 Columns = dict[str, NDArray[Any]]
@@ -54,16 +54,12 @@ def solve_file(
         assert isinstance(found, BranchesBatch)
         reached, columns = found.counts > 0, _answers(question.arm, found)
     else:
-        solution = question.answer(goal, progress=_watched())
+        solution = question.answer(goal, progress=on_terminal())
         reached, columns = np.asarray(solution.success), _answer(question.arm, solution)
     seconds = time.perf_counter() - clock
     write_columns(place, columns, question.arm.joint_names)
     report.print_batch(question.arm, reached, str(out), seconds, as_json)
     return 0 if reached.all() else 1
-
-
-def _watched() -> bool:
-    return sys.stderr is not None and sys.stderr.isatty()
 
 
 def _answer(arm: Arm, solution: Solution) -> Columns:

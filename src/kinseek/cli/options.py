@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+
 import click
 from click.shell_completion import CompletionItem
+
+from kinseek.errors import KinseekError
 
 from .help import option, together
 
@@ -13,15 +17,39 @@ ARM = ("ARM", "A bundled arm (see: kinseek robots), or a .urdf, .xacro or MJCF .
 GOAL = "The goal"
 
 
-def _arms(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Bundled arms that begin so, or files, for the shell to complete."""
+Completion = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
+
+
+def complete(words: Callable[[], Iterable[str]]) -> Completion:
+    """What a shell completes: the words that begin so."""
+
+    def completed(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        return [CompletionItem(word) for word in words() if word.startswith(incomplete)]
+
+    return completed
+
+
+def complete_joints(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Joints of the arm that was named before, for JOINT=VALUE."""
+    from kinseek.arm import load
+
+    arm = ctx.params.get("arm") or next(iter(ctx.args), "")
+    try:
+        names = load(arm, ctx.params.get("base"), ctx.params.get("tip")).joint_names
+    except KinseekError:
+        return []
+    return [CompletionItem(f"{name}=") for name in names if name.startswith(incomplete)]
+
+
+def _complete_arms(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Bundled arms that begin so, or files."""
     from kinseek.robots.catalog import catalog_names
 
     names = [name for name in catalog_names() if name.startswith(incomplete)]
     return [CompletionItem(name) for name in names] or [CompletionItem(incomplete, type="file")]
 
 
-arm_argument = click.argument("arm", metavar="ARM", shell_complete=_arms)
+arm_argument = click.argument("arm", metavar="ARM", shell_complete=_complete_arms)
 
 chain_options = together(
     option(

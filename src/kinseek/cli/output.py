@@ -77,6 +77,11 @@ def complain(message: str) -> None:
             print(f"kinseek: {' '.join(message.split())}", file=sys.stderr, flush=True)
 
 
+def on_terminal() -> bool:
+    """Does somebody watch stderr?"""
+    return sys.stderr is not None and sys.stderr.isatty()
+
+
 @contextlib.contextmanager
 def warnings_in_one_line() -> Iterator[None]:
     """Say what units look wrong in a line each, without the line of our own code that found it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from importlib import import_module
 from typing import Any, cast
@@ -15,8 +16,11 @@ from .help import Option, definitions, help_width, paragraph
 from .output import complain, held_output, warnings_in_one_line, write_out
 from .words import gather
 
-COMMANDS = ("solve", "show", "fk", "robots", "check", "export", "kernels")
+COMMANDS = ("solve", "show", "fk", "view", "robots", "check", "bench", "export", "kernels", "completion")
 """In the order of ``--help``; each is a file in `commands` with its command in `command`."""
+
+COMPLETE = "_KINSEEK_COMPLETE"
+"""Set by a shell that asks what comes next."""
 
 
 class Program(click.Group):
@@ -90,6 +94,8 @@ PROGRAM = Program(
 
 def run(arguments: Sequence[str]) -> int:
     """Run one command line and return its exit code; a mistake becomes one line on stderr."""
+    if COMPLETE in os.environ:  # A shell asks what comes next; the answer is bytes.
+        PROGRAM.main([], prog_name="kinseek", complete_var=COMPLETE)
     with held_output() as held, warnings_in_one_line():
         code = _run(arguments)
     return write_out(held.getvalue(), code)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,8 @@ from .tables import sentence, table, terminal_width
 
 if TYPE_CHECKING:
     from kinseek.export import Parts
+
+    from .bench import Row
 
 Array = NDArray[np.float64]
 
@@ -64,6 +67,24 @@ def print_arm(arm: Arm) -> None:
     least, most = reach(arm)
     _print(f"reach: at least {least:.3f} m from base to tip (the farthest of {_POSTURES:,} random postures)")
     _print(f"reach: at most {most:.3f} m from base to tip (the sum of all links and slides)")
+
+
+def print_bench(arm: Arm, rows: Sequence[Row], machine: str, as_json: bool) -> None:
+    """Print what was measured."""
+    if as_json:
+        _print_json({**_arm_facts(arm), "machine": machine, "rows": [asdict(row) for row in rows]})
+        return
+
+    def cells(row: Row) -> tuple[str, ...]:
+        figures = [f"{number:,.1f}" if number is not None else "-" for number in (row.median, row.slow)]
+        good = f"{row.good * 100:.1f} %" if row.good is not None else "-"
+        return (row.what, row.who, *figures, good, f"{row.poses:,}" if row.poses else row.why_not)
+
+    _print(f"{arm.name}, {arm.dof} joints; {machine}")
+    _print_table(
+        ("", "", ">median\nµs a pose", ">p99\nµs a call", ">reached or\nproved", ">poses"),
+        [cells(row) for row in rows],
+    )
 
 
 def print_checkup(name: str, found: Checkup, as_json: bool) -> None:

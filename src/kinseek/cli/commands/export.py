@@ -12,7 +12,7 @@ from kinseek.arm import load
 from kinseek.cli import report
 from kinseek.cli.goals import Asked, take_turns, target_of
 from kinseek.cli.help import Command, option
-from kinseek.cli.options import ARM, GOAL, arm_argument, chain_options, pose_options
+from kinseek.cli.options import ARM, GOAL, arm_argument, chain_options, complete, pose_options
 from kinseek.cli.output import complain
 from kinseek.cli.searches import make_search, search_options
 from kinseek.cli.words import size
@@ -44,6 +44,7 @@ _EXPORTED = ("divide-and-conquer", "atlas")
     "--target",
     metavar="NAME",
     default="x86-64",
+    shell_complete=complete(lambda: TARGETS),
     help=f"The kind of processor: {', '.join(TARGETS)}. Default: x86-64.",
 )
 @option("--cpu", metavar="NAME", help="One processor of that kind, as LLVM calls it.")
@@ -59,6 +60,7 @@ _EXPORTED = ("divide-and-conquer", "atlas")
     "--solver",
     metavar="NAME",
     default=_EXPORTED[0],
+    shell_complete=complete(lambda: _EXPORTED),
     help=f"The search: {' or '.join(_EXPORTED)}; the atlas takes 3 to 4 MB of flash. Default: {_EXPORTED[0]}.",
 )
 @pose_options

@@ -16,9 +16,18 @@ from kinseek.cli.columns import VALID
 from kinseek.cli.goals import Asked, take_turns, target_of
 from kinseek.cli.help import Command, option
 from kinseek.cli.json_lines import solve_lines
-from kinseek.cli.options import ARM, GOAL, arm_argument, chain_options, json_option, pose_options
+from kinseek.cli.options import (
+    ARM,
+    GOAL,
+    arm_argument,
+    chain_options,
+    complete,
+    complete_joints,
+    json_option,
+    pose_options,
+)
 from kinseek.cli.question import Question
-from kinseek.cli.searches import make_search, search_options, searches_in_words
+from kinseek.cli.searches import make_search, search_options, searches, searches_in_words
 from kinseek.cli.words import in_radians, joint_values, named_values
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
@@ -56,6 +65,7 @@ _MANY = "Many poses"
     "--frame",
     metavar="WORD",
     default="tool",
+    shell_complete=complete(lambda: ("tool", "base")),
     group=GOAL,
     help="Whose axes --free names: tool (those of the wanted pose) or base. Default: tool.",
 )
@@ -65,18 +75,21 @@ _MANY = "Many poses"
     "--lock",
     metavar="JOINT=VALUE",
     multiple=True,
+    shell_complete=complete_joints,
     group="The arm",
     help="Joints that stay where they are, rad or m; several apart by blanks or commas.",
 )
 @option(
     "--near",
     metavar="Q...",
+    shell_complete=complete_joints,
     group=_WHICH,
     help="Joint values to be near to, or to start from, rad or m: one a joint, or JOINT=VALUE of every joint.",
 )
 @option(
     "--prefer",
     metavar="WORD",
+    shell_complete=complete(lambda: ("mid-range", "limits", "dexterity")),
     group=_WHICH,
     help="The best of all answers: mid-range (nearest to the middle of the limits), limits (farthest from them) or "
     "dexterity (farthest from singular).",
@@ -150,7 +163,9 @@ _MANY = "Many poses"
 )
 @option("--trace", is_flag=True, help="Print what the search did, pass by pass.")
 @json_option
-@option("--solver", metavar="NAME", group="The search", later=searches_in_words)
+@option(
+    "--solver", metavar="NAME", shell_complete=complete(searches), group="The search", later=searches_in_words
+)
 @search_options()
 def command(
     arm: str,
