@@ -34,18 +34,18 @@ T = np.eye(4)
     ],
 )
 def test_load_takes_names_and_paths(source: Any, said: str) -> None:
-    with pytest.raises(InvalidRobot, match=f"source must be the name of a bundled arm or a path.*{said}"):
+    with pytest.raises(InvalidRobot, match=f"source must be the name of a bundled arm, a path.*{said}"):
         kinseek.load(source)
 
 
 def test_load_of_an_arm() -> None:
     with pytest.raises(InvalidRobot, match="it is an arm already"):
-        kinseek.load(kinseek.load("planar2"))  # type: ignore[arg-type]
+        kinseek.load(kinseek.load("planar2"))
 
 
-def test_a_real_model_of_pinocchio() -> None:
+def test_an_empty_model_of_pinocchio() -> None:
     pinocchio = pytest.importorskip("pinocchio")
-    with pytest.raises(InvalidRobot, match=r"got pinocchio\..*Model; give the file"):
+    with pytest.raises(InvalidRobot, match="no movable joint between base 'universe' and tip 'universe'"):
         kinseek.load(pinocchio.Model())
 
 

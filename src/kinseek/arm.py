@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from math import hypot
 from pathlib import Path
@@ -353,17 +354,28 @@ def _is_plain(value: Any, shape: tuple[int, ...]) -> TypeGuard[Array]:
     )
 
 
-def load(source: str | Path, base: str | None = None, tip: str | None = None) -> Arm:
+def load(
+    source: Any,
+    base: str | None = None,
+    tip: str | None = None,
+    *,
+    args: Mapping[str, Any] | None = None,
+    packages: Mapping[str, str | Path] | None = None,
+) -> Arm:
     """Load an arm.
 
     Args:
-        source: Name of a bundled arm (`kinseek robots` lists them), or a path to a .urdf, .xacro or MJCF .xml
-            file.
+        source: Name of a bundled arm (`kinseek robots` lists them); a path to a .urdf, .xacro or MJCF .xml file; the text
+            of a URDF; a model of yourdfpy (``URDF``), pinocchio (``Model``) or MuJoCo (``MjModel``); or, where the package
+            robot_descriptions is installed, a name of it, such as ``"panda_description"``.
         base: Link that stays; the root of the file unless given.
         tip: Link whose pose is meant; the only leaf of the file unless given.
+        args: Of a .xacro file: values of its arguments, by name.
+        packages: Of a .xacro file: folders of the ROS packages that it finds files in, by name.
 
     Raises:
-        InvalidRobot: Unknown name, missing or broken file, unknown or unconnected links, bad joints.
+        InvalidRobot: Unknown name, missing or broken file, unknown or unconnected links, bad joints, arguments that the file
+            does not ask for.
         MissingExtra: An MJCF file, and MuJoCo is not installed.
     """
-    return Arm(read(source, base, tip))
+    return Arm(read(source, base, tip, args=args, packages=packages))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from .bundled import read_bundled
 from .catalog import CatalogEntry, catalog_entry, catalog_names, catalog_path
 from .chain import SerialChain
 from .dh import read_dh
+from .held import hint_at, is_described, is_text, read_described, read_held, read_text
 from .mechanism import Mechanism
 from .mjcf import read_mjcf
 from .urdf import read_urdf
@@ -37,37 +40,103 @@ __all__ = [
 ]
 
 
-def read(source: str | Path, base: str | None = None, tip: str | None = None) -> SerialChain:
-    """Read an arm: a bundled one by its name, or a URDF, xacro or MJCF file by its path.
+def read(
+    source: Any,
+    base: str | None = None,
+    tip: str | None = None,
+    *,
+    args: Mapping[str, Any] | None = None,
+    packages: Mapping[str, str | Path] | None = None,
+) -> SerialChain:
+    """Read an arm: a bundled one by its name, a URDF, xacro or MJCF file by its path, or what people hold.
 
     Args:
-        source: Name of a bundled arm, or a path that ends in ``.urdf``, ``.xacro`` or ``.xml``.
+        source: Name of a bundled arm or of one of the package robot_descriptions; a path that ends in ``.urdf``, ``.xacro``
+            or ``.xml``; the text of a URDF; or a model of yourdfpy, pinocchio or MuJoCo.
         base: Name of the link that stays; the arm's own, or the root of the file, unless given.
         tip: Name of the link that the pose is of; the arm's own, or the only leaf, unless given.
+        args: Of a xacro file: values of its arguments, by name.
+        packages: Of a xacro file: folders of ROS packages, by name.
 
     Raises:
-        InvalidRobot: Neither a bundled arm nor a file of these kinds, or the file cannot be used.
+        InvalidRobot: None of these, or it cannot be used.
         MissingExtra: An MJCF file, and MuJoCo is not installed.
     """
-    _require_readable(source, base, tip)
+    _require_names(base, tip)
+    if not isinstance(source, str | os.PathLike) or is_text(source):
+        _refuse_options(args, packages, "what is no file")
+        return _read_held(source, base, tip)
+    path = _path(source)
+    if path.suffix.lower() == ".xacro":
+        return read_urdf(path, base, tip, args=args, packages=packages)
+    _refuse_options(args, packages, repr(str(source)))
     if isinstance(source, str) and source in catalog_names():
-        if base is None and tip is None and (bundled := read_bundled(source)) is not None:
-            return bundled
-        entry = catalog_entry(source)
-        return read_urdf(catalog_path(source), base or entry.base, tip or entry.tip)
+        return _read_bundled(source, base, tip)
+    if is_described(source):
+        return read_described(str(source), base, tip)
+    if path.suffix.lower() == ".urdf" or (path.suffix.lower() == ".xml" and _is_urdf(path)):
+        return read_urdf(path, base, tip)
+    if path.suffix.lower() == ".xml":
+        return read_mjcf(path, base, tip)
+    raise InvalidRobot(_what_it_may_be(str(source)))
 
+
+def _read_bundled(name: str, base: str | None, tip: str | None) -> SerialChain:
+    if base is None and tip is None and (bundled := read_bundled(name)) is not None:
+        return bundled
+    entry = catalog_entry(name)
+    return read_urdf(catalog_path(name), base or entry.base, tip or entry.tip)
+
+
+def _read_held(source: Any, base: str | None, tip: str | None) -> SerialChain:
+    if is_text(source):
+        return read_text(source, base, tip)
+    if (chain := read_held(source, base, tip)) is not None:
+        return chain
+    kind = type(source)
+    package = kind.__module__.partition(".")[0]
+    known = package not in ("builtins", "__main__", "kinseek")
+    what = f"{kind.__module__}.{kind.__qualname__}" if known else kind.__name__
+    hint = "; give the file that it was read from" if known else ""
+    hint = "; it is an arm already" if package == "kinseek" else hint
+    raise InvalidRobot(
+        f"source must be the name of a bundled arm, a path to a .urdf, .xacro or .xml file, the text of a URDF, or a model "
+        f"of yourdfpy, pinocchio or MuJoCo, got {what}{hint}. Bundled: {', '.join(catalog_names())}"
+    )
+
+
+def _path(source: str | os.PathLike[str]) -> Path:
+    if isinstance(os.fspath(source), bytes):
+        raise InvalidRobot(f"source must be a path of letters, got bytes: {os.fspath(source)!r}")
+    scheme, address, _ = str(source).partition("://")
+    if address and "<" not in scheme:
+        raise InvalidRobot(
+            f"{str(source)!r}: addresses are not opened; write the path of the file, without {scheme}://"
+        )
     try:
-        path = Path(source).expanduser()
+        return Path(source).expanduser()
     except RuntimeError as error:  # Nobody is called like that.
         raise InvalidRobot(f"no file {str(source)!r}: {error}") from None
-    match path.suffix.lower():
-        case ".urdf" | ".xacro":
-            return read_urdf(path, base, tip)
-        case ".xml":
-            return read_urdf(path, base, tip) if _is_urdf(path) else read_mjcf(path, base, tip)
-    raise InvalidRobot(
-        f"{suggest(str(source), catalog_names(), 'robot')}. A path must end in .urdf, .xacro or .xml"
-    )
+
+
+def _what_it_may_be(source: str) -> str:
+    """Say that a source is neither a name nor a path, and what was meant, perhaps."""
+    if hint := hint_at(source):
+        shown = repr(source if len(source) <= 60 else f"{source[:60]}…")
+        return f"no arm is called {shown}; {hint}. A path must end in .urdf, .xacro or .xml"
+    plain = {_plain(name): name for name in catalog_names()}
+    if (meant := plain.get(_plain(source))) is not None:
+        return f"unknown robot {source!r}; write {meant!r}: names of bundled arms are lower-case"
+    return f"{suggest(source, catalog_names(), 'robot')}. A path must end in .urdf, .xacro or .xml"
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+def _refuse_options(args: object, packages: object, source: str) -> None:
+    if args or packages:
+        raise InvalidRobot(f"args and packages are for .xacro files, got {source}")
 
 
 def as_mechanism(value: Any) -> Mechanism:
@@ -89,21 +158,7 @@ def as_mechanism(value: Any) -> Mechanism:
     )
 
 
-def _require_readable(source: object, base: object, tip: object) -> None:
-    """Refuse what is neither a name nor a path, the models of other libraries above all."""
-    if not isinstance(source, str | os.PathLike):
-        kind = type(source)
-        package = kind.__module__.partition(".")[0]
-        known = package not in ("builtins", "__main__", "kinseek")
-        what = f"{kind.__module__}.{kind.__qualname__}" if known else kind.__name__
-        hint = "; give the file that it was read from" if known else ""
-        hint = "; it is an arm already" if package == "kinseek" else hint
-        raise InvalidRobot(
-            f"source must be the name of a bundled arm or a path to a .urdf, .xacro or .xml file, got {what}{hint}. "
-            f"Bundled: {', '.join(catalog_names())}"
-        )
-    if isinstance(os.fspath(source), bytes):
-        raise InvalidRobot(f"source must be a path of letters, got bytes: {os.fspath(source)!r}")
+def _require_names(base: object, tip: object) -> None:
     for name, value in (("base", base), ("tip", tip)):
         if value is not None and not isinstance(value, str):
             raise InvalidRobot(

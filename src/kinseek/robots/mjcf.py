@@ -39,15 +39,33 @@ def read_mjcf(path: str | Path, base: str | None = None, tip: str | None = None)
         MissingExtra: MuJoCo is not installed.
     """
     path = Path(path)
+    return read_model(_compile(path), base, tip, where=str(path), name=path.stem)
+
+
+def read_model(
+    model: Any, base: str | None = None, tip: str | None = None, *, where: str, name: str = "robot"
+) -> SerialChain:
+    """Read the arm between two frames of a compiled MuJoCo model, a ``mujoco.MjModel``.
+
+    Args:
+        model: The model.
+        base: As in `read_mjcf`.
+        tip: As in `read_mjcf`.
+        where: Where it came from, for messages.
+        name: Of the arm, where the model has none.
+
+    Raises:
+        InvalidRobot: A joint between base and tip cannot be used.
+    """
     with np.errstate(all="ignore"):  # What overflows is refused where the chain is put together.
-        chain = _read(path, _compile(path), base, tip)
+        chain = _read(model, base, tip, where, name)
     warn_of_joints(
-        chain.joint_names, chain.kinds, chain.lower, chain.upper, str(path), 'leave out angle="radian"'
+        chain.joint_names, chain.kinds, chain.lower, chain.upper, where, 'leave out angle="radian"'
     )
     return chain
 
 
-def _read(path: Path, model: Any, base: str | None, tip: str | None) -> SerialChain:
+def _read(model: Any, base: str | None, tip: str | None, where: str, called: str) -> SerialChain:
     bodies = _names(model, model.name_bodyadr, "body")
     above: dict[str, str | None] = {
         name: bodies[model.body_parentid[i]] if i else None for i, name in enumerate(bodies)
@@ -73,7 +91,7 @@ def _read(path: Path, model: Any, base: str | None, tip: str | None) -> SerialCh
     joints = _names(model, model.name_jntadr, "joint")
     index = {name: i for i, name in enumerate(bodies)}
     count = sum(int(model.body_jntnum[index[frame]]) for frame in frames[1:] if frame in index)
-    require_few(count, "moving joints between base and tip", MOST_JOINTS, str(path))
+    require_few(count, "moving joints between base and tip", MOST_JOINTS, where)
     links = [(frames[0], Frame(0, pose))]
     for frame in frames[1:]:
         if frame in sites:
@@ -91,10 +109,10 @@ def _read(path: Path, model: Any, base: str | None, tip: str | None) -> SerialCh
     return serial_chain(
         moving,
         pose,
-        name=_name(model, path),
+        name=_name(model, called),
         base=base or frames[0],
         tip=frames[-1],
-        source=str(path),
+        source=where,
         links=links,
     )
 
@@ -176,7 +194,7 @@ def _pose(position: Array, quaternion: Array) -> Array:
     return transform(rotation(vector / sine, 2 * float(np.arctan2(sine, w))), position)
 
 
-def _name(model: Any, path: Path) -> str:
+def _name(model: Any, called: str) -> str:
     """Return the model's name: the first string of MuJoCo's name table."""
     name = _string(bytes(model.names), 0)
-    return name if name and name != "MuJoCo Model" else path.stem
+    return name if name and name != "MuJoCo Model" else called

@@ -7,6 +7,7 @@ looked at, so no ROS package has to be there.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,33 +26,63 @@ from .urdf_xml import expand_xacro, kinematic_part, root_element
 _MOVES = (REVOLUTE, CONTINUOUS, PRISMATIC)
 
 
-def read_urdf(path: str | Path, base: str | None = None, tip: str | None = None) -> SerialChain:
+def read_urdf(
+    path: str | Path,
+    base: str | None = None,
+    tip: str | None = None,
+    *,
+    args: Mapping[str, Any] | None = None,
+    packages: Mapping[str, str | Path] | None = None,
+) -> SerialChain:
     """Read the arm between two links of a ``.urdf`` or ``.xacro`` file.
 
     Args:
         path: The file; a name that ends in ``.xacro`` is expanded first.
         base: Name of the link that stays; the root of the tree unless given.
         tip: Name of the link that the pose is of; the only leaf of the tree unless given.
+        args: Of a xacro file: values of its arguments, by name.
+        packages: Of a xacro file: folders of ROS packages, by name.
 
     Raises:
         InvalidRobot: The file, the tree of links, or a joint between base and tip cannot be used.
     """
     path = Path(path)
+    if path.suffix.lower() == ".xacro":
+        return read_urdf_text(
+            expand_xacro(path, args, packages), base, tip, where=str(path), name=path.name.split(".")[0]
+        )
+    if args or packages:
+        raise InvalidRobot(f"args and packages are for .xacro files, got {str(path)!r}")
+    return read_urdf_text(file_bytes(path), base, tip, where=str(path), name=path.name.split(".")[0])
+
+
+def read_urdf_text(
+    text: bytes, base: str | None = None, tip: str | None = None, *, where: str, name: str = "robot"
+) -> SerialChain:
+    """Read the arm between two links of a URDF that is at hand as text.
+
+    Args:
+        text: The URDF.
+        base: As in `read_urdf`.
+        tip: As in `read_urdf`.
+        where: Where it came from, for messages.
+        name: Of the robot, where the text gives none.
+
+    Raises:
+        InvalidRobot: As `read_urdf`.
+    """
     with np.errstate(all="ignore"):  # What overflows is refused where the chain is put together.
-        chain = _read(path, base, tip)
+        chain = _read(text, base, tip, where, name)
     warn_of_joints(
-        chain.joint_names, chain.kinds, chain.lower, chain.upper, str(path), "write radians, as URDF has them"
+        chain.joint_names, chain.kinds, chain.lower, chain.upper, where, "write radians, as URDF has them"
     )
     return chain
 
 
-def _read(path: Path, base: str | None, tip: str | None) -> SerialChain:
-    text = expand_xacro(path) if path.suffix.lower() == ".xacro" else file_bytes(path)
-    robot = _parse(
-        kinematic_part(root_element(text, str(path)), path.name.split(".")[0], str(path)), str(path)
-    )
+def _read(text: bytes, base: str | None, tip: str | None, where: str, name: str) -> SerialChain:
+    robot = _parse(kinematic_part(root_element(text, where), name, where), where)
 
-    parents = _link_tree(robot, str(path))
+    parents = _link_tree(robot, where)
     leaves = parents.keys() - {parent for parent in parents.values() if parent}
     moved = {joint.child for joint in robot.joints if joint.type != "fixed"}
     links = frame_path(parents, base, tip, ends=leaves, noun="link", moving=moved)
@@ -68,7 +99,7 @@ def _read(path: Path, base: str | None, tip: str | None) -> SerialChain:
     joint_above = {joint.child: joint for joint in robot.joints}
     path_joints = [joint_above[link] for link in links[1:]]
     count = sum(joint.type != "fixed" for joint in path_joints)
-    require_few(count, "moving joints between base and tip", MOST_JOINTS, str(path))
+    require_few(count, "moving joints between base and tip", MOST_JOINTS, where)
     moving, pose = [], np.eye(4)
     of_links, of_joints = [], []
     for joint in path_joints:
@@ -84,7 +115,7 @@ def _read(path: Path, base: str | None, tip: str | None) -> SerialChain:
         name=robot.name,
         base=links[0],
         tip=links[-1],
-        source=str(path),
+        source=where,
         links=of_links + of_joints,
     )
 

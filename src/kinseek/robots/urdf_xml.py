@@ -10,7 +10,7 @@ import contextlib
 import io
 import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -57,13 +57,57 @@ def root_element(text: bytes, where: str) -> Any:
         raise InvalidRobot(f"{where}: broken XML: {getattr(error, 'msg', None) or error}") from error
 
 
-def expand_xacro(path: Path) -> bytes:
+class _Arguments(dict[str, str]):
+    """Arguments of a xacro file that notice which of them it asks for."""
+
+    def __init__(self, given: Mapping[str, str]) -> None:
+        super().__init__(given)
+        self.asked: set[str] = set()
+
+    def __contains__(self, name: object) -> bool:
+        self.asked.add(str(name))
+        return super().__contains__(name)
+
+    def __getitem__(self, name: str) -> str:
+        self.asked.add(name)
+        return super().__getitem__(name)
+
+
+def expand_xacro(
+    path: Path, args: Mapping[str, Any] | None = None, packages: Mapping[str, str | Path] | None = None
+) -> bytes:
     """Turn a xacro file into URDF text.
 
+    Args:
+        path: The file.
+        args: Values of its arguments, by name; truth values are written as xacro reads them.
+        packages: Folders of ROS packages, by name. Others are looked for above the file, and where ROS has them.
+
     Raises:
-        InvalidRobot: The file is missing, or xacro cannot process it; the message is xacro's own.
+        InvalidRobot: The file is missing, an argument is none of the file's, a package is no folder, or xacro cannot process
+            the file; the message is then xacro's own.
     """
     file_bytes(path)
+    arguments = _Arguments({str(name): _as_xacro(value) for name, value in (args or {}).items()})
+    text = _expanded(path, arguments, _folders(packages or {}))
+    for name in args or {}:
+        if name not in arguments.asked:
+            raise InvalidRobot(f"{path}: {suggest(str(name), arguments.asked, 'argument')}")
+    return text
+
+
+def _as_xacro(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _folders(packages: Mapping[str, str | Path]) -> dict[str, str]:
+    for name, folder in packages.items():
+        if not Path(folder).expanduser().is_dir():
+            raise InvalidRobot(f"package {name!r}: no folder {str(folder)!r}")
+    return {name: str(Path(folder).expanduser().resolve()) for name, folder in packages.items()}
+
+
+def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str]) -> bytes:
     from xacrodoc import XacroDoc, packages
 
     said = io.StringIO()
@@ -73,9 +117,9 @@ def expand_xacro(path: Path) -> bytes:
             # Packages found on the way up from one file must not answer for the next file: use a copy.
             packages._finder = packages.PackageFinder()
             packages._finder.finder_funcs[:] = before.finder_funcs
-            packages._finder.package_cache.update(before.package_cache)
+            packages._finder.package_cache.update(before.package_cache | folders)
             with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-                document = XacroDoc.from_file(str(path), resolve_packages=False)
+                document = XacroDoc.from_file(str(path), subargs=arguments, resolve_packages=False)
                 return bytes(document.dom.toxml(encoding="utf-8"))
         except InvalidRobot:
             raise
@@ -83,7 +127,9 @@ def expand_xacro(path: Path) -> bytes:
             refused = _refusal(error)
             if refused is not None:
                 raise refused from None
-            raise InvalidRobot(f"{path}: xacro failed: {error or type(error).__name__}") from error
+            lost = packages.PackageNotFoundError.__name__ in str(error)
+            hint = "; say where it is: packages={name: folder}" if lost else ""
+            raise InvalidRobot(f"{path}: xacro failed: {error or type(error).__name__}{hint}") from error
         finally:
             packages._finder = before
 

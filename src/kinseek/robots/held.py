@@ -1,0 +1,125 @@
+"""What people hold: the text of a URDF, models of other libraries, names of the package robot_descriptions.
+
+A model is known by where its class comes from, so none of these libraries is imported, and none has to be there.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import re
+from pathlib import Path
+from typing import Any
+
+from kinseek.errors import InvalidRobot
+
+from .chain import SerialChain
+from .mjcf import read_mjcf, read_model
+from .pinocchio_model import read_pinocchio
+from .urdf import read_urdf, read_urdf_text
+
+_DECLARATION = re.compile(r"^\s*<\?xml[^>]*\?>")
+"""Tells an encoding, which text that is read already has no more."""
+_DESCRIPTION = "_description"
+
+
+def is_text(source: object) -> bool:
+    """Is it the text of an XML file, and no name or path?"""
+    if isinstance(source, bytes):
+        return source.lstrip()[:1] == b"<"
+    return isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")
+
+
+def read_text(text: str | bytes, base: str | None, tip: str | None) -> SerialChain:
+    """Read a URDF that is at hand as text.
+
+    Raises:
+        InvalidRobot: It is no URDF, or cannot be used.
+    """
+    if isinstance(text, str):
+        text = _DECLARATION.sub("", text.lstrip("\ufeff")).encode()
+    if b"<mujoco" in text[:4096] and b"<robot" not in text[:4096]:
+        raise InvalidRobot(
+            "this is the text of an MJCF file: give its path, or the model, mujoco.MjModel.from_xml_string(text)"
+        )
+    return read_urdf_text(text.lstrip(), base, tip, where="the URDF text")
+
+
+def read_held(source: Any, base: str | None, tip: str | None) -> SerialChain | None:
+    """Read a model of yourdfpy, urdf_parser_py, pinocchio or MuJoCo; None where it is none of these.
+
+    Raises:
+        InvalidRobot: It cannot be used.
+    """
+    packages = {kind.__module__.partition(".")[0] for kind in type(source).__mro__}
+    if "yourdfpy" in packages and hasattr(source, "write_xml_string"):
+        return read_urdf_text(_text_of_yourdfpy(source), base, tip, where="the yourdfpy model")
+    if "urdf_parser_py" in packages and hasattr(source, "to_xml_string"):
+        return read_urdf_text(source.to_xml_string().encode(), base, tip, where="the urdf_parser_py model")
+    if "pinocchio" in packages:
+        model = getattr(source, "model", source)  # A RobotWrapper carries its model.
+        return read_pinocchio(model, base, tip) if hasattr(model, "jointPlacements") else None
+    if "mujoco" in packages and hasattr(source, "body_parentid"):
+        return read_model(source, base, tip, where="the MuJoCo model")
+    return None
+
+
+def _text_of_yourdfpy(model: Any) -> bytes:
+    """Write a model of yourdfpy as URDF; its own writer leaves out which joint follows which."""
+    from lxml import etree
+
+    root = etree.fromstring(model.write_xml_string())
+    for element, joint in zip(root.iterfind("joint"), model.robot.joints, strict=True):
+        if joint.mimic is not None and element.find("mimic") is None:
+            law = {
+                "multiplier": repr(float(joint.mimic.multiplier)),
+                "offset": repr(float(joint.mimic.offset)),
+            }
+            etree.SubElement(element, "mimic", joint=joint.mimic.joint, **law)
+    return bytes(etree.tostring(root))
+
+
+def is_described(name: object) -> bool:
+    """Is it called as robot_descriptions calls its robots?"""
+    return isinstance(name, str) and name.isidentifier() and name.endswith(_DESCRIPTION)
+
+
+def read_described(name: str, base: str | None, tip: str | None) -> SerialChain:
+    """Read a robot of the package robot_descriptions, which fetches its files when it is asked for them first.
+
+    Raises:
+        InvalidRobot: The package is not installed, has no such robot, or cannot fetch it; or the robot cannot be used.
+    """
+    try:
+        known = importlib.import_module("robot_descriptions").DESCRIPTIONS
+    except ImportError:
+        raise InvalidRobot(
+            f"{name!r} is no bundled arm. The package robot_descriptions has names that end so, and it is not installed: "
+            "pip install robot_descriptions"
+        ) from None
+    if name not in known:
+        near = difflib.get_close_matches(name, known, n=3)
+        hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
+        raise InvalidRobot(f"robot_descriptions has no {name!r}{hint}")
+    try:
+        described = importlib.import_module(f"robot_descriptions.{name}")
+    except Exception as error:  # Whatever fetching it over the network raises.
+        raise InvalidRobot(
+            f"robot_descriptions cannot fetch {name!r}: {type(error).__name__}: {error}"
+        ) from error
+    if path := getattr(described, "URDF_PATH", None):
+        return read_urdf(path, base, tip)
+    if path := getattr(described, "XACRO_PATH", None):
+        return read_urdf(path, base, tip, args=getattr(described, "XACRO_ARGS", None))
+    return read_mjcf(described.MJCF_PATH, base, tip)
+
+
+def hint_at(source: str) -> str:
+    """What may be wrong with a name or a path that is neither; "" where nothing is known."""
+    if "<robot" in source:
+        return "this is the text of a robot in a path: give the text itself, as a str"
+    if "\n" in source:
+        return f"this is text of {len(source):,} letters and no path; the text of a robot begins with <robot"
+    if Path(source).suffix.lower() in (".sdf", ".usd", ".usda", ".step", ".stp", ".stl", ".dae"):
+        return f"{Path(source).suffix} files are not read: export the arm as URDF or MJCF"
+    return ""

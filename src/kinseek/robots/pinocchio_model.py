@@ -1,0 +1,154 @@
+"""Read a serial arm from a model of the pinocchio library.
+
+Bodies and operational frames are the frames; a body comes first where both have one name. A model that was put together
+joint by joint may lack bodies: a joint that has no frame of its own is one.
+
+Joint values are one number a joint, as everywhere here. pinocchio's own are the same, but for a continuous joint, where it
+takes a cosine and a sine.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from kinseek.errors import InvalidRobot
+
+from .chain import Array, Frame, Joint, SerialChain, serial_chain
+from .files import MOST_JOINTS, require_few
+from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
+from .tree import frame_path
+
+_UNLIMITED = 1e30
+"""pinocchio gives a joint without limits the largest number that there is."""
+
+
+def read_pinocchio(model: Any, base: str | None = None, tip: str | None = None) -> SerialChain:
+    """Read the arm between two frames of a ``pinocchio.Model``.
+
+    Args:
+        model: The model.
+        base: Name of the frame that stays; the root unless given.
+        tip: Name of the frame that the pose is of; the only body without another behind it unless given.
+
+    Raises:
+        InvalidRobot: Unknown or unconnected frames, or a joint between base and tip that neither turns nor slides.
+    """
+    parents, places, ends = _frames(model)
+    carried = {name: str(model.names[joint]) for name, (joint, _) in places.items()}
+    moved = {name for name, above in parents.items() if above is not None and carried[name] != carried[above]}
+    path = frame_path(parents, base, tip, ends=ends, noun="frame", moving=moved)
+    first, start = places[path[0]]
+    last, end = places[path[-1]]
+    joints = [last]
+    while joints[-1] != first:
+        joints.append(int(model.parents[joints[-1]]))
+    joints = joints[-2::-1]
+    require_few(len(joints), "moving joints between base and tip", MOST_JOINTS, "the pinocchio model")
+
+    before, moving = np.linalg.inv(start), []
+    for joint in joints:
+        moving.append(_moving_joint(model, joint, before @ model.jointPlacements[joint].homogeneous))
+        before = np.eye(4)
+    count = {joint: i + 1 for i, joint in enumerate(joints)}
+    links = [
+        (name, Frame(count[joint], pose) if joint in count else Frame(0, np.linalg.inv(start) @ pose))
+        for name, (joint, pose) in ((name, places[name]) for name in path[1:])
+    ]
+    return serial_chain(
+        moving,
+        before @ end,
+        name=str(model.name) or "robot",
+        base=path[0],
+        tip=path[-1],
+        source="the pinocchio model",
+        links=links,
+    )
+
+
+def _frames(model: Any) -> tuple[dict[str, str | None], dict[str, tuple[int, Array]], set[str]]:
+    """Of each frame the frame above it, and its joint and its pose in that joint's frame; and those at the ends."""
+    frames, joints = list(model.frames), [str(name) for name in model.names]
+    root = str(frames[0].name)
+    names = {0: root}
+    for kind in ("BODY", "OP_FRAME"):
+        for i, frame in enumerate(frames):
+            if str(frame.type) == kind and frame.name not in names.values():
+                names[i] = str(frame.name)
+    places = {
+        name: (int(frames[i].parentJoint), frames[i].placement.homogeneous) for i, name in names.items()
+    }
+    drawn = {str(frame.name) for frame in frames if str(frame.type) == "JOINT"}
+    bare = {i: name for i, name in enumerate(joints) if i and name not in drawn and name not in places}
+    places |= {name: (i, np.eye(4)) for i, name in bare.items()}
+
+    def above(i: int) -> str:
+        joint = int(frames[i].parentJoint)
+        while i := int(frames[i].parentFrame):
+            if i in names:
+                return names[i]
+        return bare.get(joint, root)
+
+    parents: dict[str, str | None] = {root: None}
+    parents |= {name: above(i) for i, name in names.items() if i}
+    parents |= {name: bare.get(int(model.parents[i]), root) for i, name in bare.items()}
+    top = [name for name, parent in parents.items() if parent == root]
+    if (
+        len(top) == 1 and places[top[0]][0] == 0
+    ):  # The root link of a robot, and nothing else, hangs on the universe.
+        del parents[root]
+        parents[top[0]] = None
+    solid = {name for i, name in names.items() if str(frames[i].type) == "BODY"} | set(bare.values())
+    return parents, places, solid - {parents[name] for name in solid if name in parents}
+
+
+def _moving_joint(model: Any, joint: int, origin: Array) -> Joint:
+    kind, name = model.joints[joint], str(model.names[joint])
+    follows, subspace = str(kind.shortname()) == "JointModelMimic", np.zeros((6, 0))
+    if kind.nv == 1 or follows:
+        data = kind.createData()
+        kind.calc(data, _start(model))
+        subspace = np.asarray(data.S).reshape(6, -1)
+    slide, turn = subspace[:3], subspace[3:]
+    if subspace.shape[1] != 1 or slide.any() == turn.any():
+        raise InvalidRobot(
+            f"joint {name!r} is a {kind.shortname()}: between base and tip only joints that turn about an axis or slide "
+            f"along one can be used. Choose base= to leave it out"
+        )
+    axis = (slide if slide.any() else turn)[:, 0]
+    if follows:
+        law = kind.extract()
+        if not law.scaling:
+            raise InvalidRobot(
+                f"joint {name!r} follows another 0 times as fast: it does not move, and should be fixed"
+            )
+        leader = next(i for i, other in enumerate(model.joints) if other.nq and other.idx_q == kind.idx_q)
+        return Joint(
+            name,
+            PRISMATIC if slide.any() else REVOLUTE,
+            origin,
+            axis / law.scaling,
+            -np.inf,
+            np.inf,
+            str(model.names[leader]),
+            float(law.scaling),
+            float(law.offset),
+        )
+    lower, upper = -np.inf, np.inf
+    if kind.nq == 1:
+        lower = float(model.lowerPositionLimit[kind.idx_q])
+        upper = float(model.upperPositionLimit[kind.idx_q])
+    if slide.any():
+        return Joint(name, PRISMATIC, origin, axis, lower, upper)
+    endless = min(-lower, upper) >= _UNLIMITED
+    return Joint(name, CONTINUOUS if endless else REVOLUTE, origin, axis, lower, upper)
+
+
+def _start(model: Any) -> Array:
+    """Joint values of the model with every joint at 0: of one that turns without end a cosine of 1 and a sine of 0."""
+    q = np.zeros(model.nq)
+    for kind in model.joints:
+        if kind.nq == 2:
+            q[kind.idx_q] = 1.0
+    return q
