@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from math import hypot
 from pathlib import Path
-from typing import Any, Self, TypedDict, TypeGuard, Unpack, cast, overload
+from typing import Any, Literal, Self, TypedDict, TypeGuard, Unpack, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .bad_rows import without_bad
 from .branches.find import SPREAD, branches_of
 from .branches.index import BranchIndex, index_of
 from .branches.order import Cost, Order, Valid, Wishes
@@ -57,6 +58,7 @@ class IkOptions(TypedDict, total=False):
     valid: Valid | None
     time_limit: float | None
     trace: bool
+    bad: Literal["error", "skip"]
 
 
 class BranchesOptions(TypedDict, total=False):
@@ -134,6 +136,7 @@ class Arm(ForwardArm):
         valid: Valid | None = None,
         time_limit: float | None = None,
         trace: bool = False,
+        bad: Literal["error", "skip"] = "error",
     ) -> Solution:
         """Find joint values that reach a goal, or come as near to it as the search can.
 
@@ -155,6 +158,8 @@ class Arm(ForwardArm):
                 `out_of_time` says of each target whether its search was cut short. What an arm needs once, its atlas and
                 the compiled kernels, is made in any case.
             trace: Keep what the search does, pass by pass, as `Solution.trace`. The answer is the same bits.
+            bad: What to do where a matrix is no pose: ``"error"`` refuses the batch and names the first of them; ``"skip"``
+                answers the others with the same bits, and marks these, `Status.INVALID`, their joint values NaN.
 
         Returns:
             Joint values inside the limits, their errors recomputed by FK, and whether these meet the
@@ -187,6 +192,21 @@ class Arm(ForwardArm):
                     if not report[4]:
                         warn_of_distance(hypot(*goal[:3, 3]), axes.reach, 2)
                     return quick_solution(axes, goal, near, q, report)
+        if bad != "error" and not isinstance(goal, Goal):  # A goal has no such poses.
+            options: dict[str, Any] = {
+                "solver": solver,
+                "threads": threads,
+                "progress": progress,
+                "prove": prove,
+            }
+            options |= {
+                "prefer": prefer,
+                "cost": cost,
+                "valid": valid,
+                "time_limit": time_limit,
+                "trace": trace,
+            }
+            return without_bad(bad, goal, near, self._mechanism, lambda T, q: self.ik(T, near=q, **options))
         deadline = Deadline(time_limit)
         if prove:
             self._require_axes(_NO_PROOF)

@@ -167,11 +167,7 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
             f"{np.abs(matrix[tuple(first)][:3, 3]).max():.6g} m: farther off, rounding of positions comes close to 1e-6 m. "
             f"Are these other units?"
         )
-    # Whatever is larger is no rotation either, and has no square.
-    turn = np.clip(matrix[..., :3, :3], -1e6, 1e6)
-    off = np.abs(np.swapaxes(turn, -1, -2) @ turn - np.eye(3)).max(axis=(-2, -1))
-    row = np.abs(matrix[..., 3, :] - [0, 0, 0, 1]).max(axis=-1)
-    mirrored = np.linalg.det(turn) < 0
+    turn, off, row, mirrored = _measured(matrix)
     wrong = (off > repairable) | (row > _REPAIRABLE) | mirrored
     if wrong.any():
         first = np.argwhere(wrong)[0]
@@ -192,6 +188,37 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
         matrix[loose, :3, :3] = left @ right
         matrix[loose, 3, :] = [0, 0, 0, 1]
     return matrix
+
+
+def _measured(matrix: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Rotations of finite matrices, (..., 4, 4), how far they and the last rows are from a pose's, and which reflect."""
+    # Whatever is larger is no rotation either, and has no square.
+    turn = np.clip(matrix[..., :3, :3], -1e6, 1e6)
+    off = np.abs(np.swapaxes(turn, -1, -2) @ turn - np.eye(3)).max(axis=(-2, -1))
+    row = np.abs(matrix[..., 3, :] - [0, 0, 0, 1]).max(axis=-1)
+    return turn, off, row, np.linalg.det(turn) < 0
+
+
+def good_and_bad(target: Any) -> tuple[Array, NDArray[np.bool_]]:
+    """Read a batch of poses of which some may be none.
+
+    Args:
+        target: As `as_pose` takes it.
+
+    Returns:
+        What was given, (..., 4, 4), and which of them `as_pose` would take, (...).
+
+    Raises:
+        InvalidGoal: Wrong shape.
+    """
+    matrix = _matrix_of(target)
+    if matrix.ndim < 2 or matrix.shape[-2:] != (4, 4):
+        as_pose(matrix)
+    finite = np.isfinite(matrix).all(axis=(-2, -1))
+    tame = np.where(finite[..., None, None], matrix, np.eye(4))
+    near = np.abs(tame[..., :3, 3]).max(axis=-1) <= LARGEST
+    _, off, row, mirrored = _measured(tame)
+    return matrix, finite & near & (off <= _REPAIRABLE) & (row <= _REPAIRABLE) & ~mirrored
 
 
 def one_pose(value: Any, name: str) -> Array:

@@ -42,6 +42,7 @@ class Status(Enum):
     REJECTED = "Rejected: answers were found, and the user's `valid` refused every one."
     PROVED_UNREACHABLE = "Proved unreachable: no joint values within the limits meet the tolerances."
     OUT_OF_TIME = "Out of time: the nearest pose found before the time limit; a tolerance is missed."
+    INVALID = "Invalid: the target is no pose, so nothing was looked for."
 
     def __str__(self) -> str:
         """The sentence."""
@@ -75,6 +76,8 @@ class Solution(Generic[Flag, Number, Count, State]):
         rejected: How many answers the user's `valid` refused, int or (...); without success, every answer that was
             found.
         out_of_time: Did the time limit end the search before it was done? bool or (...) bool.
+        invalid: Was the target no pose, and skipped? Then `q` and the errors are NaN, and in `problem` the identity stands
+            for it. bool or (...) bool; see ``bad=`` in `Arm.ik`.
         trace: What the search did, pass by pass, if it was asked for; see there.
 
     For type checkers this class is generic in the types of its flags, numbers, counts and status. An array's type need not
@@ -98,6 +101,7 @@ class Solution(Generic[Flag, Number, Count, State]):
     proved_unreachable: Flag = _NO
     rejected: Count = _NONE
     out_of_time: Flag = _NO
+    invalid: Flag = _NO
     _trace: Any = None
     """`Trace`, or an object array of them, (...); None where none was kept."""
 
@@ -138,14 +142,17 @@ class Solution(Generic[Flag, Number, Count, State]):
         """`Status`, or an object array of them, (...)."""
         solution: Solution = self
         if isinstance(solution.success, np.ndarray):
-            # Solved, best effort, rejected, proved unreachable, late.
+            # Solved, best effort, rejected, proved unreachable, late, invalid.
             names = np.array([*Status], dtype=object)
             missed = np.where(solution.rejected > 0, 2, 1)
             missed = np.where(solution.out_of_time, 4, missed)
             missed = np.where(solution.proved_unreachable, 3, missed)
+            missed = np.where(solution.invalid, 5, missed)
             return cast("State", names[np.where(solution.success, 0, missed)])
         if solution.success:
             return cast("State", Status.SOLVED)
+        if solution.invalid:
+            return cast("State", Status.INVALID)
         if solution.proved_unreachable:
             return cast("State", Status.PROVED_UNREACHABLE)
         if solution.out_of_time:
@@ -260,8 +267,14 @@ class Solution(Generic[Flag, Number, Count, State]):
             return self
         goal = self.problem.goal
         missed = np.atleast_1d(~np.asarray(solution.success))
-        worst = f"{np.max(solution.position_error):.3g} m, {np.max(solution.orientation_error):.3g} rad"
+        errors = [
+            np.where(solution.invalid, 0.0, each)
+            for each in (solution.position_error, solution.orientation_error)
+        ]
+        worst = f"{np.max(errors[0]):.3g} m, {np.max(errors[1]):.3g} rad"
         count = "" if missed.size == 1 else f"{missed.sum()} of {missed.size} targets not reached; "
+        if skipped := int(np.sum(solution.invalid)):
+            count += f"{skipped} targets are no poses; "
         refused = int(np.sum(np.where(missed, solution.rejected, 0)))
         refusals = f"; `valid` refused {refused} answers" if refused else ""
         raise NotReached(
@@ -278,7 +291,9 @@ class Solution(Generic[Flag, Number, Count, State]):
                 f"position_error={self.position_error:.2e} m, "
                 f"orientation_error={self.orientation_error:.2e} rad, evaluations={self.evaluations})"
             )
-        return f"Solution({int(self.success.sum())} of {self.success.size} solved, q{self.q.shape})"
+        skipped = int(np.asarray(self.invalid).sum())
+        invalid = f", {skipped} invalid" if skipped else ""
+        return f"Solution({int(self.success.sum())} of {self.success.size} solved{invalid}, q{self.q.shape})"
 
 
 def _columns(solution: Solution) -> list[str]:

@@ -1,0 +1,80 @@
+"""Batches of which some targets are no poses: the others are answered, and these marked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InvalidProblem, suggest
+from .goal import Goal
+from .poses import good_and_bad
+from .problem import Problem, as_joints
+from .robots.mechanism import Mechanism
+from .solution import Solution
+
+Array = NDArray[np.float64]
+
+WAYS = ("error", "skip")
+"""What may be done with a target that is no pose."""
+
+
+def without_bad(
+    bad: str, target: Any, near: Any, mechanism: Mechanism, ask: Callable[[Array, Any], Solution]
+) -> Solution:
+    """Answer the targets that are poses, and mark those that are none.
+
+    Args:
+        bad: What to do with these, ``"skip"``.
+        target: As `as_pose` takes it, (..., 4, 4).
+        near: As `Arm.ik` takes it.
+        mechanism: The arm.
+        ask: Answers a batch, (k, 4, 4), near to joint values, (n,), (k, n) or None.
+
+    Raises:
+        InvalidProblem: `bad` is another word.
+    """
+    if bad not in WAYS:
+        raise InvalidProblem(suggest(str(bad), WAYS, "value of bad="))
+    matrix, good = good_and_bad(target)
+    if good.all():
+        return ask(matrix, near)
+    shape, chosen = good.shape, good.ravel()
+    start = None if near is None else as_joints(mechanism, near, "near")
+    # As for a whole batch: a row of values for every target, if it is not one for all.
+    poses = np.where(good[..., None, None], matrix, np.eye(4))
+    starts = Problem(mechanism, Goal.pose(poses), start).near
+    if starts is not None and starts.ndim > 1:
+        starts = np.broadcast_to(starts, (*shape, mechanism.dof)).reshape(-1, mechanism.dof)[chosen]
+    return _spread(ask(poses.reshape(-1, 4, 4)[chosen], starts), poses, good, start)
+
+
+def _spread(solved: Solution, poses: Array, good: NDArray[np.bool_], near: Array | None) -> Solution:
+    """Put the answers to some targets of a batch in their places."""
+    shape = good.shape
+
+    def column(values: NDArray[Any]) -> Any:
+        whole = np.full((*shape, *values.shape[1:]), np.nan if values.dtype.kind == "f" else 0, values.dtype)
+        whole[good] = values
+        return whole if whole.ndim else whole.item()
+
+    columns = {
+        each.name: column(getattr(solved, each.name))
+        for each in fields(solved)
+        if each.name not in ("problem", "_trace", "invalid")
+    }
+    traces = None
+    if solved._trace is not None:
+        traces = np.empty(shape, dtype=object)
+        traces[good] = solved._trace
+    problem = solved.problem
+    return replace(
+        solved,
+        **columns,
+        invalid=~good if shape else True,
+        problem=replace(problem, goal=problem.goal.at(poses), near=near),
+        _trace=traces if shape else None,
+    )
