@@ -39,11 +39,12 @@ def landscape(
     joints: Pair = (0, 1),
     *,
     answers: ArrayLike | None = None,
+    within: ArrayLike | None = None,
     points: int = POINTS,
     ax: Any = None,
     size: tuple[float, float] = (5.6, 4.6),
 ) -> Any:
-    """Draw the weighted error over the whole ranges of two joints: darker is nearer to the goal.
+    """Draw the weighted error over the ranges of two joints: darker is nearer to the goal.
 
     All other joints stand where the answer has them. The answer is a cross, other answers are circles.
 
@@ -51,8 +52,9 @@ def landscape(
         solution: Of one target.
         joints: Which two, by number from 0 on or by name.
         answers: Other joint values to mark, (k, n), such as those of `arm.branches`.
+        within: Lowest and highest values of the first joint and of the second, (2, 2); their whole ranges unless given.
         points: Values of each joint; points² errors are computed.
-        ax: Axes in a plane to draw on.
+        ax: Axes in a plane to draw on; a new figure has a bar of the colours beside them.
         size: Of a new figure [inch].
 
     Returns:
@@ -60,7 +62,7 @@ def landscape(
 
     Raises:
         InvalidProblem: Answers that do not fit the arm.
-        InvalidUse: A batch, not two joints of the arm, too few points, or other axes.
+        InvalidUse: A batch, not two joints of the arm, ends that do not rise, too few points, or other axes.
         MissingExtra: Matplotlib is not installed.
     """
     one, points = judged(solution), count_of("points", points, 2)
@@ -70,16 +72,17 @@ def landscape(
     if answers is not None:
         others = np.atleast_2d(as_joints(mechanism, answers, "answers"))
     figure, axes = given_or_new(ax, size)
-    lower, upper = one.problem.limits
-    image = _shade(axes, one, (x, y), lower[[x, y]], upper[[x, y]], points, "viridis")
+    low, high = np.array(one.problem.limits)[:, [x, y]] if within is None else _ends(within)
+    image = _shade(axes, one, (x, y), low, high, points, "viridis")
     # The deepest hundredth, some dots around an answer, would take most of the colours.
     image.set_clim(vmin=float(np.percentile(np.asarray(image.get_array()), 1)))
-    figure.colorbar(image, ax=axes, label=LOG_ERROR, pad=0.01, extend="min")
+    if ax is None:
+        figure.colorbar(image, ax=axes, label=LOG_ERROR, pad=0.01, extend="min")
     dots = {"linestyle": "none", "markeredgecolor": "black", "markerfacecolor": "white", "zorder": 4}
     axes.plot(*others[:, [x, y]].T, MARKS[0], markersize=7, **dots)
     _cross(axes, np.asarray(one.q)[[x, y]])
     _name_axes(axes, one, x, y)
-    axes.set(xlim=(lower[x], upper[x]), ylim=(lower[y], upper[y]))
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     return figure
 
 
@@ -287,6 +290,14 @@ def _shade(
     errors = _over(solution, joints, first, second)
     look = {"vmin": ends[0], "vmax": ends[1], "shading": "nearest", "rasterized": True}
     return axes.pcolormesh(first, second, errors, cmap=colours, **look)
+
+
+def _ends(within: ArrayLike) -> tuple[Array, Array]:
+    """Lowest and highest values of both joints, (2,) each."""
+    ends = np.asarray(within, dtype=float)
+    if ends.shape != (2, 2) or not np.isfinite(ends).all() or not (ends[:, 0] < ends[:, 1]).all():
+        raise InvalidUse(f"within must be two pairs of rising values, (low, high) of each joint; got {within!r}")
+    return ends[:, 0], ends[:, 1]
 
 
 def _around(solution: Solution, each: Pass, following: Pass | None, x: int, y: int) -> tuple[Array, Array]:
