@@ -296,7 +296,9 @@ def _ends(within: ArrayLike) -> tuple[Array, Array]:
     """Lowest and highest values of both joints, (2,) each."""
     ends = np.asarray(within, dtype=float)
     if ends.shape != (2, 2) or not np.isfinite(ends).all() or not (ends[:, 0] < ends[:, 1]).all():
-        raise InvalidUse(f"within must be two pairs of rising values, (low, high) of each joint; got {within!r}")
+        raise InvalidUse(
+            f"within must be two pairs of rising values, (low, high) of each joint; got {within!r}"
+        )
     return ends[:, 0], ends[:, 1]
 
 

@@ -94,7 +94,7 @@ def _told(rows: Array, largest: dict[int, int], arm: Arm, breaks: int) -> str:
         unit = unit_of(arm.kinds[joint])
         told.append(f"{step:.3g} {unit}".rstrip() + f" of {arm.joint_names[joint]} to row {row}")
     steps = f"largest step (orange): {' and '.join(told)}" if told else "no step"
-    return f"{len(rows):,} rows, {breaks} {'break' if breaks == 1 else 'breaks'}; {steps}"
+    return f"{len(rows):,} rows, {breaks} {'break' if breaks == 1 else 'breaks'}\n{steps}"
 
 
 def _largest_steps(rows: Array, cuts: list[int], units: Sequence[str]) -> dict[int, int]:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from heapq import heappop, heappush
+from itertools import combinations, count
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidUse
-from kinseek.kernels.proof.progress import COUNT, FOUND
+from kinseek.kernels.proof.progress import COUNT, FOUND, STUCK
 from kinseek.problem import Problem
 from kinseek.proof.boxes import Run, Watch, tuning_of
 from kinseek.proof.certificate import Certificate
@@ -28,12 +29,13 @@ EMPTY, LEFT = "Blues", COLOURS[1]
 
 
 class Look(NamedTuple):
-    """One look of the proof at a box, half open: centre and half widths in one row, [rad] or [m]."""
+    """One look of the proof at a box: centre and half widths in one row, [rad] or [m]."""
 
     box: Array
     """(2 k,), of the k joints that are not divided out."""
     left: Array
-    """What is left of it, (0, 2 k) if it is proved empty, (1, 2 k) if it was cut from its sides, (2, 2 k) if then halved."""
+    """What is left of it: (0, 2 k) if it is proved empty; (1, 2 k) if it was cut from its sides, or is itself left since it
+    holds an answer or is as small as numbers allow; (2, 2 k) if it was halved."""
 
 
 @drawn
@@ -100,18 +102,25 @@ def watched(problem: Problem, most: int = MOST) -> list[Look]:
     """
     asked = question(problem)
     tuning = tuning_of(problem, most + 1, 0)  # No steps towards an answer: boxes alone are wanted.
-    waiting, looks = [start_boxes(problem.chain, asked[2].present)[0]], list[Look]()
+    looks: list[Look] = []
+    waiting: list[tuple[float, int, Array]] = []
+    number = count()  # Boxes of the same size come in the order in which they were cut.
+
+    def put(boxes: Array) -> None:
+        for box in boxes:
+            heappush(waiting, (-float(np.prod(box[len(box) // 2 :])), next(number), box))
+
+    put(start_boxes(problem.chain, asked[2].present))
     while waiting and len(looks) < most:
-        widest = max(range(len(waiting)), key=lambda i: float(np.prod(waiting[i][len(waiting[i]) // 2 :])))
-        box = waiting.pop(widest)
+        box = heappop(waiting)[2]
         run = Run(problem, asked, box[None].copy(), np.zeros(problem.chain.dof), tuning)
         found = run.go(1, Watch()) == FOUND
         if run.seen == 0:  # Lengths and angles alone decide.
             return []
-        left = box[None] if found else run.boxes[: run.counts[COUNT]].copy()
-        looks.append(Look(box, left))
-        if not found:
-            waiting += list(left)
+        undecided = found or run.figures[STUCK] > 0.0  # It holds an answer, or is as small as numbers allow.
+        looks.append(Look(box, box[None] if undecided else run.boxes[: run.counts[COUNT]].copy()))
+        if not undecided:
+            put(looks[-1].left)
     return looks
 
 
