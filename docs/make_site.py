@@ -63,7 +63,7 @@ def links(text: str, rewrite: Callable[[str], str]) -> str:
 def example(source: Path) -> str:
     """The page of an example: what it says of itself, its picture, and the whole of it."""
     _, said, code = source.read_text(encoding="utf-8").split('"""', 2)
-    title = source.stem[3:].replace("_", " ").capitalize()
+    title = said.split(":")[0]
     picture = ROOT / "docs" / "pictures" / f"{source.stem}.png"
     shown = f"![What the example draws.](../docs/pictures/{picture.name})\n\n" if picture.exists() else ""
     said = re.sub(r"^Run: (.*)$", r"Run: `\1`", said.strip(), flags=re.MULTILINE)

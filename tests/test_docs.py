@@ -20,6 +20,7 @@ import re
 import shlex
 import shutil
 import sys
+import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -136,6 +137,18 @@ def test_command_runs(block: Block, command: str, tmp_path: Path, monkeypatch: p
     with pytest.raises(SystemExit) as ended:
         main(shlex.split(command, comments=True)[1:])
     assert (ended.value.code or 0) == block.code_at_end
+
+
+def test_every_public_name_is_in_the_reference() -> None:
+    text = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs" / "api").glob("*.md"))
+    named = re.findall(r"^::: kinseek\.(\w+)$", text, re.MULTILINE)
+    assert sorted(name for name in kinseek.__all__ if name not in named) == []
+
+
+def test_every_extra_is_on_the_page_of_installing() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    text = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
+    assert [name for name in project["optional-dependencies"] if f"`{name}`" not in text] == []
 
 
 @pytest.mark.parametrize("said", ["Solved: …", "Solved: both …\nwithin their tolerances."])
