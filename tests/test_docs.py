@@ -7,8 +7,10 @@ says what is special about it:
     <!-- not run: what is in the way --> does not run
     <!-- ends with: 1 -->                the exit code of its commands, where it is not 0
     <!-- printed: above -->              what the Python block before this block of text prints; … stands for anything
+    <!-- file: poses.csv -->             lies there as a file when Python and commands of the page run
 
-A line of a shell block that begins with ``kinseek`` runs too, unless its block is marked so.
+A line of a shell block that begins with ``kinseek`` runs too, unless its block is marked so. What serves until it is stopped
+is left out.
 """
 
 from __future__ import annotations
@@ -16,11 +18,14 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import io
+import os
 import re
 import shlex
 import shutil
+import subprocess
 import sys
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -39,7 +44,7 @@ import kinseek.errors  # noqa: E402
 
 LANGUAGES = {"python", "sh", "text", "c", "xml", "csv", "json", "cmake", "html"}
 BLOCK = re.compile(
-    r"(?:^<!-- (?P<mark>needs|not run|ends with|printed): (?P<words>[^>]+) -->\n+)?"
+    r"(?:^<!-- (?P<mark>needs|not run|ends with|printed|file): (?P<words>[^>]+) -->\n+)?"
     r"^```(?P<language>\S*)[^\n]*\n(?P<code>.*?)^```$",
     re.MULTILINE | re.DOTALL,
 )
@@ -55,6 +60,7 @@ class Block:
     not_run: str = ""
     code_at_end: int = 0
     prints: str | None = None
+    file: str = ""
 
     def __str__(self) -> str:
         return f"{self.page.relative_to(ROOT)}:{self.line}"
@@ -85,6 +91,7 @@ def blocks_of(page: Path) -> list[Block]:
                 tuple(words.split(", ")) if match["mark"] == "needs" else (),
                 words if match["mark"] == "not run" else "",
                 int(words) if match["mark"] == "ends with" else 0,
+                file=words if match["mark"] == "file" else "",
             )
         )
     return found
@@ -98,8 +105,21 @@ COMMANDS = [
     for block in BLOCKS
     if block.language == "sh" and not block.not_run
     for line in block.code.replace("\\\n", " ").splitlines()
-    if line.startswith("kinseek ")
+    if line.startswith("kinseek ") and not line.startswith("kinseek view ")
 ]
+
+
+@pytest.fixture
+def beside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
+    """Go to an empty folder, where only the files of a page lie."""
+
+    def go(page: Path) -> None:
+        monkeypatch.chdir(tmp_path)
+        for block in blocks_of(page):
+            if block.file:
+                Path(block.file).write_text(block.code, encoding="utf-8")
+
+    return go
 
 
 def name_of(page: Path) -> str:
@@ -107,8 +127,8 @@ def name_of(page: Path) -> str:
 
 
 @pytest.mark.parametrize("page", sorted({block.page for block in PYTHON}), ids=name_of)
-def test_python_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)  # Where it may write.
+def test_python_runs(page: Path, beside: Callable[[Path], None]) -> None:
+    beside(page)
     names: dict[str, object] = {"__name__": "__main__"}
     for block in PYTHON:
         if block.page == page and not block.needs:
@@ -117,11 +137,11 @@ def test_python_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.slow
 @pytest.mark.parametrize("block", [block for block in PYTHON if block.needs], ids=str)
-def test_python_that_needs_more_runs(block: Block, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_python_that_needs_more_runs(block: Block, beside: Callable[[Path], None]) -> None:
     lacking = [name for name in block.needs if importlib.util.find_spec(name) is None]
     if lacking:
         pytest.skip(f"not installed: {', '.join(lacking)}")
-    monkeypatch.chdir(tmp_path)
+    beside(block.page)
     names: dict[str, object] = {"__name__": "__main__"}
     for before in PYTHON:
         if before.page == block.page and before.line < block.line and not before.needs:
@@ -130,13 +150,19 @@ def test_python_that_needs_more_runs(block: Block, tmp_path: Path, monkeypatch: 
 
 
 @pytest.mark.parametrize(("block", "command"), COMMANDS, ids=[f"{block}: {line}" for block, line in COMMANDS])
-def test_command_runs(block: Block, command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_command_runs(block: Block, command: str, beside: Callable[[Path], None]) -> None:
     from kinseek.cli import main
 
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as ended:
-        main(shlex.split(command, comments=True)[1:])
-    assert (ended.value.code or 0) == block.code_at_end
+    beside(block.page)
+    words = shlex.split(command, comments=True)
+    if {"|", "<", ">", "&&"} & set(words):
+        path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        ended = subprocess.run(["bash", "-c", command], env={**os.environ, "PATH": path}, check=False)
+        assert ended.returncode == block.code_at_end
+        return
+    with pytest.raises(SystemExit) as left:
+        main(words[1:])
+    assert (left.value.code or 0) == block.code_at_end
 
 
 def test_every_public_name_is_in_the_reference() -> None:
