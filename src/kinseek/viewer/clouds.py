@@ -15,9 +15,8 @@ from kinseek.kinds import POSE
 from kinseek.problem import Problem, within_limits
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import divide
-from kinseek.robots.sampling import low_discrepancy, weyl
+from kinseek.robots.sampling import weyl
 from kinseek.solvers import Atlas
-from kinseek.solvers.atlas.index import AtlasIndex
 from kinseek.solvers.black_box.samples import Samples
 from kinseek.trace import Pass
 from kinseek.transforms import inverse, square
@@ -92,25 +91,23 @@ def completed(chain: SerialChain, q: Array, target: Array) -> tuple[Array, NDArr
 
 def samples_around(arm: Arm, wishes: Wishes) -> Cloud:
     """Where the atlas's samples nearest to a goal bring the tip, shaded by how far it leans, (k up to `NEAREST`)."""
-    index = arm.atlas
+    index, target = arm.atlas, wishes.target
     if isinstance(index, Samples):
-        poses = index.poses[index.nearest(wishes.goal, wishes.target[:3], NEAREST)]
+        poses, length = index.poses, index.length
     else:
-        poses = _of_axes(arm.chain, index, wishes.target)
-    lean = np.trace(np.swapaxes(poses[:, :3, :3], 1, 2) @ wishes.target[:3, :3], axis1=1, axis2=2)
-    return Cloud(poses[:, :3, 3], np.arccos(np.clip((lean - 1) / 2, -1, 1)) / np.pi)
-
-
-def _of_axes(chain: SerialChain, index: AtlasIndex, target: Array) -> Array:
-    middle, first = index.sorted.middle, int(divide(chain, POSE).head != NONE)
-    q = np.zeros((len(middle), chain.dof))
-    q[:, first : first + middle.shape[1]] = middle
-    q, fits = completed(chain, q, target)
-    poses = chain.forward(q[fits])
+        chain, division = arm.chain, divide(arm.chain, POSE)
+        middle, first = index.sorted.middle, int(division.head != NONE)
+        q = np.zeros((len(middle), chain.dof))
+        q[:, first : first + middle.shape[1]] = middle
+        q, fits = completed(chain, q, target)
+        poses, length = chain.forward(q[fits]), division.length
+    if set(wishes.free) >= {"rx", "ry", "rz"}:
+        length = 0.0
+    cosine = (np.einsum("kij,ij->k", poses[:, :3, :3], target[:3, :3]) - 1.0) / 2.0
+    lean = np.arccos(np.clip(cosine, -1.0, 1.0))
     miss = np.linalg.norm(poses[:, :3, 3] - target[:3, 3], axis=1)
-    turn = np.linalg.norm(poses[:, :3, :3] - target[:3, :3], axis=(1, 2))
-    nearest = np.argsort(miss + divide(chain, POSE).length * turn / 2, kind="stable")[:NEAREST]
-    return np.asarray(poses[nearest])
+    nearest = np.argsort(miss + length * lean, kind="stable")[:NEAREST]
+    return Cloud(poses[nearest, :3, 3], lean[nearest] / np.pi)
 
 
 def visited(arm: Arm, one: Pass) -> Array:
@@ -145,7 +142,7 @@ def reachable(
         known: Where to go on.
     """
     low, high = surroundings(arm)
-    places = low + low_discrepancy(PLACES, 3) * (high - low)
+    places = low + np.random.default_rng(0).random((PLACES, 3)) * (high - low)
     found, goal = np.zeros((0, 3)) if known is None else known.points, wishes.goal
     for begin in range(0 if known is None else known.tried, len(places), PIECE):
         if stopped():

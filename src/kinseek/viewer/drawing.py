@@ -1,4 +1,4 @@
-"""An arm drawn from its chain: links as capsules, joints as barrels and rails. Numbers alone, for whatever draws them."""
+"""An arm drawn from its chain: links as rods, joints as barrels and rails. Numbers alone, for whatever draws them."""
 
 from __future__ import annotations
 
@@ -32,15 +32,6 @@ class Cylinders(NamedTuple):
     """Radius twice, and length, (k, s, 3) [m]."""
 
 
-class Balls(NamedTuple):
-    """Balls of k poses of an arm, p each."""
-
-    centre: Array
-    """(k, p, 3) [m]"""
-    radius: Array
-    """(p,) [m]"""
-
-
 class Figure:
     """What an arm looks like at any joint values."""
 
@@ -60,7 +51,7 @@ class Figure:
         self.links = self.joints + 1
         """Links that are drawn: one before every joint, and one after the last."""
 
-    def draw(self, q: Array) -> tuple[Cylinders, Balls]:
+    def draw(self, q: Array) -> Cylinders:
         """Where everything is: of cylinders the links first, then the joints.
 
         Args:
@@ -76,15 +67,14 @@ class Figure:
         here = [np.zeros_like(tip), *(T[:, :3, 3] for T in after)]
         there = [*(T[:, :3, 3] for T in before), tip]
         start, end = np.stack(here, axis=1), np.stack(there, axis=1)
-        barrels = [self._barrel(*pair) for pair in zip(before, after, self._slides, strict=True)]
-        begin, stop = (
-            np.concatenate([links, np.stack(ends, axis=1)], axis=1)
-            for links, ends in ((start, [b for b, _ in barrels]), (end, [e for _, e in barrels]))
-        )
-        radius = np.full(begin.shape[1], self.size * LINK)
+        ends = [self._barrel(*each) for each in zip(before, after, self._slides, strict=True)]
+        radius = np.full(self.links + self.joints, self.size * LINK)
         radius[self.links :] = self.size * np.where(self._slides, 1.3 * LINK, JOINT)
-        balls = np.concatenate([start, tip[:, None]], axis=1)
-        return between(begin, stop, radius), Balls(balls, np.full(balls.shape[1], self.size * LINK))
+        return between(
+            np.concatenate([start, np.stack([one for one, _ in ends], axis=1)], axis=1),
+            np.concatenate([end, np.stack([other for _, other in ends], axis=1)], axis=1),
+            radius,
+        )
 
     def _barrel(self, before: Array, after: Array, slides: bool) -> tuple[Array, Array]:
         """Both ends of a joint: along the axis of one that turns, along its way of one that slides."""

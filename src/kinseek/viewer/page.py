@@ -71,6 +71,10 @@ class Page:
         self._look(wishes)
         if wishes.camera is not None:
             client.camera.position, client.camera.look_at = wishes.camera
+        elif client.camera.aspect < 1.0:  # A narrow window has the panel below: the arm goes above it.
+            eye, at = client.camera.position, client.camera.look_at
+            client.camera.look_at = at - [0.0, 0.0, 0.75 * self.scene.size]
+            client.camera.position = at + (eye - at) / client.camera.aspect**0.5
 
         async def dragged(event: Any) -> None:
             self.wish(target=matrix_of(event.target.wxyz, event.target.position))
@@ -100,7 +104,7 @@ class Page:
         with self._lock:
             before, self.wishes = self.wishes, self.wishes.but(**changes)
             after = self.wishes
-        if {"free", "search", "parameters"} & changes.keys():
+        if changes.keys() - {"target", "q", "camera"}:
             self.panel.show_wishes(after)
         if {"ghosts", "meshes", "dark", "free"} & changes.keys():
             self._look(after)
@@ -198,17 +202,23 @@ class Page:
         answer = self.answer
         if answer.reached or answer.refused:
             return
-        self.panel.answer.content = words.answer_html(answer, None, True)
-        proof = self._session.prove(answer.wishes, self._prover.stale)
-        if self._prover.stale() or self.answer is not answer:
-            return
-        self.proof = proof
-        found = proof.certificate
+        for proof in self._session.proofs(answer.wishes, self._prover.stale):
+            if self._prover.stale() or self.answer is not answer:
+                return
+            self.proof = proof
+            self.panel.answer.content = words.answer_html(answer, proof, True)
+        self.panel.answer.content = words.answer_html(answer, self.proof, False)
+        found = None if self.proof is None else self.proof.certificate
         known = np.inf if answer.solution is None else float(answer.solution.weighted_error)
-        if found is not None and answer.wishes.search == DEFAULT and found.upper_bound < known * (1.0 - 1e-6):
-            self._front.give(found.q)  # The proof met a nearer pose.
-            return
-        self.panel.answer.content = words.answer_html(answer, proof, False)
+        if found is not None and answer.wishes.search == DEFAULT and found.upper_bound < known * (1.0 - 1e-3):
+            self._nearer(found.q)
+
+    def _nearer(self, q: Array) -> None:
+        """Show the pose that a proof met, where it is nearer than the one that the search found."""
+        with self._lock:
+            self.wishes = self.wishes.but(q=q)
+        self.scene.show_arm(q, self.answer.wishes.target, False)
+        self.panel.joints.content = words.joints_html(self.arm, q)
 
     def _cloud(self, _: str) -> None:
         wishes, answer, scene = self.wishes, self.answer, self.scene

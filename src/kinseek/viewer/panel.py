@@ -173,7 +173,9 @@ class Panel:
 
     def show_wishes(self, wishes: Wishes) -> None:
         """Bring the inputs to what holds, where something else than the inputs changed it."""
-        self.counts.value = wishes.counts
+        self.counts.value, self.follow.value, self.search.value = wishes.counts, wishes.follow, wishes.search
+        for name, box in self.see.items():
+            box.value = getattr(wishes, name)
         for axis, box in self.free.items():
             box.value = axis in wishes.free
         own = wishes.parameters or parameters_of(wishes.search)

@@ -13,16 +13,16 @@ from kinseek.kernels.arm.forward import forward_many
 from kinseek.transforms import square
 
 from .clouds import Cloud
-from .drawing import Balls, Cylinders, Figure
+from .drawing import Figure
 from .meshes import Meshes
 
 Array = NDArray[np.float64]
 
-MOST_GHOSTS = 24
+MOST_GHOSTS = 16
 """Branches that are drawn; more would hide each other."""
 
 LINK, JOINT = (232, 119, 0), (52, 58, 68)
-GHOST = (66, 133, 214)
+GHOST = (20, 90, 205)
 SEARCH = (194, 59, 0)
 REACHED, CLOUD = (0, 158, 115), (122, 78, 142)
 
@@ -48,7 +48,7 @@ def matrix_of(wxyz: Array, position: Array) -> Array:
 
 
 class Poses:
-    """Some poses of an arm, drawn from its chain as two nodes: all cylinders, and all balls."""
+    """Some poses of an arm, drawn from its chain as one node."""
 
     def __init__(
         self,
@@ -63,71 +63,48 @@ class Poses:
         import trimesh
 
         self._figure, self._count = figure, count
-        self._each = figure.links + figure.joints, figure.links + 1
-        rod = trimesh.creation.cylinder(1.0, 1.0, sections=20)
+        self._each = figure.links + figure.joints
+        rod = trimesh.creation.cylinder(1.0, 1.0, sections=24 if opacity is None else 8)
         rod.apply_translation([0, 0, 0.5])
-        ball = trimesh.creation.icosphere(2, 1.0)
-        painted = np.array([colours[0]] * figure.links + [colours[1]] * figure.joints, dtype=np.uint8)
-        paints = (
-            np.tile(painted, (count, 1)),
-            np.array([colours[0]], dtype=np.uint8).repeat(count * self._each[1], 0),
+        places, turns, scales = self._nothing()
+        self.node = scene.add_batched_meshes_simple(
+            name,
+            np.asarray(rod.vertices, dtype=np.float32),
+            np.asarray(rod.faces, dtype=np.uint32),
+            turns,
+            places,
+            batched_scales=scales,
+            batched_colors=np.tile(
+                np.array([colours[0]] * figure.links + [colours[1]] * figure.joints, dtype=np.uint8),
+                (count, 1),
+            ),
+            opacity=opacity,
+            lod="off",
+            cast_shadow=opacity is None,
+            receive_shadow=False,
         )
-        self.nodes = [
-            scene.add_batched_meshes_simple(
-                f"{name}/{part}",
-                np.asarray(shape.vertices, dtype=np.float32),
-                np.asarray(shape.faces, dtype=np.uint32),
-                np.tile([1.0, 0.0, 0.0, 0.0], (count * each, 1)),
-                np.zeros((count * each, 3)),
-                batched_scales=np.full((count * each, 3), _FAR),
-                batched_colors=paint,
-                opacity=opacity,
-                lod="off",
-                cast_shadow=opacity is None,
-                receive_shadow=False,
-            )
-            for part, shape, each, paint in zip(
-                ("rods", "balls"), (rod, ball), self._each, paints, strict=True
-            )
-        ]
+
+    def _nothing(self) -> tuple[Any, Any, Any]:
+        parts = self._count * self._each
+        turns = np.tile(np.array([1.0, 0.0, 0.0, 0.0], dtype=np.float32), (parts, 1))
+        return np.zeros((parts, 3), np.float32), turns, np.full((parts, 3), _FAR, np.float32)
 
     def show(self, q: Array, but: int = -1) -> None:
         """Draw these joint values, (k, n), as many as there is room for, and leave one of them out."""
+        places, turns, scales = self._nothing()
         q = q[: self._count]
-        rods, balls = self._figure.draw(q) if len(q) else (None, None)
-        self._set(self.nodes[0], self._each[0], rods, but)
-        self._set(self.nodes[1], self._each[1], balls, but)
-
-    def _set(self, node: Any, each: int, drawn: Cylinders | Balls | None, but: int) -> None:
-        places = np.zeros((self._count * each, 3), dtype=np.float32)
-        scales = np.full((self._count * each, 3), _FAR, dtype=np.float32)
-        if isinstance(drawn, Cylinders):
-            turns = np.tile(np.array([1.0, 0.0, 0.0, 0.0], dtype=np.float32), (self._count * each, 1))
-            used = drawn.start.shape[0] * each
-            places[:used], turns[:used] = drawn.start.reshape(-1, 3), drawn.wxyz.reshape(-1, 4)
+        if len(q):
+            drawn, used = self._figure.draw(q), len(q) * self._each
+            places[:used] = drawn.start.reshape(-1, 3)
+            turns[:used] = drawn.wxyz.reshape(-1, 4)
             scales[:used] = drawn.scale.reshape(-1, 3)
-            node.batched_wxyzs = turns
-        elif isinstance(drawn, Balls):
-            used = drawn.centre.shape[0] * each
-            places[:used] = drawn.centre.reshape(-1, 3)
-            scales[:used] = np.tile(drawn.radius[:, None], (drawn.centre.shape[0], 3))
         if but >= 0:
-            scales[but * each : (but + 1) * each] = _FAR
-        node.batched_positions = places
-        node.batched_scales = scales
+            scales[but * self._each : (but + 1) * self._each] = _FAR
+        self.node.batched_positions, self.node.batched_wxyzs, self.node.batched_scales = places, turns, scales
 
-    def which(self, node: Any, instance: int | None) -> int:
+    def which(self, instance: int | None) -> int:
         """The number of the pose to which a part belongs that was clicked."""
-        return (
-            -1
-            if instance is None
-            else instance // self._each[[each.name for each in self.nodes].index(node.name)]
-        )
-
-    def set_visible(self, visible: bool) -> None:
-        """Show or hide all of them."""
-        for node in self.nodes:
-            node.visible = visible
+        return -1 if instance is None else instance // self._each
 
 
 class Scene:
@@ -141,7 +118,7 @@ class Scene:
         self._arm_drawn = self._ghosts = self._pass = None
         if self._figure is not None:
             self._arm_drawn = Poses(api, "/arm/links", self._figure, 1, (LINK, JOINT), None)
-            self._ghosts = Poses(api, "/ghosts", self._figure, MOST_GHOSTS, (GHOST, GHOST), 0.28)
+            self._ghosts = Poses(api, "/ghosts", self._figure, MOST_GHOSTS, (GHOST, GHOST), 0.35)
             self._pass = Poses(api, "/pass", self._figure, 1, (SEARCH, SEARCH), 0.6)
         self._tip = api.add_frame("/tip", axes_length=0.10 * self.size, axes_radius=0.004 * self.size)
         self.goal = api.add_transform_controls(
@@ -180,10 +157,9 @@ class Scene:
             return
 
         async def clicked(event: Any) -> None:
-            pick(ghosts.which(event.target, event.instance_index))
+            pick(ghosts.which(event.instance_index))
 
-        for node in ghosts.nodes:
-            node.on_click(clicked)
+        ghosts.node.on_click(clicked)
 
     def show_arm(self, q: Array, target: Array, reached: bool) -> None:
         """Bring the arm to joint values q, (n,), and say by a line how far its tip is from the goal."""
@@ -216,7 +192,7 @@ class Scene:
             "visited", None if places is None else Cloud(places, np.zeros(len(places))), SEARCH, 0.006
         )
 
-    def show_cloud(self, name: str, cloud: Cloud | None, colour: Sequence[int], point: float = 0.008) -> None:
+    def show_cloud(self, name: str, cloud: Cloud | None, colour: Sequence[int], point: float = 0.006) -> None:
         """Show points, pale where their shade is 1, or nothing; `point` is their size as part of the arm's."""
         known = self._clouds.pop(name, None)
         if known is not None:
@@ -237,12 +213,12 @@ class Scene:
     def see(self, ghosts: bool, meshes: bool) -> None:
         """Show or hide the ghosts; draw the arm by its meshes or by its links."""
         if self._ghosts is not None:
-            self._ghosts.set_visible(ghosts)
+            self._ghosts.node.visible = ghosts
         solid = meshes and bool(self._frames)
         for frame in self._frames:
             frame.visible = solid
         if self._arm_drawn is not None:
-            self._arm_drawn.set_visible(not solid)
+            self._arm_drawn.node.visible = not solid
 
     def limit_gizmo(self, turns: bool) -> None:
         """Leave the rings for turning out where no orientation counts."""

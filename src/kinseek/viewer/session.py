@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,10 +30,13 @@ PATIENCE = 2.0
 """[s] that a search may take for one goal, the default apart, which takes microseconds."""
 
 PROOF_PATIENCE = 20.0
-"""[s] after which a proof is left undecided."""
+"""[s] after which a proof ends with what is known."""
 
-GAP = 0.02
-"""A proof goes on until it knows the least error to within this part."""
+FIRST_LOOK = 100_000
+"""Boxes that a proof looks at, some tenths of a second, to decide whether any pose reaches the goal."""
+
+GAPS = (0.2, 0.05, 0.01)
+"""After that it goes on until it knows the least error to within these parts of it."""
 
 BEGINNINGS = 64
 """Poses looked at for the one to begin with."""
@@ -92,9 +95,11 @@ class Proof:
         if self.certificate is None:
             return [self.refused] if self.refused else []
         lower, upper = self.certificate.lower_bound, self.certificate.upper_bound
-        found, said = self.certificate, [str(self.certificate.verdict)]
+        found, said = self.certificate, []
         if found.verdict is Verdict.REACHABLE:
-            return said
+            return ["Proved reachable: other joint values meet both tolerances."]
+        if found.verdict is Verdict.UNDECIDED:  # What is unreachable the status says.
+            said.append(str(found.verdict))
         goal = found.problem.goal
         if goal.columns == 0:
             lower, upper = lower / goal.position_weight, upper / goal.position_weight
@@ -183,8 +188,8 @@ class Session:
         solution = self.arm.ik(self._question(wishes), near=q)
         return Answer(wishes.but(q=solution.q), solution.q, solution)
 
-    def prove(self, wishes: Wishes, stopped: Callable[[], bool], threads: int | None = 1) -> Proof:
-        """Prove how near any pose can come to a goal that was missed.
+    def proofs(self, wishes: Wishes, stopped: Callable[[], bool], threads: int | None = 1) -> Iterator[Proof]:
+        """Prove how near any pose can come to a goal that was missed: first whether any reaches it, then ever closer.
 
         Args:
             wishes: What was asked for.
@@ -194,17 +199,26 @@ class Session:
         from kinseek.proof.branch_and_bound import prove
 
         if self.arm.axes is None:
-            return Proof(refused="Nothing can be proved of an arm that is a function.")
-        until = Until(stopped, PROOF_PATIENCE)
+            yield Proof(refused="Nothing can be proved of an arm that is a function.")
+            return
+        until, place = Until(stopped, PROOF_PATIENCE), None
         try:
-            goal = wishes.goal
-            certificate = prove(Problem(self.arm.mechanism, goal), gap=GAP, threads=threads, deadline=until)
-            if certificate.verdict is Verdict.REACHABLE or goal.columns == 0 or until.passed:
-                return Proof(certificate)
-            place = Problem(self.arm.mechanism, Goal.position(wishes.target[:3, 3]))
-            return Proof(certificate, prove(place, gap=GAP, threads=threads, deadline=until))
+            asked = Problem(self.arm.mechanism, wishes.goal)
+            best = prove(asked, budget=FIRST_LOOK, threads=threads, deadline=until)
+            yield Proof(best)
+            if best.verdict is Verdict.REACHABLE or until.passed:
+                return
+            if asked.goal.columns:
+                spot = Problem(self.arm.mechanism, Goal.position(wishes.target[:3, 3]))
+                place = prove(spot, gap=GAPS[-1], budget=FIRST_LOOK, threads=threads, deadline=until)
+            for gap in GAPS:
+                known = prove(asked, gap=gap, threads=threads, deadline=until)
+                best = known if known.lower_bound >= best.lower_bound else best
+                yield Proof(best, place)
+                if best.verdict is Verdict.REACHABLE or until.passed:
+                    return
         except KinseekError as error:
-            return Proof(refused=str(error))
+            yield Proof(refused=str(error))
 
     def _question(self, wishes: Wishes) -> Any:
         """The goal; a bare pose where it is one, which is the fastest way."""

@@ -23,7 +23,7 @@ _NEAR = 0.02
 
 
 def answer_html(answer: Answer, proof: Proof | None, proving: bool) -> str:
-    """The status sentence, both errors, the work, and what is proved."""
+    """The status sentence, both errors, the work, and what is proved; `proving` says that more may come."""
     sentence, news = status_of(answer, proof)
     parts = [
         f"<div style='border-left:4px solid {_NEWS[news]};padding:2px 0 2px 8px;font-weight:600' "
@@ -46,7 +46,7 @@ def answer_html(answer: Answer, proof: Proof | None, proving: bool) -> str:
         )
     said = proof.sentences() if proof is not None else []
     if proving:
-        said = ["Looking for a proof …"]
+        said.append("Looking closer …" if said else "Looking for a proof …")
     parts += [f"<div style='margin-top:4px'>{escape(each)}</div>" for each in said]
     return _block("".join(parts))
 
@@ -66,9 +66,9 @@ def branches_html(branches: Branches | str | None, shown: int, drawn: int) -> st
     elif not len(branches):
         text = "Branches: none found."
     else:
-        text = f"Branch {shown + 1} of {len(branches)}" + (
-            ", a sample of endlessly many" if branches.sampled else ""
-        )
+        count = f"{len(branches)} branch{'es' if len(branches) > 1 else ''}"
+        text = count if shown < 0 else f"Branch {shown + 1} of {len(branches)}"
+        text += ", a sample of endlessly many" if branches.sampled else ""
         text += f"; {drawn} drawn." if drawn < len(branches) else "."
     return _block(f"<div style='{_SOFT}'>{escape(text)}</div>")
 
@@ -129,8 +129,8 @@ def _band(window: Pass, i: int, low: float, high: float) -> str:
 def joint(value: float, kind: str) -> str:
     """A joint value in degrees, millimetres, or as the bare number that it is."""
     if kind in (REVOLUTE, CONTINUOUS):
-        return f"{np.degrees(value):.1f}°"
-    return f"{value * 1e3:.1f} mm" if kind == PRISMATIC else f"{value:.4g}"
+        return f"{round(float(np.degrees(value)), 1) + 0.0:.1f}°"  # Adding 0 takes the sign off -0.
+    return f"{round(value * 1e3, 1) + 0.0:.1f} mm" if kind == PRISMATIC else f"{value:.4g}"
 
 
 def pass_html(trace: Trace | None, number: int) -> str:
