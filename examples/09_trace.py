@@ -26,13 +26,13 @@ solution = search(breadth=2)
 print(solution.trace)
 
 if which == "tree":  # Fig. 1: a level for each joint, a leaf for each node of the first pass.
-    figure, _ = plots.tree(solution)
+    figure = plots.tree(solution)
 elif which == "circles":  # Fig. 2: what the first passes try for one joint.
-    figure, _ = plots.circles(solution)
+    figure = plots.circles(solution)
 elif which == "breadths":  # Fig. 3: what the second pass tries, with three breadths.
-    figure, _ = plots.breadths({f"Br = {breadth}": search(breadth) for breadth in (1, 2, 3)})
+    figure = plots.breadths({f"Br = {breadth}": search(breadth) for breadth in (1, 2, 3)})
 elif which == "windows":  # How the windows close in, over the error of every pair of joint values.
-    figure, _ = plots.windows(solution)
+    figure = plots.windows(solution)
 else:  # Searches side by side, on six joints.
     arm = kinseek.load("elbow6")
     target = arm.fk([0.3, -0.8, 1.1, 0.4, 0.9, -0.2])
@@ -45,7 +45,7 @@ else:  # Searches side by side, on six joints.
         "coordinate descent": kinseek.CoordinateDescent(),
         "atlas": kinseek.Atlas(),
     }
-    figure, _ = plots.progress(
+    figure = plots.progress(
         {name: arm.ik(target, solver=solver, trace=True) for name, solver in searches.items()}
     )
 print("wrote", plots.save(figure, path))

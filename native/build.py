@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import importlib.metadata
 import os
 import platform
 import re
@@ -27,7 +28,7 @@ import sysconfig
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 HERE = Path(__file__).resolve().parent
 SOURCE = HERE.parent / "src"
@@ -99,10 +100,24 @@ def is_current(library: Path, levels: list[int]) -> bool:
 
 def made_of(levels: list[int]) -> str:
     """What a library for some levels is made of: the kernels, and what stands in this folder."""
+    return f"kinseek kernels {source_digest()} by {_own_digest()} levels {' '.join(map(str, levels))};"
+
+
+def _own_digest() -> str:
+    """Of what stands in this folder."""
     own = hashlib.sha256()
     for path in sorted(HERE.glob("*.[cph]*")):
         own.update(path.read_bytes())
-    return f"kinseek kernels {source_digest()} by {own.hexdigest()[:16]} levels {' '.join(map(str, levels))};"
+    return own.hexdigest()[:16]
+
+
+def _objects(keep: str | Path | None, place: str) -> Path:
+    """Where object files go: below the folder where they are kept, one of these sources and this Numba, else a place."""
+    if not keep:
+        return Path(place)
+    work = Path(keep) / f"{source_digest()}-{_own_digest()}-{importlib.metadata.version('numba')}"
+    work.mkdir(parents=True, exist_ok=True)
+    return work
 
 
 def source_digest() -> str:
@@ -132,12 +147,12 @@ def build(folder: Path, levels: list[int] | None = None) -> Path:
     if is_current(library, wanted):
         return library
     with tempfile.TemporaryDirectory() as place:
-        work = Path(place)
+        work = _objects(os.environ.get("KINSEEK_OBJECTS"), place)
         _emit_all(work, wanted, known)
         table = _table(work, wanted)
-        objects = sorted(map(str, work.glob("*.o")))
+        objects = sorted(str(path) for level in wanted for path in work.glob(f"*.{level}.o"))
         hidden = ["-fvisibility=hidden", f"-I{sysconfig.get_path('include')}", f"-I{HERE}"]
-        new = work / library.name
+        new = Path(place) / library.name
         sources = [str(HERE / "door.c"), str(HERE / "runtime.c"), str(table)]
         bound = ["-s", "-Wl,-Bsymbolic", "-Wl,--gc-sections"]
         if sys.platform == "darwin":
@@ -162,8 +177,7 @@ def build_for(folder: Path, targets: list[str], keep: Path | None = None) -> lis
     """
     made = []
     with tempfile.TemporaryDirectory() as place:
-        work = keep / source_digest() if keep else Path(place)
-        work.mkdir(parents=True, exist_ok=True)
+        work = _objects(keep, place)
         _emit_foreign(work, targets)
         for name in targets:
             target, at = TARGETS[name], folder / name
@@ -214,16 +228,25 @@ def _link_foreign(library: Path, target: Any, table: Path, objects: list[Path], 
 
 def _emit_foreign(work: Path, targets: list[str]) -> None:
     """Have everything lowered once, and machine code made for every target."""
-    levels = [(name, level) for name in targets for level in TARGETS[name].levels]
-    for taken in (work / targets[0]).glob("*.taken"):
-        kernel = taken.name.split(".")[0]
-        if not all((work / name / f"{kernel}.{level}.o").exists() for name, level in levels):
-            taken.unlink()
+    _take_up([(work / name, level) for name in targets for level in TARGETS[name].levels])
     asked = {"NUMBA_OPT": "0", "NUMBA_CPU_NAME": "generic", "PYTHONWARNINGS": "ignore"}
-    command = [sys.executable, str(HERE / "emit.py"), str(work), *targets]
-    environment = _environment(work, asked)
-    running = [subprocess.Popen(command, env=environment) for _ in range(os.cpu_count() or 1)]
+    running = _start([str(work), *targets], _environment(work, asked), os.cpu_count() or 1)
     _wait(running, [work / name for name in targets])
+
+
+def _take_up(places: list[tuple[Path, int]]) -> bool:
+    """Let what an earlier run began and did not finish be taken again; is anything left to do?"""
+    first, level = places[0]
+    marks = list(first.glob(f"*.{level}.taken"))
+    undone = [
+        mark
+        for mark in marks
+        if not all((place / f"{mark.name.split('.')[0]}.{each}.o").exists() for place, each in places)
+    ]
+    for mark in undone:
+        mark.unlink()
+    names = first / f"names.{level}"
+    return not names.exists() or len(marks) - len(undone) < len(names.read_text().split())
 
 
 def _environment(work: Path, asked: dict[str, str]) -> dict[str, str]:
@@ -244,39 +267,62 @@ def _environment(work: Path, asked: dict[str, str]) -> dict[str, str]:
 
 
 def _emit_all(work: Path, levels: list[int], known: dict[int, str]) -> None:
-    """Have every entry and routine compiled: each process takes the next that nobody has taken, all of one level."""
-    share = max(1, (os.cpu_count() or 1) // len(levels))
+    """Have every entry and routine compiled for each level that is not there yet."""
+    undone = [level for level in levels if _take_up([(work, level)])]
+    share = max(1, (os.cpu_count() or 1) // max(1, len(undone)))
     running = []
-    for level in levels:
+    for level in undone:
         environment = _environment(work, {"NUMBA_CPU_NAME": known[level]})
-        command = [sys.executable, str(HERE / "emit.py"), str(work), str(level)]
-        running += [subprocess.Popen(command, env=environment) for _ in range(share)]
+        running += _start([str(work), str(level)], environment, share)
     _wait(running, [work])
 
 
+def _start(words: list[str], environment: dict[str, str], count: int) -> list[subprocess.Popen[bytes]]:
+    """Start processes, each of which compiles the next kernel that nobody has taken.
+
+    Every second one begins at the other end: neighbours are made of the same parts, which are then compiled by one alone.
+    """
+    command = [sys.executable, str(HERE / "emit.py"), *words]
+    ends: tuple[list[str], ...] = ([], ["backwards"])
+    return [subprocess.Popen([*command, *ends[i % 2]], env=environment) for i in range(count)]
+
+
 def _wait(running: list[subprocess.Popen[bytes]], places: list[Path]) -> None:
-    """Wait until all have ended, and show how far they are."""
+    """Wait until all have ended, and show how far they are where there is a terminal."""
     began = time.monotonic()
-    try:
-        while any(one.poll() is None for one in running) and not any(one.poll() for one in running):
-            time.sleep(0.2)
-            _show(places, time.monotonic() - began)
-    finally:
-        for one in running:
-            one.terminate()
-        sys.stderr.write("\n")
+    with _screen() as screen:
+        try:
+            while any(one.poll() is None for one in running) and not any(one.poll() for one in running):
+                time.sleep(0.2)
+                _show(screen, places, time.monotonic() - began)
+        finally:
+            for one in running:
+                one.terminate()
+            screen.write("\r\x1b[K")
     if any(one.wait() for one in running):
         raise BuildError("the kernels could not be compiled, see above")
 
 
-def _show(places: list[Path], seconds: float) -> None:
-    """Draw how many are done: in place in a terminal, now and then in a file."""
+def _screen() -> TextIO:
+    """The terminal that this was started from. pip keeps what a build says to itself, and this takes a minute."""
+    try:
+        screen = open("/dev/tty", "w", encoding="utf-8")  # noqa: SIM115  # Its caller closes it.
+        if os.tcgetpgrp(screen.fileno()) == os.getpgrp():
+            return screen
+        screen.close()  # Of another job than the one in front.
+    except OSError:
+        pass
+    return open(os.devnull, "w", encoding="utf-8")
+
+
+def _show(screen: TextIO, places: list[Path], seconds: float) -> None:
+    """Draw how many are done, in place."""
     total = sum(len(path.read_text().split()) for place in places for path in place.glob("names.?"))
     done = sum(len(list(place.glob("*.o"))) for place in places)
-    if sys.stderr.isatty() and total:
+    if total:
         bar = "#" * (30 * done // total)
-        sys.stderr.write(f"\rkernels [{bar:30s}] {done} of {total}, {seconds:.0f} s ")
-        sys.stderr.flush()
+        screen.write(f"\rkinseek: compiling kernels [{bar:30s}] {done} of {total}, {seconds:.0f} s ")
+        screen.flush()
 
 
 def _table(work: Path, levels: list[int]) -> Path:

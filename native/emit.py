@@ -1,7 +1,7 @@
 """Compile entries and routines, and write an object file of each; several processes may run at once.
 
-    emit.py FOLDER LEVEL        # for this machine, a level of its processor
-    emit.py FOLDER TARGET...    # for other machines (targets.py), every level of each, in a folder for each
+    emit.py FOLDER LEVEL [backwards]        # for this machine, a level of its processor
+    emit.py FOLDER TARGET... [backwards]    # for other machines (targets.py), every level of each, in a folder for each
 
 For this machine Numba optimises. For another one Numba types and lowers alone, with ``NUMBA_OPT=0``, and LLVM optimises for
 that machine what came out: finished modules hold instructions of the processor that they were made on.
@@ -19,6 +19,7 @@ from numba.core.registry import cpu_target as typed_cpu_target
 from targets import TARGETS, Target
 
 from kinseek.kernels import entry, jit
+from kinseek.kernels.compiler import never_run
 from kinseek.kernels.sources import PACKAGE, kernel_sources
 from kinseek.kernels.wrapper import compiled, wrapper_of
 
@@ -30,24 +31,25 @@ DYNAMIC = "numba.dynamic.globals"
 
 def main() -> None:
     """Compile what nobody else has taken yet."""
-    folder = Path(sys.argv[1])
+    folder, first, *rest = Path(sys.argv[1]), *sys.argv[2:]
+    backwards = rest[-1:] == ["backwards"]
     for path in kernel_sources():
         importlib.import_module(".".join(["kinseek", *path.relative_to(PACKAGE).with_suffix("").parts]))
-    # Routines take longest, so they come first.
+    never_run()
     jobs: list[Any] = [*jit.ROUTINES.values(), *entry.ENTRIES.values()]
     names = "\n".join(job.name for job in jobs).encode()
-    if sys.argv[2].isdecimal():
-        places: list[tuple[Path, int, Target | None]] = [(folder, int(sys.argv[2]), None)]
+    if first.isdecimal():
+        places: list[tuple[Path, int, Target | None]] = [(folder, int(first), None)]
     else:
         llvm.initialize_all_targets()
         llvm.initialize_all_asmprinters()
-        targets = {name: TARGETS[name] for name in sys.argv[2:]}
+        targets = {name: TARGETS[name] for name in [first, *rest[: len(rest) - backwards]]}
         places = [(folder / name, level, one) for name, one in targets.items() for level in one.levels]
     for place, level, _ in places:
         place.mkdir(exist_ok=True)
         if _taken(place / f"names.{level}.taken"):
             _put(place / f"names.{level}", names)
-    for job in jobs:
+    for job in reversed(jobs) if backwards else jobs:
         if _taken(places[0][0] / f"{job.name}.{places[0][1]}.taken"):
             made = compiled(job)
             for place, level, target in places:

@@ -218,6 +218,72 @@ def test_near_reaches_the_search(run: Run) -> None:
     assert np.allclose(json.loads(run(*words, "--near", *degrees, "--deg").out)["q"], near, atol=1e-6)
 
 
+def test_joint_values_by_name(run: Run) -> None:
+    words = ("solve", "planar2", *REACHABLE, "--position-only", "--json", "--near")
+    plain = json.loads(run(*words, "1", "-2").out)["q"]
+    for named in (("joint2=-2,joint1=1",), ("joint2=-2", "joint1=1")):
+        assert json.loads(run(*words, *named).out)["q"] == plain
+    assert run("fk", "planar2", "joint2=-2", "joint1=1").out == run("fk", "planar2", "1", "-2").out
+
+
+def test_locked_joints_stay_where_they_are(run: Run) -> None:
+    arm = kinseek.load("ur5e")
+    at = arm.fk([0.4, -1.2, 1.5, 0.2, 0.9, 0.3])[:3, 3]
+    words = ("solve", "ur5e", "--at", *(f"{x!r}" for x in at.tolist()), "--position-only", "--json")
+    wrist, elbow = (float(np.rad2deg(angle)) for angle in (0.3, 1.5))
+    for lock in (
+        ("--lock", "wrist_3_joint=0.3", "elbow_joint=1.5"),
+        ("--lock=wrist_3_joint=0.3", "--lock", "elbow_joint=1.5"),
+        ("--lock", f"wrist_3_joint={wrist!r},elbow_joint={elbow!r}", "--deg"),
+    ):
+        code, out, _ = run(*words, *lock)
+        facts = json.loads(out)
+        assert (code, len(facts["q"])) == (0, 4)
+        q = dict(zip(facts["joint_names"], facts["q"], strict=True))
+        whole = [
+            q.get(name, {"wrist_3_joint": 0.3, "elbow_joint": 1.5}.get(name)) for name in arm.joint_names
+        ]
+        assert np.allclose(arm.fk(np.array(whole))[:3, 3], at, atol=2e-6)
+
+
+TOP = ("--at", "0.4", "0.2", "0.3", "--rpy", "180", "0", "0", "--deg")
+
+
+def test_all_answers(run: Run) -> None:
+    facts = json.loads(run("solve", "ur5e", *TOP, "--all", "--json").out)
+    arm = kinseek.load("ur5e")
+    expected = arm.branches(kinseek.pose([0.4, 0.2, 0.3], rpy=[np.pi, 0.0, 0.0]))
+    assert np.array_equal([each["q"] for each in facts["branches"]], expected.q)
+    assert (facts["sampled"], facts["complete"], len(expected) > 1) == (False, False, True)
+    code, out, _ = run("solve", "ur5e", *TOP, "--all")
+    assert code == 0
+    rows = [line.split() for line in out.splitlines() if re.match(r" *\d+ +-?\d", line)]
+    assert np.allclose([[float(word) for word in row[1:7]] for row in rows], expected.q, atol=1e-6)
+    assert f"{len(expected)} answers" in out
+    near = [f"{value}" for value in expected.q[3] + 0.01]
+    first = json.loads(
+        run("solve", "ur5e", *TOP[:-1], "--rpy=3.141592653589793,0,0", "--all", "--json", "--near", *near).out
+    )
+    assert np.allclose(first["branches"][0]["q"], expected.q[3], atol=1e-5)
+    assert len(json.loads(run("solve", "ur5e", *TOP, "--all", "--count", "2", "--json").out)["branches"]) == 2
+
+
+def test_all_answers_proved(run: Run) -> None:
+    words = ("solve", "planar2", *REACHABLE, "--position-only", "--all")
+    assert "2 answers; it is proved that there is no other" in run(*words, "--prove").out
+    code, out, _ = run("solve", "planar2", "--at", "5", "0", "0", "--position-only", "--all")
+    assert (code, "0 answers" in out) == (1, True)
+
+
+@pytest.mark.parametrize("order", ["mid-range", "limits", "dexterity"])
+def test_the_preferred_answer(run: Run, order: Any) -> None:
+    facts = json.loads(run("solve", "ur5e", *TOP, "--prefer", order, "--json").out)
+    expected = kinseek.load("ur5e").branches(
+        kinseek.pose([0.4, 0.2, 0.3], rpy=[np.pi, 0.0, 0.0]), order=order
+    )
+    assert np.allclose(facts["q"], expected.q[0], atol=1e-9)
+
+
 def test_search_options_reach_the_search(run: Run) -> None:
     words = ("--solver", "divide-and-conquer", "--branching-factor", "100", "--breadth", "3,2", "--no-wrap")
     facts = json.loads(run("solve", "planar2", *REACHABLE, "--position-only", *words, "--json").out)
@@ -269,8 +335,11 @@ def test_every_search_runs_from_the_command_line(run: Run, search: str) -> None:
 
 MISUSE = {
     "no such command": (("frob",), "frob"),
+    "misspelt command": (("slove", "ur5e"), "did you mean 'solve'"),
     "no arm": (("solve",), "ARM"),
     "unknown robot": (("show", "pandda"), "did you mean 'panda'"),
+    "upper case": (("show", "UR5E"), "did you mean 'ur5e'?"),
+    "other case": (("show", "Panda"), "did you mean 'panda'?"),
     "missing file": (("show", "nowhere.urdf"), "nowhere.urdf"),
     "unknown link": (("show", "panda", "--tip", "hand"), "unknown link 'hand'"),
     "no such option": (("show", "panda", "--frob", "1"), "--frob"),
@@ -292,6 +361,40 @@ MISUSE = {
         "zero quaternion",
     ),
     "near": (("solve", "planar2", *REACHABLE, "--position-only", "--near", "1"), "needs 2 numbers, got 1"),
+    "near: half": (
+        ("solve", "planar2", *REACHABLE, "--position-only", "--near", "joint1=1"),
+        "lacks a value of joint2",
+    ),
+    "near: unknown": (
+        ("solve", "planar2", *REACHABLE, "--position-only", "--near", "joint1=1,joint_2=2"),
+        "unknown joint 'joint_2'; did you mean 'joint2'",
+    ),
+    "near: twice": (
+        ("solve", "planar2", *REACHABLE, "--position-only", "--near", "joint1=1", "joint1=2"),
+        "names the joint 'joint1' twice",
+    ),
+    "near: no number": (
+        ("solve", "planar2", *REACHABLE, "--position-only", "--near", "joint1=1", "joint2=x"),
+        "--near joint2: 'x' is not a number",
+    ),
+    "lock: no name": (
+        ("solve", "planar2", *REACHABLE, "--position-only", "--lock", "1"),
+        "takes JOINT=VALUE",
+    ),
+    "lock: unknown": (
+        ("solve", "planar2", *REACHABLE, "--position-only", "--lock", "elbow=1"),
+        "unknown joint 'elbow'",
+    ),
+    "lock: all": (
+        ("solve", "planar2", *REACHABLE, "--position-only", "--lock", "joint1=1", "joint2=1"),
+        "locked",
+    ),
+    "prefer": (("solve", "planar2", *REACHABLE, "--position-only", "--prefer", "limit"), "'limits'"),
+    "count alone": (("solve", "planar2", *REACHABLE, "--position-only", "--count", "2"), "add --all"),
+    "all with a search": (
+        ("solve", "planar2", *REACHABLE, "--position-only", "--all", "--solver", "brute-force"),
+        "neither --solver nor --trace",
+    ),
     "tolerance": (("solve", "planar2", *REACHABLE, "--position-only", "--position-tolerance", "-1"), ">= 0"),
 }
 
@@ -329,9 +432,8 @@ def check_misuse(result: Result, said: str) -> None:
 
 
 def test_without_the_extra_it_says_how_to_install_it(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("kinseek.cli.commands", "kinseek.cli.report", "kinseek.cli.searches"):
-        monkeypatch.delitem(sys.modules, module, raising=False)
-    monkeypatch.setitem(sys.modules, "typer", None)
+    monkeypatch.delitem(sys.modules, "kinseek.cli.program", raising=False)
+    monkeypatch.setitem(sys.modules, "click", None)
     result = run("robots")
     assert (result.code, result.out) == (2, "")
     assert "pip install 'kinseek[cli]'" in result.err

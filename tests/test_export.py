@@ -18,9 +18,9 @@ import pytest
 
 import kinseek
 from kinseek import Atlas, BruteForce, DivideAndConquer, Goal
-from kinseek.cli.commands import run
+from kinseek.cli.program import run
 from kinseek.errors import InvalidExport, InvalidSolver, MissingExtra
-from kinseek.export import TARGETS, Parts, controller, prepare, to_c
+from kinseek.export import TARGETS, Parts, compiling, controller, prepare, to_c
 from kinseek.export.c_calls import c_declarations, c_definitions
 from kinseek.export.c_text import string
 from kinseek.kernels.entry import ENTRIES
@@ -287,7 +287,7 @@ PANDA = kinseek.load("panda")
 @pytest.mark.parametrize(
     ("arm", "given", "words"),
     [
-        (PANDA, {"target": "avr"}, "unknown target 'avr'.*Valid: aarch64, riscv32, thumbv7em, x86-64"),
+        (PANDA, {"target": "avr"}, "unknown target 'avr'.*Valid: aarch64, riscv32, thumbv7em, wasm32, x86-64"),
         (PANDA, {"cpu": "cortex-m7"}, "unknown processor of x86-64 'cortex-m7'"),
         (PANDA, {"form": "elf"}, "form must be one of 'object', 'assembly', 'llvm', got 'elf'"),
         (PANDA, {"ram": 0}, "ram must be a whole number of bytes of at least 1, got 0"),
@@ -319,7 +319,7 @@ def test_bad_input_is_refused_before_anything_is_compiled(
     def never(*_: object) -> None:
         raise AssertionError("it came to compiling")
 
-    monkeypatch.setattr(controller, "_compiled", never)
+    monkeypatch.setattr(controller, "compiled", never)
     with pytest.raises(InvalidExport, match=words):
         prepare(arm, **given)
 
@@ -343,7 +343,7 @@ def test_bad_folders_are_refused(tmp_path: Path) -> None:
 
 
 def test_without_numba_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(controller, "find_spec", lambda name: None)
+    monkeypatch.setattr(compiling, "find_spec", lambda name: None)
     with pytest.raises(MissingExtra, match=r"pip install 'kinseek\[jit\]'"):
         to_c(PANDA, tmp_path / "c")
     assert not (tmp_path / "c").exists()
@@ -393,7 +393,7 @@ def test_the_command_line_tells_sizes_before_it_writes(
         given.update(rest)
         return parts
 
-    monkeypatch.setattr("kinseek.cli.commands.prepare", known)
+    monkeypatch.setattr("kinseek.cli.commands.export.prepare", known)
     words = [
         "export",
         "scara4",

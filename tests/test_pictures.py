@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import runpy
 import sys
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ pytestmark = pytest.mark.slow
 pytest.importorskip("matplotlib")
 
 ROOT = Path(__file__).resolve().parents[1]
+PICTURES = ROOT / "docs" / "pictures"
 EXAMPLES = sorted((ROOT / "examples").glob("0[3-8]*.py"))
 
 
@@ -49,6 +51,38 @@ def test_pictures_of_the_examples(
     monkeypatch.setattr(sys, "argv", [str(example), str(tmp_path / "picture.png")])
     runpy.run_path(str(example), run_name="__main__")
     assert found == []
+
+
+def test_pictures_of_the_page_on_pictures(
+    found: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    example = ROOT / "examples" / "pictures.py"
+    monkeypatch.setattr(sys, "argv", [str(example), str(tmp_path)])
+    runpy.run_path(str(example), run_name="__main__")
+    assert found == []
+    written = {Path(line.split()[1]).name for line in capsys.readouterr().out.splitlines() if "wrote" in line}
+    kept = {path.name: path.stat().st_size for path in PICTURES.glob("plots_*.png")}
+    assert written == set(kept)
+    assert max(kept.values()) < 150_000
+
+
+def test_the_animation_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from PIL import Image
+
+    spec = spec_from_file_location("animation", ROOT / "examples" / "animation.py")
+    assert spec is not None
+    assert spec.loader is not None
+    animation = module_from_spec(spec)
+    spec.loader.exec_module(animation)
+    for name in ("CIRCLE", "STEPS_OUT", "HOLD"):
+        monkeypatch.setattr(animation, name, 2)
+    animation.main(tmp_path / "small.gif")
+    with Image.open(tmp_path / "small.gif") as small, Image.open(PICTURES / "kinseek.gif") as kept:
+        assert small.size == kept.size == (800, 450)
+        # Two of the circle, eight passes, two of the way out, less the last, and two of the proof.
+        assert getattr(small, "n_frames", 0) == 13
+        assert small.info["loop"] == kept.info["loop"] == 0
+    assert (PICTURES / "kinseek.gif").stat().st_size < 2_000_000
 
 
 @pytest.mark.jit

@@ -47,5 +47,5 @@ def test_a_function_has_no_links_to_draw() -> None:
 
 def test_without_matplotlib_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(kinseek.MissingExtra, match=r"kinseek\[experiments\]"):
+    with pytest.raises(kinseek.MissingExtra, match=r"kinseek\[plot\]"):
         plots.plane()

@@ -7,7 +7,7 @@ import json
 import pytest
 
 import kinseek
-from kinseek.cli.commands import run
+from kinseek.cli.program import run
 
 WORDS = ["solve", "planar2", "--at", "-0.55", "0.4", "0", "--position-only"]
 SEARCH = ["--solver", "divide-and-conquer", "--breadth", "2"]

@@ -51,7 +51,7 @@ def test_pictures_of_the_example_can_be_read(
 def test_other_searches_can_be_read(found: list[str]) -> None:
     target = CYLINDRICAL.fk((CYLINDRICAL.lower + CYLINDRICAL.upper) / 2 + 0.1)
     wide = CYLINDRICAL.ik(target, solver=kinseek.DivideAndConquer(breadth=2), trace=True)
-    for figure, _ in (
+    for figure in (
         plots.tree(wide, 2),
         plots.windows(wide, (0, 2)),
         plots.circles(wide, "turn", passes=2),
@@ -64,7 +64,7 @@ def test_other_searches_can_be_read(found: list[str]) -> None:
 
 def test_progress_ends_at_the_evaluations_and_the_error_of_the_answer() -> None:
     solution = planar(breadth=2)
-    _, axes = plots.progress({"one": solution})
+    (axes,) = plots.progress({"one": solution}).axes
     spent, errors = axes.lines[0].get_data()
     assert (spent[-1], errors[-1]) == (solution.evaluations, solution.weighted_error)
     assert len(spent) == len(solution.trace)
@@ -72,7 +72,7 @@ def test_progress_ends_at_the_evaluations_and_the_error_of_the_answer() -> None:
 
 def test_a_tree_has_a_leaf_for_each_node_and_marks_the_best() -> None:
     solution = planar(breadth=2)
-    _, axes = plots.tree(solution)
+    axes = plots.tree(solution).axes[0]
     leaves = axes.collections[-2]
     assert len(leaves.get_offsets()) == 9
     marked = axes.collections[-1].get_offsets()[0, 0]
@@ -82,7 +82,7 @@ def test_a_tree_has_a_leaf_for_each_node_and_marks_the_best() -> None:
 
 def test_windows_are_frames_where_the_trace_has_them() -> None:
     solution = planar(breadth=2)
-    _, axes = plots.windows(solution)
+    axes = plots.windows(solution).axes
     corners = {patch.get_xy() for patch in axes[0].patches}
     second = solution.trace[1]
     assert tuple(second.lower) in corners
@@ -92,10 +92,10 @@ def test_windows_are_frames_where_the_trace_has_them() -> None:
 
 def test_circles_have_a_spoke_for_each_value() -> None:
     solution = planar(breadth=2)
-    _, axes = plots.circles(solution, passes=3)
+    axes = plots.circles(solution, passes=3).axes
     # The circle, the spokes, and the best.
     assert [len(each.lines) - 2 for each in axes] == [3, 5, 5]
-    _, axes = plots.breadths([planar(breadth=b) for b in (1, 2, 3)])
+    axes = plots.breadths([planar(breadth=b) for b in (1, 2, 3)]).axes
     assert [len(each.lines) - 2 for each in axes] == [3, 5, 7]
 
 
@@ -131,14 +131,13 @@ def test_what_cannot_be_drawn_says_so(draw: object, words: str) -> None:
 
 
 def test_joints_have_names_in_every_picture() -> None:
-    _, by_name = plots.windows(planar(), ("joint2", "joint1"))
-    assert [each.get_xlabel() for each in by_name] == ["joint2 [rad]"] * 2
+    by_name = plots.windows(planar(), ("joint2", "joint1")).axes
+    assert [each.get_xlabel() for each in by_name[:2]] == ["joint2 [rad]"] * 2
 
 
 def test_passes_that_leave_a_joint_alone_are_no_circles() -> None:
     solution = PLANAR.ik(PLANAR.fk([2.0, 1.1]), solver=kinseek.SeparateChains(again=float("inf")), trace=True)
-    _, axes = plots.circles(solution, "joint2")
-    titles = [each.get_title() for each in axes]
+    titles = [each.get_title() for each in plots.circles(solution, "joint2").axes]
     assert all("goal: pass" in each and "nan" not in each for each in titles)
 
 

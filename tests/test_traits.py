@@ -91,8 +91,8 @@ def test_near_is_to_a_search_what_it_says(cls: type[OwnSolver]) -> None:
         assert first[3] < 3.0 < second[3]
 
 
-def test_the_readme_has_the_table_that_is_made_of_the_traits() -> None:
-    assert f"\n{table()}\n" in (ROOT / "README.md").read_text()
+def test_the_documentation_has_the_table_that_is_made_of_the_traits() -> None:
+    assert f"\n{table()}\n" in (ROOT / "docs" / "which_search.md").read_text()
     assert len(table().splitlines()) == len(ALL_SOLVERS) + 2
 
 

@@ -99,6 +99,8 @@ class RepairWarning(UserWarning):
 def suggest(got: str, valid: Iterable[str], noun: str) -> str:
     """Return ``unknown <noun> 'got'``, the near matches and the valid choices, as one sentence."""
     choices = sorted(valid)
-    near = difflib.get_close_matches(got, choices, n=3, cutoff=0.5)
+    folded = got.casefold()  # A name in other letters, UR5e for ur5e, is the nearest of all.
+    same = [name for name in choices if name.casefold() == folded]
+    near = same or difflib.get_close_matches(got, choices, n=3, cutoff=0.5)
     hint = f"; did you mean {' or '.join(repr(name) for name in near)}?" if near else "."
     return f"unknown {noun} {got!r}{hint} Valid: {', '.join(choices) or 'none'}"

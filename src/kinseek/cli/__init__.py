@@ -1,6 +1,7 @@
-"""The command line: ``kinseek robots | show | fk | solve | export``. It computes nothing itself.
+"""The command line, one file a command in `commands`. It computes nothing itself.
 
-Exit codes: 0 done or reached, 1 not reached, 2 misuse or output that cannot be written, 141 the reader of a pipe has gone.
+Exit codes: 0 done or reached, 1 not reached or found wanting, 2 misuse or output that cannot be written, 130 stopped with
+Ctrl-C, 141 the reader of a pipe has gone.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         arguments: The words after the program's name; those of the process unless given.
     """
     try:
-        from .commands import run
+        from .program import run
     except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in ("typer", "rich"):
+        if (error.name or "").partition(".")[0] != "click":
             raise
         print(f"kinseek: {MissingExtra('the command line', 'cli')}", file=sys.stderr)
         sys.exit(2)

@@ -1,4 +1,4 @@
-"""One place where output is written: at the end, at once, and a reader that has gone or a full disk is told there."""
+"""One place where output is written: at the end, as a whole, and a reader that has gone or a full disk is told there."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ class _Held(io.StringIO):
 
     def __init__(self, stream: Any) -> None:
         super().__init__()
-        self._stream = stream
+        self.stream = stream
 
     def isatty(self) -> bool:
         """Is the stream a terminal?"""
-        return self._stream is not None and bool(self._stream.isatty())
+        return self.stream is not None and bool(self.stream.isatty())
 
     @property
     def encoding(self) -> str:  # type: ignore[override]
         """The stream's."""
-        return getattr(self._stream, "encoding", None) or "utf-8"
+        return getattr(self.stream, "encoding", None) or "utf-8"
 
 
 @contextlib.contextmanager
@@ -40,6 +40,13 @@ def held_output() -> Iterator[io.StringIO]:
     held = _Held(sys.stdout)
     with contextlib.redirect_stdout(held):
         yield held
+
+
+@contextlib.contextmanager
+def direct_output() -> Iterator[None]:
+    """Let what is printed go on at once, for answers that somebody waits for; `write_out` says whether it arrived."""
+    with contextlib.redirect_stdout(getattr(sys.stdout, "stream", sys.stdout)):
+        yield
 
 
 def write_out(text: str, code: int) -> int:
@@ -68,6 +75,11 @@ def complain(message: str) -> None:
     with contextlib.suppress(OSError):
         if sys.stderr is not None:
             print(f"kinseek: {' '.join(message.split())}", file=sys.stderr, flush=True)
+
+
+def on_terminal() -> bool:
+    """Does somebody watch stderr?"""
+    return sys.stderr is not None and sys.stderr.isatty()
 
 
 @contextlib.contextmanager

@@ -4,26 +4,35 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
-from kinseek.export import Parts
+from kinseek.branches.result import Branches
 from kinseek.goal import Goal
 from kinseek.proof.certificate import Certificate
 from kinseek.robots import catalog_entry, catalog_names
+from kinseek.robots.soundness import Checkup, Severity
 from kinseek.solution import Solution
 from kinseek.solvers import Solver
 
 from .tables import sentence, table, terminal_width
 
+if TYPE_CHECKING:
+    from kinseek.export import Parts
+
+    from .bench import Row
+
 Array = NDArray[np.float64]
 
 _POSTURES = 20_000
 """Postures from which `show` measures the reach."""
+_LISTED = 10
+"""Rows that were not reached, for people."""
 
 
 def print_robots() -> None:
@@ -60,6 +69,44 @@ def print_arm(arm: Arm) -> None:
     _print(f"reach: at most {most:.3f} m from base to tip (the sum of all links and slides)")
 
 
+def print_bench(arm: Arm, rows: Sequence[Row], machine: str, as_json: bool) -> None:
+    """Print what was measured."""
+    if as_json:
+        _print_json({**_arm_facts(arm), "machine": machine, "rows": [asdict(row) for row in rows]})
+        return
+
+    def cells(row: Row) -> tuple[str, ...]:
+        figures = [f"{number:,.1f}" if number is not None else "-" for number in (row.median, row.slow)]
+        good = f"{row.good * 100:.1f} %" if row.good is not None else "-"
+        return (row.what, row.who, *figures, good, f"{row.poses:,}" if row.poses else row.why_not)
+
+    _print(f"{arm.name}, {arm.dof} joints; {machine}")
+    _print_table(
+        ("", "", ">median\nµs a pose", ">p99\nµs a call", ">reached or\nproved", ">poses"),
+        [cells(row) for row in rows],
+    )
+
+
+def print_checkup(name: str, found: Checkup, as_json: bool) -> None:
+    """Print what was found out about a file, the worst first."""
+    order = list(Severity)
+    findings = sorted(found.findings, key=lambda finding: order.index(finding.severity))
+    counts = {severity: sum(each.severity is severity for each in findings) for severity in order}
+    if as_json:
+        listed = [{"severity": f.severity.value, "part": f.part, "what": f.what} for f in findings]
+        _print_json({"file": name, "sound": found.sound, "findings": listed})
+        return
+    for finding in findings:
+        _print(f"{finding.severity.value}: {finding.part}{': ' if finding.part else ''}{finding.what}")
+    said = [
+        f"{count} {severity.value}{'s' if count > 1 else ''}" for severity, count in counts.items() if count
+    ]
+    size = (
+        f" ({found.links} links, {found.joints} joints, {found.moving} of them move)" if found.links else ""
+    )
+    _print(f"{name}{size}: {'sound' if found.sound else 'not sound'}{', ' if said else ''}{', '.join(said)}")
+
+
 def print_parts(folder: Path, parts: Parts) -> None:
     """Print what was written for a controller, and how it becomes a program."""
     _print(f"{folder}: {', '.join(sorted(parts.files))}")
@@ -81,10 +128,8 @@ def reach(arm: Arm) -> tuple[float, float]:
 
 def print_pose(arm: Arm, q: Array, T: Array, as_json: bool) -> None:
     """Print a pose of the tip in the base."""
-    from scipy.spatial.transform import Rotation
-
-    xyzw = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
-    wxyz = np.roll(xyzw, 1)
+    wxyz = _quaternion(T[:3, :3])
+    xyzw = np.roll(wxyz, -1)
     if as_json:
         facts = {"position": T[:3, 3], "quat_wxyz": wxyz, "quat_xyzw": xyzw, "matrix": T}
         _print_json({**_arm_facts(arm), "q": q.tolist(), **{k: v.tolist() for k, v in facts.items()}})
@@ -158,15 +203,7 @@ def solution_facts(
     ]
     return {
         **_arm_facts(arm),
-        "goal": {
-            "kind": goal.kind,
-            "target": goal.target.tolist(),
-            **_openness(goal),
-            "position_tolerance": goal.position_tolerance,
-            "orientation_tolerance": goal.orientation_tolerance,
-            "position_weight": goal.position_weight,
-            "orientation_weight": goal.orientation_weight,
-        },
+        "goal": _goal_facts(goal),
         "solver": "default" if search is None else repr(search),
         "success": bool(solution.success),
         "status": solution.status.name,
@@ -181,6 +218,95 @@ def solution_facts(
         "nodes_expanded": int(solution.nodes_expanded),
         "seconds": seconds,
         "proof": None if proof is None else _proof_facts(proof),
+    }
+
+
+def answer_facts(solution: Solution) -> dict[str, Any]:
+    """What is said of an answer in a line of JSON."""
+    turns = bool(solution.problem.goal.form.columns)
+    return {
+        "success": bool(solution.success),
+        "status": solution.status.name,
+        "q": solution.q.tolist(),
+        "position_error": float(solution.position_error),
+        "orientation_error": float(solution.orientation_error) if turns else None,
+        "evaluations": int(solution.evaluations),
+    }
+
+
+def branches_facts(found: Branches) -> dict[str, Any]:
+    """All answers to a goal, as JSON takes them."""
+    turns = bool(found.problem.goal.form.columns)
+    answers = [
+        {"q": q.tolist(), "position_error": float(place), "orientation_error": float(turn) if turns else None}
+        for q, place, turn in zip(found.q, found.position_error, found.orientation_error, strict=True)
+    ]
+    facts = {"complete": found.complete, "sampled": found.sampled, "evaluations": int(found.evaluations)}
+    return {"branches": answers, **facts}
+
+
+def print_branches(arm: Arm, found: Branches, seconds: float, as_json: bool) -> None:
+    """Print every answer to a goal."""
+    goal = found.problem.goal
+    if as_json:
+        _print_json(
+            {**_arm_facts(arm), "goal": _goal_facts(goal), **branches_facts(found), "seconds": seconds}
+        )
+        return
+    room = np.minimum(found.q - arm.lower, arm.upper - found.q)
+    room[:, [kind == "continuous" for kind in arm.kinds]] = np.inf
+    units = ["m" if kind == "prismatic" else "rad" for kind in arm.kinds]
+    columns = (
+        ">",
+        *(f">{name}\n{unit}" for name, unit in zip(arm.joint_names, units, strict=True)),
+        ">to a limit",
+    )
+    rows = [
+        (str(k + 1), *(f"{value:.6f}" for value in q), f"{least:.6f}" if np.isfinite(least) else "no limit")
+        for k, (q, least) in enumerate(zip(found.q, room.min(axis=1), strict=True))
+    ]
+    if rows:
+        _print_table(columns, rows)
+    _print(_how_many(found))
+    if rows:
+        worst = [f"position {found.position_error.max():.3g} m"]
+        worst += [f"orientation {found.orientation_error.max():.3g} rad"] * bool(goal.form.columns)
+        _print(f"largest errors: {', '.join(worst)}")
+    _print(f"{found.evaluations:,} FK evaluations, {seconds:.3g} s (loading compiled kernels included)")
+
+
+def print_batch(arm: Arm, reached: NDArray[np.bool_], out: str, seconds: float, as_json: bool) -> None:
+    """Print what became of the poses of a file, (N,)."""
+    missed = (np.flatnonzero(~reached) + 1).tolist()
+    if as_json:
+        facts = {"poses": len(reached), "reached": int(reached.sum()), "not_reached": missed}
+        _print_json({**_arm_facts(arm), **facts, "out": out, "seconds": seconds})
+        return
+    _print(f"{len(reached):,} poses: {int(reached.sum()):,} reached, {len(missed):,} not; {seconds:.3g} s")
+    if missed:
+        listed = ", ".join(f"{row:,}" for row in missed[:_LISTED])
+        _print(f"not reached: row {listed}{' and others' if len(missed) > _LISTED else ''}")
+    _print(f"answers: {out}")
+
+
+def _how_many(found: Branches) -> str:
+    count = f"{len(found)} answer{'s' if len(found) != 1 else ''}"
+    if found.sampled:
+        return f"{count}, a spread sample of endlessly many"
+    if found.complete:
+        return f"{count}; it is proved that there is no other"
+    return f"{count}; that there is no other is not proved (--prove tries)"
+
+
+def _goal_facts(goal: Goal) -> dict[str, Any]:
+    return {
+        "kind": goal.kind,
+        "target": goal.target.tolist(),
+        **_openness(goal),
+        "position_tolerance": goal.position_tolerance,
+        "orientation_tolerance": goal.orientation_tolerance,
+        "position_weight": goal.position_weight,
+        "orientation_weight": goal.orientation_weight,
     }
 
 
@@ -215,6 +341,13 @@ def _both(kind: str, value: float) -> tuple[str, str]:
     if kind == "prismatic":
         return f"{value:.6f} m", f"{value * 1000:.3f} mm"
     return f"{value:.6f} rad", f"{np.rad2deg(value):.3f} deg"
+
+
+def _quaternion(turn: Array) -> Array:
+    """Of a rotation, (3, 3): w x y z, w at least 0."""
+    from scipy.spatial.transform import Rotation
+
+    return np.roll(np.asarray(Rotation.from_matrix(turn).as_quat(canonical=True)), 1)
 
 
 def _row(values: Array) -> str:

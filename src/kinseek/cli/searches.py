@@ -10,14 +10,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
 from types import NoneType, UnionType
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
-
-import typer
-from rich.markup import escape
+from typing import Any, get_args, get_origin, get_type_hints
 
 from kinseek.errors import InvalidSolver, suggest
 from kinseek.solvers import ALL_SOLVERS, Solver
 from kinseek.solvers.traits import OwnSolver, summary
+
+from .help import option, together
 
 READABLE = (bool, int, float, str, NoneType)
 
@@ -30,7 +29,13 @@ class Parameter:
     types: tuple[Any, ...]
     """What it may be, the members of a union apart."""
     default: object
-    help: str
+    owner: type
+    """The search."""
+
+    @property
+    def help(self) -> str:
+        """What stands below the field in the source, read when it is asked for: that takes longer than a search."""
+        return _docstrings(self.owner).get(self.name, "")
 
     @property
     def option(self) -> str:
@@ -60,29 +65,25 @@ def searches_in_words() -> str:
 def parameters(search: str) -> dict[str, Parameter]:
     """The fields of a search that a command line can give; a search inside a search is none of them."""
     cls: Any = searches()[search]
-    hints, notes = get_type_hints(cls), _docstrings(cls)
+    hints = get_type_hints(cls)
     found = {}
     for item in fields(cls):
         hint = hints[item.name]
         types = get_args(hint) if isinstance(hint, UnionType) else (hint,)
         if item.default is not MISSING and all(t in READABLE or get_origin(t) is tuple for t in types):
-            found[item.name] = Parameter(item.name, types, item.default, notes.get(item.name, ""))
+            found[item.name] = Parameter(item.name, types, item.default, cls)
     return found
 
 
-def with_search_options(command: Callable[..., int], only: Sequence[str] = ()) -> Callable[..., int]:
+def search_options(only: Sequence[str] = ()) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Give a command one option for every field of every search, or of some; they arrive as keyword arguments."""
-    signature = inspect.signature(command, eval_str=True)
-    kept = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
     owners: dict[str, list[str]] = {}
     for search in only or searches():
         for name in parameters(search):
             owners.setdefault(name, []).append(search)
-    made = [
-        _option([parameters(search)[name] for search in owning], owning) for name, owning in owners.items()
-    ]
-    command.__dict__["__signature__"] = signature.replace(parameters=[*kept, *made])
-    return command
+    return together(
+        *(_option([parameters(search)[name] for search in owning], owning) for name, owning in owners.items())
+    )
 
 
 def make_search(search: str | None, given: Mapping[str, object]) -> Solver | None:
@@ -90,7 +91,7 @@ def make_search(search: str | None, given: Mapping[str, object]) -> Solver | Non
 
     Args:
         search: Name of the search.
-        given: Values of the options as Typer hands them over, None where an option was not given.
+        given: Values of the options as Click hands them over, None where an option was not given.
 
     Raises:
         InvalidSolver: An unknown search, an option of another search, or a value out of its range.
@@ -112,23 +113,20 @@ def make_search(search: str | None, given: Mapping[str, object]) -> Solver | Non
     return searches()[search](**{name: _read(own[name], value) for name, value in named.items()})
 
 
-def _option(same: list[Parameter], owners: list[str]) -> inspect.Parameter:
+def _option(same: list[Parameter], owners: list[str]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     first = same[0]
-    notes = dict.fromkeys(parameter.help for parameter in same)
-    defaults = dict.fromkeys(str(parameter.default) for parameter in same)
-    text = f"{' / '.join(filter(None, notes))} Default: {' / '.join(defaults)}."
-    flag = first.types == (bool,)
-    decl = f"{first.option}/--no-{first.option[2:]}" if flag else first.option
-    info = typer.Option(
-        decl,
-        help=escape(text.strip().replace("`", "")),
-        metavar=None if flag else _shape(first),
-        rich_help_panel=f"Options of --solver {' and '.join(owners)}",
-    )
-    kind = bool | None if flag else str | None
-    return inspect.Parameter(
-        first.name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind, info]
-    )
+
+    def described() -> str:
+        notes = dict.fromkeys(parameter.help for parameter in same)
+        defaults = dict.fromkeys(str(parameter.default) for parameter in same)
+        return f"{' / '.join(filter(None, notes))} Default: {' / '.join(defaults)}.".strip().replace("`", "")
+
+    group = f"Options of --solver {', '.join(owners)}"
+    if first.types == (bool,):
+        return option(
+            f"{first.option}/--no-{first.option[2:]}", first.name, default=None, group=group, later=described
+        )
+    return option(first.option, first.name, metavar=_shape(first), group=group, later=described)
 
 
 def _shape(parameter: Parameter) -> str:
@@ -164,6 +162,7 @@ def _part(text: str, kinds: tuple[type, ...]) -> object:
     return next(kind for kind in kinds if kind is not NoneType)(text)
 
 
+@cache
 def _docstrings(cls: type) -> dict[str, str]:
     """Docstrings that stand below the fields of a class and of those that it comes from, by field."""
     notes = {}

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
-from kinseek.errors import InvalidProblem
+from kinseek.errors import InvalidProblem, suggest
 from kinseek.units import warn_of_angles
 
-LENGTHS = {"--at": 3, "--rpy": 3, "--quat-wxyz": 4, "--quat-xyzw": 4, "--rotvec": 3, "--near": None}
-"""Options that take a list, and how many numbers; None is as many as follow."""
+LENGTHS = {
+    "--at": 3,
+    "--rpy": 3,
+    "--quat-wxyz": 4,
+    "--quat-xyzw": 4,
+    "--rotvec": 3,
+    "--near": None,
+    "--lock": None,
+}
+"""Options that take a list, and how many numbers; None is as many as follow, or as many JOINT=VALUE."""
 
 
 def gather(words: Sequence[str]) -> list[str]:
@@ -30,7 +38,7 @@ def gather(words: Sequence[str]) -> list[str]:
             gathered.append(word)
             continue
         most, taken = LENGTHS[word], list[str]()
-        while rest and (is_number(rest[0]) or _belongs(rest[0], most, taken)):
+        while rest and (is_number(rest[0]) or _is_named(rest[0], most) or _belongs(rest[0], most, taken)):
             taken.append(rest.pop(0))
         gathered.append(f"{word}={' '.join(taken)}")
     return gathered
@@ -74,14 +82,64 @@ def size(text: str | None, option: str) -> int | None:
     return int(digits) * times
 
 
-def joint_values(arm: Arm, values: Sequence[float], option: str, degrees: bool) -> NDArray[np.float64]:
-    """Read one number a joint, (n,), [m] of a prismatic joint, else [rad] or degrees.
+def named_values(text: str, option: str) -> dict[str, float]:
+    """Read JOINT=VALUE apart by blanks or commas.
+
+    Raises:
+        InvalidProblem: Something else, a joint twice, or none.
+    """
+    found: dict[str, float] = {}
+    for word in text.replace(",", " ").split():
+        name, equals, value = word.rpartition("=")
+        if not (equals and name):
+            raise InvalidProblem(f"{option} takes JOINT=VALUE, got {word!r}")
+        if name in found:
+            raise InvalidProblem(f"{option} names the joint {name!r} twice")
+        found[name] = numbers(value, f"{option} {name}", 1)[0]
+    if not found:
+        raise InvalidProblem(f"{option} takes JOINT=VALUE, got nothing")
+    return found
+
+
+def in_radians(arm: Arm, values: Mapping[str, float], option: str, degrees: bool) -> dict[str, float]:
+    """Values of some joints, [m] of a prismatic joint, else [rad], from what was given, which may be in degrees.
+
+    Raises:
+        InvalidProblem: The arm has no such joint.
+    """
+    kinds = dict(zip(arm.joint_names, arm.kinds, strict=True))
+    for name in values:
+        if name not in kinds:
+            raise InvalidProblem(f"{option}: {suggest(name, kinds, 'joint')}")
+    turned = {name for name in values if degrees and kinds[name] != "prismatic"}
+    return {name: float(np.deg2rad(value)) if name in turned else value for name, value in values.items()}
+
+
+def joint_values(arm: Arm, text: str, option: str, degrees: bool) -> NDArray[np.float64]:
+    """Read one number a joint, or JOINT=VALUE of every joint, as `joints_in_order` takes them.
 
     Raises:
         InvalidProblem: Not one number a joint.
     """
+    values = named_values(text, option) if "=" in text else numbers(text, option)
+    return joints_in_order(arm, values, option, degrees)
+
+
+def joints_in_order(
+    arm: Arm, values: Sequence[float] | Mapping[str, float], option: str, degrees: bool
+) -> NDArray[np.float64]:
+    """Joint values, (n,), [m] of a prismatic joint, else [rad], of one number a joint in order or by name.
+
+    Raises:
+        InvalidProblem: Not one number a joint.
+    """
+    names = ", ".join(arm.joint_names)
+    if isinstance(values, Mapping):
+        named = in_radians(arm, values, option, False)
+        if lacking := [name for name in arm.joint_names if name not in named]:
+            raise InvalidProblem(f"{option} lacks a value of {', '.join(lacking)}. Joints: {names}")
+        values = [named[name] for name in arm.joint_names]
     if len(values) != arm.dof:
-        names = ", ".join(arm.joint_names)
         raise InvalidProblem(f"{option} needs {arm.dof} numbers, got {len(values)}. Joints: {names}")
     q = np.array(values, dtype=np.float64)
     turns = np.array([kind != "prismatic" for kind in arm.kinds])
@@ -89,6 +147,11 @@ def joint_values(arm: Arm, values: Sequence[float], option: str, degrees: bool) 
         outside = turns & ((q < arm.lower) | (q > arm.upper))
         warn_of_angles(np.where(outside & np.isfinite(q), q, 0.0), option, "add --deg", 1)
     return np.where(turns & degrees, np.deg2rad(q), q)
+
+
+def _is_named(word: str, most: int | None) -> bool:
+    """Is it JOINT=VALUE, after an option that takes them?"""
+    return most is None and "=" in word and not word.startswith("-")
 
 
 def _belongs(word: str, most: int | None, taken: Sequence[str]) -> bool:

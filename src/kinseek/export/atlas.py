@@ -15,6 +15,7 @@ from kinseek.problem import Problem
 from kinseek.solvers import Atlas
 from kinseek.solvers.atlas.index import atlas_of
 
+from .c_calls import prototype
 from .c_text import guarded
 from .design import Design, room_for
 
@@ -54,7 +55,7 @@ def atlas_design(search: Atlas, problem: Problem, ram: int | None) -> Design:
     entry = ENTRIES["ks_solve_plain"]
     routines = ("ks_iterate_routine", "ks_search_routine", "ks_ending_routine")
     lines = [
-        f"extern void {name}(void); /* A number to the kernels, not to be called from C. */"
+        f"{prototype(jit.ROUTINES[name])} /* A number to the kernels, not to be called from C. */"
         for name in routines
     ]
     table = ",\n    ".join("{" + ", ".join(map(str, row)) + "}" for row in rows)
@@ -63,11 +64,6 @@ def atlas_design(search: Atlas, problem: Problem, ram: int | None) -> Design:
         folder="atlas",
         entries=(entry,),
         routines=routines,
-        modules=tuple(
-            dict.fromkeys(
-                [entry.function.__module__, *(jit.ROUTINES[name].function.__module__ for name in routines)]
-            )
-        ),
         numbers={
             "ROWS": len(rows),
             "ROUTINES": JUDGE + 1,

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from kinseek.kernels import jit  # Whole: what names its decorators is taken for a file of kernels.
 from kinseek.kernels.entry import Bundle, Dimension, Entry, Leaf
 
 _C = {"f": "double", "i": "int64_t", "b": "bool"}
+_ROUTINE_C = {"float64": "double", "int64": "int64_t"}
 
 
 def c_declarations(entries: Iterable[Entry]) -> str:
@@ -22,6 +24,13 @@ def c_declarations(entries: Iterable[Entry]) -> str:
 def c_definitions(entries: Iterable[Entry]) -> str:
     """The functions themselves."""
     return "\n\n".join(map(_function, entries))
+
+
+def prototype(routine: jit.Routine) -> str:
+    """A routine as C declares it: where functions have types, as in WebAssembly, its address is worth something only so."""
+    result, _, given = routine.signature.rstrip(")").partition("(")
+    each = (_ROUTINE_C[word.strip()] for word in given.split(","))
+    return f"extern {_ROUTINE_C[result]} {routine.name}({', '.join(each)});"
 
 
 def name_of(bundle: Bundle) -> str:

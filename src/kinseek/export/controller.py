@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-import json
-import os
-import platform
-import subprocess
-import sys
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 import kinseek
 from kinseek.arm import Arm
-from kinseek.errors import InvalidExport, MissingExtra
+from kinseek.errors import InvalidExport
 from kinseek.goal import Goal
 from kinseek.kernels.entry import ENTRIES
 from kinseek.problem import Problem
@@ -28,6 +20,7 @@ from kinseek.solvers import Atlas, DivideAndConquer
 from .atlas import atlas_design
 from .c_calls import c_declarations, c_definitions
 from .c_text import array, defined, guarded, number, string
+from .compiling import compiled
 from .design import C, Design, chain_constants
 from .grid import grid_design
 from .targets import Cpu, Target, target_of
@@ -36,7 +29,18 @@ FORMS = {"object": "kernels.o", "assembly": "kernels.s", "llvm": "kernels.ll"}
 """How the kernels may be written, and the file that holds them."""
 
 _MARK = "/* Written by kinseek"
-_CODE = (".text", ".rodata", ".srodata", ".data", ".sdata", ".ARM.ex", ".eh_frame", ".init_array")
+_CODE = (
+    ".text",
+    ".rodata",
+    ".srodata",
+    ".data",
+    ".sdata",
+    ".ARM.ex",
+    ".eh_frame",
+    ".init_array",
+    "CODE",
+    "DATA",
+)
 _FK = ENTRIES["ks_write_poses"]
 _GENERATED = ("arm.h", "constants.h", "goal.h", "calls.h", "calls.c", "plan.h", "rows.h", "atlas.bin")
 
@@ -232,7 +236,9 @@ def prepare(
         atlas_design(search, problem, ram) if isinstance(search, Atlas) else grid_design(search, problem, ram)
     )
     notice(f"compiling the kernels for {chosen.triple}, {part.name} (some twenty seconds) ...")
-    told, kernels = _compiled(chosen, part, design, FORMS[form])
+    told, kernels = compiled(
+        chosen, part, (_FK, *design.entries), design.routines, FORMS[form], design.lanes, design.sizes
+    )
     if design.memory not in (None, told["memory"]):
         raise RuntimeError(f"the kernels need {told['memory']} numbers of memory, expected {design.memory}")
     texts, constants = _texts(arm, search, problem, design)
@@ -276,61 +282,6 @@ def _problem(arm: Arm, search: DivideAndConquer | Atlas, goal: Goal | None) -> P
             "base=; Arm.with_tool moves the tip"
         )
     return problem
-
-
-def _compiled(target: Target, cpu: Cpu, design: Design, name: str) -> tuple[dict[str, Any], bytes]:
-    """Have the kernels compiled in a process of their own: what it tells of them, and the file of a name.
-
-    Raises:
-        MissingExtra: Numba is not installed.
-        InvalidExport: The kernels could not be compiled.
-    """
-    if find_spec("numba") is None:
-        raise MissingExtra("compiling the kernels for another processor", "jit")
-    optimised = target.numba and platform.machine().lower() in ("x86_64", "amd64")
-    job = {
-        "lanes": design.lanes,
-        "sizes": list(design.sizes),
-        "modules": [_FK.function.__module__, *design.modules],
-        "entries": [each.name for each in (_FK, *design.entries)],
-        "routines": list(design.routines),
-        "triple": target.triple,
-        "cpu": cpu.name,
-        "features": cpu.features,
-        "relocation": target.relocation,
-        "abi": target.abi,
-        "optimised": optimised,
-    }
-    with tempfile.TemporaryDirectory(prefix="kinseek-export-") as place:
-        work = Path(place)
-        (work / "job.json").write_text(json.dumps(job), encoding="utf-8")
-        package = str(Path(kinseek.__file__).parent.parent)
-        environment = {
-            each: value for each, value in os.environ.items() if not each.startswith(("NUMBA_", "KINSEEK_"))
-        }
-        environment |= {
-            "KINSEEK_JIT": "1",
-            "NUMBA_CPU_NAME": cpu.name if optimised else "generic",
-            "NUMBA_CPU_FEATURES": "",
-            "NUMBA_CACHE_DIR": str(work),
-            "PYTHONPATH": os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH", "")])),
-        }
-        if not optimised:
-            environment["NUMBA_OPT"] = "0"
-        command = [
-            sys.executable,
-            "-P",
-            "-W",
-            "ignore",
-            str(Path(__file__).with_name("emit.py")),
-            str(work / "job.json"),
-        ]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-        if done.returncode:
-            last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
-            raise InvalidExport(f"the kernels could not be compiled for {target.triple}, {cpu.name}: {last}")
-        told: dict[str, Any] = json.loads((work / "told.json").read_text(encoding="utf-8"))
-        return told, (work / name).read_bytes()
 
 
 def _texts(

@@ -27,8 +27,6 @@ class Design:
     """Below `C`."""
     entries: tuple[Entry, ...]
     routines: tuple[str, ...]
-    modules: tuple[str, ...]
-    """That declare these."""
     numbers: dict[str, object]
     """Constants that C has by name."""
     chain: ChainArrays

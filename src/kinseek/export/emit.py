@@ -74,8 +74,10 @@ def main() -> None:
     sys.meta_path.insert(0, _Finder(job["lanes"]))
     for name in job["modules"]:
         importlib.import_module(name)
+    from kinseek.kernels.compiler import never_run
     from kinseek.kernels.grid.memory import memory_size
 
+    never_run()
     module, host = _lowered(job["entries"], job["routines"])
     told = _written(module, host, job, path.parent)
     told["memory"] = memory_size(*job["sizes"])
@@ -86,13 +88,13 @@ def _lowered(entries: list[str], routines: list[str]) -> tuple[Any, tuple[str, s
     """One module with all entries and routines, and the processor and its features that Numba compiled them for."""
     import llvmlite.binding as llvm
 
+    from kinseek.kernels import jit  # Whole: what names its decorators is taken for a file of kernels.
     from kinseek.kernels.entry import ENTRIES
-    from kinseek.kernels.jit import ROUTINES
 
     whole: Any = None
     names = [*entries, *routines]
     for name in names:
-        parts, codegen = _with_wrapper(ENTRIES[name] if name in entries else ROUTINES[name])
+        parts, codegen = _with_wrapper(ENTRIES[name] if name in entries else jit.ROUTINES[name])
         for part in parts:
             one = llvm.parse_bitcode(part)
             for each in [*one.functions, *one.global_variables]:  # What two entries share comes twice.
@@ -154,8 +156,10 @@ def _written(module: Any, host: tuple[str, str], job: dict[str, Any], folder: Pa
     (folder / "kernels.s").write_text(machine.emit_assembly(module), encoding="utf-8")
     (folder / "kernels.ll").write_text(str(module), encoding="utf-8")
     asked = [each.name for each in [*module.functions, *module.global_variables] if each.is_declaration]
+    # Names in WebAssembly do not end where LLVM takes them to; those of code and data do.
     sections = [
-        ((one.name() or b"").decode(), one.size()) for one in llvm.ObjectFileRef.from_data(data).sections()
+        ((one.name() or b"").decode(errors="replace"), one.size())
+        for one in llvm.ObjectFileRef.from_data(data).sections()
     ]
     return {"asks": sorted(name for name in asked if not name.startswith("llvm.")), "sections": sections}
 

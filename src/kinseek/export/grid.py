@@ -52,7 +52,6 @@ def grid_design(search: DivideAndConquer, problem: Problem, ram: int | None) -> 
         folder="grid",
         entries=(entry,),
         routines=(),
-        modules=(entry.function.__module__,),
         numbers={
             "GRID": "1 /* The search can be done in parts. */",
             "MEMORY": f"{numbers} /* Numbers of 8 bytes that a search works on. */",

@@ -87,6 +87,13 @@ _KNOWN = (
         32,
         abi="ilp32",
     ),
+    Target(
+        "wasm32",
+        "wasm32-unknown-unknown",
+        "python -m ziglang cc -target wasm32-wasi",
+        (Cpu("generic", "+simd128,+bulk-memory,+sign-ext,+nontrapping-fptoint", "-msimd128"),),
+        32,
+    ),
 )
 
 TARGETS: dict[str, Target] = {one.name: one for one in _KNOWN}

@@ -24,7 +24,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 from llvmlite import ir
-from numba.core import config, event, sigutils
+from numba.core import codegen, config, event, sigutils
 from numba.core.types import unliteral
 from numba.extending import intrinsic
 
@@ -231,3 +231,15 @@ class _FirstRunNotice(event.Listener):
 
 _register: Callable[[str, event.Listener], None] = event.register
 _register("numba:compile", _FirstRunNotice())
+
+
+def never_run() -> None:
+    """Have Numba compile without machine code for this process, where what it makes is written down and never called here.
+
+    It would make some of every kernel and of all that each is made of: a seventh of the time that a library takes. What
+    processes hand each other through the cache is then LLVM's own language.
+    """
+    library: Any = codegen.JITCodeLibrary
+    library._finalize_specific = lambda self: None
+    library.serialize_using_object_code = library.serialize_using_bitcode
+    _FirstRunNotice.said = True  # It would not be true here.

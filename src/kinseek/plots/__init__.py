@@ -1,33 +1,47 @@
-"""Pictures of arms and of searches with Matplotlib (extra ``experiments``).
-
-Nothing is computed here but where joints are, and how far off a goal is.
+"""Pictures of arms, answers, searches and proofs with Matplotlib (extra ``plot``).
 
 >>> from kinseek import plots
->>> figure, axes = plots.space()                    # doctest: +SKIP
->>> plots.draw_arm(axes, arm, solution.q)           # doctest: +SKIP
->>> plots.save(figure, "arm.png")                   # doctest: +SKIP
+>>> figure = plots.branches(arm.branches(target))   # doctest: +SKIP
+>>> plots.save(figure, "branches.png")              # doctest: +SKIP
 
-Of a solution with a trace, ``arm.ik(..., trace=True)``: `tree`, `circles` and `breadths` are Figures 1 to 3 of the paper as
-pictures of a real search, `windows` shows a search closing in on its answer, and `progress` sets any searches side by side.
+Every function returns a Matplotlib figure, and draws on axes of your own where it takes ``ax=``. What it shows is what it
+is given: an answer, a trace, a certificate, joint values. Where a picture takes more than that, such as a landscape of
+errors, an argument says how much is computed. docs/plots.md shows all of them.
+
+`space`, `plane`, `draw_arm`, `draw_frame`, `draw_line` and `same_scale` are for pictures of your own.
 """
 
 from __future__ import annotations
 
-from .arms import COLOURS, draw_arm, draw_frame, draw_line, plane, same_scale, save, space
-from .traces import breadths, circles, progress, tree, windows
+from .arms import arm, branches, draw_arm, draw_frame, draw_line
+from .atlases import samples
+from .figures import COLOURS, plane, same_scale, save, space
+from .landscapes import landscape, passes, windows
+from .paths import joints
+from .proofs import boxes
+from .traces import breadths, circles, progress, tree
+from .workspaces import workspace
 
 __all__ = [
     "COLOURS",
+    "arm",
+    "boxes",
+    "branches",
     "breadths",
     "circles",
     "draw_arm",
     "draw_frame",
     "draw_line",
+    "joints",
+    "landscape",
+    "passes",
     "plane",
     "progress",
     "same_scale",
+    "samples",
     "save",
     "space",
     "tree",
     "windows",
+    "workspace",
 ]

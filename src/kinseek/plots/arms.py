@@ -1,81 +1,123 @@
-"""Arms, frames and axes with Matplotlib, and files of pictures."""
+"""Arms, their branches, and frames in space."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.arm import Arm
-from kinseek.errors import InvalidProblem, InvalidUse, MissingExtra
-from kinseek.robots.chain import joint_points
+from kinseek.branches.result import Branches
+from kinseek.errors import InvalidProblem, InvalidUse
+from kinseek.goal import Goal
+from kinseek.problem import as_joints
+from kinseek.robots.chain import SerialChain, joint_points
+from kinseek.robots.mechanism import Mechanism
+
+from .figures import COLOURS, drawn, given_or_new_space, same_scale
 
 Array = NDArray[np.float64]
 
-COLOURS = ("#0072b2", "#c23b00", "#009e73", "#e69f00", "#7a4e8f", "#56b4e9", "#000000", "#999999")
-"""Apart for most eyes, and in grey."""
+VIEW = (22.0, -60.0)
+"""Elevation and azimuth of the eye [degrees]."""
 
-ZOOM = 0.85
-"""Of the box in space, so that numbers and labels beside it stay in the picture."""
-
-NUMBERS, LABEL = 11.5, 30.0
-"""Way of numbers and of a label from an axis of a cube [pt], with Matplotlib's own 8 and 21 in it."""
+FRAME_PART = 0.14
+"""Length of the axes of a goal, as a part of the longest side of the picture."""
 
 
-def pyplot() -> Any:
-    """Matplotlib's pyplot.
-
-    Raises:
-        MissingExtra: Matplotlib is not installed.
-    """
-    try:
-        import matplotlib
-    except ImportError:
-        raise MissingExtra("A picture", "experiments") from None
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    pyplot.rcParams.update({"font.size": 9, "grid.alpha": 0.3})
-    return pyplot
-
-
-def space(
-    size: tuple[float, float] = (5.2, 4.6), elevation: float = 22.0, azimuth: float = -60.0
-) -> tuple[Any, Any]:
-    """Make a figure with axes in space, lengths in [m], drawn without a screen.
+@drawn
+def arm(
+    arm: Arm | Mechanism,
+    q: ArrayLike,
+    *,
+    goal: Goal | ArrayLike | None = None,
+    ax: Any = None,
+    size: tuple[float, float] = (6.0, 5.2),
+    view: tuple[float, float] = VIEW,
+) -> Any:
+    """Draw an arm in true proportions: solid at its first joint values, as ghosts at the others.
 
     Args:
-        size: Of the figure [inch].
-        elevation: Of the eye [degrees].
-        azimuth: Of the eye [degrees].
+        arm: With axes; where the links of a function are, only its author knows.
+        q: Joint values, (n,) or (k, n), [rad] or [m].
+        goal: A pose or a `Goal` of one target, drawn as its axes x, y and z in red, green and blue; as a star where it asks
+            for a position alone.
+        ax: Axes in space to draw on, such as those of `space`.
+        size: Of a new figure [inch].
+        view: Elevation and azimuth of the eye of a new figure [degrees].
+
+    Returns:
+        The Matplotlib figure.
 
     Raises:
+        InvalidProblem: An arm that is a function, or joint values that do not fit it.
+        InvalidUse: No joint values, a batch of goals, or other axes.
         MissingExtra: Matplotlib is not installed.
     """
-    figure = pyplot().figure(figsize=size, layout="constrained")
-    axes = figure.add_subplot(projection="3d")
-    axes.view_init(elevation, azimuth)
-    axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
-    return figure, axes
+    mechanism = arm.mechanism if isinstance(arm, Arm) else arm
+    rows = np.atleast_2d(as_joints(mechanism, q))
+    if rows.ndim != 2 or not len(rows):
+        raise InvalidUse(
+            f"q must have shape ({mechanism.dof},) or (k, {mechanism.dof}), got {np.shape(q)}; nothing to draw"
+        )
+    figure, axes = given_or_new_space(ax, size, view)
+    # Colours of their own as long as they can be told apart.
+    few = len(rows) <= len(COLOURS)
+    for i in range(len(rows) - 1, 0, -1):
+        color = COLOURS[i] if few else COLOURS[-1]
+        draw_arm(axes, arm, rows[i], color, linewidth=1.6, alpha=0.5 if few else 0.35)
+    draw_arm(axes, arm, rows[0], linewidth=3.2, zorder=5)
+    if goal is not None:
+        _draw_goal(axes, goal)
+    same_scale(axes)
+    return figure
 
 
-def plane(columns: int = 1, size: tuple[float, float] = (5.2, 4.2), rows: int = 1) -> tuple[Any, Any]:
-    """Make a figure with axes in a plane, an array of them if there are more than one, drawn without a screen.
+@drawn
+def branches(
+    branches: Branches,
+    *,
+    chosen: int = 0,
+    ax: Any = None,
+    size: tuple[float, float] = (6.0, 5.2),
+    view: tuple[float, float] = VIEW,
+) -> Any:
+    """Draw all answers to a goal, `arm.branches(goal)`: one solid, the others as ghosts.
 
     Args:
-        columns: Axes beside each other.
-        size: Of the figure [inch].
-        rows: Axes below each other.
+        branches: Of one goal, with at least one answer.
+        chosen: Which is solid, from 0 on.
+        ax: Axes in space to draw on, such as those of `space`.
+        size: Of a new figure [inch].
+        view: Elevation and azimuth of the eye of a new figure [degrees].
+
+    Returns:
+        The Matplotlib figure.
 
     Raises:
+        InvalidProblem: An arm that is a function.
+        InvalidUse: No branches, none among them, no such number, or other axes.
         MissingExtra: Matplotlib is not installed.
     """
-    figure, axes = pyplot().subplots(rows, columns, figsize=size, layout="constrained")
-    for each in np.ravel(axes):
-        each.grid(True)
-    return figure, axes
+    if not isinstance(branches, Branches):
+        raise InvalidUse(
+            f"the branches of one goal are needed, arm.branches(goal); got {type(branches).__name__}"
+        )
+    if not len(branches):
+        raise InvalidUse("there is no branch to draw: the goal was not reached")
+    if not 0 <= chosen < len(branches):
+        raise InvalidUse(f"chosen must be from 0 to {len(branches) - 1}, got {chosen!r}")
+    first = [chosen, *(i for i in range(len(branches)) if i != chosen)]
+    problem = branches.problem
+    figure = arm(problem.mechanism, branches.q[first], goal=problem.goal, ax=ax, size=size, view=view)
+    count = f"{len(branches)} {'answer' if len(branches) == 1 else 'answers'}"
+    axes = figure.axes[0] if ax is None else ax
+    axes.set_title(
+        f"{problem.mechanism.name}: {count}{', a sample of endlessly many' if branches.sampled else ''}",
+        y=0.97,
+    )
+    return figure
 
 
 def draw_line(axes: Any, points: ArrayLike, **look: Any) -> None:
@@ -83,20 +125,16 @@ def draw_line(axes: Any, points: ArrayLike, **look: Any) -> None:
     axes.plot(*np.asarray(points, dtype=float).T, **look)
 
 
-def draw_arm(axes: Any, arm: Arm, q: ArrayLike, color: str = COLOURS[0], **look: Any) -> None:
+def draw_arm(axes: Any, arm: Arm | Mechanism, q: ArrayLike, color: str = COLOURS[0], **look: Any) -> None:
     """Draw a serial arm as a line through its joints at joint values q, (n,).
 
     Raises:
         InvalidProblem: An arm that is a function: nobody knows where its joints are.
     """
-    if arm.axes is None:
-        raise InvalidProblem(
-            f"{arm.name!r} is a function: where its links are, only its author knows; use draw_line"
-        )
-    points = joint_points(arm.axes, np.asarray(q, dtype=float))
+    points = joint_points(_chain_of(arm), np.asarray(q, dtype=float))
     draw_line(axes, points, **({"color": color, "linewidth": 2.5, "solid_capstyle": "round"} | look))
     moving = points[1:-1]
-    axes.scatter(*moving.T, color=color, s=14, alpha=look.get("alpha", 1.0))
+    axes.scatter(*moving.T, color=color, s=14, alpha=look.get("alpha", 1.0), zorder=look.get("zorder", 2))
 
 
 def draw_frame(axes: Any, T: ArrayLike, length: float) -> None:
@@ -106,39 +144,28 @@ def draw_frame(axes: Any, T: ArrayLike, length: float) -> None:
         draw_line(axes, [matrix[:3, 3], matrix[:3, 3] + length * matrix[:3, c]], color=color, linewidth=1.4)
 
 
-def same_scale(axes: Any) -> None:
-    """Let a metre be as long along every axis."""
-    if not hasattr(axes, "get_zlim"):
-        axes.set_aspect("equal")
-        return
-    from matplotlib.ticker import MaxNLocator
-
-    ends = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
-    sides = ends[:, 1] - ends[:, 0]
-    axes.set_box_aspect(sides, zoom=ZOOM)
-    elevation, azimuth = np.radians([axes.elev, axes.azim])
-    towards = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
-    seen = sides * np.sqrt(1.0 - np.square(towards))
-    for i, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
-        # An axis that is short, or points at the eye, has few numbers, else they are printed over each other. Those of z
-        # stand above each other and take less room.
-        least = 2 if i == 2 else 1
-        axis.set_major_locator(MaxNLocator(max(least, round(5 * seen[i] / seen.max())), min_n_ticks=least))
-        # Matplotlib moves numbers and label away from an axis by a share of the two other sides: into the numbers where
-        # those are short, out of the picture where they are long. Here the way is as long as beside a cube.
-        beside = np.linalg.norm(np.delete(sides, i)) / np.linalg.norm(sides) / np.sqrt(2 / 3)
-        axis.labelpad = LABEL / beside - 21.0
-        axis.set_tick_params(pad=NUMBERS / beside - 8.0)
-
-
-def save(figure: Any, path: str | Path, dpi: int = 110) -> Path:
-    """Write a PNG of `dpi` dots an inch, without the name of the program that made it, and forget the figure.
+def _chain_of(arm: Arm | Mechanism) -> SerialChain:
+    """Its axes and links.
 
     Raises:
-        InvalidUse: The path ends in that of another format.
+        InvalidProblem: An arm that is a function.
     """
-    if Path(path).suffix.lower() != ".png":
-        raise InvalidUse(f"pictures are PNG files: the path must end in .png, got {str(path)!r}")
-    figure.savefig(path, dpi=dpi, metadata={"Software": None})
-    pyplot().close(figure)
-    return Path(path)
+    if arm.axes is None:
+        raise InvalidProblem(
+            f"{arm.name!r} is a function: where its links are, only its author knows; use draw_line"
+        )
+    return arm.axes
+
+
+def _draw_goal(axes: Any, goal: Goal | ArrayLike) -> None:
+    """Its axes, or a star where the orientation is free, in the arm's base."""
+    asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
+    if asked.shape:
+        raise InvalidUse(f"one goal is drawn, got a batch of shape {asked.shape}; choose one")
+    T = np.vstack([asked.targets[0], [0.0, 0.0, 0.0, 1.0]])
+    T[:3, :3] = T[:3, :3] @ asked.tip_rotation.T
+    if asked.form.columns == 0 and not asked.form.ranges:
+        axes.scatter(*T[:3, 3], marker="*", s=110, color="black", zorder=6)
+        return
+    ends = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
+    draw_frame(axes, T, FRAME_PART * float((ends[:, 1] - ends[:, 0]).max()))

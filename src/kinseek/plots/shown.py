@@ -39,6 +39,11 @@ def judged(solution: Solution) -> Solution:
     """
     if isinstance(solution, Trace):
         raise InvalidUse("a trace does not know the goal, which this picture needs; give the solution")
+    if not isinstance(solution, Solution):
+        raise InvalidUse(f"a solution, of arm.ik, is needed; got {type(solution).__name__}")
+    if solution.problem.goal.shape:
+        shape = solution.problem.goal.shape
+        raise InvalidUse(f"a picture shows one search, got a batch of shape {shape}; choose one: solution[0]")
     return solution
 
 
@@ -56,21 +61,20 @@ def named(traces: Mapping[str, Trace | Solution] | Sequence[Trace | Solution]) -
     return named
 
 
-def joint_of(trace: Trace, joint: int | str) -> int:
+def joint_of(names: Sequence[str], joint: int | str) -> int:
     """The number of a joint, from 0 on."""
-    names = trace.joint_names
     if not isinstance(joint, str):
         if not isinstance(joint, Integral) or isinstance(joint, bool) or not 0 <= joint < len(names):
             raise InvalidUse(f"a joint must be a name, or a number from 0 to {len(names) - 1}; got {joint!r}")
         return int(joint)
     if joint not in names:
         raise InvalidUse(f"there is no joint {joint!r}; valid: {', '.join(names)}")
-    return names.index(joint)
+    return list(names).index(joint)
 
 
 def turning(trace: Trace, joint: int | str) -> int:
     """The number of a joint that turns, from 0 on."""
-    names, d = trace.joint_names, joint_of(trace, joint)
+    names, d = trace.joint_names, joint_of(trace.joint_names, joint)
     if trace.kinds[d] not in ("revolute", "continuous"):
         raise InvalidUse(f"joint {names[d]!r} is {trace.kinds[d]}: it does not turn in a circle")
     return d
@@ -95,3 +99,35 @@ def with_windows(trace: Trace) -> list[Pass]:
             f"no pass of this {trace.search} has a window; one of DivideAndConquer or BruteForce has"
         )
     return shown
+
+
+def two_joints(names: Sequence[str], joints: object) -> tuple[int, int]:
+    """The numbers of two different joints, from 0 on."""
+    if not isinstance(joints, Sequence) or isinstance(joints, str) or len(joints) != 2:
+        raise InvalidUse(f"joints must be two, by number or by name; got {joints!r}")
+    x, y = (joint_of(names, joint) for joint in joints)
+    if x == y:
+        raise InvalidUse(f"joints must be two different ones, got {joints!r}")
+    return x, y
+
+
+def count_of(name: str, value: int, least: int) -> int:
+    """A whole number of at least so many."""
+    if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
+        raise InvalidUse(f"{name} must be a whole number of at least {least}, got {value!r}")
+    return int(value)
+
+
+UNITS = {"prismatic": "m", "number": ""}
+"""Of the values of a joint, by its kind; of all others radians."""
+
+
+def unit_of(kind: str) -> str:
+    """Unit of a joint's values, "" of a mere number."""
+    return UNITS.get(kind, "rad")
+
+
+def axis_label(name: str, kind: str) -> str:
+    """What an axis of a joint's values is called."""
+    unit = unit_of(kind)
+    return f"{name} [{unit}]" if unit else name

@@ -45,11 +45,15 @@ def spread_inside(lower: Array, upper: Array, turns: Flags, count: int) -> Array
 
 def low_discrepancy(count: int, dimensions: int) -> Array:
     """Well-spread points of the unit cube, (count, dimensions) (Roberts 2018, the R_d sequence)."""
+    return np.asarray((0.5 + np.arange(1, count + 1)[:, None] * low_discrepancy_steps(dimensions)) % 1.0)
+
+
+def low_discrepancy_steps(dimensions: int) -> Array:
+    """By how much each coordinate goes on from one point of `low_discrepancy` to the next, (dimensions,)."""
     g = 2.0
     for _ in range(40):
         g = (1 + g) ** (1 / (dimensions + 1))
-    steps = g ** -np.arange(1.0, dimensions + 1)
-    return np.asarray((0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0)
+    return np.asarray(g ** -np.arange(1.0, dimensions + 1))
 
 
 def weyl(count: int, dimensions: int) -> Array:

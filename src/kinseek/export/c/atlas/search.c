@@ -3,6 +3,11 @@
 #include "kinseek.h"
 #include "rows.h"
 
+#if defined(__wasm__)
+static const unsigned char kinseek_atlas[] __attribute__((aligned(64))) = {
+#embed "atlas.bin"
+};
+#else
 __asm__(
     ".section .rodata\n"
     ".balign 64\n"
@@ -13,6 +18,7 @@ __asm__(
     ".text\n");
 
 extern const unsigned char kinseek_atlas[];
+#endif
 
 static int64_t routines[KINSEEK_ROUTINES]; /* Addresses of what the kernels call. */
 static int64_t handle[4 * KINSEEK_ROWS];   /* Of each array its address and three dimensions. */

@@ -1,0 +1,100 @@
+"""``solve --batch``: a file of poses, a file of answers."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.arm import Arm
+from kinseek.branches.result import BranchesBatch
+from kinseek.errors import InvalidProblem
+from kinseek.solution import Solution
+
+from . import report
+from .files import read_poses, writable, write_columns
+from .output import on_terminal
+from .question import Question
+
+Columns = dict[str, NDArray[Any]]
+
+
+def solve_file(
+    question: Question, source: Path, out: Path, deg: bool, every: bool, count: int | None, as_json: bool
+) -> int:
+    """Answer every pose of a file, and write the answers when all are there.
+
+    Args:
+        question: What is asked.
+        source: The poses, as `read_poses` takes them.
+        out: Where the answers go: a row a pose, or with `every` a row an answer.
+        deg: Are angles of the poses in degrees?
+        every: Is every answer wanted?
+        count: How many of them at most.
+        as_json: Is the summary for a program?
+
+    Returns:
+        0 where every pose was reached, else 1.
+
+    Raises:
+        InvalidProblem: A file cannot be read or written, or is both.
+        InvalidGoal: A row is no pose; it is named.
+        MissingExtra: A .parquet file, and pyarrow is not installed.
+    """
+    place = writable(out)  # Before any work is done.
+    if source.exists() and place.exists() and place.samefile(source):
+        raise InvalidProblem(f"--out {str(out)!r} is the file that --batch reads")
+    goal = question.asked.goal(read_poses(source, question.asked.position_only, deg))
+    clock = time.perf_counter()
+    if every:
+        found = question.branches(goal, count)
+        assert isinstance(found, BranchesBatch)
+        reached, columns = found.counts > 0, _answers(question.arm, found)
+    else:
+        solution = question.answer(goal, progress=on_terminal())
+        reached, columns = np.asarray(solution.success), _answer(question.arm, solution)
+    seconds = time.perf_counter() - clock
+    write_columns(place, columns, question.arm.joint_names)
+    report.print_batch(question.arm, reached, str(out), seconds, as_json)
+    return 0 if reached.all() else 1
+
+
+def _answer(arm: Arm, solution: Solution) -> Columns:
+    columns: Columns = dict(zip(arm.joint_names, solution.q.T, strict=True))
+    return _beside(
+        columns,
+        {
+            "success": np.asarray(solution.success),
+            "status": np.array([status.name for status in np.atleast_1d(solution.status)]),
+            "position_error": np.asarray(solution.position_error),
+            "orientation_error": np.asarray(solution.orientation_error),
+            "evaluations": np.asarray(solution.evaluations),
+        },
+    )
+
+
+def _answers(arm: Arm, found: BranchesBatch) -> Columns:
+    q = found.q.reshape(-1, arm.dof)
+    columns: Columns = dict(zip(arm.joint_names, q.T, strict=True))
+    return _beside(
+        columns,
+        {
+            "row": np.repeat(np.arange(1, len(found) + 1), found.counts),
+            "position_error": np.concatenate([one.position_error for one in found]),
+            "orientation_error": np.concatenate([one.orientation_error for one in found]),
+        },
+    )
+
+
+def _beside(joints: Columns, others: Columns) -> Columns:
+    """Joint values and what is known of them.
+
+    Raises:
+        InvalidProblem: A joint is called like one of the other columns.
+    """
+    if both := joints.keys() & others.keys():
+        raise InvalidProblem(f"a joint is called {both.pop()!r}, as is a column of the answers")
+    return joints | others

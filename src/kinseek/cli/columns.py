@@ -1,0 +1,130 @@
+"""Poses as a table: which columns there are, and from rows to transforms."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidGoal, UnitWarning, suggest
+from kinseek.poses import as_pose, pose
+from kinseek.units import warn_of_angles
+
+from .goals import IN_DEGREES
+
+Array = NDArray[np.float64]
+
+POSITION = ("x", "y", "z")
+"""[m]"""
+ROTATIONS = {
+    "quat_wxyz": ("qw", "qx", "qy", "qz"),
+    "rpy": ("roll", "pitch", "yaw"),
+    "rotvec": ("rotvec_x", "rotvec_y", "rotvec_z"),
+}
+"""Of each way to give a rotation beside a position, its columns; angles in [rad]."""
+MATRIX = tuple(f"m{row}{column}" for row in range(4) for column in range(4))
+"""The whole transform instead, row by row."""
+
+_TURNS = " or ".join(", ".join(names) for names in ROTATIONS.values())
+VALID = f"{', '.join(POSITION)} with {_TURNS}; or {MATRIX[0]} … {MATRIX[-1]}"
+"""All of it, for messages."""
+
+
+def poses_of(columns: Mapping[str, Array], where: str, position_only: bool, deg: bool) -> Array:
+    """Make transforms, (N, 4, 4), of the columns of a table.
+
+    Args:
+        columns: Of each name its values, (N,), lengths in [m].
+        where: The file, for messages.
+        position_only: Is no rotation needed?
+        deg: Are angles in degrees?
+
+    Raises:
+        InvalidGoal: Unknown, missing or too many columns, no rows, or a row that is no pose; it is named.
+    """
+    turn = _kind_of_rotation(columns, where, position_only)
+    names = MATRIX if turn == "matrix" else (*POSITION, *ROTATIONS.get(turn, ()))
+    table = np.stack([columns[name] for name in names], axis=1)
+    refuse_empty(len(table), where)
+    for row, column in np.argwhere(~np.isfinite(table)):
+        raise InvalidGoal(f"{where}: row {row + 1:,}: {names[column]} is {table[row, column]}")
+    if turn == "matrix":
+        return rigid(table.reshape(-1, 4, 4), where)
+    if deg and turn in IN_DEGREES:
+        table[:, 3:] = np.deg2rad(table[:, 3:])
+    elif turn in IN_DEGREES:
+        warn_of_angles(table[:, 3:], f"{where}: {', '.join(ROTATIONS[turn])}", "add --deg", 1)
+
+    def made(rows: Array) -> Array:
+        return pose(rows[:, :3], **({turn: rows[:, 3:]} if turn else {"quat_wxyz": [1.0, 0.0, 0.0, 0.0]}))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnitWarning)  # Said above, in the words of a command line.
+        return _row_by_row(made, table, where)
+
+
+def rigid(matrices: Array, where: str) -> Array:
+    """Make sure that every matrix, (N, 4, 4), is a rigid transform.
+
+    Raises:
+        InvalidGoal: One is not; its row is named.
+    """
+    refuse_empty(len(matrices), where)
+    return _row_by_row(as_pose, matrices, where)
+
+
+def refuse_empty(rows: int, where: str) -> None:
+    """Refuse a table without rows.
+
+    Raises:
+        InvalidGoal: It has none.
+    """
+    if rows == 0:
+        raise InvalidGoal(f"{where} holds no poses: it has no rows")
+
+
+def _kind_of_rotation(columns: Mapping[str, Array], where: str, position_only: bool) -> str:
+    """How rotations are given: a key of `ROTATIONS`, ``"matrix"``, or nothing where only the position counts."""
+    known = {name for names in (POSITION, MATRIX, *ROTATIONS.values()) for name in names}
+    for name in columns:
+        if name not in known:
+            hint = suggest(name, known, "column").partition(" Valid:")[0].rstrip(".")
+            raise InvalidGoal(f"{where}: {hint}. Valid: {VALID}")
+    begun = [kind for kind, names in (*ROTATIONS.items(), ("matrix", MATRIX)) if set(names) & columns.keys()]
+    if len(begun) > 1 or ("matrix" in begun and set(POSITION) & columns.keys()):
+        raise InvalidGoal(
+            f"{where}: columns give the pose in more than one way: {', '.join(columns)}. Valid: {VALID}"
+        )
+    if not begun and not position_only:
+        raise InvalidGoal(
+            f"{where}: columns of a rotation are missing; got {', '.join(columns)}. Valid: {VALID}"
+        )
+    turn = begun[0] if begun else ""
+    needed = MATRIX if turn == "matrix" else (*POSITION, *ROTATIONS.get(turn, ()))
+    if lacking := [name for name in needed if name not in columns]:
+        raise InvalidGoal(
+            f"{where}: missing column {', '.join(lacking)}; got {', '.join(columns)}. Valid: {VALID}"
+        )
+    return turn
+
+
+def _row_by_row(make: Callable[[Array], Array], rows: Array, where: str) -> Array:
+    """Make poses of all rows at once; if that fails, look for the first row that does it, by halves."""
+    try:
+        return make(rows)
+    except InvalidGoal:
+        low, high = 0, len(rows)
+        while high - low > 1:
+            middle = (low + high) // 2
+            try:
+                make(rows[low:middle])
+                low = middle
+            except InvalidGoal:
+                high = middle
+        try:
+            make(rows[low : low + 1])
+        except InvalidGoal as error:
+            raise InvalidGoal(f"{where}: row {low + 1:,}: {error}") from None
+        raise

@@ -1,0 +1,48 @@
+"""``kinseek bench``."""
+
+from __future__ import annotations
+
+import click
+
+from kinseek.arm import load
+from kinseek.cli import bench, report
+from kinseek.cli.help import Command, option
+from kinseek.cli.options import ARM, arm_argument, chain_options, json_option
+from kinseek.cli.output import complain, on_terminal
+from kinseek.cli.peers import PEERS
+
+
+@click.command(
+    "bench",
+    cls=Command,
+    arguments=[ARM],
+    examples=["kinseek bench planar2 --poses 50 --seconds 0.05"],
+    more=[
+        f"Peers, each asked if it is installed: {', '.join(f'{peer.name} ({peer.package})' for peer in PEERS)}."
+    ],
+)
+@arm_argument
+@chain_options
+@option("--poses", metavar="N", type=click.IntRange(1), default=1000, help="Poses to solve. Default: 1000.")
+@option(
+    "--seconds",
+    metavar="S",
+    type=click.FloatRange(0, min_open=True),
+    default=2.0,
+    help="Time for each line of the table; who is slow gets through fewer poses. Default: 2.",
+)
+@json_option
+def command(arm: str, base: str | None, tip: str | None, poses: int, seconds: float, as_json: bool) -> int:
+    """Measure on this machine how long answers take, beside the peers that are installed.
+
+    Poses are those of random postures inside the limits. Reached is what comes to 1e-6 m and 1e-6 rad inside the limits,
+    judged by kinseek's plain forward kinematics for all alike; of every answer, all have to. Nobody is told the posture: a
+    peer that needs a start gets the middle of the ranges. Near a start is one about 0.05 rad or m a joint away.
+    """
+    loaded, rows = load(arm, base, tip), []
+    for row in bench.measure(loaded, poses, seconds):
+        rows.append(row)
+        if on_terminal():
+            complain(f"measured: {row.what}, {row.who}")
+    report.print_bench(loaded, rows, bench.machine(), as_json)
+    return 0

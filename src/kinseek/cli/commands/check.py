@@ -1,0 +1,40 @@
+"""``kinseek check``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from kinseek.cli import report
+from kinseek.cli.help import Command
+from kinseek.cli.options import arm_argument, chain_options, json_option
+from kinseek.errors import InvalidRobot, suggest
+from kinseek.robots import catalog_names, catalog_path
+from kinseek.robots.soundness import READABLE, check
+
+
+@click.command(
+    "check",
+    cls=Command,
+    arguments=[("ARM", "A .urdf, .xacro or MJCF .xml file, or a bundled arm.")],
+    examples=["kinseek check ur5e"],
+    more=["Exit codes: 0 sound, or notes alone; 1 errors or warnings; 2 the file cannot be read."],
+)
+@arm_argument
+@chain_options
+@json_option
+def command(arm: str, base: str | None, tip: str | None, as_json: bool) -> int:
+    """Say whether the description of a robot is sound, one finding a line.
+
+    An error is something that kinseek refuses, a warning is probably a mistake, a note is good to know. Looked at are the
+    tree of links, limits, axes, mimic joints, kinds of joints, masses and inertias, and whether meshes are there.
+    """
+    path = catalog_path(arm) if arm in catalog_names() else Path(arm).expanduser()
+    if path.suffix.lower() not in READABLE:
+        raise InvalidRobot(
+            f"{suggest(arm, catalog_names(), 'robot')}. A path must end in {', '.join(READABLE)}"
+        )
+    found = check(path, base, tip)
+    report.print_checkup(arm, found, as_json)
+    return 0 if found.sound else 1

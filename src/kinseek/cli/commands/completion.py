@@ -1,0 +1,34 @@
+"""``kinseek completion``."""
+
+from __future__ import annotations
+
+import click
+from click.shell_completion import get_completion_class
+
+from kinseek.cli.help import Command
+from kinseek.errors import InvalidProblem, suggest
+
+SHELLS = ("bash", "zsh", "fish")
+
+
+@click.command(
+    "completion",
+    cls=Command,
+    arguments=[("SHELL", f"{', '.join(SHELLS[:-1])} or {SHELLS[-1]}.")],
+    examples=["kinseek completion bash"],
+    more=[
+        'Load it from the file that the shell reads at its start: eval "$(kinseek completion bash)" in ~/.bashrc, '
+        'eval "$(kinseek completion zsh)" in ~/.zshrc, kinseek completion fish | source in ~/.config/fish/config.fish.'
+    ],
+)
+@click.argument("shell", metavar="SHELL")
+def command(shell: str) -> int:
+    """Print the script with which a shell completes commands, options, names of arms, searches and joints."""
+    if shell not in SHELLS:
+        raise InvalidProblem(suggest(shell, SHELLS, "shell"))
+    from kinseek.cli.program import COMPLETE, PROGRAM
+
+    completion = get_completion_class(shell)
+    assert completion is not None
+    print(completion(PROGRAM, {}, "kinseek", COMPLETE).source())
+    return 0

@@ -1,0 +1,118 @@
+"""``kinseek export``."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import click
+
+from kinseek.arm import load
+from kinseek.cli import report
+from kinseek.cli.goals import Asked, take_turns, target_of
+from kinseek.cli.help import Command, option
+from kinseek.cli.options import ARM, GOAL, arm_argument, chain_options, complete, pose_options
+from kinseek.cli.output import complain
+from kinseek.cli.searches import make_search, search_options
+from kinseek.cli.words import size
+from kinseek.errors import InvalidExport, suggest
+from kinseek.export import TARGETS, checked_folder, prepare
+
+if TYPE_CHECKING:
+    from kinseek.solvers import Atlas, DivideAndConquer
+
+_EXPORTED = ("divide-and-conquer", "atlas")
+"""The searches that can be exported; the first unless another is asked for."""
+
+
+@click.command(
+    "export",
+    cls=Command,
+    arguments=[ARM],
+    examples=["kinseek export scara4 --to c --folder scara4_c --position-only --at 0.3 -0.1 0.2 --breadth 2"],
+)
+@arm_argument
+@option("--to", metavar="c", required=True, help="The language that is written.")
+@option(
+    "--folder",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="Where the files go, made unless it is there; ARM_c unless given.",
+)
+@option(
+    "--target",
+    metavar="NAME",
+    default="x86-64",
+    shell_complete=complete(lambda: TARGETS),
+    help=f"The kind of processor: {', '.join(TARGETS)}. Default: x86-64.",
+)
+@option("--cpu", metavar="NAME", help="One processor of that kind, as LLVM calls it.")
+@option(
+    "--form",
+    metavar="WORD",
+    default="object",
+    help="How the kernels are written: object, assembly or llvm (its assembly). Default: object.",
+)
+@option("--ram", metavar="BYTES", help="What static memory may take: 65536, 64k or 1M.")
+@option("--flash", metavar="BYTES", help="What kernels and constants may take.")
+@option(
+    "--solver",
+    metavar="NAME",
+    default=_EXPORTED[0],
+    shell_complete=complete(lambda: _EXPORTED),
+    help=f"The search: {' or '.join(_EXPORTED)}; the atlas takes 3 to 4 MB of flash. Default: {_EXPORTED[0]}.",
+)
+@pose_options
+@option("--position-only", is_flag=True, group=GOAL, help="Any orientation will do, now and on the part.")
+@option("--deg", is_flag=True, group=GOAL, help="--rpy and --rotvec are in degrees.")
+@chain_options
+@search_options(_EXPORTED)
+def command(
+    arm: str,
+    to: str,
+    folder: Path | None,
+    target: str,
+    cpu: str | None,
+    form: str,
+    ram: str | None,
+    flash: str | None,
+    solver: str,
+    at: str | None,
+    position_only: bool,
+    deg: bool,
+    base: str | None,
+    tip: str | None,
+    **more: Any,
+) -> int:
+    """Write an arm as C and machine code for a small controller: forward kinematics, and a search.
+
+    The program solves the goal that is given, or a pose that the arm can reach.
+    """
+    if to != "c":
+        raise InvalidExport(suggest(to, ["c"], "language"))
+    loaded = load(arm, base, tip)
+    goal, turns = None, take_turns(more)
+    if at is not None or turns or position_only:
+        goal = Asked(position_only).goal(target_of(at, turns, position_only, deg))
+    if solver not in _EXPORTED:
+        raise InvalidExport(suggest(solver, _EXPORTED, "search for a controller"))
+    search = cast("DivideAndConquer | Atlas", make_search(solver, more))
+    place = checked_folder(
+        folder if folder is not None else Path(re.sub(r"[^\w.-]", "_", loaded.name) + "_c")
+    )
+    parts = prepare(
+        loaded,
+        target,
+        cpu=cpu,
+        search=search,
+        goal=goal,
+        form=form,
+        ram=size(ram, "--ram"),
+        flash=size(flash, "--flash"),
+        notice=complain,
+    )
+    complain(str(parts))  # Before anything is written, and what goes to stdout waits for the end.
+    parts.write(place)
+    report.print_parts(place, parts)
+    return 0

@@ -1,0 +1,15 @@
+"""``kinseek kernels``."""
+
+from __future__ import annotations
+
+import click
+
+from kinseek.cli.help import Command
+from kinseek.kernels.route import told
+
+
+@click.command("kernels", cls=Command, examples=["kinseek kernels"])
+def command() -> int:
+    """Say how the compiled kernels run here: from the library built with the package, or by Numba."""
+    print(told())
+    return 0

@@ -1,0 +1,24 @@
+"""``kinseek show``."""
+
+from __future__ import annotations
+
+import click
+
+from kinseek.arm import load
+from kinseek.cli import report
+from kinseek.cli.help import Command
+from kinseek.cli.options import ARM, arm_argument, chain_options
+
+
+@click.command(
+    "show",
+    cls=Command,
+    arguments=[ARM],
+    examples=["kinseek show ur5e", "kinseek show panda --base panda_link2 --tip panda_link5"],
+)
+@arm_argument
+@chain_options
+def command(arm: str, base: str | None, tip: str | None) -> int:
+    """Show the joints, limits and reach of an arm."""
+    report.print_arm(load(arm, base, tip))
+    return 0

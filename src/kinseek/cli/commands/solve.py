@@ -1,0 +1,261 @@
+"""``kinseek solve``: one pose, every answer to it, a file of poses, or poses line by line."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any, cast
+
+import click
+
+from kinseek.arm import Arm, load
+from kinseek.branches.result import Branches
+from kinseek.cli import report
+from kinseek.cli.batch import solve_file
+from kinseek.cli.columns import VALID
+from kinseek.cli.goals import Asked, take_turns, target_of
+from kinseek.cli.help import Command, option
+from kinseek.cli.json_lines import solve_lines
+from kinseek.cli.options import (
+    ARM,
+    GOAL,
+    arm_argument,
+    chain_options,
+    complete,
+    complete_joints,
+    json_option,
+    pose_options,
+)
+from kinseek.cli.question import Question
+from kinseek.cli.searches import make_search, search_options, searches, searches_in_words
+from kinseek.cli.words import in_radians, joint_values, named_values
+from kinseek.errors import InvalidProblem
+from kinseek.goal import Goal
+
+_WHICH = "Which answer"
+_MANY = "Many poses"
+
+
+@click.command(
+    "solve",
+    cls=Command,
+    arguments=[ARM],
+    examples=[
+        "kinseek solve ur5e --at 0.4 0.2 0.3 --rpy 180 0 0 --deg",
+        "kinseek solve ur5e --at 0.4 0.2 0.3 --rpy 180 0 0 --deg --all",
+        "kinseek solve ur5e --at 0.4 0.2 0.3 --rpy 180 0 0 --deg --free z,rz --lock wrist_3_joint=0",
+        "kinseek solve planar2 --at 0.3 0.4 0 --position-only --near joint1=0.2,joint2=1.5",
+        "kinseek solve panda --at 0.4 0.1 0.5 --quat-wxyz 0 1 0 0 --prefer limits --json",
+    ],
+    more=[
+        f"Columns of --batch, lengths in m, angles in rad: {VALID}. With --position-only those of a rotation may be "
+        "left out. A line of --jsonl is an object such as "
+        '{"position": [0.4, 0.2, 0.3], "rpy": [3.14, 0, 0]}; quat_wxyz, quat_xyzw and rotvec may stand in place of '
+        "rpy, matrix in place of both, and id and near beside them.",
+        "Exit codes: 0 reached, 1 not reached, 2 misuse, or a wrong line of --jsonl; 130 stopped with Ctrl-C.",
+    ],
+)
+@arm_argument
+@pose_options
+@option("--position-only", is_flag=True, group=GOAL, help="Any orientation will do.")
+@option(
+    "--free", metavar="AXES", group=GOAL, help="Axes whose deviation does not matter, such as rz or z,rx,ry."
+)
+@option(
+    "--frame",
+    metavar="WORD",
+    default="tool",
+    shell_complete=complete(lambda: ("tool", "base")),
+    group=GOAL,
+    help="Whose axes --free names: tool (those of the wanted pose) or base. Default: tool.",
+)
+@option("--deg", is_flag=True, group=GOAL, help="--rpy, --rotvec, --near and --lock are in degrees.")
+@chain_options
+@option(
+    "--lock",
+    metavar="JOINT=VALUE",
+    multiple=True,
+    shell_complete=complete_joints,
+    group="The arm",
+    help="Joints that stay where they are, rad or m; several apart by blanks or commas.",
+)
+@option(
+    "--near",
+    metavar="Q...",
+    shell_complete=complete_joints,
+    group=_WHICH,
+    help="Joint values to be near to, or to start from, rad or m: one a joint, or JOINT=VALUE of every joint.",
+)
+@option(
+    "--prefer",
+    metavar="WORD",
+    shell_complete=complete(lambda: ("mid-range", "limits", "dexterity")),
+    group=_WHICH,
+    help="The best of all answers: mid-range (nearest to the middle of the limits), limits (farthest from them) or "
+    "dexterity (farthest from singular).",
+)
+@option(
+    "--all",
+    "every",
+    is_flag=True,
+    group=_WHICH,
+    help="Every distinct answer, or a spread sample where the arm has joints to spare; --near and --prefer say which "
+    "comes first.",
+)
+@option("--count", metavar="N", type=int, group=_WHICH, help="Answers of --all at most.")
+@option(
+    "--prove",
+    is_flag=True,
+    group=_WHICH,
+    help="Prove that a missed pose has no answer, or that --all are all.",
+)
+@option(
+    "--position-tolerance",
+    type=float,
+    metavar="M",
+    default=1e-6,
+    group="How close",
+    help="Largest position error that counts as reached, m. Default: 1e-6.",
+)
+@option(
+    "--orientation-tolerance",
+    type=float,
+    metavar="RAD",
+    default=1e-6,
+    group="How close",
+    help="Largest orientation error that counts as reached, rad. Default: 1e-6.",
+)
+@option(
+    "--position-weight",
+    type=float,
+    metavar="X",
+    default=1.0,
+    group="How close",
+    help="K_P of the weighted error, per m. Default: 1.",
+)
+@option(
+    "--orientation-weight",
+    type=float,
+    metavar="X",
+    default=1.0,
+    group="How close",
+    help="K_A of the weighted error. Default: 1.",
+)
+@option(
+    "--batch",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    group=_MANY,
+    help="Poses in a .csv or .parquet file, or an array (N, 4, 4) in a .npy file, in place of --at.",
+)
+@option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    group=_MANY,
+    help="Where the answers of --batch go, .csv, .npy or .parquet: as a whole when all are there, or not at all.",
+)
+@option(
+    "--jsonl",
+    is_flag=True,
+    group=_MANY,
+    help="A pose a line on standard input, in place of --at, and an answer a line on standard output, at once.",
+)
+@option("--trace", is_flag=True, help="Print what the search did, pass by pass.")
+@json_option
+@option(
+    "--solver", metavar="NAME", shell_complete=complete(searches), group="The search", later=searches_in_words
+)
+@search_options()
+def command(
+    arm: str,
+    at: str | None,
+    position_only: bool,
+    free: str | None,
+    frame: str,
+    deg: bool,
+    base: str | None,
+    tip: str | None,
+    lock: tuple[str, ...],
+    near: str | None,
+    prefer: str | None,
+    every: bool,
+    count: int | None,
+    prove: bool,
+    position_tolerance: float,
+    orientation_tolerance: float,
+    position_weight: float,
+    orientation_weight: float,
+    batch: Path | None,
+    out: Path | None,
+    jsonl: bool,
+    trace: bool,
+    as_json: bool,
+    solver: str | None,
+    **more: Any,
+) -> int:
+    """Find joint values that reach a pose."""
+    loaded = _locked(load(arm, base, tip), lock, deg)
+    turns = take_turns(more)
+    asked = Asked(
+        position_only,
+        free.replace(",", " ").split() if free is not None else [],
+        frame,
+        {
+            "position_tolerance": position_tolerance,
+            "orientation_tolerance": orientation_tolerance,
+            "position_weight": position_weight,
+            "orientation_weight": orientation_weight,
+        },
+    )
+    question = Question(
+        loaded,
+        asked,
+        near=None if near is None else joint_values(loaded, near, "--near", deg),
+        search=make_search(solver, more),
+        prefer=prefer,
+        prove=prove,
+        trace=trace,
+    )
+    if count is not None and not every:
+        raise InvalidProblem("--count is how many answers --all gives at most; add --all")
+    if batch is None and not jsonl:
+        if out is not None:
+            raise InvalidProblem("--out is where the answers of --batch go; add --batch")
+        return _one(question, asked.goal(target_of(at, turns, position_only, deg)), every, count, as_json)
+    given = {
+        "--at": at,
+        **{f"--{name.replace('_', '-')}": text for name, text in turns.items()},
+        "--trace": trace or None,
+    }
+    for name in (name for name, value in given.items() if value is not None):
+        raise InvalidProblem(f"{'--jsonl' if jsonl else '--batch'} takes many poses; it goes without {name}")
+    if batch is None:
+        return solve_lines(question, deg, every, count)
+    if jsonl or out is None:
+        raise InvalidProblem(
+            "--batch and --jsonl exclude each other" if jsonl else "--batch needs --out FILE"
+        )
+    return solve_file(question, batch, out, deg, every, count, as_json)
+
+
+def _locked(arm: Arm, lock: tuple[str, ...], deg: bool) -> Arm:
+    if not lock:
+        return arm
+    return arm.with_locked(in_radians(arm, named_values(" ".join(lock), "--lock"), "--lock", deg))
+
+
+def _one(question: Question, goal: Goal, every: bool, count: int | None, as_json: bool) -> int:
+    clock, proof = time.perf_counter(), None
+    if every:
+        found = question.branches(goal, count)
+        report.print_branches(question.arm, cast(Branches, found), time.perf_counter() - clock, as_json)
+        return 0 if len(found) else 1
+    if question.prove:
+        solution, proof = question.answer_with_proof(goal)
+    else:
+        solution = question.answer(goal)
+    report.print_solution(
+        question.arm, solution, question.search, time.perf_counter() - clock, as_json, proof
+    )
+    return 0 if solution.success else 1

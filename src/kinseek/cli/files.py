@@ -1,0 +1,225 @@
+"""Tables in files, by the ending of the name: poses that are read, answers that are written as a whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import os
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, BinaryIO, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidGoal, InvalidProblem, MissingExtra
+
+from .columns import VALID, poses_of, rigid
+from .words import is_number
+
+Array = NDArray[np.float64]
+
+ENDINGS = (".csv", ".npy", ".parquet")
+
+
+def read_poses(path: Path, position_only: bool, deg: bool) -> Array:
+    """Read poses, (N, 4, 4), lengths in [m].
+
+    Args:
+        path: A table with named columns in a .csv or .parquet file, or an array (N, 4, 4) in a .npy file.
+        position_only: Are columns of a rotation not needed?
+        deg: Are angles in degrees?
+
+    Raises:
+        InvalidProblem: No such file, or one of another kind.
+        InvalidGoal: What is in it are no poses; the message names the column and the row, counted from 1 without the header.
+        MissingExtra: A .parquet file, and pyarrow is not installed.
+    """
+    where = str(path)
+    try:
+        match ending(path, "--batch"):
+            case ".npy":
+                return rigid(_npy(path), where)
+            case ".parquet":
+                return poses_of(_parquet(path), where, position_only, deg)
+            case _:
+                return poses_of(_csv(path), where, position_only, deg)
+    except OSError as error:
+        raise InvalidProblem(f"cannot read {where!r}: {error.strerror or error}") from None
+
+
+def ending(path: Path, option: str) -> str:
+    """The ending of a file's name.
+
+    Raises:
+        InvalidProblem: None that is known.
+    """
+    found = path.suffix.lower()
+    if found not in ENDINGS:
+        raise InvalidProblem(f"{option} takes a file that ends in {', '.join(ENDINGS)}, got {str(path)!r}")
+    return found
+
+
+def writable(path: Path) -> Path:
+    """Where a file will be written, links followed.
+
+    Raises:
+        InvalidProblem: An unknown ending, no such folder, or what is there is no regular file.
+        MissingExtra: A .parquet file, and pyarrow is not installed.
+    """
+    if ending(path, "--out") == ".parquet":
+        _pyarrow()
+    place = path.resolve()
+    if not place.parent.is_dir():
+        raise InvalidProblem(f"--out {str(path)!r}: there is no folder {str(place.parent)!r}")
+    if place.exists() and not place.is_file():
+        raise InvalidProblem(f"--out {str(path)!r} is no regular file")
+    return place
+
+
+def write_columns(path: Path, columns: Mapping[str, NDArray[Any]], joints: Sequence[str]) -> None:
+    """Write a table as a whole, or not at all.
+
+    Args:
+        path: As `writable` returns it.
+        columns: Of each name its values, (N,).
+        joints: Which of them are joint values; a .npy file has them in one field ``q``, (N, n).
+
+    Raises:
+        InvalidProblem: It cannot be written.
+    """
+    try:
+        with _whole(path) as file:
+            match path.suffix.lower():
+                case ".npy":
+                    np.save(file, _records(columns, joints))
+                case ".parquet":
+                    pyarrow, parquet = _pyarrow()
+                    parquet.write_table(pyarrow.table(dict(columns)), file)
+                case _:
+                    _write_csv(file, columns)
+    except OSError as error:
+        reason = error.strerror or error
+        raise InvalidProblem(f"cannot write {str(path)!r}: {reason}; nothing was written") from None
+
+
+@contextlib.contextmanager
+def _whole(path: Path) -> Iterator[BinaryIO]:
+    """A file that takes the place of `path` when all is written; until then, and after a failure, nothing is changed."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with part.open("xb") as file:
+            yield file
+        part.replace(path)
+    except BaseException:  # Ctrl-C too.
+        part.unlink(missing_ok=True)
+        raise
+
+
+def _csv(path: Path) -> dict[str, Array]:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            header = file.readline()
+            delimiter = next((each for each in ",;\t" if each in header), ",")
+            names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter), [])]
+            _require_names(names, str(path))
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", UserWarning)  # Of no rows: that is said later.
+                    table = np.loadtxt(file, delimiter=delimiter, comments=None, quotechar='"', ndmin=2)
+            except ValueError as error:
+                file.seek(0)
+                next(file)
+                _explain(csv.reader(file, delimiter=delimiter), names, str(path), error)
+    except UnicodeDecodeError as error:
+        raise InvalidGoal(f"{str(path)!r} is no UTF-8 text: {error.reason} at byte {error.start:,}") from None
+    if table.size == 0:
+        table = np.empty((0, len(names)))
+    if table.shape[1] != len(names):
+        raise InvalidGoal(f"{path}: row 1: {table.shape[1]} values, expected {len(names)}, one a column")
+    return dict(zip(names, table.T, strict=True))
+
+
+def _require_names(names: list[str], where: str) -> None:
+    """Refuse a first row that does not name the columns, or names one twice."""
+    if all(is_number(name) for name in names if name) or not all(names):
+        raise InvalidGoal(
+            f"{where}: the first row must name the columns, got {', '.join(names) or 'nothing'}. Valid: {VALID}"
+        )
+    if twice := [name for name, count in Counter(names).items() if count > 1]:
+        raise InvalidGoal(f"{where}: two columns are called {twice[0]!r}")
+
+
+def _explain(rows: Iterator[list[str]], names: list[str], where: str, error: ValueError) -> NoReturn:
+    """Find the row that could not be read."""
+    for number, row in enumerate(filter(None, rows), 1):
+        here = f"{where}: row {number:,}"
+        if len(row) != len(names):
+            raise InvalidGoal(f"{here}: {len(row)} values, expected {len(names)}, one a column") from None
+        for name, word in zip(names, row, strict=True):
+            if not is_number(word.strip()):
+                raise InvalidGoal(f"{here}: {name} is {word!r}, no number") from None
+    raise InvalidGoal(f"{where}: {error}") from None
+
+
+def _npy(path: Path) -> Array:
+    try:
+        array = np.load(path, allow_pickle=False)
+    except (ValueError, EOFError) as error:
+        raise InvalidGoal(f"{str(path)!r} is no .npy file that can be read: {error}") from None
+    if array.ndim != 3 or array.shape[1:] != (4, 4) or array.dtype.kind not in "fiu":
+        raise InvalidGoal(
+            f"{path}: expected numbers of shape (N, 4, 4), got {array.dtype} of shape {array.shape}"
+        )
+    return np.asarray(array, dtype=np.float64)
+
+
+def _parquet(path: Path) -> dict[str, Array]:
+    pyarrow, parquet = _pyarrow()
+    try:
+        table = parquet.read_table(path)
+        columns = {name: table.column(name).to_numpy() for name in table.column_names}
+    except pyarrow.ArrowException as error:
+        raise InvalidGoal(f"{str(path)!r} is no Parquet file that can be read: {error}") from None
+    for name, values in columns.items():
+        if values.dtype.kind not in "fiu":
+            raise InvalidGoal(f"{path}: column {name} holds {values.dtype}, expected numbers")
+    return {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}
+
+
+def _pyarrow() -> tuple[Any, Any]:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise MissingExtra("A .parquet file", "parquet") from None
+    return pyarrow, pyarrow.parquet
+
+
+def _records(columns: Mapping[str, NDArray[Any]], joints: Sequence[str]) -> NDArray[Any]:
+    """One record a row, joint values together in its field ``q``."""
+    fields = {"q": np.stack([columns[name] for name in joints], axis=1)}
+    fields |= {name: values for name, values in columns.items() if name not in joints}
+    records = np.empty(
+        len(fields["q"]), [(name, values.dtype, values.shape[1:]) for name, values in fields.items()]
+    )
+    for name, values in fields.items():
+        records[name] = values
+    return records
+
+
+def _write_csv(file: BinaryIO, columns: Mapping[str, NDArray[Any]]) -> None:
+    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    lists = [values.tolist() for values in columns.values()]
+    lists = [
+        [str(value).lower() for value in each] if isinstance(each[0], bool) else each
+        for each in lists
+        if each
+    ]
+    writer.writerows(zip(*lists, strict=True))
+    text.detach()  # Flushed, and left open.

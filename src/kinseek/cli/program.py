@@ -1,0 +1,114 @@
+"""The program: which commands there are, and how one runs. A command is imported when it is called."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any, cast
+
+import click
+
+import kinseek
+from kinseek.errors import KinseekError, suggest
+
+from .help import Option, definitions, help_width, paragraph
+from .output import complain, held_output, warnings_in_one_line, write_out
+from .words import gather
+
+COMMANDS = ("solve", "show", "fk", "view", "robots", "check", "bench", "export", "kernels", "completion")
+"""In the order of ``--help``; each is a file in `commands` with its command in `command`."""
+
+COMPLETE = "_KINSEEK_COMPLETE"
+"""Set by a shell that asks what comes next."""
+
+
+class Program(click.Group):
+    """All commands, imported one at a time."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Their names."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import one; None where there is none of that name."""
+        if cmd_name not in COMMANDS:
+            return None
+        return cast(click.Command, import_module(f".commands.{cmd_name}", __package__).command)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command that is called.
+
+        Raises:
+            UsageError: There is none of that name.
+        """
+        if args[0] not in COMMANDS and not args[0].startswith("-") and not ctx.resilient_parsing:
+            raise click.UsageError(suggest(args[0], COMMANDS, "command"))
+        return super().resolve_command(ctx, args)
+
+    def get_help(self, ctx: click.Context) -> str:
+        """Lay the help out as wide as the terminal is."""
+        width = help_width()
+        commands = [self.get_command(ctx, name) for name in COMMANDS]
+        rows = [
+            (name, each.get_short_help_str(200))
+            for name, each in zip(COMMANDS, commands, strict=True)
+            if each
+        ]
+        options = [record for each in self.get_params(ctx) if (record := each.get_help_record(ctx))]
+        parts = [
+            paragraph("Usage: kinseek COMMAND ...", width),
+            paragraph(self.help or "", width),
+            "Commands:\n" + definitions(rows, width),
+            "Options:\n" + definitions(options, width),
+            paragraph("kinseek COMMAND --help says what a command takes, with examples.", width),
+        ]
+        return "\n\n".join(parts)
+
+
+def _version(ctx: click.Context, option: Any, wanted: bool) -> None:
+    if wanted and not ctx.resilient_parsing:
+        print(kinseek.__version__)
+        ctx.exit()
+
+
+PROGRAM = Program(
+    "kinseek",
+    help="Inverse kinematics of serial robot arms by search. Exit codes: 0 done or reached, 1 not reached or found "
+    "wanting, 2 misuse or output that cannot be written, 130 stopped with Ctrl-C.",
+    params=[
+        Option(
+            ["--version"],
+            is_flag=True,
+            is_eager=True,
+            expose_value=False,
+            callback=_version,
+            help="Print the version and stop.",
+        )
+    ],
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command line and return its exit code; a mistake becomes one line on stderr."""
+    if COMPLETE in os.environ:  # A shell asks what comes next; the answer is bytes.
+        PROGRAM.main([], prog_name="kinseek", complete_var=COMPLETE)
+    with held_output() as held, warnings_in_one_line():
+        code = _run(arguments)
+    return write_out(held.getvalue(), code)
+
+
+def _run(arguments: Sequence[str]) -> int:
+    try:
+        words = gather(list(arguments)) or ["--help"]
+        return int(PROGRAM.main(words, prog_name="kinseek", standalone_mode=False) or 0)
+    except click.Abort:
+        return 130
+    except click.ClickException as error:
+        complain(error.format_message())
+    except KinseekError as error:
+        complain(str(error))
+    return 2

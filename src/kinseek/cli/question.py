@@ -1,0 +1,67 @@
+"""What one command line asks of an arm, for one pose or many."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.arm import Arm
+from kinseek.branches.order import Order
+from kinseek.branches.result import Branches, BranchesBatch
+from kinseek.errors import InvalidProblem
+from kinseek.goal import Goal
+from kinseek.proof.certificate import Certificate, Verdict
+from kinseek.solution import Solution
+from kinseek.solvers import Solver
+
+from .goals import Asked
+
+
+@dataclass(frozen=True)
+class Question:
+    """An arm, what matters of a pose, and which answer is wanted."""
+
+    arm: Arm
+    asked: Asked
+    near: NDArray[np.float64] | None = None
+    search: Solver | None = None
+    prefer: str | None = None
+    prove: bool = False
+    trace: bool = False
+
+    def answer(self, goal: Goal, progress: bool = False) -> Solution:
+        """Answer one goal, or a batch."""
+        return self.arm.ik(
+            goal,
+            near=self.near,
+            solver=self.search,
+            prefer=cast("Order | None", self.prefer),
+            prove=self.prove,
+            trace=self.trace,
+            progress=progress,
+        )
+
+    def answer_with_proof(self, goal: Goal) -> tuple[Solution, Certificate]:
+        """Answer one goal, and keep what `prove` found out on the way."""
+        from kinseek.proof.branch_and_bound import prove, refuse_ranges
+
+        refuse_ranges(goal)
+        solution = replace(self, prove=False).answer(goal)
+        proof = prove(solution.problem, answer=solution)
+        return replace(solution, proved_unreachable=proof.verdict is Verdict.UNREACHABLE), proof
+
+    def branches(self, goal: Goal, count: int | None = None) -> Branches | BranchesBatch:
+        """Every answer to one goal, or to each of a batch.
+
+        Raises:
+            InvalidProblem: A search or a trace is asked for, too.
+        """
+        if self.search is not None or self.trace:
+            raise InvalidProblem(
+                "--all finds every branch in a way of its own; it takes neither --solver nor --trace"
+            )
+        order: dict[str, Any] = {} if self.prefer is None else {"order": self.prefer}
+        return self.arm.branches(goal, near=self.near, count=count, prove=self.prove, **order)

@@ -1,0 +1,133 @@
+"""The atlas of an arm: its sorted samples, and those that a pose is looked up among."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kinseek.arm import Arm
+from kinseek.errors import InvalidUse
+from kinseek.goal import Goal
+from kinseek.kernels.arm.division import TURN, Division
+from kinseek.kernels.atlas.tree import BESIDE, LEAF, Tree
+from kinseek.kinds import POSE
+from kinseek.robots.geometry import divide
+from kinseek.solvers.atlas.index import AtlasIndex, atlas_of
+from kinseek.transforms import square
+
+from .figures import COLOURS, drawn, plane
+
+Array = NDArray[np.float64]
+
+GREY, NEIGHBOURS, OWN = "0.8", COLOURS[0], COLOURS[1]
+
+
+@drawn
+def samples(arm: Arm, pose: ArrayLike, *, size: tuple[float, float] = (9.4, 5.0)) -> Any:
+    """Draw the samples of an arm's atlas in hand space, and the leaf of its tree that a pose lies in.
+
+    The first joint and the last one are divided out: what is left of a pose is how far the last axis is from the first, its
+    height along it, and its direction. On the left every sample, on the right what is around the pose: an arrow is a
+    sample, along its direction as far as it lies in the plane. Red are the samples of the leaf that the pose lies in, blue
+    those of the leaves beside it that are looked at too.
+
+    Args:
+        arm: With axes, the first and the last of which turn, and no other joint with them.
+        pose: (4, 4).
+        size: Of the figure [inch].
+
+    Returns:
+        The Matplotlib figure.
+
+    Raises:
+        InvalidGoal: Not a pose.
+        InvalidProblem: An arm that is a function.
+        InvalidUse: A batch of poses, or an arm of which the first and last joint cannot be divided out.
+        MissingExtra: Matplotlib is not installed.
+    """
+    goal = Goal.pose(pose)
+    if goal.shape:
+        raise InvalidUse(f"one pose is looked up, got a batch of shape {goal.shape}; choose one")
+    index, division = atlas_of(arm.chain), divide(arm.chain, POSE)
+    if division.head != TURN or division.tail != TURN:
+        raise InvalidUse(
+            f"the picture is of arms whose first and last joint turn and move nothing else; {arm.name!r} is none"
+        )
+    tree = index.sorted.tree
+    wanted = coordinates(_seen(index, goal.targets[0]), division)[0]
+    every = coordinates(index.sorted.poses, division)
+    leaf = leaf_of(tree, wanted)
+    own = np.arange(leaf * LEAF, (leaf + 1) * LEAF)
+    beside = tree.beside[leaf * BESIDE : (leaf + 1) * BESIDE]
+    near = (beside[(beside >= 0) & (beside != leaf)][:, None] * LEAF + np.arange(LEAF)).ravel()
+    figure, (left, right) = plane(2, size=size)
+    left.hexbin(every[:, 0], every[:, 1], gridsize=60, mincnt=1, bins="log", cmap="Greys", linewidths=0.1)
+    _arrows(right, np.delete(every, np.concatenate([own, near]), axis=0), color=GREY, width=0.003)
+    _arrows(
+        right,
+        every[near],
+        color=NEIGHBOURS,
+        width=0.004,
+        label=f"{len(near)} samples of the leaves beside it",
+    )
+    _arrows(right, every[own], color=OWN, width=0.006, label=f"{LEAF} samples of the pose's leaf")
+    _arrows(right, wanted[None], color="black", width=0.008)
+    for axes in (left, right):
+        axes.plot(*wanted[:2], "*", color="black", markersize=11, label="the pose", linestyle="none")
+        axes.set(xlabel="radius from the first axis [m]", ylabel="height along it [m]", aspect="equal")
+    far = np.abs(every[:, :2] - wanted[:2]).max(axis=1)
+    spread = 1.15 * max(float(far[own].max()), float(np.percentile(far[near], 70)))
+    right.set(xlim=wanted[0] + spread * np.array([-1, 1]), ylim=wanted[1] + spread * np.array([-1, 1]))
+    left.add_patch(_square(wanted[:2], spread))
+    left.set_title(f"{arm.name}: {index.samples:,} samples, darker where there are more")
+    right.set_title("in the frame, with the directions of the last axis")
+    handles, labels = right.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def coordinates(K: Array, division: Division) -> Array:
+    """What is left of poses, (k, 3, 4), with both joints divided out, (k, 5); as `kernels.atlas.samples.coordinates`."""
+    r = np.hypot(K[:, 0, 3], K[:, 1, 3])
+    cosine, sine = np.where(r > 0, K[:, :2, 3].T / np.maximum(r, 1e-300), [[1.0], [0.0]])
+    flat = division.length * r / np.hypot(r, division.length)
+    x, y, z = K[:, :, 2].T
+    columns = [
+        r,
+        K[:, 2, 3],
+        flat * (cosine * x + sine * y),
+        flat * (cosine * y - sine * x),
+        division.length * z,
+    ]
+    return np.stack(columns, axis=1)
+
+
+def leaf_of(tree: Tree, point: Array) -> int:
+    """The leaf that a point, (5,), lies in."""
+    node, inner = 0, len(tree.points) - 1
+    while node < inner:
+        node = 2 * node + (1 if point[tree.axis[node]] < tree.split[node] else 2)
+    return node - inner
+
+
+def _seen(index: AtlasIndex, target: Array) -> Array:
+    """A pose, (3, 4), as the samples are kept, (1, 3, 4)."""
+    sorted_ = index.sorted
+    whole = square(sorted_.inverse_head) @ square(target) @ square(sorted_.inverse_tip)
+    return np.asarray(whole[None, :3])
+
+
+def _arrows(axes: Any, points: Array, **look: Any) -> None:
+    """An arrow at every point, along its direction in the plane of radius and height."""
+    unit = np.linalg.norm(points[:, 2:], axis=1)[:, None]
+    along = points[:, [2, 4]] / np.maximum(unit, 1e-300)
+    axes.quiver(*points[:, :2].T, *along.T, angles="xy", scale=18.0, pivot="tail", **look)
+
+
+def _square(centre: Array, half: float) -> Any:
+    from matplotlib.patches import Rectangle
+
+    corner = float(centre[0] - half), float(centre[1] - half)
+    return Rectangle(corner, 2 * half, 2 * half, fill=False, edgecolor="black", linewidth=1.2)

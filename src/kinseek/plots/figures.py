@@ -1,0 +1,167 @@
+"""Figures, axes and their look, and files of pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any, ParamSpec
+
+import numpy as np
+
+from kinseek.errors import InvalidUse, MissingExtra
+
+P = ParamSpec("P")
+
+COLOURS = ("#0072b2", "#c23b00", "#009e73", "#e69f00", "#7a4e8f", "#56b4e9", "#000000", "#999999")
+"""Apart for most eyes, and in grey."""
+
+ZOOM = 0.85
+"""Of the box in space, so that numbers and labels beside it stay in the picture."""
+
+NUMBERS, LABEL = 11.5, 30.0
+"""Way of numbers and of a label from an axis of a cube [pt], with Matplotlib's own 8 and 21 in it."""
+
+LETTERS = 9
+"""[pt]"""
+
+LOOK = {"font.size": LETTERS, "axes.titlesize": LETTERS + 0.5, "legend.fontsize": LETTERS}
+"""Of what the functions of this package draw; no setting of Matplotlib's is changed for what others draw."""
+
+
+def pyplot() -> Any:
+    """Matplotlib's pyplot.
+
+    Raises:
+        MissingExtra: Matplotlib is not installed.
+    """
+    try:
+        from matplotlib import pyplot
+    except ImportError:
+        raise MissingExtra("A picture", "plot") from None
+    return pyplot
+
+
+def drawn(draw: Callable[P, Any]) -> Callable[P, Any]:
+    """Let a function draw with our look, on its own figure or on axes that it is given."""
+
+    @wraps(draw)
+    def dressed(*given: P.args, **named: P.kwargs) -> Any:
+        with pyplot().rc_context(LOOK):
+            return draw(*given, **named)
+
+    return dressed
+
+
+def space(
+    size: tuple[float, float] = (5.2, 4.6), elevation: float = 22.0, azimuth: float = -60.0
+) -> tuple[Any, Any]:
+    """Make a figure with axes in space, lengths in [m].
+
+    Args:
+        size: Of the figure [inch].
+        elevation: Of the eye [degrees].
+        azimuth: Of the eye [degrees].
+
+    Raises:
+        MissingExtra: Matplotlib is not installed.
+    """
+    with pyplot().rc_context(LOOK):
+        figure = pyplot().figure(figsize=size, layout="constrained")
+        axes = figure.add_subplot(projection="3d")
+        axes.tick_params(labelsize=LETTERS)
+        axes.view_init(elevation, azimuth)
+        axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
+    return figure, axes
+
+
+def plane(columns: int = 1, size: tuple[float, float] = (5.2, 4.2), rows: int = 1) -> tuple[Any, Any]:
+    """Make a figure with axes in a plane, an array of them if there are more than one.
+
+    Args:
+        columns: Axes beside each other.
+        size: Of the figure [inch].
+        rows: Axes below each other.
+
+    Raises:
+        MissingExtra: Matplotlib is not installed.
+    """
+    with pyplot().rc_context(LOOK):
+        figure, axes = pyplot().subplots(rows, columns, figsize=size, layout="constrained")
+        for each in np.ravel(axes):
+            each.grid(True, alpha=0.3)
+            each.tick_params(labelsize=LETTERS)
+    return figure, axes
+
+
+def given_or_new(ax: Any, size: tuple[float, float]) -> tuple[Any, Any]:
+    """The axes in a plane that were given and their figure, or new ones.
+
+    Raises:
+        InvalidUse: They are no axes in a plane.
+        MissingExtra: Matplotlib is not installed.
+    """
+    if ax is None:
+        return plane(size=size)
+    return _figure_of(ax, in_space=False), ax
+
+
+def given_or_new_space(ax: Any, size: tuple[float, float], view: tuple[float, float]) -> tuple[Any, Any]:
+    """The axes in space that were given and their figure, or new ones, seen from (elevation, azimuth) [degrees].
+
+    Raises:
+        InvalidUse: They are no axes in space.
+        MissingExtra: Matplotlib is not installed.
+    """
+    if ax is None:
+        return space(size, *view)
+    return _figure_of(ax, in_space=True), ax
+
+
+def _figure_of(ax: Any, in_space: bool) -> Any:
+    from matplotlib.axes import Axes
+
+    wanted = "axes in space, such as those of plots.space()" if in_space else "axes in a plane"
+    if not isinstance(ax, Axes):
+        raise InvalidUse(f"ax must be {wanted}, got {type(ax).__name__}")
+    if hasattr(ax, "get_zlim") != in_space:
+        raise InvalidUse(f"ax must be {wanted}, got axes {'in a plane' if in_space else 'in space'}")
+    return ax.get_figure()
+
+
+def same_scale(axes: Any) -> None:
+    """Let a metre be as long along every axis."""
+    if not hasattr(axes, "get_zlim"):
+        axes.set_aspect("equal")
+        return
+    from matplotlib.ticker import MaxNLocator
+
+    ends = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
+    sides = ends[:, 1] - ends[:, 0]
+    axes.set_box_aspect(sides, zoom=ZOOM)
+    elevation, azimuth = np.radians([axes.elev, axes.azim])
+    towards = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
+    seen = sides * np.sqrt(1.0 - np.square(towards))
+    for i, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
+        # An axis that is short, or points at the eye, has few numbers, else they are printed over each other. Those of z
+        # stand above each other and take less room.
+        least = 2 if i == 2 else 1
+        axis.set_major_locator(MaxNLocator(max(least, round(5 * seen[i] / seen.max())), min_n_ticks=least))
+        # Matplotlib moves numbers and label away from an axis by a share of the two other sides: into the numbers where
+        # those are short, out of the picture where they are long. Here the way is as long as beside a cube.
+        beside = np.linalg.norm(np.delete(sides, i)) / np.linalg.norm(sides) / np.sqrt(2 / 3)
+        axis.labelpad = LABEL / beside - 21.0
+        axis.set_tick_params(pad=NUMBERS / beside - 8.0)
+
+
+def save(figure: Any, path: str | Path, dpi: int = 110) -> Path:
+    """Write a PNG of `dpi` dots an inch, without the name of the program that made it, and forget the figure.
+
+    Raises:
+        InvalidUse: The path ends in that of another format.
+    """
+    if Path(path).suffix.lower() != ".png":
+        raise InvalidUse(f"pictures are PNG files: the path must end in .png, got {str(path)!r}")
+    figure.savefig(path, dpi=dpi, metadata={"Software": None})
+    pyplot().close(figure)
+    return Path(path)

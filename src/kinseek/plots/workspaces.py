@@ -1,0 +1,135 @@
+"""What an arm reaches of a plane, at one orientation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kinseek.arm import Arm
+from kinseek.errors import InvalidUse
+from kinseek.goal import Goal
+from kinseek.proof.branch_and_bound import prove
+from kinseek.proof.certificate import Verdict
+
+from .figures import COLOURS, drawn, given_or_new
+from .shown import count_of
+
+Array = NDArray[np.float64]
+
+REACHED, PROVED, OPEN = COLOURS[5], "#4d4d4d", COLOURS[3]
+
+NAMES = ("reached", "proved out of reach", "not reached, no proof")
+
+
+@drawn
+def workspace(
+    arm: Arm,
+    goal: Goal | ArrayLike,
+    *,
+    plane: str = "xz",
+    width: float | None = None,
+    cells: int = 48,
+    budget: int = 2000,
+    ax: Any = None,
+    size: tuple[float, float] = (6.0, 5.4),
+) -> Any:
+    """Draw what an arm reaches of a plane through a goal, with the goal's orientation: reached, or proved out of reach.
+
+    Each cell has the colour of its centre. What is not reached and not proved either, within the budget, has a colour of its
+    own.
+
+    Args:
+        arm: With axes, if anything shall be proved.
+        goal: A pose or a `Goal` of one target without ranges: the plane goes through its position, and its orientation, or
+            direction, is asked everywhere.
+        plane: Two of the axes x, y and z of the base, along which the picture is.
+        width: Of the picture [m], around the arm's base; twice its reach unless given.
+        cells: Along each side; cells² goals are solved, 2,304 unless told otherwise, some tenths of a second to seconds.
+        budget: Boxes that a proof may look at, for each cell that is not reached; 0 leaves the proofs out.
+        ax: Axes in a plane to draw on.
+        size: Of a new figure [inch].
+
+    Returns:
+        The Matplotlib figure.
+
+    Raises:
+        InvalidGoal: Not a pose.
+        InvalidProblem: A goal with ranges, or a proof asked of an arm that is a function; ``budget=0`` asks for none.
+        InvalidUse: A batch of goals, no such plane, a width or a number out of its range, or other axes.
+        MissingExtra: Matplotlib is not installed.
+    """
+    asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
+    asked.require_plain("a slice of a workspace is drawn of")
+    if asked.shape:
+        raise InvalidUse(f"one goal is drawn, got a batch of shape {asked.shape}; choose one")
+    if len(plane) != 2 or not set(plane) <= set("xyz") or plane[0] == plane[1]:
+        raise InvalidUse(f"plane must be two of the axes x, y and z, such as 'xz'; got {plane!r}")
+    across, up = ("xyz".index(axis) for axis in plane)
+    cells, budget = count_of("cells", cells, 2), count_of("budget", budget, 0)
+    centre, half = _extent(arm, width)
+    middles = (np.arange(cells) + 0.5) / cells * 2 * half - half
+    targets = np.tile(asked.target, (cells, cells, 1, 1))
+    targets[..., across, 3], targets[..., up, 3] = np.meshgrid(
+        centre[across] + middles, centre[up] + middles, indexing="xy"
+    )
+    solution = arm.ik(asked.at(targets))
+    verdict = np.where(solution.success, 0, 2)
+    if budget:
+        for place in np.argwhere(verdict == 2):
+            one = solution[tuple(place)]
+            proof = prove(one.problem, answer=one, budget=budget, threads=1).verdict
+            verdict[tuple(place)] = {Verdict.REACHABLE: 0, Verdict.UNREACHABLE: 1}.get(proof, 2)
+    figure, axes = given_or_new(ax, size)
+    _colour(figure, axes, verdict, (centre[across], centre[up], half), ax is None)
+    axes.plot(*asked.target[[across, up], 3], "*", color="black", markersize=10)
+    other = ({0, 1, 2} - {across, up}).pop()
+    axes.set(xlabel=f"{plane[0]} [m]", ylabel=f"{plane[1]} [m]", aspect="equal")
+    what = {0: "any orientation", 1: "one direction"}.get(asked.form.columns, "one orientation")
+    axes.set_title(f"{arm.name}, {'xyz'[other]} = {asked.target[other, 3]:.3g} m, {what}")
+    return figure
+
+
+def _extent(arm: Arm, width: float | None) -> tuple[Array, float]:
+    """Middle and half width of the picture [m]."""
+    if width is not None:
+        if not np.isfinite(width) or width <= 0:
+            raise InvalidUse(f"width must be a positive length [m], got {width!r}")
+        half = width / 2
+    elif arm.axes is None:
+        raise InvalidUse(f"{arm.name!r} is a function, nobody knows its reach: width= is needed [m]")
+    else:
+        half = float(arm.axes.reach)
+    centre = np.zeros(3) if arm.axes is None else arm.axes.fixed[0][:3, 3]
+    return np.asarray(centre, dtype=float), half
+
+
+def _colour(
+    figure: Any, axes: Any, verdict: NDArray[np.int64], extent: tuple[float, float, float], own: bool
+) -> None:
+    """Colour the cells, and say what the colours that occur mean."""
+    from matplotlib.colors import ListedColormap
+    from matplotlib.patches import Patch
+
+    x, y, half = extent
+    colours = (REACHED, PROVED, OPEN)
+    axes.imshow(
+        verdict,
+        origin="lower",
+        extent=(x - half, x + half, y - half, y + half),
+        cmap=ListedColormap(colours),
+        vmin=0,
+        vmax=2,
+        interpolation="nearest",
+    )
+    axes.grid(False)
+    patches = [
+        Patch(color=colours[i], label=f"{NAMES[i]}: {share:.0%}")
+        for i in range(3)
+        if (share := float((verdict == i).mean()))
+    ]
+    if own:
+        figure.legend(handles=patches, loc="outside lower center", ncols=3, frameon=False)
+    else:
+        axes.legend(handles=patches)

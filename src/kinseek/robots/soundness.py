@@ -1,0 +1,413 @@
+"""Is the description of a robot sound? All that is wrong with a file, or looks wrong, and not the first thing only.
+
+Readers stop at the first thing that they cannot use, and look at nothing that kinematics does not need. Here a URDF or
+xacro file is gone through as a whole: the tree of links, joints with their limits, axes and mimics, masses, meshes.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidRobot, UnitWarning, suggest
+from kinseek.turns import TURN
+from kinseek.units import TURNS_OF_A_JOINT
+
+from .chain import follow_mimics
+from .files import file_bytes
+from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
+from .urdf_xml import JOINT_TYPES, expand_xacro, root_element
+
+READABLE = (".urdf", ".xacro", ".xml")
+"""Endings of the files that can be gone through."""
+
+_MOVES = (REVOLUTE, CONTINUOUS, PRISMATIC)
+_FAR = 100.0
+"""Lengths beyond it [m] are asked about: a robot that large was written in millimetres."""
+_ROUNDED = 1e-3
+"""How far an axis may be from unit length, angles from a turn, and principal moments from the triangle, when rounded."""
+_NAMED = 8
+"""Links or joints that one line names at most."""
+
+
+class Severity(Enum):
+    """How bad a finding is; the value is for people."""
+
+    ERROR = "error"
+    """It is no valid robot, or kinseek refuses it."""
+    WARNING = "warning"
+    """It is read, or can be left out, and is probably a mistake."""
+    NOTE = "note"
+    """Good to know; a sound file may have it."""
+
+
+class Finding(NamedTuple):
+    """One thing that was found."""
+
+    severity: Severity
+    part: str
+    """The link, joint or mesh that it is about, or nothing."""
+    what: str
+
+
+@dataclass
+class Checkup:
+    """What was found out about a file."""
+
+    findings: list[Finding] = field(default_factory=list)
+    links: int = 0
+    joints: int = 0
+    moving: int = 0
+    """Joints that move."""
+
+    @property
+    def sound(self) -> bool:
+        """Is nothing worse than a note?"""
+        return all(finding.severity is Severity.NOTE for finding in self.findings)
+
+    def error(self, part: str, what: str) -> None:
+        """Add a finding."""
+        self.findings.append(Finding(Severity.ERROR, part, what))
+
+    def warning(self, part: str, what: str) -> None:
+        """Add a finding."""
+        self.findings.append(Finding(Severity.WARNING, part, what))
+
+    def note(self, part: str, what: str) -> None:
+        """Add a finding."""
+        self.findings.append(Finding(Severity.NOTE, part, what))
+
+
+def check(path: Path, base: str | None = None, tip: str | None = None) -> Checkup:
+    """Go through the description of a robot.
+
+    Args:
+        path: A .urdf or .xacro file, or a .xml file that holds either URDF or MJCF. Of MJCF only is said whether it is read.
+        base: Link that stays, as `kinseek.load` takes it.
+        tip: Link whose pose is meant, as `kinseek.load` takes it.
+
+    Raises:
+        InvalidRobot: There is no such file, or it is no robot at all.
+        MissingExtra: An MJCF file, and MuJoCo is not installed.
+    """
+    text = expand_xacro(path) if path.suffix.lower() == ".xacro" else file_bytes(path)
+    root = root_element(text, str(path))
+    found = Checkup()
+    if root.tag == "mujoco":
+        _check_chains(found, path, base, tip, {})
+        return found
+    space = str(root.tag).removesuffix("robot")
+    if not str(root.tag).endswith("robot") or (space and not space.endswith("}")):
+        raise InvalidRobot(f"{path}: not a robot: the root tag is <{root.tag}>, expected <robot>")
+    links, joints = list(root.iterchildren(f"{space}link")), list(root.iterchildren(f"{space}joint"))
+    found.links, found.joints = len(links), len(joints)
+    found.moving = sum(joint.get("type") not in ("fixed", None) for joint in joints)
+    parents = _check_tree(found, links, joints, space)
+    for joint in joints:
+        _check_joint(found, joint, space)
+    _check_mimics(found, joints, space)
+    _check_masses(found, links, space)
+    _check_meshes(found, root, space, path)
+    if not any(finding.severity is Severity.ERROR for finding in found.findings):
+        _check_chains(found, path, base, tip, parents)
+    return found
+
+
+def _check_tree(found: Checkup, links: list[Any], joints: list[Any], space: str) -> dict[str, str | None]:
+    """Names, and that links and joints are one tree; of each link the link above it."""
+    for noun, elements in (("link", links), ("joint", joints)):
+        names = Counter(element.get("name") for element in elements)
+        for element in elements:
+            if not element.get("name"):
+                found.error(noun, f"the <{noun}> in line {element.sourceline} has no name")
+        for name in (name for name, count in names.items() if name and count > 1):
+            found.error(f"{noun} {name!r}", f"{names[name]} {noun}s are called so")
+    parents: dict[str, str | None] = {link.get("name"): None for link in links}
+    if not parents:
+        found.error("", "the robot has no links")
+    for joint in joints:
+        ends = {
+            tag: element.get("link")
+            for tag in ("parent", "child")
+            if (element := joint.find(space + tag)) is not None
+        }
+        for tag in ("parent", "child"):
+            if not ends.get(tag):
+                found.error(_name(joint), f"no <{tag} link=...>")
+            elif ends[tag] not in parents:
+                found.error(
+                    _name(joint), f"its {tag}: {suggest(ends[tag], parents, 'link').partition(' Valid:')[0]}"
+                )
+        parent, child = ends.get("parent"), ends.get("child")
+        if parent in parents and child in parents:
+            if parents[child] is not None:
+                found.error(f"link {child!r}", f"has two parents, {parents[child]!r} and {parent!r}")
+            parents[child] = parent
+    roots = [name for name, parent in parents.items() if parent is None]
+    if len(roots) > 1:
+        found.error("", f"several root links, expected one: {_some(roots)}")
+    if loop := [name for name in parents if not _hangs(name, parents)]:
+        found.error("", f"the links form a loop, these or some of these: {_some(loop)}")
+    return parents
+
+
+def _hangs(link: str, parents: Mapping[str, str | None]) -> bool:
+    """Does the way up from a link come to an end?"""
+    above: str | None = link
+    for _ in parents:
+        above = parents[above] if above is not None else None
+    return above is None
+
+
+def _check_joint(found: Checkup, joint: Any, space: str) -> None:
+    here, kind = _name(joint), joint.get("type")
+    if kind not in JOINT_TYPES:
+        found.error(here, suggest(kind, JOINT_TYPES, "joint type") if kind else "no type")
+        return
+    origin = joint.find(space + "origin")
+    if origin is not None:
+        _check_origin(found, here, origin)
+    if kind not in _MOVES:
+        if kind != "fixed":
+            found.warning(
+                here,
+                f"{kind} joints are refused between base and tip: choose base= or tip= so that it is left out",
+            )
+        return
+    axis = joint.find(space + "axis")
+    if axis is None:
+        found.note(here, "no <axis>: 1 0 0 is taken, as URDF says")
+    elif (direction := _numbers(found, here, axis, "xyz", 3, required=True)) is not None:
+        length = math.hypot(*direction)
+        if abs(length - 1.0) > _ROUNDED:
+            unit = " ".join(f"{value / length:.9g}" for value in direction) if length else "a unit vector"
+            found.error(here, f"axis {axis.get('xyz')} has length {length:g}, expected 1; write {unit}")
+    _check_limits(found, joint, kind, space)
+
+
+def _check_origin(found: Checkup, here: str, origin: Any) -> None:
+    angles = _numbers(found, here, origin, "rpy", 3)
+    if angles is not None and max(map(abs, angles)) > TURN * (1 + _ROUNDED):
+        found.warning(
+            here, f"origin rpy={origin.get('rpy')!r} is more than a full turn: degrees? URDF has radians"
+        )
+    place = _numbers(found, here, origin, "xyz", 3)
+    if place is not None and max(map(abs, place)) > _FAR:
+        found.warning(
+            here, f"origin xyz={origin.get('xyz')!r} is more than {_FAR:g} m: millimetres? URDF has metres"
+        )
+
+
+def _check_limits(found: Checkup, joint: Any, kind: str, space: str) -> None:
+    here, limit = _name(joint), joint.find(space + "limit")
+    mimics = joint.find(space + "mimic") is not None
+    if limit is None:
+        if kind != CONTINUOUS and not mimics:
+            found.error(here, f"no <limit>: a {kind} joint needs lower and upper")
+        return
+    ends = {end: _numbers(found, here, limit, end, 1) for end in ("lower", "upper")}
+    if kind == CONTINUOUS:
+        if any(limit.get(end) is not None for end in ends):
+            found.note(here, "has limits, and is continuous: they are not looked at")
+        return
+    lacking = [end for end in ends if limit.get(end) is None]
+    if lacking and not mimics:
+        found.error(here, f"<limit> has no {' and no '.join(lacking)}")
+    if ends["lower"] is None or ends["upper"] is None:
+        return
+    (lower,), (upper,) = ends["lower"], ends["upper"]
+    if lower > upper:
+        found.error(here, f"lower limit {lower:g} is above upper limit {upper:g}")
+    elif lower == upper and not mimics:  # Files write 0 0 where nobody cared for a follower.
+        found.warning(here, f"cannot move: both limits are {lower:g}")
+    if kind == REVOLUTE and max(-lower, upper) > TURNS_OF_A_JOINT:
+        found.warning(here, f"limits [{lower:g}, {upper:g}] are many turns: degrees? URDF has radians")
+    if kind == PRISMATIC and max(-lower, upper) > _FAR:
+        found.warning(
+            here, f"limits [{lower:g}, {upper:g}] are more than {_FAR:g} m: millimetres? URDF has metres"
+        )
+    for name in ("effort", "velocity"):
+        value = _numbers(found, here, limit, name, 1)
+        if value is not None and value[0] < 0:
+            found.warning(here, f"{name} limit {value[0]:g} is below 0")
+
+
+def _check_mimics(found: Checkup, joints: list[Any], space: str) -> None:
+    kinds = {joint.get("name"): joint.get("type") for joint in joints}
+    mimics: dict[str, tuple[str, float, float]] = {}
+    for joint in joints:
+        mimic = joint.find(space + "mimic")
+        if mimic is None:
+            continue
+        here, leader = _name(joint), mimic.get("joint")
+        factor, _ = (_numbers(found, here, mimic, name, 1) for name in ("multiplier", "offset"))
+        if leader not in kinds:
+            found.error(here, f"mimics {suggest(str(leader), kinds, 'joint').partition(' Valid:')[0]}")
+            continue
+        if kinds[leader] not in _MOVES:
+            found.error(here, f"mimics {leader!r}, which is {kinds[leader]}")
+        if factor == (0.0,):
+            found.warning(here, "mimics with multiplier 0: it does not move")
+        mimics[joint.get("name")] = (leader, 1.0, 0.0)
+    for name in mimics:
+        try:
+            follow_mimics(name, mimics)
+        except InvalidRobot as error:
+            found.error(f"joint {name!r}", str(error))
+            return  # One line a loop, and two loops are rarer than two joints in one.
+
+
+def _check_masses(found: Checkup, links: list[Any], space: str) -> None:
+    without = []
+    for link in links:
+        inertial = link.find(space + "inertial")
+        if inertial is None:
+            without.append(link.get("name"))
+            continue
+        here = f"link {link.get('name')!r}"
+        mass, inertia = inertial.find(space + "mass"), inertial.find(space + "inertia")
+        if mass is None or mass.get("value") is None:
+            found.warning(here, "<inertial> has no mass")
+        elif (value := _numbers(found, here, mass, "value", 1)) is not None and not value[0] > 0:
+            found.warning(here, f"mass {value[0]:g} kg, expected more than 0")
+        if inertia is None:
+            found.warning(here, "<inertial> has no inertia")
+        elif why := _why_no_inertia(found, here, inertia):
+            found.warning(here, why)
+    if links and len(without) == len(links):
+        found.note("", "no link has a mass: kinematics needs none, a simulator does")
+    elif without:
+        found.note("", f"{len(without)} of {len(links)} links have no mass: {_some(without)}")
+
+
+def _why_no_inertia(found: Checkup, here: str, inertia: Any) -> str:
+    """Why no body can have it, or nothing: principal moments are above 0, and none is more than the other two together."""
+    values = {}
+    for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"):
+        number = _numbers(found, here, inertia, name, 1)
+        if number is None and (name in ("ixx", "iyy", "izz") or inertia.get(name) is not None):
+            return f"inertia has no {name}" if inertia.get(name) is None else ""
+        values[name] = 0.0 if number is None else number[0]
+    xx, yy, zz, xy, xz, yz = values.values()
+    matrix: NDArray[np.float64] = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    small, middle, large = np.linalg.eigvalsh(matrix)
+    if not small > 0:
+        return f"inertia is not that of a body: its least principal moment is {small:.3g} kg m², expected more than 0"
+    if large > (small + middle) * (1 + _ROUNDED):
+        return (
+            "inertia is not that of a body: the largest principal moment is more than the others together, "
+            f"{large:.3g} > {small:.3g} + {middle:.3g} kg m²"
+        )
+    return ""
+
+
+def _check_meshes(found: Checkup, root: Any, space: str, path: Path) -> None:
+    files = dict.fromkeys(mesh.get("filename") or "" for mesh in root.iter(f"{space}mesh"))
+    lost: dict[str, list[str]] = {}
+    for name in files:
+        if not name:
+            found.warning("mesh", "a <mesh> has no filename")
+        elif not any(map(os.path.isfile, _mesh_places(name, path))):
+            scheme, _, rest = name.rpartition("://")
+            package = rest.partition("/")[0] if scheme in ("package", "model") else ""
+            lost.setdefault(package, []).append(name)
+    for package, names in lost.items():
+        if package:
+            found.warning(
+                f"package {package!r}", f"not found, or not all of it: {len(names)} meshes, {_some(names, 2)}"
+            )
+        else:
+            for name in names:
+                found.warning(f"mesh {name!r}", "not found")
+
+
+def _mesh_places(name: str, path: Path) -> Iterator[Path]:
+    """Where a mesh may lie: beside the file, or in its package, above the file or where ROS says that packages are."""
+    scheme, _, rest = name.rpartition("://")
+    rest = unquote(rest)
+    if scheme in ("", "file"):
+        yield path.parent / rest
+        return
+    package, _, inside = rest.partition("/")
+    for folder in path.resolve().parents:
+        yield folder / package / inside
+        if folder.name == package:
+            yield folder / inside
+    for variable, below in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
+        for prefix in filter(None, os.environ.get(variable, "").split(os.pathsep)):
+            yield Path(prefix) / below / package / inside
+            yield Path(prefix) / inside
+
+
+def _check_chains(
+    found: Checkup, path: Path, base: str | None, tip: str | None, parents: Mapping[str, str | None]
+) -> None:
+    """Is there an arm in it? Every tip is tried unless one is given."""
+    from . import read
+
+    above = set(parents.values())
+    ends = [name for name in parents if name not in above]
+    if tip is None and len(ends) > 1:
+        found.note(
+            "", f"{len(ends)} tips: kinseek.load needs tip=, one of {_some(ends)}, or any link before them"
+        )
+    told = {finding.part for finding in found.findings}
+    for end in ends if tip is None and len(ends) > 1 else [tip]:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UnitWarning)  # Said of each joint already.
+                read(path, base, end)
+        except InvalidRobot as error:
+            if any(part and part in str(error) for part in told):
+                continue
+            why = str(error).removeprefix(f"{path}: ")
+            if end is not tip:
+                found.note(f"tip {end!r}", f"no arm ends there: {why}")
+            elif tip is None and why.startswith("the arm branches"):  # MJCF; of URDF the tips are known.
+                found.note("", why)
+            else:
+                found.error("", why)
+
+
+def _name(joint: Any) -> str:
+    return f"joint {joint.get('name')!r}"
+
+
+def _some(names: list[str], most: int = _NAMED) -> str:
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def _numbers(
+    found: Checkup, here: str, element: Any, attribute: str, count: int, required: bool = False
+) -> tuple[float, ...] | None:
+    """Read the numbers of an attribute; None where there are none, and then it is told if they are no numbers or needed."""
+    text, tag = element.get(attribute), str(element.tag).rpartition("}")[2]
+    if text is None:
+        if required:
+            found.error(here, f"<{tag}> has no {attribute}")
+        return None
+    try:
+        values = tuple(
+            float(word.replace("_", "?")) for word in text.split()
+        )  # Python alone would take 1_000.
+    except ValueError:
+        found.error(here, f"<{tag}> {attribute}={text!r} is no number")
+        return None
+    if len(values) != count:
+        found.error(here, f"<{tag}> {attribute}={text!r}: {len(values)} values, expected {count}")
+        return None
+    if not all(map(math.isfinite, values)):
+        found.error(here, f"<{tag}> {attribute}={text!r} is not finite")
+        return None
+    return values

@@ -1,0 +1,202 @@
+"""Clouds of points around a goal: the atlas's samples, what a search visits, what is reachable, a proof's boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.arm import Arm
+from kinseek.errors import KinseekError
+from kinseek.kernels.arm.division import NONE, SLIDE, TURN
+from kinseek.kinds import POSE
+from kinseek.problem import Problem, within_limits
+from kinseek.robots.chain import SerialChain
+from kinseek.robots.geometry import divide
+from kinseek.robots.sampling import weyl
+from kinseek.solvers import Atlas
+from kinseek.solvers.black_box.samples import Samples
+from kinseek.trace import Pass
+from kinseek.transforms import inverse, square
+from kinseek.turns import TURN as TURNS
+
+from .wishes import Wishes
+
+Array = NDArray[np.float64]
+
+NEAREST = 400
+"""Samples of the atlas that are shown."""
+
+NODES = 2_000
+"""Nodes of a pass that are shown at most; of more, so many spread evenly among them."""
+
+PLACES, PIECE = 6_000, 128
+"""Places tried for what is reachable, and how many at a stretch."""
+
+BOXES = (30, 100, 300, 1_000, 3_000, 10_000, 30_000)
+"""Boxes examined, at which those left are shown."""
+
+
+class Cloud(NamedTuple):
+    """Points, and a number between 0 and 1 for the colour of each."""
+
+    points: Array
+    """(k, 3) [m]"""
+    shade: Array
+    """(k,)"""
+
+
+class Reached(NamedTuple):
+    """What is reachable at one orientation, as far as it is known by now."""
+
+    points: Array
+    """Places where an answer was found, (k, 3) [m]."""
+    tried: int
+    total: int
+
+
+def completed(chain: SerialChain, q: Array, target: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Choose the first and the last joint so that the tip comes near a goal, as the atlas and the proofs divide them out.
+
+    Args:
+        chain: The arm.
+        q: Joint values, (k, n): those of the joints between count.
+        target: Pose of the tip, (4, 4).
+
+    Returns:
+        Joint values, (k, n), inside the limits, and whether they were so by themselves, (k,).
+    """
+    division, q = divide(chain, POSE), np.array(q, dtype=float)
+    head, last = square(inverse(chain.fixed[0])), square(inverse(chain.fixed[-1]))
+    wanted = head @ target @ last
+    if division.head != NONE:
+        q[:, 0] = 0.0
+    if division.tail == TURN:
+        q[:, -1] = 0.0
+    axis = (head @ chain.forward(q) @ last)[:, :3, 3]
+    if division.head == SLIDE:
+        q[:, 0] = wanted[2, 3] - axis[:, 2]
+    elif division.head == TURN:
+        q[:, 0] = np.arctan2(wanted[1, 3], wanted[0, 3]) - np.arctan2(axis[:, 1], axis[:, 0])
+    if division.tail == TURN:
+        turn = np.swapaxes((chain.forward(q) @ last)[:, :3, :3], 1, 2) @ (target @ last)[:3, :3]
+        q[:, -1] = np.arctan2(turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1])
+    inside = within_limits(chain, q)
+    moved = inside - q
+    moved -= np.where(chain.turns, TURNS * np.rint(moved / TURNS), 0.0)
+    return inside, np.asarray((np.abs(moved) < 1e-9).all(axis=1))
+
+
+def samples_around(arm: Arm, wishes: Wishes) -> Cloud:
+    """Where the atlas's samples nearest to a goal bring the tip, shaded by how far it leans, (k up to `NEAREST`)."""
+    index, target = arm.atlas, wishes.target
+    if isinstance(index, Samples):
+        poses, length = index.poses, index.length
+    else:
+        chain, division = arm.chain, divide(arm.chain, POSE)
+        middle, first = index.sorted.middle, int(division.head != NONE)
+        q = np.zeros((len(middle), chain.dof))
+        q[:, first : first + middle.shape[1]] = middle
+        q, fits = completed(chain, q, target)
+        poses, length = chain.forward(q[fits]), division.length
+    if set(wishes.free) >= {"rx", "ry", "rz"}:
+        length = 0.0
+    cosine = (np.einsum("kij,ij->k", poses[:, :3, :3], target[:3, :3]) - 1.0) / 2.0
+    lean = np.arccos(np.clip(cosine, -1.0, 1.0))
+    miss = np.linalg.norm(poses[:, :3, 3] - target[:3, 3], axis=1)
+    nearest = np.argsort(miss + length * lean, kind="stable")[:NEAREST]
+    return Cloud(poses[nearest, :3, 3], lean[nearest] / np.pi)
+
+
+def visited(arm: Arm, one: Pass) -> Array:
+    """Where the nodes of a pass bring the tip, (k up to `NODES`, 3) [m]; of a search without a grid, where it began."""
+    if one.counts is None or one.lower is None or one.upper is None:
+        return arm.fk(one.q[None] if one.start is None else np.stack([one.start, one.q]))[:, :3, 3]
+    total = float(np.prod(one.counts.astype(float)))
+    if total <= NODES:
+        values = [one.values(i) for i in range(arm.dof)]
+        q = np.stack(np.meshgrid(*values, indexing="ij"), axis=-1).reshape(-1, arm.dof)
+    else:
+        number = np.minimum((weyl(NODES, arm.dof) * one.counts).astype(int), one.counts - 1)
+        step = (one.upper - one.lower) / np.maximum(one.counts - 1, 1)
+        q = one.lower + number * step
+    mechanism = arm.mechanism
+    q = q if arm.axes is not None else within_limits(mechanism, q)
+    places = arm.fk(q)[:, :3, 3]
+    return np.asarray(places[np.isfinite(places).all(axis=1)])
+
+
+def reachable(
+    arm: Arm, wishes: Wishes, stopped: Callable[[], bool], known: Reached | None = None
+) -> Iterator[Reached]:
+    """Try the goal's orientation at places all over the arm's reach, a piece after the other.
+
+    A place is shown where an answer was found; where none is shown none was found, which is no proof.
+
+    Args:
+        arm: The arm.
+        wishes: Whose orientation and free axes count.
+        stopped: Is it no longer wanted?
+        known: Where to go on.
+    """
+    low, high = surroundings(arm)
+    places = low + np.random.default_rng(0).random((PLACES, 3)) * (high - low)
+    found, goal = np.zeros((0, 3)) if known is None else known.points, wishes.goal
+    for begin in range(0 if known is None else known.tried, len(places), PIECE):
+        if stopped():
+            return
+        piece = places[begin : begin + PIECE]
+        targets = np.tile(wishes.target, (len(piece), 1, 1))
+        targets[:, :3, 3] = piece
+        solution = Atlas(threads=1).solve(Problem(arm.mechanism, goal.at(targets)))
+        found = np.concatenate([found, piece[solution.success]])
+        yield Reached(found, begin + len(piece), len(places))
+
+
+def surroundings(arm: Arm) -> tuple[Array, Array]:
+    """Corners of a box that holds the tip, as far as samples show; flat for an arm in a plane, (3,) each [m]."""
+    places = arm.fk(arm.sample(4_000 if arm.mechanism.cheap else 500))[:, :3, 3]
+    places = places[np.isfinite(places).all(axis=1)]
+    low, high = places.min(axis=0), places.max(axis=0)
+    more = np.where(high - low > 1e-9, 0.05 * (high - low), 0.0)
+    return low - more, high + more
+
+
+def boxes_left(arm: Arm, wishes: Wishes, q: Array, examined: int) -> Cloud | str:
+    """Where the boxes that a proof has not excluded yet bring the tip, their middles, shaded by their bounds.
+
+    Args:
+        arm: The arm.
+        wishes: Whose goal was missed.
+        q: The best joint values known, (n,).
+        examined: Boxes after which to look.
+
+    Returns:
+        The cloud, or why there is none.
+    """
+    from kinseek.proof.boxes import enclosed
+
+    if arm.axes is None:
+        return "A proof needs the axes of an arm."
+    try:
+        wishes.goal.require_plain("nothing can be proved yet of")
+        left = enclosed(Problem(arm.mechanism, wishes.goal), q, 1e-3, examined, threads=1).left
+    except KinseekError as error:
+        return str(error)
+    variables = left.shape[1] // 2
+    if not variables or not len(left):
+        return "No box is left: the nearest pose is known."
+    middle = np.tile(q, (len(left), 1))
+    middle[:, :variables] = left[:, :variables]
+    q, _ = completed(arm.axes, middle, wishes.target)
+    bound = left[:, -1]
+    spread = float(np.ptp(bound))
+    return Cloud(arm.fk(q)[:, :3, 3], (bound - bound.min()) / spread if spread > 0 else np.zeros(len(left)))
+
+
+def same_question(one: Wishes, other: Wishes) -> bool:
+    """Is the same reachable for both: the same orientation, and the same axes free?"""
+    turned = np.abs(one.target[:3, :3] - other.target[:3, :3]).max()
+    return one.free == other.free and bool(turned < 1e-9 or set(one.free) >= {"rx", "ry", "rz"})

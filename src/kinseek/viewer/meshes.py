@@ -1,0 +1,268 @@
+"""Meshes of the links of a URDF or xacro file, where they can be found; those that cannot are named, and nothing fails."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlparse
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidRobot, KinseekError
+from kinseek.kernels.arrays import ChainArrays
+from kinseek.robots.chain import Frame, SerialChain
+from kinseek.robots.files import file_bytes
+from kinseek.robots.urdf_xml import expand_xacro, root_element
+from kinseek.transforms import rotation, transform
+
+Array = NDArray[np.float64]
+
+MOST_MESH = 64 * 2**20
+"""Bytes of one mesh's file."""
+
+MOST_FACES = 1_000_000
+"""Triangles of all meshes together: more would make a browser stutter."""
+
+GREY = (0.72, 0.74, 0.77, 1.0)
+"""Of what has no colour of its own."""
+
+
+@dataclass
+class LinkMesh:
+    """What one link looks like."""
+
+    arrays: ChainArrays
+    """The chain up to the frame that the link is fixed to."""
+    parts: list[Any] = field(default_factory=list)
+    """`trimesh.Trimesh`, in that frame [m]."""
+
+
+@dataclass
+class Meshes:
+    """What the links of an arm look like, as far as could be found."""
+
+    links: list[LinkMesh] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
+    """Of what could not be shown: a sentence each."""
+
+
+def meshes_of(chain: SerialChain | None, packages: Mapping[str, str | Path] | None = None) -> Meshes:
+    """Read the meshes of an arm's own file: those of the links between base and tip, and of what is fixed to them.
+
+    Args:
+        chain: The arm; one that came from no URDF or xacro file has no meshes.
+        packages: Folders of ROS packages by name, for ``package://``; others are looked for where ROS keeps them, and on
+            the way up from the file.
+    """
+    found = Meshes()
+    path = None if chain is None else Path(chain.source)
+    if chain is None or path is None or path.suffix.lower() not in (".urdf", ".xacro") or not path.is_file():
+        return found
+    try:
+        text = expand_xacro(path) if path.suffix.lower() == ".xacro" else file_bytes(path)
+        robot = root_element(text, str(path))
+    except InvalidRobot as error:
+        return Meshes(missing=[str(error)])
+    paints, faces = _paints(robot), 0
+    for link, frame in _fixed_to(robot, chain):
+        mesh = LinkMesh(chain.arrays_to(frame))
+        for visual in link.findall("visual"):
+            try:
+                parts = list(_shapes(visual, path, packages or {}, paints))
+            except (KinseekError, ValueError, TypeError, KeyError, OSError) as error:
+                found.missing.append(f"link {link.get('name')!r}: {error}")
+                continue
+            faces += sum(len(part.faces) for part in parts)
+            if faces > MOST_FACES:
+                found.missing.append(
+                    f"link {link.get('name')!r}: more than {MOST_FACES:,} triangles, left out"
+                )
+                continue
+            mesh.parts += parts
+        if mesh.parts:
+            found.links.append(mesh)
+    return found
+
+
+def _fixed_to(robot: Any, chain: SerialChain) -> Iterator[tuple[Any, Frame]]:
+    """Links between base and tip, and those fixed to them, with the frame of the chain that each is in."""
+    links = {link.get("name"): link for link in robot.findall("link")}
+    fixed: dict[str, list[tuple[str, Array]]] = {}
+    for joint in robot.findall("joint"):
+        parent, child = joint.find("parent"), joint.find("child")
+        if joint.get("type") == "fixed" and parent is not None and child is not None:
+            fixed.setdefault(parent.get("link"), []).append((child.get("link"), _origin(joint)))
+    ahead = [(name, frame) for name, frame in chain.frames.items() if name in links]
+    seen = {name for name, _ in ahead}
+    while ahead:
+        name, frame = ahead.pop()
+        yield links[name], frame
+        for child, pose in fixed.get(name, []):
+            if child in links and child not in seen:
+                seen.add(child)
+                ahead.append((child, Frame(frame.joints, frame.pose @ pose)))
+
+
+def _shapes(
+    visual: Any, path: Path, packages: Mapping[str, str | Path], paints: Mapping[str, tuple[float, ...]]
+) -> Iterator[Any]:
+    """One visual as triangles in the frame of its link."""
+    import trimesh
+
+    shape = visual.find("geometry")
+    shape = None if shape is None else next(iter(shape), None)
+    if shape is None:
+        raise InvalidRobot("a visual without geometry")
+    if shape.tag == "mesh":
+        parts = _file(mesh_path(shape.get("filename") or "", path, packages))
+        for part in parts:
+            part.apply_scale(_numbers(shape.get("scale"), 3, 1.0))
+    elif shape.tag == "box":
+        parts = [trimesh.creation.box(_numbers(shape.get("size"), 3))]
+    elif shape.tag == "cylinder":
+        radius, length = (float(_numbers(shape.get(name), 1)[0]) for name in ("radius", "length"))
+        parts = [trimesh.creation.cylinder(radius, length, sections=32)]
+    elif shape.tag == "sphere":
+        parts = [trimesh.creation.icosphere(3, float(_numbers(shape.get("radius"), 1)[0]))]
+    else:
+        raise InvalidRobot(f"geometry {shape.tag!r} cannot be shown")
+    paint = _paint_of(visual.find("material"), paints)
+    for part in parts:
+        if paint is not None or shape.tag != "mesh" or not part.visual.defined:
+            part.visual = trimesh.visual.TextureVisuals(
+                material=trimesh.visual.material.PBRMaterial(
+                    baseColorFactor=paint or GREY, metallicFactor=0.1, roughnessFactor=0.7
+                )
+            )
+        part.apply_transform(_origin(visual))
+        yield part
+
+
+def _file(path: Path) -> list[Any]:
+    """The triangles of a mesh's file, a body each, in metres.
+
+    Raises:
+        InvalidRobot: The file cannot be read.
+    """
+    import trimesh
+
+    text = file_bytes(path, MOST_MESH)
+    try:
+        scene = trimesh.load_scene(
+            io.BytesIO(text),
+            file_type=path.suffix[1:].lower(),
+            resolver=trimesh.resolvers.FilePathResolver(path),
+        )
+    except Exception as error:  # Readers of meshes raise whatever their parsers raise.
+        raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from error
+    parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+    if not parts:
+        raise InvalidRobot(f"{str(path)!r} holds no triangles")
+    for part in parts:  # COLLADA says what its unit is worth in metres, and the reader leaves it to us.
+        word = str(part.metadata.get("units", "")).partition(" * meters")
+        if word[1]:
+            part.apply_scale(float(word[0]))
+    return parts
+
+
+def mesh_path(name: str, robot: Path, packages: Mapping[str, str | Path]) -> Path:
+    """Where a mesh is that a robot's file names.
+
+    Args:
+        name: A path, beside the robot's file if it is relative, or a ``file://``, ``package://`` or ``model://`` address.
+        robot: The robot's file.
+        packages: Folders of packages by name.
+
+    Raises:
+        InvalidRobot: Another kind of address, or a package that is nowhere.
+    """
+    address = urlparse(name)
+    if address.scheme in ("", "file"):
+        return robot.parent / unquote(address.path if address.scheme else name)
+    if address.scheme not in ("package", "model"):
+        raise InvalidRobot(f"{name!r} is neither a path nor a package:// address")
+    rest = unquote(address.path).lstrip("/")
+    for folder in _package_folders(address.netloc, robot, packages):
+        if (folder / rest).is_file():
+            return folder / rest
+    raise InvalidRobot(
+        f"{name!r} was not found: say where the package {address.netloc!r} is with packages=, or set ROS_PACKAGE_PATH"
+    )
+
+
+def _package_folders(package: str, robot: Path, packages: Mapping[str, str | Path]) -> Iterator[Path]:
+    """Folders that may be a package's."""
+    if package in packages:
+        yield Path(packages[package])
+    for parent in robot.resolve().parents:
+        if parent.name == package:
+            yield parent
+        yield parent / package
+    for variable, inner in (
+        ("ROS_PACKAGE_PATH", ""),
+        ("AMENT_PREFIX_PATH", "share"),
+        ("COLCON_PREFIX_PATH", "share"),
+    ):
+        for folder in os.environ.get(variable, "").split(os.pathsep):
+            if folder:
+                yield Path(folder) / inner / package
+                yield (
+                    Path(folder)
+                    if Path(folder).name == package
+                    else Path(folder) / package / "share" / package
+                )
+
+
+def _paints(robot: Any) -> dict[str, tuple[float, ...]]:
+    """Colours that a robot's file names once for all links."""
+    named = {}
+    for material in robot.findall("material"):
+        colour = material.find("color")
+        if colour is not None and material.get("name"):
+            named[material.get("name")] = _rgba(colour)
+    return named
+
+
+def _paint_of(material: Any, paints: Mapping[str, tuple[float, ...]]) -> tuple[float, ...] | None:
+    """The colour of a visual, if its file gives it one."""
+    if material is None:
+        return None
+    colour = material.find("color")
+    return paints.get(material.get("name") or "") if colour is None else _rgba(colour)
+
+
+def _rgba(colour: Any) -> tuple[float, ...]:
+    return tuple(np.clip(_numbers(colour.get("rgba"), 4), 0.0, 1.0).tolist())
+
+
+def _origin(element: Any) -> Array:
+    """The <origin> of a visual or joint, (4, 4): ``Rz(yaw) Ry(pitch) Rx(roll)``, lengths in [m]."""
+    origin = element.find("origin")
+    if origin is None:
+        return np.eye(4)
+    turn = np.eye(3)
+    for axis, angle in zip(np.eye(3), _numbers(origin.get("rpy"), 3, 0.0), strict=True):
+        turn = rotation(axis, float(angle)) @ turn
+    return transform(turn, _numbers(origin.get("xyz"), 3, 0.0))
+
+
+def _numbers(text: str | None, count: int, default: float | None = None) -> Array:
+    """So many finite numbers of an attribute.
+
+    Raises:
+        InvalidRobot: There are others, or none and no default.
+    """
+    if text is None and default is not None:
+        return np.full(count, default)
+    try:
+        values = np.array([float(part) for part in (text or "").split()])
+    except ValueError:
+        values = np.array([np.nan])
+    if len(values) != count or not np.isfinite(values).all():
+        raise InvalidRobot(f"expected {count} number{'s' if count > 1 else ''}, got {text!r}")
+    return values

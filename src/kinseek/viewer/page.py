@@ -1,0 +1,298 @@
+"""One open page: what a person wishes, answered at once, and what takes longer in threads beside it."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.branches.result import Branches
+from kinseek.errors import KinseekError
+from kinseek.trace import Trace
+
+from . import clouds, words
+from .meshes import Meshes
+from .panel import Actions, Panel
+from .scene import CLOUD, MOST_GHOSTS, REACHED, SEARCH, Scene, matrix_of
+from .searches import DEFAULT
+from .session import Answer, Proof, Session, nearest_of
+from .wishes import Wishes, read_wishes
+from .workers import Newest
+
+Array = NDArray[np.float64]
+
+QUIET = 0.12
+"""[s] that a goal must rest before anything is begun that takes longer."""
+
+PASS, SHOW = 0.9, 12.0
+"""[s] that a pass is shown while they are played, and that all of them take at most."""
+
+
+class Page:
+    """One person's page. It is told what changes by `wish`, from any thread, and answers in threads of its own."""
+
+    def __init__(self, client: Any, session: Session, meshes: Meshes) -> None:
+        """Lay out the scene and the panel, with what this browser kept, and answer for the first time."""
+        self._client, self._session, self.arm = client, session, session.arm
+        self._lock = threading.RLock()
+        self.wishes = read_wishes(self._fetch(), session.begin)
+        self.answer = Answer(self.wishes, self.wishes.q)
+        self.proof: Proof | None = None
+        self.branches: Branches | str | None = None
+        self.trace: Trace | None = None
+        self._reached: clouds.Reached | None = None
+        self._reached_for = self.wishes
+        self._new_goals = np.random.default_rng(client.client_id)
+        self.scene = Scene(client.scene, self.arm, meshes)
+        actions = Actions(
+            self.wish,
+            self._step_branch,
+            self._goal_to_arm,
+            self._another_goal,
+            self._show_passes,
+            self.show_pass,
+            lambda: self._player.give("play"),
+        )
+        self.panel = Panel(client.gui, self.arm, self.wishes, actions, meshes.missing)
+        name = f"kinseek page {client.client_id}"
+        self._front = Newest(self._answer, f"{name}: answers")
+        self._prover = Newest(self._prove, f"{name}: proofs", QUIET)
+        self._clouder = Newest(self._cloud, f"{name}: clouds", QUIET)
+        self._player = Newest(self._play, f"{name}: passes")
+        self._keeper = Newest(self._keep, f"{name}: what is kept", QUIET)
+        self._workers = self._front, self._prover, self._clouder, self._player, self._keeper
+        self._begin()
+
+    def _begin(self) -> None:
+        client, wishes = self._client, self.wishes
+        self.scene.show_goal(wishes.target)
+        self._look(wishes)
+        if wishes.camera is not None:
+            client.camera.position, client.camera.look_at = wishes.camera
+        elif client.camera.aspect < 1.0:  # A narrow window has the panel below: the arm goes above it.
+            eye, at = client.camera.position, client.camera.look_at
+            client.camera.look_at = at - [0.0, 0.0, 0.75 * self.scene.size]
+            client.camera.position = at + (eye - at) / client.camera.aspect**0.5
+
+        async def dragged(event: Any) -> None:
+            self.wish(target=matrix_of(event.target.wxyz, event.target.position))
+
+        async def looked(camera: Any) -> None:
+            with self._lock:
+                eye, at = (tuple(map(float, point)) for point in (camera.position, camera.look_at))
+                self.wishes = self.wishes.but(camera=(eye, at))
+            self._keeper.give("keep")
+
+        self.scene.goal.on_update(dragged)
+        client.camera.on_update(looked)
+        self.scene.on_ghost(self.pick)
+        self._front.give(None)
+
+    @property
+    def idle(self) -> bool:
+        """Is everything done that was asked for?"""
+        return all(worker.idle for worker in self._workers)
+
+    def wish(self, **changes: Any) -> None:
+        """Ask for something else: other `Wishes`, by name; a target (4, 4) moves the goal.
+
+        Raises:
+            KinseekError: A target that is no pose.
+        """
+        with self._lock:
+            before, self.wishes = self.wishes, self.wishes.but(**changes)
+            after = self.wishes
+        if changes.keys() - {"target", "q", "camera"}:
+            self.panel.show_wishes(after)
+        if {"ghosts", "meshes", "dark", "free"} & changes.keys():
+            self._look(after)
+        if (
+            "target" in changes
+            and np.abs(after.target - matrix_of(self.scene.goal.wxyz, self.scene.goal.position)).max() > 1e-9
+        ):
+            self.scene.show_goal(after.target)
+        if {"target", "free", "search", "parameters", "follow"} & changes.keys():
+            if not clouds.same_question(before, after):
+                self._reached = None
+            self._front.give(None)
+        else:
+            self._clouder.give("again")
+        self._keeper.give("keep")
+
+    def pick(self, number: int) -> None:
+        """Show one of the branches, by its number."""
+        known = self.branches
+        if isinstance(known, Branches) and 0 <= number < len(known):
+            self._front.give(known.q[number])
+
+    def show_pass(self, number: int) -> None:
+        """Show one pass of the search, by its number from 0 on; beyond the ends nothing changes."""
+        trace = self.trace
+        if trace is None or not self.panel.passes.value or not 0 <= number < len(trace):
+            return
+        one = trace[number]
+        self.scene.show_pass(one.q, clouds.visited(self.arm, one))
+        self.panel.show_number(number, len(trace))
+        self.panel.told.content = words.pass_html(trace, number)
+        self.panel.joints.content = words.joints_html(self.arm, self.answer.q, one)
+
+    def close(self) -> None:
+        """End the threads: the page is gone."""
+        for worker in self._workers:
+            worker.close()
+
+    # What answers at once.
+
+    def _answer(self, picked: Array | None) -> None:
+        wishes = self.wishes
+        answer = self._session.answer(wishes) if picked is None else self._session.picked(wishes, picked)
+        with self._lock:
+            self.wishes = self.wishes.but(q=answer.q)
+            self.answer, self.proof, self.trace = answer, None, answer.trace
+        missed = not (answer.reached or answer.refused)
+        with self._client.atomic():
+            self.scene.show_arm(answer.q, wishes.target, answer.reached)
+            self.panel.answer.content = words.answer_html(answer, None, missed and wishes.search == DEFAULT)
+            self.panel.joints.content = words.joints_html(self.arm, answer.q)
+        if self._front.stale():
+            return
+        if picked is None or self.branches is None:
+            self.branches = self._session.branches(wishes)
+        self._show_branches()
+        self.panel.call.content = words.call_html(answer)
+        for worker in (self._prover, self._clouder):
+            worker.give("again")
+
+    def _show_branches(self) -> None:
+        known, drawn = self.branches, 0
+        if isinstance(known, Branches):
+            shown = nearest_of(known, self.answer.q) if self.answer.reached else -1
+            self.scene.show_ghosts(known.q, shown)
+            drawn = min(len(known), MOST_GHOSTS)
+        else:
+            shown = -1
+            self.scene.show_ghosts(np.zeros((0, self.arm.dof)), -1)
+        self.panel.branches.content = words.branches_html(known, shown, drawn)
+
+    def _step_branch(self, step: int) -> None:
+        known = self.branches
+        if isinstance(known, Branches) and len(known):
+            self.pick((nearest_of(known, self.answer.q) + step) % len(known))
+
+    def _goal_to_arm(self) -> None:
+        target = self.arm.fk(self.answer.q)
+        if np.isfinite(target).all():
+            self.wish(target=target)
+
+    def _another_goal(self) -> None:
+        target = self.arm.fk(self.arm.sample(1, int(self._new_goals.integers(2**31)))[0])
+        if np.isfinite(target).all():
+            self.wish(target=target)
+
+    def _look(self, wishes: Wishes) -> None:
+        self.scene.see(wishes.ghosts, wishes.meshes)
+        self.scene.limit_gizmo(not set(wishes.free) >= {"rx", "ry", "rz"})
+        self._client.gui.configure_theme(dark_mode=wishes.dark, show_logo=False, show_share_button=False)
+
+    # What takes longer.
+
+    def _prove(self, _: str) -> None:
+        answer = self.answer
+        if answer.reached or answer.refused:
+            return
+        for proof in self._session.proofs(answer.wishes, self._prover.stale):
+            if self._prover.stale() or self.answer is not answer:
+                return
+            self.proof = proof
+            self.panel.answer.content = words.answer_html(answer, proof, True)
+        self.panel.answer.content = words.answer_html(answer, self.proof, False)
+        found = None if self.proof is None else self.proof.certificate
+        known = np.inf if answer.solution is None else float(answer.solution.weighted_error)
+        if found is not None and answer.wishes.search == DEFAULT and found.upper_bound < known * (1.0 - 1e-3):
+            self._nearer(found.q)
+
+    def _nearer(self, q: Array) -> None:
+        """Show the pose that a proof met, where it is nearer than the one that the search found."""
+        with self._lock:
+            self.wishes = self.wishes.but(q=q)
+        self.scene.show_arm(q, self.answer.wishes.target, False)
+        self.panel.joints.content = words.joints_html(self.arm, q)
+
+    def _cloud(self, _: str) -> None:
+        wishes, answer, scene = self.wishes, self.answer, self.scene
+        self.panel.show_target(wishes)
+        if self.trace is None and self.panel.passes.value:
+            self.trace = self._session.traced(wishes)
+        self.panel.told.content = words.pass_html(self.trace, 0) if self.panel.passes.value else ""
+        self.show_pass(len(self.trace) - 1 if self.trace else 0)
+        scene.show_cloud(
+            "samples", clouds.samples_around(self.arm, wishes) if wishes.samples else None, CLOUD
+        )
+        self.panel.examined.visible = wishes.boxes
+        said = []
+        if wishes.boxes:
+            said.append(self._boxes(wishes, answer))
+        else:
+            scene.show_cloud("boxes", None, SEARCH)
+        self.panel.seen.content = words.note_html(*said)
+        self._reach(wishes)
+
+    def _boxes(self, wishes: Wishes, answer: Answer) -> str:
+        examined = clouds.BOXES[int(self.panel.examined.value) - 1]
+        left: clouds.Cloud | str = "The goal is reached: there is nothing to exclude."
+        if not answer.reached:
+            left = clouds.boxes_left(self.arm, wishes, answer.q, examined)
+        self.scene.show_cloud("boxes", None if isinstance(left, str) else left, SEARCH)
+        if isinstance(left, str):
+            return left
+        return f"{len(left.points):,} boxes are left of those made in {examined:,} looks; the palest can hold least."
+
+    def _reach(self, wishes: Wishes) -> None:
+        if not wishes.reach or not clouds.same_question(wishes, self._reached_for):
+            self._reached = None
+            self.scene.show_cloud("reach", None, REACHED)
+        self.panel.progress.visible = wishes.reach
+        if not wishes.reach:
+            return
+        self._reached_for = wishes
+        try:
+            for known in clouds.reachable(self.arm, wishes, self._clouder.stale, self._reached):
+                self._reached = known
+                shade = np.zeros(len(known.points))
+                self.scene.show_cloud("reach", clouds.Cloud(known.points, shade), REACHED)
+                self.panel.progress.value = 100.0 * known.tried / known.total
+        except KinseekError as error:
+            self.panel.seen.content = words.note_html(str(error))
+
+    def _show_passes(self, on: bool) -> None:
+        if not on:
+            self.scene.show_pass(None, None)
+            self.panel.show_number(0, 0)
+            self.panel.joints.content = words.joints_html(self.arm, self.answer.q)
+        self._clouder.give("again")
+
+    def _play(self, _: str) -> None:
+        trace = self.trace
+        for number in range(len(trace or ())):
+            if trace is not self.trace or self._player.stale():
+                return
+            self.show_pass(number)
+            self._player.wait(min(PASS, SHOW / len(trace or ())))
+
+    # What a browser keeps, so that closing the page loses nothing.
+
+    @property
+    def _key(self) -> str:
+        return f"kinseek {self.arm.name} {self.arm.dof} {self.arm.base} {self.arm.tip}"
+
+    def _fetch(self) -> str | None:
+        try:
+            kept: str | None = self._client.local_storage.get_item(self._key, timeout=3.0)
+        except (RuntimeError, TimeoutError):  # A browser that keeps nothing.
+            return None
+        return kept
+
+    def _keep(self, _: str) -> None:
+        self._client.local_storage.set_item(self._key, self.wishes.kept())

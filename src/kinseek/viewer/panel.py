@@ -1,0 +1,211 @@
+"""What one person reads and sets beside the scene: the answer on top, below it the goal, the search and the view."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.arm import Arm
+from kinseek.poses import pose, rpy_of
+from kinseek.ranges import AXES
+
+from .searches import HINTS, PARAMETERS, SEARCHES, TREES, parameters_of
+from .wishes import CHOSEN, COUNTS, Wishes
+from .words import joints_html, note_html
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Actions:
+    """What a panel asks of its page."""
+
+    wish: Callable[..., object]
+    """Other `Wishes`, by name."""
+    step_branch: Callable[[int], object]
+    """Show the branch so many further on."""
+    goal_to_arm: Callable[[], object]
+    another_goal: Callable[[], object]
+    """One that the arm reaches."""
+    show_passes: Callable[[bool], object]
+    show_pass: Callable[[int], object]
+    """The pass of that number."""
+    play: Callable[[], object]
+
+
+class Panel:
+    """One person's panel; `gui` is that of their connection alone."""
+
+    def __init__(self, gui: Any, arm: Arm, wishes: Wishes, actions: Actions, missing: list[str]) -> None:
+        """Lay it out."""
+        self._gui, self._arm, self._do = gui, arm, actions
+        self.answer = gui.add_html("")
+        self.branches = gui.add_html("")
+        step = gui.add_button_group("Branch", ("previous", "next"))
+        self._on(step, lambda value: actions.step_branch(-1 if value == "previous" else 1), click=True)
+        self.joints = gui.add_html(joints_html(arm, wishes.q))
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Goal"):
+            self._goal(wishes)
+        with tabs.add_tab("Search"):
+            self._search(wishes)
+        with tabs.add_tab("See"):
+            self._see(wishes, missing)
+
+    def _goal(self, wishes: Wishes) -> None:
+        gui, wish = self._gui, self._do.wish
+        self.counts = gui.add_dropdown(
+            "Counts", (*COUNTS, CHOSEN), initial_value=wishes.counts, hint="What of the goal must be met."
+        )
+        self._on(self.counts, lambda name: wish(free=COUNTS[name]) if name in COUNTS else None)
+        with gui.add_folder("Free axes of the goal", expand_by_default=False):
+            self.free = {
+                axis: gui.add_checkbox(
+                    axis, axis in wishes.free, hint=f"Any deviation {about} its {axis[-1]} axis will do."
+                )
+                for axis, about in zip(AXES, ["along"] * 3 + ["about"] * 3, strict=True)
+            }
+        for box in self.free.values():
+            self._on(box, lambda _: wish(free=[axis for axis, each in self.free.items() if each.value]))
+        self.place = gui.add_vector3("Position [m]", tuple(wishes.target[:3, 3]), step=0.001)
+        self.turn = gui.add_vector3("Roll, pitch, yaw [°]", _degrees(wishes), step=0.1)
+        self._on(self.place, lambda _: self._typed())
+        self._on(self.turn, lambda _: self._typed())
+        self.follow = gui.add_checkbox(
+            "Stay near the arm", wishes.follow, hint="near=q: a drag stays on its branch where it can."
+        )
+        self._on(self.follow, lambda value: wish(follow=value))
+        self._on(gui.add_button("Goal to the tip of the arm"), lambda _: self._do.goal_to_arm(), click=True)
+        self._on(gui.add_button("Another reachable goal"), lambda _: self._do.another_goal(), click=True)
+        self.call = gui.add_html("")
+
+    def _typed(self) -> None:
+        target = pose(self.place.value, rpy=np.radians(self.turn.value))
+        self._do.wish(target=target)
+
+    def _search(self, wishes: Wishes) -> None:
+        gui, do = self._gui, self._do
+        self.search = gui.add_dropdown("Search", tuple(SEARCHES), initial_value=wishes.search)
+        self._on(self.search, lambda name: do.wish(search=name))
+        own = wishes.parameters or parameters_of(wishes.search)
+        self.parameters: dict[str, Any] = {}
+        for name, label in PARAMETERS.items():
+            shown, value = name in own, own.get(name, "")
+            self.parameters[name] = (
+                gui.add_dropdown(
+                    label, TREES, initial_value=value or TREES[0], hint=HINTS[name], visible=shown
+                )
+                if name == "tree"
+                else gui.add_text(label, value, hint=HINTS[name], visible=shown)
+            )
+            self._on(self.parameters[name], lambda _: do.wish(parameters=self._parameters()))
+        self.passes = gui.add_checkbox(
+            "Pass by pass", False, hint="Where each pass of the search looked, and the best it knew after it."
+        )
+        self._on(self.passes, do.show_passes)
+        self.number = gui.add_slider("Pass", 1, 2, 1, 1, visible=False)
+        self._on(self.number, lambda value: do.show_pass(int(value) - 1))
+        self.stepping = gui.add_button_group("Passes", ("back", "step", "play"), visible=False)
+        self._on(self.stepping, self._stepped, click=True)
+        self.told = gui.add_html("")
+
+    def _stepped(self, value: str) -> None:
+        if value == "play":
+            self._do.play()
+            return
+        self._do.show_pass(int(self.number.value) - 1 + (1 if value == "step" else -1))
+
+    def _parameters(self) -> dict[str, str]:
+        return {name: str(each.value) for name, each in self.parameters.items() if each.visible}
+
+    def _see(self, wishes: Wishes, missing: list[str]) -> None:
+        gui, axes = self._gui, self._arm.axes is not None
+        self.see = {
+            name: gui.add_checkbox(label, getattr(wishes, name), hint=hint, disabled=not there)
+            for name, label, hint, there in (
+                ("ghosts", "Every branch", "All answers, see-through; click one to take it.", axes),
+                (
+                    "samples",
+                    "Atlas's samples",
+                    "Tips of the samples nearest to the goal; pale ones lean away.",
+                    True,
+                ),
+                (
+                    "reach",
+                    "Reachable like this",
+                    "Places that the tip reaches in the goal's orientation.",
+                    True,
+                ),
+                (
+                    "boxes",
+                    "A proof's boxes",
+                    "Out of reach: tips of the middles of the boxes that are left.",
+                    axes,
+                ),
+                ("meshes", "Meshes", "Draw the arm by the meshes of its file.", True),
+                ("dark", "Dark", "", True),
+            )
+        }
+        for name, box in self.see.items():
+            self._on(box, self._setter(name))
+        self.examined = gui.add_slider("Boxes examined", 1, 7, 1, 4, visible=False)
+        self._on(self.examined, lambda _: self._do.wish())
+        self.progress = gui.add_progress_bar(0.0, visible=False)
+        self.seen = gui.add_html("")
+        lacks = (
+            []
+            if axes
+            else [
+                "This arm is a function: where its links are, nobody knows. Its tip is shown, and nothing can be proved."
+            ]
+        )
+        if lacks or missing:
+            gui.add_html(
+                note_html(*lacks, *missing[:5], f"… and {len(missing) - 5} more" if len(missing) > 5 else "")
+            )
+
+    def _setter(self, name: str) -> Callable[[Any], object]:
+        return lambda value: self._do.wish(**{name: value})
+
+    def show_wishes(self, wishes: Wishes) -> None:
+        """Bring the inputs to what holds, where something else than the inputs changed it."""
+        self.counts.value, self.follow.value, self.search.value = wishes.counts, wishes.follow, wishes.search
+        for name, box in self.see.items():
+            box.value = getattr(wishes, name)
+        for axis, box in self.free.items():
+            box.value = axis in wishes.free
+        own = wishes.parameters or parameters_of(wishes.search)
+        for name, each in self.parameters.items():
+            each.visible = name in own
+            if name in own:
+                each.value = own[name]
+
+    def show_target(self, wishes: Wishes) -> None:
+        """Bring the numbers of the goal to where it is."""
+        self.place.value = tuple(round(float(v), 6) for v in wishes.target[:3, 3])
+        self.turn.value = _degrees(wishes)
+
+    def show_number(self, number: int, count: int) -> None:
+        """Set the slider of passes to one of so many, from 0 on."""
+        on = count > 1 and self.passes.value
+        self.number.visible = self.stepping.visible = on
+        if on:
+            self.number.max = count
+            self.number.value = number + 1
+
+    def _on(self, handle: Any, do: Callable[[Any], object], click: bool = False) -> None:
+        """Call `do` with what a person, not the page itself, has set; in order, since it runs in the server's own loop."""
+
+        async def told(event: Any) -> None:
+            if event.client is not None:
+                do(event.target.value)
+
+        (handle.on_click if click else handle.on_update)(told)
+
+
+def _degrees(wishes: Wishes) -> tuple[float, ...]:
+    return tuple(round(float(v), 4) for v in np.degrees(rpy_of(wishes.target[:3, :3])))

@@ -1,0 +1,82 @@
+"""The searches that a page offers, and the parameters of each that can be set there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+
+from kinseek.errors import InvalidSolver
+from kinseek.solvers import ALL_SOLVERS, Solver
+from kinseek.solvers.traits import Near, OwnSolver
+
+SEARCHES: dict[str, type[OwnSolver]] = {cls.__name__: cls for cls in ALL_SOLVERS}
+"""By name; the first is the default."""
+
+DEFAULT = next(iter(SEARCHES))
+
+PARAMETERS = {
+    "branching_factor": "B, nodes a joint",
+    "divisions": "D, values in pass 1",
+    "breadth": "Br, breadth",
+    "tree": "tree",
+    "beam": "K, cells kept",
+}
+"""Of all fields of searches those that a page shows, and their labels."""
+
+HINTS = {
+    "branching_factor": "Nodes a joint; the last pass has a spacing of one node.",
+    "divisions": "Values a joint in the first pass; each later pass divides the spacing by D.",
+    "breadth": "A number is the paper's constant breadth; one a joint with commas, or tuned, its breadth tuning; "
+    "or reach.",
+    "tree": "static makes all nodes first; dynamic makes them when needed. The answers are the same bits.",
+    "beam": "Cells that a pass leaves to the next; the paper has 1.",
+}
+
+TREES = ("dynamic", "static")
+
+
+def parameters_of(search: str) -> dict[str, str]:
+    """Parameters of a search that a page shows, by name, with their defaults as text."""
+    own = {each.name: each.default for each in fields(SEARCHES[search])}  # type: ignore[arg-type]
+    return {name: str(own[name]) for name in PARAMETERS if name in own}
+
+
+def takes_seconds(search: str) -> bool:
+    """May it run for long, so that it is given a time limit?"""
+    return search != DEFAULT
+
+
+def needs_start(search: str) -> bool:
+    """Does it begin at the pose shown, and find little from elsewhere?"""
+    return SEARCHES[search].traits.near is Near.START
+
+
+def make_search(search: str, given: Mapping[str, str]) -> Solver | None:
+    """Build a search; None for the default, which the arm brings itself.
+
+    Args:
+        search: Its name.
+        given: Parameters as text.
+
+    Raises:
+        InvalidSolver: A parameter that cannot be read, or is out of its range.
+    """
+    own = parameters_of(search)
+    values = {name: _read(name, text) for name, text in given.items() if name in own}
+    return None if search == DEFAULT else SEARCHES[search](**values)
+
+
+def _read(name: str, text: str) -> object:
+    """A parameter from text: a number, numbers with commas, or a word."""
+    words = ("tuned", "reach") if name == "breadth" else TREES if name == "tree" else ()
+    if text.strip() in words:
+        return text.strip()
+    try:
+        numbers = tuple(int(part) for part in text.split(","))
+    except ValueError:
+        numbers = ()
+    if name != "tree" and (len(numbers) == 1 or (numbers and name == "breadth")):
+        return numbers[0] if len(numbers) == 1 else numbers
+    takes = ["a whole number"] if name != "tree" else []
+    takes += ["one a joint with commas"] if name == "breadth" else []
+    raise InvalidSolver(f"{PARAMETERS[name]}: expected {', or '.join([*takes, *words])}; got {text!r}")

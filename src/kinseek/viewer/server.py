@@ -1,0 +1,197 @@
+"""The server of pages: where it listens, who may come, and a page for everyone who does."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import io
+import ipaddress
+import os
+import socket
+import sys
+import threading
+import webbrowser
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from kinseek.arm import Arm
+from kinseek.errors import InvalidUse, MissingExtra
+
+from .meshes import meshes_of
+from .session import Session
+
+PORTS = 100
+"""Ports that are tried one after the other, from the one that was asked for."""
+
+
+class Viewer:
+    """A running viewer; made by `kinseek.viewer.show`, and a context manager that stops it."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        share: bool = False,
+        packages: Mapping[str, str | Path] | None = None,
+    ) -> None:
+        """Begin to serve; the arguments are those of `kinseek.viewer.show`."""
+        try:
+            import viser
+        except ImportError:
+            raise MissingExtra("The viewer", "view") from None
+        from .page import Page
+
+        class Server(viser.ViserServer):
+            """One that nobody can make public but who started it: viser lets any page ask for that."""
+
+            def request_share_url(self, verbose: bool = True) -> str | None:
+                return super().request_share_url(verbose) if share else None
+
+        wanted = free_port(host, port)
+        self.arm = arm
+        self.meshes = meshes_of(arm.axes, packages)
+        self._session = Session(arm)
+        with _silence():  # viser greets on its own.
+            self._server = Server(host=host, port=wanted, label=f"kinseek: {arm.name}", verbose=False)
+        self.port: int = self._server.get_port()
+        self.asked_port = port
+        self.host = host
+        self.pages: dict[int, Page] = {}
+        """The pages that are open now, by the number of their connection."""
+        self._lock = threading.Lock()
+        self._stopped = threading.Event()
+        self._first_look()
+
+        @self._server.on_client_connect
+        def _(client: Any) -> None:
+            page = Page(client, self._session, self.meshes)
+            with self._lock:
+                if client.client_id in self._server.get_clients():
+                    self.pages[client.client_id] = page
+                    return
+            page.close()  # Gone before it was laid out.
+
+        @self._server.on_client_disconnect
+        def _(client: Any) -> None:
+            with self._lock:
+                page = self.pages.pop(client.client_id, None)
+            if page is not None:
+                page.close()
+
+        self.public_url: str | None = self._server.request_share_url(verbose=False) if share else None
+
+    def _first_look(self) -> None:
+        """Where the eye is when a page opens: in front of the arm, above it, and to its side."""
+        from .clouds import surroundings
+
+        low, high = surroundings(self.arm)
+        middle, size = (low + high) / 2, max(float((high - low).max()), 1e-3)
+        camera = self._server.initial_camera
+        camera.fov = np.radians(45.0)
+        camera.position = middle + size * np.array([0.9, -1.1, 0.5])
+        camera.look_at = middle
+        camera.near, camera.far = size / 200, size * 100
+
+    @property
+    def url(self) -> str:
+        """Address of the page, for a browser on this machine."""
+        anywhere = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.host, self.host)
+        return f"http://{f'[{anywhere}]' if ':' in anywhere else anywhere}:{self.port}"
+
+    def stop(self) -> None:
+        """Close every page and stop serving; again does nothing."""
+        if self._stopped.is_set():
+            return
+        self._stopped.set()
+        with _silence():
+            self._server.stop()
+        with self._lock:
+            pages, self.pages = list(self.pages.values()), {}
+        for page in pages:
+            page.close()
+
+    def wait(self) -> None:
+        """Wait until `stop` is called or Ctrl-C is pressed, which stops it."""
+        try:
+            while not self._stopped.wait(0.5):
+                pass
+        except KeyboardInterrupt:
+            self.stop()
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop."""
+        self.stop()
+
+    def __repr__(self) -> str:
+        """The arm and the address."""
+        return f"Viewer({self.arm.name!r}, {self.url!r})"
+
+
+def free_port(host: str, port: int) -> int:
+    """The first port that is free, from the one that was asked for.
+
+    Raises:
+        InvalidUse: No port, not an address of this machine, or none is free.
+    """
+    if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port <= 65535:
+        raise InvalidUse(f"port must be a whole number from 0 (any free one) to 65535, got {port!r}")
+    try:
+        family, *_, address = socket.getaddrinfo(
+            host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+    except (OSError, UnicodeError) as error:
+        raise InvalidUse(
+            f"host must be an address of this machine such as 127.0.0.1, got {host!r}: {error}"
+        ) from None
+    for number in range(port, min(port + PORTS, 65536)):
+        with socket.socket(family, socket.SOCK_STREAM) as trial:
+            if os.name == "posix":
+                trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                trial.bind((address[0], number, *address[2:]))
+                trial.listen(1)
+            except OSError as error:
+                if error.errno == errno.EADDRINUSE:
+                    continue
+                if error.errno in (errno.EACCES, errno.EPERM):
+                    raise InvalidUse(f"port {number} is not for this user; choose one from 1024 on") from None
+                raise InvalidUse(
+                    f"host must be an address of this machine such as 127.0.0.1, got {host!r}: {error.strerror}"
+                ) from None
+            return number
+    raise InvalidUse(f"no port from {port} to {min(port + PORTS, 65536) - 1} is free; choose another")
+
+
+def is_loopback(host: str) -> bool:
+    """Does only this machine reach it?"""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def browser_here() -> bool:
+    """Is there a screen to open a browser on? A browser in a terminal would take it over."""
+    if sys.platform in ("win32", "darwin"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def open_page(url: str) -> bool:
+    """Open a browser; say whether there was one."""
+    try:
+        return webbrowser.open(url)
+    except (webbrowser.Error, OSError):
+        return False
+
+
+def _silence() -> contextlib.AbstractContextManager[Any]:
+    return contextlib.redirect_stdout(io.StringIO())

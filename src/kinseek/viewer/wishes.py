@@ -1,0 +1,144 @@
+"""What somebody at a page has asked for: plain values that can be kept in a browser and read back."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import KinseekError
+from kinseek.goal import Goal
+from kinseek.poses import as_pose
+from kinseek.ranges import AXES
+from kinseek.robots.mechanism import Mechanism
+
+from .searches import DEFAULT, SEARCHES, make_search, parameters_of
+
+Array = NDArray[np.float64]
+
+COUNTS: dict[str, tuple[str, ...]] = {
+    "whole pose": (),
+    "position and z direction": ("rz",),
+    "position": ("rx", "ry", "rz"),
+}
+"""What of a goal may count, by its name on the page, and the axes that are then free."""
+
+CHOSEN = "chosen axes"
+"""The name of every other choice of free axes."""
+
+VERSION = 1
+"""Of what is kept in a browser; anything else is forgotten."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wishes:
+    """One person's goal, search and what is to be seen."""
+
+    target: Array
+    """Wanted pose of the tip in the base, (4, 4), lengths in [m]."""
+    q: Array
+    """Joint values shown last, (n,), [rad] or [m]: the next answer is near to them."""
+    free: tuple[str, ...] = ()
+    """Axes of the wanted pose along and about which any deviation will do."""
+    follow: bool = True
+    """Ask for the answer near to the one shown, so that a drag stays on its branch?"""
+    search: str = DEFAULT
+    parameters: dict[str, str] = field(default_factory=dict)
+    """Of the search, as text."""
+    ghosts: bool = True
+    """Show every branch?"""
+    samples: bool = False
+    """Show the atlas's samples around the goal?"""
+    reach: bool = False
+    """Show what is reachable at this orientation?"""
+    boxes: bool = False
+    """Show what is left of a proof's boxes?"""
+    meshes: bool = True
+    """Show the meshes of the robot's file, where there are any?"""
+    dark: bool = False
+    camera: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    """Where the eye is and what it looks at [m]; None: as the page begins."""
+
+    @property
+    def goal(self) -> Goal:
+        """What is asked.
+
+        Raises:
+            InvalidGoal: Every axis is free.
+        """
+        return Goal.pose(self.target, free=self.free)
+
+    @property
+    def counts(self) -> str:
+        """What of the goal counts, by its name on the page."""
+        return next((name for name, free in COUNTS.items() if free == self.free), CHOSEN)
+
+    def but(self, **changes: Any) -> Self:
+        """The same with other values.
+
+        Raises:
+            KinseekError: A target that is no pose.
+        """
+        if "target" in changes:
+            changes["target"] = as_pose(changes["target"])
+        if "free" in changes:
+            changes["free"] = tuple(axis for axis in AXES if axis in changes["free"])
+        if changes.get("search", self.search) != self.search:
+            changes.setdefault("parameters", parameters_of(changes["search"]))
+        return replace(self, **changes)
+
+    def kept(self) -> str:
+        """As text for a browser to keep."""
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        values |= {"target": self.target.tolist(), "q": self.q.tolist(), "version": VERSION}
+        return json.dumps(values)
+
+
+def first_wishes(arm: Mechanism, q: Array, target: Array) -> Wishes:
+    """What a page begins with: of an arm of few joints less counts than the whole pose, which it hardly ever reaches."""
+    counts = "whole pose" if arm.dof >= 6 else "position and z direction" if arm.dof == 5 else "position"
+    return Wishes(target, q, COUNTS[counts])
+
+
+def read_wishes(text: str | None, begin: Wishes) -> Wishes:
+    """Read what a browser kept; whatever cannot be used is as `begin` has it, for anything may stand there.
+
+    Args:
+        text: What `Wishes.kept` gave, perhaps.
+        begin: What the page begins with.
+    """
+    try:
+        values = json.loads(text or "{}")
+        if not isinstance(values, dict) or values.get("version") != VERSION:
+            return begin
+        target, q = as_pose(np.array(values["target"], dtype=float)), np.array(values["q"], dtype=float)
+        if target.shape != (4, 4) or q.shape != begin.q.shape or not np.isfinite(q).all():
+            return begin
+        wishes = begin.but(target=target, q=q, free=tuple(map(str, values["free"])))
+    except (ValueError, TypeError, KeyError, KinseekError):
+        return begin
+    flags = ("follow", "ghosts", "samples", "reach", "boxes", "meshes", "dark")
+    wishes = wishes.but(**{name: bool(values[name]) for name in flags if name in values})
+    search, given = values.get("search"), values.get("parameters")
+    if isinstance(search, str) and search in SEARCHES and isinstance(given, dict):
+        own = {name: str(given.get(name, default)) for name, default in parameters_of(search).items()}
+        try:
+            make_search(search, own)
+        except KinseekError:
+            return wishes
+        wishes = wishes.but(search=search, parameters=own)
+    return wishes.but(camera=_camera(values.get("camera")))
+
+
+def _camera(value: Any) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    """Two points, or nothing."""
+    try:
+        eye, at = (tuple(float(each) for each in point) for point in value)
+    except (TypeError, ValueError):
+        return None
+    sound = len(eye) == len(at) == 3 and all(map(math.isfinite, eye + at)) and math.dist(eye, at) > 1e-6
+    return (eye, at) if sound else None

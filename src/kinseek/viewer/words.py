@@ -1,0 +1,169 @@
+"""What a page says, as HTML: the answer, the joints against their limits, what a search did."""
+
+from __future__ import annotations
+
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.arm import Arm
+from kinseek.branches.result import Branches
+from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
+from kinseek.trace import Pass, Trace
+
+from .session import Answer, Proof, call_of, status_of
+
+Array = NDArray[np.float64]
+
+_NEWS = {"good": "#2b8a3e", "bad": "#c92a2a", "open": "#b35c00", "refused": "#c92a2a"}
+_SOFT = "color:var(--mantine-color-dimmed)"
+_NEAR = 0.02
+"""Part of a joint's range: nearer to a limit is shown."""
+
+
+def answer_html(answer: Answer, proof: Proof | None, proving: bool) -> str:
+    """The status sentence, both errors, the work, and what is proved; `proving` says that more may come."""
+    sentence, news = status_of(answer, proof)
+    parts = [
+        f"<div style='border-left:4px solid {_NEWS[news]};padding:2px 0 2px 8px;font-weight:600' "
+        f"data-status='{news}' role='status'>{escape(sentence)}</div>"
+    ]
+    if answer.solution is not None:
+        found = answer.solution
+        turn = float(found.orientation_error)
+        rows = [
+            ("position error", f"{float(found.position_error):.3g} m"),
+            ("orientation error", f"{turn:.3g} rad ({np.degrees(turn):.3g}°)"),
+            ("work", f"{int(found.evaluations):,} FK evaluations{_time(answer.seconds)}"),
+        ]
+        cells = "".join(
+            f"<tr><td style='{_SOFT};padding-right:10px'>{name}</td><td>{value}</td></tr>"
+            for name, value in rows
+        )
+        parts.append(
+            f"<table style='margin-top:4px;border-spacing:0;font-variant-numeric:tabular-nums'>{cells}</table>"
+        )
+    said = proof.sentences() if proof is not None else []
+    if proving:
+        said.append("Looking closer …" if said else "Looking for a proof …")
+    parts += [f"<div style='margin-top:4px'>{escape(each)}</div>" for each in said]
+    return _block("".join(parts))
+
+
+def _time(seconds: float) -> str:
+    if not seconds:
+        return ""
+    return f", {seconds * 1e6:.0f} µs" if seconds < 1e-3 else f", {seconds * 1e3:.3g} ms"
+
+
+def branches_html(branches: Branches | str | None, shown: int, drawn: int) -> str:
+    """How many answers there are, and which of them is shown."""
+    if branches is None:
+        text = "Branches: looking …"
+    elif isinstance(branches, str):
+        text = f"No branches: {branches}"
+    elif not len(branches):
+        text = "Branches: none found."
+    else:
+        count = f"{len(branches)} branch{'es' if len(branches) > 1 else ''}"
+        text = count if shown < 0 else f"Branch {shown + 1} of {len(branches)}"
+        text += ", a sample of endlessly many" if branches.sampled else ""
+        text += f"; {drawn} drawn." if drawn < len(branches) else "."
+    return _block(f"<div style='{_SOFT}'>{escape(text)}</div>")
+
+
+def joints_html(arm: Arm, q: Array, window: Pass | None = None) -> str:
+    """Every joint as a bar from its lower to its upper limit, with a mark at its value; and a pass's window on it.
+
+    Args:
+        arm: The arm.
+        q: Joint values, (n,), [rad] or [m].
+        window: A pass of a search: the part of each range that it looked at.
+    """
+    rows = []
+    for i, (name, kind) in enumerate(zip(arm.joint_names, arm.kinds, strict=True)):
+        low, high = float(arm.lower[i]), float(arm.upper[i])
+        part = (float(q[i]) - low) / (high - low) if high > low else 0.5
+        mark = 100 * min(max(part, 0.0), 1.0)
+        tight = kind != CONTINUOUS and min(part, 1.0 - part) < _NEAR
+        colour = "#e8590c" if tight else "#1c7ed6"
+        band = "" if window is None else _band(window, i, low, high)
+        ends = (
+            ""
+            if kind == CONTINUOUS
+            else "border-left:2px solid;border-right:2px solid;border-color:currentColor;"
+        )
+        limits = "turns without end" if kind == CONTINUOUS else f"{joint(low, kind)} to {joint(high, kind)}"
+        rows.append(
+            f"<div style='display:flex;align-items:center;gap:6px;margin:3px 0' title='{escape(name)}: {limits}'>"
+            f"<span style='flex:0 0 34%;overflow:hidden;text-overflow:ellipsis;white-space:nowrap;direction:rtl;"
+            f"text-align:left'>&lrm;{escape(name)}</span>"
+            f"<span style='position:relative;flex:1 1 auto;height:10px;{ends}"
+            f"background:rgba(128,128,128,.25)'>{band}"
+            f"<span style='position:absolute;left:calc({mark:.2f}% - 2px);top:-2px;width:4px;height:14px;"
+            f"background:{colour};border-radius:2px'></span></span>"
+            f"<span style='flex:0 0 4.6em;text-align:right;font-variant-numeric:tabular-nums'>{joint(float(q[i]), kind)}"
+            f"</span></div>"
+        )
+    return _block(f"<div data-joints='{len(rows)}' style='padding-bottom:8px'>{''.join(rows)}</div>")
+
+
+def _band(window: Pass, i: int, low: float, high: float) -> str:
+    """The window of a pass on a joint's bar; where it goes on at the other end, there too."""
+    if window.lower is None or window.upper is None or high <= low:
+        return ""
+    begin, end = (window.lower[i] - low) / (high - low), (window.upper[i] - low) / (high - low)
+    if end - begin >= 1.0:
+        pieces = [(0.0, 1.0)]
+    else:
+        pieces = [(begin + k, end + k) for k in (-1, 0, 1)]
+        pieces = [(max(a, 0.0), min(b, 1.0)) for a, b in pieces if b > 0.0 and a < 1.0]
+    return "".join(
+        f"<span style='position:absolute;left:{100 * a:.2f}%;width:max({100 * (b - a):.2f}%,2px);height:100%;"
+        f"background:rgba(230,119,0,.55)'></span>"
+        for a, b in pieces
+    )
+
+
+def joint(value: float, kind: str) -> str:
+    """A joint value in degrees, millimetres, or as the bare number that it is."""
+    if kind in (REVOLUTE, CONTINUOUS):
+        return f"{round(float(np.degrees(value)), 1) + 0.0:.1f}°"  # Adding 0 takes the sign off -0.
+    return f"{round(value * 1e3, 1) + 0.0:.1f} mm" if kind == PRISMATIC else f"{value:.4g}"
+
+
+def pass_html(trace: Trace | None, number: int) -> str:
+    """What one pass of a search did, its number from 0 on."""
+    if trace is None or not len(trace):
+        return _block(f"<div style='{_SOFT}'>This search told of no passes.</div>")
+    one, spent = trace[number], int(trace.evaluations[number])
+    lines = [
+        f"<b>{escape(one.name)}</b> ({number + 1} of {len(trace)})",
+        f"best so far {one.position_error:.3g} m, {one.orientation_error:.3g} rad",
+        f"{one.evaluations:,} FK evaluations, {spent:,} so far",
+    ]
+    if one.counts is not None:
+        least, most = int(one.counts.min()), int(one.counts.max())
+        lines.append(
+            f"{least if least == most else f'{least} to {most}'} values a joint, {one.cells:,} windows"
+            if one.cells > 1
+            else f"{least if least == most else f'{least} to {most}'} values a joint"
+        )
+    return _block("".join(f"<div data-pass='{number}'>{line}</div>" for line in lines))
+
+
+def call_html(answer: Answer) -> str:
+    """The same question in Python."""
+    return _block(
+        f"<code style='white-space:pre-wrap;overflow-wrap:anywhere;font-size:11px'>{escape(call_of(answer.wishes))}</code>"
+    )
+
+
+def note_html(*sentences: str) -> str:
+    """Sentences, small."""
+    return _block("".join(f"<div style='{_SOFT}'>{escape(each)}</div>" for each in sentences if each))
+
+
+def _block(inner: str) -> str:
+    return f"<div style='font-size:13px;line-height:1.45;padding:2px 10px'>{inner}</div>"

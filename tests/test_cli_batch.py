@@ -1,0 +1,342 @@
+"""``kinseek solve --batch``: tables in, tables out, rows named in errors, nothing half-written."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kinseek
+from kinseek.cli import files
+from kinseek.cli.columns import MATRIX
+from kinseek.cli.program import run
+
+ARM = "planar2"
+
+
+@pytest.fixture(name="poses")
+def _poses() -> Any:
+    arm = kinseek.load("ur5e")
+    return arm.fk(arm.sample(5, seed=3))
+
+
+def write_csv(path: Path, names: str, rows: Any) -> Path:
+    lines = [names, *(",".join(f"{value!r}" for value in row) for row in np.asarray(rows).tolist())]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def read_csv(path: Path) -> dict[str, list[str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+def angles_of(poses: Any) -> dict[str, Any]:
+    from scipy.spatial.transform import Rotation
+
+    turns = Rotation.from_matrix(poses[:, :3, :3])
+    return {
+        "qw,qx,qy,qz": np.roll(turns.as_quat(), 1, axis=1),
+        "roll,pitch,yaw": turns.as_euler("xyz"),
+        "rotvec_x,rotvec_y,rotvec_z": turns.as_rotvec(),
+    }
+
+
+@pytest.mark.parametrize("turn", ["qw,qx,qy,qz", "roll,pitch,yaw", "rotvec_x,rotvec_y,rotvec_z", "matrix"])
+def test_every_way_to_give_a_pose(
+    turn: str, poses: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if turn == "matrix":
+        source = write_csv(tmp_path / "in.csv", ",".join(MATRIX), poses.reshape(-1, 16))
+    else:
+        rows = np.hstack([poses[:, :3, 3], angles_of(poses)[turn]])
+        source = write_csv(tmp_path / "in.csv", f"x,y,z,{turn}", rows)
+    out = tmp_path / "out.csv"
+    assert run(["solve", "ur5e", "--batch", str(source), "--out", str(out)]) == 0
+    assert "5 poses: 5 reached, 0 not" in capsys.readouterr().out
+    columns, arm = read_csv(out), kinseek.load("ur5e")
+    assert list(columns)[:6] == list(arm.joint_names)
+    q = np.array([columns[name] for name in arm.joint_names], dtype=float).T
+    assert np.abs(arm.fk(q) - poses).max() < 5e-6
+    assert columns["success"] == ["true"] * 5
+    assert columns["status"] == ["SOLVED"] * 5
+    assert max(map(float, columns["position_error"])) <= 1e-6
+
+
+def test_columns_may_stand_in_any_order_and_be_in_degrees(poses: Any, tmp_path: Path) -> None:
+    angles = np.rad2deg(angles_of(poses)["roll,pitch,yaw"])
+    rows = np.hstack([angles[:, ::-1], poses[:, :3, 3]])
+    source = write_csv(tmp_path / "in.csv", "yaw; pitch ;roll;x;y;z".replace(";", ","), rows)
+    source.write_text("\ufeff" + source.read_text(encoding="utf-8").replace(",", ";"), encoding="utf-8")
+    out = tmp_path / "out.npy"
+    assert run(["solve", "ur5e", "--batch", str(source), "--out", str(out), "--deg"]) == 0
+    assert np.abs(kinseek.load("ur5e").fk(np.load(out)["q"]) - poses).max() < 5e-6
+
+
+def test_arrays_in_and_out(poses: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    poses[3, :3, 3] = [5.0, 0.0, 0.0]
+    np.save(tmp_path / "in.npy", poses)
+    words = [
+        "solve",
+        "ur5e",
+        "--batch",
+        str(tmp_path / "in.npy"),
+        "--out",
+        str(tmp_path / "out.npy"),
+        "--json",
+    ]
+    assert run(words) == 1
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["poses"], facts["reached"], facts["not_reached"]) == (5, 4, [4])
+    found, expected = np.load(tmp_path / "out.npy"), kinseek.load("ur5e").ik(poses)
+    assert np.array_equal(found["q"], expected.q)
+    assert np.array_equal(found["success"], expected.success)
+    assert np.array_equal(found["position_error"], expected.position_error)
+    assert found["status"].tolist() == [status.name for status in expected.status]
+
+
+@pytest.mark.slow
+def test_parquet_in_and_out(poses: Any, tmp_path: Path) -> None:
+    pyarrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    columns = dict(zip(MATRIX, poses.reshape(-1, 16).T, strict=True))
+    parquet.write_table(pyarrow.table(columns), tmp_path / "in.parquet")
+    words = ["solve", "ur5e", "--batch", str(tmp_path / "in.parquet"), "--out", str(tmp_path / "out.parquet")]
+    assert run(words) == 0
+    table, arm = parquet.read_table(tmp_path / "out.parquet"), kinseek.load("ur5e")
+    q = np.stack([table.column(name).to_numpy() for name in arm.joint_names], axis=1)
+    assert np.array_equal(q, arm.ik(poses).q)
+    assert table.column("success").to_pylist() == [True] * 5
+
+
+def test_without_pyarrow_it_says_what_to_install(
+    poses: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.save(tmp_path / "in.npy", poses)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert (
+        run(["solve", "ur5e", "--batch", str(tmp_path / "in.npy"), "--out", str(tmp_path / "o.parquet")]) == 2
+    )
+    assert "pip install 'kinseek[parquet]'" in capsys.readouterr().err
+
+
+def test_every_answer_of_every_pose(poses: Any, tmp_path: Path) -> None:
+    np.save(tmp_path / "in.npy", poses)
+    words = [
+        "solve",
+        "ur5e",
+        "--batch",
+        str(tmp_path / "in.npy"),
+        "--out",
+        str(tmp_path / "out.csv"),
+        "--all",
+    ]
+    assert run(words) == 0
+    columns, arm = read_csv(tmp_path / "out.csv"), kinseek.load("ur5e")
+    expected = arm.branches(poses)
+    assert [columns["row"].count(str(k + 1)) for k in range(5)] == expected.counts.tolist()
+    assert np.array_equal(np.array([columns[name] for name in arm.joint_names], dtype=float).T, expected.q)
+
+
+def test_options_of_a_goal_hold_for_every_row(tmp_path: Path) -> None:
+    source = write_csv(tmp_path / "in.csv", "x,y,z", [[0.3, 0.4, 0.0], [0.3, -0.4, 0.0]])
+    out = tmp_path / "out.npy"
+    words = [
+        "solve",
+        ARM,
+        "--batch",
+        str(source),
+        "--out",
+        str(out),
+        "--position-only",
+        "--near",
+        "joint1=1,joint2=-2",
+    ]
+    assert run(words) == 0
+    near = kinseek.load(ARM).ik(kinseek.Goal.position([[0.3, 0.4, 0.0], [0.3, -0.4, 0.0]]), near=[1.0, -2.0])
+    assert np.array_equal(np.load(out)["q"], near.q)
+
+
+WRONG = {
+    "unknown column": ("x,y,z,qw,qx,qy,qq\n1,2,3,1,0,0,0\n", "unknown column 'qq'; did you mean"),
+    "valid ones": ("x,y,zz\n1,2,3\n", "Valid: x, y, z with qw, qx, qy, qz or roll, pitch, yaw or rotvec_x"),
+    "missing": ("x,y,z,qw,qx,qy\n1,2,3,1,0,0\n", "missing column qz"),
+    "no rotation": ("x,y,z\n1,2,3\n", "columns of a rotation are missing"),
+    "two rotations": ("x,y,z,qw,qx,qy,qz,roll,pitch,yaw\n1,2,3,1,0,0,0,0,0,0\n", "more than one way"),
+    "twice": ("x,x,z\n1,2,3\n", "two columns are called 'x'"),
+    "no header": ("1,2,3,1,0,0,0\n", "the first row must name the columns"),
+    "empty file": ("", "the first row must name the columns, got nothing"),
+    "no rows": ("x,y,z,qw,qx,qy,qz\n", "holds no poses"),
+    "a word": ("x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n1,two,3,1,0,0,0\n", "row 2: y is 'two', no number"),
+    "nothing": ("x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n1,,3,1,0,0,0\n", "row 2: y is '', no number"),
+    "short row": ("x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n1,2,3\n", "row 2: 3 values, expected 7"),
+    "all rows short": ("x,y,z,qw,qx,qy,qz\n1,2,3\n1,2,3\n", "row 1: 3 values, expected 7"),
+    "infinite": ("x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n\n1,2,inf,1,0,0,0\n", "row 2: z is inf"),
+    "no quaternion": (
+        "x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n1,2,3,0,0,0,0\n1,2,3,1,0,0,0\n",
+        "row 2: quat_wxyz has length 0",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_tables(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text, said = WRONG[case]
+    (tmp_path / "in.csv").write_text(text, encoding="utf-8")
+    assert (
+        run(["solve", "ur5e", "--batch", str(tmp_path / "in.csv"), "--out", str(tmp_path / "out.csv")]) == 2
+    )
+    heard = capsys.readouterr()
+    assert said in heard.err
+    assert (heard.out, heard.err.count("\n"), heard.err.startswith("kinseek: ")) == ("", 1, True)
+    assert [path.name for path in tmp_path.iterdir()] == ["in.csv"]
+
+
+@pytest.mark.slow
+def test_the_row_of_a_large_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = np.tile([0.4, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0], (50_000, 1))
+    source, out = tmp_path / "in.csv", tmp_path / "out.csv"
+    words = ["solve", "ur5e", "--batch", str(source), "--out", str(out)]
+    for column, value, said in ((0, np.nan, "x is nan"), (slice(3, 7), 0.0, "zero quaternion")):
+        broken = rows.copy()
+        broken[41_326, column] = value
+        np.savetxt(source, broken, delimiter=",", header="x,y,z,qw,qx,qy,qz", comments="")
+        assert run(words) == 2
+        heard = capsys.readouterr().err
+        assert "row 41,327: " in heard
+        assert said in heard
+    matrices = np.tile(np.eye(4), (50_000, 1, 1))
+    matrices[41_326, 0, 0] = -1.0
+    np.save(tmp_path / "in.npy", matrices)
+    assert run(["solve", "ur5e", "--batch", str(tmp_path / "in.npy"), "--out", str(out)]) == 2
+    assert "row 41,327: not a rigid transform" in capsys.readouterr().err
+    assert not out.exists()
+
+
+MISUSE = {
+    "no file": (("--batch", "nowhere.csv", "--out", "out.csv"), "cannot read 'nowhere.csv'"),
+    "no ending": (
+        ("--batch", "in.npy", "--out", "out.txt"),
+        "--out takes a file that ends in .csv, .npy, .parquet",
+    ),
+    "other ending": (("--batch", "in.json", "--out", "out.csv"), "--batch takes a file that ends in .csv"),
+    "no folder": (("--batch", "in.npy", "--out", "nowhere/out.csv"), "there is no folder"),
+    "a folder": (("--batch", "in.npy", "--out", "folder.csv"), "is no regular file"),
+    "the same": (("--batch", "in.npy", "--out", "./in.npy"), "is the file that --batch reads"),
+    "no out": (("--batch", "in.npy"), "--batch needs --out"),
+    "out alone": (("--out", "out.csv"), "add --batch"),
+    "at": (("--batch", "in.npy", "--out", "out.csv", "--at", "1", "2", "3"), "it goes without --at"),
+    "rpy": (("--batch", "in.npy", "--out", "out.csv", "--rpy", "1", "2", "3"), "it goes without --rpy"),
+    "lines": (("--batch", "in.npy", "--out", "out.csv", "--jsonl"), "exclude each other"),
+    "pickle": (("--batch", "pickle.npy", "--out", "out.csv"), "no .npy file that can be read"),
+    "shape": (("--batch", "shape.npy", "--out", "out.csv"), "expected numbers of shape (N, 4, 4)"),
+    "letters": (("--batch", "latin.csv", "--out", "out.csv"), "is no UTF-8 text"),
+    "parquet": (("--batch", "in.parquet", "--out", "out.csv"), "no Parquet file that can be read"),
+}
+
+
+@pytest.mark.parametrize("case", MISUSE)
+def test_misuse(
+    case: str, poses: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if case == "parquet":
+        pytest.importorskip("pyarrow")
+    monkeypatch.chdir(tmp_path)
+    np.save("in.npy", poses)
+    np.save("shape.npy", poses[:, :3])
+    np.save("pickle.npy", np.array([{}, {}]), allow_pickle=True)
+    Path("folder.csv").mkdir()
+    Path("latin.csv").write_bytes(b"x,y,z\n\xe4,1,2\n")
+    Path("in.parquet").write_bytes(b"no table")
+    before = sorted(path.name for path in tmp_path.iterdir())
+    words, said = MISUSE[case]
+    assert run(["solve", "ur5e", *words]) == 2
+    heard = capsys.readouterr()
+    assert said in heard.err
+    assert (heard.out, heard.err.count("\n")) == ("", 1)
+    assert sorted(path.name for path in tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize("ending", ["csv", "npy"])
+def test_nothing_is_half_written(
+    ending: str, poses: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    np.save(tmp_path / "in.npy", poses)
+    out = tmp_path / f"out.{ending}"
+    out.write_text("what was there", encoding="utf-8")
+
+    def stopped(file: Any, *rest: Any) -> None:
+        file.write(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(files, "_write_csv", stopped)
+    monkeypatch.setattr("numpy.save", stopped)
+    assert run(["solve", "ur5e", "--batch", str(tmp_path / "in.npy"), "--out", str(out)]) == 130
+    assert out.read_text(encoding="utf-8") == "what was there"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["in.npy", out.name]
+
+
+PROGRAM = """
+import os, signal, sys, threading
+from kinseek.cli import batch, program
+{before}
+sys.exit(program.run(sys.argv[1:]))
+"""
+INTERRUPTED = """
+signal.signal(signal.SIGINT, signal.default_int_handler)  # A job in the background begins without it.
+given = batch.read_poses
+def read(*words):
+    poses = given(*words)
+    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+    return poses
+batch.read_poses = read
+"""
+FULL = """
+import resource
+resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
+"""
+
+
+def outside(before: str, *words: str) -> subprocess.CompletedProcess[str]:
+    program = [sys.executable, "-c", PROGRAM.format(before=before), *words]
+    return subprocess.run(program, capture_output=True, text=True, check=False, timeout=100)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="other signals")
+def test_ctrl_c_in_a_batch(tmp_path: Path) -> None:
+    arm = kinseek.load(ARM)
+    np.save(tmp_path / "in.npy", arm.fk(arm.sample(200_000)))
+    words = ("--solver", "brute-force", "--branching-factor", "1000")  # For an hour or so.
+    done = outside(
+        INTERRUPTED,
+        "solve",
+        ARM,
+        "--batch",
+        str(tmp_path / "in.npy"),
+        "--out",
+        str(tmp_path / "o.csv"),
+        *words,
+    )
+    assert (done.returncode, done.stdout) == (130, "")
+    assert "Traceback" not in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["in.npy"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="no such limit")
+@pytest.mark.parametrize("ending", ["csv", "npy"])
+def test_a_full_disk(ending: str, poses: Any, tmp_path: Path) -> None:
+    np.save(tmp_path / "in.npy", np.tile(poses, (40, 1, 1)))
+    out = tmp_path / f"out.{ending}"
+    done = outside(FULL, "solve", "ur5e", "--batch", str(tmp_path / "in.npy"), "--out", str(out))
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"kinseek: cannot write '{out}'")
+    assert done.stderr.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["in.npy"]

@@ -1,0 +1,99 @@
+"""``kinseek view`` and ``kinseek completion``."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import types
+from typing import Any
+
+import pytest
+
+from kinseek.cli.program import run
+
+
+def test_view_hands_the_arm_on(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    shown: list[Any] = []
+
+    def show(arm: Any, **options: Any) -> None:
+        shown.append((arm.name, arm.tip, options))
+        print("shown at http://127.0.0.1:9000", flush=True)
+        assert "shown at" in capsys.readouterr().out  # At once, not at the end.
+
+    monkeypatch.setitem(sys.modules, "kinseek.viewer", types.SimpleNamespace(show=show))
+    assert run(["view", "panda"]) == 0
+    options = {"host": "127.0.0.1", "port": 8080, "open_browser": None, "packages": {}}
+    assert shown.pop() == ("panda", "panda_link8", options)
+    words = [
+        "--tip",
+        "panda_link5",
+        "--host",
+        "0.0.0.0",
+        "--port",
+        "9000",
+        "--no-browser",
+        "--package",
+        "a=/b=c",
+    ]
+    assert run(["view", "panda", *words]) == 0
+    options = {"host": "0.0.0.0", "port": 9000, "open_browser": False, "packages": {"a": "/b=c"}}
+    assert shown.pop() == ("panda", "panda_link5", options)
+    for wrong, said in ((["--port", "70000"], "70000"), (["--package", "a"], "--package takes NAME=FOLDER")):
+        assert run(["view", "panda", *wrong]) == 2
+        assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("module", ["kinseek.viewer", "viser"])
+def test_without_the_extra_it_says_how_to_install_it(
+    module: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def missing(name: str) -> Any:
+        raise ModuleNotFoundError(f"No module named {module!r}", name=module)
+
+    monkeypatch.setattr("kinseek.cli.commands.view.import_module", missing)
+    assert run(["view", "panda"]) == 2
+    assert "pip install 'kinseek[view]'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_script_for_a_shell(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+    if shell == "bash" and shutil.which("bash") is None:
+        pytest.skip("no bash here")
+    assert run(["completion", shell]) == 0
+    assert "_KINSEEK_COMPLETE" in capsys.readouterr().out
+
+
+def test_an_unknown_shell(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["completion", "bsh"]) == 2
+    assert "did you mean 'bash'" in capsys.readouterr().err
+
+
+COMPLETED = {
+    "a command": ("kinseek so", {"solve"}),
+    "an arm": ("kinseek show ur10e_", {"ur10e_calibrated", "ur10e_rail"}),
+    "an option": ("kinseek solve ur5e --quat", {"--quat-wxyz", "--quat-xyzw"}),
+    "a search": ("kinseek solve ur5e --at -0.3 0.4 0.5 --solver b", {"brute-force", "blind-search"}),
+    "a joint": ("kinseek solve ur5e --near should", {"shoulder_pan_joint=", "shoulder_lift_joint="}),
+    "a joint of no arm": ("kinseek solve nowhere --lock should", set[str]()),
+    "a preference": ("kinseek solve ur5e --prefer l", {"limits"}),
+    "a processor": ("kinseek export ur5e --target x86", {"x86-64"}),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", COMPLETED)
+def test_what_is_completed(case: str) -> None:
+    line, words = COMPLETED[case]
+    environment = {
+        **os.environ,
+        "COMP_WORDS": line,
+        "COMP_CWORD": str(len(line.split()) - 1),
+        "_KINSEEK_COMPLETE": "bash_complete",
+    }
+    done = subprocess.run(
+        [sys.executable, "-m", "kinseek"], capture_output=True, text=True, check=True, env=environment
+    )
+    assert {entry.partition(",")[2] for entry in done.stdout.split()} == words
+    assert done.stderr == ""

@@ -1,0 +1,542 @@
+"""The viewer without a browser: what is asked and answered, what is drawn, where it listens."""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kinseek
+from kinseek import Arm, InvalidSolver, InvalidUse, Status
+from kinseek.viewer import clouds, words
+from kinseek.viewer.drawing import Figure, between
+from kinseek.viewer.meshes import mesh_path, meshes_of
+from kinseek.viewer.searches import PARAMETERS, SEARCHES, make_search, parameters_of
+from kinseek.viewer.server import free_port, is_loopback
+from kinseek.viewer.session import Answer, Session, beginning, call_of, nearest_of, status_of
+from kinseek.viewer.wishes import COUNTS, Wishes, read_wishes
+from kinseek.viewer.workers import Newest
+
+Kinds = ("planar2", "cylindrical3", "scara4", "so101", "ur5e", "panda", "ur10e_rail", "atlas_torso_arm")
+"""2 to 10 joints, slides and mimics among them."""
+
+
+@pytest.fixture(scope="module")
+def sessions() -> dict[str, Session]:
+    return {name: Session(kinseek.load(name)) for name in Kinds}
+
+
+def function_arm() -> Arm:
+    """A planar arm of two links of which only the function is known."""
+
+    def fk(q: Any) -> Any:
+        T = np.tile(np.eye(4), (len(q), 1, 1))
+        T[:, 0, 3] = np.cos(q[:, 0]) + 0.5 * np.cos(q[:, 0] + q[:, 1])
+        T[:, 1, 3] = np.sin(q[:, 0]) + 0.5 * np.sin(q[:, 0] + q[:, 1])
+        return T
+
+    return Arm.from_fk(fk, [-3.0, -2.0], [3.0, 2.0], names=["a", "b"])
+
+
+def far(wishes: Wishes) -> Wishes:
+    """Out of reach, and not so far that other units are suspected."""
+    target = wishes.target.copy()
+    target[:3, 3] *= 3.0
+    return wishes.but(target=target)
+
+
+@pytest.mark.parametrize("name", Kinds)
+def test_a_page_begins_with_a_goal_that_is_reached(name: str, sessions: dict[str, Session]) -> None:
+    session = sessions[name]
+    answer = session.answer(session.begin)
+    assert answer.reached
+    assert status_of(answer, None) == (str(Status.SOLVED), "good")
+    branches = session.branches(session.begin)
+    assert not isinstance(branches, str)
+    shown = nearest_of(branches, answer.q)
+    assert branches.sampled or np.allclose(
+        session.arm.fk(branches[shown])[:3, 3], session.begin.target[:3, 3]
+    )
+
+
+@pytest.mark.parametrize("name", Kinds)
+def test_out_of_reach_says_what_is_proved(name: str, sessions: dict[str, Session]) -> None:
+    session = sessions[name]
+    wishes = far(session.begin)
+    answer = session.answer(wishes)
+    assert not answer.reached
+    assert status_of(answer, None)[1] == "open"
+    proofs = session.proofs(wishes, lambda: False)
+    proof = next(each for each in proofs if each.certificate and each.certificate.lower_bound > 0.01)
+    assert proof.unreachable
+    assert status_of(answer, proof) == (str(Status.PROVED_UNREACHABLE), "bad")
+    assert proof.certificate is not None
+    assert proof.certificate.lower_bound > 0.01
+    assert f"{proof.certificate.lower_bound:.4g}" in " ".join(proof.sentences())
+
+
+def test_a_proof_ends_when_it_is_no_longer_wanted(sessions: dict[str, Session]) -> None:
+    session = sessions["atlas_torso_arm"]
+    began = time.monotonic()
+    *_, proof = session.proofs(far(session.begin), lambda: time.monotonic() > began + 0.3)
+    assert time.monotonic() - began < 3.0
+    assert proof.certificate is not None
+    assert proof.certificate.out_of_time
+
+
+def test_a_goal_that_cannot_be_asked_is_said_and_the_arm_stays(sessions: dict[str, Session]) -> None:
+    session = sessions["ur5e"]
+    answer = session.answer(session.begin.but(free=("x", "y", "z", "rx", "ry", "rz")))
+    assert not answer.reached
+    assert answer.solution is None
+    assert status_of(answer, None)[1] == "refused"
+    assert np.array_equal(answer.q, session.begin.q)
+
+
+def test_nothing_is_proved_of_free_axes_and_that_is_said(sessions: dict[str, Session]) -> None:
+    wishes = far(sessions["ur5e"].begin).but(free=("z",))
+    (proof,) = sessions["ur5e"].proofs(wishes, lambda: False)
+    assert "free axes" in " ".join(proof.sentences())
+    assert isinstance(sessions["ur5e"].branches(wishes), str)
+
+
+def test_picking_a_branch_shows_it_and_the_next_answer_stays_near(sessions: dict[str, Session]) -> None:
+    session = sessions["ur5e"]
+    branches = session.branches(session.begin)
+    assert not isinstance(branches, str)
+    assert len(branches) > 1
+    for number, q in enumerate(branches):
+        picked = session.picked(session.begin, q)
+        assert nearest_of(branches, picked.q) == number
+        moved = picked.wishes.target.copy()
+        moved[0, 3] += 1e-3
+        again = session.answer(picked.wishes.but(target=moved))
+        assert np.abs(again.q - picked.q).max() < 0.1
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+def test_every_search_answers_or_says_why_not(search: str, sessions: dict[str, Session]) -> None:
+    session = sessions["scara4"]
+    wishes = session.begin.but(search=search)
+    assert set(parameters_of(search)) <= set(PARAMETERS)
+    answer = session.answer(wishes)
+    assert answer.solution is not None
+    assert answer.solution.position_error < 0.2
+    trace = answer.trace or session.traced(wishes)
+    assert trace is not None
+    assert len(trace)
+    for number, one in enumerate(trace):
+        assert clouds.visited(session.arm, one).shape[1] == 3
+        assert one.name in words.pass_html(trace, number)
+    code = call_of(wishes)
+    told = eval(code, {"arm": session.arm, "kinseek": kinseek, "T": wishes.target, "q": wishes.q})
+    assert np.array_equal(told.q, answer.q)
+
+
+def test_parameters_are_read_from_text() -> None:
+    given = {"branching_factor": "720", "divisions": "5", "breadth": "2,1,1", "tree": "static", "beam": "4"}
+    search: Any = make_search("DivideAndConquer", given)
+    assert (search.branching_factor, search.divisions, search.breadth) == (720, 5, (2, 1, 1))
+    tuned: Any = make_search("DivideAndConquer", given | {"breadth": "tuned"})
+    assert tuned.breadth == "tuned"
+    for name, text in (
+        ("divisions", "many"),
+        ("breadth", ""),
+        ("tree", "oak"),
+        ("branching_factor", "1.5"),
+        ("beam", "1,2"),
+    ):
+        with pytest.raises(InvalidSolver, match="expected"):
+            make_search("DivideAndConquer", given | {name: text})
+
+
+def test_what_a_browser_keeps_comes_back(sessions: dict[str, Session]) -> None:
+    begin = sessions["ur5e"].begin
+    kept = begin.but(
+        free=["rz"],
+        search="DivideAndConquer",
+        samples=True,
+        dark=True,
+        camera=((1.0, 2.0, 3.0), (0.0, 0.0, 0.5)),
+    )
+    back = read_wishes(kept.kept(), begin)
+    for name in Wishes.__dataclass_fields__:
+        assert np.array_equal(getattr(back, name), getattr(kept, name)), name
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"version": 0},
+        {"target": [[1, 2], [3, 4]]},
+        {"target": [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
+        {"q": [1.0]},
+        {"q": [float("nan")] * 6},
+        {"free": 7},
+        {"search": "Oracle"},
+        {"search": "DivideAndConquer", "parameters": {"divisions": "<b>"}},
+        {"camera": [[0, 0, 0], [0, 0, 0]]},
+        {"camera": "here"},
+    ],
+)
+def test_what_a_browser_kept_may_be_anything(damage: dict[str, Any], sessions: dict[str, Session]) -> None:
+    begin = sessions["ur5e"].begin
+    values = json.loads(begin.kept()) | damage
+    back = read_wishes(json.dumps(values), begin)
+    assert sessions["ur5e"].answer(back).reached
+    assert read_wishes("[1, 2", begin) is read_wishes(None, begin) is begin
+
+
+def test_an_arm_that_is_a_function_does_what_it_can() -> None:
+    session = Session(function_arm())
+    answer = session.answer(session.begin)
+    assert answer.reached
+    assert len(clouds.samples_around(session.arm, session.begin).points)
+    (proof,) = session.proofs(far(session.begin), lambda: False)
+    assert proof.sentences() == ["Nothing can be proved of an arm that is a function."]
+    assert isinstance(clouds.boxes_left(session.arm, far(session.begin), answer.q, 100), str)
+    html = words.joints_html(session.arm, answer.q)
+    assert "data-joints='2'" in html
+    assert not meshes_of(session.arm.axes).links
+
+
+@pytest.mark.parametrize("name", Kinds)
+def test_rods_go_from_joint_to_joint(name: str) -> None:
+    arm = kinseek.load(name)
+    figure, q = Figure(arm.chain), arm.sample(3)
+    rods = figure.draw(q)
+    turn = np.stack(
+        [
+            2 * (rods.wxyz[..., 1] * rods.wxyz[..., 3] + rods.wxyz[..., 0] * rods.wxyz[..., 2]),
+            2 * (rods.wxyz[..., 2] * rods.wxyz[..., 3] - rods.wxyz[..., 0] * rods.wxyz[..., 1]),
+            1 - 2 * (rods.wxyz[..., 1] ** 2 + rods.wxyz[..., 2] ** 2),
+        ],
+        axis=-1,
+    )
+    ends = rods.start + turn * rods.scale[..., 2:]
+    tips = arm.fk(q)[:, :3, 3]
+    assert np.allclose(ends[:, figure.links - 1], tips, atol=1e-5)
+    assert np.allclose(rods.start[:, 0], 0.0)
+    from kinseek.robots.chain import joint_points
+
+    for k in range(3):  # Every point that pictures know is the end of a rod.
+        for point in joint_points(arm.chain, q[k]):
+            near = min(
+                np.abs(rods.start[k] - point).max(axis=1).min(), np.abs(ends[k] - point).max(axis=1).min()
+            )
+            assert near < 1e-5
+
+
+def test_a_rod_straight_down_is_turned_half_around() -> None:
+    rods = between(np.zeros((1, 1, 3)), np.array([[[0.0, 0.0, -2.0]]]), np.array([0.1]))
+    assert np.allclose(rods.wxyz, [0, 1, 0, 0])
+    assert np.allclose(rods.scale, [0.1, 0.1, 2.0])
+
+
+@pytest.mark.parametrize("name", Kinds)
+def test_samples_lie_around_the_goal(name: str, sessions: dict[str, Session]) -> None:
+    session = sessions[name]
+    cloud = clouds.samples_around(session.arm, session.begin)
+    away = np.linalg.norm(cloud.points - session.begin.target[:3, 3], axis=1)
+    assert len(cloud.points)
+    assert ((cloud.shade >= 0) & (cloud.shade <= 1)).all()
+    anywhere = np.linalg.norm(
+        session.arm.fk(session.arm.sample(500))[:, :3, 3] - session.begin.target[:3, 3], axis=1
+    )
+    assert np.median(away) <= 0.5 * np.median(anywhere)
+
+
+def test_what_is_reachable_grows_can_be_stopped_and_goes_on(sessions: dict[str, Session]) -> None:
+    session = sessions["scara4"]
+    steps = clouds.reachable(session.arm, session.begin, lambda: False)
+    first = next(steps)
+    second = next(steps)
+    assert first.tried < second.tried
+    assert len(first.points) <= len(second.points)
+    again = next(clouds.reachable(session.arm, session.begin, lambda: False, first))
+    assert again.tried == second.tried
+    assert np.array_equal(again.points, second.points)
+    assert not list(clouds.reachable(session.arm, session.begin, lambda: True))
+    assert 0 < len(second.points) < second.tried
+    for point in second.points[:20]:
+        target = session.begin.target.copy()
+        target[:3, 3] = point
+        assert session.answer(session.begin.but(target=target)).reached
+
+
+def test_a_planar_arm_reaches_places_in_its_plane(sessions: dict[str, Session]) -> None:
+    session = sessions["planar2"]
+    known = next(clouds.reachable(session.arm, session.begin, lambda: False))
+    assert len(known.points) > 10
+
+
+def test_boxes_are_left_until_the_nearest_pose_is_known(sessions: dict[str, Session]) -> None:
+    session = sessions["ur5e"]
+    wishes = far(session.begin)
+    q = session.answer(wishes).q
+    few, many = (clouds.boxes_left(session.arm, wishes, q, count) for count in (30, 300))
+    assert not isinstance(few, str)
+    assert not isinstance(many, str)
+    assert 0 < len(few.points) < len(many.points)
+    assert "free axes" in str(clouds.boxes_left(session.arm, wishes.but(free=("x",)), q, 30))
+
+
+def test_names_from_a_file_are_text_and_no_tags() -> None:
+    arm = Arm.from_fk(
+        lambda q: np.tile(np.eye(4), (len(q), 1, 1)), [0.0], [1.0], names=["<script>alert(1)</script>"]
+    )
+    assert "<script>" not in words.joints_html(arm, np.array([0.5]))
+    assert "<b>" not in words.note_html("<b>")
+    assert "&lt;b&gt;" in words.note_html("<b>")
+
+
+def test_bars_show_where_a_joint_is(sessions: dict[str, Session]) -> None:
+    arm = sessions["cylindrical3"].arm
+    html = words.joints_html(arm, arm.lower)
+    assert html.count("calc(0.00% - 2px)") == arm.dof
+    assert html.count("#e8590c") == sum(kind != "continuous" for kind in arm.kinds)
+    assert words.joint(-1e-9, "revolute") == "0.0°"
+    assert words.joint(0.0123, "prismatic") == "12.3 mm"
+
+
+def test_a_window_that_crosses_the_end_goes_on_at_the_other(sessions: dict[str, Session]) -> None:
+    session = sessions["ur5e"]
+    trace = session.answer(session.begin.but(search="DivideAndConquer")).trace
+    assert trace is not None
+    bands = [words.joints_html(session.arm, session.begin.q, one).count("rgba(230,119,0") for one in trace]
+    assert bands[0] >= session.arm.dof
+    assert all(count >= session.arm.dof for count in bands)
+
+
+def test_counts_have_names() -> None:
+    for name, free in COUNTS.items():
+        assert Wishes(np.eye(4), np.zeros(2), free).counts == name
+    assert Wishes(np.eye(4), np.zeros(2), ("x",)).counts not in COUNTS
+
+
+# Meshes.
+
+URDF = """<robot name="two"><material name="blue"><color rgba="0 0 1 1"/></material>
+<link name="base"><visual><geometry><cylinder radius="0.1" length="0.2"/></geometry></visual></link>
+<link name="arm"><visual><origin xyz="0 0 0.5" rpy="0 0 1.5707963"/><geometry><mesh filename="{mesh}" scale="2 2 2"/>
+</geometry><material name="blue"/></visual></link>
+<link name="hand"><visual><geometry><box size="0.1 0.1 0.1"/></geometry></visual></link>
+<link name="camera"><visual><geometry><sphere radius="0.05"/></geometry></visual></link>
+<joint name="j" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="f" type="fixed"><parent link="arm"/><child link="hand"/><origin xyz="0 0 1"/></joint>
+<joint name="c" type="fixed"><parent link="arm"/><child link="camera"/><origin xyz="0.3 0 0"/></joint></robot>"""
+
+
+@pytest.fixture
+def trimesh() -> Any:
+    return pytest.importorskip("trimesh")
+
+
+def written(folder: Path, mesh: str) -> Path:
+    path = folder / "two.urdf"
+    path.write_text(URDF.format(mesh=mesh))
+    return path
+
+
+@pytest.mark.parametrize("ending", ["stl", "obj", "ply", "glb"])
+def test_meshes_are_read_scaled_turned_and_moved(ending: str, tmp_path: Path, trimesh: Any) -> None:
+    box = trimesh.creation.box((0.1, 0.2, 0.3))
+    box.export(tmp_path / f"arm.{ending}")
+    arm = kinseek.load(written(tmp_path, f"arm.{ending}"), tip="hand")
+    found = meshes_of(arm.chain)
+    assert not found.missing
+    assert len(found.links) == 4  # With the camera, which is fixed to the arm beside the way to the hand.
+    sizes = [part.extents for link in found.links for part in link.parts]
+    assert any(np.allclose(size, [0.4, 0.2, 0.6], atol=1e-6) for size in sizes)
+    heights = [part.bounds[:, 2].mean() for link in found.links for part in link.parts]
+    assert any(abs(height - 0.5) < 1e-6 for height in heights)
+
+
+def test_collada_says_its_unit(tmp_path: Path, trimesh: Any) -> None:
+    pytest.importorskip("collada")
+    text = trimesh.exchange.dae.export_collada(trimesh.creation.box((1000.0, 1000.0, 1000.0))).decode()
+    assert "<asset>" in text
+    head, _, rest = text.partition("<asset>")
+    before, _, after = rest.partition("</asset>")
+    before = re.sub(r"<unit[^>]*/>", "", before)
+    after_unit = '<unit name="millimeter" meter="0.001"/>'
+    order = (
+        before.replace("<up_axis>", f"{after_unit}<up_axis>")
+        if "<up_axis>" in before
+        else before + after_unit
+    )
+    (tmp_path / "arm.dae").write_text(f"{head}<asset>{order}</asset>{after}")
+    found = meshes_of(kinseek.load(written(tmp_path, "arm.dae"), tip="hand").chain)
+    assert not found.missing
+    sizes = [part.extents.max() for link in found.links for part in link.parts]
+    assert max(sizes) == pytest.approx(2.0)
+
+
+def test_a_missing_mesh_is_named_and_the_rest_is_shown(tmp_path: Path) -> None:
+    pytest.importorskip("trimesh")
+    found = meshes_of(kinseek.load(written(tmp_path, "package://nowhere/arm.stl"), tip="hand").chain)
+    assert len(found.links) == 3
+    (said,) = found.missing
+    assert "'arm'" in said
+    assert "nowhere" in said
+    assert "packages=" in said
+    (tmp_path / "broken.stl").write_bytes(b"solid nothing of the kind")
+    found = meshes_of(kinseek.load(written(tmp_path, "broken.stl"), tip="hand").chain)
+    assert len(found.links) == 3
+    assert "broken.stl" in found.missing[0]
+
+
+def test_packages_are_found_as_ros_finds_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for folder in ("given/meshes", "ros/two_description/meshes", "ament/share/third/meshes"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "a b.stl").touch()
+    robot = tmp_path / "robot" / "x.urdf"
+    for name in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH"):
+        monkeypatch.delenv(name, raising=False)
+    given = {"one": tmp_path / "given"}
+    assert mesh_path("package://one/meshes/a%20b.stl", robot, given) == tmp_path / "given/meshes/a b.stl"
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ros"))
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ament"))
+    assert mesh_path("package://two_description/meshes/a b.stl", robot, {}).is_file()
+    assert mesh_path("package://third/meshes/a b.stl", robot, {}).is_file()
+    inside = tmp_path / "ros" / "two_description" / "urdf" / "x.urdf"
+    monkeypatch.delenv("ROS_PACKAGE_PATH")
+    assert mesh_path("package://two_description/meshes/a b.stl", inside, {}).is_file()
+    with pytest.raises(kinseek.InvalidRobot, match="neither a path"):
+        mesh_path("https://example.org/a.stl", robot, {})
+
+
+def test_bundled_arms_have_no_meshes_and_nothing_is_said() -> None:
+    for name in Kinds:
+        found = meshes_of(kinseek.load(name).axes)
+        assert not found.links
+        assert not found.missing
+
+
+# Where it listens, and how it works beside the page.
+
+
+def test_a_port_that_is_taken_gives_the_next_one() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        assert free_port("127.0.0.1", port) in range(port + 1, port + 100)
+
+
+@pytest.mark.parametrize("port", [-1, 65536, "8080", True, 1.5])
+def test_a_port_is_a_whole_number(port: Any) -> None:
+    with pytest.raises(InvalidUse, match="whole number"):
+        free_port("127.0.0.1", port)
+
+
+@pytest.mark.parametrize("host", ["203.0.113.7", "no such host.invalid", "\0"])
+def test_a_host_is_an_address_of_this_machine(host: str) -> None:
+    with pytest.raises(InvalidUse, match="host must be"):
+        free_port(host, 8080)
+
+
+def test_only_loopback_is_this_machine_alone() -> None:
+    assert is_loopback("127.0.0.1")
+    assert is_loopback("::1")
+    assert is_loopback("localhost")
+    assert not is_loopback("0.0.0.0")
+    assert not is_loopback("192.168.0.7")
+
+
+def test_show_takes_an_arm() -> None:
+    from kinseek.viewer import show
+
+    with pytest.raises(InvalidUse, match=r"kinseek\.load"):
+        show("panda")  # type: ignore[arg-type]
+
+
+def test_without_viser_the_extra_is_named() -> None:
+    code = (
+        "import sys; sys.modules['viser'] = None\nimport kinseek\nfrom kinseek.viewer import show\n"
+        "try: show(kinseek.load('planar2'))\nexcept kinseek.MissingExtra as error: print(error)"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "pip install 'kinseek[view]'" in said
+
+
+def test_importing_the_viewer_imports_no_viser() -> None:
+    code = "import sys, kinseek.viewer; print('viser' in sys.modules, 'trimesh' in sys.modules)"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert said.split() == ["False", "False"]
+
+
+def test_a_worker_takes_the_newest_and_outlives_a_fault(caplog: pytest.LogCaptureFixture) -> None:
+    done: list[int] = []
+    gate, began = threading.Event(), threading.Event()
+
+    def work(number: int) -> None:
+        if number == 0:
+            began.set()
+            gate.wait(5)
+        if number == 3:
+            raise ValueError("a fault")
+        done.append(number)
+
+    worker = Newest(work, "test")
+    worker.give(0)
+    assert began.wait(5)
+    worker.give(1)
+    worker.give(2)
+    assert worker.stale()
+    assert not worker.idle
+    gate.set()
+    wait_until(lambda: worker.idle)
+    assert done == [0, 2]
+    worker.give(3)
+    wait_until(lambda: worker.idle)
+    worker.give(4)
+    wait_until(lambda: worker.idle)
+    worker.close()
+    assert done == [0, 2, 4]
+    assert "could not show" in caplog.text
+
+
+def test_a_worker_waits_until_it_is_quiet() -> None:
+    done: list[int] = []
+    worker = Newest(done.append, "test", quiet=0.1)
+    for number in range(5):
+        worker.give(number)
+        time.sleep(0.01)
+    wait_until(lambda: worker.idle)
+    worker.close()
+    assert done == [4]
+
+
+def wait_until(there: Any, seconds: float = 5.0) -> None:
+    end = time.monotonic() + seconds
+    while not there():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.005)
+
+
+def test_a_page_begins_where_the_arm_is_dexterous() -> None:
+    arm = kinseek.load("ur5e")
+    q = beginning(arm)
+    assert arm.manipulability(q) > np.median(arm.manipulability(arm.sample(64)))
+
+
+def test_texts_of_an_answer() -> None:
+    session = Session(kinseek.load("planar2"))
+    html = words.answer_html(session.answer(session.begin), None, False)
+    assert "data-status='good'" in html
+    assert "FK evaluations" in html
+    refused = Answer(session.begin, session.begin.q, refused="<no>")
+    assert "&lt;no&gt;" in words.answer_html(refused, None, False)
+    assert "looking" in words.branches_html(None, -1, 0)
+    assert "No branches" in words.branches_html("none of these", -1, 0)
