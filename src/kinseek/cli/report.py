@@ -19,6 +19,7 @@ from kinseek.robots import catalog_entry, catalog_names
 from kinseek.robots.soundness import Checkup, Severity
 from kinseek.solution import Solution
 from kinseek.solvers import Solver
+from kinseek.transforms import quaternion
 
 from .tables import sentence, table, terminal_width
 
@@ -128,7 +129,7 @@ def reach(arm: Arm) -> tuple[float, float]:
 
 def print_pose(arm: Arm, q: Array, T: Array, as_json: bool) -> None:
     """Print a pose of the tip in the base."""
-    wxyz = _quaternion(T[:3, :3])
+    wxyz = quaternion(T[:3, :3])
     xyzw = np.roll(wxyz, -1)
     if as_json:
         facts = {"position": T[:3, 3], "quat_wxyz": wxyz, "quat_xyzw": xyzw, "matrix": T}
@@ -341,13 +342,6 @@ def _both(kind: str, value: float) -> tuple[str, str]:
     if kind == "prismatic":
         return f"{value:.6f} m", f"{value * 1000:.3f} mm"
     return f"{value:.6f} rad", f"{np.rad2deg(value):.3f} deg"
-
-
-def _quaternion(turn: Array) -> Array:
-    """Of a rotation, (3, 3): w x y z, w at least 0."""
-    from scipy.spatial.transform import Rotation
-
-    return np.roll(np.asarray(Rotation.from_matrix(turn).as_quat(canonical=True)), 1)
 
 
 def _row(values: Array) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.kernels.arm.forward import forward_many
-from kinseek.transforms import square
+from kinseek.transforms import from_quaternion, quaternion, square, transform
 
 from .clouds import Cloud
 from .drawing import Figure
@@ -32,19 +32,12 @@ _FAR = 1e-6
 
 def wxyz_of(turn: Array) -> Array:
     """A rotation matrix, (3, 3), as a quaternion, scalar first."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(turn).as_quat()[[3, 0, 1, 2]])
+    return quaternion(turn)
 
 
 def matrix_of(wxyz: Array, position: Array) -> Array:
     """A pose, (4, 4), from a quaternion, scalar first, and a place [m]."""
-    from scipy.spatial.transform import Rotation
-
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_quat(np.asarray(wxyz)[[1, 2, 3, 0]]).as_matrix()
-    pose[:3, 3] = position
-    return pose
+    return transform(from_quaternion(np.asarray(wxyz, dtype=np.float64)), position)
 
 
 class Poses:
