@@ -90,8 +90,8 @@ def test_text_that_is_no_robot(text: str, message: str) -> None:
         ),
         ("file:///home/ur5e.urdf", "write the path of the file, without file://"),
         ("arm.sdf", ".sdf files are not read: export the arm as URDF or MJCF"),
-        ("UR5e", "unknown robot 'UR5e'; write 'ur5e': names of bundled arms are lower-case"),
-        ("KR6-R900", "write 'kr6r900'"),
+        ("UR5e", "unknown robot 'UR5e'; did you mean 'ur5e'\\? Names of bundled arms are lower-case"),
+        ("KR6-R900", "did you mean 'kr6r900'"),
         ("Panda.urdf", "no file 'Panda.urdf'"),
     ],
 )

@@ -49,8 +49,6 @@ class Status(Enum):
         return self.value
 
 
-_TOLD = ("position_error", "orientation_error", "weighted_error", "evaluations")
-"""What tables tell of an answer."""
 _NO: Any = False
 _NONE: Any = 0
 
@@ -293,16 +291,9 @@ class Solution(Generic[Flag, Number, Count, State]):
         Raises:
             MissingExtra: pandas is not installed.
         """
-        from .notebook.frames import frame
+        from .notebook.frames import solution_frame
 
-        solution: Solution = self
-        shape = np.shape(solution.success) or (1,)
-        facts = {name: np.ravel(getattr(solution, name)) for name in ("success", *_TOLD)}
-        states = [status.name for status in np.ravel(np.asarray(solution.status, dtype=object))]
-        numbers = [np.ravel(each) for each in np.indices(shape)]
-        names = ["target"] if len(shape) == 1 else [f"target {i}" for i in range(len(shape))]
-        joints = solution.problem.mechanism.joint_names
-        return frame(joints, self.q.reshape(-1, len(joints)), {"status": states, **facts}, numbers, names)
+        return solution_frame(self)
 
     def _repr_html_(self) -> str:
         """For notebooks: a table and a picture; of a batch its first rows."""

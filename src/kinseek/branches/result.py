@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.errors import InvalidUse
 from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR
 from kinseek.kernels.branches.refine_all import ANSWERS, CONTINUUM, SPENT
 from kinseek.problem import MadeWhenAsked, Problem
@@ -76,11 +75,9 @@ class Branches:
         Raises:
             MissingExtra: pandas is not installed.
         """
-        from kinseek.notebook.frames import frame
+        from kinseek.notebook.frames import branches_frame
 
-        facts = {"position_error": self.position_error, "orientation_error": self.orientation_error}
-        names = self.problem.mechanism.joint_names
-        return frame(names, self.q, facts, [np.arange(len(self))], ["branch"])
+        return branches_frame(self)
 
     def _repr_html_(self) -> str:
         """For notebooks: the first answers, and a picture of these."""
@@ -147,16 +144,9 @@ class BranchesBatch(Sequence[Branches]):
             MissingExtra: pandas is not installed.
             InvalidUse: A batch of no goals, which tells no joints.
         """
-        from kinseek.notebook.frames import frame
+        from kinseek.notebook.frames import branches_batch_frame
 
-        if not self.each:
-            raise InvalidUse("a batch of no goals has no table")
-        columns = ("position_error", "orientation_error")
-        facts = {name: np.concatenate([getattr(one, name) for one in self.each]) for name in columns}
-        goals = np.repeat(np.arange(len(self)), self.counts.ravel())
-        branches = np.concatenate([np.arange(len(one)) for one in self.each])
-        names = self.each[0].problem.mechanism.joint_names
-        return frame(names, self.q, facts, [goals, branches], ["target", "branch"])
+        return branches_batch_frame(self)
 
     def _repr_html_(self) -> str:
         """For notebooks: how many answers the first goals have."""

@@ -126,7 +126,7 @@ def _what_it_may_be(source: str) -> str:
         return f"no arm is called {shown}; {hint}. A path must end in .urdf, .xacro or .xml"
     plain = {_plain(name): name for name in catalog_names()}
     if (meant := plain.get(_plain(source))) is not None:
-        return f"unknown robot {source!r}; write {meant!r}: names of bundled arms are lower-case"
+        return f"unknown robot {source!r}; did you mean {meant!r}? Names of bundled arms are lower-case"
     return f"{suggest(source, catalog_names(), 'robot')}. A path must end in .urdf, .xacro or .xml"
 
 

@@ -35,6 +35,8 @@ def read_pinocchio(model: Any, base: str | None = None, tip: str | None = None) 
     Raises:
         InvalidRobot: Unknown or unconnected frames, or a joint between base and tip that neither turns nor slides.
     """
+    if model.njoints < 2:  # The universe counts as one.
+        raise InvalidRobot("the pinocchio model has no joints")
     parents, places, ends = _frames(model)
     carried = {name: str(model.names[joint]) for name, (joint, _) in places.items()}
     moved = {name for name, above in parents.items() if above is not None and carried[name] != carried[above]}
