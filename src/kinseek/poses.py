@@ -150,8 +150,7 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
 
     What is repaired beyond what `as_pose` repairs is told; `level` calls lie between here and the line to blame.
     """
-    if matrix.ndim < 2 or matrix.shape[-2:] != (4, 4):
-        raise InvalidGoal(f"a pose must have shape (4, 4) or (..., 4, 4), got {matrix.shape}{_hint(matrix)}")
+    _require_shape(matrix)
     if all_rigid(np.ascontiguousarray(matrix.reshape(-1, 4, 4))):
         return matrix
     if not np.isfinite(matrix).all():
@@ -190,6 +189,11 @@ def _rigid(matrix: Array, repairable: float, level: int) -> Array:
     return matrix
 
 
+def _require_shape(matrix: Array) -> None:
+    if matrix.ndim < 2 or matrix.shape[-2:] != (4, 4):
+        raise InvalidGoal(f"a pose must have shape (4, 4) or (..., 4, 4), got {matrix.shape}{_hint(matrix)}")
+
+
 def _measured(matrix: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Rotations of finite matrices, (..., 4, 4), how far they and the last rows are from a pose's, and which reflect."""
     # Whatever is larger is no rotation either, and has no square.
@@ -212,9 +216,8 @@ def good_and_bad(target: Any) -> tuple[Array, NDArray[np.bool_]]:
         InvalidGoal: Wrong shape.
     """
     matrix = _matrix_of(target)
-    if matrix.ndim < 2 or matrix.shape[-2:] != (4, 4):
-        as_pose(matrix)
-    finite = np.isfinite(matrix).all(axis=(-2, -1))
+    _require_shape(matrix)
+    finite = np.asarray(np.isfinite(matrix).all(axis=(-2, -1)))
     tame = np.where(finite[..., None, None], matrix, np.eye(4))
     near = np.abs(tame[..., :3, 3]).max(axis=-1) <= LARGEST
     _, off, row, mirrored = _measured(tame)
