@@ -46,6 +46,8 @@ _MANY = "Many poses"
         "kinseek solve ur5e --at 0.4 0.2 0.3 --rpy 180 0 0 --deg --free z,rz --lock wrist_3_joint=0",
         "kinseek solve planar2 --at 0.3 0.4 0 --position-only --near joint1=0.2,joint2=1.5",
         "kinseek solve panda --at 0.4 0.1 0.5 --quat-wxyz 0 1 0 0 --prefer limits --json",
+        "kinseek solve ur5e --batch poses.csv --out answers.csv",
+        "kinseek solve ur5e --jsonl < poses.jsonl",
     ],
     more=[
         f"Columns of --batch, lengths in m, angles in rad: {VALID}. With --position-only those of a rotation may be "
