@@ -390,6 +390,14 @@ MISUSE = {
         "locked",
     ),
     "prefer": (("solve", "planar2", *REACHABLE, "--position-only", "--prefer", "limit"), "'limits'"),
+    "near and prefer": (
+        ("solve", "planar2", *REACHABLE, "--position-only", "--near", "1", "1", "--prefer", "limits"),
+        "--near and --prefer both",
+    ),
+    "count of none": (
+        ("solve", "planar2", *REACHABLE, "--position-only", "--all", "--count", "0"),
+        "--count",
+    ),
     "count alone": (("solve", "planar2", *REACHABLE, "--position-only", "--count", "2"), "add --all"),
     "all with a search": (
         ("solve", "planar2", *REACHABLE, "--position-only", "--all", "--solver", "brute-force"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -177,6 +178,11 @@ WRONG = {
     "nothing": ("x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n1,,3,1,0,0,0\n", "row 2: y is '', no number"),
     "short row": ("x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n1,2,3\n", "row 2: 3 values, expected 7"),
     "all rows short": ("x,y,z,qw,qx,qy,qz\n1,2,3\n1,2,3\n", "row 1: 3 values, expected 7"),
+    "no end of a letter": (
+        "x,y,z,qw,qx,qy,qz\n" + "a" * 200_000 + "\n",
+        "no table that can be read: field larger",
+    ),
+    "a blank row": ("x,y,z,qw,qx,qy,qz\n   \n", "row 1: 1 values, expected 7"),
     "infinite": ("x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n\n1,2,inf,1,0,0,0\n", "row 2: z is inf"),
     "no quaternion": (
         "x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n1,2,3,0,0,0,0\n1,2,3,1,0,0,0\n",
@@ -280,6 +286,17 @@ def test_nothing_is_half_written(
     assert run(["solve", "ur5e", "--batch", str(tmp_path / "in.npy"), "--out", str(out)]) == 130
     assert out.read_text(encoding="utf-8") == "what was there"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in.npy", out.name]
+
+
+def test_what_lies_in_the_way_stays(poses: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    np.save(tmp_path / "in.npy", poses)
+    other = tmp_path / f".out.npy.{os.getpid()}.part"
+    other.write_text("not ours", encoding="utf-8")
+    assert (
+        run(["solve", "ur5e", "--batch", str(tmp_path / "in.npy"), "--out", str(tmp_path / "out.npy")]) == 2
+    )
+    assert "cannot write" in capsys.readouterr().err
+    assert other.read_text(encoding="utf-8") == "not ours"
 
 
 PROGRAM = """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import shlex
 import subprocess
@@ -45,6 +46,11 @@ def test_examples_run(
     example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    Path("poses.csv").write_text("x,y,z,roll,pitch,yaw\n0.4,0.2,0.3,3.1,0,0\n", encoding="utf-8")
+    lines = '{"position": [0.4, 0.2, 0.3], "rpy": [3.1, 0, 0]}\n'
+    if example.endswith(" < poses.jsonl"):
+        monkeypatch.setattr(sys, "stdin", io.StringIO(lines))
+        example = example.removesuffix(" < poses.jsonl")
     if example.startswith("kinseek view"):
         monkeypatch.setitem(sys.modules, "kinseek.viewer", types.SimpleNamespace(show=lambda *_, **__: None))
     if example.startswith("kinseek export"):  # Compiling takes half a minute; tests/test_export.py does it.

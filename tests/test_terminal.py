@@ -23,6 +23,7 @@ SHOWN = {
     "show a slide": ("show", "scara4"),
     "show free joints": ("show", "gen3"),
     "robots": ("robots",),
+    "check": ("check", "ur5e"),
     "fk": ("fk", "panda", "0", "0", "0", "-1", "0", "1", "0"),
 }
 
@@ -67,6 +68,20 @@ def test_nothing_is_cut_and_every_line_fits(case: str, columns: int) -> None:
     assert max(map(len, narrow.splitlines())) <= columns
     assert "…" not in narrow
     assert sorted(narrow.split()) == sorted(wide.split())  # Every word is there, and none is broken.
+
+
+@pytest.mark.parametrize("columns", [80, 40])
+@pytest.mark.parametrize("name", ["ur5e", "panda"])
+def test_every_answer_fits(name: str, columns: int) -> None:
+    pose = ("--at", "0.4", "0.2", "0.3", "--rpy", "180", "0", "0", "--deg", "--all")
+    wide, narrow = in_pipe("solve", name, *pose), in_terminal(columns, "solve", name, *pose)
+    assert max(map(len, narrow.splitlines())) <= columns
+    numbers = [sorted(re.findall(r"-?\d\.\d{6}", said)) for said in (wide, narrow)]
+    assert numbers[0] == numbers[1]
+    assert all(
+        f"j{i + 1} {joint}" in " ".join(narrow.split())
+        for i, joint in enumerate(kinseek.load(name).joint_names)
+    )
 
 
 def test_every_arm_fits_eighty_columns_in_one_line_a_joint() -> None:

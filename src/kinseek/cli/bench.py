@@ -66,7 +66,7 @@ def measure(arm: Arm, poses: int, seconds: float, peers: Sequence[Peer] = PEERS)
         np.clip(q + np.random.default_rng(2).normal(0.0, 0.05, q.shape), arm.lower, arm.upper),
     )
     ours = "kinseek"
-    yield _each("one pose a call", ours, lambda k: arm.ik(targets[k]).q, arm, targets, seconds)
+    yield _each("one pose", ours, lambda k: arm.ik(targets[k]).q, arm, targets, seconds)
     for peer in peers:
         if peer.installed:
             yield _peer(peer, arm, targets, seconds)
@@ -75,10 +75,10 @@ def measure(arm: Arm, poses: int, seconds: float, peers: Sequence[Peer] = PEERS)
     yield _branches(arm, targets, seconds)
     far = _out_of_reach(arm, targets)
     times, _ = _timed(lambda k: arm.ik(far[k]), poses, seconds)
-    yield Row("out of reach, nearest pose", ours, *_figures(times), None, len(times))
+    yield Row("unreachable", ours, *_figures(times), None, len(times))
     times, proofs = _timed(lambda k: arm.prove(far[k]).verdict, poses, seconds)
     proved = np.mean([verdict is Verdict.UNREACHABLE for verdict in proofs])
-    yield Row("out of reach, proved", ours, *_figures(times), float(proved), len(times))
+    yield Row("unreachable, proof", ours, *_figures(times), float(proved), len(times))
 
 
 def reached(arm: Arm, q: Array, targets: Array) -> NDArray[np.bool_]:
@@ -138,7 +138,7 @@ def _each(
 
 
 def _peer(peer: Peer, arm: Arm, targets: Array, seconds: float) -> Row:
-    what = "one pose a call"
+    what = "one pose"
     try:
         who = f"{peer.name} {version(peer.package)}"
     except PackageNotFoundError:
@@ -158,7 +158,7 @@ def _batch(arm: Arm, targets: Array, seconds: float) -> Row:
     times, answers = _timed(lambda _: arm.ik(targets).q, 5, seconds)
     per_pose = float(np.median(times)) / len(targets)
     good = reached(arm, answers[0], targets).mean()
-    return Row(f"a batch, {_cores()} threads", "kinseek", per_pose, None, float(good), len(targets))
+    return Row(f"batch, {_cores()} threads", "kinseek", per_pose, None, float(good), len(targets))
 
 
 def _branches(arm: Arm, targets: Array, seconds: float) -> Row:

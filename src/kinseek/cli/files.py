@@ -110,8 +110,9 @@ def write_columns(path: Path, columns: Mapping[str, NDArray[Any]], joints: Seque
 def _whole(path: Path) -> Iterator[BinaryIO]:
     """A file that takes the place of `path` when all is written; until then, and after a failure, nothing is changed."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    file = part.open("xb")
     try:
-        with part.open("xb") as file:
+        with file:
             yield file
         part.replace(path)
     except BaseException:  # Ctrl-C too.
@@ -125,7 +126,10 @@ def _csv(path: Path) -> dict[str, Array]:
             header = file.readline()
             delimiter = next((each for each in ",;\t" if each in header), ",")
             names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter), [])]
-            _require_names(names, str(path))
+            if not all(names) or all(map(is_number, names)):
+                got = ", ".join(names) or "nothing"
+                raise InvalidGoal(f"{path}: the first row must name the columns, got {got}. Valid: {VALID}")
+            _refuse_twice(names, str(path))
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore", UserWarning)  # Of no rows: that is said later.
@@ -136,6 +140,8 @@ def _csv(path: Path) -> dict[str, Array]:
                 _explain(csv.reader(file, delimiter=delimiter), names, str(path), error)
     except UnicodeDecodeError as error:
         raise InvalidGoal(f"{str(path)!r} is no UTF-8 text: {error.reason} at byte {error.start:,}") from None
+    except csv.Error as error:
+        raise InvalidGoal(f"{str(path)!r} is no table that can be read: {error}") from None
     if table.size == 0:
         table = np.empty((0, len(names)))
     if table.shape[1] != len(names):
@@ -143,12 +149,7 @@ def _csv(path: Path) -> dict[str, Array]:
     return dict(zip(names, table.T, strict=True))
 
 
-def _require_names(names: list[str], where: str) -> None:
-    """Refuse a first row that does not name the columns, or names one twice."""
-    if all(is_number(name) for name in names if name) or not all(names):
-        raise InvalidGoal(
-            f"{where}: the first row must name the columns, got {', '.join(names) or 'nothing'}. Valid: {VALID}"
-        )
+def _refuse_twice(names: list[str], where: str) -> None:
     if twice := [name for name, count in Counter(names).items() if count > 1]:
         raise InvalidGoal(f"{where}: two columns are called {twice[0]!r}")
 
@@ -181,6 +182,7 @@ def _parquet(path: Path) -> dict[str, Array]:
     pyarrow, parquet = _pyarrow()
     try:
         table = parquet.read_table(path)
+        _refuse_twice(table.column_names, str(path))
         columns = {name: table.column(name).to_numpy() for name in table.column_names}
     except pyarrow.ArrowException as error:
         raise InvalidGoal(f"{str(path)!r} is no Parquet file that can be read: {error}") from None

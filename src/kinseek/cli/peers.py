@@ -205,6 +205,6 @@ def _rpy(A: Array) -> list[float]:
 PEERS = (
     Peer("EAIK", "eaik", "EAIK", eaik),
     Peer("Robotics Toolbox", "roboticstoolbox", "roboticstoolbox-python", robotics_toolbox),
-    Peer("pinocchio, its loop", "pinocchio", "pin", pinocchio),
+    Peer("pinocchio loop", "pinocchio", "pin", pinocchio),
     Peer("ikpy", "ikpy", "ikpy", ikpy),
 )

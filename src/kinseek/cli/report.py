@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 
 _POSTURES = 20_000
 """Postures from which `show` measures the reach."""
+_ENDLESS = 100_000
+"""Letters in a line that holds any table."""
 _LISTED = 10
 """Rows that were not reached, for people."""
 
@@ -77,15 +79,18 @@ def print_bench(arm: Arm, rows: Sequence[Row], machine: str, as_json: bool) -> N
         return
 
     def cells(row: Row) -> tuple[str, ...]:
-        figures = [f"{number:,.1f}" if number is not None else "-" for number in (row.median, row.slow)]
-        good = f"{row.good * 100:.1f} %" if row.good is not None else "-"
-        return (row.what, row.who, *figures, good, f"{row.poses:,}" if row.poses else row.why_not)
+        figures = [
+            "-" if x is None else f"{x:,.0f}" if x >= 1000 else f"{x:.1f}" for x in (row.median, row.slow)
+        ]
+        good = "-" if row.good is None else f"{row.good * 100:.1f} %"
+        return (row.what, row.who, *figures, good, f"{row.poses:,}")
 
     _print(f"{arm.name}, {arm.dof} joints; {machine}")
-    _print_table(
-        ("", "", ">median\nµs a pose", ">p99\nµs a call", ">reached or\nproved", ">poses"),
-        [cells(row) for row in rows],
-    )
+    columns = ("", "", ">median\nµs a pose", ">p99\nµs", ">reached\n/proved", ">poses")
+    _print_table(columns, [cells(row) for row in rows if not row.why_not])
+    for row in rows:
+        if row.why_not:
+            _print(f"{row.who}: {row.why_not}")
 
 
 def print_checkup(name: str, found: Checkup, as_json: bool) -> None:
@@ -256,24 +261,33 @@ def print_branches(arm: Arm, found: Branches, seconds: float, as_json: bool) -> 
         return
     room = np.minimum(found.q - arm.lower, arm.upper - found.q)
     room[:, [kind == "continuous" for kind in arm.kinds]] = np.inf
-    units = ["m" if kind == "prismatic" else "rad" for kind in arm.kinds]
-    columns = (
-        ">",
-        *(f">{name}\n{unit}" for name, unit in zip(arm.joint_names, units, strict=True)),
-        ">to a limit",
-    )
     rows = [
-        (str(k + 1), *(f"{value:.6f}" for value in q), f"{least:.6f}" if np.isfinite(least) else "no limit")
+        (str(k + 1), *(f"{value:.6f}" for value in q), f"{least:.6f}" if np.isfinite(least) else "none")
         for k, (q, least) in enumerate(zip(found.q, room.min(axis=1), strict=True))
     ]
     if rows:
-        _print_table(columns, rows)
+        _print_answers(arm, rows)
     _print(_how_many(found))
     if rows:
         worst = [f"position {found.position_error.max():.3g} m"]
         worst += [f"orientation {found.orientation_error.max():.3g} rad"] * bool(goal.form.columns)
         _print(f"largest errors: {', '.join(worst)}")
     _print(f"{found.evaluations:,} FK evaluations, {seconds:.3g} s (loading compiled kernels included)")
+
+
+def _print_answers(arm: Arm, rows: Sequence[Sequence[str]]) -> None:
+    """Print answers, one a line; where names of joints are too wide for that, they get short ones."""
+    units = ["m" if kind == "prismatic" else "rad" for kind in arm.kinds]
+    short = [f"j{i + 1}" for i in range(arm.dof)]
+
+    def columns(names: Sequence[str]) -> list[str]:
+        return [">", *(f">{name}\n{unit}" for name, unit in zip(names, units, strict=True)), ">to the\nlimit"]
+
+    width, names = terminal_width(), arm.joint_names
+    if width is not None and max(map(len, table(columns(names), rows, _ENDLESS).splitlines())) > width:
+        _print(", ".join(f"{one} {name}" for one, name in zip(short, names, strict=True)))
+        names = tuple(short)
+    _print_table(columns(names), rows)
 
 
 def print_batch(arm: Arm, reached: NDArray[np.bool_], out: str, seconds: float, as_json: bool) -> None:

@@ -37,7 +37,8 @@ def command(arm: str, base: str | None, tip: str | None, poses: int, seconds: fl
 
     Poses are those of random postures inside the limits. Reached is what comes to 1e-6 m and 1e-6 rad inside the limits,
     judged by kinseek's plain forward kinematics for all alike; of every answer, all have to. Nobody is told the posture: a
-    peer that needs a start gets the middle of the ranges. Near a start is one about 0.05 rad or m a joint away.
+    peer that needs a start gets the middle of the ranges. Near a start is one about 0.05 rad or m a joint away. Unreachable
+    poses are farther away than the links together are long: the nearest pose is looked for, or a proof that there is none.
     """
     loaded, rows = load(arm, base, tip), []
     for row in bench.measure(loaded, poses, seconds):

@@ -46,6 +46,8 @@ _MANY = "Many poses"
         "kinseek solve ur5e --at 0.4 0.2 0.3 --rpy 180 0 0 --deg --free z,rz --lock wrist_3_joint=0",
         "kinseek solve planar2 --at 0.3 0.4 0 --position-only --near joint1=0.2,joint2=1.5",
         "kinseek solve panda --at 0.4 0.1 0.5 --quat-wxyz 0 1 0 0 --prefer limits --json",
+        "kinseek solve ur5e --batch poses.csv --out answers.csv",
+        "kinseek solve ur5e --jsonl < poses.jsonl",
     ],
     more=[
         f"Columns of --batch, lengths in m, angles in rad: {VALID}. With --position-only those of a rotation may be "
@@ -99,10 +101,10 @@ _MANY = "Many poses"
     "every",
     is_flag=True,
     group=_WHICH,
-    help="Every distinct answer, or a spread sample where the arm has joints to spare; --near and --prefer say which "
+    help="Every distinct answer, or a spread sample where the arm has joints to spare; --near or --prefer says which "
     "comes first.",
 )
-@option("--count", metavar="N", type=int, group=_WHICH, help="Answers of --all at most.")
+@option("--count", metavar="N", type=click.IntRange(1), group=_WHICH, help="Answers of --all at most.")
 @option(
     "--prove",
     is_flag=True,
@@ -217,19 +219,22 @@ def command(
         prove=prove,
         trace=trace,
     )
+    if near is not None and prefer is not None:
+        raise InvalidProblem("--near and --prefer both say which answer is the best; give one of them")
     if count is not None and not every:
         raise InvalidProblem("--count is how many answers --all gives at most; add --all")
     if batch is None and not jsonl:
         if out is not None:
             raise InvalidProblem("--out is where the answers of --batch go; add --batch")
         return _one(question, asked.goal(target_of(at, turns, position_only, deg)), every, count, as_json)
-    given = {
-        "--at": at,
-        **{f"--{name.replace('_', '-')}": text for name, text in turns.items()},
-        "--trace": trace or None,
-    }
-    for name in (name for name, value in given.items() if value is not None):
-        raise InvalidProblem(f"{'--jsonl' if jsonl else '--batch'} takes many poses; it goes without {name}")
+    single = [
+        *(["--at"] if at is not None else []),
+        *(f"--{name.replace('_', '-')}" for name in turns),
+        *(["--trace"] if trace else []),
+    ]
+    if single:
+        many = "--jsonl" if jsonl else "--batch"
+        raise InvalidProblem(f"{many} takes many poses; it goes without {' and '.join(single)}")
     if batch is None:
         return solve_lines(question, deg, every, count)
     if jsonl or out is None:
