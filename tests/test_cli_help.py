@@ -96,7 +96,7 @@ print(*sorted({name.partition(".")[0] for name in sys.modules}), *(n for n in sy
 
 @pytest.mark.slow
 def test_a_command_loads_no_more_than_it_needs() -> None:
-    words = ("solve", "ur5e", "--at", "0.4 0.2 0.3", "--position-only")
+    words = ("solve", "ur5e", "--at", "0.4 0.2 0.3", "--rpy", "3.14 0 0")
     done = subprocess.run([sys.executable, "-c", LIGHT, *words], capture_output=True, text=True, check=True)
     loaded = done.stdout.splitlines()[-1].split()
     assert {"click", "numpy", "kinseek.cli.commands.solve"} <= set(loaded)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-
 import click
 
 from kinseek.arm import load
 from kinseek.cli.help import Command, option
 from kinseek.cli.options import ARM, arm_argument, chain_options
 from kinseek.cli.output import direct_output
-from kinseek.errors import InvalidProblem, MissingExtra
+from kinseek.errors import InvalidProblem
 
 
 @click.command(
@@ -50,12 +48,8 @@ def command(
 
     It ends with Ctrl-C.
     """
-    try:
-        show = import_module("kinseek.viewer").show
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] == "kinseek" and error.name != "kinseek.viewer":
-            raise
-        raise MissingExtra("The viewer", "view") from None
+    from kinseek.viewer import show  # It says itself what has to be installed.
+
     loaded, packages = load(arm, base, tip), _folders(package)
     with direct_output():
         show(loaded, host=host, port=port, open_browser=browser, packages=packages)
