@@ -102,6 +102,15 @@ def test_a_goal_that_cannot_be_asked_is_said_and_the_arm_stays(sessions: dict[st
     assert np.array_equal(answer.q, session.begin.q)
 
 
+def test_a_goal_in_other_units_is_said(sessions: dict[str, Session]) -> None:
+    begin = sessions["ur5e"].begin
+    target = begin.target.copy()
+    target[:3, 3] *= 1000.0
+    answer = sessions["ur5e"].answer(begin.but(target=target))
+    assert "lengths are in metres" in answer.refused
+    assert np.array_equal(answer.q, begin.q)
+
+
 def test_nothing_is_proved_of_free_axes_and_that_is_said(sessions: dict[str, Session]) -> None:
     wishes = far(sessions["ur5e"].begin).but(free=("z",))
     (proof,) = sessions["ur5e"].proofs(wishes, lambda: False)

@@ -55,8 +55,8 @@ class Page:
             self.show_pass,
             lambda: self._player.give("play"),
         )
-        self.panel = Panel(client.gui, self.arm, self.wishes, actions, meshes.missing)
-        name = f"kinseek page {client.client_id}"
+        self.panel = Panel(client.gui, self.arm, self.wishes, actions, meshes)
+        name = f"kinseek page {id(self):x}"
         self._front = Newest(self._answer, f"{name}: answers")
         self._prover = Newest(self._prove, f"{name}: proofs", QUIET)
         self._clouder = Newest(self._cloud, f"{name}: clouds", QUIET)
@@ -73,8 +73,9 @@ class Page:
             client.camera.position, client.camera.look_at = wishes.camera
         elif client.camera.aspect < 1.0:  # A narrow window has the panel below: the arm goes above it.
             eye, at = client.camera.position, client.camera.look_at
-            client.camera.look_at = at - [0.0, 0.0, 0.75 * self.scene.size]
-            client.camera.position = at + (eye - at) / client.camera.aspect**0.5
+            away = 0.9 * (eye - at) / client.camera.aspect
+            client.camera.position = at + away  # Which takes along what it looks at.
+            client.camera.look_at = at - [0.0, 0.0, 0.22 * float(np.linalg.norm(away))]
 
         async def dragged(event: Any) -> None:
             self.wish(target=matrix_of(event.target.wxyz, event.target.position))
@@ -156,6 +157,7 @@ class Page:
             self.scene.show_arm(answer.q, wishes.target, answer.reached)
             self.panel.answer.content = words.answer_html(answer, None, missed and wishes.search == DEFAULT)
             self.panel.joints.content = words.joints_html(self.arm, answer.q)
+        self._client.flush()
         if self._front.stale():
             return
         if picked is None or self.branches is None:

@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
+from kinseek.errors import KinseekError
 from kinseek.poses import pose, rpy_of
 from kinseek.ranges import AXES
 
+from .meshes import Meshes
 from .searches import HINTS, PARAMETERS, SEARCHES, TREES, parameters_of
 from .wishes import CHOSEN, COUNTS, Wishes
-from .words import joints_html, note_html
+from .words import joints_html, note_html, refused_html
 
 Array = NDArray[np.float64]
 
@@ -40,7 +42,7 @@ class Actions:
 class Panel:
     """One person's panel; `gui` is that of their connection alone."""
 
-    def __init__(self, gui: Any, arm: Arm, wishes: Wishes, actions: Actions, missing: list[str]) -> None:
+    def __init__(self, gui: Any, arm: Arm, wishes: Wishes, actions: Actions, meshes: Meshes) -> None:
         """Lay it out."""
         self._gui, self._arm, self._do = gui, arm, actions
         self.answer = gui.add_html("")
@@ -54,7 +56,7 @@ class Panel:
         with tabs.add_tab("Search"):
             self._search(wishes)
         with tabs.add_tab("See"):
-            self._see(wishes, missing)
+            self._see(wishes, meshes)
 
     def _goal(self, wishes: Wishes) -> None:
         gui, wish = self._gui, self._do.wish
@@ -122,8 +124,8 @@ class Panel:
     def _parameters(self) -> dict[str, str]:
         return {name: str(each.value) for name, each in self.parameters.items() if each.visible}
 
-    def _see(self, wishes: Wishes, missing: list[str]) -> None:
-        gui, axes = self._gui, self._arm.axes is not None
+    def _see(self, wishes: Wishes, meshes: Meshes) -> None:
+        gui, axes, missing = self._gui, self._arm.axes is not None, meshes.missing
         self.see = {
             name: gui.add_checkbox(label, getattr(wishes, name), hint=hint, disabled=not there)
             for name, label, hint, there in (
@@ -146,7 +148,7 @@ class Panel:
                     "Out of reach: tips of the middles of the boxes that are left.",
                     axes,
                 ),
-                ("meshes", "Meshes", "Draw the arm by the meshes of its file.", True),
+                ("meshes", "Meshes", "Draw the arm by the meshes of its file.", bool(meshes.links)),
                 ("dark", "Dark", "", True),
             )
         }
@@ -201,8 +203,12 @@ class Panel:
         """Call `do` with what a person, not the page itself, has set; in order, since it runs in the server's own loop."""
 
         async def told(event: Any) -> None:
-            if event.client is not None:
+            if event.client is None:
+                return
+            try:
                 do(event.target.value)
+            except KinseekError as error:  # What was typed is no pose, perhaps.
+                self.answer.content = refused_html(str(error))
 
         (handle.on_click if click else handle.on_update)(told)
 

@@ -64,6 +64,7 @@ class Viewer:
         """The pages that are open now, by the number of their connection."""
         self._lock = threading.Lock()
         self._stopped = threading.Event()
+        self._server.gui.main_panel.dock_right()
         self._first_look()
 
         @self._server.on_client_connect

@@ -20,6 +20,7 @@ from kinseek.proof.certificate import Certificate, Verdict
 from kinseek.solution import Solution, Status
 from kinseek.trace import Trace
 from kinseek.turns import TURN
+from kinseek.units import FAR
 
 from .searches import DEFAULT, make_search, needs_start, takes_seconds
 from .wishes import Wishes, first_wishes
@@ -152,6 +153,8 @@ class Session:
 
     def answer(self, wishes: Wishes) -> Answer:
         """Answer a goal by the search that was chosen; what is refused is said, and the arm stays where it is."""
+        if far := self._far(wishes):
+            return Answer(wishes, wishes.q, refused=far)
         try:
             goal, search = self._question(wishes), make_search(wishes.search, wishes.parameters)
             near = wishes.q if wishes.follow or needs_start(wishes.search) else None
@@ -164,6 +167,16 @@ class Session:
         except KinseekError as error:
             return Answer(wishes, wishes.q, refused=str(error))
         return Answer(wishes.but(q=solution.q), solution.q, solution, seconds)
+
+    def _far(self, wishes: Wishes) -> str:
+        """What is said of a goal so far off that it is in other units, perhaps: `Arm.ik` would warn."""
+        far = float(np.linalg.norm(wishes.target[:3, 3]))
+        if self.arm.axes is None or far <= FAR * self.arm.axes.reach:
+            return ""
+        return (
+            f"The goal is {far:.4g} m from the base, and the arm reaches {self.arm.axes.reach:.3g} m at most: "
+            "lengths are in metres."
+        )
 
     def traced(self, wishes: Wishes) -> Trace | None:
         """What the default search does for a goal, pass by pass; others give their trace with the answer."""

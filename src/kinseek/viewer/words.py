@@ -24,11 +24,7 @@ _NEAR = 0.02
 
 def answer_html(answer: Answer, proof: Proof | None, proving: bool) -> str:
     """The status sentence, both errors, the work, and what is proved; `proving` says that more may come."""
-    sentence, news = status_of(answer, proof)
-    parts = [
-        f"<div style='border-left:4px solid {_NEWS[news]};padding:2px 0 2px 8px;font-weight:600' "
-        f"data-status='{news}' role='status'>{escape(sentence)}</div>"
-    ]
+    parts = [_sentence(*status_of(answer, proof))]
     if answer.solution is not None:
         found = answer.solution
         turn = float(found.orientation_error)
@@ -49,6 +45,18 @@ def answer_html(answer: Answer, proof: Proof | None, proving: bool) -> str:
         said.append("Looking closer …" if said else "Looking for a proof …")
     parts += [f"<div style='margin-top:4px'>{escape(each)}</div>" for each in said]
     return _block("".join(parts))
+
+
+def refused_html(why: str) -> str:
+    """Why something cannot be asked."""
+    return _block(_sentence(why, "refused"))
+
+
+def _sentence(words: str, news: str) -> str:
+    return (
+        f"<div style='border-left:4px solid {_NEWS[news]};padding:2px 0 2px 8px;font-weight:600' "
+        f"data-status='{news}' role='status'>{escape(words)}</div>"
+    )
 
 
 def _time(seconds: float) -> str:

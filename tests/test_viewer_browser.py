@@ -1,0 +1,385 @@
+"""The viewer in a browser: Debian's Chromium, without a screen, WebGL in software.
+
+They are left out where no Chromium is; with KINSEEK_BROWSER=1 that is a failure. KINSEEK_SCREENSHOTS=folder keeps pictures.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kinseek
+from kinseek import viewer
+from kinseek.viewer import Viewer
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+WANTED = os.environ.get("KINSEEK_BROWSER") == "1"
+PICTURES = os.environ.get("KINSEEK_SCREENSHOTS")
+
+FLAGS = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
+    *("--disable-background-networking", "--disable-component-update"),
+    *("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+)
+
+SMALL = {"width": 800, "height": 560}
+"""Every pixel is drawn by the processor."""
+
+PATIENCE = 60.0
+"""[s] A busy machine without a graphics card draws a few frames a second."""
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None and not WANTED, reason="no Chromium here"),
+    # Chromium and the server end in any order; what was still on its way then is no fault.
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    if not WANTED:
+        pytest.importorskip("viser")
+        pytest.importorskip("playwright")
+    from playwright.sync_api import sync_playwright
+
+    assert CHROMIUM is not None, "KINSEEK_BROWSER=1, and there is no Chromium"
+    with sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def shown(browser: Any) -> Iterator[Viewer]:
+    with viewer.show(kinseek.load("ur5e"), port=0, block=False, open_browser=False) as running:
+        yield running
+
+
+class Visit:
+    """A browser's page, and the server's page behind it."""
+
+    def __init__(
+        self, browser: Any, shown: Viewer, size: dict[str, int] | None = None, context: Any = None
+    ) -> None:
+        self.faults: list[str] = []
+        self.asked: list[str] = []
+        before = set(shown.pages)
+        self.context = context or browser.new_context(viewport=size or SMALL)
+        self.tab = self.context.new_page()
+        self.tab.set_default_timeout(1e3 * PATIENCE)
+        self.tab.on("console", lambda said: self.faults.append(said.text) if said.type == "error" else None)
+        self.tab.on("pageerror", lambda error: self.faults.append(str(error)))
+        self.tab.on("request", lambda request: self.asked.append(request.url))
+        self.tab.goto(shown.url)
+        self.until(lambda: set(shown.pages) - before)
+        (number,) = set(shown.pages) - before
+        self.page: Any = shown.pages[number]
+        self.until(lambda: self.status == "good")
+
+    def until(self, there: Callable[[], object]) -> None:
+        """Wait, and let the browser work meanwhile."""
+        end = time.monotonic() + PATIENCE
+        while not there():
+            assert time.monotonic() < end, "waited in vain"
+            self.tab.wait_for_timeout(50)
+
+    @property
+    def status(self) -> str | None:
+        """What kind of news the browser shows."""
+        found = self.tab.locator("[data-status]")
+        return found.first.get_attribute("data-status") if found.count() else None
+
+    @property
+    def words(self) -> str:
+        """All that the browser shows as text."""
+        return str(self.tab.inner_text("body"))
+
+    def look(self, name: str = "") -> np.ndarray[Any, np.dtype[Any]]:
+        """A picture of the page, (height, width, 3)."""
+        import io
+
+        from PIL import Image
+
+        self.tab.wait_for_timeout(600)
+        taken = self.tab.screenshot()
+        if PICTURES and name:
+            Path(PICTURES).mkdir(parents=True, exist_ok=True)
+            (Path(PICTURES) / f"{name}.png").write_bytes(taken)
+        return np.asarray(Image.open(io.BytesIO(taken)).convert("RGB")).astype(int)
+
+    def leave(self) -> None:
+        """Close the page; it must have had no faults, and asked nobody else for anything."""
+        self.context.close()
+        assert not self.faults
+        assert all(
+            url.startswith(("http://127.0.0.1:", "ws://127.0.0.1:", "blob:", "data:")) for url in self.asked
+        )
+
+
+@pytest.fixture(scope="module")
+def opened(browser: Any, shown: Viewer) -> Iterator[Visit]:
+    visit = Visit(browser, shown)
+    yield visit
+    visit.leave()
+
+
+@pytest.fixture
+def visit(opened: Visit) -> Iterator[Visit]:
+    """One page for most tests, each of which begins as a new page does."""
+    begin = opened.page._session.begin
+    opened.page.wish(
+        **{name: getattr(begin, name) for name in begin.__dataclass_fields__ if name != "camera"}
+    )
+    opened.until(lambda: opened.page.idle and opened.page.answer.reached and opened.status == "good")
+    yield opened
+    assert not opened.faults
+
+
+def orange(picture: np.ndarray[Any, Any]) -> int:
+    """Pixels of the colour of links."""
+    red, green, blue = picture[..., 0], picture[..., 1], picture[..., 2]
+    return int(((red > 130) & (green > 0.5 * red) & (green < 0.93 * red) & (blue < 0.55 * red)).sum())
+
+
+def test_the_arm_appears(visit: Visit) -> None:
+    visit.page.scene.see(ghosts=False, meshes=True)
+    with_arm = visit.look("arm")
+    visit.page.scene._arm_drawn.node.visible = False
+    without = visit.look()
+    assert orange(with_arm) > 150
+    assert orange(without) < 0.2 * orange(with_arm)
+    assert (np.abs(with_arm - without).sum(axis=2) > 60).sum() > 400
+    assert "kinseek: ur5e" in visit.words
+    assert "shoulder_lift_joint" in visit.words
+
+
+def test_a_goal_is_moved_and_the_answer_follows(visit: Visit) -> None:
+    before = visit.page.answer
+    target = before.wishes.target.copy()
+    target[2, 3] += 0.05
+    visit.page.wish(target=target)
+    visit.until(lambda: visit.page.answer is not before and visit.page.idle)
+    assert visit.page.answer.reached
+    assert np.allclose(visit.page.arm.fk(visit.page.answer.q), target, atol=1e-5)
+    shown = words_of_joints(visit)
+    visit.until(lambda: shown != words_of_joints(visit) or shown == expected(visit))
+    visit.until(lambda: words_of_joints(visit) == expected(visit))
+
+
+def words_of_joints(visit: Visit) -> list[str]:
+    """Joint values as the browser shows them."""
+    return [
+        text for text in visit.tab.locator("[data-joints]").inner_text().split("\n") if text.endswith("°")
+    ]
+
+
+def expected(visit: Visit) -> list[str]:
+    return [f"{value:.1f}°" for value in np.degrees(visit.page.answer.q)]
+
+
+def test_the_gizmo_is_dragged_with_the_mouse(visit: Visit) -> None:
+    visit.page.wish(ghosts=False)
+    before = visit.page.wishes.target.copy()
+    x, y = on_screen(visit, before[:3, 3])
+    moved = False
+    # The square handles lie beside the middle; which is in front depends on the view.
+    for dx, dy in [(0, 0), (12, -12), (-12, -12), (12, 12), (-12, 12), (0, -25), (25, 0), (-25, 0), (0, 25)]:
+        visit.tab.mouse.move(x + dx, y + dy)
+        visit.tab.wait_for_timeout(150)
+        visit.tab.mouse.down()
+        for step in range(1, 5):
+            visit.tab.mouse.move(x + dx + 6 * step, y + dy - 4 * step)
+            visit.tab.wait_for_timeout(80)
+        visit.tab.mouse.up()
+        visit.tab.wait_for_timeout(150)
+        moved = bool(np.abs(visit.page.wishes.target - before).max() > 1e-3)
+        if moved:
+            break
+    assert moved, "no handle was met"
+    visit.until(lambda: visit.page.idle)
+    assert np.allclose(visit.page.answer.wishes.target, visit.page.wishes.target)
+
+
+def on_screen(visit: Visit, point: Any) -> tuple[float, float]:
+    """Where in the window a point is, as the browser's own camera has it."""
+    from scipy.spatial.transform import Rotation
+
+    camera = visit.page._client.camera
+    seen = Rotation.from_quat(camera.wxyz[[1, 2, 3, 0]]).inv().apply(np.asarray(point) - camera.position)
+    width, height = camera.image_width, camera.image_height
+    canvas = visit.tab.locator("canvas").first.bounding_box()
+    scale = canvas["height"] / 2 / np.tan(camera.fov / 2)
+    assert width
+    assert height
+    return canvas["x"] + canvas["width"] / 2 + scale * seen[0] / seen[2], canvas["y"] + canvas[
+        "height"
+    ] / 2 + scale * seen[1] / seen[2]
+
+
+def test_out_of_reach_is_shown_and_proved(visit: Visit) -> None:
+    target = visit.page.wishes.target.copy()
+    target[:3, 3] *= 2.5
+    visit.page.wish(target=target, boxes=True)
+    visit.until(lambda: visit.status == "bad")
+    visit.until(lambda: visit.page.idle)
+    assert visit.page.proof.unreachable
+    visit.until(lambda: "Proved: every pose has a weighted error of at least" in visit.words)
+    bound = visit.page.proof.certificate.lower_bound
+    visit.until(lambda: f"{bound:.4g}" in visit.words)
+    assert "boxes are left" in visit.page.panel.seen.content
+    visit.look("unreachable")
+    visit.page.wish(target=visit.page.arm.fk(visit.page.answer.q))
+    visit.until(lambda: visit.status == "good")
+
+
+def test_a_search_is_switched_and_shown_pass_by_pass(visit: Visit) -> None:
+    visit.tab.get_by_text("Search", exact=True).first.click()
+    visit.page.wish(search="DivideAndConquer")
+    visit.until(lambda: visit.page.answer.trace is not None and visit.page.idle)
+    visit.until(lambda: visit.tab.get_by_text("B, nodes a joint").is_visible())
+    visit.tab.get_by_label("Pass by pass").or_(
+        visit.tab.locator("label:has-text('Pass by pass')")
+    ).first.click()
+    visit.until(lambda: visit.tab.locator("[data-pass]").count() > 0)
+    last = len(visit.page.trace) - 1
+    visit.until(lambda: visit.tab.locator("[data-pass]").first.get_attribute("data-pass") == str(last))
+    visit.page.show_pass(1)
+    visit.until(lambda: visit.tab.locator("[data-pass]").first.get_attribute("data-pass") == "1")
+    visit.look("pass")
+    visit.tab.get_by_role("button", name="step").click()
+    visit.until(lambda: visit.tab.locator("[data-pass]").first.get_attribute("data-pass") == "2")
+    visit.tab.get_by_role("button", name="play").click()
+    visit.until(lambda: visit.tab.locator("[data-pass]").first.get_attribute("data-pass") == "0")
+    visit.until(lambda: visit.tab.locator("[data-pass]").first.get_attribute("data-pass") == str(last))
+    visit.page.wish(search="Atlas")
+    visit.until(lambda: visit.status == "good")
+
+
+def test_a_goal_typed_in_millimetres_is_refused(visit: Visit) -> None:
+    before = visit.page.answer.q
+    visit.tab.get_by_text("Goal", exact=True).first.click()
+    box = visit.tab.locator("input[inputmode='decimal'], input[type='number']").first
+    box.fill("650")
+    box.press("Enter")
+    visit.until(lambda: visit.status == "refused")
+    assert "lengths are in metres" in visit.words
+    assert np.array_equal(visit.page.answer.q, before)
+
+
+def test_branches_are_stepped_through(visit: Visit) -> None:
+    visit.until(lambda: visit.page.idle)
+    seen = {tuple(np.round(visit.page.answer.q, 3))}
+    for _ in range(len(visit.page.branches) - 1):
+        before = visit.page.answer
+        visit.tab.get_by_role("button", name="next").click()
+        visit.until(partial(answered_after, visit, before))
+        visit.until(lambda: visit.page.idle)
+        assert visit.page.answer.reached
+        seen.add(tuple(np.round(visit.page.answer.q, 3)))
+    assert len(seen) == len(visit.page.branches)
+
+
+def answered_after(visit: Visit, before: Any) -> bool:
+    return visit.page.answer is not before
+
+
+def test_two_people_have_a_goal_each(browser: Any, shown: Viewer, visit: Visit) -> None:
+    other = Visit(browser, shown)
+    mine, theirs = visit.page.wishes.target.copy(), other.page.wishes.target.copy()
+    theirs[:3, 3] *= 2.5
+    other.page.wish(target=theirs)
+    other.until(lambda: other.status in ("open", "bad"))
+    assert visit.status == "good"
+    assert np.array_equal(visit.page.wishes.target, mine)
+    assert len(shown.pages) == 2
+    other.leave()
+    visit.until(lambda: len(shown.pages) == 1)
+
+
+def test_closing_and_coming_back_loses_nothing(browser: Any, shown: Viewer) -> None:
+    context = browser.new_context(viewport=SMALL)
+    first = Visit(browser, shown, context=context)
+    target = first.page.wishes.target.copy()
+    target[0, 3] += 0.02
+    first.page.wish(target=target, free=["rz"], samples=True)
+    first.until(lambda: first.page.idle)
+    kept = "() => Object.values(localStorage).some(each => each.includes('\"samples\": true'))"
+    first.until(lambda: first.tab.evaluate(kept))
+    first.tab.close()
+    again = Visit(browser, shown, context=context)
+    assert np.allclose(again.page.wishes.target, target)
+    assert again.page.wishes.free == ("rz",)
+    assert again.page.wishes.samples
+    again.leave()
+    assert not first.faults
+
+
+def test_wide_and_narrow_light_and_dark(visit: Visit) -> None:
+    for name, width, height in (("wide", 1280, 800), ("narrow", 420, 860)):
+        visit.tab.set_viewport_size({"width": width, "height": height})
+        for dark in (False, True):
+            visit.page.wish(dark=dark)
+            visit.until(lambda: visit.page.idle)
+            picture = visit.look(f"{name}_{'dark' if dark else 'light'}")
+            corner = picture[-40:-10, 10:40].mean()
+            assert corner < 100 if dark else corner > 150
+            assert orange(picture) > 100
+            overflow = "() => document.documentElement.scrollWidth > document.documentElement.clientWidth"
+            assert not visit.tab.evaluate(overflow)
+    visit.tab.set_viewport_size(SMALL)
+
+
+def test_a_taken_port_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with viewer.show(kinseek.load("planar2"), port=port, block=False, open_browser=False) as running:
+            said = capsys.readouterr().out
+            assert running.port != port
+            assert f"Port {port} is taken" in said
+            assert running.url in said
+
+
+def test_nobody_can_make_a_page_public(shown: Viewer) -> None:
+    assert shown._server.request_share_url() is None
+    assert shown.public_url is None
+    assert shown._server._share_tunnel is None
+
+
+def test_an_arm_that_is_a_function_has_a_page(browser: Any) -> None:
+    others = {each.name for each in threading.enumerate()}
+
+    def fk(q: Any) -> Any:
+        T = np.tile(np.eye(4), (len(q), 1, 1))
+        T[:, 0, 3], T[:, 2, 3] = 0.5 * np.cos(q[:, 0]) * q[:, 1], 0.5 * np.sin(q[:, 0]) * q[:, 1]
+        return T
+
+    arm = kinseek.Arm.from_fk(fk, [0.0, 0.5], [3.0, 1.0], names=["turn", "reach"])
+    with viewer.show(arm, port=0, block=False, open_browser=False) as running:
+        visit = Visit(browser, running)
+        visit.tab.get_by_text("See", exact=True).click()
+        visit.until(lambda: "where its links are, nobody knows" in visit.words)
+        target = visit.page.wishes.target.copy()
+        target[2, 3] += 3.0
+        visit.page.wish(target=target)
+        visit.until(lambda: visit.status == "open")
+        visit.until(lambda: "Nothing can be proved" in visit.words)
+        visit.leave()
+    end = time.monotonic() + PATIENCE
+    while any(
+        each.name.startswith("kinseek page") and each.name not in others for each in threading.enumerate()
+    ):
+        assert time.monotonic() < end, "threads of a page go on after it"
+        time.sleep(0.05)
