@@ -12,6 +12,7 @@ import pytest
 import kinseek
 from kinseek import plots
 from kinseek.errors import InvalidUse, MissingExtra
+from kinseek.robots.chain import joint_points
 from legible import faults
 
 pytestmark = pytest.mark.slow
@@ -44,9 +45,8 @@ def test_branches_are_lines_from_base_to_goal() -> None:
     for line in arms:
         np.testing.assert_allclose(line[-1], DOWN[:3, 3], atol=1e-6)
     bold = max(axes.lines, key=lambda line: line.get_linewidth())
-    np.testing.assert_allclose(
-        np.array(bold.get_data_3d()).T, plots.arms.joint_points(UR5E.chain, branches.q[2])
-    )
+    drawn = np.array(bold.get_data_3d()).T
+    np.testing.assert_allclose(drawn, joint_points(UR5E.chain, branches.q[2]))
     frame = [line for line in lines_of(axes) if len(line) == 2]
     directions = np.array([(line[1] - line[0]) / np.linalg.norm(line[1] - line[0]) for line in frame])
     np.testing.assert_allclose(directions.T, DOWN[:3, :3], atol=1e-9)
@@ -170,8 +170,9 @@ def test_samples_have_the_coordinates_they_are_sorted_by(arm: kinseek.Arm) -> No
     from kinseek.kinds import POSE
     from kinseek.plots.atlases import coordinates, leaf_of
     from kinseek.robots.geometry import divide
+    from kinseek.solvers.atlas.index import atlas_of
 
-    index = plots.atlases.atlas_of(arm.chain)
+    index = atlas_of(arm.chain)
     tree = index.sorted.tree
     kept = tree.points.transpose(0, 2, 1).reshape(index.samples, -1)
     np.testing.assert_allclose(coordinates(index.sorted.poses, divide(arm.chain, POSE)), kept, atol=1e-12)
@@ -244,11 +245,11 @@ def test_without_matplotlib_the_extra_is_named(name: str, monkeypatch: pytest.Mo
         (lambda: plots.arm(PANDA, np.zeros(7), goal=[DOWN, DOWN]), "batch of shape"),
         (lambda: plots.branches(UR5E.branches(FAR)), "goal was not reached"),
         (lambda: plots.branches(UR5E.branches(DOWN), chosen=8), "from 0 to 7, got 8"),
-        (lambda: plots.branches(UR5E.branches([DOWN, DOWN])), "got BranchesBatch"),
+        (lambda: plots.branches(UR5E.branches([DOWN, DOWN])), "got BranchesBatch"),  # type: ignore[arg-type]
         (lambda: plots.landscape(PLANAR.ik(POINT), points=1), "points must be a whole number of at least 2"),
         (lambda: plots.landscape(PLANAR.ik(POINT), (0, 2)), "from 0 to 1"),
         (lambda: plots.landscape(PLANAR.ik(POINT), within=[(1, 0), (0, 1)]), "rising values"),
-        (lambda: plots.landscape(PLANAR), "got Arm"),
+        (lambda: plots.landscape(PLANAR), "got Arm"),  # type: ignore[arg-type]
         (lambda: plots.landscape(PLANAR.ik(PLANAR.fk([[2.0, 1.1]]))), "choose one"),
         (lambda: plots.landscape(PLANAR.ik(POINT), answers=[[1.0, np.nan]]), "answers contains NaN"),
         (lambda: plots.passes(PLANAR.ik(POINT)), "trace=True"),
@@ -259,7 +260,7 @@ def test_without_matplotlib_the_extra_is_named(name: str, monkeypatch: pytest.Mo
             ),
             "3,600 nodes",
         ),
-        (lambda: plots.boxes(PLANAR.ik(POINT)), "certificate, of arm.prove, is needed; got Solution"),
+        (lambda: plots.boxes(PLANAR.ik(POINT)), "certificate, of arm.prove, is needed; got Solution"),  # type: ignore[arg-type]
         (lambda: plots.boxes(UR5E.prove(kinseek.pose([3, 0, 0], rpy=[0, 0, 0]))), "no box is looked at"),
         (lambda: plots.boxes(UR5E.prove(FAR), ("elbow_joint", "wrist_3_joint")), "divided out"),
         (lambda: plots.boxes(PLANAR.prove(PLANAR.fk([2.0, 1.1]))), "joint 'joint1' alone"),
