@@ -43,5 +43,5 @@ for i, y in enumerate(np.linspace(-0.16, 0.16, 5)):
     plots.draw_arm(axes, arm, solution.q, plots.COLOURS[i])
     plots.draw_frame(axes, arm.fk(solution.q), 0.05)
 plots.same_scale(axes)
-axes.set_title("SO-101, the gripper down at five places")
+plots.trim(figure, axes, "SO-101, the gripper down at five places")
 print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "03_five_joints.png"))

@@ -42,5 +42,5 @@ print(
 print(" ", arm.prove(kinseek.pose([0.45, 0.35, -0.20], rpy=[0.3, 0, 0])).verdict)
 plots.same_scale(axes)
 axes.legend()
-axes.set_title("SCARA: pick and place")
+plots.trim(figure, axes, "SCARA: pick and place")
 print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "04_scara.png"))

@@ -38,5 +38,5 @@ for i, T in enumerate(poses):
     plots.draw_frame(axes, T, 0.15)
 print(f"  largest step of a joint between neighbours {max(jumps):.2f}")
 plots.same_scale(axes)
-axes.set_title("UR10e on a rail of 3 m")
+plots.trim(figure, axes, "UR10e on a rail of 3 m")
 print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "05_rail.png"))

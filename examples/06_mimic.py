@@ -61,5 +61,5 @@ for i, (x, z) in enumerate([(1.1, 0.4), (1.6, 0.8), (2.1, 1.4), (1.8, 1.6)]):
 postures = np.random.default_rng(6).uniform(arm.lower, arm.upper, (1000, arm.dof))
 print(f"  1,000 random poses: {np.mean(arm.ik(arm.fk(postures)).success):.1%} solved")
 plots.same_scale(axes)
-axes.set_title("A crane with a mimic joint")
+plots.trim(figure, axes, "A crane with a mimic joint")
 print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "06_mimic.png"))

@@ -93,5 +93,5 @@ for angle in np.linspace(0, 2 * np.pi, 8, endpoint=False):
         plots.draw_line(axes, part, color=plots.COLOURS[section], linewidth=3.5 - section)
     plots.draw_frame(axes, robot.fk(q), 0.06)
 plots.same_scale(axes)
-axes.set_title("Three constant-curvature sections, the tip upright on a ring", fontsize=10)
+plots.trim(figure, axes, "Three constant-curvature sections, the tip upright on a ring")
 print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "07_continuum.png"))

@@ -197,6 +197,21 @@ def test_axes_of_ones_own_are_drawn_on() -> None:
         plots.landscape(solution, ax=figure)
 
 
+def test_margins_are_cut_and_a_long_title_fits() -> None:
+    arm = kinseek.load("scara4")
+    figure, axes = plots.space()
+    plots.draw_arm(axes, arm, np.zeros(4))
+    plots.same_scale(axes)
+    before = figure.get_size_inches().copy()
+    plots.trim(
+        figure, axes, "A long title, longer than a picture of a small arm whose margins are cut is wide"
+    )
+    assert figure.get_size_inches()[1] < 0.8 * before[1]
+    assert faults(figure) == []
+    with pytest.raises(InvalidUse, match="axes in space"):
+        plots.trim(*plots.plane())
+
+
 def test_settings_stay_as_they_are() -> None:
     before = dict(matplotlib.rcParams)
     plots.passes(PLANAR.ik(POINT, solver=kinseek.DivideAndConquer(), trace=True), points=11)

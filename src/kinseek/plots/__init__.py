@@ -8,14 +8,14 @@ Every function returns a Matplotlib figure, and draws on axes of your own where 
 is given: an answer, a trace, a certificate, joint values. Where a picture takes more than that, such as a landscape of
 errors, an argument says how much is computed. docs/plots.md shows all of them.
 
-`space`, `plane`, `draw_arm`, `draw_frame`, `draw_line` and `same_scale` are for pictures of your own.
+`space`, `plane`, `draw_arm`, `draw_frame`, `draw_line`, `same_scale` and `trim` are for pictures of your own.
 """
 
 from __future__ import annotations
 
 from .arms import arm, branches, draw_arm, draw_frame, draw_line
 from .atlases import samples
-from .figures import COLOURS, plane, same_scale, save, space
+from .figures import COLOURS, plane, same_scale, save, space, trim
 from .landscapes import landscape, passes, windows
 from .paths import joints
 from .proofs import boxes
@@ -42,6 +42,7 @@ __all__ = [
     "save",
     "space",
     "tree",
+    "trim",
     "windows",
     "workspace",
 ]

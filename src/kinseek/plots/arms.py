@@ -15,7 +15,7 @@ from kinseek.problem import as_joints
 from kinseek.robots.chain import SerialChain, joint_points
 from kinseek.robots.mechanism import Mechanism
 
-from .figures import COLOURS, drawn, given_or_new_space, same_scale
+from .figures import COLOURS, drawn, given_or_new_space, same_scale, trim
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ def arm(
         goal: A pose or a `Goal` of one target, drawn as its axes x, y and z in red, green and blue; as a star where it asks
             for a position alone.
         ax: Axes in space to draw on, such as those of `space`.
-        size: Of a new figure [inch].
+        size: Of a new figure before its margins are cut [inch].
         view: Elevation and azimuth of the eye of a new figure [degrees].
 
     Returns:
@@ -55,22 +55,10 @@ def arm(
         InvalidUse: No joint values, a batch of goals, or other axes.
         MissingExtra: Matplotlib is not installed.
     """
-    mechanism = arm.mechanism if isinstance(arm, Arm) else arm
-    rows = np.atleast_2d(as_joints(mechanism, q))
-    if rows.ndim != 2 or not len(rows):
-        raise InvalidUse(
-            f"q must have shape ({mechanism.dof},) or (k, {mechanism.dof}), got {np.shape(q)}; nothing to draw"
-        )
     figure, axes = given_or_new_space(ax, size, view)
-    # Colours of their own as long as they can be told apart.
-    few = len(rows) <= len(COLOURS)
-    for i in range(len(rows) - 1, 0, -1):
-        color = COLOURS[i] if few else COLOURS[-1]
-        draw_arm(axes, arm, rows[i], color, linewidth=1.6, alpha=0.5 if few else 0.35)
-    draw_arm(axes, arm, rows[0], linewidth=3.2, zorder=5)
-    if goal is not None:
-        _draw_goal(axes, goal)
-    same_scale(axes)
+    _draw(axes, arm, q, goal)
+    if ax is None:
+        trim(figure, axes)
     return figure
 
 
@@ -89,7 +77,7 @@ def branches(
         branches: Of one goal, with at least one answer.
         chosen: Which is solid, from 0 on.
         ax: Axes in space to draw on, such as those of `space`.
-        size: Of a new figure [inch].
+        size: Of a new figure before its margins are cut [inch].
         view: Elevation and azimuth of the eye of a new figure [degrees].
 
     Returns:
@@ -110,13 +98,15 @@ def branches(
         raise InvalidUse(f"chosen must be from 0 to {len(branches) - 1}, got {chosen!r}")
     first = [chosen, *(i for i in range(len(branches)) if i != chosen)]
     problem = branches.problem
-    figure = arm(problem.mechanism, branches.q[first], goal=problem.goal, ax=ax, size=size, view=view)
+    figure, axes = given_or_new_space(ax, size, view)
+    _draw(axes, problem.mechanism, branches.q[first], problem.goal)
     count = f"{len(branches)} {'answer' if len(branches) == 1 else 'answers'}"
-    axes = figure.axes[0] if ax is None else ax
-    axes.set_title(
-        f"{problem.mechanism.name}: {count}{', a sample of endlessly many' if branches.sampled else ''}",
-        y=0.97,
-    )
+    sample = ", a sample of endlessly many" if branches.sampled else ""
+    title = f"{problem.mechanism.name}: {count}{sample}"
+    if ax is None:
+        trim(figure, axes, title)
+    else:
+        axes.set_title(title)
     return figure
 
 
@@ -155,6 +145,25 @@ def _chain_of(arm: Arm | Mechanism) -> SerialChain:
             f"{arm.name!r} is a function: where its links are, only its author knows; use draw_line"
         )
     return arm.axes
+
+
+def _draw(axes: Any, arm: Arm | Mechanism, q: ArrayLike, goal: Goal | ArrayLike | None) -> None:
+    """Draw an arm, solid at its first joint values, and a goal."""
+    mechanism = arm.mechanism if isinstance(arm, Arm) else arm
+    rows = np.atleast_2d(as_joints(mechanism, q))
+    if rows.ndim != 2 or not len(rows):
+        raise InvalidUse(
+            f"q must have shape ({mechanism.dof},) or (k, {mechanism.dof}), got {np.shape(q)}; nothing to draw"
+        )
+    # Colours of their own as long as they can be told apart.
+    few = len(rows) <= len(COLOURS)
+    for i in range(len(rows) - 1, 0, -1):
+        color = COLOURS[i] if few else COLOURS[-1]
+        draw_arm(axes, arm, rows[i], color, linewidth=1.6, alpha=0.5 if few else 0.35)
+    draw_arm(axes, arm, rows[0], linewidth=3.2, zorder=5)
+    if goal is not None:
+        _draw_goal(axes, goal)
+    same_scale(axes)
 
 
 def _draw_goal(axes: Any, goal: Goal | ArrayLike) -> None:

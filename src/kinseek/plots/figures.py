@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
+from itertools import product
 from pathlib import Path
 from typing import Any, ParamSpec
 
@@ -21,6 +22,9 @@ ZOOM = 0.85
 
 NUMBERS, LABEL = 11.5, 30.0
 """Way of numbers and of a label from an axis of a cube [pt], with Matplotlib's own 8 and 21 in it."""
+
+EDGE, TITLE = 0.08, 0.25
+"""What stays around a picture in space whose margins are cut, and above it for a title [inch]."""
 
 LETTERS = 9
 """[pt]"""
@@ -152,6 +156,44 @@ def same_scale(axes: Any) -> None:
         beside = np.linalg.norm(np.delete(sides, i)) / np.linalg.norm(sides) / np.sqrt(2 / 3)
         axis.labelpad = LABEL / beside - 21.0
         axis.set_tick_params(pad=NUMBERS / beside - 8.0)
+
+
+def trim(figure: Any, axes: Any, title: str = "") -> None:
+    """Cut the margins of a figure with one axes in space, which are wide where an arm is long or flat; put a title on top.
+
+    The last thing to do before it is saved or shown: what is drawn later may not fit.
+
+    Raises:
+        InvalidUse: Axes in a plane, or none.
+    """
+    _figure_of(axes, in_space=True)
+    words = figure.suptitle(title, va="top", fontsize=LOOK["axes.titlesize"])
+    figure.canvas.draw()
+    figure.set_layout_engine("none")
+    drawn, place, dpi = _extent_in_space(axes), axes.get_window_extent().frozen(), figure.dpi
+    edge, above = EDGE * dpi, (TITLE if title else 0.0) * dpi
+    wide = max(drawn.width, words.get_window_extent().width if title else 0.0) + 2 * edge
+    high = drawn.height + 2 * edge + above
+    figure.set_size_inches(wide / dpi, high / dpi)
+    left = place.x0 - drawn.x0 + (wide - drawn.width) / 2
+    below = place.y0 - drawn.y0 + edge
+    axes.set_position((left / wide, below / high, place.width / wide, place.height / high))
+    words.set_y(1.0 - edge / high)
+
+
+def _extent_in_space(axes: Any) -> Any:
+    """Box on the page [px] of axes in space with their numbers and labels, without the empty square around them."""
+    from matplotlib.transforms import Bbox
+    from mpl_toolkits.mplot3d.proj3d import proj_transform
+
+    corners = np.array(list(product(axes.get_xlim(), axes.get_ylim(), axes.get_zlim()))).T
+    x, y, _ = proj_transform(*corners, axes.get_proj())
+    seen = axes.transData.transform(np.stack([x, y], axis=1))
+    renderer = axes.figure.canvas.get_renderer()
+    beside = [axis.get_tightbbox(renderer) for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+    if axes.get_legend() is not None:
+        beside.append(axes.get_legend().get_window_extent(renderer))
+    return Bbox.union([Bbox([seen.min(axis=0), seen.max(axis=0)]), *beside])
 
 
 def save(figure: Any, path: str | Path, dpi: int = 110) -> Path:
