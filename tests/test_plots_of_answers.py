@@ -132,6 +132,14 @@ def test_the_workspace_of_a_planar_arm_is_a_ring() -> None:
     np.testing.assert_array_equal(verdict, np.where(inside, 0, 1))
 
 
+def test_the_workspace_of_an_arm_on_a_table_lies_around_the_table() -> None:
+    table = kinseek.pose([5.0, 0.0, 1.0])
+    there = plots.workspace(UR5E, kinseek.Goal.pose(table @ DOWN, base=table), cells=10, budget=0).axes[0]
+    here = plots.workspace(UR5E, DOWN, cells=10, budget=0).axes[0]
+    np.testing.assert_array_equal(there.images[0].get_array(), here.images[0].get_array())
+    np.testing.assert_allclose(np.subtract(there.get_xlim(), here.get_xlim()), 5.0)
+
+
 def test_without_proofs_what_is_not_reached_is_open() -> None:
     axes = plots.workspace(UR5E, DOWN, cells=8, budget=0).axes[0]
     assert set(np.unique(axes.images[0].get_array())) == {0, 2}
@@ -229,6 +237,9 @@ PICTURES: dict[str, Callable[[], Any]] = {
     "passes": lambda: plots.passes(
         UR5E.ik(DOWN, solver=kinseek.DivideAndConquer(breadth=2), trace=True), (1, 2), points=11
     ),
+    "passes of some joints each": lambda: plots.passes(
+        UR5E.ik(DOWN, solver=kinseek.SeparateChains(), trace=True), (1, 2), points=11
+    ),
     "boxes": lambda: plots.boxes(UR5E.prove(FAR)),
     "workspace": lambda: plots.workspace(UR5E, DOWN, cells=6, budget=100),
     "samples": lambda: plots.samples(UR5E, DOWN),
@@ -260,6 +271,7 @@ def test_without_matplotlib_the_extra_is_named(name: str, monkeypatch: pytest.Mo
         (lambda: plots.arm(PANDA, np.zeros(7), goal=[DOWN, DOWN]), "batch of shape"),
         (lambda: plots.branches(UR5E.branches(FAR)), "goal was not reached"),
         (lambda: plots.branches(UR5E.branches(DOWN), chosen=8), "from 0 to 7, got 8"),
+        (lambda: plots.branches(UR5E.branches(DOWN), chosen=-1), "chosen must be a whole number"),
         (lambda: plots.branches(UR5E.branches([DOWN, DOWN])), "got BranchesBatch"),  # type: ignore[arg-type]
         (lambda: plots.landscape(PLANAR.ik(POINT), points=1), "points must be a whole number of at least 2"),
         (lambda: plots.landscape(PLANAR.ik(POINT), (0, 2)), "from 0 to 1"),

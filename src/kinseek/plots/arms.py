@@ -16,6 +16,7 @@ from kinseek.robots.chain import SerialChain, joint_points
 from kinseek.robots.mechanism import Mechanism
 
 from .figures import COLOURS, drawn, given_or_new_space, same_scale, trim
+from .shown import count_of
 
 Array = NDArray[np.float64]
 
@@ -94,7 +95,7 @@ def branches(
         )
     if not len(branches):
         raise InvalidUse("there is no branch to draw: the goal was not reached")
-    if not 0 <= chosen < len(branches):
+    if count_of("chosen", chosen, 0) >= len(branches):
         raise InvalidUse(f"chosen must be from 0 to {len(branches) - 1}, got {chosen!r}")
     first = [chosen, *(i for i in range(len(branches)) if i != chosen)]
     problem = branches.problem

@@ -121,8 +121,8 @@ def passes(
     trace = trace_of(judged(solution))
     x, y = two_joints(trace.joint_names, joints)
     first, points = count_of("first", first, 1), count_of("points", points, 2)
-    windows = with_windows(trace)
-    shown = [each for each in windows if len(each.values(x)) > 1 and len(each.values(y)) > 1][:first]
+    both = [each for each in with_windows(trace) if len(each.values(x)) > 1 and len(each.values(y)) > 1]
+    shown = both[:first]
     if not shown:
         raise InvalidUse(f"no pass of this {trace.search} tries values of both joints")
     for each in shown:
@@ -140,7 +140,7 @@ def passes(
     low, high = min(each.min() for each in errors), max(each.max() for each in errors)
     image = None
     for i, (each, ax) in enumerate(zip(shown, panels, strict=False)):
-        following = next(iter(windows[windows.index(each) + 1 :]), None)
+        following = both[i + 1] if i + 1 < len(both) else None
         start, end = _around(solution, each, following, x, y)
         at = replace(solution, q=each.q)
         image = _shade(ax, at, (x, y), start, end, points, "viridis", (low, high))

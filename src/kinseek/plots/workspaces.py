@@ -44,7 +44,7 @@ def workspace(
         arm: With axes, if anything shall be proved.
         goal: A pose or a `Goal` of one target without ranges: the plane goes through its position, and its orientation, or
             direction, is asked everywhere.
-        plane: Two of the axes x, y and z of the base, along which the picture is.
+        plane: Two of the axes x, y and z of the frame in which the goal is given, along which the picture is.
         width: Of the picture [m], around the arm's base; twice its reach unless given.
         cells: Along each side; cells² goals are solved, 2,304 unless told otherwise, some tenths of a second to seconds.
         budget: Boxes that a proof may look at, for each cell that is not reached; 0 leaves the proofs out.
@@ -68,7 +68,7 @@ def workspace(
         raise InvalidUse(f"plane must be two of the axes x, y and z, such as 'xz'; got {plane!r}")
     across, up = ("xyz".index(axis) for axis in plane)
     cells, budget = count_of("cells", cells, 2), count_of("budget", budget, 0)
-    centre, half = _extent(arm, width)
+    centre, half = _extent(arm, asked, width)
     middles = (np.arange(cells) + 0.5) / cells * 2 * half - half
     targets = np.tile(asked.target, (cells, cells, 1, 1))
     targets[..., across, 3], targets[..., up, 3] = np.meshgrid(
@@ -91,8 +91,8 @@ def workspace(
     return figure
 
 
-def _extent(arm: Arm, width: float | None) -> tuple[Array, float]:
-    """Middle and half width of the picture [m]."""
+def _extent(arm: Arm, goal: Goal, width: float | None) -> tuple[Array, float]:
+    """Middle and half width of the picture [m], in the frame in which the goal is given."""
     if width is not None:
         if not np.isfinite(width) or width <= 0:
             raise InvalidUse(f"width must be a positive length [m], got {width!r}")
@@ -102,6 +102,8 @@ def _extent(arm: Arm, width: float | None) -> tuple[Array, float]:
     else:
         half = float(arm.axes.reach)
     centre = np.zeros(3) if arm.axes is None else arm.axes.fixed[0][:3, 3]
+    if goal.base is not None:
+        centre = goal.base[:3, :3] @ centre + goal.base[:3, 3]
     return np.asarray(centre, dtype=float), half
 
 
