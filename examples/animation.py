@@ -207,7 +207,7 @@ def out_of_reach(stage: Stage) -> None:
             bars(panel, q)
             stage.keep()
     certificate, nearest = arm.prove(T), arm.prove(T, gap=GAP)
-    taken = median(lambda: arm.prove(T), 9)
+    taken = median(lambda: arm.prove(T), 101)
     assert certificate.verdict is kinseek.Verdict.UNREACHABLE
     assert solution.weighted_error <= 1.001 * certificate.upper_bound
     for share in np.linspace(0, 1, HOLD):

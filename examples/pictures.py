@@ -11,7 +11,7 @@ from typing import Any
 from kinseek import plots
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-PART = re.compile(r"^```python\n(.*?)\n```$|^!\[.*?\]\((.*?)\)$", re.MULTILINE | re.DOTALL)
+PART = re.compile(r"^```python\n(.*?)\n```$|^!\[.*?\]\((.*?\.png)\)$", re.MULTILINE | re.DOTALL)
 
 
 LARGEST = 140_000
