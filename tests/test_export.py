@@ -287,7 +287,11 @@ PANDA = kinseek.load("panda")
 @pytest.mark.parametrize(
     ("arm", "given", "words"),
     [
-        (PANDA, {"target": "avr"}, "unknown target 'avr'.*Valid: aarch64, riscv32, thumbv7em, wasm32, x86-64"),
+        (
+            PANDA,
+            {"target": "avr"},
+            "unknown target 'avr'.*Valid: aarch64, riscv32, thumbv7em, wasm32, x86-64",
+        ),
         (PANDA, {"cpu": "cortex-m7"}, "unknown processor of x86-64 'cortex-m7'"),
         (PANDA, {"form": "elf"}, "form must be one of 'object', 'assembly', 'llvm', got 'elf'"),
         (PANDA, {"ram": 0}, "ram must be a whole number of bytes of at least 1, got 0"),

@@ -1,5 +1,6 @@
-"""Arms for small controllers, C and machine code for a processor that runs no Python (docs/embedded.md); and for web pages,
-WebAssembly (docs/page.md).
+"""Arms where no Python runs: C and machine code for small controllers, WebAssembly for web pages.
+
+See docs/embedded.md and docs/page.md.
 
 >>> import kinseek
 >>> from kinseek.export import to_c
@@ -7,7 +8,8 @@ WebAssembly (docs/page.md).
 """
 
 from .controller import Parts, checked_folder, prepare, to_c
+from .javascript import to_wasm
 from .targets import TARGETS, Target
-from .wasm import to_wasm, wasm_module
+from .wasm import wasm_module
 
 __all__ = ["TARGETS", "Parts", "Target", "checked_folder", "prepare", "to_c", "to_wasm", "wasm_module"]

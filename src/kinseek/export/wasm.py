@@ -1,59 +1,22 @@
-"""Arms for a web page or for Node: the kernels as one WebAssembly module, JavaScript that calls them, and the arms' numbers.
-
-The module is the same for every arm. Of an arm only its chain and what follows from it are written: the samples of the atlas,
-megabytes, are made anew where they are used, by the kernel that makes them here.
-"""
+"""The kernels as one WebAssembly module, the same for every arm: compiled as for any other processor, linked by zig."""
 
 from __future__ import annotations
 
-import base64
-import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-import kinseek
-from kinseek.arm import Arm
-from kinseek.branches.index import SAMPLES as COARSE
-from kinseek.branches.index import BranchIndex, index_of
 from kinseek.errors import InvalidExport, MissingExtra
-from kinseek.goal import Goal
-from kinseek.kernels import jit  # Whole: what names its decorators is taken for a file of kernels.
-from kinseek.kernels.arm.division import NONE, Division
-from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.task import ENDING, ITERATE, ROUTINES, ROWS, SEARCH
-from kinseek.kernels.atlas.tree import BESIDE, LEAF
-from kinseek.kernels.branches.refine_all import ANSWER
-from kinseek.kernels.branches.search import ROWS as MOST_ANSWERS
-from kinseek.kernels.entry import ENTRIES, Bundle, Leaf
-from kinseek.kernels.proof.exclusion import OFTEN, STEPS
-from kinseek.kernels.proof.progress import COUNT, COUNTS, ENDED, FIGURES, FOUND, FULL, SEEN, STUCK
-from kinseek.problem import Problem
-from kinseek.proof.boxes import roomy, tuning_of
-from kinseek.proof.reduce import question, start_boxes
-from kinseek.robots.mechanism import no_axes
-from kinseek.robots.sampling import low_discrepancy_steps
-from kinseek.solvers.atlas.index import AtlasIndex
-from kinseek.transforms import inverse, square
-from kinseek.turns import one_turn
+from kinseek.kernels.atlas.task import ENDING, ITERATE, SEARCH
+from kinseek.kernels.entry import ENTRIES
 
 from .compiling import compiled
 from .targets import TARGETS
 
-JS = Path(__file__).parent / "js"
-"""What is written as it is."""
-
-FILES = ("kinseek.wasm", "kinseek.js", "arms.json")
-"""What `to_wasm` writes."""
-
-_CALLED = (
+CALLED = (
     "ks_write_poses",
     "ks_fill_atlas",
     "ks_solve_plain",
@@ -61,47 +24,13 @@ _CALLED = (
     "ks_many_branches",
     "ks_exclude_boxes",
 )
-_ROUTINES = {"ks_iterate_routine": ITERATE, "ks_search_routine": SEARCH, "ks_ending_routine": ENDING}
-_MADE = (
-    "atlas.tree.points",
-    "atlas.tree.axis",
-    "atlas.tree.split",
-    "atlas.tree.beside",
-    "atlas.middle",
-    "atlas.poses",
-)
-"""Rows of a task that are made where they are used."""
-_KINDS = {"f": "<f8", "i": "<i8", "b": "|b1"}
+"""Entries that JavaScript calls."""
 
+PLACES = {"ks_iterate_routine": ITERATE, "ks_search_routine": SEARCH, "ks_ending_routine": ENDING}
+"""Routines that kernels call, and where their addresses stand in a task."""
 
-def to_wasm(arms: Sequence[Arm], folder: str | Path, module: bytes | None = None) -> Path:
-    """Write arms and the kernels for a web page or for Node: see docs/page.md.
-
-    Args:
-        arms: With axes and links.
-        folder: Made unless it is there; the folder around it must be there.
-        module: The kernels, from an earlier `wasm_module`; compiled unless given.
-
-    Returns:
-        The folder.
-
-    Raises:
-        InvalidExport: An arm that is a function, two of one name, or a folder that cannot be written.
-        MissingExtra: Numba or ziglang is not installed.
-    """
-    content = {
-        "arms.json": json.dumps(arms_as_data(arms), allow_nan=False).encode(),
-        "kinseek.js": (JS / "kinseek.js").read_bytes(),
-        "kinseek.wasm": wasm_module() if module is None else module,
-    }
-    place = Path(folder)
-    try:
-        place.mkdir(exist_ok=True)
-        for name, data in content.items():
-            (place / name).write_bytes(data)
-    except OSError as error:
-        raise InvalidExport(f"cannot write into {str(folder)!r}: {error.strerror or error}") from error
-    return place
+RUNTIME = Path(__file__).parent / "js" / "runtime.c"
+"""Memory, for the kernels."""
 
 
 def wasm_module(notice: Callable[[str], object] = lambda words: None) -> bytes:
@@ -117,10 +46,10 @@ def wasm_module(notice: Callable[[str], object] = lambda words: None) -> bytes:
     if find_spec("ziglang") is None:
         raise MissingExtra("linking WebAssembly", "wasm")
     target = TARGETS["wasm32"]
-    entries = [ENTRIES[name] for name in _CALLED]
+    entries = [ENTRIES[name] for name in CALLED]
     notice(f"compiling the kernels for {target.triple} (about a minute) ...")
-    _, kernels = compiled(target, target.cpus[0], entries, list(_ROUTINES), "kernels.o")
-    exports = [f"-Wl,--export={name}" for name in (*_CALLED, *_ROUTINES, "malloc", "free")]
+    _, kernels = compiled(target, target.cpus[0], entries, list(PLACES), "kernels.o")
+    exports = [f"-Wl,--export={name}" for name in (*CALLED, *PLACES, "malloc", "free")]
     command = [
         sys.executable,
         "-m",
@@ -142,151 +71,8 @@ def wasm_module(notice: Callable[[str], object] = lambda words: None) -> bytes:
     ]
     with tempfile.TemporaryDirectory(prefix="kinseek-wasm-") as place:
         (Path(place) / "kernels.o").write_bytes(kernels)
-        command += [str(JS / "runtime.c"), "kernels.o", "-o", "kinseek.wasm"]
+        command += [str(RUNTIME), "kernels.o", "-o", "kinseek.wasm"]
         done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
         if done.returncode:
             raise InvalidExport(f"the kernels could not be linked: {done.stderr.strip()}")
         return (Path(place) / "kinseek.wasm").read_bytes()
-
-
-def arms_as_data(arms: Sequence[Arm]) -> dict[str, Any]:
-    """What JavaScript needs to know of the kernels and of arms, as JSON has it.
-
-    Raises:
-        InvalidExport: An arm that is a function, or two of one name.
-    """
-    names = [arm.name for arm in arms]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise InvalidExport(f"arms need names of their own, got {', '.join(map(repr, twice))} more than once")
-    return {
-        "version": kinseek.__version__,
-        "entries": {name: _entry_as_data(name) for name in _CALLED},
-        "rows": list(_row_names(ROWS, "")),
-        "routines": {"row": ROUTINES, "places": _ROUTINES},
-        "lanes": LANES,
-        "leaf": LEAF,
-        "beside": BESIDE,
-        "branches": {"most": MOST_ANSWERS, "behind": ANSWER},
-        "proof": {
-            "counts": COUNTS,
-            "figures": FIGURES,
-            "count": COUNT,
-            "seen": SEEN,
-            "stuck": STUCK,
-            "outcomes": {"ended": ENDED, "found": FOUND, "full": FULL},
-        },
-        "arms": [_arm_as_data(arm) for arm in arms],
-    }
-
-
-def _entry_as_data(name: str) -> dict[str, Any]:
-    one = ENTRIES[name]
-    takes = [[path, leaf.element, len(leaf.shape)] for path, leaf in one.leaves()]
-    return {"takes": takes, "returns": [leaf.element for leaf in one.returns]}
-
-
-def _row_names(rows: Any, before: str) -> Iterator[str]:
-    """Names of the rows of a task's handle, in their order, and of what is in them."""
-    for name, row in rows.rows.items():
-        if isinstance(row, str):
-            yield before + name
-        else:
-            yield from _row_names(row, f"{before}{name}.")
-
-
-def _arm_as_data(arm: Arm) -> dict[str, Any]:
-    if arm.axes is None:
-        why = "WebAssembly is given the axes and links of an arm"
-        raise InvalidExport(f"an arm that is a function cannot be exported: {no_axes(arm.mechanism, why)}")
-    problem = Problem(arm.mechanism, Goal.pose(np.eye(4)))
-    index, chain = index_of(problem), arm.axes
-    task = dict(zip(_row_names(ROWS, ""), index.fine._arrays, strict=True))
-    arrays = {name: each for name, each in task.items() if name not in (*_MADE, "routines")}
-    arrays |= {"view": index.view, "mirrors": index.mirrors}
-    return {
-        "name": arm.name,
-        "source": chain.source,
-        "joint_names": list(arm.joint_names),
-        "kinds": list(chain.kinds),
-        "lower": arm.lower.tolist(),
-        "upper": arm.upper.tolist(),
-        "freedom": index.freedom,
-        "arrays": {name: _array_as_data(each) for name, each in arrays.items()},
-        "division": _division(index.fine)._asdict(),
-        "samples": _samples(arm, index),
-        "proof": _proof_as_data(problem),
-    }
-
-
-def _division(index: AtlasIndex) -> Division:
-    numbers, lengths = (
-        index._arrays[list(_row_names(ROWS, "")).index(name)] for name in ("numbers", "lengths")
-    )
-    return Division(int(numbers[0]), int(numbers[1]), int(numbers[2]), float(lengths[0]))
-
-
-def _array_as_data(values: NDArray[Any]) -> dict[str, Any]:
-    """An array to the last bit."""
-    data = values.astype(_KINDS[values.dtype.kind]).tobytes()
-    return {"kind": values.dtype.kind, "shape": values.shape, "data": base64.b64encode(data).decode()}
-
-
-def _samples(arm: Arm, index: BranchIndex) -> dict[str, Any]:
-    """How the middle joints are sampled, see `robots.sampling.middle_samples`."""
-    chain, division = arm.axes, _division(index.fine)
-    assert chain is not None
-    first, last = int(division.head != NONE), chain.dof - int(division.tail != NONE)
-    lower, upper = one_turn(chain.lower[first:last], chain.upper[first:last], chain.turns[first:last])
-    return {
-        "first": first,
-        "steps": low_discrepancy_steps(last - first).tolist(),
-        "lower": lower.tolist(),
-        "upper": upper.tolist(),
-        "coarse": index.coarse.samples,
-        "fine": index.fine.samples,
-    }
-
-
-def _proof_as_data(problem: Problem) -> dict[str, Any]:
-    """What proofs about an arm have in common: of what they take, only the target and the margin for rounding vary.
-
-    The target that they take is ``left · pose · right``, and the margin ``margin_a · (reach + distance of that target)``.
-    """
-    form, wanted, roll = question(problem)
-    chain, fixed = problem.chain, problem.arrays.fixed
-    left = inverse(fixed[0]) if form.head != NONE else np.eye(4)[:3]
-    right = square(inverse(left)) @ square(wanted.target)  # For the pose of this problem is the identity.
-    given: dict[str, Any] = {}
-    for path, value in _flat("", ENTRIES["ks_exclude_boxes"].takes, {
-        "form": form,
-        "wanted": wanted,
-        "roll": roll,
-        "chain": problem.arrays,
-        "goal": problem.goal.arrays,
-        "tuning": tuning_of(problem, OFTEN, STEPS),
-    }):  # fmt: skip
-        given[path] = _array_as_data(value) if isinstance(value, np.ndarray) else _number(value)
-    boxes = start_boxes(chain, roll.present)
-    return {
-        "given": given,
-        "left": left.tolist(),
-        "right": right[:3].tolist(),
-        "reach": wanted.margin / wanted.margin_a - float(np.linalg.norm(wanted.target[:, 3])),
-        "boxes": _array_as_data(boxes),
-        "room": len(roomy(boxes)),
-    }
-
-
-def _flat(before: str, takes: Any, values: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    for name, one in takes.items():
-        if name not in values:
-            continue
-        if isinstance(one, Leaf):
-            yield before + name, values[name]
-        else:
-            assert isinstance(one, Bundle)
-            yield from _flat(f"{before}{name}.", one.fields, values[name]._asdict())
-
-
-def _number(value: Any) -> float | int:
-    return int(value) if isinstance(value, bool | int | np.integer | np.bool_) else float(value)

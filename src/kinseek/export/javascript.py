@@ -1,0 +1,221 @@
+"""Arms for a web page or for Node: numbers as JSON, and JavaScript that calls the WebAssembly module.
+
+Of an arm only its chain and what follows from it are written: the samples of the atlas, megabytes, are made anew where
+they are used, by the kernel that makes them here.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek.arm import Arm
+from kinseek.branches.index import BranchIndex, index_of
+from kinseek.errors import InvalidExport
+from kinseek.goal import Goal
+from kinseek.kernels.arm.division import NONE, Division
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.task import COLUMNS, DIRECTION, HEAD, ROUTINES, ROWS, TAIL
+from kinseek.kernels.atlas.tree import BESIDE, LEAF
+from kinseek.kernels.branches.refine_all import ANSWER
+from kinseek.kernels.branches.search import ROWS as MOST_ANSWERS
+from kinseek.kernels.entry import ENTRIES, Bundle, Leaf
+from kinseek.kernels.proof.exclusion import OFTEN, STEPS
+from kinseek.kernels.proof.progress import COUNT, COUNTS, ENDED, FIGURES, FOUND, FULL, SEEN, STUCK
+from kinseek.problem import Problem
+from kinseek.proof.boxes import roomy, tuning_of
+from kinseek.proof.reduce import question, start_boxes
+from kinseek.robots.mechanism import no_axes
+from kinseek.robots.sampling import low_discrepancy_steps
+from kinseek.transforms import inverse, square
+from kinseek.turns import one_turn
+
+from .wasm import CALLED, PLACES, wasm_module
+
+SCRIPT = Path(__file__).parent / "js" / "kinseek.js"
+"""Written as it is."""
+
+_MADE = (
+    "atlas.tree.points",
+    "atlas.tree.axis",
+    "atlas.tree.split",
+    "atlas.tree.beside",
+    "atlas.middle",
+    "atlas.poses",
+)
+"""Rows of a task that are made where they are used."""
+_KINDS = {"f": "<f8", "i": "<i8", "b": "|b1"}
+
+
+def to_wasm(arms: Sequence[Arm], folder: str | Path, module: bytes | None = None) -> Path:
+    """Write arms and the kernels for a web page or for Node: see docs/page.md.
+
+    Args:
+        arms: With axes and links.
+        folder: Made unless it is there; the folder around it must be there.
+        module: The kernels, from an earlier `wasm_module`; compiled unless given.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InvalidExport: An arm that is a function, two of one name, or a folder that cannot be written.
+        MissingExtra: Numba or ziglang is not installed.
+    """
+    content = {
+        "arms.json": json.dumps(arms_as_data(arms), allow_nan=False).encode(),
+        "kinseek.js": SCRIPT.read_bytes(),
+        "kinseek.wasm": wasm_module() if module is None else module,
+    }
+    place = Path(folder)
+    try:
+        place.mkdir(exist_ok=True)
+        for name, data in content.items():
+            (place / name).write_bytes(data)
+    except OSError as error:
+        raise InvalidExport(f"cannot write into {str(folder)!r}: {error.strerror or error}") from error
+    return place
+
+
+def arms_as_data(arms: Sequence[Arm]) -> dict[str, Any]:
+    """What JavaScript needs to know of the kernels and of arms, as JSON has it.
+
+    Raises:
+        InvalidExport: An arm that is a function, or two of one name.
+    """
+    names = [arm.name for arm in arms]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise InvalidExport(f"arms need names of their own, got {', '.join(map(repr, twice))} more than once")
+    return {
+        "version": kinseek.__version__,
+        "entries": {name: _entry_as_data(name) for name in CALLED},
+        "rows": list(_row_names(ROWS, "")),
+        "routines": {"row": ROUTINES, "places": PLACES},
+        "lanes": LANES,
+        "leaf": LEAF,
+        "beside": BESIDE,
+        "branches": {"most": MOST_ANSWERS, "behind": ANSWER},
+        "proof": {
+            "counts": COUNTS,
+            "figures": FIGURES,
+            "count": COUNT,
+            "seen": SEEN,
+            "stuck": STUCK,
+            "outcomes": {"ended": ENDED, "found": FOUND, "full": FULL},
+        },
+        "arms": [_arm_as_data(arm) for arm in arms],
+    }
+
+
+def _entry_as_data(name: str) -> dict[str, Any]:
+    one = ENTRIES[name]
+    takes = [[path, leaf.element, len(leaf.shape)] for path, leaf in one.leaves()]
+    return {"takes": takes, "returns": [leaf.element for leaf in one.returns]}
+
+
+def _row_names(rows: Any, before: str) -> Iterator[str]:
+    """Names of the rows of a task's handle, in their order, and of what is in them."""
+    for name, row in rows.rows.items():
+        if isinstance(row, str):
+            yield before + name
+        else:
+            yield from _row_names(row, f"{before}{name}.")
+
+
+def _arm_as_data(arm: Arm) -> dict[str, Any]:
+    if arm.axes is None:
+        why = "WebAssembly is given the axes and links of an arm"
+        raise InvalidExport(f"an arm that is a function cannot be exported: {no_axes(arm.mechanism, why)}")
+    problem = Problem(arm.mechanism, Goal.pose(np.eye(4)))
+    index, chain = index_of(problem), arm.axes
+    task = dict(zip(_row_names(ROWS, ""), index.fine._arrays, strict=True))
+    numbers, lengths = task["numbers"].tolist(), task["lengths"].tolist()
+    division = Division(numbers[HEAD], numbers[TAIL], numbers[COLUMNS], lengths[DIRECTION])
+    arrays = {name: each for name, each in task.items() if name not in (*_MADE, "routines")}
+    arrays |= {"view": index.view, "mirrors": index.mirrors}
+    return {
+        "name": arm.name,
+        "source": chain.source,
+        "joint_names": list(arm.joint_names),
+        "kinds": list(chain.kinds),
+        "lower": arm.lower.tolist(),
+        "upper": arm.upper.tolist(),
+        "freedom": index.freedom,
+        "arrays": {name: _array_as_data(each) for name, each in arrays.items()},
+        "division": division._asdict(),
+        "samples": _samples(problem, index, division),
+        "proof": _proof_as_data(problem),
+    }
+
+
+def _array_as_data(values: NDArray[Any]) -> dict[str, Any]:
+    """An array to the last bit."""
+    data = values.astype(_KINDS[values.dtype.kind]).tobytes()
+    return {"kind": values.dtype.kind, "shape": values.shape, "data": base64.b64encode(data).decode()}
+
+
+def _samples(problem: Problem, index: BranchIndex, division: Division) -> dict[str, Any]:
+    """How the middle joints are sampled, see `robots.sampling.middle_samples`."""
+    chain = problem.chain
+    first, last = int(division.head != NONE), chain.dof - int(division.tail != NONE)
+    lower, upper = one_turn(chain.lower[first:last], chain.upper[first:last], chain.turns[first:last])
+    return {
+        "first": first,
+        "steps": low_discrepancy_steps(last - first).tolist(),
+        "lower": lower.tolist(),
+        "upper": upper.tolist(),
+        "coarse": index.coarse.samples,
+        "fine": index.fine.samples,
+    }
+
+
+def _proof_as_data(problem: Problem) -> dict[str, Any]:
+    """What proofs about an arm have in common: of what they take, only the target and the margin for rounding vary.
+
+    The target that they take is ``left · pose · right``, and the margin ``margin_a · (reach + distance of that target)``.
+    """
+    form, wanted, roll = question(problem)
+    chain, fixed = problem.chain, problem.arrays.fixed
+    left = inverse(fixed[0]) if form.head != NONE else np.eye(4)[:3]
+    right = square(inverse(left)) @ square(wanted.target)  # For the pose of this problem is the identity.
+    given: dict[str, Any] = {}
+    for path, value in _flat("", ENTRIES["ks_exclude_boxes"].takes, {
+        "form": form,
+        "wanted": wanted,
+        "roll": roll,
+        "chain": problem.arrays,
+        "goal": problem.goal.arrays,
+        "tuning": tuning_of(problem, OFTEN, STEPS),
+    }):  # fmt: skip
+        given[path] = _array_as_data(value) if isinstance(value, np.ndarray) else _number(value)
+    boxes = start_boxes(chain, roll.present)
+    return {
+        "given": given,
+        "left": left.tolist(),
+        "right": right[:3].tolist(),
+        "reach": wanted.margin / wanted.margin_a - float(np.linalg.norm(wanted.target[:, 3])),
+        "boxes": _array_as_data(boxes),
+        "room": len(roomy(boxes)),
+    }
+
+
+def _flat(before: str, takes: Any, values: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    for name, one in takes.items():
+        if name not in values:
+            continue
+        if isinstance(one, Leaf):
+            yield before + name, values[name]
+        else:
+            assert isinstance(one, Bundle)
+            yield from _flat(f"{before}{name}.", one.fields, values[name]._asdict())
+
+
+def _number(value: Any) -> float | int:
+    return int(value) if isinstance(value, bool | int | np.integer | np.bool_) else float(value)
