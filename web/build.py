@@ -16,7 +16,7 @@ import subprocess
 from pathlib import Path
 
 import kinseek
-from kinseek.export import emit, to_wasm, wasm, wasm_module
+from kinseek.export import compiling, emit, targets, to_wasm, wasm, wasm_module
 from kinseek.kernels.sources import source_digest
 
 HERE = Path(__file__).resolve().parent
@@ -40,11 +40,10 @@ def main() -> None:
 def parts() -> Path:
     """Write kernels and arms for the page into web/build; kernels that are there and up to date stay."""
     BUILD.mkdir(exist_ok=True)
-    sources = [Path(each.__file__ or "") for each in (emit, wasm)] + [wasm.JS / "runtime.c"]
-    digest = hashlib.sha256(
-        source_digest().encode() + b"".join(each.read_bytes() for each in sources)
-    ).hexdigest()[:16]
-    stamp, kept = BUILD / "digest", BUILD / wasm.FILES[0]
+    files = [str(each.__file__) for each in (compiling, emit, targets, wasm)]
+    sources = b"".join(Path(each).read_bytes() for each in (*files, wasm.RUNTIME))
+    digest = hashlib.sha256(source_digest().encode() + sources).hexdigest()[:16]
+    stamp, kept = BUILD / "digest", BUILD / "kinseek.wasm"
     fresh = stamp.is_file() and kept.is_file() and stamp.read_text(encoding="utf-8") == digest
     stamp.unlink(missing_ok=True)
     to_wasm([kinseek.load(name) for name in ARMS], BUILD, kept.read_bytes() if fresh else wasm_module(print))
