@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -176,7 +177,7 @@ def test_c_runs_as_webassembly_too(tmp_path: Path, search: Any) -> None:
     pytest.importorskip("ziglang")
     pytest.importorskip("numba")
     parts = kinseek.export.to_c(kinseek.load("scara4"), tmp_path / "c", "wasm32", search=search)
-    words = parts.command.replace("python ", f"{shutil.which('python3')} ", 1).split()
+    words = [sys.executable, *parts.command.split()[1:]]
     subprocess.run(words, cwd=tmp_path / "c", check=True, capture_output=True)
     script = (
         "import {WASI} from 'node:wasi'; import {readFileSync} from 'node:fs';"

@@ -27,7 +27,7 @@ const panel = new Panel(about, {
   arm: (name) => page.take(name),
   answer: (k) => page.choose(k),
   pose: (pose) => page.aimAt(pose),
-  mode: (mode) => stage.gizmo.setMode(mode),
+  mode: (mode) => (stage.mode = mode),
   home: () => page.home(),
 });
 

@@ -23,7 +23,6 @@ export class Stage {
     this.target = new THREE.Group();
     this.scene.add(this.target);
     this.gizmo = new TransformControls(this.camera, canvas);
-    this.gizmo.setSpace("local");
     this.gizmo.setSize(matchMedia("(pointer: coarse)").matches ? 1.15 : 0.85);
     this.gizmo.setColors(...AXES, 0xe0a83a);
     this.gizmo.attach(this.target);
@@ -66,6 +65,12 @@ export class Stage {
     this.gap.material.color.set(colour("--miss"));
     this.body.color.set(this.missed ? this.colours.miss : this.colours.body);
     this.redraw();
+  }
+
+  /** What dragging does: "translate" along the axes of the base, or "rotate" about those of the target. */
+  set mode(mode) {
+    this.gizmo.setMode(mode);
+    this.gizmo.setSpace(mode === "translate" ? "world" : "local");
   }
 
   /** Show another arm, seen from where all of its reach is in view. */

@@ -27,7 +27,7 @@ class Target:
     triple: str
     """As LLVM calls it."""
     compiler: str
-    """The C compiler that Debian has for it."""
+    """The C compiler that Debian, or PyPI, has for it."""
     cpus: tuple[Cpu, ...]
     """Those known; the first unless another is asked for."""
     bits: int
