@@ -126,7 +126,16 @@ def name_of(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
 
-@pytest.mark.parametrize("page", sorted({block.page for block in PYTHON}), ids=name_of)
+SLOW = {"docs/plots.md", "docs/recipes.md"}
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, id=name_of(page), marks=[pytest.mark.slow] * (name_of(page) in SLOW))
+        for page in sorted({block.page for block in PYTHON})
+    ],
+)
 def test_python_runs(page: Path, beside: Callable[[Path], None]) -> None:
     beside(page)
     names: dict[str, object] = {"__name__": "__main__"}
