@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import kinseek
 from kinseek.cli.program import run
 from kinseek.robots import catalog_names
 from kinseek.robots.soundness import Severity, check
@@ -232,6 +233,23 @@ def test_real_files(capsys: pytest.CaptureFixture[str]) -> None:
     assert not check(
         SHARED / "messy" / "xacro_wx250s" / "wx250s.urdf.xacro"
     ).sound  # Its meshes are elsewhere.
+
+
+@pytest.mark.slow
+def test_a_large_file_takes_seconds(tmp_path: Path) -> None:
+    links = "".join(f'<link name="l{i}"/>' for i in range(5001))
+    joint = '<joint name="j{0}" type="fixed"><parent link="l{1}"/><child link="l{2}"/></joint>'
+    path = tmp_path / "r.urdf"
+    ring = "".join(joint.format(i, i, (i + 1) % 5000) for i in range(5000))
+    path.write_text(f'<robot name="r">{links}{ring}</robot>', encoding="utf-8")
+    (loop,) = [each.what for each in check(path).findings if each.severity is Severity.ERROR]
+    assert "form a loop" in loop
+    astray = "".join(joint.format(i, f"x{i}", f"y{i}") for i in range(5000))
+    path.write_text(f'<robot name="r">{links}{astray}</robot>', encoding="utf-8")
+    assert len(check(path).findings) > 10_000
+    path.write_text(f'<robot name="r">{links * 2}</robot>', encoding="utf-8")
+    with pytest.raises(kinseek.InvalidRobot, match="10,002 links, expected at most 10,000"):
+        check(path)
 
 
 def test_mjcf_is_read(tmp_path: Path) -> None:

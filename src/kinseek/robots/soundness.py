@@ -10,7 +10,7 @@ import math
 import os
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -25,7 +25,7 @@ from kinseek.turns import TURN
 from kinseek.units import TURNS_OF_A_JOINT
 
 from .chain import follow_mimics
-from .files import file_bytes
+from .files import MOST_LINKS, file_bytes, require_few
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .urdf_xml import JOINT_TYPES, expand_xacro, root_element
 
@@ -37,6 +37,8 @@ _FAR = 100.0
 """Lengths beyond it [m] are asked about: a robot that large was written in millimetres."""
 _ROUNDED = 1e-3
 """How far an axis may be from unit length, angles from a turn, and principal moments from the triangle, when rounded."""
+_COMPARED, _TRIED = 200, 40
+"""Names that a misspelt one is compared with, and tips that are tried, at most."""
 _NAMED = 8
 """Links or joints that one line names at most."""
 
@@ -111,6 +113,8 @@ def check(path: Path, base: str | None = None, tip: str | None = None) -> Checku
     if not str(root.tag).endswith("robot") or (space and not space.endswith("}")):
         raise InvalidRobot(f"{path}: not a robot: the root tag is <{root.tag}>, expected <robot>")
     links, joints = list(root.iterchildren(f"{space}link")), list(root.iterchildren(f"{space}joint"))
+    for noun, elements in (("links", links), ("joints", joints)):
+        require_few(len(elements), noun, MOST_LINKS, str(path))
     found.links, found.joints = len(links), len(joints)
     found.moving = sum(joint.get("type") not in ("fixed", None) for joint in joints)
     parents = _check_tree(found, links, joints, space)
@@ -146,9 +150,7 @@ def _check_tree(found: Checkup, links: list[Any], joints: list[Any], space: str)
             if not ends.get(tag):
                 found.error(_name(joint), f"no <{tag} link=...>")
             elif ends[tag] not in parents:
-                found.error(
-                    _name(joint), f"its {tag}: {suggest(ends[tag], parents, 'link').partition(' Valid:')[0]}"
-                )
+                found.error(_name(joint), f"its {tag}: {_unknown(ends[tag], parents, 'link')}")
         parent, child = ends.get("parent"), ends.get("child")
         if parent in parents and child in parents:
             if parents[child] is not None:
@@ -157,17 +159,23 @@ def _check_tree(found: Checkup, links: list[Any], joints: list[Any], space: str)
     roots = [name for name, parent in parents.items() if parent is None]
     if len(roots) > 1:
         found.error("", f"several root links, expected one: {_some(roots)}")
-    if loop := [name for name in parents if not _hangs(name, parents)]:
+    if loop := _in_loops(parents):
         found.error("", f"the links form a loop, these or some of these: {_some(loop)}")
     return parents
 
 
-def _hangs(link: str, parents: Mapping[str, str | None]) -> bool:
-    """Does the way up from a link come to an end?"""
-    above: str | None = link
-    for _ in parents:
-        above = parents[above] if above is not None else None
-    return above is None
+def _in_loops(parents: Mapping[str, str | None]) -> list[str]:
+    """The links from which the way up has no end."""
+    hanging: set[str | None] = {None}
+    looping: set[str | None] = set()
+    for start in parents:
+        way: dict[str | None, None] = {}  # In the order in which they were met.
+        link: str | None = start
+        while link not in hanging and link not in looping and link not in way:
+            way[link] = None
+            link = parents[link] if link is not None else None
+        (hanging if link in hanging else looping).update(way)
+    return [name for name in parents if name in looping]
 
 
 def _check_joint(found: Checkup, joint: Any, space: str) -> None:
@@ -253,7 +261,7 @@ def _check_mimics(found: Checkup, joints: list[Any], space: str) -> None:
         here, leader = _name(joint), mimic.get("joint")
         factor, _ = (_numbers(found, here, mimic, name, 1) for name in ("multiplier", "offset"))
         if leader not in kinds:
-            found.error(here, f"mimics {suggest(str(leader), kinds, 'joint').partition(' Valid:')[0]}")
+            found.error(here, f"mimics {_unknown(str(leader), kinds, 'joint')}")
             continue
         if kinds[leader] not in _MOVES:
             found.error(here, f"mimics {leader!r}, which is {kinds[leader]}")
@@ -363,7 +371,7 @@ def _check_chains(
             "", f"{len(ends)} tips: kinseek.load needs tip=, one of {_some(ends)}, or any link before them"
         )
     told = {finding.part for finding in found.findings}
-    for end in ends if tip is None and len(ends) > 1 else [tip]:
+    for end in ends[:_TRIED] if tip is None and len(ends) > 1 else [tip]:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UnitWarning)  # Said of each joint already.
@@ -382,6 +390,12 @@ def _check_chains(
 
 def _name(joint: Any) -> str:
     return f"joint {joint.get('name')!r}"
+
+
+def _unknown(got: str, names: Collection[str], noun: str) -> str:
+    """Say that there is nothing of that name, and what was meant perhaps: among many names that takes long."""
+    said = suggest(got, names if len(names) <= _COMPARED else (), noun)
+    return said.partition(" Valid:")[0].rstrip(".")
 
 
 def _some(names: list[str], most: int = _NAMED) -> str:
