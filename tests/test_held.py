@@ -284,6 +284,16 @@ def test_wrong_arguments_and_packages_are_told(xacro: tuple[Path, Path]) -> None
         kinseek.load(path, packages=packages, args={"lenght": 1.0})
     with pytest.raises(InvalidRobot, match="package 'my_parts': no folder '/no/such'"):
         kinseek.load(path, packages={"my_parts": "/no/such"})
+    for options, message in (
+        ({"args": "length:=1"}, "args must be a mapping from names to values, got 'length:=1'"),
+        ({"packages": ["here"]}, r"packages must be a mapping from names to folders, got \['here'\]"),
+        (
+            {"packages": {"my_parts": None}},
+            "packages must be a mapping from names to folders, got {'my_parts': None}",
+        ),
+    ):
+        with pytest.raises(InvalidRobot, match=message):
+            kinseek.load(path, **options)
     for source in ("panda", catalog_path("panda"), EVERYTHING):
         with pytest.raises(InvalidRobot, match=r"args and packages are for .xacro files"):
             kinseek.load(source, args={"length": 1.0})

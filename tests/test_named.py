@@ -40,6 +40,8 @@ def test_a_message_may_tell_of_the_whole_robot() -> None:
     message.name = message.name[:-1]
     with pytest.raises(InvalidProblem, match="q: 6 names and 7 positions"):
         ARM.fk(message)
+    with pytest.raises(InvalidProblem, match="q: name and position must be lists: 'float' object"):
+        ARM.fk(SimpleNamespace(name=["elbow_joint"], position=0.3))
     message.position = message.position[:-1]
     with pytest.raises(
         InvalidProblem, match="no value for joint 'shoulder_pan_joint'; given: wrist_3_joint, "

@@ -63,6 +63,7 @@ def read(
         MissingExtra: An MJCF file, and MuJoCo is not installed.
     """
     _require_names(base, tip)
+    _require_mappings(args, packages)
     if not isinstance(source, str | os.PathLike) or is_text(source):
         _refuse_options(args, packages, "what is no file")
         return _read_held(source, base, tip)
@@ -164,6 +165,15 @@ def _require_names(base: object, tip: object) -> None:
             raise InvalidRobot(
                 f"{name} must be the name of a link, got {value!r:.80} ({type(value).__name__})"
             )
+
+
+def _require_mappings(args: object, packages: object) -> None:
+    if not isinstance(args, Mapping | None):
+        raise InvalidRobot(f"args must be a mapping from names to values, got {args!r:.80}")
+    if not isinstance(packages, Mapping | None) or not all(
+        isinstance(folder, str | os.PathLike) for folder in (packages or {}).values()
+    ):
+        raise InvalidRobot(f"packages must be a mapping from names to folders, got {packages!r:.80}")
 
 
 def _is_urdf(path: Path) -> bool:

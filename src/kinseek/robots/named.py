@@ -48,7 +48,10 @@ def in_order(values: Any, names: Sequence[str], what: str, error: Callable[[str]
 
 
 def _of_message(message: Any, what: str, error: Callable[[str], Exception]) -> Mapping[str, Any]:
-    names, positions = list(message.name), list(message.position)
+    try:
+        names, positions = list(message.name), list(message.position)
+    except TypeError as reason:
+        raise error(f"{what}: name and position must be lists: {reason}") from None
     if len(names) != len(positions):
         raise error(f"{what}: {len(names)} names and {len(positions)} positions, expected as many of both")
     return dict(zip(names, positions, strict=True))
