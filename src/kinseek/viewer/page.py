@@ -103,8 +103,7 @@ class Page:
             KinseekError: A target that is no pose.
         """
         with self._lock:
-            before, self.wishes = self.wishes, self.wishes.but(**changes)
-            after = self.wishes
+            after = self.wishes = self.wishes.but(**changes)
         if changes.keys() - {"target", "q", "camera"}:
             self.panel.show_wishes(after)
         if {"ghosts", "meshes", "dark", "free"} & changes.keys():
@@ -115,8 +114,6 @@ class Page:
         ):
             self.scene.show_goal(after.target)
         if {"target", "free", "search", "parameters", "follow"} & changes.keys():
-            if not clouds.same_question(before, after):
-                self._reached = None
             self._front.give(None)
         else:
             self._clouder.give("again")

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 MOST_GHOSTS = 16
 """Branches that are drawn; more would hide each other."""
 
-LINK, JOINT = (232, 119, 0), (52, 58, 68)
+LINK, JOINT = (232, 125, 10), (84, 92, 106)
 GHOST = (20, 90, 205)
 SEARCH = (194, 59, 0)
 REACHED, CLOUD = (0, 158, 115), (122, 78, 142)
@@ -73,7 +73,7 @@ class Poses:
             ),
             opacity=opacity,
             lod="off",
-            cast_shadow=opacity is None,
+            cast_shadow=False,
             receive_shadow=False,
         )
 

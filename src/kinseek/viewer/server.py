@@ -65,6 +65,10 @@ class Viewer:
         self._lock = threading.Lock()
         self._stopped = threading.Event()
         self._server.gui.main_panel.dock_right()
+        # Mirrored surroundings and shadows tell nothing of an arm, and cost a machine without a graphics card 20 s.
+        self._server.scene.configure_environment_map(None)
+        self._server.scene.configure_default_lights(cast_shadow=False)
+        self._server.scene.add_light_ambient("/light", intensity=1.6)
         self._first_look()
 
         @self._server.on_client_connect
@@ -93,7 +97,7 @@ class Viewer:
         middle, size = (low + high) / 2, max(float((high - low).max()), 1e-3)
         camera = self._server.initial_camera
         camera.fov = np.radians(45.0)
-        camera.position = middle + size * np.array([0.9, -1.1, 0.5])
+        camera.position = middle + size * np.array([0.75, -0.95, 0.42])
         camera.look_at = middle
         camera.near, camera.far = size / 200, size * 100
 
