@@ -14,7 +14,7 @@ from kinseek.transforms import square
 
 Array = NDArray[np.float64]
 
-LINK, JOINT, BARREL = 0.010, 0.021, 0.062
+LINK, JOINT, BARREL = 0.014, 0.027, 0.075
 """Radius of a link, radius of a joint's barrel and its length, as parts of the arm's reach."""
 
 _NOTHING = 1e-6
