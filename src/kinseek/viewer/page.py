@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 QUIET = 0.12
 """[s] that a goal must rest before anything is begun that takes longer."""
 
+NARROW = 0.7
+"""Width of a window by its height, below which a telephone holds it upright."""
+
 PASS, SHOW = 0.9, 12.0
 """[s] that a pass is shown while they are played, and that all of them take at most."""
 
@@ -71,7 +74,7 @@ class Page:
         self._look(wishes)
         if wishes.camera is not None:
             client.camera.position, client.camera.look_at = wishes.camera
-        elif client.camera.aspect < 1.0:  # A narrow window has the panel below: the arm goes above it.
+        elif client.camera.aspect < NARROW:  # The panel is below: the arm goes above it.
             eye, at = client.camera.position, client.camera.look_at
             away = 0.9 * (eye - at) / client.camera.aspect
             client.camera.position = at + away  # Which takes along what it looks at.
