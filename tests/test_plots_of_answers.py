@@ -227,6 +227,12 @@ def test_settings_stay_as_they_are() -> None:
     assert dict(matplotlib.rcParams) == before
 
 
+def narrow(name: str) -> Any:
+    """An arm whose picture has a short side."""
+    arm = kinseek.load(name)
+    return plots.branches(arm.branches(arm.fk(arm.sample(1, seed=4)[0])))
+
+
 PICTURES: dict[str, Callable[[], Any]] = {
     "branches": lambda: plots.branches(UR5E.branches(DOWN)),
     "redundant": lambda: plots.branches(PANDA.branches(DOWN), view=(15, -40)),
@@ -243,6 +249,9 @@ PICTURES: dict[str, Callable[[], Any]] = {
     "boxes": lambda: plots.boxes(UR5E.prove(FAR)),
     "workspace": lambda: plots.workspace(UR5E, DOWN, cells=6, budget=100),
     "samples": lambda: plots.samples(UR5E, DOWN),
+    "few samples": lambda: plots.samples(PLANAR, PLANAR.fk([2.0, 1.1])),
+    "narrow": lambda: narrow("jaco2_6"),
+    "flat": lambda: narrow("m430ia2f"),
     "joints": lambda: plots.joints(np.linspace(UR5E.lower, UR5E.upper, 9), UR5E, breaks=[4]),
     "joints that slide": lambda: plots.joints(
         kinseek.load("scara4").sample(300), kinseek.load("scara4"), times=np.arange(300) * 0.01

@@ -26,6 +26,12 @@ VIEW = (22.0, -60.0)
 FRAME_PART = 0.14
 """Length of the axes of a goal, as a part of the longest side of the picture."""
 
+ASIDE = 6.0
+"""By so much [pt] the label of y stands farther off: it is printed aslant, and numbers lie below it."""
+
+SHORTEST = 0.4
+"""Of the sides of a picture in space, as a part of the longest."""
+
 
 @drawn
 def arm(
@@ -164,7 +170,17 @@ def _draw(axes: Any, arm: Arm | Mechanism, q: ArrayLike, goal: Goal | ArrayLike 
     draw_arm(axes, arm, rows[0], linewidth=3.2, zorder=5)
     if goal is not None:
         _draw_goal(axes, goal)
+    _widen(axes)
     same_scale(axes)
+    axes.yaxis.labelpad += ASIDE
+
+
+def _widen(axes: Any) -> None:
+    """Give a flat picture some depth: where a side is short, numbers of two axes are printed over each other."""
+    ends = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
+    sides = np.ptp(ends, axis=1)
+    more = np.maximum(SHORTEST * sides.max() - sides, 0.0) / 2
+    axes.set(**{f"{axis}lim": tuple(ends[i] + [-more[i], more[i]]) for i, axis in enumerate("xyz")})
 
 
 def _draw_goal(axes: Any, goal: Goal | ArrayLike) -> None:

@@ -78,7 +78,9 @@ def samples(arm: Arm, pose: ArrayLike, *, size: tuple[float, float] = (9.4, 5.0)
         axes.plot(*wanted[:2], "*", color="black", markersize=11, label="the pose", linestyle="none")
         axes.set(xlabel="radius from the first axis [m]", ylabel="height along it [m]", aspect="equal")
     far = np.abs(every[:, :2] - wanted[:2]).max(axis=1)
-    spread = 1.15 * max(float(far[own].max()), float(np.percentile(far[near], 70)))
+    least = 0.05 * division.length  # All samples may be in one place: of two joints none is in the middle.
+    around = float(np.percentile(far[near], 70)) if len(near) else 0.0
+    spread = 1.15 * max(least, float(far[own].max()), around)
     right.set(xlim=wanted[0] + spread * np.array([-1, 1]), ylim=wanted[1] + spread * np.array([-1, 1]))
     left.add_patch(_square(wanted[:2], spread))
     left.set_title(f"{arm.name}: {index.samples:,} samples, darker where there are more")
