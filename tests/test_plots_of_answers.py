@@ -230,7 +230,10 @@ def test_settings_stay_as_they_are() -> None:
 def narrow(name: str) -> Any:
     """An arm whose picture has a short side."""
     arm = kinseek.load(name)
-    return plots.branches(arm.branches(arm.fk(arm.sample(1, seed=4)[0])))
+    target = kinseek.Goal.pose(arm.fk(arm.sample(1, seed=4)[0]))
+    found = arm.branches(target)
+    assert isinstance(found, kinseek.Branches)
+    return plots.branches(found)
 
 
 PICTURES: dict[str, Callable[[], Any]] = {
