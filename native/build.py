@@ -72,7 +72,10 @@ def this_level() -> list[int]:
     except OSError:
         return list(known)
     flags = set(next((line for line in text.splitlines() if line.startswith("flags")), "").split())
-    return [3] if 3 in known and {"avx2", "fma", "bmi1", "bmi2"} <= flags else list(known)[:1]
+    third = {"avx2", "fma", "bmi1", "bmi2"}
+    fourth = third | {"avx512f", "avx512dq", "avx512cd", "avx512bw", "avx512vl"}
+    best = 4 if fourth <= flags else 3 if third <= flags else 0
+    return [best] if best in known else list(known)[:1]
 
 
 def platform_tag(library: Path, target: str = "") -> str:

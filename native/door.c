@@ -217,12 +217,16 @@ static int level(void) {
     unsigned a, b, c, d, low, high;
     const unsigned v2 = bit_SSE3 | bit_SSSE3 | bit_CMPXCHG16B | bit_SSE4_1 | bit_SSE4_2 | bit_POPCNT;
     const unsigned v3 = bit_FMA | bit_MOVBE | bit_OSXSAVE | bit_AVX | bit_F16C, v3_too = bit_BMI | bit_AVX2 | bit_BMI2;
+    const unsigned v4 = bit_AVX512F | bit_AVX512DQ | bit_AVX512CD | bit_AVX512BW | bit_AVX512VL;
     if (!__get_cpuid(1, &a, &b, &c, &d) || (c & v2) != v2) return 0;
     if ((c & v3) != v3) return 2;
     __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
-    if ((low & 6) != 6) return 2;  /* The system does not keep the wide registers. */
+    const unsigned kept = low & 0xe6;  /* Wide registers that the system keeps. */
+    if ((kept & 6) != 6) return 2;
     if (!__get_cpuid_count(7, 0, &a, &b, &c, &d) || (b & v3_too) != v3_too) return 2;
-    return __get_cpuid(0x80000001, &a, &b, &c, &d) && (c & bit_LZCNT) ? 3 : 2;
+    const int fourth = (b & v4) == v4 && kept == 0xe6;
+    if (!__get_cpuid(0x80000001, &a, &b, &c, &d) || !(c & bit_LZCNT)) return 2;
+    return fourth ? 4 : 3;
 }
 #else
 static int level(void) { return 1; }

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 LEVELS = {
-    "x86_64": {2: "x86-64-v2", 3: "x86-64-v3"},
+    "x86_64": {2: "x86-64-v2", 3: "x86-64-v3", 4: "x86-64-v4"},
     "aarch64": {1: "generic"},
 }
-"""Names that LLVM has for the levels of each kind of processor; x86-64-v4 was no faster than v3 where it was tried."""
+"""Names that LLVM has for the levels of each kind of processor."""
 
 
 @dataclass(frozen=True)

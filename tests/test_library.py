@@ -230,7 +230,7 @@ def test_declarations_are_checked() -> None:
 def test_the_library_has_the_bits_of_kernels_compiled_for_its_level() -> None:
     pytest.importorskip("numba")
     assert LIBRARY is not None
-    names = {1: "generic", 2: "x86-64-v2", 3: "x86-64-v3"}
+    names = {1: "generic", 2: "x86-64-v2", 3: "x86-64-v3", 4: "x86-64-v4"}
     level = {"KINSEEK_LEVEL": str(LIBRARY.level)}
     compiled = {"KINSEEK_JIT": "1", "NUMBA_CPU_NAME": names[LIBRARY.level], "NUMBA_CPU_FEATURES": ""}
     built, made = (

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from kinseek.kernels.route import LIBRARY, told
+
 ROOT = Path(__file__).resolve().parent.parent
 if not (ROOT / "native").exists():
     pytest.skip("only the wheel is here", allow_module_level=True)
@@ -49,6 +51,14 @@ def test_objects_are_kept_apart_for_each_state_of_the_sources(tmp_path: Path) ->
     assert kept.is_dir()
     assert BUILD["source_digest"]() in kept.name
     assert objects(tmp_path, "elsewhere") == kept
+
+
+@pytest.mark.skipif(LIBRARY is None, reason=told())
+@pytest.mark.skipif(not Path("/proc/cpuinfo").exists(), reason="the system tells it elsewhere")
+def test_what_is_built_for_this_machine_is_the_best_that_its_door_takes() -> None:
+    from kinseek.kernels import _prebuilt as door  # type: ignore[attr-defined,unused-ignore]
+
+    assert BUILD["this_level"]() == [door.best_level()]
 
 
 SHOWN = f"""
