@@ -42,7 +42,7 @@ import make_site  # noqa: E402  # A script of the documentation.
 import kinseek  # noqa: E402
 import kinseek.errors  # noqa: E402
 
-LANGUAGES = {"python", "sh", "text", "c", "xml", "csv", "json", "cmake", "html"}
+LANGUAGES = {"python", "sh", "text", "c", "xml", "csv", "json", "cmake", "html", "js"}
 BLOCK = re.compile(
     r"(?:^<!-- (?P<mark>needs|not run|ends with|printed|file): (?P<words>[^>]+) -->\n+)?"
     r"^```(?P<language>\S*)[^\n]*\n(?P<code>.*?)^```$",

@@ -40,8 +40,10 @@ def test_the_warning_blames_the_caller() -> None:
 @pytest.mark.parametrize("name", ["rpy", "rotvec"])
 def test_a_pose_in_degrees(name: str) -> None:
     degrees = np.array([[30.0, -20.0, 170.0], [0.0, 0.0, 360.0]])
-    given = kinseek.pose([1, 2, 3], degrees=True, **{name: degrees})
-    wanted = kinseek.pose([1, 2, 3], **{name: np.deg2rad(degrees)})
+    turned: dict[str, Any] = {name: degrees}
+    given = kinseek.pose([1, 2, 3], degrees=True, **turned)
+    turned = {name: np.deg2rad(degrees)}
+    wanted = kinseek.pose([1, 2, 3], **turned)
     np.testing.assert_array_equal(given, wanted)
     np.testing.assert_array_equal(kinseek.pose([1, 2, 3], degrees=True), kinseek.pose([1, 2, 3]))
 
