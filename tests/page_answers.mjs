@@ -10,7 +10,7 @@ const { arm } = await load(await readFile(`${folder}/kinseek.wasm`), description
 /** Look at boxes until a proof ends. */
 function proved(one, pose) {
   const proof = one.prove(pose);
-  for (let turns = 0; turns < 200; turns++) {
+  for (let turns = 0; turns < 60; turns++) {
     const told = proof.goOn(1000);
     if (told !== "more") return { told, boxes: proof.boxes, q: proof.q ? Array.from(proof.q) : null };
   }

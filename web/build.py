@@ -16,12 +16,13 @@ import subprocess
 from pathlib import Path
 
 import kinseek
-from kinseek.export import compiling, emit, targets, to_wasm, wasm, wasm_module
+from kinseek.export import to_wasm, wasm_module
 from kinseek.kernels.sources import source_digest
 
 HERE = Path(__file__).resolve().parent
 BUILD = HERE / "build"
-CATALOG = Path(kinseek.__file__).parent / "robots" / "catalog"
+PACKAGE = Path(kinseek.__file__).parent
+EXPORT, CATALOG = PACKAGE / "export", PACKAGE / "robots" / "catalog"
 PAGE = HERE / "dist" / "index.html"
 ARMS = ("ur5e", "panda", "kr6r900", "iiwa14", "puma560", "scara4")
 """Bundled arms that the page shows, in this order."""
@@ -40,8 +41,8 @@ def main() -> None:
 def parts() -> Path:
     """Write kernels and arms for the page into web/build; kernels that are there and up to date stay."""
     BUILD.mkdir(exist_ok=True)
-    files = [str(each.__file__) for each in (compiling, emit, targets, wasm)]
-    sources = b"".join(Path(each).read_bytes() for each in (*files, wasm.RUNTIME))
+    files = [EXPORT / name for name in ("compiling.py", "emit.py", "targets.py", "wasm.py", "js/runtime.c")]
+    sources = b"".join(each.read_bytes() for each in files)
     digest = hashlib.sha256(source_digest().encode() + sources).hexdigest()[:16]
     stamp, kept = BUILD / "digest", BUILD / "kinseek.wasm"
     fresh = stamp.is_file() and kept.is_file() and stamp.read_text(encoding="utf-8") == digest

@@ -22,7 +22,7 @@ const BOXES = 400; // That a proof looks at before it asks how late it is.
 const SLICE = 5; // [ms] of a frame that a proof may take.
 
 const still = matchMedia("(prefers-reduced-motion: reduce)");
-const stage = new Stage(document.getElementById("view"), () => page.aim());
+let stage;
 const panel = new Panel(about, {
   arm: (name) => page.take(name),
   answer: (k) => page.choose(k),
@@ -47,6 +47,7 @@ const page = {
   },
 
   async begin() {
+    stage = new Stage(document.getElementById("view"), () => this.aim());
     this.kernels = await load(wasm, description);
     this.take(this.kernels.names[0]);
     requestAnimationFrame((now) => this.frame(now));
@@ -181,4 +182,4 @@ function order(a, b) {
 }
 
 window.kinseekPage = page; // For tests, and for whoever is curious.
-page.begin().catch((error) => panel.fail(`The kernels do not run in this browser: ${error.message}`));
+page.begin().catch((error) => panel.fail(`This page needs WebGL 2 and WebAssembly with SIMD: ${error.message}`));
