@@ -42,6 +42,7 @@ for (const [name, { q, poses, far }] of Object.entries(JSON.parse(await readFile
   });
   answers[name] = {
     fk: q.map((each) => one.fk(each)),
+    errors: poses.map((pose, i) => one.errors(q[(i + 1) % q.length], pose)),
     solved: solved.made,
     near: near.made,
     branches: all.made,

@@ -86,6 +86,13 @@ def test_forward_kinematics_is_the_same(answers: dict[str, Any], asked: dict[str
     for name, one in asked.items():
         found = np.array(answers[name]["fk"]).reshape(-1, 4, 4)
         assert np.abs(found - one["poses"]).max() < 1e-14, name
+        away, turned = errors(one["arm"], np.roll(one["q"], -1, axis=0), one["poses"])
+        told = np.array(
+            [[each["positionError"], each["orientationError"]] for each in answers[name]["errors"]]
+        )
+        assert np.abs(told - np.stack([away, turned], axis=1)).max() < 1e-7, (
+            name
+        )  # An angle near π is not known better.
 
 
 @pytest.mark.parametrize("how", ["solved", "near"])

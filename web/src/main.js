@@ -80,11 +80,11 @@ const page = {
   },
 
   /** Search for the target: of all answers the one nearest to where the arm stands is shown, the others are ghosts. */
-  solve() {
+  solve(known = null) {
     const { arm } = this;
     const pose = stage.pose;
     const began = performance.now();
-    let best = arm.solve(pose, this.q);
+    let best = known === null ? arm.solve(pose, this.q) : { q: known, reached: true, ...arm.errors(known, pose) };
     const { reached } = best;
     const { answers, endless } = reached ? arm.branches(pose, { near: this.q, count: GHOSTS }) : { answers: [], endless: false };
     // Of endlessly many the nearest is hardly among those that are shown; of a few it is the first.
@@ -114,10 +114,8 @@ const page = {
     while (told === "more" && performance.now() - now < SLICE) told = this.proof.goOn(BOXES);
     if (told === "more" && this.proof.boxes < 3e6) return;
     if (told === "reached") {
-      // The search had overlooked it.
-      const { q } = this.proof;
-      Object.assign(this.state, { reached: true, best: { q, positionError: 0, orientationError: 0 }, others: [q], chosen: 0 });
-      this.q = q;
+      this.solve(this.proof.q); // The search had overlooked it.
+      return;
     }
     this.state.proof = told === "more" ? "undecided" : told;
     this.state.boxes = this.proof.boxes;

@@ -96,7 +96,7 @@ export class Panel {
 
   #found(count, endless) {
     if (endless) return `Reached. There are endlessly many answers inside the limits; ${count} of them are shown.`;
-    return count === 1 ? "Reached, in one way inside the limits." : `Reached, in ${count} ways inside the limits.`;
+    return `Reached. ${count === 1 ? "One answer was" : `${count} answers were`} found inside the limits.`;
   }
 
   #missed({ best, proof, boxes }) {

@@ -171,6 +171,15 @@ class Arm {
     return machine.view(this.target).slice();
   }
 
+  /** How far the tip at joint values is from a pose. */
+  errors(q, pose) {
+    this.#numbers(pose, 16, "a pose");
+    const tip = this.fk(q);
+    const square = (places) => places.reduce((all, i) => all + (tip[i] - pose[i]) ** 2, 0);
+    const chord = Math.sqrt(square([0, 1, 2, 4, 5, 6, 8, 9, 10]) / 8);
+    return { positionError: Math.sqrt(square([3, 7, 11])), orientationError: 2 * Math.asin(Math.min(chord, 1)) };
+  }
+
   /** Joint values that reach a pose, or the best found; with `near` the answer nearest to these joint values. */
   solve(pose, near = null) {
     this.#aim(pose);
