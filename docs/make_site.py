@@ -5,7 +5,8 @@ Run: python docs/make_site.py
 The pages are written to be read in the repository: README.md is the first page, those of docs/ stand at the top, those of
 benchmarks/ and experiments/ and the examples in folders of these names. Links between them are rewritten here; a link to
 any other file takes the file along. Zensical (extra `docs`) refuses a link, an anchor or a line of the navigation that leads
-nowhere. What is made needs no server and no network.
+nowhere. What is made needs no server and no network. Where `python web/build.py` has made the page in which an arm can be
+dragged, the first page leads to it.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from urllib.parse import unquote
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = ROOT / "build" / "pages"
 SITE = ROOT / "build" / "site"
+TRY = ROOT / "web" / "dist" / "index.html"
+"""The page without a server."""
 
 LINK = re.compile(r"(?<=\]\()[^()\s]+(?=\))|(?<=\bsrc=\")[^\"]+(?=\")|(?<=\bhref=\")[^\"]+(?=\")")
 """Where a link of Markdown, or a picture or link in HTML, leads."""
@@ -89,6 +92,11 @@ def gather(to: Path = PAGES) -> None:
             return Path(os.path.relpath(there, page.parent)).as_posix() + mark + anchor
 
         text = example(source) if source.suffix == ".py" else source.read_text(encoding="utf-8")
+        if source.name == "README.md" and source.parent == ROOT and TRY.exists():
+            shutil.copyfile(TRY, to / "try.html")
+            text = text.replace(
+                "\n## Two commands\n", "\n[Drag an arm, here in the browser](try.html)\n\n## Two commands\n", 1
+            )
         page.write_text(links(text, rewrite), encoding="utf-8")
     shutil.copytree(ROOT / "docs" / "assets", to / "assets")
 
