@@ -20,10 +20,13 @@ from .errors import (
     KinseekError,
     MissingExtra,
     NotReached,
+    PathInterrupted,
     RepairWarning,
     UnitWarning,
 )
 from .goal import Goal
+from .paths.path import Path, PathStatus
+from .paths.tracker import TrackStatus
 from .poses import pose
 from .problem import Problem
 from .proof.certificate import Certificate, Verdict
@@ -65,6 +68,8 @@ __all__ = [
     "KinseekError",
     "MissingExtra",
     "NotReached",
+    "PathInterrupted",
+    "PathStatus",
     "Polished",
     "Problem",
     "RepairWarning",

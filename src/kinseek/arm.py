@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from math import hypot
 from pathlib import Path
-from typing import Any, Literal, Self, TypedDict, TypeGuard, Unpack, cast, overload
+from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, TypeGuard, Unpack, cast, overload
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .bad_rows import without_bad
 from .branches.find import SPREAD, branches_of
@@ -34,6 +34,10 @@ from .solvers.base import whole
 from .solvers.black_box.samples import Samples, samples_of
 from .solvers.checks import as_solver, warn_if_far, with_progress
 from .units import warn_of_distance
+
+if TYPE_CHECKING:
+    from .paths.path import Path as Motion
+    from .paths.tracker import Tracker
 
 Array = NDArray[np.float64]
 
@@ -343,6 +347,76 @@ class Arm(ForwardArm):
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         problem = Problem(self._mechanism, asked, time_limit=time_limit)
         return prove(problem, gap=gap, budget=budget, threads=threads, deadline=deadline)
+
+    def follow(
+        self,
+        Ts: Any,
+        *,
+        start: ArrayLike | None = None,
+        end: ArrayLike | None = None,
+        closed: bool = False,
+        max_step: ArrayLike = 0.3,
+        times: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        weights: ArrayLike | None = None,
+        cost: Cost | None = None,
+        valid: Valid | None = None,
+        prove: bool = False,
+        threads: int | None = None,
+        progress: bool = False,
+    ) -> Motion:
+        """Find one continuous motion through many poses: as few breaks as possible, then the least cost.
+
+        Args:
+            Ts: Poses, (N, 4, 4); or a `Goal` with N targets, which may leave axes free; or a row of poses or goals, an
+                iterator too.
+            start: Joint values to begin with, (n,), [rad] or [m]; they must reach the first pose.
+            end: Joint values to end with, (n,); they must reach the last pose.
+            closed: Shall the last pose lead on to the first? The full turns of a joint come back as well.
+            max_step: How far each joint may go from pose to pose, one number or (n,), [rad] or [m]; more is a break.
+            times: When each pose is due, (N,), [s]; with `velocity` it bounds the steps.
+            velocity: Of the joints, one number or (n,), [rad/s] or [m/s]. The cost is then the time that the motion takes.
+            weights: Of each joint in the cost, (n,).
+            cost: In place of distance or time, a function from joint values, (k, n), to numbers, (k,), added up over all
+                poses.
+            valid: A function from joint values, (n,), to a bool, asked of the poses and of points between them.
+            prove: Not there yet; only False is taken.
+            threads: Threads that share the poses; every core unless given. The answer has the same bits.
+            progress: Show a progress bar.
+
+        Returns:
+            Joint values inside the limits for every pose, judged by plain FK, the breaks, and what is in the way at each.
+
+        Raises:
+            InvalidGoal: Not poses, or none; the message names the first that is wrong.
+            InvalidProblem: Something does not fit: `start` misses the first pose, `times` do not increase, and so on.
+            InvalidSolver: `threads` is no whole number of at least 1.
+            PathInterrupted: An iterator raised; the error carries the path through the poses that came before.
+        """
+        from .paths.front import follow_poses
+
+        if threads is not None:
+            whole("threads", threads, 1)
+        wishes = {"start": start, "end": end, "closed": closed, "max_step": max_step, "times": times}
+        wishes |= {"velocity": velocity, "weights": weights, "cost": cost, "valid": valid}
+        return follow_poses(self._mechanism, Ts, wishes, prove, threads, progress)
+
+    def track(
+        self, q0: ArrayLike, period: float = 0.002, velocity: ArrayLike | None = None
+    ) -> Tracker:
+        """Begin to servo from joint values: one pose in, one set of joint values out, with bounded work.
+
+        Args:
+            q0: Where the arm is, (n,), [rad] or [m]; from outside its limits it only comes back.
+            period: Time between two steps [s].
+            velocity: Of the joints, one number or (n,), [rad/s] or [m/s]; no joint ever goes faster. Without it 1 of each.
+
+        Raises:
+            InvalidProblem: Something does not fit the arm, or the arm is a function.
+        """
+        from .paths.tracker import Tracker
+
+        return Tracker(self._mechanism, q0, period, velocity)
 
     def _with_proofs(self, solution: Solution, deadline: Deadline) -> Solution:
         from .proof.branch_and_bound import prove, refuse_ranges

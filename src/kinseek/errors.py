@@ -9,7 +9,8 @@
     ├── InvalidExport(ValueError)    what a controller is given: target, folder, memory
     ├── InvalidUse(TypeError)         a result is used as what it is not: a solution as a truth value
     ├── MissingExtra(ImportError)    an optional dependency is not installed
-    └── NotReached(RuntimeError)     raised only by Solution.require(); carries the solution
+    ├── PathInterrupted(RuntimeError) an iterator of poses raised; carries the path through those before
+    └── NotReached(RuntimeError)     raised only by require(); carries the solution, or the path
 
 Missing a tolerance is a status of the solution, never an exception.
 
@@ -73,6 +74,19 @@ class MissingExtra(KinseekError, ImportError):
         """Name the feature and the extra that brings it."""
         super().__init__(f"{feature} needs an optional dependency: pip install 'kinseek[{extra}]'")
         self.extra = extra
+
+
+class PathInterrupted(KinseekError, RuntimeError):
+    """The iterator that gave the poses of a path raised; its error is chained."""
+
+    def __init__(self, message: str, path: Any) -> None:
+        """Carry the path through the poses that came before, so that nothing found is lost."""
+        super().__init__(message)
+        self.path = path
+
+    def __reduce__(self) -> tuple[type[PathInterrupted], tuple[str, Any]]:
+        """Pickle with the path."""
+        return type(self), (str(self), self.path)
 
 
 class NotReached(KinseekError, RuntimeError):

@@ -1,0 +1,59 @@
+"""Least squares over a whole path at once: a block-tridiagonal system, one block a pose."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kinseek.kernels.arrays import Array
+from kinseek.kernels.entry import F64
+from kinseek.kernels.jit import entry, hidden
+
+
+@hidden
+def invert(A: Array) -> None:
+    """Invert a symmetric positive definite matrix, (n, n), in place (Gauss and Jordan, no pivots are needed)."""
+    n = A.shape[0]
+    for k in range(n):
+        pivot = 1.0 / A[k, k]
+        A[k, k] = 1.0
+        for j in range(n):
+            A[k, j] *= pivot
+        for i in range(n):
+            if i == k:
+                continue
+            factor = A[i, k]
+            A[i, k] = 0.0
+            for j in range(n):
+                A[i, j] -= factor * A[k, j]
+
+
+@entry(blocks=F64["k", "n", "n"].out, coupling=F64["n"], x=F64["k", "n"].out)
+def solve_band(blocks: Array, coupling: Array, x: Array) -> None:
+    """Solve ``-c x[i-1] + B[i] x[i] - c x[i+1] = b[i]`` for all rows of x, block by block (Thomas 1949).
+
+    Args:
+        blocks: Symmetric blocks on the diagonal, (k, n, n); used up.
+        coupling: c, the diagonal of all blocks beside it, (n,).
+        x: b, (k, n), replaced by the solution.
+    """
+    n = len(coupling)
+    for i in range(len(x)):
+        if i > 0:
+            for r in range(n):
+                for c in range(n):
+                    blocks[i, r, c] -= coupling[r] * blocks[i - 1, r, c] * coupling[c]
+                total = 0.0
+                for c in range(n):
+                    total += blocks[i - 1, r, c] * x[i - 1, c]
+                x[i, r] += coupling[r] * total
+        invert(blocks[i])
+    y, last = np.empty(n), len(x) - 1
+    for back in range(len(x)):
+        i = last - back
+        for r in range(n):
+            y[r] = x[i, r] + (coupling[r] * x[i + 1, r] if i < last else 0.0)
+        for r in range(n):
+            total = 0.0
+            for c in range(n):
+                total += blocks[i, r, c] * y[c]
+            x[i, r] = total

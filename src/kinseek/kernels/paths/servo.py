@@ -1,0 +1,112 @@
+"""One step of a tracker: as near to the pose as limits and speeds allow within one period, with bounded work."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kinseek.kernels.arm.forward import forward
+from kinseek.kernels.arm.pose_error import errors, is_rigid
+from kinseek.kernels.arrays import Array, GoalArrays
+from kinseek.kernels.atlas.descent import reset_weights, within
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.memory import desk_size, make_desk
+from kinseek.kernels.atlas.task import WANTED, handle_at, lanes_of, task_of
+from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.jit import entry
+
+from .settle import load_lane, settle
+
+STEPS = 6
+"""Damped steps within a period at most: a bound on the work, not on what is usual, which is one or two."""
+
+STARTS = 3
+"""Lanes that start: where the arm is, where its last step would lead it again, and half-way between."""
+
+LOWER, UPPER, REACH, NOW, LAST, LOW, HIGH = range(7)
+"""Rows of the state of a tracker, (7, n): limits, how far each joint may go within a period, where it is, its last step, and
+between which values it may end now."""
+
+TRACKING, LAGGING, LIMIT, SINGULAR, NO_POSE = range(5)
+"""How a step ended; NO_POSE: the target is no rigid transform, and nothing has changed."""
+
+INSIDE = 1e-12
+"""Part of a joint's way within a period that is left unused, so that rounding never makes it too fast."""
+
+
+@entry(
+    returns=(F64, F64, I64),
+    address=I64,
+    wanted=F64[WANTED],
+    target=F64[4, 4],
+    memory=F64["*"],
+    state=F64[7, "n"].out,
+)
+def servo_step(
+    address: int, wanted: Array, target: Array, memory: Array, state: Array
+) -> tuple[float, float, int]:
+    """Go as near to a pose as one period allows; the row NOW of the state becomes where the joints are then.
+
+    A joint that stands at an end of what it may do, and is pushed outward, is taken out, and the others go on without it.
+
+    Args:
+        address: Address of the handle of the task, see `task_of`.
+        wanted: See `task_of`.
+        target: (4, 4), lengths in [m].
+        memory: At least `desk_size` numbers.
+        state: See `LOWER`, (7, n).
+
+    Returns:
+        Position error [m], orientation error [rad], and how the step ended, see `TRACKING`.
+    """
+    if not is_rigid(target):
+        return np.inf, np.inf, NO_POSE
+    handle = handle_at(address)
+    task = task_of(handle, wanted)
+    dof, joints, w = len(task.lower), len(task.chain.leader), lanes_of(handle)
+    for k in range(desk_size(dof, joints)):
+        memory[k] = 0.0  # The same bits whatever came before.
+    desk = make_desk(memory, dof, joints)
+    reset_weights(task, desk)
+    for d in range(dof):
+        here, reach = state[NOW, d], state[REACH, d] * (1.0 - INSIDE)
+        # From outside its limits a joint may only come back.
+        state[LOW, d] = max(here - reach, min(state[LOWER, d], here))
+        state[HIGH, d] = min(here + reach, max(state[UPPER, d], here))
+    for l in range(LANES):
+        share = min(l, STARTS - 1) / (STARTS - 1.0)
+        load_lane(desk, l, target, state[NOW])
+        desk.state[l] = 0 if l < STARTS else 2
+        for d in range(dof):
+            value = state[NOW, d] + share * state[LAST, d]
+            desk.lanes.q[d, l] = min(max(value, state[LOW, d]), state[HIGH, d])
+    settle(handle, wanted, memory, state[LOW], state[HIGH], STEPS, w)
+    best = 0
+    for l in range(1, STARTS):
+        reached = within(task, desk.lanes, l) and not within(task, desk.lanes, best)
+        if reached or (
+            not within(task, desk.lanes, best)
+            and desk.lanes.error[3 * LANES + l] < desk.lanes.error[3 * LANES + best]
+        ):
+            best = l
+    fast, stopped = False, False
+    for d in range(dof):
+        value = desk.lanes.q[d, best]
+        at_end = value <= state[LOW, d] or value >= state[HIGH, d]
+        at_limit = at_end and (value <= state[LOWER, d] or value >= state[UPPER, d])
+        fast = fast or (at_end and not at_limit)
+        stopped = stopped or at_limit
+        state[LAST, d] = value - state[NOW, d]
+        state[NOW, d] = value
+    forward(task.chain, state[NOW], desk.spare)
+    position, orientation = errors(
+        desk.spare, GoalArrays(target, task.position_weight, task.axis_weights)
+    )
+    ended = SINGULAR
+    if position <= task.position_tolerance and orientation <= task.orientation_tolerance:
+        ended = TRACKING
+    elif fast:
+        ended = LAGGING
+    elif stopped:
+        ended = LIMIT
+    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
+    return position, orientation, ended

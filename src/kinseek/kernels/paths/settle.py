@@ -1,0 +1,128 @@
+"""Eight configurations brought onto their targets from close by, within limits that the caller gives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.atlas.descent import LONGEST, free_turn, reset_weights
+from kinseek.kernels.atlas.lanes import (
+    LANES,
+    lanes_forward,
+    lanes_gram,
+    lanes_hold,
+    lanes_jacobian,
+    lanes_move,
+    lanes_residual,
+    lanes_solve,
+)
+from kinseek.kernels.atlas.memory import Desk, desk_size, make_desk
+from kinseek.kernels.atlas.task import HANDLE, WANTED, task_of
+from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.jit import called, entry, hidden
+
+EXACT = 1e-18
+"""Squared scaled error to converge to: far inside the tolerances, for what comes next starts from here."""
+
+
+@called
+def settle(
+    handle: Indices, wanted: Array, memory: Array, lower: Array, upper: Array, steps: int, w: int
+) -> int:
+    """Bring the lanes whose state is 0 onto their targets by damped steps, so many at most; return how many were made.
+
+    Args:
+        handle: The task, see `task_of`.
+        wanted: See `task_of`.
+        memory: The desk, its targets, weights, states and joint values set.
+        lower: Limits that no step leaves, (n,); infinite where there are none.
+        upper: (n,)
+        steps: How many steps at most.
+        w: LANES.
+    """
+    task = task_of(handle, wanted)
+    desk = make_desk(memory, len(lower), len(task.chain.leader))
+    lanes, turn, made = desk.lanes, free_turn(task), 0
+    lanes_forward(task.chain.leader, task.links, lanes, w)
+    lanes_residual(lanes, desk.columns, w)
+    for _ in range(steps):
+        away = 0
+        for l in range(LANES):
+            if desk.state[l] == 0 and lanes.error[3 * LANES + l] > EXACT:
+                away += 1
+        if away == 0:
+            break
+        lanes_jacobian(task.chain.leader, task.links, lanes, turn, w)
+        lanes_hold(lower, upper, lanes, w)
+        lanes_gram(desk.damping[0], desk.floor, lanes, w)
+        lanes_solve(lanes, w)
+        lanes_move(lower, upper, LONGEST, lanes, w)
+        lanes_forward(task.chain.leader, task.links, lanes, w)
+        lanes_residual(lanes, desk.columns, w)
+        made += 1
+    memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
+    return made
+
+
+@hidden
+def load_lane(desk: Desk, lane: int, target: Array, q: Array) -> None:
+    """Give one lane a target, (3, 4), and a start, (n,)."""
+    for r in range(3):
+        for c in range(4):
+            desk.lanes.target[(4 * r + c) * LANES + lane] = target[r, c]
+    for i in range(len(q)):
+        desk.lanes.q[i, lane] = q[i]
+
+
+@entry(
+    handle=HANDLE,
+    wanted=F64[WANTED],
+    targets=F64["k", 3, 4],
+    lower=F64["n"],
+    upper=F64["n"],
+    steps=I64,
+    q=F64["k", "n"].out,
+    left=F64["k"].out,
+    w=I64,
+)
+def settle_many(
+    handle: Indices,
+    wanted: Array,
+    targets: Array,
+    lower: Array,
+    upper: Array,
+    steps: int,
+    q: Array,
+    left: Array,
+    w: int,
+) -> None:
+    """Bring joint values that are close to an answer onto it, each row to its own target, eight at a time.
+
+    Args:
+        handle: The task, see `task_of`.
+        wanted: See `task_of`.
+        targets: (k, 3, 4), lengths in [m].
+        lower: Limits that are kept, (n,); infinite where there are none.
+        upper: (n,)
+        steps: How many steps at most.
+        q: Joint values inside the limits, (k, n), replaced by where the steps end.
+        left: Receives the squared scaled error that is left of each, (k,).
+        w: LANES.
+    """
+    task = task_of(handle, wanted)
+    dof, joints = len(lower), len(task.chain.leader)
+    memory = np.zeros(desk_size(dof, joints))
+    desk = make_desk(memory, dof, joints)
+    reset_weights(task, desk)
+    count = len(q)
+    for first in range(0, count, LANES):
+        for l in range(LANES):
+            k = min(first + l, count - 1)
+            load_lane(desk, l, targets[k], q[k])
+            desk.state[l] = 0
+        settle(handle, wanted, memory, lower, upper, steps, w)
+        for l in range(min(LANES, count - first)):
+            left[first + l] = desk.lanes.error[3 * LANES + l]
+            for i in range(dof):
+                q[first + l, i] = desk.lanes.q[i, l]
+    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.

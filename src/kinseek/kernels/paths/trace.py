@@ -1,0 +1,113 @@
+"""Branches followed from pose to pose: up to eight side by side, each in a lane of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.atlas.descent import reset_weights, within
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.memory import desk_size, make_desk
+from kinseek.kernels.atlas.task import HANDLE, WANTED, task_of
+from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.jit import entry
+
+from .settle import load_lane, settle
+
+STEPS = 12
+"""Steps at most from where a branch is expected to be at the next pose."""
+
+
+@entry(
+    handle=HANDLE,
+    wanted=F64[WANTED],
+    targets=F64["k", 3, 4],
+    begin=I64,
+    end=I64,
+    many=I64,
+    longest=F64["n"],
+    q=F64["k", LANES, "n"].out,
+    ends=I64[LANES].out,
+    w=I64,
+)
+def trace(
+    handle: Indices,
+    wanted: Array,
+    targets: Array,
+    begin: int,
+    end: int,
+    many: int,
+    longest: Array,
+    q: Array,
+    ends: Indices,
+    w: int,
+) -> None:
+    """Follow branches from the answers to target `begin` to target `end`, forward or backward.
+
+    Where a branch goes is foretold from the last poses by a line or a parabola, whichever was nearer the last time, and a
+    few steps bring it onto the pose. It ends where they do not, or where a joint would have gone too far.
+
+    Args:
+        handle: The task, see `task_of`; its limits end a branch.
+        wanted: See `task_of`.
+        targets: (k, 3, 4), lengths in [m].
+        begin: Target from which the branches are followed.
+        end: Target up to which they are followed.
+        many: How many branches.
+        longest: How far each joint may go from one target to the next, (n,), [rad] or [m].
+        q: Row `begin` has the answers to it, (k, LANES, n); receives joint values as far as the branches go.
+        ends: Receives the last target of each branch, (LANES,).
+        w: LANES.
+    """
+    task = task_of(handle, wanted)
+    dof, joints = len(task.lower), len(task.chain.leader)
+    memory = np.zeros(desk_size(dof, joints))
+    desk = make_desk(memory, dof, joints)
+    reset_weights(task, desk)
+    curved = np.zeros(LANES)
+    way = 1 if end >= begin else -1
+    active = many
+    for l in range(LANES):
+        ends[l] = begin
+        desk.state[l] = 0 if l < many else 2
+        load_lane(desk, l, targets[begin], q[begin, min(l, many - 1)])
+    for passed in range(abs(end - begin)):
+        if active == 0:
+            break
+        i = begin + way * passed
+        j = i + way
+        for l in range(many):
+            if desk.state[l] != 0:
+                continue
+            for r in range(3):
+                for c in range(4):
+                    desk.lanes.target[(4 * r + c) * LANES + l] = targets[j, r, c]
+            for d in range(dof):
+                value = q[i, l, d]
+                if passed > 0:
+                    value += q[i, l, d] - q[i - way, l, d]
+                if passed > 1:
+                    value += curved[l] * (q[i, l, d] - 2.0 * q[i - way, l, d] + q[i - 2 * way, l, d])
+                desk.lanes.q[d, l] = min(max(value, task.lower[d]), task.upper[d])
+        settle(handle, wanted, memory, task.lower, task.upper, STEPS, w)
+        for l in range(many):
+            if desk.state[l] != 0:
+                continue
+            good = within(task, desk.lanes, l)
+            line, parabola = 0.0, 0.0
+            for d in range(dof):
+                value = desk.lanes.q[d, l]
+                q[j, l, d] = value
+                good = good and abs(value - q[i, l, d]) <= longest[d]
+                if passed > 1:
+                    off = value - 2.0 * q[i, l, d] + q[i - way, l, d]
+                    bend = q[i, l, d] - 2.0 * q[i - way, l, d] + q[i - 2 * way, l, d]
+                    line = max(line, abs(off))
+                    parabola = max(parabola, abs(off - bend))
+            curved[l] = 1.0 if parabola < line or passed < 2 else 0.0
+            if good:
+                ends[l] = j
+            else:
+                desk.state[l] = 2
+                active -= 1
+    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.

@@ -1,0 +1,201 @@
+"""What is asked of a path: its poses, ends, times and speeds, read and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kinseek.branches.order import Cost, Valid
+from kinseek.errors import InvalidGoal, InvalidProblem
+from kinseek.goal import Goal
+from kinseek.problem import Problem, as_joints
+from kinseek.robots.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A path that is asked for, checked against the arm."""
+
+    problem: Problem
+    start: Array | None
+    """Joint values at the first pose, (n,)."""
+    end: Array | None
+    closed: bool
+    longest: Array
+    """How far each joint may go from pose to pose, (1 or N - 1, n), [rad] or [m]."""
+    velocity: Array | None
+    """[rad/s] or [m/s], (n,)."""
+    weights: Array
+    """Of each joint in the distance, (n,)."""
+    cost: Cost | None
+    valid: Valid | None
+
+
+def goals_of(Ts: Any) -> tuple[Goal, Exception | None]:
+    """Read poses: an array, a `Goal` with N targets, a list of poses or of goals, or an iterator of them.
+
+    Returns:
+        One goal with N targets, and what an iterator raised in the middle, if it did.
+
+    Raises:
+        InvalidGoal: No poses, or one of them is none; the message names its number.
+    """
+    broken: Exception | None = None
+    if isinstance(Ts, Goal):
+        goal = Ts
+    elif isinstance(Ts, np.ndarray) or hasattr(Ts, "as_matrix"):
+        goal = Goal.pose(Ts)
+    else:
+        if not isinstance(Ts, Iterable):
+            raise InvalidGoal(f"a path is an array of poses (N, 4, 4), a Goal with N targets, or a row of them; got {Ts!r:.80}")
+        rows: list[Any] = []
+        source = iter(Ts)
+        while True:
+            try:
+                rows.append(next(source))
+            except StopIteration:
+                break
+            except Exception as error:
+                broken = error
+                break
+        if not rows:
+            raise InvalidGoal("a path needs at least one pose, got none") from broken
+        goal = _together(rows)
+    if len(goal.shape) != 1:
+        raise InvalidGoal(
+            f"a path has N poses in a row, (N, 4, 4), got targets of shape {goal.target.shape}"
+            + ("; for one pose there is Arm.ik" if goal.shape == () else "")
+        )
+    if not len(goal.target):
+        raise InvalidGoal("a path needs at least one pose, got none")
+    return goal, broken
+
+
+def _together(rows: list[Any]) -> Goal:
+    """One goal of a row of poses or of goals that ask for the same."""
+    if not any(isinstance(row, Goal) for row in rows):
+        return Goal.pose(np.array(rows) if all(isinstance(row, np.ndarray) for row in rows) else rows)
+    first = next(row for row in rows if isinstance(row, Goal))
+    for i, row in enumerate(rows):
+        if not isinstance(row, Goal) or row.shape != ():
+            raise InvalidGoal(f"a row of goals must hold one goal each with one target, got {row!r:.80} as number {i}")
+        for field in fields(Goal):
+            if field.name != "target" and not np.array_equal(getattr(row, field.name), getattr(first, field.name)):
+                raise InvalidGoal(
+                    f"the goals of a path differ in their target alone: goal {i} has {field.name}="
+                    f"{getattr(row, field.name)!r}, those before it {getattr(first, field.name)!r}"
+                )
+    return first.at(np.array([row.target for row in rows]))
+
+
+def read(
+    arm: Mechanism,
+    goal: Goal,
+    *,
+    start: ArrayLike | None,
+    end: ArrayLike | None,
+    closed: bool,
+    max_step: ArrayLike,
+    times: ArrayLike | None,
+    velocity: ArrayLike | None,
+    weights: ArrayLike | None,
+    cost: Cost | None,
+    valid: Valid | None,
+) -> Asked:
+    """Check what `Arm.follow` was given; see there.
+
+    Raises:
+        InvalidProblem: Something does not fit the arm or the poses.
+    """
+    problem = Problem(arm, goal)
+    if problem.axes is None:
+        raise InvalidProblem(f"{arm.name!r} is a function: paths are followed along axes, and it has none")
+    count = len(goal.targets)
+    longest = positive(arm, "max_step", max_step, "rad or m")[None]
+    speed = None if velocity is None else positive(arm, "velocity", velocity, "rad/s or m/s")
+    if times is not None:
+        moments = np.asarray(times, dtype=np.float64)
+        if moments.shape != (count,) or not np.isfinite(moments).all():
+            raise InvalidProblem(
+                f"times must be {count} finite numbers [s], one a pose, got shape {moments.shape}"
+            )
+        gaps = np.diff(moments)
+        if (gaps <= 0).any():
+            i = int(np.flatnonzero(gaps <= 0)[0])
+            raise InvalidProblem(
+                f"times must increase: times[{i}] = {moments[i]:g} s and times[{i + 1}] = {moments[i + 1]:g} s"
+            )
+        if speed is None:
+            raise InvalidProblem("times say how long each step may take; give velocity= as well, [rad/s] or [m/s]")
+        if count > 1:
+            longest = np.minimum(longest, speed * gaps[:, None])
+    ends = []
+    for name, value, i in (("start", start, 0), ("end", end, count - 1)):
+        if value is None:
+            ends.append(None)
+            continue
+        q = as_joints(arm, value, name)
+        _check_end(problem, q, name, i)
+        ends.append(q)
+    if closed and end is not None:
+        raise InvalidProblem("a closed path ends where it begins: give start= or end=, not closed=True and end=")
+    return Asked(
+        problem=problem,
+        start=ends[0],
+        end=ends[1],
+        closed=closed,
+        longest=np.ascontiguousarray(longest),
+        velocity=speed,
+        weights=np.ones(arm.dof) if weights is None else positive(arm, "weights", weights, "no unit"),
+        cost=cost,
+        valid=valid,
+    )
+
+
+def positive(arm: Mechanism, name: str, value: ArrayLike, unit: str) -> Array:
+    """Read one number for all joints, or one each, all above zero, (n,).
+
+    Raises:
+        InvalidProblem: They are not.
+    """
+    try:
+        numbers = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (arm.dof,)))
+    except (TypeError, ValueError):
+        raise InvalidProblem(f"{name} must be a number or {arm.dof} of them [{unit}], got {value!r:.80}") from None
+    if not (np.isfinite(numbers) & (numbers > 0)).all():
+        bad = int(np.flatnonzero(~(np.isfinite(numbers) & (numbers > 0)))[0])
+        raise InvalidProblem(
+            f"{name} must be above 0 and finite [{unit}], got {numbers[bad]:g} for joint {arm.joint_names[bad]!r}"
+        )
+    return numbers
+
+
+def _check_end(problem: Problem, q: Array, name: str, i: int) -> None:
+    """Make sure that joint values, (n,), reach the first or the last pose.
+
+    Raises:
+        InvalidProblem: One row is needed, they lie outside the limits, or they miss the pose.
+    """
+    arm, goal = problem.mechanism, problem.goal
+    if q.ndim != 1:
+        raise InvalidProblem(f"{name} must have shape ({arm.dof},), got {q.shape}")
+    outside = ((q < arm.lower) | (q > arm.upper)) & ~arm.endless
+    if outside.any():
+        j = int(np.flatnonzero(outside)[0])
+        raise InvalidProblem(
+            f"{name} lies outside the limits: joint {arm.joint_names[j]!r} at {q[j]:g}, limits "
+            f"[{arm.lower[j]:g}, {arm.upper[j]:g}]"
+        )
+    one = goal.at(goal.target[i])
+    position, orientation = one.measure(Problem(arm, one).arrays, q[None])[0, :2]
+    if position > goal.position_tolerance or orientation > goal.orientation_tolerance:
+        which = "first" if i == 0 else "last"
+        raise InvalidProblem(
+            f"{name} does not reach the {which} pose: it is {position:.3g} m and {orientation:.3g} rad off"
+        )

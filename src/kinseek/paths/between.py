@@ -1,0 +1,59 @@
+"""Between two poses: where the hand is while the joints move straight."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.kernels.arm.forward import forward_many
+from kinseek.problem import Problem
+
+Array = NDArray[np.float64]
+
+SHARES = (0.25, 0.5, 0.75)
+"""Where between two poses the hand is looked at."""
+
+
+def between(q: Array, breaks: NDArray[np.int64], shares: tuple[float, ...]) -> Array:
+    """Joint values between those of two poses, breaks left out, (m, len(shares), n)."""
+    whole = np.delete(np.arange(len(q) - 1), breaks[breaks < len(q) - 1])
+    a, b = q[whole], q[whole + 1]
+    part = np.array(shares)[None, :, None]
+    return np.asarray(a[:, None] + part * (b - a)[:, None])
+
+
+def deviation_between(problem: Problem, q: Array, breaks: NDArray[np.int64]) -> tuple[float, float]:
+    """The farthest from the straight way between poses [m], and the largest turn away from it [rad]."""
+    middle = between(q, breaks, SHARES)
+    if not len(middle):
+        return 0.0, 0.0
+    whole = np.delete(np.arange(len(q) - 1), breaks[breaks < len(q) - 1])
+    poses = forward_many(problem.arrays, q)
+    a, b = poses[whole], poses[whole + 1]
+    reached = forward_many(problem.arrays, np.ascontiguousarray(middle.reshape(-1, q.shape[1])))
+    reached = reached.reshape(*middle.shape[:2], 4, 4)
+    part = np.array(SHARES)
+    straight = a[:, None, :3, 3] + part[None, :, None] * (b - a)[:, None, :3, 3]
+    distance = np.linalg.norm(reached[..., :3, 3] - straight, axis=-1)
+    vector = rotation_vectors(np.swapaxes(a[:, :3, :3], 1, 2) @ b[:, :3, :3])
+    from kinseek.transforms import rotations
+
+    turned = rotations((part[None, :, None] * vector[:, None]).reshape(-1, 3)).reshape(*middle.shape[:2], 3, 3)
+    wanted = a[:, None, :3, :3] @ turned
+    off = np.swapaxes(wanted, -1, -2) @ reached[..., :3, :3]
+    turn = np.linalg.norm(rotation_vectors(off.reshape(-1, 3, 3)), axis=-1)
+    return float(distance.max()), float(turn.max())
+
+
+def rotation_vectors(R: Array) -> Array:
+    """Rotation vectors [rad] of rotations that are less than half a turn, (k, 3, 3) -> (k, 3)."""
+    twice = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
+    sine, cosine = np.linalg.norm(twice, axis=1) / 2, (np.trace(R, axis1=1, axis2=2) - 1) / 2
+    angle = np.arctan2(sine, cosine)
+    return np.asarray(twice * (angle / np.maximum(2 * sine, 1e-300))[:, None])
+
+
+def apart(one: Array, other: Array) -> tuple[Array, Array]:
+    """Distances [m] and turns [rad] between poses, (k, 4, 4) each -> (k,) and (k,)."""
+    turn = rotation_vectors(np.swapaxes(one[:, :3, :3], 1, 2) @ other[:, :3, :3])
+    return np.linalg.norm(one[:, :3, 3] - other[:, :3, 3], axis=1), np.linalg.norm(turn, axis=1)

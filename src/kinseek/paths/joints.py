@@ -1,0 +1,86 @@
+"""How joints turn on a path: copies inside the limits, and arms whose limits are opened so that no branch ends at one."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.kernels.paths.programme import COPIED, ENDLESS, ROOM, STRAIGHT
+from kinseek.robots.chain import SerialChain
+from kinseek.robots.mechanism import CONTINUOUS, REVOLUTE
+from kinseek.shelf import Shelf
+from kinseek.turns import TURN
+
+Array = NDArray[np.float64]
+
+
+class Turning:
+    """Of each joint of an arm: how it turns, and how many copies of a value its limits hold."""
+
+    def __init__(self, chain: SerialChain) -> None:
+        """Look at the limits."""
+        self.lower, self.upper = chain.lower, chain.upper
+        free = chain.periodic & chain.turns
+        endless = chain.endless & free
+        self.kind = np.where(endless, ENDLESS, np.where(free, COPIED, STRAIGHT)).astype(np.int64)
+        """See `kernels.paths.programme.STRAIGHT`, (n,)."""
+        width = np.where(self.kind == COPIED, self.upper - self.lower, 0.0)
+        self.copies = 1 + np.floor((width + 2 * ROOM) / TURN).astype(np.int64)
+        """Copies at most of each joint, (n,)."""
+        self.units = np.concatenate([[1], np.cumprod(self.copies)[:-1]]).astype(np.int64)
+        """What a turn of each joint counts in the number of a node, (n,)."""
+        self.total = int(np.prod(self.copies))
+        """Copies at most of an answer."""
+        self.open_lower = np.where(endless, -np.inf, self.lower)
+        """Limits where a joint without any has none, (n,)."""
+        self.open_upper = np.where(endless, np.inf, self.upper)
+
+    def first_turn(self, q: Array) -> Array:
+        """Values of joints with copies in the first turn of their range, (..., n)."""
+        base = self.lower - ROOM
+        return np.where(self.kind == COPIED, base + np.mod(q - base, TURN), q)
+
+    def inside(self, q: Array) -> NDArray[np.bool_]:
+        """Of values in the first turn, (..., n): do they lie inside the limits, with some room for rounding?"""
+        fits = (q >= self.lower - ROOM) & (q <= self.upper + ROOM)
+        return np.asarray((fits | (self.kind == ENDLESS)).all(axis=-1))
+
+    def step(self, gap: Array) -> Array:
+        """Differences of values, full turns that make no difference taken off, (..., n)."""
+        return np.where(self.kind == STRAIGHT, gap, gap - TURN * np.round(gap / TURN))
+
+    def node_values(self, q: Array, turns: NDArray[np.int64]) -> Array:
+        """Values of nodes: answers in the first turn, (k, n), with their turns as one number, (k,)."""
+        digits = turns[:, None] // self.units % self.copies
+        return np.asarray(q + TURN * digits)
+
+    def turns_of(self, q: Array) -> int:
+        """The turns of joint values inside the limits, (n,), as one number."""
+        digits = np.round((q - self.first_turn(q)) / TURN).astype(np.int64)
+        return int((np.clip(digits, 0, self.copies - 1) * self.units).sum())
+
+    def unwrapped(self, q: Array) -> Array:
+        """The same path with endless joints turned the short way from row to row, (N, n)."""
+        steps = self.step(np.diff(q, axis=0))
+        smooth = np.concatenate([q[:1], q[:1] + np.cumsum(steps, axis=0)])
+        return np.where(self.kind == ENDLESS, smooth, q)
+
+
+_opened: Shelf[SerialChain, str, SerialChain] = Shelf()
+
+
+def opened(chain: SerialChain) -> SerialChain:
+    """The arm with limits of a whole turn where a joint has less: a branch then ends at singularities alone."""
+
+    narrow = chain.periodic & chain.turns & (chain.upper - chain.lower < TURN)
+    if not narrow.any():
+        return chain
+
+    def make() -> SerialChain:
+        middle = (chain.lower + chain.upper) / 2
+        lower = np.where(narrow, middle - np.pi, chain.lower)
+        upper = np.where(narrow, middle + np.pi, chain.upper)
+        kinds = tuple(REVOLUTE if kind == CONTINUOUS and n else kind for kind, n in zip(chain.kinds, narrow, strict=True))
+        return chain.limited(lower, upper, kinds)
+
+    return _opened.of(chain).get("opened", make)

@@ -1,0 +1,206 @@
+"""Isolated answers to every pose: branches are followed from pose to pose, and looked for anew only now and then.
+
+Limits are opened to a whole turn, so that a branch that leaves the limits and comes back is still the same branch; without
+limits branches appear and vanish at singularities alone. At every `EVERY`-th pose all branches are found. From each of these
+poses all are followed forward to the next; what is found there and did not arrive is followed backward. Where a branch ends in
+between, all branches are found at the pose where it was lost, and those that nobody knows are followed both ways.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.branches.index import BranchIndex, index_of
+from kinseek.branches.result import answers_of
+from kinseek.deadline import Deadline
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.paths.trace import trace
+from kinseek.problem import Problem
+from kinseek.solvers.atlas.index import wanted_of
+from kinseek.solvers.threads import GoOn, spread
+from kinseek.turns import TURN
+
+from .joints import opened
+
+Array = NDArray[np.float64]
+
+EVERY = 32
+"""Poses from one search for all branches to the next."""
+
+SAME = 1e-3
+"""Answers closer than this in every joint [rad or m] are one branch."""
+
+LEAPS = 0.5
+"""A branch may move a joint so far [rad or m] from pose to pose, or as far as the caller's largest step if that is more."""
+
+
+@dataclass(frozen=True)
+class Layers:
+    """Answers to each of N poses, limits opened."""
+
+    q: Array
+    """(N, width, n), [rad] or [m]"""
+    count: NDArray[np.int64]
+    """How many there are, (N,)."""
+
+    def at(self, i: int) -> Array:
+        """Answers to pose i, (k, n)."""
+        return self.q[i, : self.count[i]]
+
+
+@dataclass
+class Piece:
+    """One branch over poses first … first + len(q) - 1 of an interval."""
+
+    first: int
+    q: Array
+
+    def covers(self, i: int) -> bool:
+        """Does it have an answer to pose i?"""
+        return self.first <= i < self.first + len(self.q)
+
+
+class Follower:
+    """Finds and follows the branches of one arm and one kind of goal along targets."""
+
+    def __init__(self, problem: Problem, longest: Array) -> None:
+        """Build what the arm needs once.
+
+        Args:
+            problem: The arm and its targets.
+            longest: How far each joint may go from pose to pose, (n,).
+        """
+        wide = Problem(opened(problem.chain), problem.goal)
+        self.index: BranchIndex = index_of(wide)
+        self.wanted = wanted_of(problem.goal)
+        self.rows = np.ascontiguousarray(problem.goal.targets)
+        self.targets = np.zeros((len(self.rows), 4, 4))
+        self.targets[:, :3], self.targets[:, 3, 3] = self.rows, 1.0
+        self.longest = np.maximum(longest * 1.5, LEAPS)
+        self.dof = problem.chain.dof
+        self._turns = np.where(wide.chain.periodic & wide.chain.turns, TURN, np.inf)
+
+    def all_at(self, i: int) -> Array:
+        """All branches at target i, (k, n)."""
+        rows = self.index.search(self.wanted, self.targets[i], self.index.view, 0)
+        return answers_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
+
+    def unknown(self, found: Array, known: Array) -> Array:
+        """Those of the answers found, (k, n), that are none of the known ones, (m, n)."""
+        if not len(known):
+            return found
+        gap = found[:, None] - known[None]
+        gap -= np.where(np.isinf(self._turns), 0.0, TURN) * np.round(gap / self._turns)
+        return found[~(np.abs(gap).max(axis=-1) < SAME).any(axis=1)]
+
+    def follow(self, answers: Array, begin: int, end: int) -> list[Piece]:
+        """Follow answers to target `begin`, (k, n), to target `end`, forward or backward."""
+        low, high = min(begin, end), max(begin, end)
+        pieces: list[Piece] = []
+        for first in range(0, len(answers), LANES):
+            some = answers[first : first + LANES]
+            q = np.zeros((high - low + 1, LANES, self.dof))
+            q[begin - low, : len(some)] = some
+            ends = np.zeros(LANES, dtype=np.int64)
+            trace(
+                self.index.fine.handle,
+                self.wanted,
+                self.rows[low : high + 1],
+                begin - low,
+                end - low,
+                len(some),
+                self.longest,
+                q,
+                ends,
+                LANES,
+            )
+            for k in range(len(some)):
+                one, other = sorted((begin - low, int(ends[k])))
+                pieces.append(Piece(low + one, q[one : other + 1, k]))
+        return pieces
+
+    def between(self, begin: int, end: int, at_begin: Array, at_end: Array) -> list[Piece]:
+        """All branches from one target where all are known to the next, both included."""
+        pieces = self.follow(at_begin, begin, end)
+        lost = {p.first + len(p.q) for p in pieces if not p.covers(end)}
+        arrived = _answers(pieces, end, self.dof)
+        back = self.follow(self.unknown(at_end, arrived), end, begin)
+        lost |= {p.first - 1 for p in back if not p.covers(begin)}
+        pieces += back
+        done: set[int] = set()
+        while lost - done:
+            i = min(lost - done)
+            done.add(i)
+            fresh = self.unknown(self.all_at(i), _answers(pieces, i, self.dof))
+            ahead = self.follow(fresh, i, end) if i < end else []
+            behind = self.follow(fresh, i, begin) if i > begin else []
+            lost |= {p.first + len(p.q) for p in ahead if not p.covers(end)}
+            lost |= {p.first - 1 for p in behind if not p.covers(begin)}
+            pieces += ahead + behind
+        return pieces
+
+
+def _answers(pieces: list[Piece], i: int, dof: int) -> Array:
+    """What pieces have for pose i, (k, n)."""
+    rows = [p.q[i - p.first] for p in pieces if p.covers(i)]
+    return np.array(rows).reshape(-1, dof)
+
+
+def isolated_layers(
+    problem: Problem, longest: Array, threads: int | None, advance: Callable[[int], object]
+) -> Layers:
+    """Find the branches at every pose of a path, limits opened.
+
+    Args:
+        problem: The arm and its N targets; the goal leaves no joint to spare.
+        longest: How far each joint may go from pose to pose, (n,).
+        threads: Threads that share the poses; None takes every core.
+        advance: Told how many more poses are done.
+    """
+    follower = Follower(problem, longest)
+    count = len(follower.rows)
+    keys = sorted({*range(0, count, EVERY), count - 1})
+    found: list[Array] = [np.zeros((0, follower.dof))] * len(keys)
+    pieces: list[list[Piece]] = [[] for _ in keys]
+    deadline = Deadline()
+
+    def find(begin: int, end: int, go_on: GoOn) -> None:
+        for k in range(begin, end):
+            if not go_on():
+                return
+            found[k] = follower.all_at(keys[k])
+
+    def link(begin: int, end: int, go_on: GoOn) -> None:
+        for k in range(begin, end):
+            if not go_on():
+                return
+            pieces[k] = follower.between(keys[k], keys[k + 1], found[k], found[k + 1])
+
+    spread(find, len(keys), 8, threads, deadline)
+    spread(link, len(keys) - 1, 4, threads, deadline, lambda done: advance(done * EVERY))
+    if count == 1:
+        pieces[0] = [Piece(0, row[None]) for row in found[0]]
+    return _layers(pieces, keys, count, follower.dof)
+
+
+def _layers(pieces: list[list[Piece]], keys: list[int], count: int, dof: int) -> Layers:
+    """Put pieces side by side; a pose where two intervals meet has the answers of the one that ends there."""
+    counts = np.zeros(count, dtype=np.int64)
+    cut: list[Piece] = []
+    for k, some in enumerate(pieces):
+        for piece in some:
+            skip = 1 if k > 0 and piece.first == keys[k] else 0
+            if len(piece.q) > skip:
+                cut.append(Piece(piece.first + skip, piece.q[skip:]))
+                counts[piece.first + skip : piece.first + len(piece.q)] += 1
+    q = np.zeros((count, int(counts.max(initial=1)), dof))
+    counts[:] = 0
+    for piece in cut:
+        where = np.arange(piece.first, piece.first + len(piece.q))
+        q[where, counts[where]] = piece.q
+        counts[where] += 1
+    return Layers(q, counts)

@@ -1,0 +1,149 @@
+"""From layers of answers to joint values: the best way through them, with the user's `valid` and `cost`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.branches.order import cost_of, is_valid
+from kinseek.kernels.paths.programme import DISTANCE, ENDLESS, GIVEN, SQUARES, TIME, best_way
+
+from .asked import Asked
+from .joints import Turning
+from .layers import Layers
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+APART = 0.05
+"""Points between two poses at which `valid` is asked stand no farther apart in any joint [rad or m]; one at least."""
+
+class Programme:
+    """Nodes of a path: answers inside the limits with their full turns."""
+
+    def __init__(self, asked: Asked, layers: Layers, mode: int | None = None) -> None:
+        """Take layers, (N, width, n); what lies outside the limits must be out of them already."""
+        self.asked, self.turning = asked, Turning(asked.problem.chain)
+        self.q, self.count = layers.q, layers.count
+        self.nodes = self.q.shape[1] * self.turning.total
+        self._barred: set[tuple[int, int, int]] = set()
+        self._refused: NDArray[np.bool_] = np.zeros((0, 0), dtype=np.bool_)
+        self._agreed: set[tuple[int, int]] = set()
+        self._passed: set[tuple[int, int, int]] = set()
+        self.hopeless: set[int] = set()
+        """Poses whose every answer `valid` refused."""
+        velocity = asked.velocity
+        self.mode = mode if mode is not None else DISTANCE if velocity is None else TIME
+        self.weights = asked.weights if velocity is None or self.mode == SQUARES else asked.weights / velocity
+        self.costs = np.zeros((0, 0))
+        if asked.cost is not None and self.mode != SQUARES:
+            self.mode, self.costs = GIVEN, self._costs()
+
+    def _costs(self) -> Array:
+        """What the user says that each node costs, (N, nodes)."""
+        assert self.asked.cost is not None
+        costs = np.full((len(self.q), self.nodes), np.inf)
+        for i, count in enumerate(self.count):
+            nodes = np.arange(count * self.turning.total)
+            q = self.values(np.full(len(nodes), i), nodes)
+            inside = (q <= self.turning.open_upper + 1e-9).all(axis=1)
+            if inside.any():
+                costs[i, nodes[inside]] = cost_of(self.asked.cost, self._clipped(q[inside]))
+        return costs
+
+    def _clipped(self, q: Array) -> Array:
+        return np.clip(q, self.turning.open_lower, self.turning.open_upper)
+
+    def values(self, i: Indices, nodes: Indices) -> Array:
+        """Joint values of nodes at poses i, (k,) and (k,) -> (k, n)."""
+        answer, turns = nodes // self.turning.total, nodes % self.turning.total
+        return self.turning.node_values(self.q[i, answer], turns)
+
+    def best(self, longest: Array, first: int = -1, last: int = -1) -> tuple[Array, Indices, float, Indices]:
+        """The best way: joint values (N, n), its breaks, its cost, and its nodes (N,)."""
+        turning, count = self.turning, len(self.q)
+        path, told = np.zeros(count, dtype=np.int64), np.zeros(count)
+        barred = np.array(sorted(self._barred), dtype=np.int64).reshape(-1, 3)
+        best_way(
+            self.q,
+            self.count,
+            turning.lower,
+            turning.upper,
+            turning.kind,
+            turning.copies,
+            longest,
+            self.weights,
+            self.mode,
+            self.costs,
+            self._refused,
+            barred,
+            np.array([first, last], dtype=np.int64),
+            path,
+            told,
+        )
+        empty = np.flatnonzero(path < 0)
+        if len(empty) and len(self._refused):
+            # Nothing is left there: the pose counts as missed, and the way goes on through what was refused.
+            self.hopeless |= set(empty.tolist())
+            self._refused[empty] = False
+            return self.best(longest, first, last)
+        breaks = np.flatnonzero(told[1:] > 0)
+        q = turning.unwrapped(self._clipped(self.values(np.arange(count), np.maximum(path, 0))))
+        return q, breaks, float(told[0]), path
+
+    def check(self, q: Array, breaks: Indices, path: Indices) -> bool:
+        """Ask `valid` of a way and of points between; what it refuses is left out from now on. Did it agree to all?"""
+        valid = self.asked.valid
+        assert valid is not None
+        fine, broken = True, set(breaks.tolist())
+        for i in range(len(q)):
+            if not self._node_agreed(i, int(path[i]), q[i]):
+                fine = False
+                continue
+            if i == 0 or i - 1 in broken:
+                continue
+            edge = (i - 1, int(path[i - 1]), int(path[i]))
+            if edge in self._passed:
+                continue
+            step = q[i] - q[i - 1]
+            parts = max(2, math.ceil(np.abs(step).max() / APART))
+            if all(is_valid(valid, q[i - 1] + step * k / parts) for k in range(1, parts)):
+                self._passed.add(edge)
+            else:
+                self._barred.add(edge)
+                fine = False
+        return fine
+
+    def _node_agreed(self, i: int, node: int, q: Array) -> bool:
+        assert self.asked.valid is not None
+        if (i, node) in self._agreed or i in self.hopeless:
+            return True
+        if is_valid(self.asked.valid, q):
+            self._agreed.add((i, node))
+            return True
+        if not len(self._refused):
+            self._refused = np.zeros((len(self.q), self.nodes), dtype=np.bool_)
+        self._refused[i, node] = True
+        return False
+
+    def exists(self, i: int, node: int) -> bool:
+        """Is a node of pose i inside the limits?"""
+        q = self.values(np.array([i]), np.array([node]))[0]
+        return bool((q <= self.turning.open_upper + 1e-9).all())
+
+    def beside(self, first: int, longest: Array) -> list[int]:
+        """Nodes of the last pose from which one step leads to a node of the first."""
+        last, total = len(self.q) - 1, self.turning.total
+        q = self.values(np.array([0]), np.array([first]))[0]
+        found = []
+        for answer in range(self.count[last]):
+            step = self.turning.step(self.q[last, answer] - q)
+            there = q + step
+            inside = (there >= self.turning.open_lower - 1e-9) & (there <= self.turning.open_upper + 1e-9)
+            if (np.abs(step) <= longest).all() and inside.all():
+                digits = np.round((there - self.q[last, answer]) / (2 * np.pi)).astype(np.int64)
+                digits = np.where(self.turning.kind == ENDLESS, 0, digits)
+                found.append(answer * total + int((digits * self.turning.units).sum()))
+        return found

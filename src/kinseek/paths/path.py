@@ -1,0 +1,143 @@
+"""What `Arm.follow` brings back: joint values for every pose, and an honest account of where the arm cannot go on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import NotReached
+from kinseek.problem import Problem
+
+from .between import deviation_between
+from .joints import Turning
+
+Array = NDArray[np.float64]
+
+
+class PathStatus(Enum):
+    """How a path came out; the value is the sentence to show."""
+
+    CONTINUOUS = "Continuous: one motion reaches every pose, and no joint jumps."
+    BROKEN = "Broken: every pose is reached, and the arm must be placed anew between some of them."
+    UNREACHABLE = "Unreachable: some poses are missed; there the path holds the nearest pose found."
+
+    def __str__(self) -> str:
+        """The sentence."""
+        return self.value
+
+
+class Deviation(NamedTuple):
+    """How far the hand is, between two poses, from the straight way from one to the other."""
+
+    distance: float
+    """[m]"""
+    turn: float
+    """[rad]"""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Path:
+    """Joint values for a row of N poses, judged by plain forward kinematics.
+
+    Attributes:
+        q: Joint values inside the limits, (N, n), [rad] or [m].
+        breaks: Numbers i where the arm must be placed anew between pose i and pose i + 1, (k,).
+        why: Of each break, and of each stretch of missed poses, a sentence that says what stands in the way.
+        reached: Does pose i meet both tolerances, and did `valid` agree? (N,) bool.
+        position_error: [m], (N,).
+        orientation_error: [rad], (N,).
+        problem: What was asked.
+        closed: Does the motion go on from the last pose to the first?
+        cost: What the motion costs by the measure that was asked for, breaks not counted.
+    """
+
+    q: Array
+    breaks: NDArray[np.int64]
+    why: tuple[str, ...]
+    reached: NDArray[np.bool_]
+    position_error: Array
+    orientation_error: Array
+    problem: Problem
+    closed: bool
+    cost: float
+
+    @property
+    def success(self) -> bool:
+        """Is every pose reached, by one continuous motion?"""
+        return self.status is PathStatus.CONTINUOUS
+
+    @property
+    def status(self) -> PathStatus:
+        """How the path came out."""
+        if not self.reached.all():
+            return PathStatus.UNREACHABLE
+        return PathStatus.BROKEN if len(self.breaks) else PathStatus.CONTINUOUS
+
+    @property
+    def certified(self) -> bool:
+        """Is it proved that the motion is unbroken between the poses? Nothing proves that yet: always False."""
+        return False
+
+    @cached_property
+    def steps(self) -> Array:
+        """What each joint moves from pose to pose, (N - 1, n), [rad] or [m]; NaN across breaks.
+
+        Of a closed path the last row is the step from the last pose to the first, (N, n).
+        """
+        rows = np.concatenate([self.q, self.q[:1]]) if self.closed else self.q
+        steps = np.diff(rows, axis=0)
+        if self.closed and len(steps):
+            steps[-1] = Turning(self.problem.chain).step(steps[-1])
+        steps[self.breaks] = np.nan
+        return steps
+
+    @property
+    def largest_step(self) -> Array:
+        """Of each joint the largest step that is no break, (n,), [rad] or [m]."""
+        whole = self.steps[~np.isnan(self.steps).any(axis=1)]
+        return np.abs(whole).max(axis=0, initial=0.0)
+
+    @property
+    def length(self) -> float:
+        """Length of the way of the joints, breaks left out: the sum of the steps' Euclidean lengths [rad or m]."""
+        return float(np.nansum(np.linalg.norm(self.steps, axis=1)))
+
+    @cached_property
+    def deviation(self) -> Deviation:
+        """The farthest that the hand comes from the straight way between two poses, breaks left out.
+
+        The straight way is a line for the place and one turn about a fixed axis for the orientation; the hand's is what
+        straight motion of the joints makes of it, looked at in 3 points between two poses. For a goal that leaves axes free,
+        the straight way between the poses that are reached.
+        """
+        return Deviation(*deviation_between(self.problem, self.q, self.breaks))
+
+    def require(self) -> Path:
+        """Return the path if it is a success.
+
+        Raises:
+            NotReached: It is not; the error carries the path.
+        """
+        if self.success:
+            return self
+        reasons = "; ".join(self.why[:3]) + (f"; and {len(self.why) - 3} more" if len(self.why) > 3 else "")
+        raise NotReached(f"{self.status} {reasons}", self)
+
+    def __len__(self) -> int:
+        """Return the number of poses."""
+        return len(self.q)
+
+    def __repr__(self) -> str:
+        """Short enough to print in a shell."""
+        missed = int((~self.reached).sum())
+        parts = [f"{len(self)} poses", self.status.name.lower()]
+        if len(self.breaks):
+            parts.append(f"{len(self.breaks)} break{'s' if len(self.breaks) > 1 else ''}")
+        if missed:
+            parts.append(f"{missed} missed")
+        return f"Path({', '.join(parts)}, length {self.length:.4g}, largest step {self.largest_step.max(initial=0.0):.3g})"

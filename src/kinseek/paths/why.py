@@ -1,0 +1,96 @@
+"""Why a path breaks, in words: a limit, a singularity, a pose out of reach, or the user's own refusal."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.branches.index import constraint_jacobian
+
+from .asked import Asked
+from .between import apart
+from .joints import Turning
+from .layers import Layers
+from .path import Path
+
+Array = NDArray[np.float64]
+
+WEAK = 0.05
+"""Least singular value of the Jacobian, its largest being 1, below which a singularity is named."""
+
+
+def reasons(asked: Asked, path: Path, wide: Layers | None, hopeless: set[int]) -> tuple[str, ...]:
+    """A sentence for every stretch of missed poses and for every break, in their order."""
+    told = [(first, _missed(path, first, last, hopeless)) for first, last in _stretches(~path.reached)]
+    told += [(int(i), _break(asked, path, int(i), wide)) for i in path.breaks]
+    return tuple(text for _, text in sorted(told))
+
+
+def _stretches(missed: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], missed.astype(int), [0]])))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _missed(path: Path, first: int, last: int, hopeless: set[int]) -> str:
+    which = f"pose {first} is" if first == last else f"poses {first} to {last} are"
+    if all(i in hopeless for i in range(first, last + 1)):
+        return f"{which} reached only by joint values that valid refuses"
+    place = path.position_error[first : last + 1].max()
+    turn = path.orientation_error[first : last + 1].max()
+    return f"{which} out of reach: the nearest found is up to {place:.3g} m and {turn:.3g} rad off"
+
+
+def _break(asked: Asked, path: Path, i: int, wide: Layers | None) -> str:
+    count = len(path.q)
+    following = (i + 1) % count
+    begin = f"between poses {i} and {following}"
+    if not (path.reached[i] and path.reached[following]):
+        return f"{begin}: one of them is missed"
+    target = asked.problem.goal.target
+    distance, turn = (float(x[0]) for x in apart(target[i : i + 1], target[following : following + 1]))
+    chain = asked.problem.chain
+    longest = asked.longest[min(i, len(asked.longest) - 1)]
+    # No joint moves the hand faster than the arm is long.
+    if distance > chain.reach * longest.sum() or turn > longest[chain.turns].sum():
+        return f"{begin}: they are {distance:.3g} m and {turn:.3g} rad apart, farther than one step of the joints"
+    if i == count - 1:
+        return f"{begin}: the motion does not come back to where it began"
+    if wide is None:
+        return f"{begin}: no sample of the answers leads on"
+    ahead, ended = _end_of_branch(asked, path.q[i], i, wide, 1)
+    back, began = _end_of_branch(asked, path.q[following], following, wide, -1)
+    return f"{begin}: the branch before it ends {_at(ahead, count)} ({ended}), the one after it begins {_at(back, count)} ({began})"
+
+
+def _at(i: int, count: int) -> str:
+    return "with the path" if i in (-1, count) else f"at pose {i}"
+
+
+def _end_of_branch(asked: Asked, q: Array, i: int, wide: Layers, way: int) -> tuple[int, str]:
+    """Go along a branch from joint values at pose i; the pose where it ends, and why."""
+    problem, turning = asked.problem, Turning(asked.problem.chain)
+    names = problem.mechanism.joint_names
+    while True:
+        j = i + way
+        if not 0 <= j < len(wide.q):
+            return j, "it goes on to the end of the path" if way > 0 else "it goes back to the beginning of the path"
+        longest = asked.longest[min(min(i, j), len(asked.longest) - 1)]
+        steps = turning.step(wide.at(j) - q)
+        if not len(steps):
+            return j, "nothing reaches the pose"
+        nearest = int(np.argmin(np.abs(steps / longest).max(axis=1)))
+        step = steps[nearest]
+        if (np.abs(step) > longest).any():
+            J = constraint_jacobian(problem, q[None])[0]
+            values = np.linalg.svd(J, compute_uv=False)
+            if values[min(J.shape) - 1] < WEAK * values[0]:
+                return i, f"a singularity: the least singular value is {values[min(J.shape) - 1] / values[0]:.2g} of the largest"
+            joint = int(np.argmax(np.abs(step) / longest))
+            return i, f"joint {names[joint]!r} would have to go {abs(step[joint]):.3g} at once, max_step allows {longest[joint]:.3g}"
+        q, i = q + step, j
+        low = q < turning.open_lower - 1e-9
+        high = q > turning.open_upper + 1e-9
+        if (low | high).any():
+            joint = int(np.flatnonzero(low | high)[0])
+            side, limit = ("lower", turning.lower) if low[joint] else ("upper", turning.upper)
+            return i, f"joint {names[joint]!r} meets its {side} limit {limit[joint]:.4g}"
