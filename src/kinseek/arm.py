@@ -397,13 +397,11 @@ class Arm(ForwardArm):
 
         if threads is not None:
             whole("threads", threads, 1)
-        wishes = {"start": start, "end": end, "closed": closed, "max_step": max_step, "times": times}
+        wishes: dict[str, Any] = {"start": start, "end": end, "closed": closed, "max_step": max_step, "times": times}
         wishes |= {"velocity": velocity, "weights": weights, "cost": cost, "valid": valid}
         return follow_poses(self._mechanism, Ts, wishes, prove, threads, progress)
 
-    def track(
-        self, q0: ArrayLike, period: float = 0.002, velocity: ArrayLike | None = None
-    ) -> Tracker:
+    def track(self, q0: ArrayLike, period: float = 0.002, velocity: ArrayLike | None = None) -> Tracker:
         """Begin to servo from joint values: one pose in, one set of joint values out, with bounded work.
 
         Args:

@@ -53,7 +53,9 @@ def goals_of(Ts: Any) -> tuple[Goal, Exception | None]:
         goal = Goal.pose(Ts)
     else:
         if not isinstance(Ts, Iterable):
-            raise InvalidGoal(f"a path is an array of poses (N, 4, 4), a Goal with N targets, or a row of them; got {Ts!r:.80}")
+            raise InvalidGoal(
+                f"a path is an array of poses (N, 4, 4), a Goal with N targets, or a row of them; got {Ts!r:.80}"
+            )
         rows: list[Any] = []
         source = iter(Ts)
         while True:
@@ -84,9 +86,13 @@ def _together(rows: list[Any]) -> Goal:
     first = next(row for row in rows if isinstance(row, Goal))
     for i, row in enumerate(rows):
         if not isinstance(row, Goal) or row.shape != ():
-            raise InvalidGoal(f"a row of goals must hold one goal each with one target, got {row!r:.80} as number {i}")
+            raise InvalidGoal(
+                f"a row of goals must hold one goal each with one target, got {row!r:.80} as number {i}"
+            )
         for field in fields(Goal):
-            if field.name != "target" and not np.array_equal(getattr(row, field.name), getattr(first, field.name)):
+            if field.name != "target" and not np.array_equal(
+                getattr(row, field.name), getattr(first, field.name)
+            ):
                 raise InvalidGoal(
                     f"the goals of a path differ in their target alone: goal {i} has {field.name}="
                     f"{getattr(row, field.name)!r}, those before it {getattr(first, field.name)!r}"
@@ -132,10 +138,12 @@ def read(
                 f"times must increase: times[{i}] = {moments[i]:g} s and times[{i + 1}] = {moments[i + 1]:g} s"
             )
         if speed is None:
-            raise InvalidProblem("times say how long each step may take; give velocity= as well, [rad/s] or [m/s]")
+            raise InvalidProblem(
+                "times say how long each step may take; give velocity= as well, [rad/s] or [m/s]"
+            )
         if count > 1:
             longest = np.minimum(longest, speed * gaps[:, None])
-    ends = []
+    ends: list[Array | None] = []
     for name, value, i in (("start", start, 0), ("end", end, count - 1)):
         if value is None:
             ends.append(None)
@@ -144,7 +152,9 @@ def read(
         _check_end(problem, q, name, i)
         ends.append(q)
     if closed and end is not None:
-        raise InvalidProblem("a closed path ends where it begins: give start= or end=, not closed=True and end=")
+        raise InvalidProblem(
+            "a closed path ends where it begins: give start= or end=, not closed=True and end="
+        )
     return Asked(
         problem=problem,
         start=ends[0],
@@ -167,7 +177,9 @@ def positive(arm: Mechanism, name: str, value: ArrayLike, unit: str) -> Array:
     try:
         numbers = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (arm.dof,)))
     except (TypeError, ValueError):
-        raise InvalidProblem(f"{name} must be a number or {arm.dof} of them [{unit}], got {value!r:.80}") from None
+        raise InvalidProblem(
+            f"{name} must be a number or {arm.dof} of them [{unit}], got {value!r:.80}"
+        ) from None
     if not (np.isfinite(numbers) & (numbers > 0)).all():
         bad = int(np.flatnonzero(~(np.isfinite(numbers) & (numbers > 0)))[0])
         raise InvalidProblem(

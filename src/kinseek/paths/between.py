@@ -38,7 +38,9 @@ def deviation_between(problem: Problem, q: Array, breaks: NDArray[np.int64]) -> 
     vector = rotation_vectors(np.swapaxes(a[:, :3, :3], 1, 2) @ b[:, :3, :3])
     from kinseek.transforms import rotations
 
-    turned = rotations((part[None, :, None] * vector[:, None]).reshape(-1, 3)).reshape(*middle.shape[:2], 3, 3)
+    turned = rotations((part[None, :, None] * vector[:, None]).reshape(-1, 3)).reshape(
+        *middle.shape[:2], 3, 3
+    )
     wanted = a[:, None, :3, :3] @ turned
     off = np.swapaxes(wanted, -1, -2) @ reached[..., :3, :3]
     turn = np.linalg.norm(rotation_vectors(off.reshape(-1, 3, 3)), axis=-1)

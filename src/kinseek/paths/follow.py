@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import freedom
-from kinseek.problem import Problem
-from kinseek.solvers import Atlas
 
 from .asked import Asked
-from .joints import Turning
+from .ends import best_valid, fill_missed, inside_limits, with_ends
 from .layers import Layers, isolated_layers
 from .nodes import Programme
 from .path import Path
+from .relaxed import relaxed
+from .spare import follow_samples
 from .why import reasons
 
 Array = NDArray[np.float64]
@@ -26,95 +26,21 @@ Advance = Callable[[int], object]
 
 def follow(asked: Asked, threads: int | None, advance: Advance) -> Path:
     """Find joint values for every pose, with as few breaks as possible; see `Arm.follow`."""
-    problem = asked.problem
-    if problem.goal.form.ranges or freedom(problem) > 0:
-        from .spare import follow_spare
-
-        return follow_spare(asked, threads, advance)
-    wide = isolated_layers(problem, asked.longest.max(axis=0), threads, advance)
+    part, own = relaxed(asked)
+    problem = part.problem
+    if freedom(problem) > 0:
+        q, breaks = follow_samples(part, threads, advance)
+        return judged(asked, q[:, own], breaks, None, set())
+    wide = isolated_layers(problem, part.longest.max(axis=0), threads, advance)
     layers = inside_limits(problem, wide)
-    layers, ends = with_ends(asked, fill_missed(problem, layers, threads))
-    programme = Programme(asked, layers)
-    q, breaks, cost = best_valid(programme, ends)
-    return judged(asked, q, breaks, cost, wide, programme.hopeless)
+    layers, ends = with_ends(part, fill_missed(problem, layers, threads))
+    programme = Programme(part, layers)
+    q, breaks = best_valid(programme, ends)
+    known = wide if part is asked else None
+    return judged(asked, q[:, own], breaks, known, programme.hopeless)
 
 
-def inside_limits(problem: Problem, wide: Layers) -> Layers:
-    """The answers that the limits allow, in the first turn of every joint."""
-    turning = Turning(problem.chain)
-    first = turning.first_turn(wide.q)
-    there = np.arange(wide.q.shape[1]) < wide.count[:, None]
-    good = turning.inside(first) & there
-    count = good.sum(axis=1)
-    place = np.argsort(~good, axis=1, kind="stable")[:, : max(int(count.max(initial=1)), 1)]
-    return Layers(np.ascontiguousarray(np.take_along_axis(first, place[:, :, None], axis=1)), count)
-
-
-def fill_missed(problem: Problem, layers: Layers, threads: int | None) -> Layers:
-    """Give each pose without an answer the nearest that the atlas finds, so that every pose has one."""
-    missed = np.flatnonzero(layers.count == 0)
-    if not len(missed):
-        return layers
-    goal = problem.goal.at(problem.goal.target[missed])
-    nearest = Atlas(threads=threads).solve(Problem(problem.mechanism, goal)).q
-    q, count = layers.q.copy(), layers.count.copy()
-    q[missed, 0], count[missed] = Turning(problem.chain).first_turn(nearest), 1
-    return Layers(q, count)
-
-
-def with_ends(asked: Asked, layers: Layers) -> tuple[Layers, tuple[int, int]]:
-    """Put the wanted start and end beside the answers to the first and the last pose; their nodes, or -1."""
-    turning, nodes = Turning(asked.problem.chain), [-1, -1]
-    for k, (wanted, i) in enumerate(((asked.start, 0), (asked.end, len(layers.q) - 1))):
-        if wanted is None:
-            continue
-        q = layers.q
-        if layers.count[i] == q.shape[1]:
-            q = np.concatenate([q, np.zeros_like(q[:, :1])], axis=1)
-        q, count = q.copy(), layers.count.copy()
-        q[i, count[i]] = turning.first_turn(wanted)
-        nodes[k] = int(count[i]) * turning.total + turning.turns_of(wanted)
-        count[i] += 1
-        layers = Layers(q, count)
-    return layers, (nodes[0], nodes[1])
-
-
-def best_valid(programme: Programme, ends: tuple[int, int]) -> tuple[Array, Indices, float]:
-    """The best way to which `valid` agrees, found by asking it of the best way again and again (Bohlin and Kavraki 2000)."""
-    while True:
-        q, breaks, cost, path = best_of(programme, ends)
-        if programme.asked.valid is None or programme.check(q, breaks, path):
-            return q, breaks, cost
-
-
-def best_of(programme: Programme, ends: tuple[int, int]) -> tuple[Array, Indices, float, Indices]:
-    """The best way, closed if that is asked: then the best over all answers to the first pose."""
-    asked = programme.asked
-    if not asked.closed:
-        return programme.best(asked.longest, *ends)
-    best: tuple[Array, Indices, float, Indices] | None = None
-    longest, turning = asked.longest[-1], programme.turning
-    firsts = range(programme.count[0] * turning.total) if ends[0] < 0 else [ends[0]]
-    open_way = programme.best(asked.longest, *ends)
-    firsts = [int(open_way[3][0]), *(node for node in firsts if node != open_way[3][0])]
-    for first in firsts:
-        if not programme.exists(0, first):
-            continue
-        for last in programme.beside(first, longest):
-            way = programme.best(asked.longest, first, last)
-            if best is None or (len(way[1]), way[2]) < (len(best[1]), best[2]):
-                best = way
-        if best is not None and len(best[1]) == len(open_way[1]) and best[2] <= open_way[2] * (1 + 1e-9):
-            break
-    if best is not None and len(best[1]) <= len(open_way[1]) + 1:
-        return best
-    q, breaks, cost, path = open_way
-    return q, np.append(breaks, len(q) - 1), cost, path
-
-
-def judged(
-    asked: Asked, q: Array, breaks: Indices, cost: float, wide: Layers | None, hopeless: set[int]
-) -> Path:
+def judged(asked: Asked, q: Array, breaks: Indices, wide: Layers | None, hopeless: set[int]) -> Path:
     """Judge joint values by plain forward kinematics, and say what stands in the way."""
     problem = asked.problem
     goal = problem.goal
@@ -130,7 +56,6 @@ def judged(
         orientation_error=errors[:, 1].copy(),
         problem=problem,
         closed=asked.closed,
-        cost=cost,
     )
     if path.success:
         return path

@@ -71,7 +71,6 @@ _opened: Shelf[SerialChain, str, SerialChain] = Shelf()
 
 def opened(chain: SerialChain) -> SerialChain:
     """The arm with limits of a whole turn where a joint has less: a branch then ends at singularities alone."""
-
     narrow = chain.periodic & chain.turns & (chain.upper - chain.lower < TURN)
     if not narrow.any():
         return chain
@@ -80,7 +79,10 @@ def opened(chain: SerialChain) -> SerialChain:
         middle = (chain.lower + chain.upper) / 2
         lower = np.where(narrow, middle - np.pi, chain.lower)
         upper = np.where(narrow, middle + np.pi, chain.upper)
-        kinds = tuple(REVOLUTE if kind == CONTINUOUS and n else kind for kind, n in zip(chain.kinds, narrow, strict=True))
+        kinds = tuple(
+            REVOLUTE if kind == CONTINUOUS and n else kind
+            for kind, n in zip(chain.kinds, narrow, strict=True)
+        )
         return chain.limited(lower, upper, kinds)
 
     return _opened.of(chain).get("opened", make)

@@ -2,8 +2,8 @@
 
 Limits are opened to a whole turn, so that a branch that leaves the limits and comes back is still the same branch; without
 limits branches appear and vanish at singularities alone. At every `EVERY`-th pose all branches are found. From each of these
-poses all are followed forward to the next; what is found there and did not arrive is followed backward. Where a branch ends in
-between, all branches are found at the pose where it was lost, and those that nobody knows are followed both ways.
+poses all are followed forward to the next; what is found there and did not arrive is followed backward. Where a branch ends
+in between, all branches are found at the pose where it was lost, and those that nobody knows are followed both ways.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class Follower:
             return found
         gap = found[:, None] - known[None]
         gap -= np.where(np.isinf(self._turns), 0.0, TURN) * np.round(gap / self._turns)
-        return found[~(np.abs(gap).max(axis=-1) < SAME).any(axis=1)]
+        return np.asarray(found[~(np.abs(gap).max(axis=-1) < SAME).any(axis=1)])
 
     def follow(self, answers: Array, begin: int, end: int) -> list[Piece]:
         """Follow answers to target `begin`, (k, n), to target `end`, forward or backward."""

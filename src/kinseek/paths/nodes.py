@@ -20,6 +20,7 @@ Indices = NDArray[np.int64]
 APART = 0.05
 """Points between two poses at which `valid` is asked stand no farther apart in any joint [rad or m]; one at least."""
 
+
 class Programme:
     """Nodes of a path: answers inside the limits with their full turns."""
 

@@ -53,7 +53,6 @@ class Path:
         orientation_error: [rad], (N,).
         problem: What was asked.
         closed: Does the motion go on from the last pose to the first?
-        cost: What the motion costs by the measure that was asked for, breaks not counted.
     """
 
     q: Array
@@ -64,7 +63,6 @@ class Path:
     orientation_error: Array
     problem: Problem
     closed: bool
-    cost: float
 
     @property
     def success(self) -> bool:
@@ -100,7 +98,7 @@ class Path:
     def largest_step(self) -> Array:
         """Of each joint the largest step that is no break, (n,), [rad] or [m]."""
         whole = self.steps[~np.isnan(self.steps).any(axis=1)]
-        return np.abs(whole).max(axis=0, initial=0.0)
+        return np.asarray(np.abs(whole).max(axis=0, initial=0.0))
 
     @property
     def length(self) -> float:

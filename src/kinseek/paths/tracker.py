@@ -89,11 +89,15 @@ class Tracker:
             raise InvalidProblem(f"q0 must have shape ({arm.dof},), got {start.shape}")
         self.period = float(period)
         """[s]"""
-        self.velocity = np.full(arm.dof, np.inf) if velocity is None else positive(arm, "velocity", velocity, "rad/s or m/s")
+        self.velocity = (
+            np.full(arm.dof, np.inf)
+            if velocity is None
+            else positive(arm, "velocity", velocity, "rad/s or m/s")
+        )
         """Of the joints, (n,), [rad/s] or [m/s]; infinite where nothing was said."""
         self._arm, self._turning = arm.axes, Turning(arm.axes)
         self._index = atlas_of(arm.axes)
-        _ = self._index.handle
+        _ = self._index.handle  # Asking for it adds the routines that are still lacking.
         self._state = np.zeros((7, arm.dof))
         self._state[LOWER], self._state[UPPER] = self._turning.open_lower, self._turning.open_upper
         self._state[REACH], self._state[NOW] = self.velocity * self.period, start
@@ -105,7 +109,7 @@ class Tracker:
     @property
     def q(self) -> Array:
         """Where the joints are, (n,), [rad] or [m]."""
-        return self._state[NOW].copy()
+        return np.asarray(self._state[NOW].copy())
 
     def step(self, T: Array) -> Step:
         """Go towards a pose, (4, 4), as far as one period allows.
@@ -116,7 +120,12 @@ class Tracker:
         if self._way:
             return self._along(T)
         state = self._state
-        if type(T) is not np.ndarray or T.shape != (4, 4) or T.dtype != np.float64 or not T.flags.c_contiguous:
+        if (
+            type(T) is not np.ndarray
+            or T.shape != (4, 4)
+            or T.dtype != np.float64
+            or not T.flags.c_contiguous
+        ):
             T = _one(T)
         position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, state)
         if ended == NO_POSE:
@@ -158,7 +167,7 @@ class Tracker:
         parts = np.arange(1, periods + 1)[:, None] / periods
         way = here + parts * step
         self._way = list(way)
-        return way
+        return np.asarray(way)
 
     def _along(self, T: Array) -> Step:
         """One step of the way to another branch."""
@@ -182,8 +191,9 @@ class Tracker:
         """
         if self._before is None or self._target is None:
             raise InvalidProblem("foresee() needs two poses: call step(T) twice first")
-        from .between import rotation_vectors
         from kinseek.transforms import rotations
+
+        from .between import rotation_vectors
 
         state, pose = self._state.copy(), self._target.copy()
         ratio = seconds / looks / self.period

@@ -59,7 +59,10 @@ def _break(asked: Asked, path: Path, i: int, wide: Layers | None) -> str:
         return f"{begin}: no sample of the answers leads on"
     ahead, ended = _end_of_branch(asked, path.q[i], i, wide, 1)
     back, began = _end_of_branch(asked, path.q[following], following, wide, -1)
-    return f"{begin}: the branch before it ends {_at(ahead, count)} ({ended}), the one after it begins {_at(back, count)} ({began})"
+    return (
+        f"{begin}: the branch before it ends {_at(ahead, count)} ({ended}), "
+        f"the one after it begins {_at(back, count)} ({began})"
+    )
 
 
 def _at(i: int, count: int) -> str:
@@ -73,8 +76,13 @@ def _end_of_branch(asked: Asked, q: Array, i: int, wide: Layers, way: int) -> tu
     while True:
         j = i + way
         if not 0 <= j < len(wide.q):
-            return j, "it goes on to the end of the path" if way > 0 else "it goes back to the beginning of the path"
-        longest = asked.longest[min(min(i, j), len(asked.longest) - 1)]
+            return (
+                j,
+                "it goes on to the end of the path"
+                if way > 0
+                else "it goes back to the beginning of the path",
+            )
+        longest = asked.longest[min(i, j, len(asked.longest) - 1)]
         steps = turning.step(wide.at(j) - q)
         if not len(steps):
             return j, "nothing reaches the pose"
@@ -84,9 +92,15 @@ def _end_of_branch(asked: Asked, q: Array, i: int, wide: Layers, way: int) -> tu
             J = constraint_jacobian(problem, q[None])[0]
             values = np.linalg.svd(J, compute_uv=False)
             if values[min(J.shape) - 1] < WEAK * values[0]:
-                return i, f"a singularity: the least singular value is {values[min(J.shape) - 1] / values[0]:.2g} of the largest"
+                return (
+                    i,
+                    f"a singularity: the least singular value is {values[min(J.shape) - 1] / values[0]:.2g} of the largest",
+                )
             joint = int(np.argmax(np.abs(step) / longest))
-            return i, f"joint {names[joint]!r} would have to go {abs(step[joint]):.3g} at once, max_step allows {longest[joint]:.3g}"
+            return (
+                i,
+                f"joint {names[joint]!r} would go {abs(step[joint]):.3g} at once, and may go {longest[joint]:.3g}",
+            )
         q, i = q + step, j
         low = q < turning.open_lower - 1e-9
         high = q > turning.open_upper + 1e-9

@@ -32,34 +32,32 @@ def copies_of(value: float, low: float, high: float, turning: int) -> int:
         return 1
     if value < low - ROOM or value > high + ROOM:
         return 0
-    return 1 + int(math.floor((high + ROOM - value) / (2.0 * math.pi))) if turning == COPIED else 1
+    return 1 + math.floor((high + ROOM - value) / (2.0 * math.pi)) if turning == COPIED else 1
 
 
 @hidden
 def moved_turns(
-    node: int, turns: Indices, room: Indices, b: int, copies: Indices, turning: Indices, total: int
+    digits: Indices, s: int, turns: Indices, room: Indices, b: int, turning: Indices, units: Indices
 ) -> int:
-    """The node of answer b, with `room` for turns, that a node's turns lead to; -1 if there is none.
+    """What the turns of a node become by a step to answer b, as one number; -1 where b has no room for them.
 
     Args:
-        node: The turns of the node before, as one number.
+        digits: Turns of each joint by their number, (copies in all, n).
+        s: Those of the node.
         turns: Full turns that the step takes off each joint's value, (n,).
-        room: Copies that answer b has of each joint, (n,).
+        room: Copies that each answer has of each joint, (width, n).
         b: The answer.
-        copies: Copies at most of each joint, (n,).
         turning: See `STRAIGHT`, (n,).
-        total: Product of the copies.
+        units: What a turn of each joint counts, (n,).
     """
-    place, unit = b * total, 1
+    place = 0
     for j in range(len(turns)):
-        digit = node % copies[j]
-        node //= copies[j]
+        digit = digits[s, j]
         if turning[j] == COPIED:
             digit -= turns[j]
-        if digit < 0 or digit >= room[j]:
+        if digit < 0 or digit >= room[b, j]:
             return -1
-        place += digit * unit
-        unit *= copies[j]
+        place += digit * units[j]
     return place
 
 
@@ -121,9 +119,14 @@ def best_way(
         How many breaks.
     """
     poses, width, dof = q.shape
-    total = 1
+    total, units = 1, np.empty(dof, dtype=np.int64)
     for j in range(dof):
+        units[j] = total
         total *= copies[j]
+    digits = np.empty((total, dof), dtype=np.int64)
+    for s in range(total):
+        for j in range(dof):
+            digits[s, j] = s // units[j] % copies[j]
     nodes = width * total
     came = np.zeros((poses, nodes), dtype=np.uint8)
     best = np.full(poses, -1, dtype=np.int64)
@@ -142,10 +145,11 @@ def best_way(
         # Any answer can be reached by a break from the best node before; the way on from there is compared with it.
         for b in range(count[i]):
             for s in range(total):
-                inside, rest = True, s
+                inside = True
                 for j in range(dof):
-                    inside = inside and rest % copies[j] < room[b, j]
-                    rest //= copies[j]
+                    if digits[s, j] >= room[b, j]:
+                        inside = False
+                        break
                 node = b * total + s
                 if not inside or (len(refused) > 0 and refused[i, node]):
                     continue
@@ -188,10 +192,9 @@ def best_way(
                     node = a * total + s
                     if fault_before[node] < 0:
                         continue
-                    to = b * total + s
-                    if turned:
-                        to = moved_turns(s, turns, room[b], b, copies, turning, total)
-                    if to < 0 or fault[to] < 0:
+                    after = moved_turns(digits, s, turns, room, b, turning, units) if turned else s
+                    to = b * total + after
+                    if after < 0 or fault[to] < 0:
                         continue
                     sum_there = sums_before[node] + (costs[i, to] if mode == GIVEN else cost)
                     less = fault_before[node] < fault[to]
@@ -209,9 +212,7 @@ def best_way(
             if fault[node] < 0:
                 continue
             first = best[i] < 0
-            if first or fault[node] < fault[best[i]]:
-                best[i] = node
-            elif fault[node] == fault[best[i]] and sums[node] < sums[best[i]]:
+            if first or fault[node] < fault[best[i]] or (fault[node] == fault[best[i]] and sums[node] < sums[best[i]]):
                 best[i] = node
         for node in range(nodes):
             fault_before[node], sums_before[node] = fault[node], sums[node]
@@ -230,14 +231,10 @@ def best_way(
             continue
         b, s = node // total, node % total
         # The turns before are those of the node, with what the step took off put back.
-        place, unit, rest = a * total, 1, s
+        place = a * total + s
         for j in range(dof):
-            digit = rest % copies[j]
-            rest //= copies[j]
             if turning[j] == COPIED:
-                digit += int(np.rint((q[i, b, j] - q[i - 1, a, j]) / (2.0 * math.pi)))
-            place += digit * unit
-            unit *= copies[j]
+                place += units[j] * int(np.rint((q[i, b, j] - q[i - 1, a, j]) / (2.0 * math.pi)))
         node = place
     told[0] = cost
     return breaks

@@ -98,9 +98,7 @@ def servo_step(
         state[LAST, d] = value - state[NOW, d]
         state[NOW, d] = value
     forward(task.chain, state[NOW], desk.spare)
-    position, orientation = errors(
-        desk.spare, GoalArrays(target, task.position_weight, task.axis_weights)
-    )
+    position, orientation = errors(desk.spare, GoalArrays(target, task.position_weight, task.axis_weights))
     ended = SINGULAR
     if position <= task.position_tolerance and orientation <= task.orientation_tolerance:
         ended = TRACKING
