@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.problem import Problem
+from kinseek.transforms import rotations
 
 Array = NDArray[np.float64]
 
@@ -36,8 +37,6 @@ def deviation_between(problem: Problem, q: Array, breaks: NDArray[np.int64]) -> 
     straight = a[:, None, :3, 3] + part[None, :, None] * (b - a)[:, None, :3, 3]
     distance = np.linalg.norm(reached[..., :3, 3] - straight, axis=-1)
     vector = rotation_vectors(np.swapaxes(a[:, :3, :3], 1, 2) @ b[:, :3, :3])
-    from kinseek.transforms import rotations
-
     turned = rotations((part[None, :, None] * vector[:, None]).reshape(-1, 3)).reshape(
         *middle.shape[:2], 3, 3
     )

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.branches.order import is_valid
 from kinseek.problem import Problem
 from kinseek.solvers import Atlas
 
 from .asked import Asked
 from .joints import Turning
 from .layers import Layers
-from .nodes import Programme
+from .nodes import Programme, points_between
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -21,11 +22,11 @@ def inside_limits(problem: Problem, wide: Layers) -> Layers:
     """The answers that the limits allow, in the first turn of every joint."""
     turning = Turning(problem.chain)
     first = turning.first_turn(wide.q)
-    there = np.arange(wide.q.shape[1]) < wide.count[:, None]
-    good = turning.inside(first) & there
-    count = good.sum(axis=1)
-    place = np.argsort(~good, axis=1, kind="stable")[:, : max(int(count.max(initial=1)), 1)]
-    return Layers(np.ascontiguousarray(np.take_along_axis(first, place[:, :, None], axis=1)), count)
+    good = turning.inside(first) & wide.there
+    width = max(int(good.sum(axis=1).max(initial=1)), 1)
+    place = np.argsort(~good, axis=1, kind="stable")[:, :width]
+    packed = np.take_along_axis(first, place[:, :, None], axis=1)
+    return Layers(np.ascontiguousarray(packed), np.take_along_axis(good, place, axis=1))
 
 
 def fill_missed(problem: Problem, layers: Layers, threads: int | None) -> Layers:
@@ -35,9 +36,9 @@ def fill_missed(problem: Problem, layers: Layers, threads: int | None) -> Layers
         return layers
     goal = problem.goal.at(problem.goal.target[missed])
     nearest = Atlas(threads=threads).solve(Problem(problem.mechanism, goal)).q
-    q, count = layers.q.copy(), layers.count.copy()
-    q[missed, 0], count[missed] = Turning(problem.chain).first_turn(nearest), 1
-    return Layers(q, count)
+    q, there = layers.q.copy(), layers.there.copy()
+    q[missed, 0], there[missed, 0] = Turning(problem.chain).first_turn(nearest), True
+    return Layers(q, there)
 
 
 def with_ends(asked: Asked, layers: Layers) -> tuple[Layers, tuple[int, int]]:
@@ -46,14 +47,12 @@ def with_ends(asked: Asked, layers: Layers) -> tuple[Layers, tuple[int, int]]:
     for k, (wanted, i) in enumerate(((asked.start, 0), (asked.end, len(layers.q) - 1))):
         if wanted is None:
             continue
-        q = layers.q
-        if layers.count[i] == q.shape[1]:
-            q = np.concatenate([q, np.zeros_like(q[:, :1])], axis=1)
-        q, count = q.copy(), layers.count.copy()
-        q[i, count[i]] = turning.first_turn(wanted)
-        nodes[k] = int(count[i]) * turning.total + turning.turns_of(wanted)
-        count[i] += 1
-        layers = Layers(q, count)
+        q = np.concatenate([layers.q, np.zeros_like(layers.q[:, :1])], axis=1)
+        there = np.concatenate([layers.there, np.zeros_like(layers.there[:, :1])], axis=1)
+        place = int(layers.count[i])
+        q[i, place], there[i, place] = turning.first_turn(wanted), True
+        nodes[k] = place * turning.total + turning.turns_of(wanted)
+        layers = Layers(q, there)
     return layers, (nodes[0], nodes[1])
 
 
@@ -88,3 +87,17 @@ def best_of(programme: Programme, ends: tuple[int, int]) -> tuple[Array, Indices
         return best
     q, breaks, cost, path = open_way
     return q, np.append(breaks, len(q) - 1), cost, path
+
+
+def refusals(asked: Asked, q: Array, breaks: Indices) -> tuple[set[int], Indices]:
+    """Numbers of poses that `valid` refuses, and of those where it refuses a point on the way to the next."""
+    valid = asked.valid
+    if valid is None:
+        return set(), np.zeros(0, dtype=np.int64)
+    refused = {i for i, row in enumerate(q) if not is_valid(valid, row)}
+    barred = []
+    for i in np.setdiff1d(np.arange(len(q) - 1), breaks):
+        parts = points_between(q[i + 1] - q[i])
+        if not all(is_valid(valid, q[i] + (q[i + 1] - q[i]) * k / parts) for k in range(1, parts)):
+            barred.append(int(i))
+    return refused, np.array(barred, dtype=np.int64)

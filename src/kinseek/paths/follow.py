@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import freedom
+from kinseek.errors import InvalidProblem
 
 from .asked import Asked
-from .ends import best_valid, fill_missed, inside_limits, with_ends
+from .ends import best_valid, fill_missed, inside_limits, refusals, with_ends
 from .layers import Layers, isolated_layers
 from .nodes import Programme
 from .path import Path
@@ -29,8 +30,11 @@ def follow(asked: Asked, threads: int | None, advance: Advance) -> Path:
     part, own = relaxed(asked)
     problem = part.problem
     if freedom(problem) > 0:
+        refuse_cost(asked)
         q, breaks = follow_samples(part, threads, advance)
-        return judged(asked, q[:, own], breaks, None, set())
+        refused, barred = refusals(asked, q[:, own], breaks)
+        breaks = np.union1d(breaks, barred)
+        return judged(asked, q[:, own], breaks, None, refused)
     wide = isolated_layers(problem, part.longest.max(axis=0), threads, advance)
     layers = inside_limits(problem, wide)
     layers, ends = with_ends(part, fill_missed(problem, layers, threads))
@@ -60,3 +64,16 @@ def judged(asked: Asked, q: Array, breaks: Indices, wide: Layers | None, hopeles
     if path.success:
         return path
     return replace(path, why=reasons(asked, path, wide, hopeless))
+
+
+def refuse_cost(asked: Asked) -> None:
+    """Refuse a cost of the user where the whole self-motion is smoothed, which knows distances alone.
+
+    Raises:
+        InvalidProblem: There is one.
+    """
+    if asked.cost is not None:
+        raise InvalidProblem(
+            "cost= chooses among isolated answers; where joints are to spare, the path is made short along the self-motion: "
+            "give weights= or velocity= instead"
+        )

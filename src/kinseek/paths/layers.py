@@ -22,7 +22,6 @@ from kinseek.kernels.paths.trace import trace
 from kinseek.problem import Problem
 from kinseek.solvers.atlas.index import wanted_of
 from kinseek.solvers.threads import GoOn, spread
-from kinseek.turns import TURN
 
 from .joints import opened
 
@@ -44,12 +43,17 @@ class Layers:
 
     q: Array
     """(N, width, n), [rad] or [m]"""
-    count: NDArray[np.int64]
-    """How many there are, (N,)."""
+    there: NDArray[np.bool_]
+    """Where there is an answer, (N, width)."""
+
+    @property
+    def count(self) -> NDArray[np.int64]:
+        """How many there are, (N,)."""
+        return np.asarray(self.there.sum(axis=1))
 
     def at(self, i: int) -> Array:
         """Answers to pose i, (k, n)."""
-        return self.q[i, : self.count[i]]
+        return np.asarray(self.q[i, self.there[i]])
 
 
 @dataclass
@@ -82,7 +86,7 @@ class Follower:
         self.targets[:, :3], self.targets[:, 3, 3] = self.rows, 1.0
         self.longest = np.maximum(longest * 1.5, LEAPS)
         self.dof = problem.chain.dof
-        self._turns = np.where(wide.chain.periodic & wide.chain.turns, TURN, np.inf)
+        self._turns = wide.chain.periodic & wide.chain.turns
 
     def all_at(self, i: int) -> Array:
         """All branches at target i, (k, n)."""
@@ -93,9 +97,10 @@ class Follower:
         """Those of the answers found, (k, n), that are none of the known ones, (m, n)."""
         if not len(known):
             return found
-        gap = found[:, None] - known[None]
-        gap -= np.where(np.isinf(self._turns), 0.0, TURN) * np.round(gap / self._turns)
-        return np.asarray(found[~(np.abs(gap).max(axis=-1) < SAME).any(axis=1)])
+        half = (found[:, None] - known[None]) / 2
+        # The sine of half a difference does not see full turns.
+        gap = np.where(self._turns, np.sin(half), half)
+        return np.asarray(found[~(np.abs(gap).max(axis=-1) < SAME / 2).any(axis=1)])
 
     def follow(self, answers: Array, begin: int, end: int) -> list[Piece]:
         """Follow answers to target `begin`, (k, n), to target `end`, forward or backward."""
@@ -189,18 +194,24 @@ def isolated_layers(
 
 def _layers(pieces: list[list[Piece]], keys: list[int], count: int, dof: int) -> Layers:
     """Put pieces side by side; a pose where two intervals meet has the answers of the one that ends there."""
-    counts = np.zeros(count, dtype=np.int64)
     cut: list[Piece] = []
     for k, some in enumerate(pieces):
         for piece in some:
             skip = 1 if k > 0 and piece.first == keys[k] else 0
             if len(piece.q) > skip:
                 cut.append(Piece(piece.first + skip, piece.q[skip:]))
-                counts[piece.first + skip : piece.first + len(piece.q)] += 1
-    q = np.zeros((count, int(counts.max(initial=1)), dof))
-    counts[:] = 0
+    cut.sort(key=lambda piece: piece.first)
+    columns: list[int] = []
+    places = []
     for piece in cut:
-        where = np.arange(piece.first, piece.first + len(piece.q))
-        q[where, counts[where]] = piece.q
-        counts[where] += 1
-    return Layers(q, counts)
+        # The first column that is free from here on; a new one if none is.
+        column = next((c for c, end in enumerate(columns) if end <= piece.first), len(columns))
+        columns += [0] * (column == len(columns))
+        columns[column] = piece.first + len(piece.q)
+        places.append(column)
+    q = np.zeros((count, max(len(columns), 1), dof))
+    there = np.zeros(q.shape[:2], dtype=np.bool_)
+    for piece, column in zip(cut, places, strict=True):
+        where = slice(piece.first, piece.first + len(piece.q))
+        q[where, column], there[where, column] = piece.q, True
+    return Layers(q, there)

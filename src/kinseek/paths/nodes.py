@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.order import cost_of, is_valid
-from kinseek.kernels.paths.programme import DISTANCE, ENDLESS, GIVEN, SQUARES, TIME, best_way
+from kinseek.kernels.paths.programme import DISTANCE, ENDLESS, GIVEN, TIME, best_way
 
 from .asked import Asked
 from .joints import Turning
@@ -21,13 +21,19 @@ APART = 0.05
 """Points between two poses at which `valid` is asked stand no farther apart in any joint [rad or m]; one at least."""
 
 
+def points_between(step: Array) -> int:
+    """Into how many parts a step, (n,), is cut to ask `valid` of the points between: two at least."""
+    return max(2, math.ceil(float(np.abs(step).max()) / APART))
+
+
 class Programme:
     """Nodes of a path: answers inside the limits with their full turns."""
 
-    def __init__(self, asked: Asked, layers: Layers, mode: int | None = None) -> None:
+    def __init__(self, asked: Asked, layers: Layers) -> None:
         """Take layers, (N, width, n); what lies outside the limits must be out of them already."""
         self.asked, self.turning = asked, Turning(asked.problem.chain)
         self.q, self.count = layers.q, layers.count
+        self.ahead = self.q
         self.nodes = self.q.shape[1] * self.turning.total
         self._barred: set[tuple[int, int, int]] = set()
         self._refused: NDArray[np.bool_] = np.zeros((0, 0), dtype=np.bool_)
@@ -36,10 +42,10 @@ class Programme:
         self.hopeless: set[int] = set()
         """Poses whose every answer `valid` refused."""
         velocity = asked.velocity
-        self.mode = mode if mode is not None else DISTANCE if velocity is None else TIME
-        self.weights = asked.weights if velocity is None or self.mode == SQUARES else asked.weights / velocity
+        self.mode = DISTANCE if velocity is None else TIME
+        self.weights = asked.weights if velocity is None else asked.weights / velocity
         self.costs = np.zeros((0, 0))
-        if asked.cost is not None and self.mode != SQUARES:
+        if asked.cost is not None:
             self.mode, self.costs = GIVEN, self._costs()
 
     def _costs(self) -> Array:
@@ -69,6 +75,7 @@ class Programme:
         barred = np.array(sorted(self._barred), dtype=np.int64).reshape(-1, 3)
         best_way(
             self.q,
+            self.ahead,
             self.count,
             turning.lower,
             turning.upper,
@@ -109,7 +116,7 @@ class Programme:
             if edge in self._passed:
                 continue
             step = q[i] - q[i - 1]
-            parts = max(2, math.ceil(np.abs(step).max() / APART))
+            parts = points_between(step)
             if all(is_valid(valid, q[i - 1] + step * k / parts) for k in range(1, parts)):
                 self._passed.add(edge)
             else:

@@ -1,13 +1,13 @@
 """A whole path made short at once: all joints of all poses move along what the goal leaves open.
 
-The sum of the squared steps is least where no pose can move along its self-motion and make it less. Each pass solves the
-Gauss-Newton system of all poses together, ``min Σ |W (x[i+1] - x[i])|² + μ Σ |J[i] dx[i]|²``: one block a pose and one
-beside it, so the work grows with the number of poses alone. Then every pose is brought back onto its target.
+Each pass does two things. It solves the Gauss-Newton system of all poses together, ``min Σ w |W (x[i+1] - x[i])|² + μ Σ |J[i]
+dx[i]|²``, one block a pose and one beside it, so that the work grows with the number of poses alone; and it puts every pose
+half-way between its neighbours, first those of even numbers and then the others, which mends what the Jacobian does not see
+near singularities. Everything is brought back onto its target, and kept only where it makes the path better: where the sum of
+the steps' lengths, each to a power, is less. The square makes a path short, a higher power makes its largest steps small.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.band import solve_band
 from kinseek.kernels.paths.settle import settle_many
 from kinseek.problem import Problem
-from kinseek.robots.geometry import arm_length
+from kinseek.robots.geometry import RADIAN_PART, arm_length
 from kinseek.solvers.atlas.index import atlas_of, wanted_of
 
 from .joints import Turning
@@ -26,7 +26,7 @@ from .joints import Turning
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-STIFF = 1e5
+STIFF = 1e4
 """μ: how much more leaving the pose costs than a step of the same size; what it leaves is mended after each pass."""
 
 HELD = 1e8
@@ -34,6 +34,12 @@ HELD = 1e8
 
 TRUST = 0.4
 """No joint moves farther in one pass [rad or m]: beyond, the Jacobian says nothing."""
+
+SHARES = (1.0, 0.5, 0.25, 0.1)
+"""Parts of a Gauss-Newton step that are tried until the path is better."""
+
+LIGHTEST, HEAVIEST = 0.5, 4.0
+"""Steps count as no shorter and no longer than this beside the usual one, where a higher power weighs them."""
 
 SETTLED = 1e-14
 """Squared scaled error up to which a pose counts as reached again: 1e-7 of the arm's length."""
@@ -44,77 +50,120 @@ MEND = 12
 ACTIVE = 3
 """How often joints that would leave their limits are held there, and the system solved again."""
 
+ENOUGH = 1e-3
+"""A pass that makes the sum smaller by less than this part of it is the last."""
 
-@dataclass(frozen=True)
+
 class Smoother:
-    """What smoothing needs of an arm and a goal."""
+    """Makes paths of one arm and one kind of goal shorter."""
 
-    problem: Problem
-    weights: Array
-    """Of each joint, (n,)."""
-    valid: Valid | None = None
-    """What the user allows; rows that it refuses after a pass stay where they were."""
+    def __init__(self, problem: Problem, weights: Array, valid: Valid | None = None) -> None:
+        """Build what the arm needs once.
 
-    def settle(self, q: Array, targets: Array) -> Array:
-        """Bring joint values, (k, n), onto targets, (k, 3, 4), in place; squared scaled error that is left, (k,)."""
-        turning, left = Turning(self.problem.chain), np.empty(len(q))
-        np.clip(q, turning.open_lower, turning.open_upper, out=q)
-        index = atlas_of(self.problem.chain, self.problem.goal)
-        wanted = wanted_of(self.problem.goal)
-        limits = turning.open_lower, turning.open_upper
-        settle_many(index.handle, wanted, targets, *limits, MEND, q, left, LANES)
-        return left
+        Args:
+            problem: The arm and its goal.
+            weights: Of each joint in the length, (n,).
+            valid: What the user allows; what it refuses is not taken.
+        """
+        self.problem, self.weights, self.valid = problem, weights, valid
+        turning = Turning(problem.chain)
+        self.lower, self.upper = turning.open_lower, turning.open_upper
+        self.handle, self.wanted = atlas_of(problem.chain, problem.goal).handle, wanted_of(problem.goal)
+        self.scale = arm_length(problem.chain) / RADIAN_PART
 
-    def smooth(self, q: Array, targets: Array, passes: int, fixed: Flags, enough: float = 1e-4) -> Array:
-        """Make a path shorter, (k, n): each row stays on its target, (k, 3, 4), and rows that are `fixed`, (k,), stay.
+    def settle(self, q: Array, targets: Array) -> Flags:
+        """Bring joint values, (k, n), onto targets, (k, 3, 4), in place; which of them are there and allowed, (k,)."""
+        left = np.empty(len(q))
+        np.clip(q, self.lower, self.upper, out=q)
+        settle_many(self.handle, self.wanted, targets, self.lower, self.upper, MEND, q, left, LANES)
+        there = left < SETTLED
+        if self.valid is not None:
+            there &= np.array([is_valid(self.valid, row) for row in q], dtype=np.bool_)
+        return there
+
+    def smooth(self, q: Array, targets: Array, passes: int, fixed: Flags, power: int) -> Array:
+        """Make a path better, (k, n): each row stays on its target, (k, 3, 4), and rows that are `fixed`, (k,), stay.
 
         Args:
             q: Joint values inside the limits, endless joints unwrapped.
             targets: Where they must stay.
             passes: How many at most.
             fixed: Rows that stay.
-            enough: When no joint moves farther in a pass [rad or m], it is done.
+            power: Of the steps' lengths.
         """
-        turning = Turning(self.problem.chain)
-        lower, upper = turning.open_lower, turning.open_upper
-        square, scale = self.weights**2, arm_length(self.problem.chain) / 3
+        if len(q) < 3:
+            return q
+        before = self._sum(q, power)
         for _ in range(passes):
-            J = constraint_jacobian(self.problem, q)
-            J[:, :3] /= scale
-            blocks = np.matmul(np.swapaxes(J, 1, 2), J)
-            blocks *= STIFF * square.mean()
-            diagonal = np.arange(q.shape[1])
-            blocks[:, diagonal, diagonal] += 2 * square
-            blocks[0, diagonal, diagonal] -= square
-            blocks[-1, diagonal, diagonal] -= square
-            pull = -2 * q
-            pull[1:] += q[:-1]
-            pull[:-1] += q[1:]
-            pull[0] += q[0]
-            pull[-1] += q[-1]
-            pull *= square
-            held = np.zeros(q.shape, dtype=np.bool_)
-            held[fixed] = True
-            move = np.zeros_like(q)
-            for _ in range(ACTIVE):
-                system, right = blocks.copy(), np.where(held, HELD * square * move, pull)
-                system[:, diagonal, diagonal] += np.where(held, HELD * square, 0.0)
-                solve_band(system, square, right)
-                beyond = ~held & ((q + right < lower - 1e-9) | (q + right > upper + 1e-9))
-                if not beyond.any():
-                    break
-                held |= beyond
-                move = np.where(beyond, np.clip(q + right, lower, upper) - q, move)
-            right *= np.minimum(1.0, TRUST / np.maximum(np.abs(right).max(axis=1, keepdims=True), 1e-300))
-            right[fixed] = 0.0
-            moved = q + right
-            left = self.settle(moved, targets)
-            lost = ~(left < SETTLED) | fixed
-            if self.valid is not None:
-                lost |= ~np.array([is_valid(self.valid, row) for row in moved])
-            moved[lost] = q[lost]
-            gone = np.abs(moved - q).max(initial=0.0)
-            q = moved
-            if gone < enough:
+            q = self._together(q, targets, fixed, power)
+            q = self._one_by_one(q, targets, fixed, power)
+            now = self._sum(q, power)
+            if now > before * (1 - ENOUGH):
                 break
+            before = now
+        return q
+
+    def _lengths(self, steps: Array) -> Array:
+        return np.asarray(np.sqrt(((steps * self.weights) ** 2).sum(axis=1)))
+
+    def _sum(self, q: Array, power: int) -> float:
+        return float((self._lengths(np.diff(q, axis=0)) ** power).sum())
+
+    def _together(self, q: Array, targets: Array, fixed: Flags, power: int) -> Array:
+        """One Gauss-Newton step of all poses."""
+        J = constraint_jacobian(self.problem, q)
+        J[:, :3] /= self.scale
+        steps = np.diff(q, axis=0)
+        lengths = self._lengths(steps)
+        usual = np.sqrt((lengths**2).mean() + 1e-18)
+        heavy = np.clip(lengths / usual, LIGHTEST, HEAVIEST) ** (power - 2)
+        coupling = np.zeros_like(q)
+        coupling[:-1] = heavy[:, None] * self.weights**2
+        blocks = np.matmul(np.swapaxes(J, 1, 2), J)
+        blocks *= STIFF * heavy.max() * float((self.weights**2).mean())
+        diagonal = np.arange(q.shape[1])
+        beside = coupling.copy()
+        beside[1:] += coupling[:-1]
+        blocks[:, diagonal, diagonal] += beside
+        pull = np.zeros_like(q)
+        pull[:-1] += coupling[:-1] * steps
+        pull[1:] -= coupling[:-1] * steps
+        held = np.repeat(fixed[:, None], q.shape[1], axis=1)
+        move, firm = np.zeros_like(q), HELD * heavy.max() * self.weights**2
+        step = move
+        for _ in range(ACTIVE):
+            system, step = blocks.copy(), np.where(held, firm * move, pull)
+            system[:, diagonal, diagonal] += np.where(held, firm, 0.0)
+            solve_band(system, coupling, step)
+            beyond = ~held & ((q + step < self.lower - 1e-9) | (q + step > self.upper + 1e-9))
+            if not beyond.any():
+                break
+            held |= beyond
+            move = np.where(beyond, np.clip(q + step, self.lower, self.upper) - q, move)
+        step *= np.minimum(1.0, TRUST / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-300))
+        step[fixed] = 0.0
+        before = self._sum(q, power)
+        for share in SHARES:
+            moved = q + share * step
+            lost = ~self.settle(moved, targets) | fixed
+            moved[lost] = q[lost]
+            if self._sum(moved, power) < before:
+                return moved
+        return q
+
+    def _one_by_one(self, q: Array, targets: Array, fixed: Flags, power: int) -> Array:
+        """Put each pose half-way between its neighbours, where that makes its two steps better."""
+        q = q.copy()
+        for first in (1, 2):
+            rows = np.arange(first, len(q) - 1, 2)
+            rows = rows[~fixed[rows]]
+            if not len(rows):
+                continue
+            before, here, after = q[rows - 1], q[rows], q[rows + 1]
+            middle = (before + after) / 2
+            there = self.settle(middle, np.ascontiguousarray(targets[rows]))
+            now = self._lengths(here - before) ** power + self._lengths(after - here) ** power
+            then = self._lengths(middle - before) ** power + self._lengths(after - middle) ** power
+            better = there & (then < now)
+            q[rows[better]] = middle[better]
         return q

@@ -1,104 +1,231 @@
-"""Arms with joints to spare: samples of the answers at some poses, the best way through them, then all poses at once.
+"""Arms with joints to spare: many branches followed side by side, the best way from one to another, then all poses at once.
 
-Samples stand at poses that the hand reaches after moving `APART`, for between them the answers move little. The way through
-them with the least sum of squared steps says on which side of everything the arm passes; it is filled in between, every pose
-is brought onto its target, and the self-motion of all of them is smoothed together. Where a step is still too large, more
-samples are taken there.
+At the first pose answers are sampled all over the self-motion. Each is followed with the least motion of the joints to the
+next of some evenly spread poses; there a few fresh samples join them, and those that have come together go on as one. From
+where a branch leads to what stands near it at the same pose there is a way along the self-motion. So the best way through all
+of them (see `kernels.paths.programme`) keeps to branches, and changes from one to another sideways, by little at a time. What it
+leaves of corners is smoothed away afterwards, for all poses together. Where a step is still too large, everything is tried
+again with more samples.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
-from dataclasses import replace
-from itertools import pairwise
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import BranchIndex, index_of
+from kinseek.branches.order import is_valid
 from kinseek.branches.result import answers_of
-from kinseek.deadline import Deadline
-from kinseek.kernels.paths.programme import SQUARES
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.paths.programme import SQUARES, STRAIGHT, best_way
+from kinseek.kernels.paths.trace import trace
 from kinseek.problem import Problem
 from kinseek.robots.geometry import arm_length
+from kinseek.solvers import Atlas
 from kinseek.solvers.atlas.index import wanted_of
-from kinseek.solvers.threads import GoOn, spread
 
 from .asked import Asked
 from .between import apart
-from .ends import best_valid, fill_missed, with_ends
 from .joints import Turning
-from .layers import Layers
-from .nodes import Programme
 from .smooth import Smoother
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+Advance = Callable[[int], object]
 
-COUNT = 60
-"""Samples of the answers to a pose."""
+ATTEMPTS = ((10, 48, 16, 80), (5, 150, 80, 240))
+"""Of each attempt: poses from one layer to the next, samples at the first, fresh ones at the others, branches at most."""
 
-APART = 0.25
-"""The hand turns by so much [rad], or moves by as much of a third of the arm's length, between two sampled poses."""
+APART = 1.0
+"""The hand turns by so much [rad], or moves by as much of a third of the arm's length, between two layers at most, unless they
+are a quarter as far apart as usual already."""
 
-FARTHEST = 25
-"""Poses at most between two sampled ones."""
+SIDEWAYS = 0.4
+"""A way along the self-motion leads so far in every joint [rad or m] at most; what is farther off is another branch."""
 
-MORE, DENSER = 200, 0.5
-"""Samples of a second attempt, and the share of the distance between sampled poses."""
+TOGETHER = 0.1
+"""Branches this close [rad or m] in every joint go on as one."""
 
-COARSE, FINE = 12, 6
-"""Passes of smoothing at most over the sampled poses, and over all."""
+LEAPS = 0.5
+"""A branch ends where a joint goes farther than this from pose to pose [rad or m]."""
+
+PASSES = ((8, 2), (8, 6))
+"""Passes of smoothing at most, and the power of the steps' lengths whose sum they make small."""
 
 
-def sampled_poses(problem: Problem, apart_by: float) -> Indices:
-    """Numbers of the poses at which answers are sampled, the first and the last among them."""
-    poses = np.zeros((len(problem.goal.targets), 4, 4))
-    poses[:, :3], poses[:, 3, 3] = problem.goal.targets, 1.0
-    if len(poses) == 1:
+@dataclass(frozen=True)
+class Tracks:
+    """Branches from one layer to the next."""
+
+    nodes: list[Array]
+    """Answers at each layer, (k, n)."""
+    ways: list[Array]
+    """Where they go from there, pose by pose, the next layer included, (poses, k, n)."""
+    alive: list[Flags]
+    """Do they get there? (k,)"""
+
+
+def layers_of(problem: Problem, every: int) -> Indices:
+    """Numbers of the poses at which there are layers, the first and the last among them."""
+    last = len(problem.goal.targets) - 1
+    if not last:
         return np.zeros(1, dtype=np.int64)
+    poses = np.zeros((last + 1, 4, 4))
+    poses[:, :3], poses[:, 3, 3] = problem.goal.targets, 1.0
     distance, turn = apart(poses[:-1], poses[1:])
-    way = np.concatenate([[0.0], np.cumsum(distance * 3 / arm_length(problem.chain) + turn)])
-    marks = np.floor(way / apart_by)
-    places = np.flatnonzero(np.diff(marks) > 0) + 1
-    keys = {0, len(poses) - 1, *places.tolist()}
-    ordered = sorted(keys)
-    for a, b in pairwise(ordered):
-        keys |= set(range(a, b, FARTHEST))
-    return np.array(sorted(keys), dtype=np.int64)
+    way = float((distance / arm_length(problem.chain) * 3 + turn).sum())
+    parts = np.clip(way / APART, last / every, last * 4 / every)
+    return np.unique(np.round(np.linspace(0, last, int(np.ceil(parts)) + 1)).astype(np.int64))
 
 
-def sampled_layers(
-    problem: Problem, keys: Indices, count: int, threads: int | None, advance: Callable[[int], object]
-) -> Layers:
-    """Spread samples of the answers to some targets, inside the limits."""
-    index: BranchIndex = index_of(problem)
-    wanted, dof = wanted_of(problem.goal), problem.chain.dof
-    rows: list[Array] = [np.zeros((0, dof))] * len(keys)
-    targets = np.zeros((len(keys), 4, 4))
-    targets[:, :3], targets[:, 3, 3] = problem.goal.targets[keys], 1.0
+class Sampler:
+    """Samples and follows the answers of one arm with joints to spare."""
 
-    def work(begin: int, end: int, go_on: GoOn) -> None:
-        for k in range(begin, end):
-            if not go_on():
-                return
-            found = index.search(wanted, targets[k], index.view, count)
-            if len(found):
-                rows[k] = answers_of(found, dof).q
+    def __init__(self, asked: Asked) -> None:
+        """Build what the arm needs once."""
+        problem = asked.problem
+        self.asked, self.problem, self.dof = asked, problem, problem.chain.dof
+        self.index: BranchIndex = index_of(problem)
+        self.wanted, self.turning = wanted_of(problem.goal), Turning(problem.chain)
+        self.rows = np.ascontiguousarray(problem.goal.targets)
 
-    spread(work, len(keys), 8, threads, Deadline(), advance)
-    counts = np.array([len(row) for row in rows], dtype=np.int64)
-    q = np.zeros((len(keys), max(int(counts.max(initial=1)), 1), dof))
-    for k, row in enumerate(rows):
-        q[k, : len(row)] = row
-    return Layers(Turning(problem.chain).first_turn(q), counts)
+    def sample(self, i: int, count: int) -> Array:
+        """Answers to target i, well spread, (k, n)."""
+        target = np.eye(4)
+        target[:3] = self.rows[i]
+        rows = self.index.search(self.wanted, target, self.index.view, count)
+        found = answers_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
+        return self.allowed(found)
 
+    def allowed(self, q: Array) -> Array:
+        """Those answers, (k, n), in the first turn, that lie inside the limits and that `valid` takes."""
+        first = self.turning.first_turn(q)
+        inside = self.turning.inside(first)
+        if self.asked.valid is not None:
+            lower, upper = self.turning.open_lower, self.turning.open_upper
+            inside &= np.array(
+                [is_valid(self.asked.valid, np.clip(row, lower, upper)) for row in first], dtype=np.bool_
+            )
+        return np.asarray(first[inside])
 
-def filled(q: Array, keys: Indices, count: int) -> Array:
-    """Joint values for all poses from those at some, straight in between, (count, n)."""
-    numbers = np.arange(count)
-    return np.stack([np.interp(numbers, keys, column) for column in q.T], axis=1)
+    def follow(self, answers: Array, begin: int, end: int) -> tuple[Array, Flags]:
+        """Where answers to target `begin`, (k, n), go until target `end`, (poses, k, n), and whether they get there."""
+        ways, alive = (
+            np.zeros((end - begin + 1, len(answers), self.dof)),
+            np.zeros(len(answers), dtype=np.bool_),
+        )
+        longest = np.full(self.dof, LEAPS)
+        for first in range(0, len(answers), LANES):
+            some = answers[first : first + LANES]
+            q, ends = np.zeros((end - begin + 1, LANES, self.dof)), np.zeros(LANES, dtype=np.int64)
+            q[0, : len(some)] = some
+            trace(
+                self.index.fine.handle,
+                self.wanted,
+                self.rows[begin : end + 1],
+                0,
+                end - begin,
+                len(some),
+                longest,
+                q,
+                ends,
+                LANES,
+            )
+            ways[:, first : first + len(some)] = q[:, : len(some)]
+            alive[first : first + len(some)] = ends[: len(some)] == end - begin
+        return ways, alive
+
+    def tracks(self, keys: Indices, count: int, fresh: int, most: int, advance: Advance) -> Tracks:
+        """Branches from layer to layer."""
+        first = (
+            self.sample(0, count)
+            if self.asked.start is None
+            else self.turning.first_turn(self.asked.start[None])
+        )
+        made = Tracks([self._some(first, 0)], [], [])
+        for begin, end in zip(keys[:-1].tolist(), keys[1:].tolist(), strict=True):
+            ways, alive = self.follow(made.nodes[-1], begin, end)
+            if end == keys[-1] and self.asked.end is not None:
+                nodes = self.turning.first_turn(self.asked.end[None])
+            else:
+                arrived = self.allowed(ways[-1, alive])
+                _, one_each = np.unique(np.floor(arrived / TOGETHER), axis=0, return_index=True)
+                kept = arrived[np.sort(one_each)]
+                # Evenly taken out of all where they are too many.
+                kept = kept[np.unique(np.linspace(0, len(kept) - 1, min(len(kept), most)).astype(np.int64))]
+                nodes = np.concatenate([kept, self.sample(end, fresh)])
+            made.nodes.append(self._some(nodes, end))
+            made.ways.append(ways)
+            made.alive.append(alive)
+            advance(end - begin)
+        return made
+
+    def _some(self, nodes: Array, i: int) -> Array:
+        """The nodes, or where there are none the nearest that the atlas finds."""
+        if len(nodes):
+            return nodes
+        goal = self.problem.goal.at(self.problem.goal.target[i])
+        return self.turning.first_turn(Atlas().solve(Problem(self.problem.mechanism, goal)).q[None])
+
+    def best(self, made: Tracks, keys: Indices, weights: Array) -> Array:
+        """The best way through tracks, pose by pose, (N, n)."""
+        turning, width = self.turning, max(map(len, made.nodes))
+        # One more column holds what it costs to follow a branch: its difference from where it leads is the root of that.
+        q, ahead = np.zeros((2, len(keys), width, self.dof + 1))
+        count = np.array([len(nodes) for nodes in made.nodes])
+        for k, nodes in enumerate(made.nodes):
+            q[k, : len(nodes), :-1] = nodes
+            if k < len(made.ways):
+                steps = np.diff(made.ways[k], axis=0) * weights
+                ahead[k, : len(nodes), :-1] = made.ways[k][-1]
+                ahead[k, : len(nodes), -1] = np.sqrt((steps**2).sum(axis=(0, 2)))
+                # No step leads on from a branch that has ended.
+                ahead[k, : len(nodes), -1][~made.alive[k]] = np.inf
+        longest = np.full(self.dof + 1, 1e6)
+        longest[:-1] = np.where(np.isinf(self.asked.longest.max(axis=0)), 1e6, SIDEWAYS)
+        path, told = np.zeros(len(keys), dtype=np.int64), np.zeros(len(keys))
+        nothing = np.zeros((0, 0))
+        best_way(
+            q,
+            ahead,
+            count,
+            np.append(turning.lower, -1.0),
+            np.append(turning.upper, 1.0),
+            np.append(turning.kind, STRAIGHT),
+            np.append(turning.copies, 1),
+            longest[None],
+            np.append(weights, 1.0),
+            SQUARES,
+            nothing,
+            nothing.astype(np.bool_),
+            np.zeros((0, 3), dtype=np.int64),
+            np.array([self._turned(self.asked.start), self._turned(self.asked.end)]),
+            path,
+            told,
+        )
+        return self._filled(made, keys, path, told)
+
+    def _turned(self, q: Array | None) -> int:
+        return -1 if q is None else self.turning.turns_of(q)
+
+    def _filled(self, made: Tracks, keys: Indices, path: Indices, told: Array) -> Array:
+        """Along each branch, and sideways to the next evenly over all poses in between."""
+        total, rows = self.turning.total, []
+        answers, turns = path // total, path % total
+        chosen = np.array([nodes[a] for nodes, a in zip(made.nodes, answers, strict=True)])
+        values = self.turning.node_values(chosen, turns)
+        for k, ways in enumerate(made.ways):
+            way = ways[:, answers[k]] + (values[k] - chosen[k])
+            if not told[k + 1]:
+                sideways = self.turning.step(values[k + 1] - way[-1])
+                way = way + np.linspace(0, 1, len(way))[:, None] * sideways
+            rows.append(way[:-1])
+        return self.turning.unwrapped(np.concatenate([*rows, values[-1:]]))
 
 
 def unbroken(asked: Asked, q: Array) -> Flags:
@@ -106,11 +233,9 @@ def unbroken(asked: Asked, q: Array) -> Flags:
     return np.asarray((np.abs(np.diff(q, axis=0)) <= asked.longest).all(axis=1))
 
 
-def follow_samples(
-    asked: Asked, threads: int | None, advance: Callable[[int], object]
-) -> tuple[Array, Indices]:
+def follow_samples(asked: Asked, threads: int | None, advance: Advance) -> tuple[Array, Indices]:
     """Joint values for every pose of a path that leaves joints to spare, (N, n), and its breaks."""
-    q = _open_way(asked, threads, advance)
+    q = _open_way(asked, advance)
     if not asked.closed or len(q) == 1:
         return q, np.flatnonzero(~unbroken(asked, q))
     goal, best = asked.problem.goal, None
@@ -119,11 +244,11 @@ def follow_samples(
     if len(longest) > 1:
         longest = np.concatenate([longest, longest[-1:]])
     # One more pose leads back: to where the open way begins, or on from where it ends.
-    for start in [q[0], q[-1].copy()] if asked.start is None else [asked.start]:
+    for start in [q[0], q[-1]] if asked.start is None else [asked.start]:
         row = np.ascontiguousarray(start[None])
-        Smoother(asked.problem, asked.weights).settle(row, np.ascontiguousarray(goal.targets[:1]))
+        _smoother(asked).settle(row, np.ascontiguousarray(goal.targets[:1]))
         round_trip = replace(asked, problem=around, longest=longest, start=row[0], end=row[0], closed=False)
-        way = _open_way(round_trip, threads, _silent)
+        way = _open_way(round_trip, _silent)
         if best is None or _faults(round_trip, way) < _faults(round_trip, best):
             best = way
     assert best is not None
@@ -131,11 +256,20 @@ def follow_samples(
     return best[:-1], np.flatnonzero((np.abs(gaps) > longest).any(axis=1))
 
 
-def _open_way(asked: Asked, threads: int | None, advance: Callable[[int], object]) -> Array:
+def _silent(done: int) -> None:
+    pass
+
+
+def _smoother(asked: Asked) -> Smoother:
+    weights = asked.weights if asked.velocity is None else asked.weights / asked.velocity
+    return Smoother(asked.problem, weights / weights.max(), asked.valid)
+
+
+def _open_way(asked: Asked, advance: Advance) -> Array:
     """The better of two attempts, the second with more samples, if the first breaks."""
     best: Array | None = None
-    for count, dense in ((COUNT, 1.0), (MORE, DENSER)):
-        q = _attempt(asked, count, dense, threads, advance if best is None else _silent)
+    for attempt in ATTEMPTS:
+        q = _attempt(asked, attempt, advance if best is None else _silent)
         if best is None or _faults(asked, q) < _faults(asked, best):
             best = q
         if not _faults(asked, best)[0]:
@@ -144,50 +278,36 @@ def _open_way(asked: Asked, threads: int | None, advance: Callable[[int], object
     return best
 
 
-def _silent(done: int) -> None:
-    pass
-
-
 def _faults(asked: Asked, q: Array) -> tuple[int, float]:
     """Breaks, and the sum of the squared steps."""
     return int((~unbroken(asked, q)).sum()), float((np.diff(q, axis=0) ** 2).sum())
 
 
-def _attempt(
-    asked: Asked, count: int, dense: float, threads: int | None, advance: Callable[[int], object]
-) -> Array:
-    problem, total = asked.problem, len(asked.problem.goal.targets)
-    keys = sampled_poses(problem, APART * dense)
-    layers = sampled_layers(problem, keys, count, threads, advance)
-    part = replace(asked, problem=Problem(problem.mechanism, problem.goal.at(problem.goal.target[keys])))
-    layers, ends = with_ends(part, fill_missed(part.problem, layers, threads))
-    programme = Programme(part, layers, SQUARES)
-    everything = np.full((1, problem.chain.dof), np.inf)
-    programme.asked = replace(part, longest=everything, closed=False)
-    q, _ = best_valid(programme, ends)
-    smoother = Smoother(problem, asked.weights, asked.valid)
-    return _completed(asked, smoother, q, keys, total)
-
-
-def _completed(asked: Asked, smoother: Smoother, q: Array, keys: Indices, total: int) -> Array:
-    """Fill in between sampled poses and smooth, first as a whole, then, where it jumps, every stretch by itself."""
-    targets = np.ascontiguousarray(asked.problem.goal.targets)
-    ends = np.zeros(total, dtype=np.bool_)
-    ends[0], ends[-1] = asked.start is not None, asked.end is not None
-    coarse = smoother.smooth(q, targets[keys], COARSE, ends[keys])
-    whole = filled(coarse, keys, total)
-    smoother.settle(whole, targets)
-    whole = smoother.smooth(whole, targets, FINE, ends)
-    jumps = np.flatnonzero(~unbroken(asked, whole))
+def _attempt(asked: Asked, attempt: tuple[int, int, int, int], advance: Advance) -> Array:
+    every, count, fresh, most = attempt
+    smoother, sampler = _smoother(asked), Sampler(asked)
+    keys = layers_of(asked.problem, every)
+    q = sampler.best(sampler.tracks(keys, count, fresh, most, advance), keys, smoother.weights)
+    targets = sampler.rows
+    if asked.start is not None:
+        q[0] = asked.start
+    if asked.end is not None:
+        q[-1] = asked.end
+    fixed = np.zeros(len(q), dtype=np.bool_)
+    fixed[0], fixed[-1] = asked.start is not None, asked.end is not None
+    moved = q.copy()
+    smoother.settle(moved, targets)
+    moved[fixed] = q[fixed]
+    q = moved
+    for passes, power in PASSES:
+        q = smoother.smooth(q, targets, passes, fixed, power)
+    jumps = np.flatnonzero(~unbroken(asked, q))
     if not len(jumps):
-        return whole
-    # A jump pulls at both sides of it: each stretch is smoothed again from what the samples gave.
-    rough = filled(q, keys, total)
-    smoother.settle(rough, targets)
-    cuts = [0, *(int(i) + 1 for i in jumps), total]
-    parts = []
-    for a, b in pairwise(cuts):
-        part = whole[a:b]
-        parts.append(smoother.smooth(part, targets[a:b], COARSE + FINE, ends[a:b]) if b - a > 1 else part)
-    apart_q = np.concatenate(parts)
-    return min(whole, apart_q, key=lambda some: _faults(asked, some))
+        return q
+    # A jump pulls at both sides of it: each stretch between two is smoothed by itself.
+    cuts = [0, *(int(i) + 1 for i in jumps), len(q)]
+    for a, b in itertools.pairwise(cuts):
+        part = np.ascontiguousarray(targets[a:b])
+        for passes, power in PASSES:
+            q[a:b] = smoother.smooth(q[a:b], part, passes, fixed[a:b], power)
+    return q

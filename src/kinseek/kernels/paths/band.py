@@ -27,31 +27,31 @@ def invert(A: Array) -> None:
                 A[i, j] -= factor * A[k, j]
 
 
-@entry(blocks=F64["k", "n", "n"].out, coupling=F64["n"], x=F64["k", "n"].out)
+@entry(blocks=F64["k", "n", "n"].out, coupling=F64["k", "n"], x=F64["k", "n"].out)
 def solve_band(blocks: Array, coupling: Array, x: Array) -> None:
-    """Solve ``-c x[i-1] + B[i] x[i] - c x[i+1] = b[i]`` for all rows of x, block by block (Thomas 1949).
+    """Solve ``-c[i-1] x[i-1] + B[i] x[i] - c[i] x[i+1] = b[i]`` for all rows of x, block by block (Thomas 1949).
 
     Args:
         blocks: Symmetric blocks on the diagonal, (k, n, n); used up.
-        coupling: c, the diagonal of all blocks beside it, (n,).
+        coupling: c, the diagonals of the blocks beside it, (k, n); the last row says nothing.
         x: b, (k, n), replaced by the solution.
     """
-    n = len(coupling)
+    n = x.shape[1]
     for i in range(len(x)):
         if i > 0:
             for r in range(n):
                 for c in range(n):
-                    blocks[i, r, c] -= coupling[r] * blocks[i - 1, r, c] * coupling[c]
+                    blocks[i, r, c] -= coupling[i - 1, r] * blocks[i - 1, r, c] * coupling[i - 1, c]
                 total = 0.0
                 for c in range(n):
                     total += blocks[i - 1, r, c] * x[i - 1, c]
-                x[i, r] += coupling[r] * total
+                x[i, r] += coupling[i - 1, r] * total
         invert(blocks[i])
     y, last = np.empty(n), len(x) - 1
     for back in range(len(x)):
         i = last - back
         for r in range(n):
-            y[r] = x[i, r] + (coupling[r] * x[i + 1, r] if i < last else 0.0)
+            y[r] = x[i, r] + (coupling[i, r] * x[i + 1, r] if i < last else 0.0)
         for r in range(n):
             total = 0.0
             for c in range(n):

@@ -64,6 +64,7 @@ def moved_turns(
 @entry(
     returns=I64,
     q=F64["k", "width", "n"],
+    ahead=F64["k", "width", "n"],
     count=I64["k"],
     lower=F64["n"],
     upper=F64["n"],
@@ -81,6 +82,7 @@ def moved_turns(
 )
 def best_way(
     q: Array,
+    ahead: Array,
     count: Indices,
     lower: Array,
     upper: Array,
@@ -100,6 +102,8 @@ def best_way(
 
     Args:
         q: Answers to each pose, those of COPIED joints in the first turn of their range, (k, width, n).
+        ahead: Where each answer leads by itself at the next pose, (k, width, n): steps are counted from there. Where answers
+            are isolated, q itself.
         count: How many there are, (k,).
         lower: Limits, (n,).
         upper: (n,)
@@ -170,9 +174,14 @@ def best_way(
         row = min(i - 1, len(longest) - 1) if i > 0 else 0
         for a in range(count[i - 1] if before >= 0 else 0):
             for b in range(count[i]):
+                if total == 1 and mode != GIVEN:
+                    # No step makes the sum less.
+                    worse = fault_before[a] > fault[b]
+                    if worse or (fault_before[a] == fault[b] and sums_before[a] >= sums[b]):
+                        continue
                 cost, close, turned = 0.0, True, False
                 for j in range(dof):
-                    gap = q[i, b, j] - q[i - 1, a, j]
+                    gap = q[i, b, j] - ahead[i - 1, a, j]
                     turns[j] = 0
                     if turning[j] != STRAIGHT:
                         whole = np.rint(gap / (2.0 * math.pi))
@@ -212,7 +221,11 @@ def best_way(
             if fault[node] < 0:
                 continue
             first = best[i] < 0
-            if first or fault[node] < fault[best[i]] or (fault[node] == fault[best[i]] and sums[node] < sums[best[i]]):
+            if (
+                first
+                or fault[node] < fault[best[i]]
+                or (fault[node] == fault[best[i]] and sums[node] < sums[best[i]])
+            ):
                 best[i] = node
         for node in range(nodes):
             fault_before[node], sums_before[node] = fault[node], sums[node]
@@ -234,7 +247,7 @@ def best_way(
         place = a * total + s
         for j in range(dof):
             if turning[j] == COPIED:
-                place += units[j] * int(np.rint((q[i, b, j] - q[i - 1, a, j]) / (2.0 * math.pi)))
+                place += units[j] * int(np.rint((q[i, b, j] - ahead[i - 1, a, j]) / (2.0 * math.pi)))
         node = place
     told[0] = cost
     return breaks

@@ -1,0 +1,285 @@
+"""Paths: are they followed without a break, with what steps, and at what cost?
+
+Made paths: random smooth curves of joint values, four harmonics over 98 % of every range, 1,000 poses; so a motion without a
+break exists, and its largest step is known. Tasks of the field: lines of 0.4 m and circles of 0.15 m of 500 poses, rasters of
+11 rows and 2,000 poses whose turn about the tool is free; random placements whose poses are all reachable, followed with
+steps below 0.2 rad from no start at all. Servoing: lines and circles at 100 Hz, joints at most 1.5 rad/s. Times are wall
+times of one thread; memory is what a path of 4,000 poses adds to the process beyond one of 1,000, per pose.
+
+    python -m benchmarks.paths                      # writes paths.md beside this file
+    python -m benchmarks.paths ur5e panda --paths 10 --placements 5
+    python -m benchmarks.paths --quick              # a few of each, printed and not written
+"""
+
+from __future__ import annotations
+
+import time
+import tracemalloc
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek.robots import catalog_names
+
+from .command import at_least_one, command, writes
+from .page import Page
+
+Array = NDArray[np.float64]
+
+HERE = Path(__file__).resolve().parent
+
+POSES, HARMONICS, SHARE, WITHIN = 1000, 4, 0.98, 1.5
+"""Poses and harmonics of a made path, the share of the ranges that it uses, and how much larger a step may be than its own."""
+
+TASK_ARMS, LARGEST = ("ur5e", "panda"), 0.2
+"""Arms of the field's tasks, and the largest step there [rad]."""
+
+
+@dataclass(frozen=True)
+class Made:
+    """Made paths of one arm."""
+
+    arm: str
+    joints: int
+    paths: int
+    unbroken: int
+    within: int
+    """Followed without a break and with steps at most `WITHIN` times those of the maker."""
+    ratio: float
+    """Largest of the steps beside the maker's."""
+    cost: float
+    """[µs] a waypoint, median of the paths"""
+    memory: float
+    """[bytes] a pose"""
+    misses: list[str]
+
+
+@dataclass(frozen=True)
+class Task:
+    """One kind of the field's tasks."""
+
+    arm: str
+    kind: str
+    placements: int
+    followed: int
+    travel: float
+    """Median length of the way of the joints of those that were followed [rad]."""
+    cost: float
+    """[µs] a waypoint, median"""
+    misses: list[str]
+
+
+@dataclass(frozen=True)
+class Servoing:
+    """A tracker on lines and circles."""
+
+    arm: str
+    tasks: int
+    median: float
+    """[µs]"""
+    p99: float
+    """[µs]"""
+    followed: int
+    """Never farther off than 1 mm and 0.01 rad."""
+    fast: int
+    """Tasks in which a joint was faster than allowed."""
+
+
+def arm_of(name: str) -> kinseek.Arm:
+    """A bundled arm, or one from a file."""
+    return kinseek.load(name)
+
+
+def curve(arm: kinseek.Arm, count: int, seed: int) -> Array:
+    """A random smooth curve of joint values, (count, n)."""
+    rng, s, q = np.random.default_rng(seed), np.linspace(0.0, 1.0, count), np.zeros((count, arm.dof))
+    for h in range(1, HARMONICS + 1):
+        a, b = rng.normal(size=(2, arm.dof))
+        q += (np.cos(2 * np.pi * h * s)[:, None] * a + np.sin(2 * np.pi * h * s)[:, None] * b) / h
+    low, high = q.min(axis=0), q.max(axis=0)
+    middle, half = (arm.lower + arm.upper) / 2, (arm.upper - arm.lower) / 2
+    return np.asarray(middle + SHARE * half * (2 * (q - low) / (high - low) - 1))
+
+
+def holds(arm: kinseek.Arm, path: kinseek.Path, T: Array) -> bool:
+    """Does the path keep what it says: the poses to 1e-6, by FK alone, and the limits?"""
+    poses = arm.fk(path.q)
+    place = np.linalg.norm(poses[:, :3, 3] - T[:, :3, 3], axis=1)
+    turn = np.linalg.norm(poses[:, :3, :3] - T[:, :3, :3], axis=(1, 2)) / np.sqrt(2)
+    endless = np.array([kind == "continuous" for kind in arm.chain.kinds])
+    inside = ((path.q >= arm.lower) & (path.q <= arm.upper) | endless).all()
+    return bool(inside and (place <= 1e-6).all() and (turn <= 1e-6).all())
+
+
+def measure_made(name: str, paths: int, poses: int) -> Made:
+    """Follow made paths of one arm."""
+    arm = arm_of(name)
+    arm.follow(arm.fk(curve(arm, 40, 10**6)), threads=1)
+    unbroken, within, ratios, times, misses = 0, 0, [], [], []
+    for seed in range(paths):
+        q = curve(arm, poses, seed)
+        T = arm.fk(q)
+        began = time.perf_counter()
+        path = arm.follow(T, threads=1)
+        times.append((time.perf_counter() - began) / poses * 1e6)
+        ratio = float((path.largest_step / np.abs(np.diff(q, axis=0)).max()).max())
+        good = path.success and holds(arm, path, T)
+        unbroken += good
+        within += good and ratio <= WITHIN
+        ratios.append(ratio)
+        if not (good and ratio <= WITHIN):
+            misses.append(
+                f"{name} {seed}: {path.status.name}, {len(path.breaks)} breaks, steps × {ratio:.2f}"
+            )
+    memory = memory_of(arm)
+    return Made(name, arm.dof, paths, unbroken, within, max(ratios), float(np.median(times)), memory, misses)
+
+
+def memory_of(arm: kinseek.Arm) -> float:
+    """What a pose adds to the most memory that Python and NumPy hold [bytes]."""
+    peaks = []
+    for count in (1000, 4000):
+        T = arm.fk(curve(arm, count, 0))
+        tracemalloc.start()
+        arm.follow(T, threads=1)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    return float(peaks[1] - peaks[0]) / 3000
+
+
+def placement(arm: kinseek.Arm, kind: str, rng: np.random.Generator) -> Array:
+    """Poses of one task somewhere in the arm's reach, all reachable."""
+    while True:
+        T0 = arm.fk(rng.uniform(arm.lower, arm.upper))
+        if kind == "line":
+            way = rng.normal(size=3)
+            offsets = np.linspace(0, 0.4, 500)[:, None] * way / np.linalg.norm(way)
+        elif kind == "circle":
+            angle = np.linspace(0, 2 * np.pi, 500)
+            offsets = 0.15 * np.stack([np.cos(angle) - 1, np.sin(angle), 0 * angle], axis=1) @ T0[:3, :3].T
+        else:
+            rows = []
+            for k, y in enumerate(np.linspace(0, 0.15, 11)):
+                x = np.linspace(0, 0.25, 182 if k < 9 else 181)
+                rows += [(each, y, 0.0) for each in (x if k % 2 == 0 else x[::-1])]
+            offsets = np.array(rows) @ T0[:3, :3].T
+        T = np.repeat(T0[None], len(offsets), axis=0)
+        T[:, :3, 3] += offsets
+        goal = asked(kind, T)
+        if arm.ik(goal.at(T[::25])).success.all() and arm.ik(goal).success.all():
+            return T
+
+
+def asked(kind: str, T: Array) -> kinseek.Goal:
+    """What a task asks for: on a raster the turn about the tool is free."""
+    return kinseek.Goal.pose(T, free="rz" if kind == "raster" else ())
+
+
+def measure_tasks(name: str, kind: str, placements: int) -> Task:
+    """Follow tasks of one kind."""
+    arm, rng = arm_of(name), np.random.default_rng(7)
+    followed, travels, times, misses = 0, [], [], []
+    for i in range(placements):
+        T = placement(arm, kind, rng)
+        began = time.perf_counter()
+        path = arm.follow(asked(kind, T), max_step=LARGEST, threads=1)
+        times.append((time.perf_counter() - began) / len(T) * 1e6)
+        followed += path.success
+        if path.success:
+            travels.append(path.length)
+        else:
+            misses.append(f"{name} {kind} {i}: {'; '.join(path.why[:2])}")
+    travel = float(np.median(travels)) if travels else np.nan
+    return Task(name, kind, placements, followed, travel, float(np.median(times)), misses)
+
+
+def measure_servoing(name: str, tasks: int) -> Servoing:
+    """Track lines and circles at 100 Hz."""
+    arm, rng, period = arm_of(name), np.random.default_rng(11), 0.01
+    times, followed, fast = [], 0, 0
+    for i in range(tasks):
+        T = placement(arm, "line" if i % 2 else "circle", rng)
+        tracker = arm.track(arm.ik(T[0]).q, period=period, velocity=1.5)
+        good, quick = True, False
+        before = tracker.q
+        for row in T:
+            began = time.perf_counter_ns()
+            answer = tracker.step(row)
+            times.append((time.perf_counter_ns() - began) / 1e3)
+            good = good and answer.position_error < 1e-3 and answer.orientation_error < 0.01
+            quick = quick or bool((np.abs(answer.q - before) > 1.5 * period).any())
+            before = answer.q
+        followed, fast = followed + good, fast + quick
+    return Servoing(name, tasks, float(np.median(times)), float(np.percentile(times, 99)), followed, fast)
+
+
+def page(made: list[Made], tasks: list[Task], servoing: list[Servoing]) -> Page:
+    """The page."""
+    page = Page("Paths", "benchmarks.paths")
+    page.say(
+        f"Made paths: {HARMONICS} harmonics over {SHARE:.0%} of the ranges. Followed: without a break, every pose to 1e-6 by FK",
+        f"alone, inside the limits; the next column with steps at most {WITHIN} times the maker's largest as well.",
+    )
+    page.table(
+        "arm | >joints | >paths | >followed | >and steps small | >largest ratio | >µs a waypoint | >bytes a pose",
+        [
+            (
+                m.arm,
+                m.joints,
+                m.paths,
+                m.unbroken,
+                m.within,
+                f"{m.ratio:.2f}",
+                f"{m.cost:.1f}",
+                f"{m.memory:.0f}",
+            )
+            for m in made
+        ],
+    )
+    page.head("Tasks")
+    page.table(
+        "arm | task | >placements | >followed | >joint travel, median rad | >µs a waypoint",
+        [(t.arm, t.kind, t.placements, t.followed, f"{t.travel:.2f}", f"{t.cost:.1f}") for t in tasks],
+    )
+    page.head("Servoing")
+    page.table(
+        "arm | >tasks | >median µs | >p99 µs | >followed to 1 mm, 0.01 rad | >too fast",
+        [(s.arm, s.tasks, f"{s.median:.1f}", f"{s.p99:.1f}", s.followed, s.fast) for s in servoing],
+    )
+    page.head("Missed")
+    page.items([text for one in (*made, *tasks) for text in one.misses])
+    return page
+
+
+def main() -> None:
+    """Measure, print as it goes, write the page."""
+    parser = command(__file__, __doc__)
+    parser.add_argument("arms", nargs="*", help="names or files; all bundled arms by default")
+    parser.add_argument("--paths", type=at_least_one, default=100, help="made paths an arm")
+    parser.add_argument("--placements", type=at_least_one, default=50, help="placements of each task")
+    parser.add_argument("--quick", action="store_true", help="a few of each; nothing is written")
+    writes(parser, "--output", HERE / "paths.md", "page to write")
+    options = parser.parse_args()
+    paths, placements, poses = (2, 2, 300) if options.quick else (options.paths, options.placements, POSES)
+    names = options.arms or (TASK_ARMS if options.quick else catalog_names())
+    made, tasks, servoing = [], [], []
+    for name in names:
+        made.append(measure_made(name, paths, poses))
+        print(made[-1], flush=True)
+    for name in TASK_ARMS:
+        if name not in names:
+            continue
+        for kind in ("line", "circle", "raster"):
+            tasks.append(measure_tasks(name, kind, placements))
+            print(tasks[-1], flush=True)
+        servoing.append(measure_servoing(name, 2 * placements))
+        print(servoing[-1], flush=True)
+    if not options.quick:
+        page(made, tasks, servoing).write(options.output)
+
+
+if __name__ == "__main__":
+    main()

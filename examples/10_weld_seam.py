@@ -1,0 +1,48 @@
+"""A weld seam around a cylinder: 600 poses of a torch, whose turn about its own axis is free within limits.
+
+Run: python examples/10_weld_seam.py [PICTURE]
+"""
+
+import sys
+
+import numpy as np
+
+import kinseek
+from kinseek import plots
+from kinseek.plots.arms import pyplot
+
+arm = kinseek.load("ur5e")
+
+# The seam runs once around a pipe that lies along y, 12 cm in radius; the torch points at the pipe's axis.
+angles = np.linspace(-1.2, 1.2, 600)
+seam = np.array(
+    [
+        kinseek.pose([0.45 + 0.12 * np.sin(a), 0.15 * a, 0.25 + 0.12 * np.cos(a)], rpy=[np.pi, 0, 0])
+        @ kinseek.pose([0, 0, 0], rpy=[0, a, 0])
+        for a in angles
+    ]
+)
+fixed = arm.follow(seam)
+loose = arm.follow(kinseek.Goal.pose(seam, box={"rz": (-0.6, 0.6)}))
+for name, path in (("torch as given", fixed), ("may turn by 0.6 rad", loose)):
+    print(f"{name:20} {path}")
+    print(f"{'':20} {path.status}")
+    print(
+        f"{'':20} between poses {path.deviation.distance * 1e3:.4f} mm, {path.deviation.turn:.5f} rad off the line"
+    )
+    for reason in path.why:
+        print(f"{'':20} {reason}")
+
+figure, both = pyplot().subplots(2, 1, figsize=(6.4, 5.2), sharex=True, layout="constrained")
+for j, joint in enumerate(arm.joint_names):
+    both[0].plot(loose.q[:, j], color=plots.COLOURS[j], label=joint.removesuffix("_joint"))
+    both[0].plot(fixed.q[:, j], color=plots.COLOURS[j], ls=":", lw=1)
+for i in fixed.breaks:
+    both[0].axvline(i + 0.5, color="k", lw=0.8)
+both[0].set(ylabel="joints [rad], dotted: torch as given", title="A weld seam on a pipe")
+both[0].legend(ncols=3, fontsize=7)
+both[1].plot(arm.manipulability(loose.q), label="may turn")
+both[1].plot(arm.manipulability(fixed.q), ls=":", label="as given")
+both[1].set(xlabel="pose", ylabel="manipulability, 0 at a singularity", ylim=(0, None))
+both[1].legend()
+print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "10_weld_seam.png"))

@@ -1,0 +1,345 @@
+"""`Arm.follow`: one motion through many poses, its breaks, and what it refuses."""
+
+from __future__ import annotations
+
+import itertools
+import pickle
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek import Goal, InvalidGoal, InvalidProblem, NotReached, PathInterrupted, PathStatus
+from kinseek.kernels.paths.band import solve_band
+from kinseek.kernels.paths.programme import COPIED, DISTANCE, STRAIGHT, best_way
+
+Array = NDArray[np.float64]
+
+
+def made(arm: kinseek.Arm, count: int, seed: int, harmonics: int = 2, share: float = 0.9) -> Array:
+    """A smooth curve of joint values inside the limits, (count, n)."""
+    rng, s, q = np.random.default_rng(seed), np.linspace(0.0, 1.0, count), np.zeros((count, arm.dof))
+    for h in range(1, harmonics + 1):
+        a, b = rng.normal(size=(2, arm.dof))
+        q += (np.cos(2 * np.pi * h * s)[:, None] * a + np.sin(2 * np.pi * h * s)[:, None] * b) / h
+    low, high = q.min(axis=0), q.max(axis=0)
+    middle, half = (arm.lower + arm.upper) / 2, (arm.upper - arm.lower) / 2
+    return np.asarray(middle + share * half * (2 * (q - low) / (high - low) - 1))
+
+
+def line(begin: Array, end: Array, count: int) -> Array:
+    """Poses of one orientation on a straight line."""
+    return np.array([kinseek.pose(row, rpy=[np.pi, 0, 0]) for row in np.linspace(begin, end, count)])
+
+
+@pytest.mark.parametrize("name", ["ur5e", "irb120", "jaco2_6", "so101", "panda"])
+def test_made_paths_are_followed(name: str) -> None:
+    arm = kinseek.load(name)
+    q = made(arm, 300, 5)
+    T = arm.fk(q)
+    path = arm.follow(T).require()
+    assert path.success
+    assert path.status is PathStatus.CONTINUOUS
+    assert not len(path.breaks)
+    assert path.why == ()
+    turned = np.array([kind == "continuous" for kind in arm.chain.kinds])
+    assert ((path.q >= arm.lower) & (path.q <= arm.upper) | turned).all()
+    assert np.abs(arm.fk(path.q) - T).max() < 2e-6
+    assert np.abs(np.diff(path.q, axis=0)).max() <= 1.5 * np.abs(np.diff(q, axis=0)).max()
+    assert (np.abs(np.diff(path.q, axis=0)).max(axis=0) == path.largest_step).all()
+    assert path.deviation.distance < 0.02
+
+
+def brute(q: list[Array], longest: float) -> tuple[int, float]:
+    """Fewest breaks, and then the least distance, by trying all ways."""
+    best = (len(q), np.inf)
+    for nodes in itertools.product(*[range(len(row)) for row in q]):
+        rows = np.array([q[i][k] for i, k in enumerate(nodes)])
+        steps = np.diff(rows, axis=0)
+        broken = np.abs(steps).max(axis=1) > longest
+        best = min(best, (int(broken.sum()), float(np.linalg.norm(steps[~broken], axis=1).sum())))
+    return best
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_programme_agrees_with_trying_all_ways(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(0.0, 7.0, (5, 2, 2))
+    lower, upper = np.array([0.0, 0.0]), np.array([7.0, 9.0])
+    turn = 2 * np.pi
+    q[..., 1] %= turn
+    every = []
+    for rows in q:
+        copies = [[row[0], row[1] + k * turn] for row in rows for k in range(2) if row[1] + k * turn <= 9.0]
+        every.append(np.array(copies))
+    path, told, nothing = np.zeros(5, dtype=np.int64), np.zeros(5), np.zeros((0, 0))
+    breaks = best_way(
+        q,
+        q,
+        np.full(5, 2),
+        lower,
+        upper,
+        np.array([STRAIGHT, COPIED]),
+        np.array([1, 2]),
+        np.array([[2.5, 2.5]]),
+        np.ones(2),
+        DISTANCE,
+        nothing,
+        nothing.astype(bool),
+        np.zeros((0, 3), dtype=np.int64),
+        np.array([-1, -1]),
+        path,
+        told,
+    )
+    fewest, least = brute(every, 2.5)
+    assert breaks == fewest
+    assert told[0] == pytest.approx(least)
+    values = np.array([q[i, node // 2] + [0.0, turn * (node % 2)] for i, node in enumerate(path)])
+    broken = np.abs(np.diff(values, axis=0)).max(axis=1) > 2.5
+    assert broken.sum() == breaks
+    assert (broken == (told[1:] > 0)).all()
+
+
+def test_the_band_is_solved() -> None:
+    rng = np.random.default_rng(0)
+    count, n = 6, 3
+    blocks = np.array([8 * np.eye(n) + (lambda A: A @ A.T)(rng.normal(size=(n, n))) for _ in range(count)])
+    coupling, right = rng.uniform(0.5, 2.0, size=(2, count, n))
+    whole = np.zeros((count * n, count * n))
+    for i in range(count):
+        here = slice(i * n, i * n + n)
+        whole[here, here] = blocks[i]
+        if i:
+            before = slice(i * n - n, i * n)
+            whole[here, before] = whole[before, here] = -np.diag(coupling[i - 1])
+    expected = np.linalg.solve(whole, right.ravel()).reshape(count, n)
+    solve_band(blocks, coupling, right)
+    assert np.allclose(right, expected, rtol=0, atol=1e-13)
+
+
+def test_a_limit_that_breaks_a_path_is_named() -> None:
+    arm = kinseek.load("ur5e")
+    q = np.repeat([[0.3, -1.2, 1.5, -1.0, 1.4, 0.2]], 60, axis=0)
+    q[:, 0] = np.linspace(-0.6, 0.6, 60)
+    narrow = arm.with_limits({"shoulder_pan_joint": (-0.5, 0.5)})
+    path = narrow.follow(arm.fk(q))
+    assert path.status in (PathStatus.UNREACHABLE, PathStatus.BROKEN)
+    assert path.why
+    assert not path.success
+    with pytest.raises(NotReached) as caught:
+        path.require()
+    assert caught.value.solution is path
+    # A turn of the base that no other branch of the arm can make: the limit itself is what stands in the way.
+    one = kinseek.Arm.from_dh([(0.3, 0, 0, 0), (0.2, 0, 0, 0)], [-3, -3], [3, 3], name="two links")
+    T = one.fk(np.stack([np.linspace(2.0, 4.0, 80), np.full(80, 0.8)], axis=1))
+    path = one.follow(T)
+    assert path.status is PathStatus.BROKEN
+    assert len(path.breaks) == 1
+    assert "limit 3" in path.why[0] or "limit -3" in path.why[0]
+
+
+def test_breaks_are_as_few_as_with_all_branches_at_every_pose() -> None:
+    arm = kinseek.load("irb120")
+    for seed in range(3):
+        T = arm.fk(made(arm, 60, seed, 4, 0.98))
+        jump = arm.fk(made(arm, 30, seed + 50))
+        T = np.concatenate([T, jump])
+        path = arm.follow(T, max_step=0.4)
+        layers = [np.asarray(arm.branches(row).q) for row in T]
+        fewest = np.zeros(len(layers[0]))
+        for before, after in itertools.pairwise(layers):
+            far = np.abs(after[:, None] - before[None]).max(axis=-1) > 0.4
+            fewest = (fewest[None] + far).min(axis=1)
+        assert len(path.breaks) == fewest.min()
+        assert (np.abs(np.diff(path.q, axis=0)).max(axis=1)[path.breaks] > 0.4).all()
+
+
+def test_closed_circles_come_back() -> None:
+    for name in ("ur5e", "panda"):
+        arm, s = kinseek.load(name), np.linspace(0, 2 * np.pi, 80, endpoint=False)
+        centre = [0.4, 0.1, 0.4]
+        T = np.array(
+            [
+                kinseek.pose(np.add(centre, [0, 0.1 * np.cos(a), 0.1 * np.sin(a)]), rpy=[np.pi, 0, 0])
+                for a in s
+            ]
+        )
+        path = arm.follow(T, closed=True).require()
+        assert np.abs(path.q[-1] - path.q[0]).max() < 0.1
+        assert len(path.steps) == len(T)
+
+
+def test_start_and_end_are_kept() -> None:
+    for name in ("ur5e", "panda"):
+        arm = kinseek.load(name)
+        T = line(np.array([0.4, -0.2, 0.4]), np.array([0.4, 0.2, 0.4]), 60)
+        for q0 in arm.branches(T[0], count=3).q:
+            path = arm.follow(T, start=q0)
+            assert np.abs(path.q[0] - q0).max() < 1e-9
+        q1 = arm.ik(T[-1]).q
+        assert np.abs(arm.follow(T, end=q1).q[-1] - q1).max() < 1e-9
+    with pytest.raises(
+        InvalidProblem, match=r"start does not reach the first pose: it is .* m and .* rad off"
+    ):
+        arm.follow(T, start=arm.ik(T[30]).q)
+    with pytest.raises(InvalidProblem, match="start lies outside the limits"):
+        arm.follow(T, start=np.full(arm.dof, 3.5))
+
+
+def test_valid_is_asked_of_poses_and_between() -> None:
+    arm = kinseek.load("ur5e")
+    T = line(np.array([0.4, -0.3, 0.3]), np.array([0.4, 0.3, 0.3]), 40)
+    free = arm.follow(T).require()
+    asked: list[Array] = []
+
+    def elsewhere(q: Array) -> bool:
+        asked.append(q)
+        return bool(abs(q[2] - free.q[20, 2]) > 0.3)
+
+    path = arm.follow(T, valid=elsewhere)
+    assert path.success
+    assert all(elsewhere(q) for q in path.q)
+    between = (path.q[1:] + path.q[:-1]) / 2
+    assert any(np.abs(np.array(asked) - between[5]).max(axis=1) < 1e-12)
+    refused = arm.follow(T, valid=lambda q: False)
+    assert refused.status is PathStatus.UNREACHABLE
+    assert "valid refuses" in refused.why[0]
+    with pytest.raises(InvalidProblem, match="valid raised ZeroDivisionError"):
+        arm.follow(T, valid=lambda q: 1 / 0)
+
+
+def test_costs() -> None:
+    arm = kinseek.load("ur5e")
+    T = line(np.array([0.4, -0.3, 0.3]), np.array([0.4, 0.3, 0.3]), 40)
+    up = arm.follow(T, cost=lambda q: q[:, 1])
+    down = arm.follow(T, cost=lambda q: -q[:, 1])
+    assert up.q[:, 1].sum() < down.q[:, 1].sum()
+    quick = arm.follow(T, velocity=[0.01, 1, 1, 1, 1, 1])
+    assert quick.largest_step[0] <= arm.follow(T).largest_step[0] + 1e-9
+    with pytest.raises(InvalidProblem, match="velocity must be above 0"):
+        arm.follow(T, velocity=0.0)
+
+
+def test_times_bound_the_steps() -> None:
+    arm = kinseek.load("ur5e")
+    T = line(np.array([0.4, -0.3, 0.3]), np.array([0.4, 0.3, 0.3]), 40)
+    need = float(arm.follow(T).largest_step.max())
+    times = np.linspace(0.0, 1.0, 40)
+    assert arm.follow(T, times=times, velocity=1.1 * need * 39).success
+    slow = arm.follow(T, times=times, velocity=0.2 * need * 39)
+    assert slow.status is PathStatus.BROKEN
+    with pytest.raises(InvalidProblem, match=r"times must increase: times\[3\]"):
+        arm.follow(T, times=[0, 1, 2, 3, 3, *range(5, 40)], velocity=1.0)
+    with pytest.raises(InvalidProblem, match="give velocity="):
+        arm.follow(T, times=times)
+
+
+def test_poses_out_of_reach_are_named() -> None:
+    arm = kinseek.load("ur5e")
+    T = line(np.array([0.5, 0.0, 0.3]), np.array([1.3, 0.0, 0.3]), 50)
+    path = arm.follow(T)
+    assert path.status is PathStatus.UNREACHABLE
+    first = int(np.flatnonzero(~path.reached)[0])
+    assert not path.reached[first:].any()
+    assert f"poses {first} to 49 are out of reach" in path.why[0]
+    assert ((path.q >= arm.lower) & (path.q <= arm.upper)).all()
+    assert path.position_error[-1] > 0.1
+
+
+def test_goals_with_freedom() -> None:
+    arm = kinseek.load("ur5e")
+    T = line(np.array([0.4, -0.3, 0.3]), np.array([0.4, 0.3, 0.3]), 60)
+    fixed = arm.follow(T).require()
+    for goal in (
+        Goal.pose(T, free="rz"),
+        Goal.pose(T, box={"rz": (-0.5, 0.5)}),
+        Goal.pose(T, box={"z": (-0.05, 0.05)}),
+        Goal.position(T[:, :3, 3]),
+    ):
+        path = arm.follow(goal).require()
+        errors = goal.measure(path.problem.arrays, path.q)
+        assert errors[:, :2].max() < 1e-6
+        assert path.length < fixed.length * (1 + 1e-6)
+    each = arm.follow([Goal.pose(row, free="rz") for row in T])
+    assert (each.q == arm.follow(Goal.pose(T, free="rz")).q).all()
+    with pytest.raises(InvalidGoal, match="goal 1 has"):
+        arm.follow([Goal.pose(T[0]), Goal.pose(T[1], position_tolerance=1e-3)])
+
+
+def test_same_bits_whatever_the_threads() -> None:
+    for name in ("irb120", "panda"):
+        arm = kinseek.load(name)
+        T = arm.fk(made(arm, 150, 1))
+        assert (arm.follow(T, threads=1).q == arm.follow(T, threads=3).q).all()
+
+
+def test_few_poses() -> None:
+    arm = kinseek.load("ur5e")
+    T = line(np.array([0.4, -0.3, 0.3]), np.array([0.4, 0.3, 0.3]), 3)
+    assert len(arm.follow(T[:1])) == 1
+    assert arm.follow(T[:1]).success
+    assert arm.follow(np.stack([T[0], T[0]])).length == 0.0
+    panda = kinseek.load("panda")
+    assert panda.follow(T[:1]).success
+    assert panda.follow(np.stack([T[0], T[0]])).length < 1e-6
+    empty: list[Any] = [[], np.zeros((0, 4, 4)), iter(())]
+    for nothing in empty:
+        with pytest.raises(InvalidGoal, match="at least one pose"):
+            arm.follow(nothing)
+    with pytest.raises(InvalidGoal, match=r"shape \(4, 4\)"):
+        arm.follow(T[0])
+    with pytest.raises(InvalidGoal, match="Arm.ik"):
+        arm.follow(Goal.pose(T[0]))
+
+
+def test_poses_metres_apart_are_said_to_be() -> None:
+    arm = kinseek.load("ur5e")
+    T = np.stack([kinseek.pose([0.5, 0.1, 0.3], rpy=[np.pi, 0, 0]), kinseek.pose([-0.5, -0.1, 0.3])])
+    path = arm.follow(T, max_step=0.05)
+    assert path.status is PathStatus.BROKEN
+    assert "1.02 m and 3.14 rad apart" in path.why[0]
+
+
+def test_a_row_that_is_no_number_is_named() -> None:
+    arm = kinseek.load("ur5e")
+    T = np.repeat(line(np.zeros(3), np.ones(3), 1), 50_000, axis=0)
+    T[41_327, 0, 3] = np.nan
+    with pytest.raises(InvalidGoal, match=r"41,?327"):
+        arm.follow(T)
+
+
+def test_what_came_before_an_error_is_kept() -> None:
+    arm = kinseek.load("ur5e")
+    T = line(np.array([0.4, -0.3, 0.3]), np.array([0.4, 0.3, 0.3]), 20)
+
+    def poses() -> Iterator[Array]:
+        yield from T[:12]
+        raise OSError("the network is down")
+
+    assert (arm.follow(iter(T)).q == arm.follow(T).q).all()
+    with pytest.raises(PathInterrupted, match="after 12 poses: the network is down") as caught:
+        arm.follow(poses())
+    assert isinstance(caught.value.__cause__, OSError)
+    assert caught.value.path.success
+    assert len(caught.value.path) == 12
+    assert len(pickle.loads(pickle.dumps(caught.value)).path) == 12
+
+
+def test_functions_and_proofs_are_refused() -> None:
+    arm = kinseek.load("ur5e")
+    T = line(np.array([0.4, -0.3, 0.3]), np.array([0.4, 0.3, 0.3]), 4)
+    with pytest.raises(InvalidProblem, match="prove=True"):
+        arm.follow(T, prove=True)
+    function = kinseek.Arm.from_fk(lambda q: kinseek.pose([q[0], q[1], 0.0]), [-1, -1], [1, 1])
+    with pytest.raises(InvalidProblem, match="is a function"):
+        function.follow(T)
+
+
+def test_a_path_says_what_it_is() -> None:
+    arm = kinseek.load("ur5e")
+    T = line(np.array([0.5, 0.0, 0.3]), np.array([1.3, 0.0, 0.3]), 50)
+    assert "50 poses, unreachable" in repr(arm.follow(T))
+    assert not arm.follow(T[:5]).certified

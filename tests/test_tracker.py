@@ -1,0 +1,155 @@
+"""`Arm.track`: bounded steps, exact limits, the same bits, and a switch only when asked for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek import InvalidGoal, InvalidProblem, TrackStatus
+
+Array = NDArray[np.float64]
+
+
+def circle(count: int, shift: float = 0.0) -> Array:
+    """Poses on a circle of 10 cm in front of the arm."""
+    angles = np.linspace(0, 2 * np.pi, count)
+    return np.array(
+        [
+            kinseek.pose([0.45 + shift, 0.1 + 0.1 * np.cos(a), 0.35 + 0.1 * np.sin(a)], rpy=[np.pi, 0, 0])
+            for a in angles
+        ]
+    )
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda", "irb120"])
+def test_a_circle_is_tracked(name: str) -> None:
+    arm, T = kinseek.load(name), circle(400)
+    tracker = arm.track(arm.ik(T[0]).q, period=0.01, velocity=2.0)
+    before = tracker.q
+    for row in T:
+        answer = tracker.step(row)
+        assert answer.status is TrackStatus.TRACKING
+        assert (np.abs(answer.q - before) <= 2.0 * 0.01).all()
+        assert ((answer.q >= arm.lower) & (answer.q <= arm.upper)).all()
+        assert np.abs(arm.fk(answer.q) - row).max() < 2e-6
+        before = answer.q
+
+
+def test_a_jump_is_caught_up_with_and_no_joint_is_too_fast() -> None:
+    arm = kinseek.load("ur5e")
+    T = np.concatenate([circle(50), circle(400, 0.1)])
+    tracker = arm.track(arm.ik(T[0]).q, period=0.002, velocity=[1.0, 0.5, 1.0, 1.0, 1.0, 1.0])
+    tracker.step(T[0])
+    before, statuses = tracker.q, []
+    for row in T:
+        answer = tracker.step(row)
+        assert (np.abs(answer.q - before) <= tracker.velocity * tracker.period).all()
+        statuses.append(answer.status)
+        before = answer.q
+    assert TrackStatus.LAGGING in statuses
+    assert statuses[-1] is TrackStatus.TRACKING
+
+
+def test_same_poses_same_bits() -> None:
+    arm, T = kinseek.load("panda"), circle(60)
+    start = arm.ik(T[0]).q
+    rows = []
+    for _ in range(2):
+        tracker = arm.track(start, velocity=1.0)
+        rows.append(np.array([tracker.step(row).q for row in T]))
+    assert (rows[0] == rows[1]).all()
+
+
+def test_a_limit_is_kept_and_said() -> None:
+    arm = kinseek.Arm.from_dh([(0.3, 0, 0, 0), (0.2, 0, 0, 0)], [-1, -3], [1, 3], name="two links")
+    tracker = arm.track([0.9, 0.5], period=0.01, velocity=1.0)
+    with_limit = [tracker.step(arm.fk([q, 0.5])) for q in np.linspace(0.9, 1.3, 300)]
+    assert with_limit[0].status is TrackStatus.TRACKING
+    assert with_limit[-1].status is TrackStatus.LIMIT
+    assert all(answer.q[0] <= 1.0 for answer in with_limit)
+
+
+def test_out_of_reach_the_nearest_is_held_and_caught_up_with() -> None:
+    arm = kinseek.load("ur5e")
+    near, far = (
+        kinseek.pose([0.6, 0.1, 0.4], rpy=[np.pi, 0, 0]),
+        kinseek.pose([1.2, 0.1, 0.4], rpy=[np.pi, 0, 0]),
+    )
+    tracker = arm.track(arm.ik(near).q, period=0.01, velocity=1.0)
+    for _ in range(400):
+        away = tracker.step(far)
+    assert away.status in (TrackStatus.SINGULAR, TrackStatus.LAGGING)
+    for _ in range(600):
+        back = tracker.step(near)
+    assert back.status is TrackStatus.TRACKING
+
+
+def test_from_outside_the_limits_it_comes_back() -> None:
+    arm = kinseek.load("panda")
+    inside = arm.ik(circle(1)[0]).q
+    outside = inside.copy()
+    outside[3] = arm.upper[3] + 0.05
+    tracker = arm.track(outside, period=0.01, velocity=1.0)
+    assert tracker.q[3] > arm.upper[3]
+    values = [tracker.step(circle(1)[0]).q[3] for _ in range(100)]
+    assert values[-1] <= arm.upper[3]
+    assert (np.diff(values) <= 1e-12).all() or values[-1] <= arm.upper[3]
+
+
+def test_a_switch_is_made_only_when_asked_for() -> None:
+    arm = kinseek.load("ur5e")
+    T = circle(1)[0]
+    tracker = arm.track(arm.ik(T).q, period=0.01, velocity=1.0)
+    with pytest.raises(InvalidProblem, match="needs a pose"):
+        tracker.switch()
+    tracker.step(T)
+    start = tracker.q
+    way = tracker.switch()
+    assert (np.abs(np.diff(np.concatenate([start[None], way]), axis=0)) <= 0.01 * (1 + 1e-9)).all()
+    answers = [tracker.step(T) for _ in way]
+    assert {answer.status for answer in answers} == {TrackStatus.SWITCHED}
+    after = tracker.step(T)
+    assert after.status is TrackStatus.TRACKING
+    assert np.abs(after.q - start).max() > 0.5
+    with pytest.raises(InvalidProblem, match="velocity="):
+        free = arm.track(start)
+        free.step(T)
+        free.switch()
+
+
+def test_what_comes_is_foreseen() -> None:
+    arm = kinseek.Arm.from_dh([(0.3, 0, 0, 0), (0.2, 0, 0, 0)], [-1, -3], [1, 3], name="two links")
+    tracker = arm.track([0.5, 0.5], period=0.01, velocity=1.0)
+    with pytest.raises(InvalidProblem, match="two poses"):
+        tracker.foresee()
+    for q in np.arange(0.5, 0.8, 0.005):
+        tracker.step(arm.fk([q, 0.5]))
+    ahead = tracker.foresee(0.5)
+    assert ahead.status is TrackStatus.LIMIT
+    assert 0.2 < ahead.seconds <= 0.5
+    assert ahead.joint == arm.joint_names[0]
+    assert tracker.foresee(0.1).status is TrackStatus.TRACKING
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"period": 0.0}, "period must be"),
+        ({"velocity": 0.0}, "velocity must be above 0"),
+        ({"velocity": [1, 2]}, "velocity must be a number or 6"),
+        ({"q0": np.zeros(5)}, "q0 must have shape"),
+        ({"q0": np.full(6, np.nan)}, "NaN"),
+    ],
+)
+def test_misuse_is_refused(options: dict[str, Any], message: str) -> None:
+    arm = kinseek.load("ur5e")
+    with pytest.raises(InvalidProblem, match=message):
+        arm.track(**{"q0": np.zeros(6), **options})
+    tracker = arm.track(np.zeros(6))
+    for wrong in (np.full((4, 4), np.nan), np.eye(3), 2 * np.eye(4)):
+        with pytest.raises(InvalidGoal):
+            tracker.step(wrong)
