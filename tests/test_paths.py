@@ -132,13 +132,14 @@ def test_a_limit_that_breaks_a_path_is_named() -> None:
     with pytest.raises(NotReached) as caught:
         path.require()
     assert caught.value.solution is path
-    # A turn of the base that no other branch of the arm can make: the limit itself is what stands in the way.
-    one = kinseek.Arm.from_dh([(0.3, 0, 0, 0), (0.2, 0, 0, 0)], [-3, -3], [3, 3], name="two links")
-    T = one.fk(np.stack([np.linspace(2.0, 4.0, 80), np.full(80, 0.8)], axis=1))
-    path = one.follow(T)
+    # Elbow up reaches the first places alone, elbow down the last: in between one of them meets the limit of the base.
+    two = kinseek.Arm.from_dh([(0.3, 0, 0, 0), (0.2, 0, 0, 0)], [-1, -2], [1, 2], name="two links")
+    angles = np.linspace(-1.3, 1.3, 120)
+    places = 0.4 * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+    path = two.follow(Goal.position(places))
     assert path.status is PathStatus.BROKEN
     assert len(path.breaks) == 1
-    assert "limit 3" in path.why[0] or "limit -3" in path.why[0]
+    assert "meets its upper limit 1" in path.why[0] or "meets its lower limit -1" in path.why[0]
 
 
 def test_breaks_are_as_few_as_with_all_branches_at_every_pose() -> None:
@@ -333,7 +334,9 @@ def test_functions_and_proofs_are_refused() -> None:
     T = line(np.array([0.4, -0.3, 0.3]), np.array([0.4, 0.3, 0.3]), 4)
     with pytest.raises(InvalidProblem, match="prove=True"):
         arm.follow(T, prove=True)
-    function = kinseek.Arm.from_fk(lambda q: kinseek.pose([q[0], q[1], 0.0]), [-1, -1], [1, 1])
+    function = kinseek.Arm.from_fk(
+        lambda q: kinseek.pose([q[0], q[1], 0.0]), [-1, -1], [1, 1], vectorized=False
+    )
     with pytest.raises(InvalidProblem, match="is a function"):
         function.follow(T)
 

@@ -41,7 +41,7 @@ def test_a_circle_is_tracked(name: str) -> None:
 
 def test_a_jump_is_caught_up_with_and_no_joint_is_too_fast() -> None:
     arm = kinseek.load("ur5e")
-    T = np.concatenate([circle(50), circle(400, 0.1)])
+    T = np.concatenate([circle(50), circle(400, 0.1), np.repeat(circle(1, 0.1), 300, axis=0)])
     tracker = arm.track(arm.ik(T[0]).q, period=0.002, velocity=[1.0, 0.5, 1.0, 1.0, 1.0, 1.0])
     tracker.step(T[0])
     before, statuses = tracker.q, []

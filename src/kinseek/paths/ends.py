@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +15,9 @@ from .asked import Asked
 from .joints import Turning
 from .layers import Layers
 from .nodes import Programme, points_between
+
+ROUNDS = 10
+"""Ways that are tried before `valid` is asked of every answer to every pose."""
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -58,10 +63,13 @@ def with_ends(asked: Asked, layers: Layers) -> tuple[Layers, tuple[int, int]]:
 
 def best_valid(programme: Programme, ends: tuple[int, int]) -> tuple[Array, Indices]:
     """The best way to which `valid` agrees, found by asking it of the best way again and again (Bohlin and Kavraki 2000)."""
-    while True:
+    for tries in itertools.count(1):
         q, breaks, _, path = best_of(programme, ends)
         if programme.asked.valid is None or programme.check(q, breaks, path):
-            return q, breaks
+            break
+        if tries == ROUNDS:
+            programme.ask_everywhere()
+    return q, breaks
 
 
 def best_of(programme: Programme, ends: tuple[int, int]) -> tuple[Array, Indices, float, Indices]:

@@ -53,11 +53,9 @@ class Programme:
         assert self.asked.cost is not None
         costs = np.full((len(self.q), self.nodes), np.inf)
         for i, count in enumerate(self.count):
-            nodes = np.arange(count * self.turning.total)
-            q = self.values(np.full(len(nodes), i), nodes)
-            inside = (q <= self.turning.open_upper + 1e-9).all(axis=1)
-            if inside.any():
-                costs[i, nodes[inside]] = cost_of(self.asked.cost, self._clipped(q[inside]))
+            nodes, q = self._inside(i, count)
+            if len(nodes):
+                costs[i, nodes] = cost_of(self.asked.cost, self._clipped(q))
         return costs
 
     def _clipped(self, q: Array) -> Array:
@@ -112,6 +110,8 @@ class Programme:
                 continue
             if i == 0 or i - 1 in broken:
                 continue
+            if i in self.hopeless or i - 1 in self.hopeless:
+                continue
             edge = (i - 1, int(path[i - 1]), int(path[i]))
             if edge in self._passed:
                 continue
@@ -123,6 +123,21 @@ class Programme:
                 self._barred.add(edge)
                 fine = False
         return fine
+
+    def ask_everywhere(self) -> None:
+        """Ask `valid` of every node that it was not asked of yet."""
+        for i, count in enumerate(self.count):
+            nodes, q = self._inside(i, count)
+            for node, row in zip(nodes.tolist(), self._clipped(q), strict=True):
+                if not (len(self._refused) and self._refused[i, node]):
+                    self._node_agreed(i, node, row)
+
+    def _inside(self, i: int, count: int) -> tuple[Indices, Array]:
+        """Nodes of a pose that lie inside the limits, (k,), and their joint values, (k, n)."""
+        nodes = np.arange(count * self.turning.total)
+        q = self.values(np.full(len(nodes), i), nodes)
+        inside = (q <= self.turning.open_upper + 1e-9).all(axis=1)
+        return nodes[inside], q[inside]
 
     def _node_agreed(self, i: int, node: int, q: Array) -> bool:
         assert self.asked.valid is not None

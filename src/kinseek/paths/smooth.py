@@ -1,10 +1,10 @@
 """A whole path made short at once: all joints of all poses move along what the goal leaves open.
 
-Each pass does two things. It solves the Gauss-Newton system of all poses together, ``min Σ w |W (x[i+1] - x[i])|² + μ Σ |J[i]
-dx[i]|²``, one block a pose and one beside it, so that the work grows with the number of poses alone; and it puts every pose
-half-way between its neighbours, first those of even numbers and then the others, which mends what the Jacobian does not see
-near singularities. Everything is brought back onto its target, and kept only where it makes the path better: where the sum of
-the steps' lengths, each to a power, is less. The square makes a path short, a higher power makes its largest steps small.
+Each pass does two things. It solves the Gauss-Newton system of all poses together, with steps x[i+1] - x[i] as residuals and
+J[i] dx[i] = 0 as heavy ones: one block a pose and one beside it, so that the work grows with the number of poses alone. And
+it puts every pose half-way between its neighbours, every other pose first, which mends what the Jacobian does not see near
+singularities. Everything is brought back onto its target, and kept only where it makes the path better: where the sum of the
+steps' lengths, each to a power, is less. The square makes a path short, a higher power makes its largest steps small.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 
 from kinseek.branches.index import constraint_jacobian
 from kinseek.branches.order import Valid, is_valid
+from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.band import solve_band
 from kinseek.kernels.paths.settle import settle_many
 from kinseek.problem import Problem
 from kinseek.robots.geometry import RADIAN_PART, arm_length
+from kinseek.solvers import Atlas
 from kinseek.solvers.atlas.index import atlas_of, wanted_of
 
 from .joints import Turning
@@ -80,6 +82,20 @@ class Smoother:
         if self.valid is not None:
             there &= np.array([is_valid(self.valid, row) for row in q], dtype=np.bool_)
         return there
+
+    def onto(self, q: Array, targets: Array) -> None:
+        """As `settle`; what does not get there from where it is starts from an answer that is near."""
+        begin = q.copy()
+        lost = np.flatnonzero(~self.settle(q, targets))
+        if not len(lost):
+            return
+        goal = self.problem.goal
+        near = Problem(
+            self.problem.mechanism, goal.at(goal.target[lost]), np.clip(begin[lost], -LARGEST, LARGEST)
+        )
+        found = Atlas().solve(near)
+        better = found.success
+        q[lost[better]] = found.q[better]
 
     def smooth(self, q: Array, targets: Array, passes: int, fixed: Flags, power: int) -> Array:
         """Make a path better, (k, n): each row stays on its target, (k, 3, 4), and rows that are `fixed`, (k,), stay.

@@ -1,11 +1,11 @@
-"""Arms with joints to spare: many branches followed side by side, the best way from one to another, then all poses at once.
+"""Arms with joints to spare: many branches followed side by side, the best way among them, then all poses at once.
 
 At the first pose answers are sampled all over the self-motion. Each is followed with the least motion of the joints to the
 next of some evenly spread poses; there a few fresh samples join them, and those that have come together go on as one. From
-where a branch leads to what stands near it at the same pose there is a way along the self-motion. So the best way through all
-of them (see `kernels.paths.programme`) keeps to branches, and changes from one to another sideways, by little at a time. What it
-leaves of corners is smoothed away afterwards, for all poses together. Where a step is still too large, everything is tried
-again with more samples.
+where a branch leads to what stands near it at the same pose there is a way along the self-motion. So the best way through
+all of them (see `kernels.paths.programme`) keeps to branches, and changes from one to another sideways, by little at a time.
+What it leaves of corners is smoothed away afterwards, for all poses together. Where a step is still too large, everything is
+tried again with more samples.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ ATTEMPTS = ((10, 48, 16, 80), (5, 150, 80, 240))
 """Of each attempt: poses from one layer to the next, samples at the first, fresh ones at the others, branches at most."""
 
 APART = 1.0
-"""The hand turns by so much [rad], or moves by as much of a third of the arm's length, between two layers at most, unless they
-are a quarter as far apart as usual already."""
+"""The hand turns by so much [rad], or moves by as much of a third of the arm's length, between two layers at most, unless
+they are a quarter as far apart as usual already."""
 
 SIDEWAYS = 0.4
 """A way along the self-motion leads so far in every joint [rad or m] at most; what is farther off is another branch."""
@@ -296,7 +296,7 @@ def _attempt(asked: Asked, attempt: tuple[int, int, int, int], advance: Advance)
     fixed = np.zeros(len(q), dtype=np.bool_)
     fixed[0], fixed[-1] = asked.start is not None, asked.end is not None
     moved = q.copy()
-    smoother.settle(moved, targets)
+    smoother.onto(moved, targets)
     moved[fixed] = q[fixed]
     q = moved
     for passes, power in PASSES:

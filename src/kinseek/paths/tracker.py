@@ -13,11 +13,13 @@ from kinseek.branches.result import answers_of
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.kernels.atlas.memory import LAYOUT
-from kinseek.kernels.paths.servo import LAST, LOWER, NO_POSE, NOW, REACH, UPPER, servo_step
-from kinseek.poses import as_pose
+from kinseek.kernels.paths.servo import LAST, LIMIT, LOWER, NO_POSE, NOW, REACH, SINGULAR, UPPER, servo_step
+from kinseek.kernels.paths.servo import TRACKING as TRACKED
+from kinseek.poses import as_pose, one_pose
 from kinseek.problem import Problem, as_joints
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.atlas.index import PLAIN, atlas_of
+from kinseek.transforms import inverse, square
 
 from .asked import positive
 from .joints import Turning
@@ -184,34 +186,30 @@ class Tracker:
 
         Args:
             seconds: How far ahead.
-            looks: Steps in which that is looked at, each longer than a period.
+            looks: Steps in which that is looked at, each of as many whole periods as it takes.
 
         Raises:
             InvalidProblem: Fewer than two poses were given.
         """
         if self._before is None or self._target is None:
             raise InvalidProblem("foresee() needs two poses: call step(T) twice first")
-        from kinseek.transforms import rotations
-
-        from .between import rotation_vectors
-
-        state, pose = self._state.copy(), self._target.copy()
-        ratio = seconds / looks / self.period
-        state[REACH], state[LAST] = self.velocity * seconds / looks, state[LAST] * ratio
-        shift = (self._target[:3, 3] - self._before[:3, 3]) * ratio
-        turn = rotations(rotation_vectors((self._target[:3, :3] @ self._before[:3, :3].T)[None]) * ratio)[0]
-        for k in range(1, looks + 1):
-            pose[:3, :3], pose[:3, 3] = turn @ pose[:3, :3], pose[:3, 3] + shift
-            _, _, ended = servo_step(self._index.address, PLAIN, as_pose(pose), self._memory, state)
-            if ended != 0:
-                return Foresight(_ENDED[ended], k * seconds / looks, self._held(state, ended))
+        state, pose = self._state.copy(), self._target
+        at_once = max(1, round(seconds / looks / self.period))
+        state[REACH], state[LAST] = state[REACH] * at_once, state[LAST] * at_once
+        # The same screw again and again: a line where the hand does not turn, an arc where it does.
+        screw = np.linalg.matrix_power(square(inverse(self._before)) @ self._target, at_once)
+        for k in range(1, int(np.ceil(seconds / self.period / at_once - 1e-9)) + 1):
+            pose = as_pose(pose @ screw)
+            _, _, ended = servo_step(self._index.address, PLAIN, pose, self._memory, state)
+            if ended != TRACKED:
+                return Foresight(_ENDED[ended], k * at_once * self.period, self._held(state, ended))
         return Foresight(TrackStatus.TRACKING, np.inf, None)
 
     def _held(self, state: Array, ended: int) -> str | None:
         at_limit = (state[NOW] <= state[LOWER]) | (state[NOW] >= state[UPPER])
         fast = np.abs(state[LAST]) >= state[REACH] * (1 - 1e-9)
-        some = np.flatnonzero(at_limit if ended == 2 else fast & ~at_limit)
-        return self._arm.joint_names[int(some[0])] if len(some) and ended != 3 else None
+        some = np.flatnonzero(at_limit if ended == LIMIT else fast & ~at_limit)
+        return self._arm.joint_names[int(some[0])] if len(some) and ended != SINGULAR else None
 
 
 def _one(T: object) -> Array:
@@ -220,6 +218,4 @@ def _one(T: object) -> Array:
     Raises:
         InvalidGoal: It is none.
     """
-    from kinseek.poses import one_pose
-
     return np.ascontiguousarray(one_pose(T, "the pose of a step"))

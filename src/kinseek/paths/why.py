@@ -20,9 +20,11 @@ WEAK = 0.05
 
 
 def reasons(asked: Asked, path: Path, wide: Layers | None, hopeless: set[int]) -> tuple[str, ...]:
-    """A sentence for every stretch of missed poses and for every break, in their order."""
+    """A sentence for every stretch of missed poses, and for every break between two that are reached, in their order."""
     told = [(first, _missed(path, first, last, hopeless)) for first, last in _stretches(~path.reached)]
-    told += [(int(i), _break(asked, path, int(i), wide)) for i in path.breaks]
+    following = (path.breaks + 1) % len(path.q)
+    plain = path.breaks[path.reached[path.breaks] & path.reached[following]]
+    told += [(int(i), _break(asked, path, int(i), wide)) for i in plain]
     return tuple(text for _, text in sorted(told))
 
 
@@ -44,8 +46,6 @@ def _break(asked: Asked, path: Path, i: int, wide: Layers | None) -> str:
     count = len(path.q)
     following = (i + 1) % count
     begin = f"between poses {i} and {following}"
-    if not (path.reached[i] and path.reached[following]):
-        return f"{begin}: one of them is missed"
     target = asked.problem.goal.target
     distance, turn = (float(x[0]) for x in apart(target[i : i + 1], target[following : following + 1]))
     chain = asked.problem.chain
