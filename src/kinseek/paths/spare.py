@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.branches.index import BranchIndex, index_of
+from kinseek.branches.index import BranchIndex, constraint_jacobian, index_of
 from kinseek.branches.order import is_valid
 from kinseek.branches.result import answers_of
 from kinseek.kernels.atlas.lanes import LANES
@@ -38,7 +38,7 @@ Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 Advance = Callable[[int], object]
 
-ATTEMPTS = ((10, 48, 16, 80), (5, 150, 80, 240))
+ATTEMPTS = ((10, 60, 12, 120), (5, 150, 60, 250))
 """Of each attempt: poses from one layer to the next, samples at the first, fresh ones at the others, branches at most."""
 
 APART = 1.0
@@ -48,14 +48,18 @@ they are a quarter as far apart as usual already."""
 SIDEWAYS = 0.4
 """A way along the self-motion leads so far in every joint [rad or m] at most; what is farther off is another branch."""
 
+BESIDE = 0.25
+"""So far along the self-motion [rad or m] two answers are looked for beside each branch, one to each side."""
+
 TOGETHER = 0.1
 """Branches this close [rad or m] in every joint go on as one."""
 
 LEAPS = 0.5
 """A branch ends where a joint goes farther than this from pose to pose [rad or m]."""
 
-PASSES = ((8, 2), (8, 6))
-"""Passes of smoothing at most, and the power of the steps' lengths whose sum they make small."""
+PASSES = ((10, 2), (20, 6), (20, 12))
+"""Passes of smoothing at most, and the power of the steps' lengths whose sum they make small; the higher powers only where
+steps are still too large."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,15 @@ def layers_of(problem: Problem, every: int) -> Indices:
     return np.unique(np.round(np.linspace(0, last, int(np.ceil(parts)) + 1)).astype(np.int64))
 
 
+def one_each(q: Array, most: int) -> Array:
+    """One of those that lie together, and of what is left so many at most, evenly taken out of all, (k, n) -> (m, n)."""
+    _, first = np.unique(np.floor(q / TOGETHER), axis=0, return_index=True)
+    kept = q[np.sort(first)]
+    if len(kept) <= most:
+        return np.asarray(kept)
+    return np.asarray(kept[np.linspace(0, len(kept) - 1, most).astype(np.int64)])
+
+
 class Sampler:
     """Samples and follows the answers of one arm with joints to spare."""
 
@@ -90,6 +103,7 @@ class Sampler:
         """Build what the arm needs once."""
         problem = asked.problem
         self.asked, self.problem, self.dof = asked, problem, problem.chain.dof
+        self.smoother = _smoother(asked)
         self.index: BranchIndex = index_of(problem)
         self.wanted, self.turning = wanted_of(problem.goal), Turning(problem.chain)
         self.rows = np.ascontiguousarray(problem.goal.targets)
@@ -112,6 +126,22 @@ class Sampler:
                 [is_valid(self.asked.valid, np.clip(row, lower, upper)) for row in first], dtype=np.bool_
             )
         return np.asarray(first[inside])
+
+    def beside(self, q: Array, i: int) -> Array:
+        """Answers to target i on both sides of some, (k, n), along their self-motion."""
+        if not len(q):
+            return q
+        J = constraint_jacobian(self.problem, q)
+        J[:, :3] /= self.smoother.scale
+        # Any direction without what moves the hand; no coordinate of it is special.
+        any_way = 1.0 + 0.37 * np.arange(self.dof) * (-1.0) ** np.arange(self.dof)
+        gram = J @ np.swapaxes(J, 1, 2) + 1e-9 * np.eye(J.shape[1])
+        lost = np.swapaxes(J, 1, 2) @ np.linalg.solve(gram, (J @ any_way)[..., None])
+        along = any_way - lost[..., 0]
+        along *= BESIDE / np.maximum(np.abs(along).max(axis=1, keepdims=True), 1e-9)
+        found = np.concatenate([q + along, q - along])
+        there = self.smoother.settle(found, np.repeat(self.rows[i][None], len(found), axis=0))
+        return self.allowed(found[there])
 
     def follow(self, answers: Array, begin: int, end: int) -> tuple[Array, Flags]:
         """Where answers to target `begin`, (k, n), go until target `end`, (poses, k, n), and whether they get there."""
@@ -153,12 +183,10 @@ class Sampler:
             if end == keys[-1] and self.asked.end is not None:
                 nodes = self.turning.first_turn(self.asked.end[None])
             else:
-                arrived = self.allowed(ways[-1, alive])
-                _, one_each = np.unique(np.floor(arrived / TOGETHER), axis=0, return_index=True)
-                kept = arrived[np.sort(one_each)]
-                # Evenly taken out of all where they are too many.
-                kept = kept[np.unique(np.linspace(0, len(kept) - 1, min(len(kept), most)).astype(np.int64))]
-                nodes = np.concatenate([kept, self.sample(end, fresh)])
+                arrived = one_each(self.allowed(ways[-1, alive]), most)
+                nodes = one_each(
+                    np.concatenate([arrived, self.sample(end, fresh), self.beside(arrived, end)]), most
+                )
             made.nodes.append(self._some(nodes, end))
             made.ways.append(ways)
             made.alive.append(alive)
@@ -285,7 +313,8 @@ def _faults(asked: Asked, q: Array) -> tuple[int, float]:
 
 def _attempt(asked: Asked, attempt: tuple[int, int, int, int], advance: Advance) -> Array:
     every, count, fresh, most = attempt
-    smoother, sampler = _smoother(asked), Sampler(asked)
+    sampler = Sampler(asked)
+    smoother = sampler.smoother
     keys = layers_of(asked.problem, every)
     q = sampler.best(sampler.tracks(keys, count, fresh, most, advance), keys, smoother.weights)
     targets = sampler.rows
@@ -301,6 +330,8 @@ def _attempt(asked: Asked, attempt: tuple[int, int, int, int], advance: Advance)
     q = moved
     for passes, power in PASSES:
         q = smoother.smooth(q, targets, passes, fixed, power)
+        if unbroken(asked, q).all():
+            break
     jumps = np.flatnonzero(~unbroken(asked, q))
     if not len(jumps):
         return q
