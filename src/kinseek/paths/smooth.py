@@ -3,8 +3,8 @@
 Each pass does two things. It solves the Gauss-Newton system of all poses together, with steps x[i+1] - x[i] as residuals and
 J[i] dx[i] = 0 as heavy ones: one block a pose and one beside it, so that the work grows with the number of poses alone. And
 it puts every pose half-way between its neighbours, every other pose first, which mends what the Jacobian does not see near
-singularities. Everything is brought back onto its target, and kept only where it makes the path better: where the sum of the
-steps' lengths, each to a power, is less. The square makes a path short, a higher power makes its largest steps small.
+singularities. Everything is brought back onto its target, and kept only where it makes the path better: where the sum of what
+the joints move from pose to pose, each to a power, is less. The square makes a path short, a higher power makes its largest steps small.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ class Smoother:
             targets: Where they must stay.
             passes: How many at most.
             fixed: Rows that stay.
-            power: Of the steps' lengths.
+            power: Of what the joints move.
         """
         if len(q) < 3:
             return q
@@ -119,22 +119,23 @@ class Smoother:
             before = now
         return q
 
-    def _lengths(self, steps: Array) -> Array:
-        return np.asarray(np.sqrt(((steps * self.weights) ** 2).sum(axis=1)))
+    def _of_steps(self, steps: Array, power: int) -> Array:
+        """Of each step, (k, n), the sum of what the joints move, each to a power, (k,)."""
+        return np.asarray((np.abs(steps * self.weights) ** power).sum(axis=1))
 
     def _sum(self, q: Array, power: int) -> float:
-        return float((self._lengths(np.diff(q, axis=0)) ** power).sum())
+        return float(self._of_steps(np.diff(q, axis=0), power).sum())
 
     def _together(self, q: Array, targets: Array, fixed: Flags, power: int) -> Array:
         """One Gauss-Newton step of all poses."""
         J = constraint_jacobian(self.problem, q)
         J[:, :3] /= self.scale
         steps = np.diff(q, axis=0)
-        lengths = self._lengths(steps)
-        usual = np.sqrt((lengths**2).mean() + 1e-18)
+        lengths = np.abs(steps * self.weights)
+        usual = np.sqrt((lengths.max(axis=1) ** 2).mean() + 1e-18)
         heavy = np.clip(lengths / usual, LIGHTEST, HEAVIEST) ** (power - 2)
         coupling = np.zeros_like(q)
-        coupling[:-1] = heavy[:, None] * self.weights**2
+        coupling[:-1] = heavy * self.weights**2
         blocks = np.matmul(np.swapaxes(J, 1, 2), J)
         blocks *= STIFF * heavy.max() * float((self.weights**2).mean())
         diagonal = np.arange(q.shape[1])
@@ -178,8 +179,8 @@ class Smoother:
             before, here, after = q[rows - 1], q[rows], q[rows + 1]
             middle = (before + after) / 2
             there = self.settle(middle, np.ascontiguousarray(targets[rows]))
-            now = self._lengths(here - before) ** power + self._lengths(after - here) ** power
-            then = self._lengths(middle - before) ** power + self._lengths(after - middle) ** power
+            now = self._of_steps(here - before, power) + self._of_steps(after - here, power)
+            then = self._of_steps(middle - before, power) + self._of_steps(after - middle, power)
             better = there & (then < now)
             q[rows[better]] = middle[better]
         return q

@@ -206,12 +206,16 @@ class Sampler:
         # One more column holds what it costs to follow a branch: its difference from where it leads is the root of that.
         q, ahead = np.zeros((2, len(keys), width, self.dof + 1))
         count = np.array([len(nodes) for nodes in made.nodes])
+        allowed = self.asked.longest.min(axis=0)
         for k, nodes in enumerate(made.nodes):
             q[k, : len(nodes), :-1] = nodes
             if k < len(made.ways):
-                steps = np.diff(made.ways[k], axis=0) * weights
+                steps = np.diff(made.ways[k], axis=0)
+                # A step that is nearly too large, or is too large, counts for many.
+                share = (np.abs(steps) / allowed).max(axis=2)
+                cost = ((steps * weights) ** 2).sum(axis=2) * (1 + share**4)
                 ahead[k, : len(nodes), :-1] = made.ways[k][-1]
-                ahead[k, : len(nodes), -1] = np.sqrt((steps**2).sum(axis=(0, 2)))
+                ahead[k, : len(nodes), -1] = np.sqrt(cost.sum(axis=0))
                 # No step leads on from a branch that has ended.
                 ahead[k, : len(nodes), -1][~made.alive[k]] = np.inf
         longest = np.full(self.dof + 1, 1e6)
