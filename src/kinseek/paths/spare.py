@@ -64,14 +64,14 @@ steps are still too large."""
 
 @dataclass(frozen=True)
 class Tracks:
-    """Branches from one layer to the next."""
+    """Branches from one layer to the next; where they are in between is found again for those that are taken."""
 
     nodes: list[Array]
     """Answers at each layer, (k, n)."""
-    ways: list[Array]
-    """Where they go from there, pose by pose, the next layer included, (poses, k, n)."""
-    alive: list[Flags]
-    """Do they get there? (k,)"""
+    ahead: list[Array]
+    """Where they are at the next layer, (k, n)."""
+    costs: list[Array]
+    """What it costs to follow them there, (k,); infinite for those that do not get there."""
 
 
 def layers_of(problem: Problem, every: int) -> Indices:
@@ -188,8 +188,8 @@ class Sampler:
                     np.concatenate([arrived, self.sample(end, fresh), self.beside(arrived, end)]), most
                 )
             made.nodes.append(self._some(nodes, end))
-            made.ways.append(ways)
-            made.alive.append(alive)
+            made.ahead.append(ways[-1].copy())
+            made.costs.append(np.where(alive, self._cost(ways), np.inf))
             advance(end - begin)
         return made
 
@@ -200,24 +200,26 @@ class Sampler:
         goal = self.problem.goal.at(self.problem.goal.target[i])
         return self.turning.first_turn(Atlas().solve(Problem(self.problem.mechanism, goal)).q[None])
 
-    def best(self, made: Tracks, keys: Indices, weights: Array) -> Array:
+    def _cost(self, ways: Array) -> Array:
+        """What it costs to follow branches, (poses, k, n) -> (k,)."""
+        steps = np.diff(ways, axis=0)
+        # A step that is nearly too large, or is too large, counts for many.
+        share = (np.abs(steps) / self.asked.longest.min(axis=0)).max(axis=2)
+        cost = ((steps * self.smoother.weights) ** 2).sum(axis=2) * (1 + share**4)
+        return np.asarray(cost.sum(axis=0))
+
+    def best(self, made: Tracks, keys: Indices) -> Array:
         """The best way through tracks, pose by pose, (N, n)."""
         turning, width = self.turning, max(map(len, made.nodes))
         # One more column holds what it costs to follow a branch: its difference from where it leads is the root of that.
         q, ahead = np.zeros((2, len(keys), width, self.dof + 1))
         count = np.array([len(nodes) for nodes in made.nodes])
-        allowed = self.asked.longest.min(axis=0)
         for k, nodes in enumerate(made.nodes):
             q[k, : len(nodes), :-1] = nodes
-            if k < len(made.ways):
-                steps = np.diff(made.ways[k], axis=0)
-                # A step that is nearly too large, or is too large, counts for many.
-                share = (np.abs(steps) / allowed).max(axis=2)
-                cost = ((steps * weights) ** 2).sum(axis=2) * (1 + share**4)
-                ahead[k, : len(nodes), :-1] = made.ways[k][-1]
-                ahead[k, : len(nodes), -1] = np.sqrt(cost.sum(axis=0))
-                # No step leads on from a branch that has ended.
-                ahead[k, : len(nodes), -1][~made.alive[k]] = np.inf
+            if k < len(made.ahead):
+                ahead[k, : len(nodes), :-1] = made.ahead[k]
+                # No step leads on from a branch that has ended: this one is infinite.
+                ahead[k, : len(nodes), -1] = np.sqrt(made.costs[k])
         longest = np.full(self.dof + 1, 1e6)
         longest[:-1] = np.where(np.isinf(self.asked.longest.max(axis=0)), 1e6, SIDEWAYS)
         path, told = np.zeros(len(keys), dtype=np.int64), np.zeros(len(keys))
@@ -231,7 +233,7 @@ class Sampler:
             np.append(turning.kind, STRAIGHT),
             np.append(turning.copies, 1),
             longest[None],
-            np.append(weights, 1.0),
+            np.append(self.smoother.weights, 1.0),
             SQUARES,
             nothing,
             nothing.astype(np.bool_),
@@ -251,8 +253,9 @@ class Sampler:
         answers, turns = path // total, path % total
         chosen = np.array([nodes[a] for nodes, a in zip(made.nodes, answers, strict=True)])
         values = self.turning.node_values(chosen, turns)
-        for k, ways in enumerate(made.ways):
-            way = ways[:, answers[k]] + (values[k] - chosen[k])
+        for k in range(len(made.ahead)):
+            ways, _ = self.follow(chosen[k : k + 1], int(keys[k]), int(keys[k + 1]))
+            way = ways[:, 0] + (values[k] - chosen[k])
             if not told[k + 1]:
                 sideways = self.turning.step(values[k + 1] - way[-1])
                 way = way + np.linspace(0, 1, len(way))[:, None] * sideways
@@ -320,7 +323,7 @@ def _attempt(asked: Asked, attempt: tuple[int, int, int, int], advance: Advance)
     sampler = Sampler(asked)
     smoother = sampler.smoother
     keys = layers_of(asked.problem, every)
-    q = sampler.best(sampler.tracks(keys, count, fresh, most, advance), keys, smoother.weights)
+    q = sampler.best(sampler.tracks(keys, count, fresh, most, advance), keys)
     targets = sampler.rows
     if asked.start is not None:
         q[0] = asked.start
