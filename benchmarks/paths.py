@@ -223,7 +223,7 @@ def page(made: list[Made], tasks: list[Task], servoing: list[Servoing]) -> Page:
     """The page."""
     page = Page("Paths", "benchmarks.paths")
     page.say(
-        f"Made paths: {HARMONICS} harmonics over {SHARE:.0%} of the ranges, with `max_step` {WITHIN} times the maker's largest",
+        f"Made paths: {HARMONICS} harmonics over {SHARE:.0%} of the ranges, `max_step` {WITHIN} times the maker's largest",
         "step. Followed: without a break, every pose to 1e-6 by FK alone, inside the limits. Ratio: largest step beside the",
         "maker's; travel: way of the joints beside the maker's, median.",
     )
@@ -237,7 +237,7 @@ def page(made: list[Made], tasks: list[Task], servoing: list[Servoing]) -> Page:
                 m.followed,
                 f"{m.ratio:.2f}",
                 f"{m.travel:.2f}",
-                f"{m.cost:.1f}",
+                f"{m.cost:.0f}",
                 f"{m.memory:.0f}",
             )
             for m in made

@@ -13,11 +13,11 @@ from kinseek.plots.arms import pyplot
 
 arm = kinseek.load("ur5e")
 
-# The seam runs once around a pipe that lies along y, 12 cm in radius; the torch points at the pipe's axis.
-angles = np.linspace(-1.2, 1.2, 600)
+# The seam runs nearly once around a pipe that lies along y, 10 cm in radius; the torch points at the pipe's axis.
+angles = np.linspace(-3.0, 3.0, 600)
 seam = np.array(
     [
-        kinseek.pose([0.45 + 0.12 * np.sin(a), 0.15 * a, 0.25 + 0.12 * np.cos(a)], rpy=[np.pi, 0, 0])
+        kinseek.pose([0.45 + 0.1 * np.sin(a), 0.0, 0.35 + 0.1 * np.cos(a)], rpy=[np.pi, 0, 0])
         @ kinseek.pose([0, 0, 0], rpy=[0, a, 0])
         for a in angles
     ]

@@ -19,7 +19,6 @@ rows = []
 for k, y in enumerate(np.linspace(-0.1, 0.1, 11)):
     x = np.linspace(0.35, 0.65, 180)
     rows += [[each, y, 0.3] for each in (x if k % 2 == 0 else x[::-1])]
-rows = np.array(rows)
 raster = np.array([kinseek.pose(row, rpy=[np.pi, 0, 0]) for row in rows])
 arm.follow(raster[:10])  # What the arm needs once.
 for name, goal in (

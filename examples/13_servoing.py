@@ -19,22 +19,22 @@ period = 0.002
 # A circle of 10 cm in 2 s; after 1 s the target jumps 10 cm ahead, as a camera that lost its mark does.
 s = np.arange(0, 2.5, period)
 angle = np.pi * s
-centre = np.array([0.45, 0.1, 0.35])
+x, y, z = 0.45, 0.1, 0.35
 targets = [
-    kinseek.pose([*centre, 0.1 * (t > 1.0), 0.1 * np.cos(a), 0.1 * np.sin(a)], rpy=[np.pi, 0, 0])
+    kinseek.pose([x + 0.1 * (t > 1.0), y + 0.1 * np.cos(a), z + 0.1 * np.sin(a)], rpy=[np.pi, 0, 0])
     for t, a in zip(s, angle, strict=True)
 ]
 tracker = arm.track(arm.ik(targets[0]).q, period=period, velocity=speed)
 tracker.step(targets[0])
-q, errors, took, statuses = [], [], [], []
+rows, errors, took, statuses = [], [], [], []
 for T in targets:
     began = time.perf_counter()
     answer = tracker.step(T)
     took.append(time.perf_counter() - began)
-    q.append(answer.q)
+    rows.append(answer.q)
     errors.append(answer.position_error)
     statuses.append(answer.status)
-q = np.array(q)
+q = np.array(rows)
 fastest = np.abs(np.diff(q, axis=0)).max() / period
 print(
     f"{len(q)} steps, median {np.median(took) * 1e6:.1f} µs, 99 % within {np.percentile(took, 99) * 1e6:.1f} µs"
@@ -58,6 +58,6 @@ both[0].axhline(1.5, color="k", lw=0.8)
 both[0].axhline(-1.5, color="k", lw=0.8)
 both[0].set(ylabel="speeds [rad/s]", title="Servoing at 500 Hz; the target jumps after 1 s")
 both[0].legend(ncols=3, fontsize=7)
-both[1].semilogy(s, np.maximum(errors, 1e-12))
-both[1].set(xlabel="time [s]", ylabel="position error [m]")
+both[1].plot(s, 1e3 * np.array(errors))
+both[1].set(xlabel="time [s]", ylabel="position error [mm]")
 print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "13_servoing.png"))

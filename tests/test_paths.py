@@ -292,7 +292,7 @@ def test_few_poses() -> None:
             arm.follow(nothing)
     with pytest.raises(InvalidGoal, match=r"shape \(4, 4\)"):
         arm.follow(T[0])
-    with pytest.raises(InvalidGoal, match="Arm.ik"):
+    with pytest.raises(InvalidGoal, match=r"Arm\.ik"):
         arm.follow(Goal.pose(T[0]))
 
 

@@ -3,8 +3,9 @@
 Each pass does two things. It solves the Gauss-Newton system of all poses together, with steps x[i+1] - x[i] as residuals and
 J[i] dx[i] = 0 as heavy ones: one block a pose and one beside it, so that the work grows with the number of poses alone. And
 it puts every pose half-way between its neighbours, every other pose first, which mends what the Jacobian does not see near
-singularities. Everything is brought back onto its target, and kept only where it makes the path better: where the sum of what
-the joints move from pose to pose, each to a power, is less. The square makes a path short, a higher power makes its largest steps small.
+singularities. Everything is brought back onto its target, and kept only where it makes the path better: where the sum of
+what the joints move from pose to pose, each to a power, is less. The square makes a path short, a higher power makes its
+largest steps small.
 """
 
 from __future__ import annotations
@@ -84,7 +85,7 @@ class Smoother:
         return there
 
     def onto(self, q: Array, targets: Array) -> None:
-        """As `settle`; what does not get there from where it is starts from an answer that is near."""
+        """As `settle`; what does not get there from where it is becomes what the atlas finds, the nearest pose at worst."""
         begin = q.copy()
         lost = np.flatnonzero(~self.settle(q, targets))
         if not len(lost):
@@ -93,9 +94,7 @@ class Smoother:
         near = Problem(
             self.problem.mechanism, goal.at(goal.target[lost]), np.clip(begin[lost], -LARGEST, LARGEST)
         )
-        found = Atlas().solve(near)
-        better = found.success
-        q[lost[better]] = found.q[better]
+        q[lost] = Atlas().solve(near).q
 
     def smooth(self, q: Array, targets: Array, passes: int, fixed: Flags, power: int) -> Array:
         """Make a path better, (k, n): each row stays on its target, (k, 3, 4), and rows that are `fixed`, (k,), stay.
