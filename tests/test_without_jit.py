@@ -27,13 +27,32 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import Atlas, Goal, Problem, Solver
 from kinseek.branches import index as branching
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.memory import LAYOUT as DESK
+from kinseek.kernels.paths.band import solve_band
+from kinseek.kernels.paths.programme import (
+    COPIED,
+    DISTANCE,
+    ENDLESS,
+    GIVEN,
+    SQUARES,
+    STRAIGHT,
+    TIME,
+    best_way,
+)
+from kinseek.kernels.paths.servo import LOWER, NOW, REACH, UPPER, servo_step
+from kinseek.kernels.paths.settle import settle_many
+from kinseek.kernels.paths.trace import trace
 from kinseek.kernels.proof.exclusion import examine
 from kinseek.kernels.proof.neighbourhood import contractions
 from kinseek.kernels.route import PLAIN
 from kinseek.kernels.without_jit import Bounded, bounded, call_at, unbounded, view_at
+from kinseek.kinds import POSE
 from kinseek.proof import branch_and_bound, isolation
 from kinseek.proof.boxes import enclosed, excluded
 from kinseek.proof.reduce import error_question, question
+from kinseek.solvers.atlas.index import PLAIN as PLAIN_WANTED
+from kinseek.solvers.atlas.index import AtlasIndex
 
 Array = NDArray[np.float64]
 
@@ -204,6 +223,66 @@ def any_mechanism() -> Any:
     return arm.ik(kinseek.load("planar2").fk([0.4, 0.9]), solver=Atlas(samples=32)).success
 
 
+def many_poses(name: str) -> Any:
+    """Poses in a row: followed forward and backward, brought back onto their targets, and tracked."""
+    chain = kinseek.load(name).chain
+    index = AtlasIndex(chain, POSE, chain.arrays, 64)
+    middle, count = chain.lower + 0.4 * (chain.upper - chain.lower), 5
+    q = middle + 0.02 * np.arange(count)[:, None] * np.linspace(1.0, -0.8, chain.dof)
+    poses = chain.forward(q)
+    targets = np.ascontiguousarray(poses[:, :3])
+    near, left = q + 0.01, np.empty(count)
+    settle_many(index.handle, PLAIN_WANTED, targets, chain.lower, chain.upper, 8, near, left, LANES)
+    followed, ends = [], np.zeros(LANES, dtype=np.int64)
+    for begin, end in ((0, count - 1), (count - 1, 0)):
+        rows = np.zeros((count, LANES, chain.dof))
+        rows[begin, :2] = q[begin]
+        trace(index.handle, PLAIN_WANTED, targets, begin, end, 2, np.full(chain.dof, 0.5), rows, ends, LANES)
+        followed += [rows[:, :2].copy(), ends.copy()]
+    state = np.zeros((7, chain.dof))
+    state[LOWER], state[UPPER], state[REACH], state[NOW] = chain.lower, chain.upper, 0.03, q[0]
+    memory = np.zeros(DESK.count.of(dof=chain.dof, joints=len(chain.leader)))
+    steps = [
+        servo_step(index.address, PLAIN_WANTED, np.ascontiguousarray(T), memory, state)
+        for T in (poses[1], poses[-1], 2 * poses[0])
+    ]
+    return near, *followed, [step[:2] for step in steps[:2]], [step[2] for step in steps], state[NOW].copy()
+
+
+def best_ways() -> Any:
+    """The best way through layers, with copies, refused nodes, barred steps and costs of nodes; and a band of blocks."""
+    rng, told, path = np.random.default_rng(2), np.zeros(6), np.zeros(6, dtype=np.int64)
+    q = rng.uniform(0.0, 6.0, (6, 3, 3))
+    kinds, copies = np.array([STRAIGHT, COPIED, ENDLESS]), np.array([1, 2, 1])
+    found = []
+    for mode in (DISTANCE, TIME, SQUARES, GIVEN):
+        costs = rng.uniform(size=(6, 6)) if mode == GIVEN else np.zeros((0, 0))
+        refused = rng.uniform(size=(6, 6)) < 0.2
+        breaks = best_way(
+            q,
+            q + 0.01,
+            np.full(6, 3),
+            np.zeros(3),
+            np.array([6.0, 12.0, 6.0]),
+            kinds,
+            copies,
+            np.full((1, 3), 3.0),
+            np.ones(3),
+            mode,
+            costs,
+            refused,
+            np.array([[0, 1, 2], [3, 0, 0]]),
+            np.array([-1, -1]),
+            path,
+            told,
+        )
+        found.append((breaks, path.copy(), told.copy()))
+    blocks = np.array([4 * np.eye(2) + 0.1 * k for k in range(4)])
+    right = rng.uniform(size=(4, 2))
+    solve_band(blocks, np.ones((4, 2)), right)
+    return found, right
+
+
 RUNS: list[tuple[Any, ...]] = [
     *[(one, name) for name in ("planar2", "cylindrical3", "scara4", "elbow6")],
     *[(batch, name) for name in ("planar2", "scara4", "elbow6")],
@@ -228,6 +307,8 @@ RUNS: list[tuple[Any, ...]] = [
     (isolated, TWO, 200),
     (other_searches,),
     (any_mechanism,),
+    (many_poses, "elbow6"),
+    (best_ways,),
 ]
 CASES: dict[str, Callable[[], Any]] = {
     " ".join(
