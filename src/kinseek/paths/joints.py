@@ -49,6 +49,10 @@ class Turning:
         """Differences of values, full turns that make no difference taken off, (..., n)."""
         return np.where(self.kind == STRAIGHT, gap, gap - TURN * np.round(gap / TURN))
 
+    def way(self, gap: Array) -> Array:
+        """As `step`, between joint values as they are: a full turn makes no difference to endless joints alone, (..., n)."""
+        return np.where(self.kind == ENDLESS, gap - TURN * np.round(gap / TURN), gap)
+
     def node_values(self, q: Array, turns: NDArray[np.int64]) -> Array:
         """Values of nodes: answers in the first turn, (k, n), with their turns as one number, (k,)."""
         digits = turns[:, None] // self.units % self.copies

@@ -90,7 +90,7 @@ class Path:
         rows = np.concatenate([self.q, self.q[:1]]) if self.closed else self.q
         steps = np.diff(rows, axis=0)
         if self.closed and len(steps):
-            steps[-1] = Turning(self.problem.chain).step(steps[-1])
+            steps[-1] = Turning(self.problem.chain).way(steps[-1])
         steps[self.breaks] = np.nan
         return steps
 

@@ -78,7 +78,11 @@ def relaxed(asked: Asked) -> tuple[Asked, slice]:
         raise InvalidProblem(
             "start= and end= are not taken yet where the goal has ranges; a pose, direction or place takes them"
         )
-    part = replace(asked, problem=Problem(chain, plain), longest=longest, weights=weights)
+    velocity = asked.velocity
+    if velocity is not None:
+        velocity = np.full(chain.dof, velocity.max())
+        velocity[own] = asked.velocity
+    part = replace(asked, problem=Problem(chain, plain), longest=longest, weights=weights, velocity=velocity)
     return part, own
 
 

@@ -287,7 +287,7 @@ def follow_samples(asked: Asked, threads: int | None, advance: Advance) -> tuple
         if best is None or _faults(round_trip, way) < _faults(round_trip, best):
             best = way
     assert best is not None
-    gaps = Turning(asked.problem.chain).step(np.diff(best, axis=0))
+    gaps = Turning(asked.problem.chain).way(np.diff(best, axis=0))
     return best[:-1], np.flatnonzero((np.abs(gaps) > longest).any(axis=1))
 
 
