@@ -190,6 +190,17 @@ def test_start_and_end_are_kept() -> None:
         arm.follow(T, start=np.full(arm.dof, 3.5))
 
 
+def test_a_start_at_the_ends_of_a_range_of_whole_turns() -> None:
+    arm = kinseek.load("ur5e")
+    for end in (arm.lower, arm.upper):
+        q = np.repeat([[0.0, -1.0, 1.2, -0.8, 1.3, 0.0]], 30, axis=0)
+        q[:, 5] = end[5]
+        q[:, 5] -= np.sign(end[5]) * np.linspace(0.0, 0.5, 30)
+        path = arm.follow(arm.fk(q), start=q[0], max_step=0.05).require()
+        assert (path.q[0] == q[0]).all()
+        assert np.abs(path.q - q).max() < 1e-6
+
+
 def test_valid_is_asked_of_poses_and_between() -> None:
     arm = kinseek.load("ur5e")
     T = line(np.array([0.4, -0.3, 0.3]), np.array([0.4, 0.3, 0.3]), 40)

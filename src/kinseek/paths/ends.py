@@ -54,9 +54,9 @@ def with_ends(asked: Asked, layers: Layers) -> tuple[Layers, tuple[int, int]]:
             continue
         q = np.concatenate([layers.q, np.zeros_like(layers.q[:, :1])], axis=1)
         there = np.concatenate([layers.there, np.zeros_like(layers.there[:, :1])], axis=1)
-        place = int(layers.count[i])
-        q[i, place], there[i, place] = turning.first_turn(wanted), True
-        nodes[k] = place * turning.total + turning.turns_of(wanted)
+        place, inside = int(layers.count[i]), turning.off_ends(wanted)
+        q[i, place], there[i, place] = turning.first_turn(inside), True
+        nodes[k] = place * turning.total + turning.turns_of(inside)
         layers = Layers(q, there)
     return layers, (nodes[0], nodes[1])
 

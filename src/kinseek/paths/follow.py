@@ -17,7 +17,7 @@ from .layers import Layers, isolated_layers
 from .nodes import Programme
 from .path import Path
 from .relaxed import relaxed
-from .spare import follow_samples
+from .spare import follow_samples, unbroken
 from .why import reasons
 
 Array = NDArray[np.float64]
@@ -40,6 +40,9 @@ def follow(asked: Asked, threads: int | None, advance: Advance) -> Path:
     layers, ends = with_ends(part, fill_missed(problem, layers, threads))
     programme = Programme(part, layers)
     q, breaks = best_valid(programme, ends)
+    for wanted, i in ((part.start, 0), (part.end, -1)):
+        if wanted is not None:
+            q[i] = wanted  # To the last bit.
     known = wide if part is asked else None
     return judged(asked, q[:, own], breaks, known, programme.hopeless)
 
@@ -49,6 +52,8 @@ def judged(asked: Asked, q: Array, breaks: Indices, wide: Layers | None, hopeles
     problem = asked.problem
     goal = problem.goal
     errors = goal.measure(problem.arrays, np.ascontiguousarray(q))
+    # Whatever was planned, a step that is too large is a break.
+    breaks = np.union1d(breaks, np.flatnonzero(~unbroken(asked, q)))
     reached = (errors[:, 0] <= goal.position_tolerance) & (errors[:, 1] <= goal.orientation_tolerance)
     reached[list(hopeless)] = False
     path = Path(

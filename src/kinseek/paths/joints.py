@@ -25,8 +25,8 @@ class Turning:
         self.kind = np.where(endless, ENDLESS, np.where(free, COPIED, STRAIGHT)).astype(np.int64)
         """See `kernels.paths.programme.STRAIGHT`, (n,)."""
         width = np.where(self.kind == COPIED, self.upper - self.lower, 0.0)
-        self.copies = 1 + np.floor((width + 2 * ROOM) / TURN).astype(np.int64)
-        """Copies at most of each joint, (n,)."""
+        self.copies = 1 + np.floor(np.maximum(width - 2 * ROOM, 0.0) / TURN).astype(np.int64)
+        """Copies at most of each joint, (n,); one more exactly at the ends of a range of whole turns is left out."""
         self.units = np.concatenate([[1], np.cumprod(self.copies)[:-1]]).astype(np.int64)
         """What a turn of each joint counts in the number of a node, (n,)."""
         self.total = int(np.prod(self.copies))
@@ -58,8 +58,12 @@ class Turning:
         digits = turns[:, None] // self.units % self.copies
         return np.asarray(q + TURN * digits)
 
+    def off_ends(self, q: Array) -> Array:
+        """Joint values a rounding off the ends of ranges, (..., n), where copies are left out."""
+        return np.where(self.kind == COPIED, np.clip(q, self.lower + 2 * ROOM, self.upper - 2 * ROOM), q)
+
     def turns_of(self, q: Array) -> int:
-        """The turns of joint values inside the limits, (n,), as one number."""
+        """The turns of joint values inside the limits and off their ends, (n,), as one number."""
         digits = np.round((q - self.first_turn(q)) / TURN).astype(np.int64)
         return int((np.clip(digits, 0, self.copies - 1) * self.units).sum())
 

@@ -175,13 +175,13 @@ class Sampler:
         first = (
             self.sample(0, count)
             if self.asked.start is None
-            else self.turning.first_turn(self.asked.start[None])
+            else self.turning.first_turn(self.turning.off_ends(self.asked.start[None]))
         )
         made = Tracks([self._some(first, 0)], [], [])
         for begin, end in zip(keys[:-1].tolist(), keys[1:].tolist(), strict=True):
             ways, alive = self.follow(made.nodes[-1], begin, end)
             if end == keys[-1] and self.asked.end is not None:
-                nodes = self.turning.first_turn(self.asked.end[None])
+                nodes = self.turning.first_turn(self.turning.off_ends(self.asked.end[None]))
             else:
                 arrived = one_each(self.allowed(ways[-1, alive]), most)
                 nodes = one_each(
@@ -245,7 +245,7 @@ class Sampler:
         return self._filled(made, keys, path, told)
 
     def _turned(self, q: Array | None) -> int:
-        return -1 if q is None else self.turning.turns_of(q)
+        return -1 if q is None else self.turning.turns_of(self.turning.off_ends(q))
 
     def _filled(self, made: Tracks, keys: Indices, path: Indices, told: Array) -> Array:
         """Along each branch, and sideways to the next evenly over all poses in between."""
@@ -265,7 +265,7 @@ class Sampler:
 
 def unbroken(asked: Asked, q: Array) -> Flags:
     """Of each step of a path, (N - 1,): does no joint go too far?"""
-    return np.asarray((np.abs(np.diff(q, axis=0)) <= asked.longest).all(axis=1))
+    return np.asarray((np.abs(np.diff(q, axis=0)) <= asked.longest * (1 + 1e-9)).all(axis=1))
 
 
 def follow_samples(asked: Asked, threads: int | None, advance: Advance) -> tuple[Array, Indices]:
