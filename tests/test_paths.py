@@ -103,6 +103,33 @@ def test_the_programme_agrees_with_trying_all_ways(seed: int) -> None:
     assert (broken == (told[1:] > 0)).all()
 
 
+def test_answers_at_the_ends_of_a_range_of_whole_turns_stay_inside_the_nodes() -> None:
+    # Exactly at the lower end a joint with two copies has a third, for which there is no node.
+    turn = 2 * np.pi
+    q = np.zeros((4, 2, 1))
+    q[:, 0, 0], q[:, 1, 0] = [-turn, -1e-10, -turn, -1e-10], -3.0
+    path, told, nothing = np.zeros(4, dtype=np.int64), np.zeros(4), np.zeros((0, 0))
+    best_way(
+        q,
+        q,
+        np.full(4, 2),
+        np.array([-turn]),
+        np.array([turn]),
+        np.array([COPIED]),
+        np.array([2]),
+        np.array([[0.5]]),
+        np.ones(1),
+        DISTANCE,
+        nothing,
+        nothing.astype(bool),
+        np.zeros((0, 3), dtype=np.int64),
+        np.array([-1, -1]),
+        path,
+        told,
+    )
+    assert ((path >= 0) & (path < 4)).all()
+
+
 def test_the_band_is_solved() -> None:
     rng = np.random.default_rng(0)
     count, n = 6, 3

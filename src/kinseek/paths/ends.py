@@ -16,6 +16,9 @@ from .joints import Turning
 from .layers import Layers
 from .nodes import Programme, points_between
 
+MOST = 250
+"""Answers to a pose at most: the programme counts them in a byte. Isolated ones are sixteen, and some twice."""
+
 ROUNDS = 10
 """Ways that are tried before `valid` is asked of every answer to every pose."""
 
@@ -28,7 +31,7 @@ def inside_limits(problem: Problem, wide: Layers) -> Layers:
     turning = Turning(problem.chain)
     first = turning.first_turn(wide.q)
     good = turning.inside(first) & wide.there
-    width = max(int(good.sum(axis=1).max(initial=1)), 1)
+    width = min(max(int(good.sum(axis=1).max(initial=1)), 1), MOST)
     place = np.argsort(~good, axis=1, kind="stable")[:, :width]
     packed = np.take_along_axis(first, place[:, :, None], axis=1)
     return Layers(np.ascontiguousarray(packed), np.take_along_axis(good, place, axis=1))

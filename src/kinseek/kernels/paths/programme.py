@@ -144,7 +144,8 @@ def best_way(
             fault[node] = -1
         for b in range(count[i]):
             for j in range(dof):
-                room[b, j] = copies_of(q[i, b, j], lower[j], upper[j], turning[j])
+                # A value at the very end of a range of whole turns has one more copy than there are nodes for.
+                room[b, j] = min(copies_of(q[i, b, j], lower[j], upper[j], turning[j]), copies[j])
         before = best[i - 1] if i > 0 else -1
         # Any answer can be reached by a break from the best node before; the way on from there is compared with it.
         for b in range(count[i]):
