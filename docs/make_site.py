@@ -95,7 +95,9 @@ def gather(to: Path = PAGES) -> None:
         if source.name == "README.md" and source.parent == ROOT and TRY.exists():
             shutil.copyfile(TRY, to / "try.html")
             text = text.replace(
-                "\n## Two commands\n", "\n[Drag an arm, here in the browser](try.html)\n\n## Two commands\n", 1
+                "\n## Two commands\n",
+                "\n[Drag an arm, here in the browser](try.html)\n\n## Two commands\n",
+                1,
             )
         page.write_text(links(text, rewrite), encoding="utf-8")
     shutil.copytree(ROOT / "docs" / "assets", to / "assets")

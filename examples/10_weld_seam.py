@@ -6,10 +6,10 @@ Run: python examples/10_weld_seam.py [PICTURE]
 import sys
 
 import numpy as np
+from matplotlib import pyplot
 
 import kinseek
 from kinseek import plots
-from kinseek.plots.arms import pyplot
 
 arm = kinseek.load("ur5e")
 
@@ -33,7 +33,7 @@ for name, path in (("torch as given", fixed), ("may turn by 0.6 rad", loose)):
     for reason in path.why:
         print(f"{'':20} {reason}")
 
-figure, both = pyplot().subplots(2, 1, figsize=(6.4, 5.2), sharex=True, layout="constrained")
+figure, both = pyplot.subplots(2, 1, figsize=(6.4, 5.2), sharex=True, layout="constrained")
 for j, joint in enumerate(arm.joint_names):
     both[0].plot(loose.q[:, j], color=plots.COLOURS[j], label=joint.removesuffix("_joint"))
     both[0].plot(fixed.q[:, j], color=plots.COLOURS[j], ls=":", lw=1)

@@ -7,10 +7,10 @@ import sys
 import time
 
 import numpy as np
+from matplotlib import pyplot
 
 import kinseek
 from kinseek import plots
-from kinseek.plots.arms import pyplot
 
 arm = kinseek.load("panda")
 
@@ -33,7 +33,7 @@ for name, goal in (
     print(f"{'':25} errors at most {path.position_error.max():.1e} m, {path.orientation_error.max():.1e} rad")
 path.require()
 
-figure, axes = pyplot().subplots(figsize=(6.4, 3.6), layout="constrained")
+figure, axes = pyplot.subplots(figsize=(6.4, 3.6), layout="constrained")
 middle, half = (arm.lower + arm.upper) / 2, (arm.upper - arm.lower) / 2
 for j, joint in enumerate(arm.joint_names):
     axes.plot((path.q[:, j] - middle[j]) / half[j], color=plots.COLOURS[j], label=joint)

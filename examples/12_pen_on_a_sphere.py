@@ -6,10 +6,10 @@ Run: python examples/12_pen_on_a_sphere.py [PICTURE]
 import sys
 
 import numpy as np
+from matplotlib import pyplot
 
 import kinseek
 from kinseek import plots
-from kinseek.plots.arms import pyplot
 
 arm = kinseek.load("so101")
 pen = (0.0, -1.0, 0.0)  # Across the hand: along it, the arm could point within one plane alone.
@@ -37,7 +37,7 @@ for reason in far.why[:3]:
 reached = int(np.flatnonzero(~far.reached)[0])
 print(f"  the first {reached} poses are reached")
 
-figure, both = pyplot().subplots(2, 1, figsize=(6.4, 5.2), sharex=True, layout="constrained")
+figure, both = pyplot.subplots(2, 1, figsize=(6.4, 5.2), sharex=True, layout="constrained")
 for j, joint in enumerate(arm.joint_names):
     both[0].plot(path.q[:, j], color=plots.COLOURS[j], label=joint)
     both[1].plot(far.q[:, j], color=plots.COLOURS[j])

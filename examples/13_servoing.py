@@ -7,10 +7,10 @@ import sys
 import time
 
 import numpy as np
+from matplotlib import pyplot
 
 import kinseek
 from kinseek import plots
-from kinseek.plots.arms import pyplot
 
 arm = kinseek.load("ur5e")
 speed = np.full(arm.dof, 1.5)
@@ -51,7 +51,7 @@ for _ in way:
     answer = tracker.step(targets[-1])
 print(answer.status, tracker.step(targets[-1]).status)
 
-figure, both = pyplot().subplots(2, 1, figsize=(6.4, 4.6), sharex=True, layout="constrained")
+figure, both = pyplot.subplots(2, 1, figsize=(6.4, 4.6), sharex=True, layout="constrained")
 for j, joint in enumerate(arm.joint_names):
     both[0].plot(s[1:], np.diff(q[:, j]) / period, color=plots.COLOURS[j], label=joint.removesuffix("_joint"))
 both[0].axhline(1.5, color="k", lw=0.8)

@@ -397,7 +397,13 @@ class Arm(ForwardArm):
 
         if threads is not None:
             whole("threads", threads, 1)
-        wishes: dict[str, Any] = {"start": start, "end": end, "closed": closed, "max_step": max_step, "times": times}
+        wishes: dict[str, Any] = {
+            "start": start,
+            "end": end,
+            "closed": closed,
+            "max_step": max_step,
+            "times": times,
+        }
         wishes |= {"velocity": velocity, "weights": weights, "cost": cost, "valid": valid}
         return follow_poses(self._mechanism, Ts, wishes, prove, threads, progress)
 
