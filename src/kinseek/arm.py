@@ -381,7 +381,8 @@ class Arm(ForwardArm):
                 poses.
             valid: A function from joint values, (n,), to a bool, asked of the poses and of points between them.
             prove: Not there yet; only False is taken.
-            threads: Threads that share the poses; every core unless given. The answer has the same bits.
+            threads: Threads that share the poses, where answers are isolated; every core unless given. The answer has the
+                same bits.
             progress: Show a progress bar.
 
         Returns:
@@ -413,7 +414,8 @@ class Arm(ForwardArm):
         Args:
             q0: Where the arm is, (n,), [rad] or [m]; from outside its limits it only comes back.
             period: Time between two steps [s].
-            velocity: Of the joints, one number or (n,), [rad/s] or [m/s]; no joint ever goes faster. Without it 1 of each.
+            velocity: Of the joints, one number or (n,), [rad/s] or [m/s]; no joint ever goes faster. Without it
+                nothing bounds the speed.
 
         Raises:
             InvalidProblem: Something does not fit the arm, or the arm is a function.

@@ -31,7 +31,7 @@ def follow(asked: Asked, threads: int | None, advance: Advance) -> Path:
     problem = part.problem
     if freedom(problem) > 0:
         refuse_cost(asked)
-        q, breaks = follow_samples(part, threads, advance)
+        q, breaks = follow_samples(part, advance)
         refused, barred = refusals(asked, q[:, own], breaks)
         breaks = np.union1d(breaks, barred)
         return judged(asked, q[:, own], breaks, None, refused)

@@ -94,7 +94,7 @@ class Smoother:
         near = Problem(
             self.problem.mechanism, goal.at(goal.target[lost]), np.clip(begin[lost], -LARGEST, LARGEST)
         )
-        q[lost] = Atlas().solve(near).q
+        q[lost] = Atlas(threads=1).solve(near).q
 
     def smooth(self, q: Array, targets: Array, passes: int, fixed: Flags, power: int) -> Array:
         """Make a path better, (k, n): each row stays on its target, (k, 3, 4), and rows that are `fixed`, (k,), stay.

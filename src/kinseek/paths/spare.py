@@ -198,7 +198,7 @@ class Sampler:
         if len(nodes):
             return nodes
         goal = self.problem.goal.at(self.problem.goal.target[i])
-        return self.turning.first_turn(Atlas().solve(Problem(self.problem.mechanism, goal)).q[None])
+        return self.turning.first_turn(Atlas(threads=1).solve(Problem(self.problem.mechanism, goal)).q[None])
 
     def _cost(self, ways: Array) -> Array:
         """What it costs to follow branches, (poses, k, n) -> (k,)."""
@@ -268,7 +268,7 @@ def unbroken(asked: Asked, q: Array) -> Flags:
     return np.asarray((np.abs(np.diff(q, axis=0)) <= asked.longest * (1 + 1e-9)).all(axis=1))
 
 
-def follow_samples(asked: Asked, threads: int | None, advance: Advance) -> tuple[Array, Indices]:
+def follow_samples(asked: Asked, advance: Advance) -> tuple[Array, Indices]:
     """Joint values for every pose of a path that leaves joints to spare, (N, n), and its breaks."""
     q = _open_way(asked, advance)
     if not asked.closed or len(q) == 1:
