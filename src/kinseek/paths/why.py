@@ -56,7 +56,12 @@ def _break(asked: Asked, path: Path, i: int, wide: Layers | None) -> str:
     if i == count - 1:
         return f"{begin}: the motion does not come back to where it began"
     if wide is None:
-        return f"{begin}: no sample of the answers leads on"
+        step = np.abs(path.q[following] - path.q[i])
+        joint = int(np.argmax(step / longest))
+        return (
+            f"{begin}: no sample of the answers leads on; of what was found, joint {chain.joint_names[joint]!r} would go "
+            f"{step[joint]:.3g} at once, and may go {longest[joint]:.3g}"
+        )
     ahead, ended = _end_of_branch(asked, path.q[i], i, wide, 1)
     back, began = _end_of_branch(asked, path.q[following], following, wide, -1)
     return (
