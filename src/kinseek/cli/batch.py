@@ -44,9 +44,7 @@ def solve_file(
         InvalidGoal: A row is no pose; it is named.
         MissingExtra: A .parquet file, and pyarrow is not installed.
     """
-    place = writable(out)  # Before any work is done.
-    if source.exists() and place.exists() and place.samefile(source):
-        raise InvalidProblem(f"--out {str(out)!r} is the file that --batch reads")
+    place = writable(out, source)  # Before any work is done.
     goal = question.asked.goal(read_poses(source, question.asked.position_only, deg))
     clock = time.perf_counter()
     if every:
@@ -64,7 +62,7 @@ def solve_file(
 
 def _answer(arm: Arm, solution: Solution) -> Columns:
     columns: Columns = dict(zip(arm.joint_names, solution.q.T, strict=True))
-    return _beside(
+    return beside(
         columns,
         {
             "success": np.asarray(solution.success),
@@ -79,7 +77,7 @@ def _answer(arm: Arm, solution: Solution) -> Columns:
 def _answers(arm: Arm, found: BranchesBatch) -> Columns:
     q = found.q.reshape(-1, arm.dof)
     columns: Columns = dict(zip(arm.joint_names, q.T, strict=True))
-    return _beside(
+    return beside(
         columns,
         {
             "row": np.repeat(np.arange(1, len(found) + 1), found.counts),
@@ -89,7 +87,7 @@ def _answers(arm: Arm, found: BranchesBatch) -> Columns:
     )
 
 
-def _beside(joints: Columns, others: Columns) -> Columns:
+def beside(joints: Columns, others: Columns) -> Columns:
     """Joint values and what is known of them.
 
     Raises:

@@ -25,13 +25,14 @@ Array = NDArray[np.float64]
 ENDINGS = (".csv", ".npy", ".parquet")
 
 
-def read_poses(path: Path, position_only: bool, deg: bool) -> Array:
+def read_poses(path: Path, position_only: bool, deg: bool, option: str = "--batch") -> Array:
     """Read poses, (N, 4, 4), lengths in [m].
 
     Args:
         path: A table with named columns in a .csv or .parquet file, or an array (N, 4, 4) in a .npy file.
         position_only: Are columns of a rotation not needed?
         deg: Are angles in degrees?
+        option: What names the file on the command line, for messages.
 
     Raises:
         InvalidProblem: No such file, or one of another kind.
@@ -40,7 +41,7 @@ def read_poses(path: Path, position_only: bool, deg: bool) -> Array:
     """
     where = str(path)
     try:
-        match ending(path, "--batch"):
+        match ending(path, option):
             case ".npy":
                 return rigid(_npy(path), where)
             case ".parquet":
@@ -63,20 +64,22 @@ def ending(path: Path, option: str) -> str:
     return found
 
 
-def writable(path: Path) -> Path:
-    """Where a file will be written, links followed.
+def writable(path: Path, source: Path, option: str = "--out", read: str = "--batch") -> Path:
+    """Where a file will be written, links followed; options are what name it and the file that is read.
 
     Raises:
-        InvalidProblem: An unknown ending, no such folder, or what is there is no regular file.
+        InvalidProblem: An unknown ending, no such folder, or what is there is no regular file, or the one that is read.
         MissingExtra: A .parquet file, and pyarrow is not installed.
     """
-    if ending(path, "--out") == ".parquet":
+    if ending(path, option) == ".parquet":
         _pyarrow()
     place = path.resolve()
     if not place.parent.is_dir():
-        raise InvalidProblem(f"--out {str(path)!r}: there is no folder {str(place.parent)!r}")
+        raise InvalidProblem(f"{option} {str(path)!r}: there is no folder {str(place.parent)!r}")
     if place.exists() and not place.is_file():
-        raise InvalidProblem(f"--out {str(path)!r} is no regular file")
+        raise InvalidProblem(f"{option} {str(path)!r} is no regular file")
+    if source.exists() and place.exists() and place.samefile(source):
+        raise InvalidProblem(f"{option} {str(path)!r} is the file that {read} reads")
     return place
 
 

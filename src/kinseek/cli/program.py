@@ -16,7 +16,19 @@ from .help import Option, definitions, help_width, paragraph
 from .output import complain, held_output, warnings_in_one_line, write_out
 from .words import gather
 
-COMMANDS = ("solve", "show", "fk", "view", "robots", "check", "bench", "export", "kernels", "completion")
+COMMANDS = (
+    "solve",
+    "follow",
+    "show",
+    "fk",
+    "view",
+    "robots",
+    "check",
+    "bench",
+    "export",
+    "kernels",
+    "completion",
+)
 """In the order of ``--help``; each is a file in `commands` with its command in `command`."""
 
 COMPLETE = "_KINSEEK_COMPLETE"

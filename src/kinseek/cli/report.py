@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
+from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from kinseek.arm import Arm
 from kinseek.branches.result import Branches
 from kinseek.goal import Goal
+from kinseek.paths.path import Path
 from kinseek.proof.certificate import Certificate
 from kinseek.robots import catalog_entry, catalog_names
 from kinseek.robots.soundness import Checkup, Severity
@@ -113,7 +114,7 @@ def print_checkup(name: str, found: Checkup, as_json: bool) -> None:
     _print(f"{name}{size}: {'sound' if found.sound else 'not sound'}{', ' if said else ''}{', '.join(said)}")
 
 
-def print_parts(folder: Path, parts: Parts) -> None:
+def print_parts(folder: FilePath, parts: Parts) -> None:
     """Print what was written for a controller, and how it becomes a program."""
     _print(f"{folder}: {', '.join(sorted(parts.files))}")
     print(f"cd {folder} && {parts.command}")  # To be copied, so in one line.
@@ -302,6 +303,37 @@ def print_batch(arm: Arm, reached: NDArray[np.bool_], out: str, seconds: float, 
         listed = ", ".join(f"{row:,}" for row in missed[:_LISTED])
         _print(f"not reached: row {listed}{' and others' if len(missed) > _LISTED else ''}")
     _print(f"answers: {out}")
+
+
+def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) -> None:
+    """Print what became of a path."""
+    missed = (np.flatnonzero(~path.reached) + 1).tolist()
+    facts = {
+        "poses": len(path),
+        "status": path.status.name,
+        "not_reached": missed,
+        "breaks": (path.breaks + 1).tolist(),
+    }
+    strays = path.deviation
+    if as_json:
+        facts |= {"why": list(path.why), "largest_step": path.largest_step.tolist(), "length": path.length}
+        facts |= {"deviation": {"distance": strays.distance, "turn": strays.turn}}
+        _print_json({**_arm_facts(arm), **facts, "out": out, "seconds": seconds})
+        return
+    _print(f"{len(path):,} poses, {seconds:.3g} s. {path.status}")
+    for reason in path.why[:_LISTED]:
+        _print(f"- {reason}")
+    if len(path.why) > _LISTED:
+        _print(f"- and {len(path.why) - _LISTED} more")
+    rows = [
+        (name, *_both(kind, float(step)))
+        for name, kind, step in zip(arm.joint_names, arm.kinds, path.largest_step, strict=True)
+    ]
+    _print_table(("joint", ">largest step", ">"), rows)
+    _print(
+        f"between two poses the hand strays {strays.distance * 1e3:.3g} mm and {np.rad2deg(strays.turn):.3g} deg at most"
+    )
+    _print(f"joint values: {out}")
 
 
 def _how_many(found: Branches) -> str:

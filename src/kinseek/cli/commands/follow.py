@@ -1,0 +1,114 @@
+"""``kinseek follow``: one motion through the poses of a file."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import click
+import numpy as np
+
+from kinseek.arm import load
+from kinseek.cli import report
+from kinseek.cli.batch import beside
+from kinseek.cli.columns import VALID
+from kinseek.cli.files import read_poses, writable, write_columns
+from kinseek.cli.goals import Asked
+from kinseek.cli.help import Command, option
+from kinseek.cli.options import ARM, GOAL, arm_argument, chain_options, complete_joints, json_option
+from kinseek.cli.output import on_terminal
+from kinseek.cli.words import joint_values
+
+_MOTION = "The motion"
+_POSES, _OUT = "POSES", "OUT"
+
+
+@click.command(
+    "follow",
+    cls=Command,
+    arguments=[
+        ARM,
+        (_POSES, "Poses in a .csv or .parquet file, or an array (N, 4, 4) in a .npy file."),
+        (
+            _OUT,
+            "Where the joint values go, .csv, .npy or .parquet: as a whole when all are there, or not at all.",
+        ),
+    ],
+    examples=[
+        "kinseek follow ur5e poses.csv q.csv",
+        "kinseek follow ur5e poses.csv q.npy --free rz --max-step 0.2",
+    ],
+    more=[
+        f"Columns of POSES, lengths in m, angles in rad: {VALID}.",
+        "OUT has a row a pose: the joints, whether the pose is reached and how far off it is, and whether the arm must be "
+        "placed anew after it.",
+        "Exit codes: 0 one continuous motion, 1 breaks or missed poses, 2 misuse; 130 stopped with Ctrl-C.",
+    ],
+)
+@arm_argument
+@click.argument("poses", metavar=_POSES, type=click.Path(path_type=Path))
+@click.argument("out", metavar=_OUT, type=click.Path(path_type=Path))
+@chain_options
+@option("--position-only", is_flag=True, group=GOAL, help="Any orientation will do.")
+@option("--free", metavar="AXES", group=GOAL, help="Axes whose deviation does not matter, such as rz.")
+@option("--deg", is_flag=True, group=GOAL, help="Angles of the poses and --start are in degrees.")
+@option(
+    "--start",
+    metavar="Q...",
+    shell_complete=complete_joints,
+    group=_MOTION,
+    help="Joint values to begin with, rad or m: one a joint, or JOINT=VALUE of every joint.",
+)
+@option("--closed", is_flag=True, group=_MOTION, help="The last pose leads on to the first.")
+@option(
+    "--max-step",
+    metavar="X",
+    type=float,
+    default=0.3,
+    group=_MOTION,
+    help="How far a joint may go between two poses, rad or m, also with --deg; more is a break. Default: 0.3.",
+)
+@json_option
+def command(
+    arm: str,
+    poses: Path,
+    out: Path,
+    base: str | None,
+    tip: str | None,
+    position_only: bool,
+    free: str | None,
+    deg: bool,
+    start: str | None,
+    closed: bool,
+    max_step: float,
+    as_json: bool,
+) -> int:
+    """Find one continuous motion through many poses, with as few breaks as possible."""
+    loaded = load(arm, base, tip)
+    place = writable(out, poses, _OUT, _POSES)  # Before any work is done.
+    asked = Asked(position_only, free.replace(",", " ").split() if free is not None else [])
+    goal = asked.goal(read_poses(poses, position_only, deg, _POSES))
+    first = None if start is None else joint_values(loaded, start, "--start", deg)
+    clock = time.perf_counter()
+    path = loaded.follow(
+        goal,
+        start=first,
+        closed=closed,
+        max_step=max_step,
+        progress=on_terminal(),
+    )
+    seconds = time.perf_counter() - clock
+    anew = np.zeros(len(path), dtype=bool)
+    anew[path.breaks] = True
+    columns = beside(
+        dict(zip(loaded.joint_names, path.q.T, strict=True)),
+        {
+            "reached": path.reached,
+            "position_error": path.position_error,
+            "orientation_error": path.orientation_error,
+            "break_after": anew,
+        },
+    )
+    write_columns(place, columns, loaded.joint_names)
+    report.print_path(loaded, path, str(out), seconds, as_json)
+    return 0 if path.success else 1

@@ -1,0 +1,87 @@
+"""``kinseek follow``: poses in, joint values out, what stands in the way in words."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kinseek
+from kinseek.cli.program import run
+
+
+@pytest.fixture(name="line")
+def _line(tmp_path: Path) -> Any:
+    poses = np.array([kinseek.pose([0.4, y, 0.3], rpy=[np.pi, 0, 0]) for y in np.linspace(-0.2, 0.2, 40)])
+    np.save(tmp_path / "line.npy", poses)
+    return poses
+
+
+def test_a_line(line: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "joints.npy"
+    assert run(["follow", "ur5e", str(tmp_path / "line.npy"), str(out)]) == 0
+    told = capsys.readouterr().out
+    assert "40 poses" in told
+    assert str(kinseek.PathStatus.CONTINUOUS) in " ".join(told.split())
+    rows = np.load(out)
+    np.testing.assert_allclose(kinseek.load("ur5e").fk(rows["q"]), line, atol=1e-6)
+    assert rows["reached"].all()
+    assert not rows["break_after"].any()
+
+
+def test_poses_out_of_reach_are_named(line: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line[7:9, 0, 3] = 3.0
+    np.save(tmp_path / "line.npy", line)
+    words = ["follow", "ur5e", str(tmp_path / "line.npy"), str(tmp_path / "joints.csv")]
+    assert run([*words, "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert told["status"] == "UNREACHABLE"
+    assert told["not_reached"] == [8, 9]
+    assert told["why"]
+    reached = (tmp_path / "joints.csv").read_text(encoding="utf-8").splitlines()
+    assert len(reached) == 41
+
+
+def test_a_break_is_told_where_no_step_is_small_enough(
+    line: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [
+        "follow",
+        "ur5e",
+        str(tmp_path / "line.npy"),
+        str(tmp_path / "joints.npy"),
+        "--max-step",
+        "0.001",
+    ]
+    assert run(words) == 1
+    assert str(kinseek.PathStatus.BROKEN) in " ".join(capsys.readouterr().out.split())
+    assert np.load(tmp_path / "joints.npy")["break_after"].sum() == 39
+
+
+@pytest.mark.usefixtures("line")
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["line.npy", "line.npy"], "OUT 'line.npy' is the file that POSES reads"),
+        (["line.npy", "joints.txt"], "OUT takes a file that ends in .csv, .npy, .parquet, got 'joints.txt'"),
+        (["nothing.csv", "joints.csv"], "cannot read 'nothing.csv'"),
+        (["line.npy", "joints.csv", "--max-step", "0"], "max_step"),
+        (["line.npy", "joints.csv", "--start", "0 0 0 0 0 0"], "start"),
+    ],
+)
+def test_misuse_is_one_line(
+    words: list[str],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(["follow", "ur5e", *words]) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert told.count("\n") == 1
+    assert not (tmp_path / "joints.csv").exists()
