@@ -16,10 +16,14 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ("benchmarks", "experiments", "docs")
 PARTS = {"__init__", "command", "environments", "page", "targets"}
-"""Files of benchmarks/ that others import and nobody runs."""
+"""Files of benchmarks/ that others import and nobody runs; those that begin with test_ are for pytest."""
 
 SCRIPTS = [
-    *(path for path in sorted((ROOT / "benchmarks").glob("*.py")) if path.stem not in PARTS),
+    *(
+        path
+        for path in sorted((ROOT / "benchmarks").glob("*.py"))
+        if path.stem not in PARTS and not path.stem.startswith("test_")
+    ),
     *(path for path in sorted((ROOT / "benchmarks" / "peers").glob("[!_]*.py")) if path.stem not in PARTS),
     ROOT / "benchmarks" / "peers" / "__main__.py",
     ROOT / "experiments" / "__main__.py",

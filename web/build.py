@@ -10,9 +10,11 @@ about a minute, when their sources have changed since the last time.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import hashlib
 import json
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import kinseek
@@ -41,6 +43,24 @@ def main() -> None:
 def parts() -> Path:
     """Write kernels and arms for the page into web/build; kernels that are there and up to date stay."""
     BUILD.mkdir(exist_ok=True)
+    with _alone():
+        return _parts()
+
+
+@contextlib.contextmanager
+def _alone() -> Iterator[None]:
+    """Of two that build, the second waits and finds everything done; not on Windows."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    with (BUILD / "lock").open("w") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        yield
+
+
+def _parts() -> Path:
     files = [EXPORT / name for name in ("compiling.py", "emit.py", "targets.py", "wasm.py", "js/runtime.c")]
     sources = b"".join(each.read_bytes() for each in files)
     digest = hashlib.sha256(source_digest().encode() + sources).hexdigest()[:16]
