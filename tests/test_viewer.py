@@ -527,6 +527,18 @@ def test_a_worker_waits_until_it_is_quiet() -> None:
     assert done == [4]
 
 
+def test_a_worker_waits_too_where_one_wish_is_as_the_other() -> None:
+    done: list[str] = []
+    worker = Newest(done.append, "test", quiet=0.2)
+    for _ in range(5):
+        worker.give("again")
+        time.sleep(0.02)
+    assert done == []
+    wait_until(lambda: worker.idle)
+    worker.close()
+    assert done == ["again"]
+
+
 def wait_until(there: Any, seconds: float = 5.0) -> None:
     end = time.monotonic() + seconds
     while not there():

@@ -76,9 +76,9 @@ class Newest(Generic[Item]):
             while not self._closed and not self._waiting:
                 self._changed.wait()
             while not self._closed and self._quiet:
-                newest = self._waiting[0]
+                newest = self._waiting  # The list, a new one at every call: wishes may be the same.
                 self._changed.wait(self._quiet)
-                if self._waiting[0] is newest:
+                if self._waiting is newest:
                     break
             if self._closed:
                 return []
