@@ -10,12 +10,12 @@ import math
 import os
 import warnings
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
-from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,12 @@ from kinseek.errors import InvalidRobot, UnitWarning, suggest
 from kinseek.turns import TURN
 from kinseek.units import TURNS_OF_A_JOINT
 
-from .chain import follow_mimics
+from .chain import SerialChain, follow_mimics
 from .files import MOST_LINKS, file_bytes, require_few
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
+from .mjcf import read_mjcf
+from .packages import mesh_path
+from .urdf import read_urdf_text
 from .urdf_xml import JOINT_TYPES, expand_xacro, root_element
 
 READABLE = (".urdf", ".xacro", ".xml")
@@ -91,23 +94,36 @@ class Checkup:
         self.findings.append(Finding(Severity.NOTE, part, what))
 
 
-def check(path: Path, base: str | None = None, tip: str | None = None) -> Checkup:
+def check(
+    path: Path,
+    base: str | None = None,
+    tip: str | None = None,
+    args: Mapping[str, Any] | None = None,
+    packages: Mapping[str, str | Path] | None = None,
+) -> Checkup:
     """Go through the description of a robot.
 
     Args:
         path: A .urdf or .xacro file, or a .xml file that holds either URDF or MJCF. Of MJCF only is said whether it is read.
         base: Link that stays, as `kinseek.load` takes it.
         tip: Link whose pose is meant, as `kinseek.load` takes it.
+        args: Of a xacro file: values of its arguments, by name.
+        packages: Folders of ROS packages by name; meshes are looked for there too.
 
     Raises:
         InvalidRobot: There is no such file, or it is no robot at all.
         MissingExtra: An MJCF file, and MuJoCo is not installed.
     """
-    text = expand_xacro(path) if path.suffix.lower() == ".xacro" else file_bytes(path)
+    if path.suffix.lower() == ".xacro":
+        text = expand_xacro(path, args, packages)
+    elif args:
+        raise InvalidRobot(f"args are for .xacro files, got {str(path)!r}")
+    else:
+        text = file_bytes(path)
     root = root_element(text, str(path))
     found = Checkup()
     if root.tag == "mujoco":
-        _check_chains(found, path, base, tip, {})
+        _check_chains(found, path, partial(read_mjcf, path, base), tip, {})
         return found
     space = str(root.tag).removesuffix("robot")
     if not str(root.tag).endswith("robot") or (space and not space.endswith("}")):
@@ -122,9 +138,9 @@ def check(path: Path, base: str | None = None, tip: str | None = None) -> Checku
         _check_joint(found, joint, space)
     _check_mimics(found, joints, space)
     _check_masses(found, links, space)
-    _check_meshes(found, root, space, path)
+    _check_meshes(found, root, space, path, packages or {})
     if not any(finding.severity is Severity.ERROR for finding in found.findings):
-        _check_chains(found, path, base, tip, parents)
+        _check_chains(found, path, partial(read_urdf_text, text, base, where=str(path)), tip, parents)
     return found
 
 
@@ -320,13 +336,15 @@ def _why_no_inertia(found: Checkup, here: str, inertia: Any) -> str:
     return ""
 
 
-def _check_meshes(found: Checkup, root: Any, space: str, path: Path) -> None:
+def _check_meshes(
+    found: Checkup, root: Any, space: str, path: Path, packages: Mapping[str, str | Path]
+) -> None:
     files = dict.fromkeys(mesh.get("filename") or "" for mesh in root.iter(f"{space}mesh"))
     lost: dict[str, list[str]] = {}
     for name in files:
         if not name:
             found.warning("mesh", "a <mesh> has no filename")
-        elif not any(map(os.path.isfile, _mesh_places(name, path))):
+        elif not _is_there(name, path, packages):
             scheme, _, rest = name.rpartition("://")
             package = rest.partition("/")[0] if scheme in ("package", "model") else ""
             lost.setdefault(package, []).append(name)
@@ -340,30 +358,21 @@ def _check_meshes(found: Checkup, root: Any, space: str, path: Path) -> None:
                 found.warning(f"mesh {name!r}", "not found")
 
 
-def _mesh_places(name: str, path: Path) -> Iterator[Path]:
-    """Where a mesh may lie: beside the file, or in its package, above the file or where ROS says that packages are."""
-    scheme, _, rest = name.rpartition("://")
-    rest = unquote(rest)
-    if scheme in ("", "file"):
-        yield path.parent / rest
-        return
-    package, _, inside = rest.partition("/")
-    for folder in path.resolve().parents:
-        yield folder / package / inside
-        if folder.name == package:
-            yield folder / inside
-    for variable, below in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
-        for prefix in filter(None, os.environ.get(variable, "").split(os.pathsep)):
-            yield Path(prefix) / below / package / inside
-            yield Path(prefix) / inside
+def _is_there(mesh: str, path: Path, packages: Mapping[str, str | Path]) -> bool:
+    try:
+        return os.path.isfile(mesh_path(mesh, path, packages))
+    except InvalidRobot:
+        return False
 
 
 def _check_chains(
-    found: Checkup, path: Path, base: str | None, tip: str | None, parents: Mapping[str, str | None]
+    found: Checkup,
+    path: Path,
+    read: Callable[..., SerialChain],
+    tip: str | None,
+    parents: Mapping[str, str | None],
 ) -> None:
-    """Is there an arm in it? Every tip is tried unless one is given."""
-    from . import read
-
+    """Is there an arm in it? Every tip is tried unless one is given; `read` reads the arm that ends at ``tip=``."""
     above = set(parents.values())
     ends = [name for name in parents if name not in above]
     if tip is None and len(ends) > 1:
@@ -375,7 +384,7 @@ def _check_chains(
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UnitWarning)  # Said of each joint already.
-                read(path, base, end)
+                read(tip=end)
         except InvalidRobot as error:
             if any(part and part in str(error) for part in told):
                 continue

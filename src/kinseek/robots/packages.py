@@ -1,0 +1,56 @@
+"""Where the files are that a robot's file names: beside it, or in a ROS package."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from urllib.parse import unquote
+
+from kinseek.errors import InvalidRobot
+
+
+def mesh_path(name: str, robot: Path, packages: Mapping[str, str | Path]) -> Path:
+    """Where a mesh is that a robot's file names.
+
+    Args:
+        name: A path, beside the robot's file if it is relative, or a ``file://``, ``package://`` or ``model://`` address.
+        robot: The robot's file.
+        packages: Folders of packages by name; others are looked for on the way up from the file, and where ROS keeps them.
+
+    Raises:
+        InvalidRobot: Another kind of address, or a package that is nowhere.
+    """
+    scheme, _, rest = name.rpartition("://")
+    rest = unquote(rest) if scheme else rest
+    if scheme in ("", "file"):
+        path = robot.parent / rest
+        return path if os.path.isfile(path) else robot.parent / unquote(rest)
+    if scheme not in ("package", "model"):
+        raise InvalidRobot(f"{name!r} is neither a path nor a package:// address")
+    package, _, inside = rest.partition("/")
+    for folder in _folders(package, robot, packages):
+        if os.path.isfile(folder / inside):
+            return folder / inside
+    raise InvalidRobot(
+        f"{name!r} was not found: say where the package {package!r} is with packages=, or set ROS_PACKAGE_PATH"
+    )
+
+
+def _folders(package: str, robot: Path, packages: Mapping[str, str | Path]) -> Iterator[Path]:
+    """Folders that may be a package's."""
+    if package in packages:
+        yield Path(packages[package]).expanduser()
+    for parent in robot.resolve().parents:
+        if parent.name == package:
+            yield parent
+        yield parent / package
+    for variable, inner in (
+        ("ROS_PACKAGE_PATH", ""),
+        ("AMENT_PREFIX_PATH", "share"),
+        ("COLCON_PREFIX_PATH", "share"),
+    ):
+        for prefix in filter(None, os.environ.get(variable, "").split(os.pathsep)):
+            folder = Path(prefix)
+            yield folder / inner / package
+            yield folder if folder.name == package else folder / package / "share" / package
