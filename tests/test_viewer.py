@@ -17,9 +17,10 @@ import pytest
 
 import kinseek
 from kinseek import Arm, InvalidSolver, InvalidUse, Status
+from kinseek.robots.packages import mesh_path
 from kinseek.viewer import clouds, words
 from kinseek.viewer.drawing import Figure, between
-from kinseek.viewer.meshes import mesh_path, meshes_of
+from kinseek.viewer.meshes import meshes_of
 from kinseek.viewer.searches import PARAMETERS, SEARCHES, make_search, parameters_of
 from kinseek.viewer.server import free_port, is_loopback
 from kinseek.viewer.session import Answer, Session, beginning, call_of, nearest_of, status_of
@@ -369,6 +370,30 @@ def test_meshes_are_read_scaled_turned_and_moved(ending: str, tmp_path: Path, tr
     assert any(np.allclose(size, [0.4, 0.2, 0.6], atol=1e-6) for size in sizes)
     heights = [part.bounds[:, 2].mean() for link in found.links for part in link.parts]
     assert any(abs(height - 0.5) < 1e-6 for height in heights)
+
+
+def test_meshes_are_those_of_the_arm_that_was_loaded(tmp_path: Path, trimesh: Any) -> None:
+    """What a xacro file becomes depends on its arguments; and of text there is no file to read again."""
+    package = tmp_path / "away" / "parts"
+    package.mkdir(parents=True)
+    trimesh.creation.box((0.1, 0.2, 0.3)).export(package / "arm.stl")
+    path = tmp_path / "here" / "two.xacro"
+    path.parent.mkdir()
+    head = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="size" default="no number"/>'
+    text = URDF.format(mesh="package://parts/arm.stl")
+    text = re.sub(r"<robot[^>]*>", head, text, count=1).replace('scale="2 2 2"', 'scale="$(arg size) 2 2"')
+    assert "arg size" in text
+    path.write_text(text)
+    given = {"parts": package}
+    arm = kinseek.load(path, tip="hand", args={"size": 3}, packages=given)
+    path.unlink()
+    found = meshes_of(arm.with_limits({"j": (-0.5, 0.5)}).axes)
+    assert not found.missing
+    sizes = [part.extents for link in found.links for part in link.parts]
+    assert any(np.allclose(size, [0.4, 0.3, 0.6], atol=1e-6) for size in sizes)
+    text = kinseek.load(URDF.format(mesh="package://parts/arm.stl"), tip="hand")
+    assert "'parts'" in meshes_of(text.axes).missing[0]
+    assert len(meshes_of(text.axes, given).links) == 4
 
 
 def test_collada_says_its_unit(tmp_path: Path, trimesh: Any) -> None:

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -86,6 +87,10 @@ class SerialChain(Variables):
     offset: Array
     source: str = field(default="", compare=False)
     """Where the description came from, for people."""
+    urdf: bytes = field(default=b"", compare=False, repr=False)
+    """The description itself, with meshes, where it is URDF; of a xacro file what it became."""
+    packages: Mapping[str, str | Path] = field(default_factory=dict, compare=False, repr=False)
+    """Folders of ROS packages that were given with it, by name."""
     frames: Mapping[str, Frame] = field(default_factory=dict, repr=False)
     """Links and joints whose poses can be asked for, by name; a link goes before a joint of the same name."""
     locked: tuple[tuple[str, float], ...] = ()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,9 +49,9 @@ def read_urdf(
     """
     path = Path(path)
     if path.suffix.lower() == ".xacro":
-        return read_urdf_text(
-            expand_xacro(path, args, packages), base, tip, where=str(path), name=path.name.split(".")[0]
-        )
+        text = expand_xacro(path, args, packages)
+        chain = read_urdf_text(text, base, tip, where=str(path), name=path.name.split(".")[0])
+        return replace(chain, packages=dict(packages or {}))
     if args or packages:
         raise InvalidRobot(f"args and packages are for .xacro files, got {str(path)!r}")
     return read_urdf_text(file_bytes(path), base, tip, where=str(path), name=path.name.split(".")[0])
@@ -76,7 +77,7 @@ def read_urdf_text(
     warn_of_joints(
         chain.joint_names, chain.kinds, chain.lower, chain.upper, where, "write radians, as URDF has them"
     )
-    return chain
+    return replace(chain, urdf=text)
 
 
 def _read(text: bytes, base: str | None, tip: str | None, where: str, name: str) -> SerialChain:

@@ -1,14 +1,12 @@
-"""Meshes of the links of a URDF or xacro file, where they can be found; those that cannot are named, and nothing fails."""
+"""Meshes of the links of a URDF, where they can be found; those that cannot are named, and nothing fails."""
 
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote, urlparse
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +15,8 @@ from kinseek.errors import InvalidRobot, KinseekError
 from kinseek.kernels.arrays import ChainArrays
 from kinseek.robots.chain import Frame, SerialChain
 from kinseek.robots.files import file_bytes
-from kinseek.robots.urdf_xml import expand_xacro, root_element
+from kinseek.robots.packages import mesh_path
+from kinseek.robots.urdf_xml import root_element
 from kinseek.transforms import rotation, transform
 
 Array = NDArray[np.float64]
@@ -55,25 +54,21 @@ def meshes_of(chain: SerialChain | None, packages: Mapping[str, str | Path] | No
     """Read the meshes of an arm's own file: those of the links between base and tip, and of what is fixed to them.
 
     Args:
-        chain: The arm; one that came from no URDF or xacro file has no meshes.
-        packages: Folders of ROS packages by name, for ``package://``; others are looked for where ROS keeps them, and on
-            the way up from the file.
+        chain: The arm; one that came from no URDF, as file, xacro or text, has no meshes.
+        packages: Folders of ROS packages by name, for ``package://``, beside those that the arm was loaded with; others are
+            looked for where ROS keeps them, and on the way up from the file.
     """
     found = Meshes()
-    path = None if chain is None else Path(chain.source)
-    if chain is None or path is None or path.suffix.lower() not in (".urdf", ".xacro") or not path.is_file():
+    if chain is None or not chain.urdf:
         return found
-    try:
-        text = expand_xacro(path) if path.suffix.lower() == ".xacro" else file_bytes(path)
-        robot = root_element(text, str(path))
-    except InvalidRobot as error:
-        return Meshes(missing=[str(error)])
+    path, folders = Path(chain.source), {**chain.packages, **(packages or {})}
+    robot = root_element(chain.urdf, chain.source)
     paints, faces = _paints(robot), 0
     for link, frame in _fixed_to(robot, chain):
         mesh = LinkMesh(chain.arrays_to(frame))
         for visual in link.findall("visual"):
             try:
-                parts = list(_shapes(visual, path, packages or {}, paints))
+                parts = list(_shapes(visual, path, folders, paints))
             except (KinseekError, ValueError, TypeError, KeyError, OSError) as error:
                 found.missing.append(f"link {link.get('name')!r}: {error}")
                 continue
@@ -168,54 +163,6 @@ def _file(path: Path) -> list[Any]:
         if word[1]:
             part.apply_scale(float(word[0]))
     return parts
-
-
-def mesh_path(name: str, robot: Path, packages: Mapping[str, str | Path]) -> Path:
-    """Where a mesh is that a robot's file names.
-
-    Args:
-        name: A path, beside the robot's file if it is relative, or a ``file://``, ``package://`` or ``model://`` address.
-        robot: The robot's file.
-        packages: Folders of packages by name.
-
-    Raises:
-        InvalidRobot: Another kind of address, or a package that is nowhere.
-    """
-    address = urlparse(name)
-    if address.scheme in ("", "file"):
-        return robot.parent / unquote(address.path if address.scheme else name)
-    if address.scheme not in ("package", "model"):
-        raise InvalidRobot(f"{name!r} is neither a path nor a package:// address")
-    rest = unquote(address.path).lstrip("/")
-    for folder in _package_folders(address.netloc, robot, packages):
-        if (folder / rest).is_file():
-            return folder / rest
-    raise InvalidRobot(
-        f"{name!r} was not found: say where the package {address.netloc!r} is with packages=, or set ROS_PACKAGE_PATH"
-    )
-
-
-def _package_folders(package: str, robot: Path, packages: Mapping[str, str | Path]) -> Iterator[Path]:
-    """Folders that may be a package's."""
-    if package in packages:
-        yield Path(packages[package])
-    for parent in robot.resolve().parents:
-        if parent.name == package:
-            yield parent
-        yield parent / package
-    for variable, inner in (
-        ("ROS_PACKAGE_PATH", ""),
-        ("AMENT_PREFIX_PATH", "share"),
-        ("COLCON_PREFIX_PATH", "share"),
-    ):
-        for folder in os.environ.get(variable, "").split(os.pathsep):
-            if folder:
-                yield Path(folder) / inner / package
-                yield (
-                    Path(folder)
-                    if Path(folder).name == package
-                    else Path(folder) / package / "share" / package
-                )
 
 
 def _paints(robot: Any) -> dict[str, tuple[float, ...]]:
