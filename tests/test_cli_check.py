@@ -262,3 +262,34 @@ def test_mjcf_is_read(tmp_path: Path) -> None:
         f"<mujoco><worldbody>{body.format('a', 'j', '')}{body.format('b', 'k', '')}</worldbody></mujoco>"
     )
     assert [each.severity for each in check(path).findings] == [Severity.NOTE]
+
+
+def test_a_xacro_file_gets_its_arguments_and_packages(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    package = tmp_path / "away" / "parts"
+    (package / "meshes").mkdir(parents=True)
+    (package / "meshes" / "c.stl").touch()
+    (package / "high.xacro").write_text(
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="high" value="$(arg high)"/></robot>'
+    )
+    head = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="high" default="none"/>
+      <xacro:include filename="$(find parts)/high.xacro"/>"""
+    body = SOUND[SOUND.index(">", SOUND.index("<robot")) + 1 :].replace('lower="-1"', 'lower="-${high}"', 1)
+    body = body.replace('<link name="c">', MESH.format("package://parts/meshes/c.stl"))
+    (tmp_path / "here").mkdir()
+    path = tmp_path / "here" / "r.xacro"
+    path.write_text(head + body)
+    given = ["--package", f"parts={package}", "--arg", "high=0.25"]
+    assert run(["check", str(path), *given]) == 0, capsys.readouterr()
+    assert run(["show", str(path), *given]) == 0
+    assert "-0.250000" in capsys.readouterr().out
+    assert run(["show", str(path)]) == 2
+    assert "package 'parts' is not found; say where it is" in capsys.readouterr().err
+    for words, said in (
+        (["--arg", "hihg=1", *given[:2]], "did you mean 'high'"),
+        (["--arg", "high"], "--arg takes NAME=VALUE, got 'high'"),
+        ([*given, "--arg", "high=1"], "--arg names 'high' twice"),
+    ):
+        assert run(["show", str(path), *words]) == 2
+        assert said in capsys.readouterr().err

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
 
 import click
 from click.shell_completion import CompletionItem
 
-from kinseek.errors import KinseekError
+from kinseek.arm import Arm, load
+from kinseek.errors import InvalidProblem, KinseekError
 
 from .help import option, together
 
@@ -29,13 +32,31 @@ def complete(words: Callable[[], Iterable[str]]) -> Completion:
     return completed
 
 
+class Chain(NamedTuple):
+    """Which part of a robot's file is the arm, and what the file needs to be read."""
+
+    base: str | None
+    tip: str | None
+    args: dict[str, str]
+    """Of a xacro file, by name."""
+    packages: dict[str, str]
+    """Folders of ROS packages, by name."""
+
+    def load(self, arm: str) -> Arm:
+        """Load it.
+
+        Raises:
+            KinseekError: As `kinseek.load`.
+        """
+        return load(arm, self.base, self.tip, args=self.args, packages=self.packages)
+
+
 def complete_joints(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Joints of the arm that was named before, for JOINT=VALUE."""
-    from kinseek.arm import load
-
     arm = ctx.params.get("arm") or next(iter(ctx.args), "")
     try:
-        names = load(arm, ctx.params.get("base"), ctx.params.get("tip")).joint_names
+        given: dict[str, Any] = {name: ctx.params.get(name) for name in Chain._fields}
+        names = Chain(**given).load(arm).joint_names
     except KinseekError:
         return []
     return [CompletionItem(f"{name}=") for name in names if name.startswith(incomplete)]
@@ -51,14 +72,58 @@ def _complete_arms(ctx: click.Context, param: click.Parameter, incomplete: str) 
 
 arm_argument = click.argument("arm", metavar="ARM", shell_complete=_complete_arms)
 
-chain_options = together(
+
+def _pairs(ctx: click.Context, param: click.Parameter, given: tuple[str, ...]) -> dict[str, str]:
+    """Read NAME=TEXT, once for each name."""
+    pairs: dict[str, str] = {}
+    for text in given:
+        name, equals, value = text.partition("=")
+        if not (name and equals):
+            raise InvalidProblem(f"{param.opts[0]} takes {param.metavar}, got {text!r}")
+        if name in pairs:
+            raise InvalidProblem(f"{param.opts[0]} names {name!r} twice")
+        pairs[name] = value
+    return pairs
+
+
+_chain_options = together(
     option(
         "--base", metavar="LINK", group="The arm", help="Link that stays; the root of the file unless given."
     ),
     option(
         "--tip", metavar="LINK", group="The arm", help="Link whose pose is meant; the only leaf unless given."
     ),
+    option(
+        "--arg",
+        "args",
+        metavar="NAME=VALUE",
+        multiple=True,
+        callback=_pairs,
+        group="The arm",
+        help="An argument of a xacro file; once for each.",
+    ),
+    option(
+        "--package",
+        "packages",
+        metavar="NAME=FOLDER",
+        multiple=True,
+        callback=_pairs,
+        group="The arm",
+        help="Where a ROS package is that the file names, in $(find NAME) or package://NAME; once for each.",
+    ),
 )
+
+
+def chain_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Declare the options of `Chain`; the command gets all of them as `chain`."""
+
+    @functools.wraps(command)
+    def called(**options: Any) -> Any:
+        chain = Chain(**{name: options.pop(name) for name in Chain._fields})
+        return command(chain=chain, **options)
+
+    return _chain_options(called)
+
 
 pose_options = together(
     option("--at", metavar="X Y Z", group=GOAL, help="Wanted position of the tip in the base, m."),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import io
 import math
+import re
 import threading
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -27,6 +28,8 @@ _KEPT = ("origin", "parent", "child", "axis", "limit", "mimic")
 
 _XACRO_LOCK = threading.Lock()
 """xacro keeps what it knows in its module: one file at a time."""
+_LOST_PACKAGE = re.compile(r"Package not found: (\S+)")
+"""What xacrodoc says, wrapped by xacro."""
 _MOST_STEPS, _MOST_LETTERS = 50_000, 2**20
 """Elements that xacro may expand, and how long a value may become."""
 
@@ -127,9 +130,11 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str]) -> 
             refused = _refusal(error)
             if refused is not None:
                 raise refused from None
-            lost = packages.PackageNotFoundError.__name__ in str(error)
-            hint = "; say where it is: packages={name: folder}" if lost else ""
-            raise InvalidRobot(f"{path}: xacro failed: {error or type(error).__name__}{hint}") from error
+            why = str(error) or type(error).__name__
+            if lost := _LOST_PACKAGE.search(why):
+                why = f"package {lost[1]!r} is not found; say where it is with packages={{name: folder}}, in a shell "
+                why += "--package NAME=FOLDER"
+            raise InvalidRobot(f"{path}: xacro failed: {why}") from error
         finally:
             packages._finder = before
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import click
 
-from kinseek.arm import load
 from kinseek.cli import bench, report
 from kinseek.cli.help import Command, option
-from kinseek.cli.options import ARM, arm_argument, chain_options, json_option
+from kinseek.cli.options import ARM, Chain, arm_argument, chain_options, json_option
 from kinseek.cli.output import complain, on_terminal
 from kinseek.cli.peers import PEERS
 
@@ -32,7 +31,7 @@ from kinseek.cli.peers import PEERS
     help="Time for each line of the table; who is slow gets through fewer poses. Default: 2.",
 )
 @json_option
-def command(arm: str, base: str | None, tip: str | None, poses: int, seconds: float, as_json: bool) -> int:
+def command(arm: str, chain: Chain, poses: int, seconds: float, as_json: bool) -> int:
     """Measure on this machine how long answers take, beside the peers that are installed.
 
     Poses are those of random postures inside the limits. Reached is what comes to 1e-6 m and 1e-6 rad inside the limits,
@@ -40,7 +39,7 @@ def command(arm: str, base: str | None, tip: str | None, poses: int, seconds: fl
     peer that needs a start gets the middle of the ranges. Near a start is one about 0.05 rad or m a joint away. Unreachable
     poses are farther away than the links together are long: the nearest pose is looked for, or a proof that there is none.
     """
-    loaded, rows = load(arm, base, tip), []
+    loaded, rows = chain.load(arm), []
     for row in bench.measure(loaded, poses, seconds):
         rows.append(row)
         if on_terminal():

@@ -8,7 +8,7 @@ import click
 
 from kinseek.cli import report
 from kinseek.cli.help import Command
-from kinseek.cli.options import arm_argument, chain_options, json_option
+from kinseek.cli.options import Chain, arm_argument, chain_options, json_option
 from kinseek.errors import InvalidRobot, suggest
 from kinseek.robots import catalog_names, catalog_path
 from kinseek.robots.soundness import READABLE, check
@@ -24,7 +24,7 @@ from kinseek.robots.soundness import READABLE, check
 @arm_argument
 @chain_options
 @json_option
-def command(arm: str, base: str | None, tip: str | None, as_json: bool) -> int:
+def command(arm: str, chain: Chain, as_json: bool) -> int:
     """Say whether the description of a robot is sound, one finding a line.
 
     An error is something that kinseek refuses, a warning is probably a mistake, a note is good to know. Looked at are the
@@ -35,6 +35,6 @@ def command(arm: str, base: str | None, tip: str | None, as_json: bool) -> int:
         raise InvalidRobot(
             f"{suggest(arm, catalog_names(), 'robot')}. A path must end in {', '.join(READABLE)}"
         )
-    found = check(path, base, tip)
+    found = check(path, *chain)
     report.print_checkup(arm, found, as_json)
     return 0 if found.sound else 1

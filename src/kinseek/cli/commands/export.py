@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from kinseek.arm import load
 from kinseek.cli import report
 from kinseek.cli.goals import Asked, take_turns, target_of
 from kinseek.cli.help import Command, option
-from kinseek.cli.options import ARM, GOAL, arm_argument, chain_options, complete, pose_options
+from kinseek.cli.options import ARM, GOAL, Chain, arm_argument, chain_options, complete, pose_options
 from kinseek.cli.output import complain
 from kinseek.cli.searches import make_search, search_options
 from kinseek.cli.words import size
@@ -81,8 +80,7 @@ def command(
     at: str | None,
     position_only: bool,
     deg: bool,
-    base: str | None,
-    tip: str | None,
+    chain: Chain,
     **more: Any,
 ) -> int:
     """Write an arm as C and machine code for a small controller: forward kinematics, and a search.
@@ -91,7 +89,7 @@ def command(
     """
     if to != "c":
         raise InvalidExport(suggest(to, ["c"], "language"))
-    loaded = load(arm, base, tip)
+    loaded = chain.load(arm)
     goal, turns = None, take_turns(more)
     if at is not None or turns or position_only:
         goal = Asked(position_only).goal(target_of(at, turns, position_only, deg))

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import click
 
-from kinseek.arm import load
 from kinseek.cli import report
 from kinseek.cli.help import Command, option
-from kinseek.cli.options import ARM, arm_argument, chain_options, json_option
+from kinseek.cli.options import ARM, Chain, arm_argument, chain_options, json_option
 from kinseek.cli.words import joint_values
 
 
@@ -22,9 +21,9 @@ from kinseek.cli.words import joint_values
 @chain_options
 @option("--deg", is_flag=True, help="Angles are in degrees.")
 @json_option
-def command(arm: str, q: tuple[str, ...], base: str | None, tip: str | None, deg: bool, as_json: bool) -> int:
+def command(arm: str, q: tuple[str, ...], chain: Chain, deg: bool, as_json: bool) -> int:
     """Print the pose of the tip in the base at given joint values."""
-    loaded = load(arm, base, tip)
+    loaded = chain.load(arm)
     values = joint_values(loaded, " ".join(q), "fk", deg)
     report.print_pose(loaded, values, loaded.fk(values), as_json)
     return 0

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import click
 
-from kinseek.arm import load
 from kinseek.cli import report
 from kinseek.cli.help import Command
-from kinseek.cli.options import ARM, arm_argument, chain_options
+from kinseek.cli.options import ARM, Chain, arm_argument, chain_options
 
 
 @click.command(
@@ -18,7 +17,7 @@ from kinseek.cli.options import ARM, arm_argument, chain_options
 )
 @arm_argument
 @chain_options
-def command(arm: str, base: str | None, tip: str | None) -> int:
+def command(arm: str, chain: Chain) -> int:
     """Show the joints, limits and reach of an arm."""
-    report.print_arm(load(arm, base, tip))
+    report.print_arm(chain.load(arm))
     return 0

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import click
 
-from kinseek.arm import Arm, load
+from kinseek.arm import Arm
 from kinseek.branches.result import Branches
 from kinseek.cli import report
 from kinseek.cli.batch import solve_file
@@ -19,6 +19,7 @@ from kinseek.cli.json_lines import solve_lines
 from kinseek.cli.options import (
     ARM,
     GOAL,
+    Chain,
     arm_argument,
     chain_options,
     complete,
@@ -176,8 +177,7 @@ def command(
     free: str | None,
     frame: str,
     deg: bool,
-    base: str | None,
-    tip: str | None,
+    chain: Chain,
     lock: tuple[str, ...],
     near: str | None,
     prefer: str | None,
@@ -197,7 +197,7 @@ def command(
     **more: Any,
 ) -> int:
     """Find joint values that reach a pose."""
-    loaded = _locked(load(arm, base, tip), lock, deg)
+    loaded = _locked(chain.load(arm), lock, deg)
     turns = take_turns(more)
     asked = Asked(
         position_only,
