@@ -150,3 +150,16 @@ def test_a_full_disk_is_one_line() -> None:
     said = [line for line in done.stderr.splitlines() if "compiling kernels" not in line]
     assert (done.returncode, len(said)) == (2, 1)
     assert said[0].startswith("kinseek: cannot write the output: ")
+
+
+def test_degrees_are_suspected_in_the_words_of_a_command_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = [GOOD, {**GOOD, "rpy": [180, 0, 0]}]
+    monkeypatch.setattr(
+        sys, "stdin", io.TextIOWrapper(io.BytesIO("\n".join(map(json.dumps, lines)).encode()))
+    )
+    assert run(["solve", "ur5e", "--jsonl"]) == 0
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith("kinseek: warning: line 2: rpy has an angle of 180 rad")
+    assert said.endswith("add --deg")

@@ -90,8 +90,8 @@ def _kind_of_rotation(columns: Mapping[str, Array], where: str, position_only: b
     known = {name for names in (POSITION, MATRIX, *ROTATIONS.values()) for name in names}
     for name in columns:
         if name not in known:
-            hint = suggest(name, known, "column").partition(" Valid:")[0].rstrip(".")
-            raise InvalidGoal(f"{where}: {hint}. Valid: {VALID}")
+            hint = suggest(name, known, "column").partition(" Valid:")[0]
+            raise InvalidGoal(f"{where}: {hint} Valid: {VALID}")
     begun = [kind for kind, names in (*ROTATIONS.items(), ("matrix", MATRIX)) if set(names) & columns.keys()]
     if len(begun) > 1 or ("matrix" in begun and set(POSITION) & columns.keys()):
         raise InvalidGoal(

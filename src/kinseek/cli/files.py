@@ -164,8 +164,9 @@ def _explain(rows: Iterator[list[str]], names: list[str], where: str, error: Val
         if len(row) != len(names):
             raise InvalidGoal(f"{here}: {len(row)} values, expected {len(names)}, one a column") from None
         for name, word in zip(names, row, strict=True):
-            if not is_number(word.strip()):
-                raise InvalidGoal(f"{here}: {name} is {word!r}, no number") from None
+            if "," in word or not is_number(word.strip()):
+                hint = "; numbers have a point, not a comma" if is_number(word.strip()) else ""
+                raise InvalidGoal(f"{here}: {name} is {word!r}, no number{hint}") from None
     raise InvalidGoal(f"{where}: {error}") from None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, cast
@@ -11,8 +12,9 @@ from typing import Any, cast
 import numpy as np
 
 from kinseek.branches.result import Branches
-from kinseek.errors import InvalidGoal, InvalidProblem, KinseekError, suggest
+from kinseek.errors import InvalidGoal, InvalidProblem, KinseekError, UnitWarning, suggest
 from kinseek.poses import one_pose, pose
+from kinseek.units import warn_of_angles
 
 from .goals import IN_DEGREES, TURNS
 from .output import direct_output, write_out
@@ -43,7 +45,7 @@ def solve_lines(question: Question, deg: bool, every: bool, count: int | None) -
             try:
                 asked = _read(line)
                 facts |= {"id": asked["id"]} if "id" in asked else {}
-                found, reached = _answer(_nearer(question, asked, deg), asked, deg, every, count)
+                found, reached = _answer(_nearer(question, asked, deg), asked, number, deg, every, count)
                 facts |= found
                 code = max(code, 0 if reached else 1)
             except KinseekError as error:
@@ -83,9 +85,9 @@ def _read(line: bytes | str) -> dict[str, Any]:
 
 
 def _answer(
-    question: Question, asked: dict[str, Any], deg: bool, every: bool, count: int | None
+    question: Question, asked: dict[str, Any], number: int, deg: bool, every: bool, count: int | None
 ) -> tuple[dict[str, Any], bool]:
-    goal = question.asked.goal(_target(asked, question.asked.position_only, deg))
+    goal = question.asked.goal(_target(asked, number, question.asked.position_only, deg))
     if every:
         found = question.branches(goal, count)
         return branches_facts(cast(Branches, found)), len(found) > 0
@@ -93,7 +95,7 @@ def _answer(
     return answer_facts(solution), bool(solution.success)
 
 
-def _target(asked: dict[str, Any], position_only: bool, deg: bool) -> Any:
+def _target(asked: dict[str, Any], number: int, position_only: bool, deg: bool) -> Any:
     turns = [name for name in TURNS if name in asked]
     if "matrix" in asked:
         if turns or "position" in asked:
@@ -107,11 +109,14 @@ def _target(asked: dict[str, Any], position_only: bool, deg: bool) -> Any:
         wanted = "no rotation with --position-only" if position_only else f"exactly one of {', '.join(TURNS)}"
         raise InvalidGoal(f"a line needs {wanted}; got {' and '.join(turns) or 'none'}")
     turn = {name: asked[name] for name in turns}
-    if deg:
-        turn |= {
-            name: np.deg2rad(turn[name]) for name in turn if name in IN_DEGREES and _are_numbers(turn[name])
-        }
-    return one_pose(pose(asked["position"], **turn), "position")
+    for name in (name for name in turns if name in IN_DEGREES and _are_numbers(turn[name])):
+        if deg:
+            turn[name] = np.deg2rad(turn[name])
+        else:
+            warn_of_angles(turn[name], f"line {number:,}: {name}", "add --deg", 1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnitWarning)  # Said above, in the words of a command line.
+        return one_pose(pose(asked["position"], **turn), "position")
 
 
 def _are_numbers(value: Any) -> bool:
