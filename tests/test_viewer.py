@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import kinseek
+import kinseek.viewer
 from kinseek import Arm, InvalidSolver, InvalidUse, Status
 from kinseek.robots.packages import mesh_path
 from kinseek.viewer import clouds, words
@@ -414,6 +415,20 @@ def test_collada_says_its_unit(tmp_path: Path, trimesh: Any) -> None:
     assert not found.missing
     sizes = [part.extents.max() for link in found.links for part in link.parts]
     assert max(sizes) == pytest.approx(2.0)
+
+
+def test_all_missing_meshes_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("viser")
+    text = re.sub(r"<(box|sphere) [^>]*/>", '<mesh filename="no_\\1.stl"/>', URDF.format(mesh="no_arm.stl"))
+    (tmp_path / "three.urdf").write_text(text)
+    arm = kinseek.load(tmp_path / "three.urdf", tip="hand")
+    kinseek.viewer.show(arm, port=0, open_browser=False, block=False).stop()
+    said = capsys.readouterr().out
+    assert "Drawn without 3 meshes:" in said
+    assert all(f"no_{part}.stl" in said for part in ("arm", "box", "sphere"))
+    found = meshes_of(arm.axes)
+    found.missing *= 3
+    assert found.told() == [*found.missing[:5], "… and 4 more"]
 
 
 def test_a_missing_mesh_is_named_and_the_rest_is_shown(tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def show(
     viewer = Viewer(arm, host, port, share, packages)
     if viewer.meshes.missing:
         count = len(viewer.meshes.missing)
-        print(f"Drawn without {count} mesh{'es' if count > 1 else ''}: {viewer.meshes.missing[0]}")
+        print(f"Drawn without {count} mesh{'es' if count > 1 else ''}:", *viewer.meshes.told(), sep="\n  ")
     if port not in (0, viewer.port):
         print(f"Port {port} is taken, so it is {viewer.port}.")
     if not is_loopback(host):

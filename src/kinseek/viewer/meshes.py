@@ -27,6 +27,9 @@ MOST_MESH = 64 * 2**20
 MOST_FACES = 1_000_000
 """Triangles of all meshes together: more would make a browser stutter."""
 
+MOST_TOLD = 5
+"""Missing meshes that are named; a package that is nowhere lacks dozens."""
+
 GREY = (0.72, 0.74, 0.77, 1.0)
 """Of what has no colour of its own."""
 
@@ -48,6 +51,11 @@ class Meshes:
     links: list[LinkMesh] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
     """Of what could not be shown: a sentence each."""
+
+    def told(self) -> list[str]:
+        """The first of what is missing, and how many more."""
+        more = len(self.missing) - MOST_TOLD
+        return [*self.missing[:MOST_TOLD], *([f"… and {more} more"] if more > 0 else [])]
 
 
 def meshes_of(chain: SerialChain | None, packages: Mapping[str, str | Path] | None = None) -> Meshes:

@@ -125,7 +125,7 @@ class Panel:
         return {name: str(each.value) for name, each in self.parameters.items() if each.visible}
 
     def _see(self, wishes: Wishes, meshes: Meshes) -> None:
-        gui, axes, missing = self._gui, self._arm.axes is not None, meshes.missing
+        gui, axes, missing = self._gui, self._arm.axes is not None, meshes.told()
         self.see = {
             name: gui.add_checkbox(label, getattr(wishes, name), hint=hint, disabled=not there)
             for name, label, hint, there in (
@@ -166,9 +166,7 @@ class Panel:
             ]
         )
         if lacks or missing:
-            gui.add_html(
-                note_html(*lacks, *missing[:5], f"… and {len(missing) - 5} more" if len(missing) > 5 else "")
-            )
+            gui.add_html(note_html(*lacks, *missing))
 
     def _setter(self, name: str) -> Callable[[Any], object]:
         return lambda value: self._do.wish(**{name: value})
