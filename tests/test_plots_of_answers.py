@@ -132,6 +132,17 @@ def test_the_workspace_of_a_planar_arm_is_a_ring() -> None:
     np.testing.assert_array_equal(verdict, np.where(inside, 0, 1))
 
 
+def test_a_workspace_lies_in_the_plane_of_the_arm() -> None:
+    axes = plots.workspace(PLANAR, POINT, cells=6, budget=0).axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
+    upright = kinseek.pose([0.0, 0.0, 0.0], rpy=[np.pi / 2, 0.0, 0.0])
+    goal = kinseek.Goal.position([0.3, 0.0, 0.4], base=upright)
+    axes = plots.workspace(PLANAR, goal, cells=6, budget=0).axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "z [m]")
+    axes = plots.workspace(UR5E, DOWN, cells=6, budget=0).axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "z [m]")
+
+
 def test_the_workspace_of_an_arm_on_a_table_lies_around_the_table() -> None:
     table = kinseek.pose([5.0, 0.0, 1.0])
     there = plots.workspace(UR5E, kinseek.Goal.pose(table @ DOWN, base=table), cells=10, budget=0).axes[0]

@@ -28,7 +28,7 @@ def workspace(
     arm: Arm,
     goal: Goal | ArrayLike,
     *,
-    plane: str = "xz",
+    plane: str | None = None,
     width: float | None = None,
     cells: int = 48,
     budget: int = 2000,
@@ -44,7 +44,8 @@ def workspace(
         arm: With axes, if anything shall be proved.
         goal: A pose or a `Goal` of one target without ranges: the plane goes through its position, and its orientation, or
             direction, is asked everywhere.
-        plane: Two of the axes x, y and z of the frame in which the goal is given, along which the picture is.
+        plane: Two of the axes x, y and z of the frame in which the goal is given, along which the picture is. Unless given
+            those in which an arm moves that moves in a plane, else ``"xz"``.
         width: Of the picture [m], around the arm's base; twice its reach unless given.
         cells: Along each side; cells² goals are solved, 2,304 unless told otherwise, some tenths of a second to seconds.
         budget: Boxes that a proof may look at, for each cell that is not reached; 0 leaves the proofs out.
@@ -64,6 +65,7 @@ def workspace(
     asked.require_plain("a slice of a workspace is drawn of")
     if asked.shape:
         raise InvalidUse(f"one goal is drawn, got a batch of shape {asked.shape}; choose one")
+    plane = _plane(arm, asked) if plane is None else plane
     if len(plane) != 2 or not set(plane) <= set("xyz") or plane[0] == plane[1]:
         raise InvalidUse(f"plane must be two of the axes x, y and z, such as 'xz'; got {plane!r}")
     across, up = ("xyz".index(axis) for axis in plane)
@@ -89,6 +91,17 @@ def workspace(
     what = {0: "any orientation", 1: "one direction"}.get(asked.form.columns, "one orientation")
     axes.set_title(f"{arm.name}, {'xyz'[other]} = {asked.target[other, 3]:.3g} m, {what}")
     return figure
+
+
+def _plane(arm: Arm, goal: Goal) -> str:
+    """The axes along which an arm moves in a plane, of the frame in which the goal is given; of others, x and z."""
+    places = arm.fk(arm.sample(64))[:, :3, 3]
+    places = places[np.isfinite(places).all(axis=1)]
+    if goal.base is not None:
+        places = places @ goal.base[:3, :3].T
+    spread = np.ptp(places, axis=0) if len(places) else np.ones(3)
+    flat = int(np.argmin(spread))
+    return "xyz".replace("xyz"[flat], "") if spread[flat] <= 1e-9 * spread.max() else "xz"
 
 
 def _extent(arm: Arm, goal: Goal, width: float | None) -> tuple[Array, float]:
