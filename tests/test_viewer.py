@@ -24,7 +24,7 @@ from kinseek.viewer.drawing import Figure, between
 from kinseek.viewer.meshes import meshes_of
 from kinseek.viewer.searches import PARAMETERS, SEARCHES, make_search, parameters_of
 from kinseek.viewer.server import free_port, is_loopback
-from kinseek.viewer.session import Answer, Session, beginning, call_of, nearest_of, status_of
+from kinseek.viewer.session import Answer, Proof, Session, beginning, call_of, nearest_of, status_of
 from kinseek.viewer.wishes import COUNTS, Wishes, read_wishes
 from kinseek.viewer.workers import Newest
 
@@ -577,6 +577,30 @@ def test_a_worker_waits_too_where_one_wish_is_as_the_other() -> None:
     wait_until(lambda: worker.idle)
     worker.close()
     assert done == ["again"]
+
+
+def test_a_proof_of_a_goal_that_is_gone_is_not_told() -> None:
+    """The last look of a proof ends while the answer to a newer goal is shown."""
+    from types import SimpleNamespace
+
+    from kinseek.viewer.page import Page
+
+    session = Session(kinseek.load("planar2"))
+    old, new = (Answer(session.begin, session.begin.q, refused="") for _ in range(2))
+    page: Any = Page.__new__(Page)
+    page._lock, page.answer, page.proof = threading.RLock(), old, None
+    page._prover = SimpleNamespace(stale=lambda: False)
+    page.panel = SimpleNamespace(answer=SimpleNamespace(content=""), joints=SimpleNamespace(content=""))
+
+    def proofs(wishes: Wishes, stopped: Any) -> Any:
+        yield Proof(refused="not known")
+        assert "not known" in page.panel.answer.content
+        page.answer, page.proof, page.panel.answer.content = new, None, "of the newer goal"
+
+    page._session = SimpleNamespace(proofs=proofs)
+    page._prove("again")
+    assert page.panel.answer.content == "of the newer goal"
+    assert page.proof is None
 
 
 def wait_until(there: Any, seconds: float = 5.0) -> None:

@@ -205,22 +205,32 @@ class Page:
         if answer.reached or answer.refused:
             return
         for proof in self._session.proofs(answer.wishes, self._prover.stale):
-            if self._prover.stale() or self.answer is not answer:
+            if self._prover.stale() or not self._tell(answer, proof, looking=True):
                 return
-            self.proof = proof
-            self.panel.answer.content = words.answer_html(answer, proof, True)
-        self.panel.answer.content = words.answer_html(answer, self.proof, False)
+        if not self._tell(answer, self.proof, looking=False):
+            return
         found = None if self.proof is None else self.proof.certificate
         known = np.inf if answer.solution is None else float(answer.solution.weighted_error)
         if found is not None and answer.wishes.search == DEFAULT and found.upper_bound < known * (1.0 - 1e-3):
-            self._nearer(found.q)
+            self._nearer(answer, found.q)
 
-    def _nearer(self, q: Array) -> None:
+    def _tell(self, answer: Answer, proof: Proof | None, looking: bool) -> bool:
+        """Say what is proved of an answer, and whether it is still the one that is shown; else nothing is said."""
+        with self._lock:  # A newer answer waits for it, and writes over it.
+            if self.answer is not answer:
+                return False
+            self.proof = proof
+            self.panel.answer.content = words.answer_html(answer, proof, looking)
+            return True
+
+    def _nearer(self, answer: Answer, q: Array) -> None:
         """Show the pose that a proof met, where it is nearer than the one that the search found."""
         with self._lock:
+            if self.answer is not answer:
+                return
             self.wishes = self.wishes.but(q=q)
-        self.scene.show_arm(q, self.answer.wishes.target, False)
-        self.panel.joints.content = words.joints_html(self.arm, q)
+            self.scene.show_arm(q, answer.wishes.target, False)
+            self.panel.joints.content = words.joints_html(self.arm, q)
 
     def _cloud(self, _: str) -> None:
         wishes, answer, scene = self.wishes, self.answer, self.scene
