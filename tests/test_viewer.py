@@ -392,9 +392,9 @@ def test_meshes_are_those_of_the_arm_that_was_loaded(tmp_path: Path, trimesh: An
     assert not found.missing
     sizes = [part.extents for link in found.links for part in link.parts]
     assert any(np.allclose(size, [0.4, 0.3, 0.6], atol=1e-6) for size in sizes)
-    text = kinseek.load(URDF.format(mesh="package://parts/arm.stl"), tip="hand")
-    assert "'parts'" in meshes_of(text.axes).missing[0]
-    assert len(meshes_of(text.axes, given).links) == 4
+    arm = kinseek.load(URDF.format(mesh="package://parts/arm.stl"), tip="hand")
+    assert "'parts'" in meshes_of(arm.axes).missing[0]
+    assert len(meshes_of(arm.axes, given).links) == 4
 
 
 def test_collada_says_its_unit(tmp_path: Path, trimesh: Any) -> None:
