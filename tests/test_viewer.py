@@ -603,6 +603,27 @@ def test_a_proof_of_a_goal_that_is_gone_is_not_told() -> None:
     assert page.proof is None
 
 
+def test_a_trace_of_a_goal_that_is_gone_is_not_kept() -> None:
+    from types import SimpleNamespace
+
+    from kinseek.viewer.page import Page
+
+    session = Session(kinseek.load("planar2"))
+    old, new = (session.answer(session.begin) for _ in range(2))
+    page: Any = Page.__new__(Page)
+    page._lock, page.answer, page.trace = threading.RLock(), old, None
+
+    def traced(wishes: Wishes) -> Any:
+        page.answer = new  # It comes while this is being found out.
+        return session.traced(wishes)
+
+    page._session = SimpleNamespace(traced=traced)
+    page._find_trace(session.begin, old)
+    assert page.trace is None
+    page._find_trace(session.begin, new)
+    assert page.trace is not None
+
+
 def wait_until(there: Any, seconds: float = 5.0) -> None:
     end = time.monotonic() + seconds
     while not there():

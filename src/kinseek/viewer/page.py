@@ -236,7 +236,7 @@ class Page:
         wishes, answer, scene = self.wishes, self.answer, self.scene
         self.panel.show_target(wishes)
         if self.trace is None and self.panel.passes.value:
-            self.trace = self._session.traced(wishes)
+            self._find_trace(wishes, answer)
         self.panel.told.content = words.pass_html(self.trace, 0) if self.panel.passes.value else ""
         self.show_pass(len(self.trace) - 1 if self.trace else 0)
         scene.show_cloud(
@@ -250,6 +250,13 @@ class Page:
             scene.show_cloud("boxes", None, SEARCH)
         self.panel.seen.content = words.note_html(*said)
         self._reach(wishes)
+
+    def _find_trace(self, wishes: Wishes, answer: Answer) -> None:
+        """Find out what the search did; a newer answer that has come meanwhile has a trace of its own."""
+        trace = self._session.traced(wishes)
+        with self._lock:
+            if self.answer is answer:
+                self.trace = trace
 
     def _boxes(self, wishes: Wishes, answer: Answer) -> str:
         examined = clouds.BOXES[int(self.panel.examined.value) - 1]
