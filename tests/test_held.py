@@ -271,7 +271,9 @@ def test_arguments_and_packages_of_a_xacro_file(xacro: tuple[Path, Path]) -> Non
     assert (arm.tip, arm.fk([0.0])[0, 3]) == ("d", 0.75)
     # What was said for one file does not hold for the next.
     assert kinseek.load(path, packages=packages).fk([0.0])[0, 3] == 0.5
-    with pytest.raises(InvalidRobot, match=r"my_parts.* is not found; say where it is with packages=\{name: folder\}"):
+    with pytest.raises(
+        InvalidRobot, match=r"my_parts.* is not found; say where it is with packages=\{name: folder\}"
+    ):
         kinseek.load(path)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,15 +13,11 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidRobot, KinseekError
 from kinseek.kernels.arrays import ChainArrays
 from kinseek.robots.chain import Frame, SerialChain
-from kinseek.robots.files import file_bytes
+from kinseek.robots.meshes import mesh_parts, numbers_of, origin_of
 from kinseek.robots.packages import mesh_path
 from kinseek.robots.urdf_xml import root_element
-from kinseek.transforms import rotation, transform
 
 Array = NDArray[np.float64]
-
-MOST_MESH = 64 * 2**20
-"""Bytes of one mesh's file."""
 
 MOST_FACES = 1_000_000
 """Triangles of all meshes together: more would make a browser stutter."""
@@ -99,7 +94,7 @@ def _fixed_to(robot: Any, chain: SerialChain) -> Iterator[tuple[Any, Frame]]:
     for joint in robot.findall("joint"):
         parent, child = joint.find("parent"), joint.find("child")
         if joint.get("type") == "fixed" and parent is not None and child is not None:
-            fixed.setdefault(parent.get("link"), []).append((child.get("link"), _origin(joint)))
+            fixed.setdefault(parent.get("link"), []).append((child.get("link"), origin_of(joint)))
     ahead = [(name, frame) for name, frame in chain.frames.items() if name in links]
     seen = {name for name, _ in ahead}
     while ahead:
@@ -122,16 +117,16 @@ def _shapes(
     if shape is None:
         raise InvalidRobot("a visual without geometry")
     if shape.tag == "mesh":
-        parts = _file(mesh_path(shape.get("filename") or "", path, packages))
+        parts = mesh_parts(mesh_path(shape.get("filename") or "", path, packages))
         for part in parts:
-            part.apply_scale(_numbers(shape.get("scale"), 3, 1.0))
+            part.apply_scale(numbers_of(shape.get("scale"), 3, 1.0))
     elif shape.tag == "box":
-        parts = [trimesh.creation.box(_numbers(shape.get("size"), 3))]
+        parts = [trimesh.creation.box(numbers_of(shape.get("size"), 3))]
     elif shape.tag == "cylinder":
-        radius, length = (float(_numbers(shape.get(name), 1)[0]) for name in ("radius", "length"))
+        radius, length = (float(numbers_of(shape.get(name), 1)[0]) for name in ("radius", "length"))
         parts = [trimesh.creation.cylinder(radius, length, sections=32)]
     elif shape.tag == "sphere":
-        parts = [trimesh.creation.icosphere(3, float(_numbers(shape.get("radius"), 1)[0]))]
+        parts = [trimesh.creation.icosphere(3, float(numbers_of(shape.get("radius"), 1)[0]))]
     else:
         raise InvalidRobot(f"geometry {shape.tag!r} cannot be shown")
     paint = _paint_of(visual.find("material"), paints)
@@ -142,35 +137,8 @@ def _shapes(
                     baseColorFactor=paint or GREY, metallicFactor=0.1, roughnessFactor=0.7
                 )
             )
-        part.apply_transform(_origin(visual))
+        part.apply_transform(origin_of(visual))
         yield part
-
-
-def _file(path: Path) -> list[Any]:
-    """The triangles of a mesh's file, a body each, in metres.
-
-    Raises:
-        InvalidRobot: The file cannot be read.
-    """
-    import trimesh
-
-    text = file_bytes(path, MOST_MESH)
-    try:
-        scene = trimesh.load_scene(
-            io.BytesIO(text),
-            file_type=path.suffix[1:].lower(),
-            resolver=trimesh.resolvers.FilePathResolver(path),
-        )
-    except Exception as error:  # Readers of meshes raise whatever their parsers raise.
-        raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from error
-    parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
-    if not parts:
-        raise InvalidRobot(f"{str(path)!r} holds no triangles")
-    for part in parts:  # COLLADA says what its unit is worth in metres, and the reader leaves it to us.
-        word = str(part.metadata.get("units", "")).partition(" * meters")
-        if word[1]:
-            part.apply_scale(float(word[0]))
-    return parts
 
 
 def _paints(robot: Any) -> dict[str, tuple[float, ...]]:
@@ -192,32 +160,4 @@ def _paint_of(material: Any, paints: Mapping[str, tuple[float, ...]]) -> tuple[f
 
 
 def _rgba(colour: Any) -> tuple[float, ...]:
-    return tuple(np.clip(_numbers(colour.get("rgba"), 4), 0.0, 1.0).tolist())
-
-
-def _origin(element: Any) -> Array:
-    """The <origin> of a visual or joint, (4, 4): ``Rz(yaw) Ry(pitch) Rx(roll)``, lengths in [m]."""
-    origin = element.find("origin")
-    if origin is None:
-        return np.eye(4)
-    turn = np.eye(3)
-    for axis, angle in zip(np.eye(3), _numbers(origin.get("rpy"), 3, 0.0), strict=True):
-        turn = rotation(axis, float(angle)) @ turn
-    return transform(turn, _numbers(origin.get("xyz"), 3, 0.0))
-
-
-def _numbers(text: str | None, count: int, default: float | None = None) -> Array:
-    """So many finite numbers of an attribute.
-
-    Raises:
-        InvalidRobot: There are others, or none and no default.
-    """
-    if text is None and default is not None:
-        return np.full(count, default)
-    try:
-        values = np.array([float(part) for part in (text or "").split()])
-    except ValueError:
-        values = np.array([np.nan])
-    if len(values) != count or not np.isfinite(values).all():
-        raise InvalidRobot(f"expected {count} number{'s' if count > 1 else ''}, got {text!r}")
-    return values
+    return tuple(np.clip(numbers_of(colour.get("rgba"), 4), 0.0, 1.0).tolist())

@@ -1,0 +1,75 @@
+"""What is read of the meshes of a robot's file, for pictures and for collisions alike; where they are, `packages` finds."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidRobot
+from kinseek.transforms import rotation, transform
+
+from .files import file_bytes
+
+Array = NDArray[np.float64]
+
+MOST_MESH = 64 * 2**20
+"""Bytes of one mesh's file."""
+
+
+def mesh_parts(path: Path) -> list[Any]:
+    """The triangles of a mesh's file, a body each, in metres.
+
+    Raises:
+        InvalidRobot: The file cannot be read.
+    """
+    import trimesh
+
+    text = file_bytes(path, MOST_MESH)
+    try:
+        scene = trimesh.load_scene(
+            io.BytesIO(text),
+            file_type=path.suffix[1:].lower(),
+            resolver=trimesh.resolvers.FilePathResolver(path),
+        )
+    except Exception as error:  # Readers of meshes raise whatever their parsers raise.
+        raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from error
+    parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+    if not parts:
+        raise InvalidRobot(f"{str(path)!r} holds no triangles")
+    for part in parts:  # COLLADA says what its unit is worth in metres, and the reader leaves it to us.
+        word = str(part.metadata.get("units", "")).partition(" * meters")
+        if word[1]:
+            part.apply_scale(float(word[0]))
+    return parts
+
+
+def origin_of(element: Any) -> Array:
+    """The <origin> of a visual or joint, (4, 4): ``Rz(yaw) Ry(pitch) Rx(roll)``, lengths in [m]."""
+    origin = element.find("origin")
+    if origin is None:
+        return np.eye(4)
+    turn = np.eye(3)
+    for axis, angle in zip(np.eye(3), numbers_of(origin.get("rpy"), 3, 0.0), strict=True):
+        turn = rotation(axis, float(angle)) @ turn
+    return transform(turn, numbers_of(origin.get("xyz"), 3, 0.0))
+
+
+def numbers_of(text: str | None, count: int, default: float | None = None) -> Array:
+    """So many finite numbers of an attribute.
+
+    Raises:
+        InvalidRobot: There are others, or none and no default.
+    """
+    if text is None and default is not None:
+        return np.full(count, default)
+    try:
+        values = np.array([float(part) for part in (text or "").split()])
+    except ValueError:
+        values = np.array([np.nan])
+    if len(values) != count or not np.isfinite(values).all():
+        raise InvalidRobot(f"expected {count} number{'s' if count > 1 else ''}, got {text!r}")
+    return values
