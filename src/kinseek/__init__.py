@@ -9,12 +9,14 @@
 
 from .arm import Arm, load
 from .branches.result import Branches, BranchesBatch
+from .collision import Scene
 from .errors import (
     FailedKinematics,
     InvalidExport,
     InvalidGoal,
     InvalidProblem,
     InvalidRobot,
+    InvalidScene,
     InvalidSolver,
     InvalidUse,
     KinseekError,
@@ -63,6 +65,7 @@ __all__ = [
     "InvalidGoal",
     "InvalidProblem",
     "InvalidRobot",
+    "InvalidScene",
     "InvalidSolver",
     "InvalidUse",
     "KinseekError",
@@ -74,6 +77,7 @@ __all__ = [
     "Polished",
     "Problem",
     "RepairWarning",
+    "Scene",
     "SeparateChains",
     "Solution",
     "Solver",

@@ -7,6 +7,7 @@
     ├── InvalidProblem(ValueError)   the call: joint vectors, start, budget
     ├── InvalidSolver(ValueError)    the search's own parameters
     ├── InvalidExport(ValueError)    what a controller is given: target, folder, memory
+    ├── InvalidScene(ValueError)     what an arm may hit: shapes, bodies, pairs, files of geometry
     ├── InvalidUse(TypeError)         a result is used as what it is not: a solution as a truth value
     ├── MissingExtra(ImportError)    an optional dependency is not installed
     ├── PathInterrupted(RuntimeError) an iterator of poses raised; carries the path through those before
@@ -61,6 +62,10 @@ class InvalidSolver(KinseekError, ValueError):
 
 class InvalidExport(KinseekError, ValueError):
     """An arm cannot be written for a controller so: target, form, folder, or more memory than there is."""
+
+
+class InvalidScene(KinseekError, ValueError):
+    """What an arm may hit cannot be used: a shape, a body, a pair of them, a file with geometry."""
 
 
 class InvalidUse(KinseekError, TypeError):

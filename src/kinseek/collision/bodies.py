@@ -1,0 +1,332 @@
+"""Bodies of an arm: the links of its file with their collision elements, or capsules where it has none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidRobot, InvalidScene, suggest
+from kinseek.kernels.arm.forward import forward_many
+from kinseek.robots.chain import Frame, SerialChain, follow_mimics
+from kinseek.robots.files import file_bytes
+from kinseek.robots.held import is_text
+from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
+from kinseek.robots.meshes import mesh_path, numbers_of, origin_of
+from kinseek.robots.urdf import read_urdf_text
+from kinseek.robots.urdf_xml import expand_xacro, root_element
+from kinseek.transforms import rotation, transform
+
+from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+
+Array = NDArray[np.float64]
+
+SHORT = 1e-6
+"""A link shorter than this [m] gets no capsule."""
+
+_SAME = 1e-6
+"""How far the links of a file may be from those of the arm that it is said to be of [m]."""
+
+
+class Part(NamedTuple):
+    """One shape of a body."""
+
+    shape: Shape
+    pose: Array
+    """In the frame of its body, (4, 4), lengths in [m]."""
+
+
+@dataclass
+class Body:
+    """What is called by one name: a link, an obstacle, or what is attached to a link."""
+
+    name: str
+    frame: Frame
+    """Which joint of the arm carries it, and its pose in the frame of that joint; no joint: it stands in the base."""
+    parts: list[Part] = field(default_factory=list)
+    is_link: bool = False
+    padding: float = 0.0
+    """Added to it on every side [m]."""
+
+
+@dataclass
+class ArmBodies:
+    """What is known of an arm's own bodies."""
+
+    bodies: list[Body]
+    neighbours: list[tuple[str, str]]
+    """Pairs of links with a joint between them."""
+    notes: list[str]
+    """What a user should know: what was left out, what stands in for something."""
+    links: dict[str, Frame]
+    """All links, those without geometry too."""
+    robot: str = ""
+    """Name that the file gives the robot."""
+
+
+def described(chain: SerialChain, urdf: str | Path | bytes | None) -> tuple[bytes, Path] | None:
+    """Find the text of an arm's URDF, and the path that what it names is relative to; None where it came from no URDF.
+
+    Raises:
+        InvalidRobot: The file cannot be read.
+    """
+    if urdf is not None and is_text(urdf):
+        return (urdf.encode() if isinstance(urdf, str) else bytes(urdf)), Path("the URDF text")
+    path = Path(chain.source if urdf is None else str(urdf)).expanduser()
+    if path.suffix.lower() not in (".urdf", ".xacro", ".xml") or not path.is_file():
+        if urdf is not None:
+            file_bytes(path)  # Says what is wrong with it.
+            raise InvalidScene(f"urdf must be a .urdf or .xacro file, or the text of one, got {str(urdf)!r}")
+        return None
+    return (expand_xacro(path) if path.suffix.lower() == ".xacro" else file_bytes(path)), path
+
+
+def read_bodies(
+    chain: SerialChain,
+    text: bytes,
+    path: Path,
+    folders: Mapping[str, Path],
+    missing: Literal["error", "skip"],
+    joints: Mapping[str, float],
+) -> ArmBodies:
+    """Read the collision elements of all links of a URDF.
+
+    Args:
+        chain: The arm.
+        text: The URDF.
+        path: Where it lies.
+        folders: Folders of packages by name.
+        missing: What to do about a mesh that cannot be read.
+        joints: Values of joints that are not the arm's, [rad] or [m].
+
+    Raises:
+        InvalidScene: A mesh or another element that cannot be used, links or joints that do not fit.
+    """
+    robot = root_element(text, str(path))
+    _require_same(chain, text, path)
+    notes: list[str] = []
+    frames = _frames(robot, chain, path, joints, notes)
+    bodies = []
+    for link in robot.findall("link"):
+        if (name := link.get("name")) not in frames:
+            continue
+        body = Body(name, frames[name], is_link=True)
+        for number, element in enumerate(link.findall("collision"), start=1):
+            try:
+                body.parts.append(Part(_shape(element, path, folders), origin_of(element)))
+            except (InvalidRobot, InvalidScene) as error:
+                message = f"link {name!r}, collision element {number}: {error}"
+                if missing == "skip" and element.find("geometry/mesh") is not None:
+                    notes.append(f"left out: {message}")
+                    continue
+                raise InvalidScene(f'{path}: {message} (meshes="skip" leaves such meshes out)') from error
+        if body.parts:
+            bodies.append(body)
+    solid = {body.name for body in bodies}
+    return ArmBodies(bodies, _neighbours(robot, solid), notes, frames, robot.get("name") or "")
+
+
+def capsules_along(chain: SerialChain, radius: float) -> ArmBodies:
+    """Capsules from joint to joint, a stand-in for geometry that nobody gave."""
+    bodies: list[Body] = []
+    names = {frame.joints: name for name, frame in reversed(list(chain.frames.items()))}
+    for k in range(len(chain.leader) + 1):
+        end = chain.fixed[k, :, 3]
+        if (span := float(np.linalg.norm(end))) < SHORT:
+            continue
+        part = Part(Capsule(radius, span), transform(_z_along(end / span), end / 2))
+        bodies.append(Body(names[k], Frame(k, np.eye(4)), [part], is_link=True))
+    neighbours = [(a.name, b.name) for a, b in pairwise(bodies)]
+    note = (
+        f"capsules of radius {radius:g} m along the links stand in for geometry that the file does not have: what is free "
+        f"of them may touch in truth, and the other way round"
+    )
+    return ArmBodies(bodies, neighbours, [note], dict(chain.frames), chain.name)
+
+
+def package_folders(meshes: Iterable[str | Path] | Mapping[str, str | Path]) -> dict[str, Path]:
+    """Folders of packages by name, from such a mapping, or from folders that are packages or hold packages.
+
+    Raises:
+        InvalidScene: Not folders.
+    """
+    named = dict(meshes) if isinstance(meshes, Mapping) else {}
+    listed = (
+        [] if isinstance(meshes, Mapping) else [meshes] if isinstance(meshes, str | Path) else list(meshes)
+    )
+    for folder in [*named.values(), *listed]:
+        if not isinstance(folder, str | Path) or not Path(folder).expanduser().is_dir():
+            raise InvalidScene(f"meshes: no folder {str(folder)!r}")
+    found: dict[str, Path] = {}
+    for folder in listed:
+        path = Path(folder).expanduser().resolve()
+        found.setdefault(path.name, path)
+        for inner in sorted(path.iterdir()):
+            if inner.is_dir():
+                found.setdefault(inner.name, inner)
+    return found | {name: Path(folder).expanduser().resolve() for name, folder in named.items()}
+
+
+def _shape(element: Any, path: Path, folders: Mapping[str, Path]) -> Shape:
+    geometry = element.find("geometry")
+    shape = None if geometry is None else next(iter(geometry), None)
+    if shape is None:
+        raise InvalidScene("no geometry")
+    if shape.tag == "box":
+        return Box(numbers_of(shape.get("size"), 3))
+    if shape.tag == "sphere":
+        return Sphere(float(numbers_of(shape.get("radius"), 1)[0]))
+    if shape.tag in ("cylinder", "capsule"):
+        radius, span = (float(numbers_of(shape.get(name), 1)[0]) for name in ("radius", "length"))
+        return Cylinder(radius, span) if shape.tag == "cylinder" else Capsule(radius, span)
+    if shape.tag == "mesh":
+        name = shape.get("filename") or ""
+        return Mesh.read(mesh_path(name, path, folders), numbers_of(shape.get("scale"), 3, 1.0))
+    raise InvalidScene(
+        f"geometry {shape.tag!r} is not known; expected box, sphere, cylinder, capsule or mesh"
+    )
+
+
+def _require_same(chain: SerialChain, text: bytes, path: Path) -> None:
+    """Make sure that a file moves its links as the arm does."""
+    try:
+        other = read_urdf_text(text, chain.base, chain.tip, where=str(path))
+    except InvalidRobot as error:
+        raise InvalidScene(f"this is no file of the arm {chain.name!r}: {error}") from error
+    held = dict(chain.locked)
+    if set(other.joint_names) != {*chain.joint_names, *held}:
+        raise InvalidScene(
+            f"{path}: its joints between {chain.base!r} and {chain.tip!r} are {', '.join(other.joint_names)}, "
+            f"those of the arm {', '.join(chain.joint_names)}"
+        )
+    q = np.random.default_rng(0).uniform(chain.lower, chain.upper, (3, chain.dof))
+    full = np.stack(
+        [
+            q[:, chain.joint_names.index(name)] if name in chain.joint_names else np.full(len(q), held[name])
+            for name in other.joint_names
+        ],
+        axis=1,
+    )
+    ours = forward_many(chain.arrays_to(chain.frames[chain.tip]), q)
+    theirs = forward_many(other.arrays_to(other.frames[chain.tip]), np.ascontiguousarray(full))
+    if (off := float(np.abs(ours - theirs).max())) > _SAME:
+        raise InvalidScene(
+            f"{path}: link {chain.tip!r} is up to {off:.3g} m away from where the arm has it: this is another arm, or "
+            f"a xacro file expanded with other arguments; give the URDF that the arm was loaded from as urdf="
+        )
+
+
+def _frames(
+    robot: Any, chain: SerialChain, path: Path, joints: Mapping[str, float], notes: list[str]
+) -> dict[str, Frame]:
+    """Where every link of the file is carried along; links that other joints move stand where `joints` puts them."""
+    elements = {joint.find("child").get("link"): joint for joint in robot.findall("joint")}
+    spine = [chain.tip]
+    while spine[-1] != chain.base:
+        spine.append(elements[spine[-1]].find("parent").get("link"))
+    frames = {name: chain.frames[name] for name in spine}
+    near: dict[str, list[tuple[str, Any, bool]]] = {}
+    for child, joint in elements.items():
+        parent = joint.find("parent").get("link")
+        near.setdefault(parent, []).append((child, joint, True))
+        near.setdefault(child, []).append((parent, joint, False))
+    others = _Others(robot, chain, joints, path)
+    ahead = list(spine)
+    while ahead:
+        name = ahead.pop()
+        for link, joint, below in near.get(name, []):
+            if link in frames:
+                continue
+            pose = others.pose(joint)
+            frame = frames[name]
+            frames[link] = Frame(frame.joints, frame.pose @ (pose if below else np.linalg.inv(pose)))
+            ahead.append(link)
+    if unknown := [name for name in joints if name not in others.values]:
+        raise InvalidScene(f"joints: {suggest(str(unknown[0]), others.values, 'joint beside the arm')}")
+    notes.extend(
+        f"joint {name!r} is not the arm's and stands at {value:g}" for name, value in others.values.items()
+    )
+    return frames
+
+
+class _Others:
+    """Joints of a file that are not the arm's: where they stand."""
+
+    def __init__(self, robot: Any, chain: SerialChain, joints: Mapping[str, float], path: Path) -> None:
+        self.chain, self.given, self.path = chain, joints, path
+        self.values: dict[str, float] = {}
+        self.mimics = {
+            joint.get("name"): (
+                joint.find("mimic").get("joint"),
+                float(joint.find("mimic").get("multiplier") or 1.0),
+                float(joint.find("mimic").get("offset") or 0.0),
+            )
+            for joint in robot.findall("joint")
+            if joint.find("mimic") is not None
+        }
+        self.limits = {joint.get("name"): joint.find("limit") for joint in robot.findall("joint")}
+
+    def pose(self, joint: Any) -> Array:
+        """Pose of the link below in that above, (4, 4)."""
+        name, kind = joint.get("name"), joint.get("type")
+        origin = origin_of(joint)
+        if kind == "fixed":
+            return origin
+        if kind not in (REVOLUTE, CONTINUOUS, PRISMATIC):
+            raise InvalidScene(
+                f"{self.path}: joint {name!r} is {kind}; beside the arm only joints of one axis are known"
+            )
+        leader, multiplier, offset = follow_mimics(name, self.mimics)
+        if leader in (*self.chain.joint_names, *dict(self.chain.locked)):
+            raise InvalidScene(
+                f"{self.path}: joint {name!r} follows {leader!r} of the arm, and is not between its base and its tip: "
+                "such a joint is not supported"
+            )
+        value = multiplier * self._value(leader) + offset
+        axis = numbers_of(None if joint.find("axis") is None else joint.find("axis").get("xyz"), 3, 0.0)
+        axis = axis / np.linalg.norm(axis) if axis.any() else np.array([1.0, 0.0, 0.0])
+        if kind == PRISMATIC:
+            return np.asarray(origin @ transform(np.eye(3), value * axis))
+        return np.asarray(origin @ transform(rotation(axis, value), np.zeros(3)))
+
+    def _value(self, name: str) -> float:
+        if name not in self.values:
+            limit = self.limits.get(name)
+            ends = (-np.inf, np.inf) if limit is None else (
+                float(limit.get("lower") or 0.0), float(limit.get("upper") or 0.0)
+            )  # fmt: skip
+            value = self.given.get(name, min(max(0.0, ends[0]), ends[1]) if ends[0] <= ends[1] else 0.0)
+            if not np.isfinite(value):
+                raise InvalidScene(f"joints: the value of {name!r} must be a finite number, got {value!r}")
+            self.values[name] = float(value)
+        return self.values[name]
+
+
+def _neighbours(robot: Any, solid: set[str]) -> list[tuple[str, str]]:
+    """Pairs of links with geometry that one joint connects, fixed links without geometry between them passed over."""
+    joints = {joint.find("child").get("link"): joint for joint in robot.findall("joint")}
+    pairs = []
+    for child in solid & joints.keys():
+        joint, moving = joints[child], 0
+        while True:
+            moving += joint.get("type") != "fixed"
+            parent = joint.find("parent").get("link")
+            if parent in solid and moving <= 1:
+                pairs.append((parent, child))
+            if parent in solid or moving > 1 or parent not in joints:
+                break
+            joint = joints[parent]
+    return sorted(pairs)
+
+
+def _z_along(way: Array) -> Array:
+    """A rotation that brings z onto a unit vector, (3, 3)."""
+    helper = np.eye(3)[np.argmin(np.abs(way))]
+    x = np.cross(helper, way)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(way, x), way])

@@ -1,0 +1,179 @@
+"""The exact library: coal, asked through pinocchio, on a model made of the arm's own fixed transforms."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.robots.chain import SerialChain
+
+from .broad import Broad
+from .shapes import Mesh, Shape, library
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+TOUCH = 1e-6
+"""What is closer than this [m] touches: coal's distances are known that well."""
+
+
+class Solid(NamedTuple):
+    """One part of a body, as the engine takes it."""
+
+    body: int
+    """Number of its body."""
+    joint: int
+    """The joint that carries it; 0: it stands in the base."""
+    shape: Shape
+    pose: Array
+    """In the frame of that joint, (4, 4), lengths in [m]."""
+    padding: float
+    """[m]"""
+
+
+class Near(NamedTuple):
+    """How near two parts are."""
+
+    pair: int
+    distance: float
+    """[m], negative where they are in each other."""
+    points: tuple[Array, Array]
+    """Where, on either of them, in the base, (3,) each [m]."""
+
+
+class Engine:
+    """The pairs of a scene that count, ready to be asked.
+
+    Args:
+        chain: The arm.
+        solids: All parts.
+        pairs: Numbers of the two parts of each pair that counts.
+    """
+
+    def __init__(self, chain: SerialChain, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]]) -> None:
+        """Tell pinocchio and coal."""
+        self._pin = pin = library("pinocchio")
+        self._chain, self.solids, self.pairs = chain, solids, pairs
+        self._model = pin.Model()
+        joint = 0
+        for k, slides in enumerate(chain.prismatic):
+            kind = pin.JointModelPZ() if slides else pin.JointModelRZ()
+            place = pin.SE3(chain.fixed[k, :, :3].copy(), chain.fixed[k, :, 3].copy())
+            joint = self._model.addJoint(joint, kind, place, f"joint{k + 1}")
+        self._data = self._model.createData()
+        self._geometry = pin.GeometryModel()
+        for number, solid in enumerate(solids):
+            place = pin.SE3(solid.pose[:3, :3].copy(), solid.pose[:3, 3].copy())
+            self._geometry.addGeometryObject(
+                pin.GeometryObject(str(number), solid.joint, place, solid.shape.geometry())
+            )
+        for i, j in pairs:
+            self._geometry.addCollisionPair(pin.CollisionPair(i, j))
+        self._placed = pin.GeometryData(self._geometry)
+        with warnings.catch_warnings():  # Every pair begins anew, or an answer would depend on what was asked before it.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            for request in (*self._placed.collisionRequests, *self._placed.distanceRequests):
+                request.enable_cached_gjk_guess = False
+        self._larger = np.array(
+            [sum(solids[i].padding + solids[i].shape.excess for i in pair) for pair in pairs]
+        ).reshape(-1)
+        self._padded = np.array([sum(solids[i].padding for i in pair) for pair in pairs]).reshape(-1)
+        self._broad = Broad(chain, [(solid.joint, solid.shape, solid.pose) for solid in solids], pairs)
+        self._clearance, self._tree = np.nan, None
+        self._shells = [n for n, pair in enumerate(pairs) if any(_is_shell(solids[i]) for i in pair)]
+
+    def free(self, q: Array, clearance: float) -> Flags:
+        """Is every pair farther apart than `clearance`? (k, n) -> (k,).
+
+        coal's own tree of boxes around the parts sorts out what is far apart; the rest is looked at exactly.
+        """
+        if not self.pairs:
+            return np.ones(len(q), dtype=np.bool_)
+        self.set_clearance(clearance)
+        return np.array([self._is_free(one) for one in q], dtype=np.bool_)
+
+    def bounds(self, q: Array) -> Array:
+        """No pair is closer than this, padding taken off, (k, n) -> (k, pairs) [m]; by spheres alone."""
+        return np.asarray(self._broad.bounds(q) - self._padded)
+
+    def near(self, q: Array, pairs: Iterable[int] | None = None) -> list[Near]:
+        """How near the parts of pairs are at q, (n,); of all pairs, unless some are named."""
+        self.place(q)
+        return [self.near_pair(int(n)) for n in (range(len(self.pairs)) if pairs is None else pairs)]
+
+    def nearest(self, q: Array) -> Near | None:
+        """The two parts that are nearest to each other at q, (n,); None without pairs."""
+        if not self.pairs:
+            return None
+        bounds = self.bounds(q[None])[0]
+        self.place(q)
+        best: Near | None = None
+        for n in np.argsort(bounds):
+            # A bound below 0 says nothing: how deep parts are in each other spheres do not tell.
+            if best is not None and bounds[n] > max(best.distance, 0.0):
+                break
+            found = self.near_pair(int(n))
+            if best is None or found.distance < best.distance:
+                best = found
+        return best
+
+    def set_clearance(self, clearance: float) -> None:
+        """From now on what is not farther apart than this touches [m]."""
+        if clearance == self._clearance:
+            return
+        for request, larger in zip(self._placed.collisionRequests, self._larger, strict=True):
+            request.security_margin = clearance + larger + TOUCH
+        self._tree = self._pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
+            self._model, self._geometry, self._placed
+        )
+        self._clearance = clearance
+
+    def place(self, q: Array) -> None:
+        """Bring all parts to where they are at q, (n,)."""
+        self._pin.updateGeometryPlacements(
+            self._model, self._data, self._geometry, self._placed, self._physical(q)
+        )
+
+    def _is_free(self, q: Array) -> bool:
+        if self._pin.computeCollisions(self._model, self._data, self._tree, self._physical(q), True):
+            return False
+        return not any(self._inside(n) for n in self._shells)
+
+    def _physical(self, q: Array) -> Array:
+        return np.asarray(self._chain.multiplier * q[self._chain.leader] + self._chain.offset)
+
+    def touch(self, n: int) -> bool:
+        """Do the parts of a pair touch, where they were placed last?"""
+        return bool(self._pin.computeCollision(self._geometry, self._placed, n)) or self._inside(n)
+
+    def near_pair(self, n: int) -> Near:
+        """How near the parts of a pair are, where they were placed last."""
+        result = self._pin.computeDistance(self._geometry, self._placed, n)
+        distance = float(result.min_distance)
+        if self._inside(n):
+            distance = -abs(distance)
+        points = np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
+        return Near(n, distance - float(self._larger[n]), points)
+
+    def _inside(self, n: int) -> bool:
+        """Is one part wholly inside a closed mesh of which only the surface is known to coal?
+
+        The other is in one piece. So where their surfaces do not meet, one of its points is as good as any.
+        """
+        for shell, other in (self.pairs[n], self.pairs[n][::-1]):
+            if not _is_shell(self.solids[shell]):
+                continue
+            corners = self.solids[other].shape.corners
+            point = self._placed.oMg[other].act((corners.min(axis=0) + corners.max(axis=0)) / 2)
+            mesh = self.solids[shell].shape
+            if isinstance(mesh, Mesh) and mesh.holds(np.asarray(self._placed.oMg[shell].actInv(point))):
+                return True
+        return False
+
+
+def _is_shell(solid: Solid) -> bool:
+    return isinstance(solid.shape, Mesh) and not solid.shape.hull

@@ -1,0 +1,108 @@
+"""Pairs of bodies: which count, and why the others do not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from kinseek.errors import InvalidRobot, InvalidScene
+from kinseek.robots.files import file_bytes
+from kinseek.robots.held import is_text
+from kinseek.robots.urdf_xml import root_element
+
+from .bodies import ArmBodies, Body
+
+NEIGHBOURS = "neighbours: a joint connects them"
+ATTACHED = "attached: it is carried by this link"
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two bodies, and whether it is looked whether they touch."""
+
+    a: str
+    b: str
+    reason: str = ""
+    """Why it never counts; empty where it does."""
+
+    @property
+    def counts(self) -> bool:
+        """Is it looked at?"""
+        return not self.reason
+
+    def __str__(self) -> str:
+        """One line for people."""
+        return f"{self.a} - {self.b}: {self.reason or 'counts'}"
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two bodies that touch, or come closer than they may."""
+
+    a: str
+    b: str
+    depth: float
+    """How deep they are in each other [m]: how far one has to be moved, at least, until they only touch. Negative where they
+    are apart and closer than the clearance."""
+
+    def __str__(self) -> str:
+        """One phrase for people."""
+        how = f"{self.depth * 1e3:.1f} mm deep" if self.depth >= 0 else f"{-self.depth * 1e3:.1f} mm apart"
+        return f"{self.a} and {self.b}, {how}"
+
+
+def key(a: str, b: str) -> tuple[str, str]:
+    """The two names of a pair in one order."""
+    return (a, b) if a <= b else (b, a)
+
+
+def pairs_of(bodies: Iterable[Body], never: dict[tuple[str, str], str]) -> list[Pair]:
+    """All pairs of bodies, in order; `never` says why some never count."""
+    bodies = list(bodies)
+    pairs = []
+    for i, a in enumerate(bodies):
+        for b in bodies[i + 1 :]:
+            reason = never.get(key(a.name, b.name), "")
+            if a.frame.joints == b.frame.joints:
+                where = f"joint {a.frame.joints}" if a.frame.joints else "the base"
+                reason = f"neither moves against the other: {where} carries both"
+            pairs.append(Pair(a.name, b.name, reason))
+    return pairs
+
+
+def disabled_by(srdf: str | Path | bytes, arm: ArmBodies) -> tuple[dict[tuple[str, str], str], list[str]]:
+    """Pairs that an SRDF file disables, with its reason, and notes.
+
+    Raises:
+        InvalidScene: It cannot be read, or is that of another robot.
+    """
+    where = "the SRDF text" if is_text(srdf) else str(srdf)
+    try:
+        if isinstance(srdf, str | bytes) and is_text(srdf):
+            text = srdf.encode() if isinstance(srdf, str) else srdf
+        else:
+            text = file_bytes(Path(str(srdf)).expanduser())
+        root = root_element(text, where)
+    except InvalidRobot as error:
+        raise InvalidScene(str(error)) from error
+    if root.tag != "robot":
+        raise InvalidScene(f"{where}: not an SRDF: the root tag is <{root.tag}>, expected <robot>")
+    found: dict[tuple[str, str], str] = {}
+    unknown: set[str] = set()
+    named: set[str] = set()
+    for element in root.findall("disable_collisions"):
+        a, b = element.get("link1") or "", element.get("link2") or ""
+        named |= {a, b}
+        unknown |= {a, b} - arm.links.keys()
+        found[key(a, b)] = f"SRDF: {element.get('reason') or 'disabled'}"
+    other = (root.get("name") or arm.robot) != arm.robot
+    if unknown and (other or unknown == named):
+        raise InvalidScene(
+            f"{where}: this is the SRDF of robot {root.get('name')!r}, and the arm is of {arm.robot!r}, which has no link "
+            f"{min(unknown)!r}"
+        )
+    notes = (
+        [f"{where} names links that the file does not have: {', '.join(sorted(unknown))}"] if unknown else []
+    )
+    return found, notes

@@ -1,0 +1,484 @@
+"""A scene: an arm, what stands around it, and which of these touch at joint values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kinseek.errors import InvalidProblem, InvalidScene, suggest
+from kinseek.poses import one_pose
+from kinseek.problem import as_joints
+from kinseek.robots import read
+from kinseek.robots.chain import Frame, SerialChain
+from kinseek.robots.mechanism import no_axes
+
+from .bodies import ArmBodies, Body, Part, capsules_along, described, package_folders, read_bodies
+from .engine import TOUCH, Engine, Near, Solid
+from .pairs import ATTACHED, NEIGHBOURS, Contact, Pair, disabled_by, key, pairs_of
+from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere, length, library
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+class Nearest(NamedTuple):
+    """The two bodies that are nearest to each other, of all pairs that count."""
+
+    a: str
+    b: str
+    distance: float
+    """[m], negative where they are in each other."""
+    point_a: Array
+    """On the first, in the base of the arm, (3,) [m]; padding and the radius of a cloud's points are not in it."""
+    point_b: Array
+
+
+class Scene:
+    """An arm and what it may hit. Make one with `Scene.of`.
+
+    Bodies have names: those of the arm are called as its links, the others as they were added. Poses are in the base of the
+    arm. A scene belongs to one arm, also where it is locked, limited or has a tool, as it was when the scene was made.
+    """
+
+    def __init__(self, chain: SerialChain, arm: ArmBodies, never: dict[tuple[str, str], str]) -> None:
+        """Put together what `Scene.of` has read."""
+        self._chain, self._links = chain, arm.links
+        self._bodies = {body.name: body for body in arm.bodies}
+        self._never = never
+        self._notes = list(arm.notes)
+        self._engine: Engine | None = None
+        self._owners: list[tuple[str, str]] = []
+
+    @classmethod
+    def of(
+        cls,
+        arm: Any,
+        meshes: Iterable[str | Path] | Mapping[str, str | Path] | Literal["skip"] = (),
+        srdf: str | Path | None = None,
+        padding: float = 0.0,
+        capsules: float | None = None,
+        *,
+        urdf: str | Path | None = None,
+        joints: Mapping[str, float] | None = None,
+        missing: Literal["error", "skip"] = "error",
+        samples: int = 1000,
+        never: Literal["check", "skip"] = "check",
+    ) -> Self:
+        """Make the scene of an arm by itself.
+
+        Args:
+            arm: An `Arm`, or what `kinseek.load` takes.
+            meshes: Folders of the packages that ``package://`` addresses of the file name: packages, folders of packages, or
+                a mapping from names to folders. ``"skip"`` is short for ``missing="skip"``.
+            srdf: An SRDF file, or its text, whose disabled pairs never count.
+            padding: Added to every shape of the arm on every side [m].
+            capsules: For an arm whose file has no collision elements: the radius of capsules that stand in for links [m].
+            urdf: The file with the geometry, or its text, where it is not the one that the arm was loaded from.
+            joints: Values of joints of the file that are not the arm's, a gripper's for example, by name, [rad] or [m]; the
+                others stand at 0, or at the limit nearest to it.
+            missing: What to do about a mesh that cannot be read: ``"error"``, or ``"skip"``, which leaves it out and says so
+                in `notes`.
+            samples: At how many random joint values inside the limits it is looked which links always touch each other.
+            never: What to do about links that touch at none of these: ``"check"`` looks at them all the same; ``"skip"``
+                leaves them out, as MoveIt's assistant does, which is faster, and which samples cannot prove right.
+
+        Raises:
+            InvalidScene: No geometry and no `capsules`; a mesh that is missing, empty or broken; folders, an SRDF or joints
+                that do not fit.
+            InvalidProblem: The arm is a function.
+            MissingExtra: pinocchio or trimesh is not installed.
+        """
+        library("pinocchio")
+        chain = _chain_of(arm)
+        for name, value in (("missing", missing), ("never", never)):
+            choices = {"missing": ("error", "skip"), "never": ("check", "skip")}[name]
+            if value not in choices:
+                raise InvalidScene(suggest(str(value), choices, f"value of {name}"))
+        if isinstance(samples, bool) or not isinstance(samples, int) or samples < 1:
+            raise InvalidScene(f"samples must be a whole number of at least 1, got {samples!r}")
+        if isinstance(meshes, str) and meshes == "skip":
+            meshes, missing = (), "skip"
+        padding = length("padding", padding, -1e-300) if padding else 0.0
+        found = _arm_bodies(chain, package_folders(meshes), capsules, urdf, dict(joints or {}), missing)
+        for body in found.bodies:
+            body.padding = padding
+        left_out = {key(a, b): NEIGHBOURS for a, b in found.neighbours}
+        if srdf is not None:
+            disabled, notes = disabled_by(srdf, found)
+            left_out, found.notes = disabled | left_out, [*found.notes, *notes]
+        scene = cls(chain, found, left_out)
+        scene._sample(samples, never == "skip")
+        return scene
+
+    def add_box(self, name: str, size: ArrayLike, pose: Any = None) -> None:
+        """Add a box.
+
+        Args:
+            name: Of the new body.
+            size: Edges along its x, y and z [m].
+            pose: Of its middle in the base of the arm, (4, 4), or an object that carries one; the base itself unless given.
+
+        Raises:
+            InvalidScene: A name that is taken, a size that is none.
+            InvalidGoal: `pose` is none.
+        """
+        self.add(name, Box(size), pose)
+
+    def add_sphere(self, name: str, radius: float, pose: Any = None) -> None:
+        """Add a ball of a radius [m]; see `add_box`."""
+        self.add(name, Sphere(radius), pose)
+
+    def add_cylinder(self, name: str, radius: float, length: float, pose: Any = None) -> None:
+        """Add a cylinder about the z axis of its pose, lengths in [m]; see `add_box`."""
+        self.add(name, Cylinder(radius, length), pose)
+
+    def add_capsule(self, name: str, radius: float, length: float, pose: Any = None) -> None:
+        """Add a cylinder with round ends about the z axis of its pose; `length` [m] is without these; see `add_box`."""
+        self.add(name, Capsule(radius, length), pose)
+
+    def add_mesh(
+        self, name: str, path: str | Path, pose: Any = None, *, scale: ArrayLike = 1.0, hull: bool = False
+    ) -> None:
+        """Add what a file of triangles holds.
+
+        A closed mesh is solid. One that is open is a surface: what lies wholly behind it does not touch it; `notes` says so.
+
+        Args:
+            name: Of the new body.
+            path: An STL, OBJ or DAE file.
+            pose: See `add_box`.
+            scale: One factor, or one along each axis.
+            hull: Take its convex hull: faster, and solid in any case.
+
+        Raises:
+            InvalidScene: As `add_box`, or the file is missing, empty or cannot be read.
+        """
+        self.add(name, Mesh.read(path, scale, hull), pose)
+
+    def add_points(self, name: str, cloud: ArrayLike, radius: float, pose: Any = None) -> None:
+        """Add a cloud of points, (k, 3) [m], as a depth camera gives it; each is a ball of a radius [m]; see `add_box`.
+
+        Raises:
+            InvalidScene: As `add_box`, or NaN in the cloud; the message says how many points hold it.
+        """
+        self.add(name, Points(cloud, radius), pose)
+
+    def add(self, name: str, shape: Shape, pose: Any = None) -> None:
+        """Add a shape of `kinseek.collision`, as the other ways to add do.
+
+        Raises:
+            InvalidScene: A name that is taken, or no shape.
+            InvalidGoal: `pose` is none.
+        """
+        self._enter(Body(self._new(name), Frame(0, np.eye(4)), [_part(shape, pose)]))
+        if isinstance(shape, Mesh) and not shape.hull and not shape.closed:
+            self._notes.append(
+                f"{name!r} is an open mesh, a surface: what lies wholly behind it does not touch it"
+            )
+
+    def attach(
+        self,
+        name: str,
+        shape: Shape,
+        to: str,
+        pose: Any = None,
+        touches: Iterable[str] = (),
+        padding: float = 0.0,
+    ) -> None:
+        """Attach a shape to a link: a tool, or what a gripper holds. It moves with the link, and may hit what the link may.
+
+        Args:
+            name: Of the new body.
+            shape: A `Box`, `Sphere`, `Cylinder`, `Capsule` or hull of a `Mesh` from `kinseek.collision`.
+            to: A link of the file, with geometry or without.
+            pose: Of the shape in the frame of that link, (4, 4), or an object that carries one; its frame unless given.
+            touches: Names of bodies that it may touch, beside that link.
+            padding: Added to it on every side [m].
+
+        Raises:
+            InvalidScene: A name that is taken, an unknown link or body, a shape that cannot be carried.
+            InvalidGoal: `pose` is none.
+        """
+        if to not in self._links:
+            raise InvalidScene(suggest(str(to), self._links, "link"))
+        if isinstance(shape, Points) or (isinstance(shape, Mesh) and not shape.hull):
+            raise InvalidScene(
+                "what is attached must be convex: a cloud cannot be, of a mesh its hull, hull=True"
+            )
+        for other in touches:
+            self._require(other)
+        part = _part(shape, pose)
+        frame = self._links[to]
+        self._enter(
+            Body(
+                self._new(name),
+                frame,
+                [part],
+                padding=length("padding", padding, -1e-300) if padding else 0.0,
+            )
+        )
+        for other in {to, *touches} & self._bodies.keys():
+            self._never[key(name, other)] = ATTACHED if other == to else "said: it may touch this"
+
+    def allow(self, a: str, b: str, reason: str = "said: they may touch") -> None:
+        """Leave a pair of bodies out of what counts.
+
+        Raises:
+            InvalidScene: An unknown body.
+        """
+        self._require(a)
+        self._require(b)
+        self._never[key(a, b)] = str(reason) or "said: they may touch"
+        self._engine = None
+
+    def remove(self, name: str) -> None:
+        """Take a body away that was added or attached.
+
+        Raises:
+            InvalidScene: There is none, or it is a link of the arm.
+        """
+        self._require(name)
+        if self._bodies[name].is_link:
+            raise InvalidScene(
+                f"{name!r} is a link of the arm; allow({name!r}, other) lets it touch another body"
+            )
+        del self._bodies[name]
+        self._never = {pair: why for pair, why in self._never.items() if name not in pair}
+        self._notes = [note for note in self._notes if not note.startswith(f"{name!r} ")]
+        self._engine = None
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of all bodies: links of the arm with geometry, then what was added."""
+        return tuple(self._bodies)
+
+    @property
+    def pairs(self) -> tuple[Pair, ...]:
+        """All pairs of bodies, those that count and those that do not with the reason; each prints as a line."""
+        return tuple(pairs_of(self._bodies.values(), self._never))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was left out, what stands in for something, where joints stand that are not the arm's: a sentence each."""
+        return tuple(self._notes)
+
+    def free(self, q: Any, clearance: float = 0.0) -> Any:
+        """Is every pair that counts farther apart than a clearance?
+
+        Args:
+            q: Joint values, (..., n), [rad] or [m], or by name as `Arm.fk` takes them.
+            clearance: [m], at least 0.
+
+        Returns:
+            bool, or (...) bool. What is closer than a thousandth of a millimetre touches.
+
+        Raises:
+            InvalidProblem: `q` does not fit the arm.
+            InvalidScene: `clearance` is no length.
+        """
+        joints = as_joints(self._chain, q)
+        free = self._asked.free(joints.reshape(-1, self._chain.dof), clear(clearance))
+        return free.reshape(joints.shape[:-1]) if joints.ndim > 1 else bool(free[0])
+
+    def distance(self, q: Any) -> Any:
+        """Distance of the two bodies that are nearest to each other, of all pairs that count.
+
+        Args:
+            q: As in `free`.
+
+        Returns:
+            [m], float or (...), negative where bodies are in each other; infinite without pairs.
+
+        Raises:
+            InvalidProblem: `q` does not fit the arm.
+        """
+        joints = as_joints(self._chain, q)
+        found = [self._asked.nearest(row) for row in joints.reshape(-1, self._chain.dof)]
+        distances = np.array([np.inf if near is None else near.distance for near in found])
+        return distances.reshape(joints.shape[:-1]) if joints.ndim > 1 else float(distances[0])
+
+    def nearest(self, q: Any) -> Nearest:
+        """The two bodies that are nearest to each other at one q, (n,), how far they are apart, and where.
+
+        Raises:
+            InvalidProblem: `q` does not fit the arm.
+            InvalidScene: No pair counts.
+        """
+        near = self._asked.nearest(self._one(q))
+        if near is None:
+            raise InvalidScene("no pair of bodies counts, so none is nearest")
+        return Nearest(*self._owners[near.pair], near.distance, *near.points)
+
+    def hits(self, q: Any, clearance: float = 0.0) -> tuple[Contact, ...]:
+        """The pairs of bodies that touch at one q, (n,), or are closer than a clearance [m], the deepest first.
+
+        Raises:
+            InvalidProblem: `q` does not fit the arm.
+            InvalidScene: `clearance` is no length.
+        """
+        joints, least = self._one(q), clear(clearance)
+        engine = self._asked
+        if not engine.pairs:
+            return ()
+        engine.set_clearance(least)
+        close = np.flatnonzero(engine.bounds(joints[None])[0] <= least + TOUCH)
+        engine.place(joints)
+        found: dict[tuple[str, str], Near] = {}
+        for n in close:
+            if not engine.touch(int(n)):
+                continue
+            near, names = engine.near_pair(int(n)), self._owners[n]
+            if names not in found or near.distance < found[names].distance:
+                found[names] = near
+        contacts = [Contact(a, b, -near.distance) for (a, b), near in found.items()]
+        return tuple(sorted(contacts, key=lambda contact: -contact.depth))
+
+    @property
+    def _asked(self) -> Engine:
+        """The engine of the scene as it is now."""
+        if self._engine is None:
+            self._engine, self._owners = self._make(self.pairs)
+        return self._engine
+
+    def _make(self, pairs: Iterable[Pair]) -> tuple[Engine, list[tuple[str, str]]]:
+        solids: list[Solid] = []
+        numbers: dict[str, list[int]] = {}
+        for place, body in enumerate(self._bodies.values()):
+            numbers[body.name] = list(range(len(solids), len(solids) + len(body.parts)))
+            solids += [
+                Solid(place, body.frame.joints, part.shape, body.frame.pose @ part.pose, body.padding)
+                for part in body.parts
+            ]
+        counted = [
+            ((i, j), (pair.a, pair.b))
+            for pair in pairs
+            if pair.counts
+            for i in numbers[pair.a]
+            for j in numbers[pair.b]
+        ]
+        return Engine(self._chain, solids, [pair for pair, _ in counted]), [names for _, names in counted]
+
+    def _sample(self, samples: int, skip_never: bool) -> None:
+        """Find links that touch at all samples, and at none, and leave them out."""
+        chain = self._chain
+        q = np.random.default_rng(0).uniform(chain.lower, chain.upper, (samples, chain.dof))
+        open_pairs = [pair for pair in self.pairs if pair.counts]
+        always = f"always: they touch at all of {samples:,} random joint values"
+        none = f"never: they touch at none of {samples:,} random joint values"
+        for pair in open_pairs:
+            engine, _ = self._make([pair])
+            if skip_never:
+                count = samples - int(engine.free(q, 0.0).sum())
+            else:  # The first sample at which they are apart ends it.
+                count = next((i for i in range(samples) if engine.free(q[i : i + 1], 0.0)[0]), samples)
+                count = samples if count == samples else 1
+            if count == samples:
+                self._never[key(pair.a, pair.b)] = always
+            elif count == 0:
+                self._never[key(pair.a, pair.b)] = none
+        self._engine = None
+
+    def _one(self, q: Any) -> Array:
+        joints = as_joints(self._chain, q)
+        if joints.ndim > 1:
+            raise InvalidProblem(f"expected one q of shape ({self._chain.dof},), got {joints.shape}")
+        return joints
+
+    def _new(self, name: str) -> str:
+        if not isinstance(name, str) or not name:
+            raise InvalidScene(f"a body needs a name, got {name!r}")
+        if name in self._bodies or name in self._links:
+            if name in self._links:
+                raise InvalidScene(f"{name!r} is a link of the arm already; names are unique")
+            raise InvalidScene(
+                f"{name!r} is a body of the scene already; names are unique. remove({name!r}) takes it away"
+            )
+        return name
+
+    def _require(self, name: str) -> None:
+        if name not in self._bodies:
+            raise InvalidScene(suggest(str(name), self._bodies, "body"))
+
+    def _enter(self, body: Body) -> None:
+        self._bodies[body.name] = body
+        self._engine = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle and copy what it is made of; the engine is made anew."""
+        state = {**self.__dict__, "_engine": None, "_owners": []}
+        return state | {
+            "_bodies": dict(self._bodies),
+            "_never": dict(self._never),
+            "_notes": list(self._notes),
+        }
+
+    def __repr__(self) -> str:
+        """The arm, bodies, pairs, and notes."""
+        links = sum(body.is_link for body in self._bodies.values())
+        pairs = self.pairs
+        counted = sum(pair.counts for pair in pairs)
+        notes = "".join(f"\n  {note}" for note in self._notes)
+        return (
+            f"Scene({self._chain.name!r}, {links} links, {len(self._bodies) - links} other bodies, "
+            f"{counted} of {len(pairs)} pairs count){notes}"
+        )
+
+
+def clear(clearance: float) -> float:
+    """Read a clearance [m].
+
+    Raises:
+        InvalidScene: It is no length of at least 0.
+    """
+    return 0.0 if isinstance(clearance, int | float) and clearance == 0 else length("clearance", clearance)
+
+
+def _chain_of(arm: Any) -> SerialChain:
+    mechanism = getattr(arm, "mechanism", arm)
+    if hasattr(mechanism, "joint_names") and hasattr(mechanism, "axes"):
+        if mechanism.axes is None:
+            raise InvalidProblem(no_axes(mechanism, "a scene needs the links of an arm"))
+        chain: SerialChain = mechanism.axes
+        return chain
+    return read(arm)
+
+
+def _arm_bodies(
+    chain: SerialChain,
+    folders: Mapping[str, Path],
+    capsules: float | None,
+    urdf: str | Path | None,
+    joints: Mapping[str, float],
+    missing: Literal["error", "skip"],
+) -> ArmBodies:
+    file = described(chain, urdf)
+    found = None if file is None else read_bodies(chain, *file, folders, missing, joints)
+    if found is not None and found.bodies:
+        if capsules is not None:
+            raise InvalidScene(
+                "capsules stand in for links without geometry, and the file of this arm has some"
+            )
+        return found
+    if capsules is not None:
+        return capsules_along(chain, length("capsules", capsules))
+    what = (
+        f"{str(file[1])!r} has no collision elements"
+        if file is not None
+        else f"{chain.source or 'it'!r} is no URDF file"
+    )
+    raise InvalidScene(
+        f"no geometry of arm {chain.name!r} is known: {what}. Give the file that has it, urdf=..., or the radius of "
+        f"capsules that stand in for the links, capsules=0.05"
+    )
+
+
+def _part(shape: Shape, pose: Any) -> Part:
+    if not isinstance(shape, Shape):
+        raise InvalidScene(
+            f"expected a Box, Sphere, Cylinder, Capsule, Mesh or Points of kinseek.collision, got {type(shape).__name__}"
+        )
+    return Part(shape, np.eye(4) if pose is None else one_pose(pose, "pose"))

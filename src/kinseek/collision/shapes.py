@@ -1,0 +1,404 @@
+"""Shapes of bodies: what each is made of, what surely holds it, and how coal is told of it.
+
+Every shape lies in the hull of its `corners`, made thicker by its `thickness`. Bounds that prove something, outer spheres
+and how far a point of it can be, are worked out from these two alone.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kinseek.errors import InvalidRobot, InvalidScene, MissingExtra
+
+Array = NDArray[np.float64]
+
+GRAIN = 1e-5
+"""A point of a cloud is a triangle of this size [m] to coal, which has no points: a cloud is that much larger than it is."""
+
+MOST_TRIANGLES = 1_000_000
+"""Of one mesh."""
+
+_SIDES = 16
+"""Of the prism around a cylinder."""
+
+
+def library(name: str) -> Any:
+    """Import what the extra brings.
+
+    Raises:
+        MissingExtra: It is not installed.
+    """
+    try:
+        return import_module(name)
+    except ImportError:
+        raise MissingExtra("A scene with collisions", "collision") from None
+
+
+@dataclass(frozen=True, eq=False)
+class Shape(ABC):
+    """One shape in its own frame, lengths in [m]."""
+
+    @property
+    def thickness(self) -> float:
+        """How far the shape may reach beyond the hull of its corners [m]."""
+        return 0.0
+
+    @cached_property
+    @abstractmethod
+    def corners(self) -> Array:
+        """Points whose hull, made thicker by `thickness`, holds the shape, (k, 3) [m]."""
+
+    @abstractmethod
+    def geometry(self) -> Any:
+        """What coal takes."""
+
+    @property
+    def excess(self) -> float:
+        """How much larger the shape is than what coal takes [m]."""
+        return 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Box(Shape):
+    """A box about the origin.
+
+    Raises:
+        InvalidScene: Not three lengths above zero.
+    """
+
+    size: ArrayLike
+    """Edges along x, y and z [m]."""
+
+    def __post_init__(self) -> None:
+        """Check it."""
+        object.__setattr__(self, "size", lengths("size", self.size, 3))
+
+    @cached_property
+    def corners(self) -> Array:
+        """The eight corners."""
+        signs = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), axis=-1).reshape(-1, 3)
+        return np.asarray(signs * self.size)
+
+    def geometry(self) -> Any:
+        """What coal takes."""
+        return library("coal").Box(*np.asarray(self.size))
+
+
+@dataclass(frozen=True, eq=False)
+class Sphere(Shape):
+    """A ball about the origin.
+
+    Raises:
+        InvalidScene: Not a radius above zero.
+    """
+
+    radius: float
+    """[m]"""
+
+    def __post_init__(self) -> None:
+        """Check it."""
+        object.__setattr__(self, "radius", length("radius", self.radius))
+
+    @property
+    def thickness(self) -> float:
+        """Its radius."""
+        return self.radius
+
+    @cached_property
+    def corners(self) -> Array:
+        """Its middle."""
+        return np.zeros((1, 3))
+
+    def geometry(self) -> Any:
+        """What coal takes."""
+        return library("coal").Sphere(self.radius)
+
+
+@dataclass(frozen=True, eq=False)
+class Cylinder(Shape):
+    """A cylinder about the z axis, its middle at the origin, as URDF has it.
+
+    Raises:
+        InvalidScene: Not a radius and a length above zero.
+    """
+
+    radius: float
+    """[m]"""
+    length: float
+    """[m]"""
+
+    def __post_init__(self) -> None:
+        """Check it."""
+        object.__setattr__(self, "radius", length("radius", self.radius))
+        object.__setattr__(self, "length", length("length", self.length))
+
+    @cached_property
+    def corners(self) -> Array:
+        """The corners of a prism that stands around it."""
+        angles = np.arange(_SIDES) * 2 * np.pi / _SIDES
+        ring = self.radius / np.cos(np.pi / _SIDES) * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        ends = [np.column_stack([ring, np.full(_SIDES, z)]) for z in (-self.length / 2, self.length / 2)]
+        return np.concatenate(ends)
+
+    def geometry(self) -> Any:
+        """What coal takes."""
+        return library("coal").Cylinder(self.radius, self.length)
+
+
+@dataclass(frozen=True, eq=False)
+class Capsule(Shape):
+    """All that is within `radius` of a piece of the z axis, its middle at the origin.
+
+    Raises:
+        InvalidScene: Not a radius and a length above zero.
+    """
+
+    radius: float
+    """[m]"""
+    length: float
+    """Of the piece of the axis, without the round ends [m]."""
+
+    def __post_init__(self) -> None:
+        """Check it."""
+        object.__setattr__(self, "radius", length("radius", self.radius))
+        object.__setattr__(self, "length", length("length", self.length))
+
+    @property
+    def thickness(self) -> float:
+        """Its radius."""
+        return self.radius
+
+    @cached_property
+    def corners(self) -> Array:
+        """Both ends of the piece of the axis."""
+        return np.array([[0.0, 0.0, -self.length / 2], [0.0, 0.0, self.length / 2]])
+
+    def geometry(self) -> Any:
+        """What coal takes."""
+        return library("coal").Capsule(self.radius, self.length)
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh(Shape):
+    """Triangles, or their convex hull. `Mesh.read` makes them of a file.
+
+    Raises:
+        InvalidScene: No triangles, NaN, more than a million triangles.
+    """
+
+    vertices: Array
+    """(k, 3) [m]"""
+    faces: NDArray[np.int64]
+    """Numbers of the corners of each triangle, (f, 3)."""
+    hull: bool = True
+    """Does the convex hull count? It holds the mesh, so what is free of it is free of the mesh."""
+    name: str = "the mesh"
+    """For messages."""
+
+    def __post_init__(self) -> None:
+        """Check it."""
+        try:
+            vertices = np.array(self.vertices, dtype=np.float64).reshape(-1, 3)
+            faces = np.array(self.faces, dtype=np.int64).reshape(-1, 3)
+        except (TypeError, ValueError) as error:
+            raise InvalidScene(f"{self.name}: expected vertices (k, 3) and faces (f, 3): {error}") from None
+        if not len(faces) or not len(vertices):
+            raise InvalidScene(f"{self.name} is empty: it holds no triangles")
+        if len(faces) > MOST_TRIANGLES:
+            raise InvalidScene(
+                f"{self.name} holds {len(faces):,} triangles, expected at most {MOST_TRIANGLES:,}: simplify it first"
+            )
+        if not np.isfinite(vertices).all():
+            raise InvalidScene(f"{self.name}: a vertex holds NaN or infinity")
+        if faces.min() < 0 or faces.max() >= len(vertices):
+            raise InvalidScene(f"{self.name}: a face names a vertex that is not there")
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", faces)
+
+    @classmethod
+    def read(cls, path: str | Path, scale: ArrayLike = 1.0, hull: bool = True) -> Mesh:
+        """Read an STL, OBJ, DAE or any other file that trimesh reads; all bodies in it together.
+
+        Args:
+            path: The file.
+            scale: One factor, or one along each axis.
+            hull: See the field.
+
+        Raises:
+            InvalidScene: The file is missing, cannot be read, or holds no triangles.
+            MissingExtra: trimesh is not installed.
+        """
+        library("trimesh")
+        from kinseek.robots.meshes import mesh_parts
+
+        try:
+            parts = mesh_parts(Path(path).expanduser())
+        except InvalidRobot as error:
+            raise InvalidScene(str(error)) from error
+        factors = np.broadcast_to(np.asarray(scale, dtype=np.float64), (3,))
+        if not np.isfinite(factors).all() or not factors.all():
+            raise InvalidScene(f"scale must be numbers other than 0, got {scale!r}")
+        starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+        vertices = np.concatenate([part.vertices for part in parts]) * factors
+        faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
+        return cls(vertices, faces, hull, repr(str(path)))
+
+    @cached_property
+    def corners(self) -> Array:
+        """The corners of its hull."""
+        return np.array(self._hull.points()) if self._is_solid else self.vertices
+
+    @cached_property
+    def closed(self) -> bool:
+        """Does every edge belong to two triangles, so that there is an inside?"""
+        _, places = np.unique(self.vertices.round(9), axis=0, return_inverse=True)
+        corners = places.ravel()[self.faces]
+        edges = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        _, counts = np.unique(edges, axis=0, return_counts=True)
+        return bool((counts % 2 == 0).all())
+
+    def holds(self, point: Array) -> bool:
+        """Does a point (3,) lie inside? By the winding number (Van Oosterom and Strackee 1983).
+
+        A closed mesh alone has an inside.
+        """
+        if not self.closed or (point < self._least).any() or (point > self._most).any():
+            return False
+        a, b, c = (self.vertices[self.faces[:, i]] - point for i in range(3))
+        la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
+        top = np.einsum("ij,ij->i", a, np.cross(b, c))
+        dot = [np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a))]
+        bottom = la * lb * lc + dot[0] * lc + dot[1] * la + dot[2] * lb
+        return bool(abs(np.arctan2(top, bottom).sum()) > np.pi)
+
+    def geometry(self) -> Any:
+        """What coal takes."""
+        return self._hull if self.hull else triangles(self.vertices, self.faces)
+
+    @cached_property
+    def _least(self) -> Array:
+        return np.asarray(self.vertices.min(axis=0))
+
+    @cached_property
+    def _most(self) -> Array:
+        return np.asarray(self.vertices.max(axis=0))
+
+    @cached_property
+    def _is_solid(self) -> bool:
+        """Do the vertices span all three directions, so that there is a hull?"""
+        off = self.vertices - self.vertices.mean(axis=0)
+        spread = np.linalg.svd(off.T @ off, compute_uv=False)
+        return bool(spread[2] > 1e-12 * max(spread[0], 1e-30))
+
+    @cached_property
+    def _hull(self) -> Any:
+        coal = library("coal")
+        if not self._is_solid:
+            raise InvalidScene(f"{self.name} is flat: it has no convex hull; use its triangles, hull=False")
+        points = coal.StdVec_Vec3s()
+        for vertex in np.unique(self.vertices, axis=0):
+            points.append(vertex)
+        return coal.ConvexBase.convexHull(points, True, "Qt")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle what it is made of; coal's hull is made anew."""
+        return {key: value for key, value in self.__dict__.items() if key != "_hull"}
+
+
+@dataclass(frozen=True, eq=False)
+class Points(Shape):
+    """A cloud of points, each a small ball.
+
+    Raises:
+        InvalidScene: No points, NaN or infinity, not a radius above zero.
+    """
+
+    cloud: ArrayLike
+    """(k, 3) [m]"""
+    radius: float
+    """Of every point [m]."""
+    _places: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check it."""
+        try:
+            cloud = np.array(self.cloud, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise InvalidScene(f"a cloud must be numbers, (k, 3): {error}") from None
+        if cloud.ndim != 2 or cloud.shape[1] != 3 or not len(cloud):
+            raise InvalidScene(f"a cloud must have shape (k, 3) with k at least 1, got {cloud.shape}")
+        bad = ~np.isfinite(cloud).all(axis=1)
+        if bad.any():
+            raise InvalidScene(
+                f"a cloud must be finite: {int(bad.sum()):,} of {len(cloud):,} points hold NaN or infinity, the first is "
+                f"point {int(np.argmax(bad))}; leave them out: cloud[numpy.isfinite(cloud).all(axis=1)]"
+            )
+        object.__setattr__(self, "cloud", cloud)
+        object.__setattr__(self, "_places", cloud)
+        object.__setattr__(self, "radius", length("radius", self.radius))
+
+    @property
+    def thickness(self) -> float:
+        """The radius of its points."""
+        return self.radius
+
+    @property
+    def excess(self) -> float:
+        """The radius of its points: to coal they have none."""
+        return self.radius
+
+    @cached_property
+    def corners(self) -> Array:
+        """The corners of the box around all points."""
+        ends = np.stack([self._places.min(axis=0), self._places.max(axis=0)])
+        return np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
+
+    def geometry(self) -> Any:
+        """What coal takes."""
+        grain = GRAIN * np.array([[1.0, 0.0, 0.0], [-0.5, 0.75, 0.25], [-0.5, -0.75, -0.25]])
+        vertices = (self._places[:, None] + grain).reshape(-1, 3)
+        return triangles(vertices, np.arange(len(vertices)).reshape(-1, 3))
+
+
+def triangles(vertices: Array, faces: NDArray[np.int64]) -> Any:
+    """Triangles as coal takes them, in a tree of boxes."""
+    model = library("coal").BVHModelOBBRSS()
+    model.beginModel(len(faces), len(vertices))
+    model.addVertices(np.ascontiguousarray(vertices))
+    model.addTriangles(np.ascontiguousarray(faces))
+    model.endModel()
+    return model
+
+
+def length(name: str, value: Any, least: float = 0.0) -> float:
+    """Read a length above `least` [m].
+
+    Raises:
+        InvalidScene: It is none.
+    """
+    return float(lengths(name, [value], 1, least)[0])
+
+
+def lengths(name: str, values: Any, count: int, least: float = 0.0) -> Array:
+    """Read so many lengths above `least` [m].
+
+    Raises:
+        InvalidScene: They are none.
+    """
+    try:
+        found = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        found = np.array([np.nan])
+    if found.shape != (count,) or not np.isfinite(found).all() or not (found > least).all():
+        what = "a length" if count == 1 else f"{count} lengths"
+        got = values[0] if count == 1 else values
+        raise InvalidScene(f"{name} must be {what} above {least:g} m, got {got!r}")
+    return found

@@ -1,0 +1,302 @@
+"""Scenes, against pinocchio's own reading of the same file, and against geometry that can be worked out by hand."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.cells import FACES, TETRAHEDRON, box_mesh, write_arm, write_obj, write_stl
+
+import kinseek
+from kinseek import InvalidScene, Scene
+from kinseek.collision import Box, Capsule, Cylinder, Mesh, Points, Sphere
+from kinseek.collision.broad import spheres_of
+
+pin = pytest.importorskip("pinocchio")
+coal = pytest.importorskip("coal")
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_arm(tmp_path_factory.mktemp("arm"))
+
+
+@pytest.fixture(scope="module")
+def arm(file: Path) -> kinseek.Arm:
+    return kinseek.load(file, tip="tip")
+
+
+@pytest.fixture
+def scene(arm: kinseek.Arm, file: Path) -> Scene:
+    return Scene.of(arm, meshes=[file.parents[1] / "packages"], joints={"grip": 0.04})
+
+
+def witness(arm: kinseek.Arm, file: Path, q: np.ndarray, grip: float) -> dict[frozenset[str], float]:
+    """Distances of all pairs of links by pinocchio's own kinematics and reader; hulls instead of triangles."""
+    model = pin.buildModelFromUrdf(str(file))
+    packages = [str(file.parents[1] / "packages"), str(file.parent)]
+    absolute = file.with_name("absolute.urdf")  # pinocchio reads no paths relative to the file.
+    absolute.write_text(file.read_text().replace('"meshes/wedge', '"package://meshes/wedge'))
+    geometry = pin.buildGeomFromUrdf(model, str(absolute), pin.GeometryType.COLLISION, package_dirs=packages)
+    for thing in geometry.geometryObjects:
+        if isinstance(thing.geometry, coal.BVHModelBase):
+            thing.geometry.buildConvexHull(True, "Qt")
+            thing.geometry = thing.geometry.convex
+    full = pin.neutral(model)
+    for name, value in [*zip(arm.joint_names, q, strict=True), ("grip", grip)]:
+        joint = model.joints[model.getJointId(name)]
+        full[joint.idx_q : joint.idx_q + joint.nq] = (
+            [np.cos(value), np.sin(value)] if joint.nq == 2 else [value]
+        )
+    geometry.addAllCollisionPairs()
+    data, placed = model.createData(), pin.GeometryData(geometry)
+    pin.updateGeometryPlacements(model, data, geometry, placed, full)
+    found: dict[frozenset[str], float] = {}
+    for k, pair in enumerate(geometry.collisionPairs):
+        names = [
+            model.frames[geometry.geometryObjects[i].parentFrame].name for i in (pair.first, pair.second)
+        ]
+        distance = pin.computeDistance(geometry, placed, k).min_distance
+        found[frozenset(names)] = min(found.get(frozenset(names), np.inf), distance)
+    return found
+
+
+def test_distances_are_those_of_pinocchio_on_the_same_file(
+    arm: kinseek.Arm, file: Path, scene: Scene
+) -> None:
+    counted = [frozenset((pair.a, pair.b)) for pair in scene.pairs if pair.counts]
+    assert len(counted) > 10
+    touching = 0
+    for q in arm.sample(60, seed=1):
+        theirs = witness(arm, file, q, 0.04)
+        least = min(theirs[pair] for pair in counted)
+        near = scene.nearest(q)
+        assert near.distance == scene.distance(q)
+        if least > 0:
+            assert near.distance == pytest.approx(least, abs=2e-6)
+            assert theirs[frozenset((near.a, near.b))] == pytest.approx(least, abs=2e-6)
+            assert np.linalg.norm(near.point_a - near.point_b) == pytest.approx(least, abs=1e-5)
+        else:
+            touching += 1
+            assert near.distance <= 1e-6
+        assert scene.free(q) == (least > 1e-6)
+        hits = {frozenset((contact.a, contact.b)) for contact in scene.hits(q)}
+        assert hits == {pair for pair in counted if theirs[pair] <= 1e-6}
+    assert 3 < touching < 57
+
+
+def test_outer_spheres_and_boxes_bound_the_distance_from_below(arm: kinseek.Arm, scene: Scene) -> None:
+    scene.add_box("table", (0.3, 0.5, 0.1), kinseek.pose([0.4, 0.1, 0.3], rpy=[0.3, 0.2, 0.1]))
+    scene.add_capsule("pole", 0.03, 0.6, kinseek.pose([-0.4, 0.2, 0.3]))
+    scene.add_points("cloud", np.random.default_rng(0).uniform(-1, 1, (40, 3)), 0.02)
+    engine, q = scene._asked, arm.sample(50, seed=2)
+    bounds = engine.bounds(q)
+    distances = np.array([[near.distance for near in engine.near(one)] for one in q])
+    assert (bounds > 0).mean() > 0.5  # They say something,
+    assert (bounds[bounds > 0] <= distances[bounds > 0] + 1e-9).all()  # and nothing that is wrong.
+    assert (scene.free(q) == (distances.min(axis=1) > 1e-6)).all()
+    assert (scene.free(q, 0.03) == (distances.min(axis=1) > 0.03 + 1e-6)).all()
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [Box((0.1, 0.5, 0.2)), Sphere(0.2), Cylinder(0.1, 0.7), Capsule(0.1, 0.7), Mesh(TETRAHEDRON, FACES)],
+    ids=lambda shape: type(shape).__name__,
+)
+def test_spheres_hold_their_shape(shape: kinseek.collision.Shape) -> None:
+    centres, radii = spheres_of(shape, kinseek.pose([0.1, 0.2, 0.3], rpy=[0.4, 0.5, 0.6]))
+    rng, place = np.random.default_rng(0), pin.SE3(kinseek.pose([0.1, 0.2, 0.3], rpy=[0.4, 0.5, 0.6]))
+    points = []
+    for way in rng.normal(
+        size=(500, 3)
+    ):  # The farthest point of the shape in this direction, and ones inside.
+        tip = shape.corners[np.argmax(shape.corners @ way)] + shape.thickness * way / np.linalg.norm(way)
+        points += [place.act(tip * share + shape.corners.mean(axis=0) * (1 - share)) for share in (1.0, 0.7)]
+    away = np.linalg.norm(np.array(points)[:, None] - centres, axis=2) - radii
+    assert away.min(axis=1).max() <= 1e-12
+
+
+def test_a_sphere_and_a_box_are_as_far_apart_as_on_paper() -> None:
+    arm = kinseek.Arm.from_dh([[0.5, 0, 0, 0], [0.5, 0, 0, 0]], [-3, -3], [3, 3])
+    scene = Scene.of(arm, capsules=0.05)
+    assert "stand in" in scene.notes[0]
+    scene.add_box("wall", (0.1, 2.0, 2.0), kinseek.pose([1.25, 0, 0]))
+    assert scene.distance([0.0, 0.0]) == pytest.approx(0.15, abs=1e-6)
+    assert scene.nearest([0.0, 0.0])[:2] == ("link2", "wall")
+    assert scene.free([0.0, 0.0], 0.149)
+    assert not scene.free([0.0, 0.0], 0.151)
+    scene.attach("load", Sphere(0.1), to=arm.tip, pose=kinseek.pose([0.0, 0.0, 0.2]))
+    assert scene.distance([0.0, 0.0]) == pytest.approx(0.10, abs=1e-6)
+    scene.attach(
+        "probe", Capsule(0.02, 0.3), to=arm.tip, pose=kinseek.pose([0.1, 0, 0], rpy=[0, np.pi / 2, 0])
+    )
+    (contact,) = scene.hits([0.0, 0.0])
+    assert {contact.a, contact.b} == {"wall", "probe"}
+    assert contact.depth == pytest.approx(0.07, abs=1e-5)
+    scene.remove("probe")
+    assert scene.hits([0.0, 0.0]) == ()
+    assert scene.free([0.0, 0.0])
+    (close,) = scene.hits([0.0, 0.0], clearance=0.12)
+    assert close.depth == pytest.approx(-0.10, abs=1e-6)
+
+
+def test_clouds_and_padding_and_batches(arm: kinseek.Arm, file: Path) -> None:
+    folders = {"thick_meshes": file.parents[1] / "packages" / "thick_meshes"}
+    plain, thick = (Scene.of(arm, folders, padding=padding) for padding in (0.0, 0.01))
+    cloud = np.random.default_rng(3).uniform(-0.8, 0.8, (200, 3))
+    for scene in (plain, thick):
+        scene.add_points("cloud", cloud, 0.02)
+    q = arm.sample(24, seed=5).reshape(2, 12, arm.dof)
+    free = plain.free(q)
+    assert free.shape == (2, 12)
+    assert free.dtype == bool
+    assert plain.distance(q).shape == (2, 12)
+    balls = Scene.of(arm, folders)
+    for i, point in enumerate(cloud):
+        balls.add_sphere(f"ball{i}", 0.02, kinseek.pose(point))
+    near = np.abs(balls.distance(q)) < 1e-4  # A point of a cloud is a grain of a hundredth of a millimetre.
+    assert (free == balls.free(q))[~near].all()
+    assert (thick.free(q) <= free).all()
+    apart = plain.distance(q[free]) > 0.05
+    gap = plain.distance(q[free]) - thick.distance(q[free])
+    assert apart.any()
+    assert ((gap > 0.01 - 1e-5) & (gap < 0.02 + 1e-5)).all()
+
+
+def test_a_closed_mesh_is_solid_and_an_open_one_is_not(tmp_path: Path, scene: Scene) -> None:
+    vertices, faces = box_mesh((4.0, 4.0, 4.0))
+    scene.add_mesh("around", write_stl(tmp_path / "closed.stl", vertices, faces))
+    assert not scene.free(np.zeros(6))
+    assert scene.distance(np.zeros(6)) < 0
+    scene.remove("around")
+    scene.add_mesh("shell", write_obj(tmp_path / "open.obj", vertices, faces[:-1]))
+    assert scene.free(np.zeros(6))
+    assert any("open mesh" in note for note in scene.notes)
+    scene.remove("shell")
+    assert not any("open mesh" in note for note in scene.notes)
+    scene.add_mesh("hull", tmp_path / "open.obj", hull=True)
+    assert not scene.free(np.zeros(6))
+
+
+def test_pairs_that_do_not_count_say_why(arm: kinseek.Arm, file: Path, scene: Scene) -> None:
+    reasons = {frozenset((pair.a, pair.b)): pair.reason for pair in scene.pairs}
+    assert reasons[frozenset(("base", "turret"))].startswith("neighbours")
+    assert "neither moves" in reasons[frozenset(("hand", "finger"))]
+    assert "neither moves" in reasons[frozenset(("fore", "camera"))]
+    assert reasons[frozenset(("camera", "upper"))] == ""
+    srdf = '<robot name="thick"><disable_collisions link1="camera" link2="upper" reason="User"/></robot>'
+    with_srdf = Scene.of(arm, [file.parents[1] / "packages"], srdf=srdf)
+    assert "upper - camera: SRDF: User" in [str(pair) for pair in with_srdf.pairs]
+    less = Scene.of(arm, [file.parents[1] / "packages"], never="skip", samples=200)
+    assert any(pair.reason.startswith("never") for pair in less.pairs)
+    scene.add_box("table", (1, 1, 0.1))
+    scene.allow("table", "turret")
+    assert [str(p) for p in scene.pairs if p.reason.startswith("said")] == [
+        "turret - table: said: they may touch"
+    ]
+
+
+def test_joints_that_are_not_the_arms_stand_where_they_are_told(arm: kinseek.Arm, file: Path) -> None:
+    scene = Scene.of(arm, [file.parents[1] / "packages"])
+    assert scene.notes == ("joint 'grip' is not the arm's and stands at 0.01",)
+    with pytest.raises(InvalidScene, match="did you mean 'grip'"):
+        Scene.of(arm, [file.parents[1] / "packages"], joints={"gripp": 0.02})
+
+
+def test_a_locked_arm_and_one_with_a_tool_are_where_they_were(
+    arm: kinseek.Arm, file: Path, scene: Scene
+) -> None:
+    q = arm.sample(20, seed=8)
+    q[:, 2] = 0.5
+    folders = [file.parents[1] / "packages"]
+    locked = Scene.of(arm.with_locked({"j3": 0.5}), folders, joints={"grip": 0.04})
+    counted = {(p.a, p.b) for p in locked.pairs if p.counts}
+    assert ("upper", "camera") not in counted  # One joint less: these do not move against each other.
+    tool = Scene.of(arm.with_tool(kinseek.pose([0, 0, 0.1])), folders, joints={"grip": 0.04})
+    assert (tool.free(q) == scene.free(q)).all()
+    both = [p for p in scene.pairs if p.counts and (p.a, p.b) not in counted]
+    for pair in both:
+        scene.allow(pair.a, pair.b)
+    assert (locked.free(np.delete(q, 2, axis=1)) == scene.free(q)).all()
+
+
+def test_copies_and_pickles_stand_for_themselves(scene: Scene) -> None:
+    before = scene.distance(np.zeros(6))
+    for other in (copy.copy(scene), pickle.loads(pickle.dumps(scene))):
+        assert other.distance(np.zeros(6)) == before
+        other.add_box("block", (2, 2, 2))
+        assert not other.free(np.zeros(6))
+        assert "block" not in scene.bodies
+        assert scene.distance(np.zeros(6)) == before
+
+
+def test_bad_input_is_told(arm: kinseek.Arm, file: Path, scene: Scene, tmp_path: Path) -> None:
+    folders = [file.parents[1] / "packages"]
+    with pytest.raises(
+        InvalidScene, match=r"link 'upper', collision element 1: 'package://thick_meshes/meshes/bar.stl'"
+    ):
+        Scene.of(arm)
+    skipped = Scene.of(arm, meshes="skip")
+    assert "upper" not in skipped.bodies
+    assert any("left out: link 'upper'" in note for note in skipped.notes)
+    with pytest.raises(InvalidScene, match="no folder"):
+        Scene.of(arm, ["nowhere"])
+    with pytest.raises(InvalidScene, match=r"no geometry of arm .*capsules=0.05"):
+        Scene.of(kinseek.load("ur5e"))
+    with pytest.raises(InvalidScene, match="SRDF of robot 'panda'"):
+        Scene.of(arm, folders, srdf='<robot name="panda"><disable_collisions link1="a" link2="b"/></robot>')
+    with pytest.raises(InvalidScene, match="no file of the arm"):
+        Scene.of(kinseek.load("ur5e"), urdf=file)
+    with pytest.raises(InvalidScene, match="'hand' is a link of the arm already"):
+        scene.add_box("hand", (1, 1, 1))
+    scene.add_box("table", (1, 1, 1), kinseek.pose([5, 0, 0]))
+    with pytest.raises(InvalidScene, match="'table' is a body of the scene already"):
+        scene.add_sphere("table", 0.1)
+    with pytest.raises(InvalidScene, match="did you mean 'table'"):
+        scene.remove("tabel")
+    with pytest.raises(InvalidScene, match="is a link of the arm"):
+        scene.remove("hand")
+    with pytest.raises(InvalidScene, match="unknown link 'hnd'; did you mean 'hand'"):
+        scene.attach("load", Box((1, 1, 1)), to="hnd")
+    with pytest.raises(InvalidScene, match="1 of 3 points hold NaN or infinity, the first is point 1"):
+        scene.add_points("cloud", [[0.0, 0.0, 0.0], [0.0, np.nan, 0.0], [1.0, 1.0, 1.0]], 0.01)
+    for size in ((1, 1), (1, 1, 0), (1, 1, -1), (1, 1, np.nan), "big"):
+        with pytest.raises(InvalidScene, match="size must be 3 lengths"):
+            scene.add_box("box", size)
+    with pytest.raises(InvalidScene, match="no file"):
+        scene.add_mesh("mesh", tmp_path / "none.stl")
+    (tmp_path / "empty.obj").write_text("# nothing\n")
+    with pytest.raises(InvalidScene, match=r"empty\.obj"):
+        scene.add_mesh("mesh", tmp_path / "empty.obj")
+    with pytest.raises(InvalidScene, match="1,000,001 triangles"):
+        Mesh(np.zeros((3, 3)), np.zeros((1_000_001, 3), dtype=np.int64))
+    with pytest.raises(InvalidScene, match="clearance"):
+        scene.free(np.zeros(6), -0.1)
+    with pytest.raises(InvalidScene, match="expected a Box"):
+        scene.add("thing", (1, 1, 1))  # type: ignore[arg-type]
+    with pytest.raises(InvalidScene, match="must be convex"):
+        scene.attach("load", Points([[0, 0, 0]], 0.1), to="hand")
+    with pytest.raises(kinseek.InvalidProblem, match=r"shape \(6,\)"):
+        scene.free(np.zeros(5))
+    with pytest.raises(kinseek.InvalidProblem):
+        Scene.of(kinseek.Arm.from_fk(lambda q: np.eye(4), [-1], [1], vectorized=False), capsules=0.1)
+
+
+@pytest.mark.slow
+def test_without_the_extra_it_is_told_which() -> None:
+    code = (
+        "import sys; sys.modules['pinocchio'] = None\n"
+        "import kinseek\n"
+        "try: kinseek.Scene.of(kinseek.load('ur5e'), capsules=0.05)\n"
+        "except kinseek.MissingExtra as error: print(error)"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "kinseek[collision]" in said
+    lazy = "import sys, kinseek; print({'pinocchio', 'coal', 'trimesh'} & set(sys.modules))"
+    said = subprocess.run([sys.executable, "-c", lazy], capture_output=True, text=True, check=True).stdout
+    assert said.strip() == "set()"
