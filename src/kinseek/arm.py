@@ -17,6 +17,7 @@ from .branches.index import BranchIndex, index_of
 from .branches.order import Cost, Order, Valid, Wishes
 from .branches.prefer import preferred
 from .branches.result import Branches, BranchesBatch, quick_branches
+from .collision.scene import Scene
 from .deadline import Deadline
 from .errors import InvalidProblem
 from .goal import Goal
@@ -60,6 +61,8 @@ class IkOptions(TypedDict, total=False):
     prefer: Order | None
     cost: Cost | None
     valid: Valid | None
+    scene: Scene | None
+    clearance: float
     time_limit: float | None
     trace: bool
     bad: Literal["error", "skip"]
@@ -72,6 +75,8 @@ class BranchesOptions(TypedDict, total=False):
     order: Order
     cost: Cost | None
     valid: Valid | None
+    scene: Scene | None
+    clearance: float
     copies: bool
     count: int | None
     threads: int | None
@@ -138,6 +143,8 @@ class Arm(ForwardArm):
         prefer: Order | None = None,
         cost: Cost | None = None,
         valid: Valid | None = None,
+        scene: Scene | None = None,
+        clearance: float = 0.0,
         time_limit: float | None = None,
         trace: bool = False,
         bad: Literal["error", "skip"] = "error",
@@ -158,6 +165,10 @@ class Arm(ForwardArm):
             cost: Instead of `prefer`, a function from joint values, (k, n), to numbers, (k,): the least is best.
             valid: A function from joint values, (n,), to a bool, asked of one answer after the other until it agrees.
                 If it never does, the solution is no success, and `rejected` says how many it refused.
+            scene: What the arm may hit, see docs/collisions.md: the first answer that is free in it, in order of preference;
+                where the arm has joints to spare, more and more of the self-motion is looked at. If every answer found hits
+                something, the status is `Status.BLOCKED`, and `contacts` says what is in the way.
+            clearance: How far apart bodies of the scene have to be [m].
             time_limit: [s], after which no further part of the work is begun: the answer is the best so far, and
                 `out_of_time` says of each target whether its search was cut short. What an arm needs once, its atlas and
                 the compiled kernels, is made in any case.
@@ -172,14 +183,17 @@ class Arm(ForwardArm):
         Raises:
             InvalidGoal: Not a pose.
             InvalidProblem: `near` does not fit the arm, an unknown preference, two of them, a preference with a
-                `solver` or `trace`, or a `cost` or `valid` that fails.
+                `solver` or `trace`, a `cost` or `valid` that fails, or a clearance without a scene.
+            InvalidScene: A scene of another arm, or a clearance that is no length.
             InvalidUse: Traces of more targets than fit into memory.
             InvalidSolver: The solver's parameters do not fit the arm, or `threads` is no whole number of at least 1.
         """
         if threads is not None:
             whole("threads", threads, 1)
-        wishes = prefer is not None or cost is not None or valid is not None
-        plain = solver is None and not prove and not wishes and time_limit is None and not trace
+        wishes = prefer is not None or cost is not None or valid is not None or scene is not None
+        plain = (
+            solver is None and not prove and not wishes and time_limit is None and not trace and not clearance
+        )
         if plain and (axes := self._axes) is not None and _is_plain(goal, (4, 4)):
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform. It also
             # gives up on the first that is out of reach: what that takes is compiled on the other way.
@@ -196,6 +210,7 @@ class Arm(ForwardArm):
                     if not report[4]:
                         warn_of_distance(hypot(*goal[:3, 3]), axes.reach, 2)
                     return quick_solution(axes, goal, near, q, report)
+        _require_scene(scene, clearance)
         if bad != "error" and not isinstance(goal, Goal):  # A goal has no such poses.
             options: dict[str, Any] = {
                 "solver": solver,
@@ -207,6 +222,8 @@ class Arm(ForwardArm):
                 "prefer": prefer,
                 "cost": cost,
                 "valid": valid,
+                "scene": scene,
+                "clearance": clearance,
                 "time_limit": time_limit,
                 "trace": trace,
             }
@@ -219,11 +236,17 @@ class Arm(ForwardArm):
         problem = Problem(self._mechanism, asked, start, time_limit=time_limit, trace=trace)
         if wishes and trace:
             raise InvalidProblem(
-                "prefer, cost and valid choose among all branches; there is no trace of that"
+                "prefer, cost, valid and scene choose among all branches; there is no trace of that"
             )
         if wishes and solver is not None:
-            raise InvalidProblem("prefer, cost and valid choose among all branches; they take no solver")
-        if wishes:
+            raise InvalidProblem(
+                "prefer, cost, valid and scene choose among all branches; they take no solver"
+            )
+        if scene is not None:
+            from .collision.answers import free_solution
+
+            solution = free_solution(problem, scene, clearance, prefer, cost, valid, threads)
+        elif wishes:
             solution = preferred(problem, prefer, cost, valid, threads)
         else:
             search = (
@@ -253,6 +276,8 @@ class Arm(ForwardArm):
         order: Order = "mid-range",
         cost: Cost | None = None,
         valid: Valid | None = None,
+        scene: Scene | None = None,
+        clearance: float = 0.0,
         copies: bool = False,
         count: int | None = None,
         threads: int | None = None,
@@ -269,6 +294,8 @@ class Arm(ForwardArm):
                 measure) or ``"dexterity"`` (most manipulability, Yoshikawa 1985).
             cost: A function from joint values, (k, n), to numbers, (k,): the least comes first.
             valid: A function from joint values, (n,), to a bool: answers that it refuses are left out and counted.
+            scene: What the arm may hit: answers that hit something are left out, and counted with those that were refused.
+            clearance: How far apart bodies of the scene have to be [m].
             copies: Add every answer turned by full turns, as far as the limits allow. Without it no two answers are
                 equal modulo 2π.
             count: How many to return at most; 50 where the arm has joints to spare, all of them elsewhere.
@@ -293,15 +320,20 @@ class Arm(ForwardArm):
         plain = (
             near is None and order == "mid-range" and cost is None and valid is None and not (copies or prove)
         )
-        plain = plain and time_limit is None
+        plain = plain and time_limit is None and scene is None and not clearance
         if plain and count is None and (axes := self._axes) is not None and _is_plain(goal, (4, 4)):
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform.
             index = self._branches
             found = index.search(PLAIN, goal, index.view, SPREAD)
             if len(found):
                 return quick_branches(axes, goal, found, index.freedom > 0)
+        _require_scene(scene, clearance)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self._mechanism, near, "near")
+        if scene is not None:
+            from .collision.answers import judge_of
+
+            valid = judge_of(scene, self._mechanism, clearance, valid)
         wishes = Wishes(order, cost, valid, copies, count, prove)
         return branches_of(Problem(self._mechanism, asked, start, time_limit=time_limit), wishes, threads)
 
@@ -442,6 +474,13 @@ class Arm(ForwardArm):
 
 
 _NO_PROOF = "nothing can be proved without axes"
+
+
+def _require_scene(scene: Scene | None, clearance: float) -> None:
+    if scene is None and clearance != 0.0:
+        raise InvalidProblem(
+            f"a clearance is kept from what a scene holds: give scene=, got clearance={clearance!r}"
+        )
 
 
 def _is_plain(value: Any, shape: tuple[int, ...]) -> TypeGuard[Array]:

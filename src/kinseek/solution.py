@@ -43,6 +43,7 @@ class Status(Enum):
     PROVED_UNREACHABLE = "Proved unreachable: no joint values within the limits meet the tolerances."
     OUT_OF_TIME = "Out of time: the nearest pose found before the time limit; a tolerance is missed."
     INVALID = "Invalid: the target is no pose, so nothing was looked for."
+    BLOCKED = "Blocked: answers were found, and in every one the arm hits something, or comes too close."
 
     def __str__(self) -> str:
         """The sentence."""
@@ -64,7 +65,8 @@ class Solution(Generic[Flag, Number, Count, State]):
 
     Attributes:
         q: Joint values inside the limits, (..., n), [rad] or [m].
-        success: Are both tolerances met, and did `valid`, where there is one, agree? bool, or (...) bool.
+        success: Are both tolerances met, is it free in the `scene`, and did `valid`, where there are these, agree? bool, or
+            (...) bool.
         position_error: [m], float or (...).
         orientation_error: [rad], float or (...).
         weighted_error: The paper's K_P |p - p_g| + K_A [(1 - x·x_g) + (1 - y·y_g)] (Sec. 2.2), no unit, float or (...).
@@ -78,6 +80,9 @@ class Solution(Generic[Flag, Number, Count, State]):
         out_of_time: Did the time limit end the search before it was done? bool or (...) bool.
         invalid: Was the target no pose, and skipped? Then `q` and the errors are NaN, and in `problem` the identity stands
             for it. bool or (...) bool; see ``bad=`` in `Arm.ik`.
+        blocked: How many answers hit something in the `scene`, or came closer than the clearance, int or (...); without
+            success, every answer that was found but for those that `valid` refused.
+        contacts: The pairs of bodies that are in the way at `q`, and how deep, where the status is `Status.BLOCKED`.
         trace: What the search did, pass by pass, if it was asked for; see there.
 
     For type checkers this class is generic in the types of its flags, numbers, counts and status. An array's type need not
@@ -102,8 +107,11 @@ class Solution(Generic[Flag, Number, Count, State]):
     rejected: Count = _NONE
     out_of_time: Flag = _NO
     invalid: Flag = _NO
+    blocked: Count = _NONE
     _trace: Any = None
     """`Trace`, or an object array of them, (...); None where none was kept."""
+    _contacts: Any = None
+    """A tuple of contacts, or an object array of them, (...); None where there was no scene."""
 
     def __post_init__(self) -> None:
         """Give a batch its shape in every field, those that were left at their defaults too."""
@@ -130,6 +138,21 @@ class Solution(Generic[Flag, Number, Count, State]):
         )
 
     @property
+    def contacts(self) -> Any:
+        """What is in the way at `q` where the status is `Status.BLOCKED`, the deepest pair first; empty elsewhere.
+
+        A tuple of contacts with `a`, `b` and `depth` [m], or an object array of them, (...).
+        """
+        if self._contacts is not None:
+            return self._contacts
+        solution: Solution = self
+        if not isinstance(solution.success, np.ndarray):
+            return ()
+        empty = np.empty(solution.success.shape, dtype=object)
+        empty.fill(())
+        return empty
+
+    @property
     def joints(self) -> dict[str, Any]:
         """Joint values by name, base to tip: of each a float, or (...) of a batch, [rad] or [m].
 
@@ -142,9 +165,9 @@ class Solution(Generic[Flag, Number, Count, State]):
         """`Status`, or an object array of them, (...)."""
         solution: Solution = self
         if isinstance(solution.success, np.ndarray):
-            # Solved, best effort, rejected, proved unreachable, late, invalid.
+            # Solved, best effort, rejected, proved unreachable, late, invalid, blocked.
             names = np.array([*Status], dtype=object)
-            missed = np.where(solution.rejected > 0, 2, 1)
+            missed = np.where(solution.rejected > 0, 2, np.where(solution.blocked > 0, 6, 1))
             missed = np.where(solution.out_of_time, 4, missed)
             missed = np.where(solution.proved_unreachable, 3, missed)
             missed = np.where(solution.invalid, 5, missed)
@@ -157,7 +180,8 @@ class Solution(Generic[Flag, Number, Count, State]):
             return cast("State", Status.PROVED_UNREACHABLE)
         if solution.out_of_time:
             return cast("State", Status.OUT_OF_TIME)
-        return cast("State", Status.REJECTED if solution.rejected else Status.BEST_EFFORT)
+        missed_for = Status.BLOCKED if solution.blocked else Status.BEST_EFFORT
+        return cast("State", Status.REJECTED if solution.rejected else missed_for)
 
     def __bool__(self) -> bool:
         """Refuse: an answer that misses its goal would count as true.
@@ -216,6 +240,7 @@ class Solution(Generic[Flag, Number, Count, State]):
             q=self.q[index],
             problem=part,
             _trace=None if self._trace is None else self._trace[index],
+            _contacts=None if self._contacts is None else self._contacts[index],
             **{name: getattr(self, name)[index] for name in _columns(self)},
         )
 
@@ -245,6 +270,7 @@ class Solution(Generic[Flag, Number, Count, State]):
             q=self.q[at],
             problem=replace(problem, goal=problem.goal.at(problem.goal.target[at]), near=near),
             _trace=None if self._trace is None else self._trace[at],
+            _contacts=None if self._contacts is None else self._contacts[at],
             **{name: getattr(self, name)[at].item() for name in _columns(self)},
         )
 
@@ -277,6 +303,10 @@ class Solution(Generic[Flag, Number, Count, State]):
             count += f"{skipped} targets are no poses; "
         refused = int(np.sum(np.where(missed, solution.rejected, 0)))
         refusals = f"; `valid` refused {refused} answers" if refused else ""
+        if hits := int(np.sum(np.where(missed, solution.blocked, 0))):
+            refusals += f"; in {hits} answers the arm hits something"
+        ways = [contact for one in self.each() if not one.success for contact in one.contacts]
+        refusals += f": {ways[0]}" if ways else ""
         raise NotReached(
             f"{count}errors up to {worst}, tolerances {goal.position_tolerance:g} m, "
             f"{goal.orientation_tolerance:g} rad{refusals}",
@@ -314,9 +344,12 @@ class Solution(Generic[Flag, Number, Count, State]):
         return f"Solution({int(self.success.sum())} of {self.success.size} solved{invalid}, q{self.q.shape})"
 
 
+_NO_COLUMNS = ("q", "problem", "_trace", "_contacts")
+
+
 def _columns(solution: Solution) -> list[str]:
     """Names of the fields that have one entry a target."""
-    return [each.name for each in fields(solution) if each.name not in ("q", "problem", "_trace")]
+    return [each.name for each in fields(solution) if each.name not in _NO_COLUMNS]
 
 
 def conclude(

@@ -123,13 +123,13 @@ def _pick(
         return scores(problem, q, order, cost)
 
     starts = [best] if valid is not None else list(candidates[:_SLIDERS])
-    slides = [_slide(problem, index, start, measure, valid, deadline) for start in starts]
+    slides = [slide(problem, index, start, measure, valid, deadline) for start in starts]
     spent += sum(slide.evaluations for slide in slides)
     refused += sum(slide.refused for slide in slides)
     return Pick(min(slides, key=lambda slide: slide.cost).q, spent, True, refused, deadline.passed)
 
 
-def _slide(
+def slide(
     problem: Problem,
     index: BranchIndex,
     q: Array,

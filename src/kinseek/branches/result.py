@@ -33,7 +33,7 @@ class Branches:
             tell.
         sampled: Are these only a sample of endlessly many? So it is with joints to spare, and exactly at a singularity.
         evaluations: FK evaluations spent, the deterministic measure of work.
-        rejected: How many answers the user's `valid` refused; they are left out.
+        rejected: How many answers the user's `valid` refused, or hit something in the `scene`; they are left out.
         problem: What was asked.
         out_of_time: Did the time limit end the search, or the proof, before it was done?
     """

@@ -14,7 +14,7 @@ from kinseek.poses import one_pose
 from kinseek.problem import as_joints
 from kinseek.robots import read
 from kinseek.robots.chain import Frame, SerialChain
-from kinseek.robots.mechanism import no_axes
+from kinseek.robots.mechanism import Mechanism, no_axes
 
 from .bodies import ArmBodies, Body, Part, capsules_along, described, package_folders, read_bodies
 from .engine import TOUCH, Engine, Near, Solid
@@ -252,6 +252,11 @@ class Scene:
         self._engine = None
 
     @property
+    def arm(self) -> str:
+        """The arm, for messages: its name and its joints."""
+        return f"{self._chain.name!r} with joints {', '.join(self._chain.joint_names)}"
+
+    @property
     def bodies(self) -> tuple[str, ...]:
         """Names of all bodies: links of the arm with geometry, then what was added."""
         return tuple(self._bodies)
@@ -336,6 +341,18 @@ class Scene:
                 found[names] = near
         contacts = [Contact(a, b, -near.distance) for (a, b), near in found.items()]
         return tuple(sorted(contacts, key=lambda contact: -contact.depth))
+
+    def fits(self, mechanism: Mechanism) -> bool:
+        """Is this the scene of an arm? Its limits and its tool may be others."""
+        chain, own = mechanism.axes, self._chain
+        return (
+            chain is not None
+            and chain.joint_names == own.joint_names
+            and chain.fixed.shape == own.fixed.shape
+            and np.array_equal(chain.fixed[:-1], own.fixed[:-1])
+            and np.array_equal(chain.leader, own.leader)
+            and np.array_equal([chain.multiplier, chain.offset], [own.multiplier, own.offset])
+        )
 
     @property
     def _asked(self) -> Engine:

@@ -1,0 +1,199 @@
+"""Answers that are free: the branches in order of preference, then more of the self-motion, then away from what is hit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.branches.find import SPREAD, branches_of
+from kinseek.branches.index import BranchIndex, index_of
+from kinseek.branches.order import ORDERS, Cost, Valid, Wishes, is_valid
+from kinseek.branches.prefer import preferred, slide
+from kinseek.branches.result import Branches
+from kinseek.deadline import Deadline
+from kinseek.errors import InvalidProblem, InvalidScene, suggest
+from kinseek.problem import Problem
+from kinseek.robots.mechanism import Mechanism
+from kinseek.solution import Solution, conclude
+from kinseek.solvers.atlas.solver import Atlas
+
+from .pairs import Contact
+from .scene import Scene, clear
+
+Array = NDArray[np.float64]
+
+_MORE = (8, 20)
+"""Where no answer of the first sample is free, samples of so many times its size."""
+
+_ESCAPES = 3
+"""Answers, those that hit the least of the first `SPREAD`, that are moved away from what they hit."""
+
+
+@dataclass
+class Judge:
+    """Asks of one answer after the other whether it is free, and the user's `valid`, and counts."""
+
+    scene: Scene
+    clearance: float
+    valid: Valid | None = None
+    blocked: int = 0
+    refused: int = 0
+    seen: list[Array] = field(default_factory=list)
+    """Answers that hit something, (n,) each."""
+    spared: Array | None = None
+    """The first answer that is free, and that the user did not agree to, (n,)."""
+
+    def __call__(self, q: Array) -> bool:
+        """Is it free, and does the user agree?"""
+        if not self.scene.free(q, self.clearance):
+            self.blocked += 1
+            self.seen.append(q.copy())
+            return False
+        if self.valid is not None and not is_valid(self.valid, q):
+            self.refused += 1
+            self.spared = q.copy() if self.spared is None else self.spared
+            return False
+        return True
+
+
+@dataclass
+class _Pick:
+    """The answer to one target."""
+
+    q: Array
+    evaluations: int
+    success: bool
+    """Free and agreed to; also where no answer was found, and the errors say so."""
+    judge: Judge
+    out_of_time: bool
+    contacts: tuple[Contact, ...] = ()
+
+
+def judge_of(scene: Any, mechanism: Mechanism, clearance: float, valid: Valid | None) -> Judge:
+    """Make sure that a scene is that of an arm, and ask it about answers.
+
+    Raises:
+        InvalidScene: It is none, or of another arm, or of this one with other joints locked; a clearance that is no length.
+    """
+    if not isinstance(scene, Scene):
+        raise InvalidScene(
+            f"scene must be a kinseek.Scene, got {type(scene).__name__}; make one: Scene.of(arm)"
+        )
+    if not scene.fits(mechanism):
+        raise InvalidScene(
+            f"this scene is of {scene.arm}, and not of {mechanism.name!r} with joints {', '.join(mechanism.joint_names)}: "
+            "other joints, lengths, or joints locked elsewhere; make one of this very arm: Scene.of(arm)"
+        )
+    return Judge(scene, clear(clearance), valid)
+
+
+def free_solution(
+    problem: Problem,
+    scene: Scene,
+    clearance: float,
+    prefer: str | None,
+    cost: Cost | None,
+    valid: Valid | None,
+    threads: int | None,
+) -> Solution:
+    """Answer every target by what is free in a scene; see `Arm.ik`.
+
+    Raises:
+        InvalidScene: A scene of another arm, or a clearance that is none.
+        InvalidProblem: As `preferred`.
+    """
+    judge_of(scene, problem.mechanism, clearance, valid)
+    if prefer is not None and prefer not in ORDERS:
+        raise InvalidProblem(suggest(str(prefer), ORDERS, "preference"))
+    deadline = Deadline(problem.time_limit)
+    picks = []
+    for one in problem.each():
+        judge = judge_of(scene, problem.mechanism, clearance, valid)
+        picks.append(_pick(replace(one, time_limit=deadline.left), judge, prefer, cost, threads, deadline))
+    q = np.array([pick.q for pick in picks]).reshape(-1, problem.chain.dof)
+    work = np.array([[pick.evaluations, 0, 0] for pick in picks], dtype=np.int64).reshape(-1, 3)
+    solution = conclude(problem, q, work, np.array([pick.out_of_time for pick in picks], dtype=bool))
+    if not problem.goal.shape:
+        (pick,) = picks
+        return replace(
+            solution,
+            success=solution.success and pick.success,
+            rejected=pick.judge.refused,
+            blocked=pick.judge.blocked,
+            _contacts=pick.contacts,
+        )
+    shape = problem.goal.shape
+    contacts = np.empty(len(picks), dtype=object)
+    for i, pick in enumerate(picks):  # One by one: a tuple is a sequence, which NumPy would take apart.
+        contacts[i] = pick.contacts
+    return replace(
+        solution,
+        success=solution.success & np.reshape([pick.success for pick in picks], shape),
+        rejected=np.reshape(np.array([pick.judge.refused for pick in picks], dtype=np.int64), shape),
+        blocked=np.reshape(np.array([pick.judge.blocked for pick in picks], dtype=np.int64), shape),
+        _contacts=contacts.reshape(shape),
+    )
+
+
+def _pick(
+    problem: Problem,
+    judge: Judge,
+    prefer: str | None,
+    cost: Cost | None,
+    threads: int | None,
+    deadline: Deadline,
+) -> _Pick:
+    """Choose an answer to one target."""
+    index, spent = index_of(problem), 0
+    if prefer is not None or cost is not None:
+        # It checks what is preferred, and slides along the self-motion as far as that is free.
+        solution = preferred(problem, prefer, cost, judge, threads)
+        spent += solution.evaluations
+        if solution.success or not (judge.blocked or judge.refused):
+            return _Pick(solution.q, spent, True, judge, solution.out_of_time)
+    late = False
+    for many in (1, *_MORE) if index.freedom else (1,):
+        if late := deadline.passed:
+            break
+        judge.blocked, judge.refused, judge.seen, judge.spared = 0, 0, [], None
+        wishes = Wishes(
+            prefer or ORDERS[0], cost, copies=cost is not None, count=many * SPREAD if many > 1 else None
+        )
+        found = branches_of(replace(problem, time_limit=deadline.left), wishes, threads)
+        assert isinstance(found, Branches)  # One target has one.
+        spent, candidates = spent + found.evaluations, found.q
+        if not len(candidates):
+            last = Atlas().solve(replace(problem, time_limit=deadline.left))
+            spent += last.evaluations
+            if not last.success:
+                return _Pick(last.q, spent, True, judge, last.out_of_time)
+            candidates = last.q[None]
+        for q in candidates:
+            if judge(q):
+                return _Pick(q, spent, True, judge, found.out_of_time)
+    return _escaped(problem, index, judge, spent, late, deadline)
+
+
+def _escaped(
+    problem: Problem, index: BranchIndex, judge: Judge, spent: int, late: bool, deadline: Deadline
+) -> _Pick:
+    """No answer found is free and agreed to: move those that hit the least away from what they hit."""
+    scene, blocked = judge.scene, np.array(judge.seen[:SPREAD]).reshape(-1, problem.chain.dof)
+    if judge.spared is not None or not len(blocked):
+        return _Pick(problem.start if judge.spared is None else judge.spared, spent, False, judge, late)
+    order = np.argsort(-scene.distance(blocked), kind="stable")
+    best = blocked[order[0]]
+    for q in blocked[order[:_ESCAPES]] if index.freedom else ():
+        if deadline.passed:
+            late = True
+            break
+        way = slide(problem, index, q, lambda many: -np.asarray(scene.distance(many)), None, deadline)
+        spent += way.evaluations
+        if judge(way.q):
+            return _Pick(way.q, spent, True, judge, late)
+        if way.cost < -scene.distance(best):
+            best = way.q
+    return _Pick(best, spent, False, judge, late, scene.hits(best, judge.clearance))
