@@ -18,7 +18,8 @@ from kinseek import Goal, InvalidProblem, InvalidUse, KinseekError, Problem, Sol
 
 Array = NDArray[np.float64]
 ARM = kinseek.load("scara4")
-COLUMNS = [each.name for each in dataclasses.fields(Solution) if each.name not in ("q", "problem", "_trace")]
+NO_COLUMNS = ("q", "problem", "_trace", "_contacts")
+COLUMNS = [each.name for each in dataclasses.fields(Solution) if each.name not in NO_COLUMNS]
 
 
 def batch_of(shape: tuple[int, ...], **options: Any) -> Solution:

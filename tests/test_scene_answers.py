@@ -81,6 +81,18 @@ def test_batches_are_answered_as_one_by_one(ur5e: kinseek.Arm, cell: Scene) -> N
             assert batch[i][j].contacts == one.contacts == batch.contacts[i, j]
 
 
+def test_targets_that_are_no_poses_can_be_skipped(ur5e: kinseek.Arm, cell: Scene) -> None:
+    goals = targets(ur5e, 60, seed=3)
+    goals[2] = np.nan
+    some = ur5e.ik(goals, scene=cell, bad="skip")
+    every = ur5e.ik(np.delete(goals, 2, axis=0), scene=cell)
+    assert some.status[2] is Status.INVALID
+    assert some.contacts[2] == ()
+    assert np.array_equal(np.delete(some.q, 2, axis=0), every.q)
+    assert list(np.delete(some.contacts, 2)) == list(every.contacts)
+    assert (every.status == Status.BLOCKED).any()
+
+
 def test_preferences_hold_among_free_answers(ur5e: kinseek.Arm, cell: Scene) -> None:
     tried = 0
     for target in targets(ur5e, 20, seed=6):

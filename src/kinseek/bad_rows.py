@@ -64,17 +64,22 @@ def _spread(solved: Solution, poses: Array, good: NDArray[np.bool_], near: Array
     columns = {
         each.name: column(getattr(solved, each.name))
         for each in fields(solved)
-        if each.name not in ("problem", "_trace", "invalid")
+        if each.name not in ("problem", "_trace", "_contacts", "invalid")
     }
-    traces = None
-    if solved._trace is not None:
-        traces = np.empty(shape, dtype=object)
-        traces[good] = solved._trace
+
+    def objects(values: NDArray[np.object_] | None) -> NDArray[np.object_] | None:
+        if values is None or not shape:
+            return None
+        whole = np.empty(shape, dtype=object)
+        whole[good] = values
+        return whole
+
     problem = solved.problem
     return replace(
         solved,
         **columns,
         invalid=~good if shape else True,
         problem=replace(problem, goal=problem.goal.at(poses), near=near),
-        _trace=traces if shape else None,
+        _trace=objects(solved._trace),
+        _contacts=objects(solved._contacts),
     )

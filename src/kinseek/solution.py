@@ -82,8 +82,8 @@ class Solution(Generic[Flag, Number, Count, State]):
             for it. bool or (...) bool; see ``bad=`` in `Arm.ik`.
         blocked: How many answers hit something in the `scene`, or came closer than the clearance, int or (...); without
             success, every answer that was found but for those that `valid` refused.
-        contacts: The pairs of bodies that are in the way at `q`, and how deep, where the status is `Status.BLOCKED`.
         trace: What the search did, pass by pass, if it was asked for; see there.
+        contacts: The pairs of bodies that are in the way at `q`, and how deep, where the status is `Status.BLOCKED`.
 
     For type checkers this class is generic in the types of its flags, numbers, counts and status. An array's type need not
     tell its shape, so `Arm.ik` fills them in where the goal's type says that it is one pose or a batch: then ``success`` is
@@ -143,14 +143,15 @@ class Solution(Generic[Flag, Number, Count, State]):
 
         A tuple of contacts with `a`, `b` and `depth` [m], or an object array of them, (...).
         """
-        if self._contacts is not None:
-            return self._contacts
         solution: Solution = self
         if not isinstance(solution.success, np.ndarray):
-            return ()
-        empty = np.empty(solution.success.shape, dtype=object)
-        empty.fill(())
-        return empty
+            return self._contacts or ()
+        told = np.empty(solution.success.shape, dtype=object)
+        told.fill(())
+        if self._contacts is not None:
+            known = self._contacts != np.array(None)  # Of a target that was no pose nothing is known.
+            told[known] = self._contacts[known]
+        return told
 
     @property
     def joints(self) -> dict[str, Any]:
