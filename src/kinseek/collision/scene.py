@@ -342,6 +342,38 @@ class Scene:
         contacts = [Contact(a, b, -near.distance) for (a, b), near in found.items()]
         return tuple(sorted(contacts, key=lambda contact: -contact.depth))
 
+    def free_motion(self, q0: Any, q1: Any, clearance: float = 0.0) -> Any:
+        """Is every q on the straight way between two free, every joint moving at its own constant speed?
+
+        It is proved, by how far any point of a link can move and how far bodies are apart, not looked at in samples. A
+        motion on which bodies come within a hundredth of a millimetre of touching, or of the clearance, is not called free.
+
+        Args:
+            q0: Joint values, (..., n), [rad] or [m], or by name.
+            q1: The other ends, likewise; a continuous joint goes there straight, full turns too.
+            clearance: How far apart bodies have to be all along [m].
+
+        Returns:
+            bool, or (...) bool.
+
+        Raises:
+            InvalidProblem: `q0` or `q1` does not fit the arm, or they do not fit each other.
+            InvalidScene: `clearance` is no length.
+        """
+        from .motion import is_free_motion
+
+        ends = [as_joints(self._chain, q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
+        try:
+            one, other = np.broadcast_arrays(*ends)
+        except ValueError:
+            raise InvalidProblem(
+                f"q0 and q1 do not fit: shapes {ends[0].shape} and {ends[1].shape}"
+            ) from None
+        least = clear(clearance)
+        rows = zip(one.reshape(-1, self._chain.dof), other.reshape(-1, self._chain.dof), strict=True)
+        free = [is_free_motion(self._chain, self._asked, a, b, least) for a, b in rows]
+        return np.array(free, dtype=np.bool_).reshape(one.shape[:-1]) if one.ndim > 1 else free[0]
+
     def fits(self, mechanism: Mechanism) -> bool:
         """Is this the scene of an arm? Its limits and its tool may be others."""
         chain, own = mechanism.axes, self._chain

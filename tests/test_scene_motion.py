@@ -1,0 +1,96 @@
+"""Motions that are called free are free at every point of them that is looked at, and those that are free are called so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.cells import write_arm
+
+import kinseek
+from kinseek import Scene
+from kinseek.collision.motion import speeds
+
+pytest.importorskip("pinocchio")
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> tuple[kinseek.Arm, Scene]:
+    folder: Path = tmp_path_factory.mktemp("motion")
+    arm = kinseek.load(write_arm(folder), tip="tip")
+    scene = Scene.of(arm, [folder / "packages"], joints={"grip": 0.04})
+    scene.add_box("plate", (0.6, 0.6, 0.001), kinseek.pose([0.5, 0.0, 0.6], rpy=[0.2, 0.1, 0.0]))
+    scene.add_capsule("pole", 0.02, 1.5, kinseek.pose([-0.4, 0.3, 0.6]))
+    scene.add_points("cloud", np.random.default_rng(0).uniform([-1, -1, 0], [1, 1, 1.5], (30, 3)), 0.01)
+    return arm, scene
+
+
+def along(a: np.ndarray, b: np.ndarray, count: int) -> np.ndarray:
+    return a + np.linspace(0.0, 1.0, count)[:, None] * (b - a)
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    length=st.sampled_from([0.05, 0.3, 1.0]),
+    clearance=st.sampled_from([0.0, 0.02]),
+)
+@settings(max_examples=30)
+def test_a_motion_called_free_is_free_and_one_that_is_free_is_called_so(
+    cell: tuple[kinseek.Arm, Scene], seed: int, length: float, clearance: float
+) -> None:
+    arm, scene = cell
+    q = arm.sample(50, seed=seed)
+    a = q[np.argmax(scene.free(q, clearance))]
+    b = a + length * (q[-1] - a)
+    points = scene.free(along(a, b, 200), clearance)
+    if scene.free_motion(a, b, clearance):
+        assert points.all()
+    elif (
+        points.all()
+    ):  # Then it came near to touching between two points: it is not free with a little more clearance.
+        assert not scene.free(along(a, b, 200), clearance + 0.01).all()
+
+
+@pytest.mark.slow
+def test_ten_thousand_points_of_free_motions_do_not_touch(cell: tuple[kinseek.Arm, Scene]) -> None:
+    arm, scene = cell
+    ends = arm.sample(400, seed=4).reshape(2, 200, arm.dof)
+    free = scene.free_motion(ends[0], ends[0] + 0.4 * (ends[1] - ends[0]))
+    assert free.shape == (200,)
+    assert free.sum() >= 5
+    for number in np.flatnonzero(free)[:5]:
+        a, b = ends[0, number], ends[0, number] + 0.4 * (ends[1, number] - ends[0, number])
+        assert scene.free(along(a, b, 10_000)).all()
+
+
+def test_a_thin_plate_is_not_jumped_over() -> None:
+    arm = kinseek.Arm.from_dh([[0.5, 0, 0, 0], [0.5, 0, 0, 0]], [-3, -3], [3, 3])
+    scene = Scene.of(arm, capsules=0.001)
+    scene.add_box("plate", (0.3, 1e-4, 0.3), kinseek.pose([0.9, 0.0, 0.0]))
+    a, b = np.array([-1.3, 0.0]), np.array([1.0, 0.0])
+    assert scene.free(along(a, b, 8)).all()  # A few samples miss it.
+    assert not scene.free_motion(a, b)
+    assert scene.free_motion(a, [-0.2, 0.0])
+    assert scene.free_motion([a, a], [b, [-0.2, 0.0]]).tolist() == [False, True]
+    assert scene.free_motion(a, a)
+    with pytest.raises(kinseek.InvalidProblem, match="do not fit"):
+        scene.free_motion(np.zeros((2, 2)), np.zeros((3, 2)))
+
+
+def test_no_point_moves_faster_than_said(cell: tuple[kinseek.Arm, Scene]) -> None:
+    arm, scene = cell
+    engine = scene._asked
+    a, b = arm.sample(2, seed=9)
+    b = a + 0.3 * (b - a)
+    rates = speeds(arm.chain, engine, a, b)
+    steps = 40
+    distances = np.array([[near.distance for near in engine.near(q)] for q in along(a, b, steps + 1)])
+    apart = (distances[1:] > 1e-4) & (distances[:-1] > 1e-4)
+    changed = np.where(apart, np.abs(np.diff(distances, axis=0)), 0.0)
+    assert (changed <= rates / steps + 2e-6).all()
+    assert (
+        changed.max(axis=0).sum() > 0.05 * rates.sum() / steps
+    )  # The bound is not a hundred times too large.
