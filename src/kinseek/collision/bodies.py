@@ -17,7 +17,8 @@ from kinseek.robots.chain import Frame, SerialChain, follow_mimics
 from kinseek.robots.files import file_bytes
 from kinseek.robots.held import is_text
 from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
-from kinseek.robots.meshes import mesh_path, numbers_of, origin_of
+from kinseek.robots.meshes import numbers_of, origin_of
+from kinseek.robots.packages import mesh_path
 from kinseek.robots.urdf import read_urdf_text
 from kinseek.robots.urdf_xml import expand_xacro, root_element
 from kinseek.transforms import rotation, transform
