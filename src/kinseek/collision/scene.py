@@ -44,8 +44,11 @@ class Scene:
     arm. A scene belongs to one arm, also where it is locked, limited or has a tool, as it was when the scene was made.
     """
 
-    def __init__(self, chain: SerialChain, arm: ArmBodies, never: dict[tuple[str, str], str]) -> None:
+    def __init__(
+        self, chain: SerialChain, arm: ArmBodies, never: dict[tuple[str, str], str], samples: int
+    ) -> None:
         """Put together what `Scene.of` has read."""
+        self._samples = samples
         self._chain, self._links = chain, arm.links
         self._bodies = {body.name: body for body in arm.bodies}
         self._never = never
@@ -110,7 +113,7 @@ class Scene:
         if srdf is not None:
             disabled, notes = disabled_by(srdf, found)
             left_out, found.notes = disabled | left_out, [*found.notes, *notes]
-        scene = cls(chain, found, left_out)
+        scene = cls(chain, found, left_out, samples)
         scene._sample(samples, never == "skip")
         return scene
 
@@ -191,6 +194,8 @@ class Scene:
     ) -> None:
         """Attach a shape to a link: a tool, or what a gripper holds. It moves with the link, and may hit what the link may.
 
+        As among links, pairs that touch at all of the scene's random joint values do not count; `pairs` names them.
+
         Args:
             name: Of the new body.
             shape: A `Box`, `Sphere`, `Cylinder`, `Capsule` or hull of a `Mesh` from `kinseek.collision`.
@@ -223,6 +228,7 @@ class Scene:
         )
         for other in {to, *touches} & self._bodies.keys():
             self._never[key(name, other)] = ATTACHED if other == to else "said: it may touch this"
+        self._sample(self._samples, False, name)
 
     def allow(self, a: str, b: str, reason: str = "said: they may touch") -> None:
         """Leave a pair of bodies out of what counts.
@@ -411,11 +417,13 @@ class Scene:
         ]
         return Engine(self._chain, solids, [pair for pair, _ in counted]), [names for _, names in counted]
 
-    def _sample(self, samples: int, skip_never: bool) -> None:
-        """Find links that touch at all samples, and at none, and leave them out."""
+    def _sample(self, samples: int, skip_never: bool, name: str | None = None) -> None:
+        """Find pairs of what the arm carries that touch at all samples, or at none, and leave them out; `name`: its pairs."""
         chain = self._chain
         q = np.random.default_rng(0).uniform(chain.lower, chain.upper, (samples, chain.dof))
-        open_pairs = [pair for pair in self.pairs if pair.counts]
+        carried = {body.name for body in self._bodies.values() if body.is_link or body.frame.joints}
+        open_pairs = [pair for pair in self.pairs if pair.counts and {pair.a, pair.b} <= carried]
+        open_pairs = [pair for pair in open_pairs if name in (None, pair.a, pair.b)]
         always = f"always: they touch at all of {samples:,} random joint values"
         none = f"never: they touch at none of {samples:,} random joint values"
         for pair in open_pairs:

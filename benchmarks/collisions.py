@@ -1,0 +1,243 @@
+"""Scenes: what a check costs beside coal called by hand, and how many poses in a cell get an answer that is free.
+
+Checks: the hulls of an arm's collision meshes against each other and twenty boxes, random joint values. "By hand" is what a
+user of pinocchio writes: the same hulls and pairs in a model that pinocchio reads from the file itself, its tree of boxes,
+one call of ``computeCollisions`` a check, FK included. Verdicts are compared. It needs a URDF with meshes, as the package
+example-robot-data has them; without one this part is left out.
+
+Answers: targets are the poses of random joint values that are free, so that each has a free answer. Capsules stand in for
+the links of bundled arms, in a shelf of five boards. Every answer is checked by hand, points along the capsules in NumPy.
+
+Motions: random motions between free joint values; of those that are called free every point is checked.
+
+    python -m benchmarks.collisions --urdf panda.urdf --tip panda_hand --meshes FOLDER   # writes collisions.md
+    python -m benchmarks.collisions --targets 50 --motions 20 --output /dev/stdout
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek.robots.chain import SerialChain, joint_points
+
+from .command import at_least_one, command, writes
+from .page import Page
+
+Array = NDArray[np.float64]
+
+HERE = Path(__file__).resolve().parent
+
+RADIUS = 0.05
+"""Of the capsules [m]."""
+
+ARMS = ("ur5e", "panda", "iiwa14")
+
+BOARDS = {
+    "floor": ((0.5, 1.0, 0.02), (0.65, 0.0, 0.1)),
+    "middle": ((0.5, 1.0, 0.02), (0.65, 0.0, 0.5)),
+    "roof": ((0.5, 1.0, 0.02), (0.65, 0.0, 0.9)),
+    "left": ((0.5, 0.02, 0.8), (0.65, 0.5, 0.5)),
+    "right": ((0.5, 0.02, 0.8), (0.65, -0.5, 0.5)),
+}
+
+
+def best(work: Callable[[], Any], repeats: int = 3) -> float:
+    """Least of some runs [s]."""
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - began)
+    return min(times)
+
+
+def by_hand(scene: kinseek.Scene, urdf: Path, arm: kinseek.Arm, folders: list[str], boxes: list[Any]) -> Any:
+    """A check of the same pairs as a user of pinocchio writes it: q -> free."""
+    import coal
+    import pinocchio as pin
+
+    model = pin.buildModelFromUrdf(str(urdf))
+    data = model.createData()
+    geometry = pin.buildGeomFromUrdf(model, str(urdf), pin.GeometryType.COLLISION, package_dirs=folders)
+    for thing in geometry.geometryObjects:
+        if isinstance(thing.geometry, coal.BVHModelBase):
+            thing.geometry.buildConvexHull(True, "Qt")
+            thing.geometry = thing.geometry.convex
+    bodies = [model.frames[thing.parentFrame].name for thing in geometry.geometryObjects]
+    for number, (size, pose) in enumerate(boxes):
+        geometry.addGeometryObject(pin.GeometryObject(f"box{number}", 0, pin.SE3(pose), coal.Box(*size)))
+        bodies.append(f"box{number}")
+    counted = {frozenset((pair.a, pair.b)) for pair in scene.pairs if pair.counts}
+    for i, a in enumerate(bodies):
+        for j in range(i + 1, len(bodies)):
+            if frozenset((a, bodies[j])) in counted:
+                geometry.addCollisionPair(pin.CollisionPair(i, j))
+    placed = pin.GeometryData(geometry)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        for request in placed.collisionRequests:  # Random joint values: the answer before is no good start.
+            request.enable_cached_gjk_guess = False
+    tree = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(model, geometry, placed)
+    full, places = pin.neutral(model), [model.joints[model.getJointId(n)].idx_q for n in arm.joint_names]
+
+    def free(q: Array) -> bool:
+        full[places] = q
+        assert geometry.ngeoms  # The tree has pointers to it, and does not keep it.
+        return not pin.computeCollisions(model, data, tree, full, True)
+
+    return free
+
+
+def checks(page: Page, options: Any) -> None:
+    """What a check costs."""
+    arm = kinseek.load(options.urdf, tip=options.tip)
+    scene = kinseek.Scene.of(arm, meshes=options.meshes)
+    rng = np.random.default_rng(0)
+    boxes = []
+    for number in range(20):
+        size, place = rng.uniform(0.05, 0.2, 3), rng.uniform(-1, 1, 3)
+        boxes.append((size, kinseek.pose(place, rpy=rng.uniform(-3, 3, 3))))
+        scene.add_box(f"box{number}", *boxes[-1])
+    hand = by_hand(scene, options.urdf, arm, [str(folder) for folder in options.meshes], boxes)
+    q = arm.sample(options.checks, seed=1)
+    verdicts = np.array([hand(one) for one in q])
+    same = int((scene.free(q) == verdicts).sum())
+    bare = best(lambda: [hand(one) for one in q])
+    single = best(lambda: [scene.free(one) for one in q])
+    batch = best(lambda: scene.free(q))
+    few = q[: max(len(q) // 20, 1)]
+    distance = best(lambda: scene.distance(few)) * len(q) / len(few)
+    page.head(f"One check of {arm.name} with itself and twenty boxes")
+    page.say(
+        f"{len(q):,} random joint values, {verdicts.mean():.0%} of them free, {sum(p.counts for p in scene.pairs)} pairs of",
+        f"bodies. Verdicts are the same in {same:,} of {len(q):,}.",
+    )
+    rows = [("pinocchio and coal by hand", bare), ("`scene.free(q)`, one by one", single)]
+    rows += [("`scene.free(q)`, a batch", batch), ("`scene.distance(q)`", distance)]
+    page.table(
+        "what | >µs a check | >of by hand",
+        [(what, f"{taken / len(q) * 1e6:.1f}", f"{taken / bare:.2f}") for what, taken in rows],
+    )
+
+
+def shelf(name: str) -> tuple[kinseek.Arm, kinseek.Scene]:
+    """An arm before a shelf."""
+    arm = kinseek.load(name)
+    scene = kinseek.Scene.of(arm, capsules=RADIUS)
+    for board, (size, place) in BOARDS.items():
+        scene.add_box(board, size, kinseek.pose(place))
+    return arm, scene
+
+
+def cuts_a_board(chain: SerialChain, q: Array) -> bool:
+    """Is a point on the line through the joints, from the second on, nearer to a board than the capsules are thick?"""
+    points = joint_points(chain, q)[1:]
+    along = np.linspace(0.0, 1.0, 50)[:, None]
+    dense = np.concatenate([a + along * (b - a) for a, b in pairwise(points)])
+    for size, place in BOARDS.values():
+        beyond = np.maximum(np.abs(dense - place) - np.array(size) / 2, 0.0)
+        if (np.linalg.norm(beyond, axis=1) < RADIUS - 1e-6).any():
+            return True
+    return False
+
+
+def free_joints(arm: kinseek.Arm, scene: kinseek.Scene, count: int) -> Array:
+    """Random joint values that are free and inside the shelf or before it."""
+    found: list[Array] = []
+    for seed in range(1000):
+        q = arm.sample(2000, seed=seed)
+        tip = arm.fk(q)[:, :3, 3]
+        inside = (tip[:, 0] > 0.3) & (np.abs(tip[:, 1]) < 0.5) & (tip[:, 2] > 0.1) & (tip[:, 2] < 0.9)
+        q = q[inside]
+        found += list(q[scene.free(q)]) if len(q) else []
+        if len(found) >= count:
+            break
+    return np.array(found[:count])
+
+
+def answers(page: Page, count: int) -> None:
+    """How many poses get a free answer, and what one costs."""
+    rows = []
+    for name in ARMS:
+        arm, scene = shelf(name)
+        targets = arm.fk(free_joints(arm, scene, count))
+        arm.ik(targets[0], scene=scene)
+        times, solved, first, wrong = [], 0, 0, 0
+        for target in targets:
+            began = time.perf_counter()
+            solution = arm.ik(target, scene=scene)
+            times.append(time.perf_counter() - began)
+            solved += solution.success
+            first += solution.success and solution.blocked == 0
+            wrong += solution.success and cuts_a_board(arm.chain, solution.q)
+        rows.append(
+            (
+                name,
+                len(targets),
+                solved,
+                first,
+                wrong,
+                f"{np.median(times) * 1e3:.2f}",
+                f"{max(times) * 1e3:.1f}",
+            )
+        )
+        print(*rows[-1], flush=True)
+    page.head("Answers in a shelf")
+    page.table(
+        "arm | >targets | >answered | >by the first branch | >that cut a board | >median ms | >longest ms",
+        rows,
+    )
+
+
+def motions(page: Page, count: int, points: int) -> None:
+    """How many motions are called free, and whether they are."""
+    rows = []
+    for name in ARMS:
+        arm, scene = shelf(name)
+        q = free_joints(arm, scene, count + 1)
+        ends = q[:-1], q[:-1] + 0.3 * (q[1:] - q[:-1])
+        began = time.perf_counter()
+        called = scene.free_motion(*ends)
+        taken = (time.perf_counter() - began) / len(called)
+        along = np.linspace(0.0, 1.0, points)[:, None]
+        each = np.array([scene.free(a + along * (b - a)).all() for a, b in zip(*ends, strict=True)])
+        counts = len(called), called.sum(), each.sum(), (called & ~each).sum()
+        rows.append((name, *counts, f"{taken * 1e3:.1f}"))
+        print(*rows[-1], flush=True)
+    page.head(f"Motions, {points:,} points of each looked at")
+    page.table(
+        "arm | >motions | >called free | >free at all points | >called so wrongly | >ms a motion", rows
+    )
+
+
+def main() -> None:
+    """Measure and write the page."""
+    parser = command(__file__, __doc__)
+    parser.add_argument("--urdf", type=Path, help="a file with collision meshes")
+    parser.add_argument("--tip", help="its last link")
+    parser.add_argument("--meshes", type=Path, nargs="*", default=[], help="folders of its packages")
+    parser.add_argument("--checks", type=at_least_one, default=5000, help="joint values to check")
+    parser.add_argument("--targets", type=at_least_one, default=1000, help="targets an arm")
+    parser.add_argument("--motions", type=at_least_one, default=300, help="motions an arm")
+    parser.add_argument("--points", type=at_least_one, default=10_000, help="points of a motion")
+    writes(parser, "--output", HERE / "collisions.md", "page to write")
+    options = parser.parse_args()
+    page = Page("Scenes", "benchmarks.collisions")
+    if options.urdf:
+        checks(page, options)
+    answers(page, options.targets)
+    motions(page, options.motions, options.points)
+    page.write(options.output)
+
+
+if __name__ == "__main__":
+    main()
