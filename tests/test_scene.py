@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.cells import FACES, TETRAHEDRON, box_mesh, write_arm, write_obj, write_stl
 
 import kinseek
+from cells import FACES, TETRAHEDRON, box_mesh, write_arm, write_obj, write_stl
 from kinseek import InvalidScene, Scene
 from kinseek.collision import Box, Capsule, Cylinder, Mesh, Points, Sphere
 from kinseek.collision.broad import spheres_of

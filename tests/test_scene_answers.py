@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.cells import write_arm
 
 import kinseek
+from cells import write_arm
 from kinseek import InvalidProblem, InvalidScene, Scene, Status
 
 pytest.importorskip("pinocchio")

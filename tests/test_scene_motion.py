@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.cells import write_arm
 
 import kinseek
+from cells import write_arm
 from kinseek import Scene
 from kinseek.collision.motion import speeds
 
@@ -29,7 +29,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> tuple[kinseek.Arm, Scene]:
 
 
 def along(a: np.ndarray, b: np.ndarray, count: int) -> np.ndarray:
-    return a + np.linspace(0.0, 1.0, count)[:, None] * (b - a)
+    return np.asarray(a + np.linspace(0.0, 1.0, count)[:, None] * (b - a))
 
 
 @given(

@@ -418,7 +418,7 @@ class Scene:
         return Engine(self._chain, solids, [pair for pair, _ in counted]), [names for _, names in counted]
 
     def _sample(self, samples: int, skip_never: bool, name: str | None = None) -> None:
-        """Find pairs of what the arm carries that touch at all samples, or at none, and leave them out; `name`: its pairs."""
+        """Leave out pairs of what the arm carries that touch at all samples, or at none; with `name` its pairs."""
         chain = self._chain
         q = np.random.default_rng(0).uniform(chain.lower, chain.upper, (samples, chain.dof))
         carried = {body.name for body in self._bodies.values() if body.is_link or body.frame.joints}

@@ -8,14 +8,13 @@ from pathlib import Path
 import click
 import numpy as np
 
-from kinseek.arm import load
 from kinseek.cli import report
 from kinseek.cli.batch import beside
 from kinseek.cli.columns import VALID
 from kinseek.cli.files import read_poses, writable, write_columns
 from kinseek.cli.goals import Asked
 from kinseek.cli.help import Command, option
-from kinseek.cli.options import ARM, GOAL, arm_argument, chain_options, complete_joints, json_option
+from kinseek.cli.options import ARM, GOAL, Chain, arm_argument, chain_options, complete_joints, json_option
 from kinseek.cli.output import on_terminal
 from kinseek.cli.words import joint_values
 
@@ -73,8 +72,7 @@ def command(
     arm: str,
     poses: Path,
     out: Path,
-    base: str | None,
-    tip: str | None,
+    chain: Chain,
     position_only: bool,
     free: str | None,
     deg: bool,
@@ -84,7 +82,7 @@ def command(
     as_json: bool,
 ) -> int:
     """Find one continuous motion through many poses, with as few breaks as possible."""
-    loaded = load(arm, base, tip)
+    loaded = chain.load(arm)
     place = writable(out, poses, _OUT, _POSES)  # Before any work is done.
     asked = Asked(position_only, free.replace(",", " ").split() if free is not None else [])
     goal = asked.goal(read_poses(poses, position_only, deg, _POSES))

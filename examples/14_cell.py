@@ -1,6 +1,6 @@
 """A UR5e at a table with a shelf and a camera pole: of all branches the first that hits nothing, and the way there.
 
-Run: python examples/10_cell.py [PICTURE]
+Run: python examples/14_cell.py [PICTURE]
 """
 
 import sys
@@ -55,8 +55,8 @@ print("  too low:", deep.status, *deep.contacts)
 
 # A picture: the free answer solid, one that hits something as a ghost.
 T = targets[0]
-every, free = arm.branches(T).q, arm.ik(T, scene=scene, clearance=0.01, near=home).require().q
-hit = next(q for q in every if not scene.free(q))
+answers, free = arm.branches(T).q, arm.ik(T, scene=scene, clearance=0.01, near=home).require().q
+hit = next(q for q in answers if not scene.free(q))
 print("the ghost hits:", *scene.hits(hit))
 figure, axes = plots.space(elevation=22, azimuth=-125)
 corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
@@ -72,4 +72,4 @@ plots.draw_arm(axes, arm, free, plots.COLOURS[0], linewidth=4)
 plots.draw_frame(axes, T, 0.12)
 plots.same_scale(axes)
 plots.trim(figure, axes, "UR5e: a branch that is free, and one that is not")
-print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "10_cell.png"))
+print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "14_cell.png"))
