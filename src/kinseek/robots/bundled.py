@@ -43,6 +43,7 @@ def _chain(kept: dict[str, Any], path: Path) -> SerialChain:
         prismatic=np.array(kept["prismatic"], dtype=np.bool_),
         leader=np.array(kept["leader"], dtype=np.int64),
         source=str(path),
+        urdf=path.read_bytes(),
         frames={
             name: Frame(joints, np.array([*rows, [0.0, 0.0, 0.0, 1.0]]))
             for name, (joints, rows) in kept["frames"].items()
