@@ -90,8 +90,10 @@ def test_quaternions_of_any_length_give_the_rotations_of_scipy(
         wxyz = np.array([0.1, 0.2, 0.3, -0.9])
     expected = Rotation.from_quat(np.roll(wxyz, -1)).as_matrix()
     turn = from_quaternion(wxyz * length)
-    np.testing.assert_allclose(turn, expected, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(turn.T @ turn, np.eye(3), rtol=0, atol=1e-15)
+    # A unit quaternion is off by half a unit in the last place in each of four numbers, and RᵀR is of fourth order in them.
+    few = 8 * np.finfo(np.float64).eps
+    np.testing.assert_allclose(turn, expected, rtol=0, atol=few)
+    np.testing.assert_allclose(turn.T @ turn, np.eye(3), rtol=0, atol=few)
     unit = wxyz / np.linalg.norm(wxyz)
     np.testing.assert_allclose(np.abs(quaternion(turn) @ unit), 1.0, rtol=0, atol=1e-15)
 
