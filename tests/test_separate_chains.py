@@ -92,6 +92,17 @@ def test_joints_that_stand_between_the_others() -> None:
     assert np.mean(chains.evaluations) < 0.15 * np.mean(whole.evaluations)
 
 
+def test_a_point_as_far_as_a_hardly_tilted_axis_puts_it() -> None:
+    """What is at rest under a joint that tilts the hand by next to nothing is farther off than numbers can be squared."""
+    arm = kinseek.load(
+        """<robot name="tilted"><link name="a"/><link name="b"/><link name="c"/>
+        <joint name="turn" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 1e-165 1"/>
+          <limit lower="0" upper="1" effort="1" velocity="1"/></joint>
+        <joint name="fixed" type="fixed"><parent link="b"/><child link="c"/><origin xyz="0 1 0"/></joint></robot>"""
+    )
+    assert find_split(arm.chain, Goal.pointing([0, 0, 0], [0, 0, 1])).first == (0,)
+
+
 @given(serial_chains(most=4), st.integers(0, 2**32 - 1), st.sampled_from(["pose", "position", "pointing"]))
 def test_what_is_said_to_rest_rests(chain: SerialChain, seed: int, kind: str) -> None:
     arm = kinseek.Arm(chain)

@@ -7,6 +7,7 @@ centre; and since the goal says where the hand is, it says where that centre has
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -166,7 +167,9 @@ class _Look:
         if self.axes.size:
             point = self.axes @ np.linalg.lstsq(A, b, rcond=1e-6)[0]
         left = np.abs(np.concatenate(turns) @ point - np.concatenate(slides)).max()
-        near = np.linalg.norm(point) <= 2 * self.reach
+        near = (
+            math.hypot(*point) <= 2 * self.reach
+        )  # Of joints that hardly turn, its square would be too large a number.
         return point if near and left <= self.still else None
 
     def freedom(self, joints: Joints, point: Array | None = None) -> int:
