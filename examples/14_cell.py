@@ -55,8 +55,8 @@ print("  too low:", deep.status, *deep.contacts)
 
 # A picture: the free answer solid, one that hits something as a ghost.
 T = targets[0]
-answers, free = arm.branches(T).q, arm.ik(T, scene=scene, clearance=0.01, near=home).require().q
-hit = next(q for q in answers if not scene.free(q))
+free = arm.ik(T, scene=scene, clearance=0.01, near=home).require().q
+hit = next(q for q in arm.branches(T) if not scene.free(q))
 print("the ghost hits:", *scene.hits(hit))
 figure, axes = plots.space(elevation=22, azimuth=-125)
 corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])

@@ -6,6 +6,7 @@ import copy
 import pickle
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -168,6 +169,21 @@ def test_clouds_and_padding_and_batches(arm: kinseek.Arm, file: Path) -> None:
     assert ((gap > 0.01 - 1e-5) & (gap < 0.02 + 1e-5)).all()
 
 
+def test_flat_sides_may_have_many_corners() -> None:
+    ring = np.stack(
+        [np.cos(np.linspace(0, 2 * np.pi, 400, False)), np.sin(np.linspace(0, 2 * np.pi, 400, False))], 1
+    )
+    vertices = np.concatenate([np.column_stack([ring, np.full(400, z)]) for z in (-0.5, 0.5)])
+    disc = Mesh(vertices, [[0, i, i + 1] for i in range(1, 799)])  # type: ignore[arg-type]
+    scene = Scene.of(kinseek.Arm.from_dh([[1, 0, 0, 0]], [-3], [3]), capsules=0.1)
+    scene.add("disc", disc, kinseek.pose([2.5, 0, 0]))
+    for q in (0.0, 0.3, 1.0):
+        assert scene.distance([q]) == pytest.approx(
+            np.hypot(2.5 - np.cos(q), np.sin(q)) - 1.1,
+            abs=1e-4,  # The sides of the ring are not round.
+        )
+
+
 def test_a_closed_mesh_is_solid_and_an_open_one_is_not(tmp_path: Path, scene: Scene) -> None:
     vertices, faces = box_mesh((4.0, 4.0, 4.0))
     scene.add_mesh("around", write_stl(tmp_path / "closed.stl", vertices, faces))
@@ -235,6 +251,14 @@ def test_copies_and_pickles_stand_for_themselves(scene: Scene) -> None:
         assert scene.distance(np.zeros(6)) == before
 
 
+def test_threads_may_share_a_scene(arm: kinseek.Arm, scene: Scene) -> None:
+    q = arm.sample(40, seed=11)
+    alone = scene.distance(q)
+    with ThreadPoolExecutor(4) as pool:
+        shared = list(pool.map(scene.distance, q))
+    assert np.array_equal(shared, alone)
+
+
 def test_bad_input_is_told(arm: kinseek.Arm, file: Path, scene: Scene, tmp_path: Path) -> None:
     folders = [file.parents[1] / "packages"]
     with pytest.raises(
@@ -300,3 +324,61 @@ def test_without_the_extra_it_is_told_which() -> None:
     lazy = "import sys, kinseek; print({'pinocchio', 'coal', 'trimesh'} & set(sys.modules))"
     said = subprocess.run([sys.executable, "-c", lazy], capture_output=True, text=True, check=True).stdout
     assert said.strip() == "set()"
+
+
+def mujoco_geom(shape: kinseek.collision.Shape, T: np.ndarray) -> str:
+    """The same shape in MuJoCo's words: sizes are halves."""
+    x, y, z, w = pin.Quaternion(T[:3, :3]).coeffs().tolist()
+    place = f'pos="{" ".join(map(repr, T[:3, 3].tolist()))}" quat="{w!r} {x!r} {y!r} {z!r}"'
+    if isinstance(shape, Box):
+        return f'<geom type="box" size="{" ".join(str(s / 2) for s in np.asarray(shape.size).tolist())}" {place}/>'
+    if isinstance(shape, Sphere):
+        return f'<geom type="sphere" size="{shape.radius}" {place}/>'
+    if isinstance(shape, Mesh):
+        return f'<geom type="mesh" mesh="wedge" {place}/>'
+    assert isinstance(shape, Capsule | Cylinder)
+    kind = "capsule" if isinstance(shape, Capsule) else "cylinder"
+    return f'<geom type="{kind}" size="{shape.radius} {shape.length / 2}" {place}/>'
+
+
+@pytest.mark.slow
+def test_distances_are_those_of_mujoco() -> None:
+    mujoco = pytest.importorskip("mujoco")
+    shapes = [
+        Box((0.1, 0.5, 0.2)),
+        Sphere(0.2),
+        Cylinder(0.1, 0.7),
+        Capsule(0.1, 0.7),
+        Mesh(TETRAHEDRON, FACES),
+    ]
+    arm, rng = kinseek.load("ur5e"), np.random.default_rng(0)
+    vertices = " ".join(map(str, TETRAHEDRON.ravel().tolist()))
+    asset = f'<asset><mesh name="wedge" vertex="{vertices}"/></asset>'
+    touching = 0
+    for carried in shapes:
+        for obstacle in shapes:
+            for q in arm.sample(3, seed=int(rng.integers(1000))):
+                pose = kinseek.pose(arm.fk(q)[:3, 3] + rng.uniform(-0.4, 0.4, 3), rpy=rng.uniform(-3, 3, 3))
+                scene = Scene.of(arm, capsules=1e-3, samples=1)
+                scene.attach("load", carried, to="tool0")
+                scene.add("thing", obstacle, pose)
+                for link in scene.bodies[:-2]:
+                    scene.allow(link, "load")
+                    scene.allow(link, "thing")
+                    for other in scene.bodies[:-2]:
+                        scene.allow(link, other)
+                text = mujoco_geom(carried, arm.fk(q)) + mujoco_geom(obstacle, pose)
+                model = mujoco.MjModel.from_xml_string(
+                    f"<mujoco>{asset}<worldbody>{text}</worldbody></mujoco>"
+                )
+                data = mujoco.MjData(model)
+                mujoco.mj_forward(model, data)
+                theirs = mujoco.mj_geomDistance(model, data, 0, 1, 10.0, None)
+                ours = scene.distance(q)
+                if theirs > 1e-5:
+                    assert ours == pytest.approx(theirs, abs=2e-5), (carried, obstacle)
+                else:
+                    touching += 1
+                    assert ours <= 1e-5, (carried, obstacle)
+                assert scene.free(q) == (ours > 1e-6)
+    assert 10 < touching < 65

@@ -37,7 +37,7 @@ def spheres_of(shape: Shape, pose: Array) -> tuple[Array, Array]:
     corners = shape.corners
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     off = corners - middle
-    axis = np.linalg.svd(off, full_matrices=True)[2][0]
+    axis = np.linalg.eigh(off.T @ off)[1][:, -1]
     along = off @ axis
     thick = shape.thickness
     radius = float(np.linalg.norm(off - np.outer(along, axis), axis=1).max()) + thick

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
+from threading import Lock
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +25,6 @@ TOUCH = 1e-6
 class Solid(NamedTuple):
     """One part of a body, as the engine takes it."""
 
-    body: int
-    """Number of its body."""
     joint: int
     """The joint that carries it; 0: it stands in the base."""
     shape: Shape
@@ -46,7 +45,7 @@ class Near(NamedTuple):
 
 
 class Engine:
-    """The pairs of a scene that count, ready to be asked.
+    """The pairs of a scene that count, ready to be asked: by one thread at a time, ``with engine:``.
 
     Args:
         chain: The arm.
@@ -85,8 +84,17 @@ class Engine:
         ).reshape(-1)
         self._padded = np.array([sum(solids[i].padding for i in pair) for pair in pairs]).reshape(-1)
         self._broad = Broad(chain, [(solid.joint, solid.shape, solid.pose) for solid in solids], pairs)
-        self._clearance, self._tree = np.nan, None
+        self._clearance, self._tree, self._lock = np.nan, None, Lock()
         self._shells = [n for n, pair in enumerate(pairs) if any(_is_shell(solids[i]) for i in pair)]
+
+    def __enter__(self) -> Self:
+        """Wait until nobody else asks: placements are kept between calls."""
+        self._lock.acquire()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Let the next one ask."""
+        self._lock.release()
 
     def free(self, q: Array, clearance: float) -> Flags:
         """Is every pair farther apart than `clearance`? (k, n) -> (k,).
@@ -102,10 +110,10 @@ class Engine:
         """No pair is closer than this, padding taken off, (k, n) -> (k, pairs) [m]; by spheres alone."""
         return np.asarray(self._broad.bounds(q) - self._padded)
 
-    def near(self, q: Array, pairs: Iterable[int] | None = None) -> list[Near]:
-        """How near the parts of pairs are at q, (n,); of all pairs, unless some are named."""
+    def near(self, q: Array) -> list[Near]:
+        """How near the parts of every pair are at q, (n,)."""
         self.place(q)
-        return [self.near_pair(int(n)) for n in (range(len(self.pairs)) if pairs is None else pairs)]
+        return [self.near_pair(n) for n in range(len(self.pairs))]
 
     def nearest(self, q: Array) -> Near | None:
         """The two parts that are nearest to each other at q, (n,); None without pairs."""
@@ -122,6 +130,15 @@ class Engine:
             if best is None or found.distance < best.distance:
                 best = found
         return best
+
+    def touching(self, q: Array, clearance: float) -> list[Near]:
+        """The parts that are not farther apart than `clearance` at q, (n,), and how near they are."""
+        if not self.pairs:
+            return []
+        self.set_clearance(clearance)
+        close = np.flatnonzero(self.bounds(q[None])[0] <= clearance + TOUCH)
+        self.place(q)
+        return [self.near_pair(int(n)) for n in close if self.touch(int(n))]
 
     def set_clearance(self, clearance: float) -> None:
         """From now on what is not farther apart than this touches [m]."""

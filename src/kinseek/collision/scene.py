@@ -17,7 +17,7 @@ from kinseek.robots.chain import Frame, SerialChain
 from kinseek.robots.mechanism import Mechanism, no_axes
 
 from .bodies import ArmBodies, Body, Part, capsules_along, described, package_folders, read_bodies
-from .engine import TOUCH, Engine, Near, Solid
+from .engine import Engine, Near, Solid
 from .pairs import ATTACHED, NEIGHBOURS, Contact, Pair, disabled_by, key, pairs_of
 from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere, length, library
 
@@ -41,7 +41,8 @@ class Scene:
     """An arm and what it may hit. Make one with `Scene.of`.
 
     Bodies have names: those of the arm are called as its links, the others as they were added. Poses are in the base of the
-    arm. A scene belongs to one arm, also where it is locked, limited or has a tool, as it was when the scene was made.
+    arm. A scene belongs to one arm, with the joints locked that were locked when it was made; limits and tool may be others.
+    Threads may share it, and wait for each other; a copy, `copy.copy(scene)`, goes its own way.
     """
 
     def __init__(
@@ -292,7 +293,9 @@ class Scene:
             InvalidScene: `clearance` is no length.
         """
         joints = as_joints(self._chain, q)
-        free = self._asked.free(joints.reshape(-1, self._chain.dof), clear(clearance))
+        least = clear(clearance)
+        with self._asked as engine:
+            free = engine.free(joints.reshape(-1, self._chain.dof), least)
         return free.reshape(joints.shape[:-1]) if joints.ndim > 1 else bool(free[0])
 
     def distance(self, q: Any) -> Any:
@@ -308,7 +311,8 @@ class Scene:
             InvalidProblem: `q` does not fit the arm.
         """
         joints = as_joints(self._chain, q)
-        found = [self._asked.nearest(row) for row in joints.reshape(-1, self._chain.dof)]
+        with self._asked as engine:
+            found = [engine.nearest(row) for row in joints.reshape(-1, self._chain.dof)]
         distances = np.array([np.inf if near is None else near.distance for near in found])
         return distances.reshape(joints.shape[:-1]) if joints.ndim > 1 else float(distances[0])
 
@@ -319,10 +323,13 @@ class Scene:
             InvalidProblem: `q` does not fit the arm.
             InvalidScene: No pair counts.
         """
-        near = self._asked.nearest(self._one(q))
+        joints = self._one(q)
+        with self._asked as engine:
+            near = engine.nearest(joints)
         if near is None:
             raise InvalidScene("no pair of bodies counts, so none is nearest")
-        return Nearest(*self._owners[near.pair], near.distance, *near.points)
+        (a, b), (point_a, point_b) = self._owners[near.pair], near.points
+        return Nearest(a, b, near.distance, point_a, point_b)
 
     def hits(self, q: Any, clearance: float = 0.0) -> tuple[Contact, ...]:
         """The pairs of bodies that touch at one q, (n,), or are closer than a clearance [m], the deepest first.
@@ -332,19 +339,12 @@ class Scene:
             InvalidScene: `clearance` is no length.
         """
         joints, least = self._one(q), clear(clearance)
-        engine = self._asked
-        if not engine.pairs:
-            return ()
-        engine.set_clearance(least)
-        close = np.flatnonzero(engine.bounds(joints[None])[0] <= least + TOUCH)
-        engine.place(joints)
         found: dict[tuple[str, str], Near] = {}
-        for n in close:
-            if not engine.touch(int(n)):
-                continue
-            near, names = engine.near_pair(int(n)), self._owners[n]
-            if names not in found or near.distance < found[names].distance:
-                found[names] = near
+        with self._asked as engine:
+            for near in engine.touching(joints, least):
+                names = self._owners[near.pair]
+                if names not in found or near.distance < found[names].distance:
+                    found[names] = near
         contacts = [Contact(a, b, -near.distance) for (a, b), near in found.items()]
         return tuple(sorted(contacts, key=lambda contact: -contact.depth))
 
@@ -377,7 +377,8 @@ class Scene:
             ) from None
         least = clear(clearance)
         rows = zip(one.reshape(-1, self._chain.dof), other.reshape(-1, self._chain.dof), strict=True)
-        free = [is_free_motion(self._chain, self._asked, a, b, least) for a, b in rows]
+        with self._asked as engine:
+            free = [is_free_motion(self._chain, engine, a, b, least) for a, b in rows]
         return np.array(free, dtype=np.bool_).reshape(one.shape[:-1]) if one.ndim > 1 else free[0]
 
     def fits(self, mechanism: Mechanism) -> bool:
@@ -402,23 +403,21 @@ class Scene:
     def _make(self, pairs: Iterable[Pair]) -> tuple[Engine, list[tuple[str, str]]]:
         solids: list[Solid] = []
         numbers: dict[str, list[int]] = {}
-        for place, body in enumerate(self._bodies.values()):
+        counting = [pair for pair in pairs if pair.counts]
+        named = {name for pair in counting for name in (pair.a, pair.b)}
+        for body in (body for body in self._bodies.values() if body.name in named):
             numbers[body.name] = list(range(len(solids), len(solids) + len(body.parts)))
             solids += [
-                Solid(place, body.frame.joints, part.shape, body.frame.pose @ part.pose, body.padding)
+                Solid(body.frame.joints, part.shape, body.frame.pose @ part.pose, body.padding)
                 for part in body.parts
             ]
         counted = [
-            ((i, j), (pair.a, pair.b))
-            for pair in pairs
-            if pair.counts
-            for i in numbers[pair.a]
-            for j in numbers[pair.b]
+            ((i, j), (pair.a, pair.b)) for pair in counting for i in numbers[pair.a] for j in numbers[pair.b]
         ]
         return Engine(self._chain, solids, [pair for pair, _ in counted]), [names for _, names in counted]
 
     def _sample(self, samples: int, skip_never: bool, name: str | None = None) -> None:
-        """Leave out pairs of what the arm carries that touch at all samples, or at none; with `name` its pairs."""
+        """Find pairs of what the arm carries that touch at all samples, or at none; of those of one body if it is named."""
         chain = self._chain
         q = np.random.default_rng(0).uniform(chain.lower, chain.upper, (samples, chain.dof))
         carried = {body.name for body in self._bodies.values() if body.is_link or body.frame.joints}

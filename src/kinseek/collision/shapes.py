@@ -306,7 +306,11 @@ class Mesh(Shape):
         points = coal.StdVec_Vec3s()
         for vertex in np.unique(self.vertices, axis=0):
             points.append(vertex)
-        return coal.ConvexBase.convexHull(points, True, "Qt")
+        try:  # Flat sides stay whole: cut into triangles, a corner may have more neighbours than coal takes.
+            return coal.ConvexBase.convexHull(points, False, "")
+        except RuntimeError as error:
+            why = str(error).rpartition("message:")[2].strip()
+            raise InvalidScene(f"{self.name}: coal cannot make its convex hull: {why}") from error
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle what it is made of; coal's hull is made anew."""
