@@ -24,7 +24,7 @@ def test_view_hands_the_arm_on(monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
 
     monkeypatch.setitem(sys.modules, "kinseek.viewer", types.SimpleNamespace(show=show))
     assert run(["view", "panda"]) == 0
-    options = {"host": "127.0.0.1", "port": 8080, "open_browser": None, "packages": {}}
+    options = {"host": "127.0.0.1", "port": 8080, "share": False, "open_browser": None, "packages": {}}
     assert shown.pop() == ("panda", "panda_link8", options)
     words = [
         "--tip",
@@ -34,11 +34,18 @@ def test_view_hands_the_arm_on(monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
         "--port",
         "9000",
         "--no-browser",
+        "--share",
         "--package",
         "a=/b=c",
     ]
     assert run(["view", "panda", *words]) == 0
-    options = {"host": "0.0.0.0", "port": 9000, "open_browser": False, "packages": {"a": "/b=c"}}
+    options = {
+        "host": "0.0.0.0",
+        "port": 9000,
+        "share": True,
+        "open_browser": False,
+        "packages": {"a": "/b=c"},
+    }
     assert shown.pop() == ("panda", "panda_link5", options)
     for wrong, said in ((["--port", "70000"], "70000"), (["--package", "a"], "--package takes NAME=FOLDER")):
         assert run(["view", "panda", *wrong]) == 2

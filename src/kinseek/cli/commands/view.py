@@ -26,12 +26,14 @@ from kinseek.cli.output import direct_output
     default=8080,
     help="Port to listen at; if it is taken, the next free one is. Default: 8080.",
 )
+@option("--share", is_flag=True, help="Make a public address too, by a relay that viser's authors run.")
 @option("--browser/--no-browser", default=None, help="Open a browser, or only say where the page is.")
 def command(
     arm: str,
     chain: Chain,
     host: str,
     port: int,
+    share: bool,
     browser: bool | None,
 ) -> int:
     """Show an arm on a page in the browser: drag a goal, see the answer, every branch, and how near it comes.
@@ -44,5 +46,5 @@ def command(
     expanded = arm.lower().endswith(".xacro")
     loaded = (chain if expanded else chain._replace(packages={})).load(arm)
     with direct_output():
-        show(loaded, host=host, port=port, open_browser=browser, packages=chain.packages)
+        show(loaded, host=host, port=port, share=share, open_browser=browser, packages=chain.packages)
     return 0
