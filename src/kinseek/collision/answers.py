@@ -156,7 +156,8 @@ def _pick(
             return _Pick(solution.q, spent, True, judge, solution.out_of_time)
     late = False
     for many in (1, *_MORE) if index.freedom else (1,):
-        if late := deadline.passed:
+        if deadline.passed:
+            late = True
             break
         judge.blocked, judge.refused, judge.seen, judge.spared = 0, 0, [], None
         wishes = Wishes(
@@ -164,7 +165,7 @@ def _pick(
         )
         found = branches_of(replace(problem, time_limit=deadline.left), wishes, threads)
         assert isinstance(found, Branches)  # One target has one.
-        spent, candidates = spent + found.evaluations, found.q
+        spent, candidates, late = spent + found.evaluations, found.q, found.out_of_time
         if not len(candidates):
             last = Atlas().solve(replace(problem, time_limit=deadline.left))
             spent += last.evaluations
@@ -173,7 +174,7 @@ def _pick(
             candidates = last.q[None]
         for q in candidates:
             if judge(q):
-                return _Pick(q, spent, True, judge, found.out_of_time)
+                return _Pick(q, spent, True, judge, late)
     return _escaped(problem, index, judge, spent, late, deadline)
 
 

@@ -11,19 +11,20 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.errors import InvalidRobot, InvalidScene, suggest
+from kinseek.errors import InvalidProblem, InvalidRobot, InvalidScene, suggest
 from kinseek.kernels.arm.forward import forward_many
+from kinseek.robots import read
 from kinseek.robots.chain import Frame, SerialChain, follow_mimics
 from kinseek.robots.files import file_bytes
 from kinseek.robots.held import is_text
-from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
+from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE, no_axes
 from kinseek.robots.meshes import numbers_of, origin_of
 from kinseek.robots.packages import mesh_path
 from kinseek.robots.urdf import read_urdf_text
 from kinseek.robots.urdf_xml import expand_xacro, root_element
 from kinseek.transforms import rotation, transform
 
-from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere, length
 
 Array = NDArray[np.float64]
 
@@ -68,6 +69,55 @@ class ArmBodies:
     """All links, those without geometry too."""
     robot: str = ""
     """Name that the file gives the robot."""
+
+
+def chain_of(arm: Any) -> SerialChain:
+    """The axes and links of an arm, or of what `kinseek.load` takes.
+
+    Raises:
+        InvalidProblem: The arm is a function.
+    """
+    mechanism = getattr(arm, "mechanism", arm)
+    if hasattr(mechanism, "joint_names") and hasattr(mechanism, "axes"):
+        if mechanism.axes is None:
+            raise InvalidProblem(no_axes(mechanism, "a scene needs the links of an arm"))
+        chain: SerialChain = mechanism.axes
+        return chain
+    return read(arm)
+
+
+def arm_bodies(
+    chain: SerialChain,
+    folders: Mapping[str, Path],
+    capsules: float | None,
+    urdf: str | Path | None,
+    joints: Mapping[str, float],
+    missing: Literal["error", "skip"],
+) -> ArmBodies:
+    """The bodies of an arm: those of its file, or capsules where it has none; see `Scene.of`.
+
+    Raises:
+        InvalidScene: Neither geometry nor `capsules`, or both, or what `read_bodies` refuses.
+    """
+    file = described(chain, urdf)
+    found = None if file is None else read_bodies(chain, *file, folders, missing, joints)
+    if found is not None and found.bodies:
+        if capsules is not None:
+            raise InvalidScene(
+                "capsules stand in for links without geometry, and the file of this arm has some"
+            )
+        return found
+    if capsules is not None:
+        return capsules_along(chain, length("capsules", capsules))
+    what = (
+        f"{str(file[1])!r} has no collision elements"
+        if file is not None
+        else f"{chain.source or 'it'!r} is no URDF file"
+    )
+    raise InvalidScene(
+        f"no geometry of arm {chain.name!r} is known: {what}. Give the file that has it, urdf=..., or the radius of "
+        f"capsules that stand in for the links, capsules=0.05"
+    )
 
 
 def described(chain: SerialChain, urdf: str | Path | bytes | None) -> tuple[bytes, Path] | None:

@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from kinseek.errors import InvalidProblem, InvalidScene, suggest
 from kinseek.poses import one_pose
 from kinseek.problem import as_joints
-from kinseek.robots import read
 from kinseek.robots.chain import Frame, SerialChain
-from kinseek.robots.mechanism import Mechanism, no_axes
+from kinseek.robots.mechanism import Mechanism
 
-from .bodies import ArmBodies, Body, Part, capsules_along, described, package_folders, read_bodies
+from .bodies import ArmBodies, Body, Part, arm_bodies, chain_of, package_folders
 from .engine import Engine, Near, Solid
 from .pairs import ATTACHED, NEIGHBOURS, Contact, Pair, disabled_by, key, pairs_of
 from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere, length, library
@@ -97,7 +96,7 @@ class Scene:
             MissingExtra: pinocchio or trimesh is not installed.
         """
         library("pinocchio")
-        chain = _chain_of(arm)
+        chain = chain_of(arm)
         for name, value in (("missing", missing), ("never", never)):
             choices = {"missing": ("error", "skip"), "never": ("check", "skip")}[name]
             if value not in choices:
@@ -107,7 +106,7 @@ class Scene:
         if isinstance(meshes, str) and meshes == "skip":
             meshes, missing = (), "skip"
         padding = length("padding", padding, -1e-300) if padding else 0.0
-        found = _arm_bodies(chain, package_folders(meshes), capsules, urdf, dict(joints or {}), missing)
+        found = arm_bodies(chain, package_folders(meshes), capsules, urdf, dict(joints or {}), missing)
         for body in found.bodies:
             body.padding = padding
         left_out = {key(a, b): NEIGHBOURS for a, b in found.neighbours}
@@ -491,45 +490,6 @@ def clear(clearance: float) -> float:
         InvalidScene: It is no length of at least 0.
     """
     return 0.0 if isinstance(clearance, int | float) and clearance == 0 else length("clearance", clearance)
-
-
-def _chain_of(arm: Any) -> SerialChain:
-    mechanism = getattr(arm, "mechanism", arm)
-    if hasattr(mechanism, "joint_names") and hasattr(mechanism, "axes"):
-        if mechanism.axes is None:
-            raise InvalidProblem(no_axes(mechanism, "a scene needs the links of an arm"))
-        chain: SerialChain = mechanism.axes
-        return chain
-    return read(arm)
-
-
-def _arm_bodies(
-    chain: SerialChain,
-    folders: Mapping[str, Path],
-    capsules: float | None,
-    urdf: str | Path | None,
-    joints: Mapping[str, float],
-    missing: Literal["error", "skip"],
-) -> ArmBodies:
-    file = described(chain, urdf)
-    found = None if file is None else read_bodies(chain, *file, folders, missing, joints)
-    if found is not None and found.bodies:
-        if capsules is not None:
-            raise InvalidScene(
-                "capsules stand in for links without geometry, and the file of this arm has some"
-            )
-        return found
-    if capsules is not None:
-        return capsules_along(chain, length("capsules", capsules))
-    what = (
-        f"{str(file[1])!r} has no collision elements"
-        if file is not None
-        else f"{chain.source or 'it'!r} is no URDF file"
-    )
-    raise InvalidScene(
-        f"no geometry of arm {chain.name!r} is known: {what}. Give the file that has it, urdf=..., or the radius of "
-        f"capsules that stand in for the links, capsules=0.05"
-    )
 
 
 def _part(shape: Shape, pose: Any) -> Part:
