@@ -299,6 +299,15 @@ def test_bad_input_is_told(arm: kinseek.Arm, file: Path, scene: Scene, tmp_path:
         scene.add_mesh("mesh", tmp_path / "empty.obj")
     with pytest.raises(InvalidScene, match="1,000,001 triangles"):
         Mesh(np.zeros((3, 3)), np.zeros((1_000_001, 3), dtype=np.int64))
+    with pytest.raises(InvalidScene, match="is flat"):
+        scene.add("flat", Mesh(np.eye(3), np.array([[0, 1, 2]])))
+    assert "flat" not in scene.bodies
+    with pytest.raises(InvalidScene, match="padding must be a length of at least 0 m, got -1"):
+        Scene.of(arm, folders, padding=-1)
+    with pytest.raises(InvalidScene, match="meshes must be folders"):
+        Scene.of(arm, 5)  # type: ignore[arg-type]
+    with pytest.raises(InvalidScene, match="joints must be a mapping"):
+        Scene.of(arm, folders, joints=5)  # type: ignore[arg-type]
     with pytest.raises(InvalidScene, match="clearance"):
         scene.free(np.zeros(6), -0.1)
     with pytest.raises(InvalidScene, match="expected a Box"):

@@ -61,6 +61,7 @@ def test_the_answer_is_the_first_free_branch(ur5e: kinseek.Arm, cell: Scene) -> 
 
 def test_a_clearance_is_kept(ur5e: kinseek.Arm, cell: Scene) -> None:
     narrower = 0
+    assert ur5e.ik(np.empty((0, 4, 4)), scene=cell, clearance=0.03).q.shape == (0, 6)
     for target in targets(ur5e, 30, seed=4):
         solution = ur5e.ik(target, scene=cell, clearance=0.03)
         narrower += solution.success != ur5e.ik(target, scene=cell).success

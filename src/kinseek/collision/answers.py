@@ -21,7 +21,8 @@ from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.solver import Atlas
 
 from .pairs import Contact
-from .scene import Scene, clear
+from .scene import Scene
+from .shapes import length_or_zero
 
 Array = NDArray[np.float64]
 
@@ -87,7 +88,7 @@ def judge_of(scene: Any, mechanism: Mechanism, clearance: float, valid: Valid | 
             f"this scene is of {scene.arm}, and not of {mechanism.name!r} with joints {', '.join(mechanism.joint_names)}: "
             "other joints, lengths, or joints locked elsewhere; make one of this very arm: Scene.of(arm)"
         )
-    return Judge(scene, clear(clearance), valid)
+    return Judge(scene, length_or_zero("clearance", clearance), valid)
 
 
 def free_solution(
@@ -131,7 +132,7 @@ def free_solution(
         contacts[i] = pick.contacts
     return replace(
         solution,
-        success=solution.success & np.reshape([pick.success for pick in picks], shape),
+        success=solution.success & np.reshape(np.array([pick.success for pick in picks], dtype=bool), shape),
         rejected=np.reshape(np.array([pick.judge.refused for pick in picks], dtype=np.int64), shape),
         blocked=np.reshape(np.array([pick.judge.blocked for pick in picks], dtype=np.int64), shape),
         _contacts=contacts.reshape(shape),

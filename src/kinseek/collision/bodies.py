@@ -206,6 +206,10 @@ def package_folders(meshes: Iterable[str | Path] | Mapping[str, str | Path]) -> 
     Raises:
         InvalidScene: Not folders.
     """
+    if not isinstance(meshes, Iterable):
+        raise InvalidScene(
+            f"meshes must be folders, or a mapping from packages to folders, got {meshes!r:.80}"
+        )
     named = dict(meshes) if isinstance(meshes, Mapping) else {}
     listed = (
         [] if isinstance(meshes, Mapping) else [meshes] if isinstance(meshes, str | Path) else list(meshes)
@@ -237,7 +241,9 @@ def _shape(element: Any, path: Path, folders: Mapping[str, Path]) -> Shape:
         return Cylinder(radius, span) if shape.tag == "cylinder" else Capsule(radius, span)
     if shape.tag == "mesh":
         name = shape.get("filename") or ""
-        return Mesh.read(mesh_path(name, path, folders), numbers_of(shape.get("scale"), 3, 1.0))
+        mesh = Mesh.read(mesh_path(name, path, folders), numbers_of(shape.get("scale"), 3, 1.0))
+        mesh.geometry()  # Says now that there is no hull.
+        return mesh
     raise InvalidScene(
         f"geometry {shape.tag!r} is not known; expected box, sphere, cylinder, capsule or mesh"
     )

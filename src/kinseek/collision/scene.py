@@ -18,7 +18,7 @@ from kinseek.robots.mechanism import Mechanism
 from .bodies import ArmBodies, Body, Part, arm_bodies, chain_of, package_folders
 from .engine import Engine, Near, Solid
 from .pairs import ATTACHED, NEIGHBOURS, Contact, Pair, disabled_by, key, pairs_of
-from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere, length, library
+from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere, length_or_zero, library
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -105,7 +105,9 @@ class Scene:
             raise InvalidScene(f"samples must be a whole number of at least 1, got {samples!r}")
         if isinstance(meshes, str) and meshes == "skip":
             meshes, missing = (), "skip"
-        padding = length("padding", padding, -1e-300) if padding else 0.0
+        padding = length_or_zero("padding", padding)
+        if not isinstance(joints, Mapping | None):
+            raise InvalidScene(f"joints must be a mapping from names to values, got {joints!r:.80}")
         found = arm_bodies(chain, package_folders(meshes), capsules, urdf, dict(joints or {}), missing)
         for body in found.bodies:
             body.padding = padding
@@ -223,7 +225,7 @@ class Scene:
                 self._new(name),
                 frame,
                 [part],
-                padding=length("padding", padding, -1e-300) if padding else 0.0,
+                padding=length_or_zero("padding", padding),
             )
         )
         for other in {to, *touches} & self._bodies.keys():
@@ -292,7 +294,7 @@ class Scene:
             InvalidScene: `clearance` is no length.
         """
         joints = as_joints(self._chain, q)
-        least = clear(clearance)
+        least = length_or_zero("clearance", clearance)
         with self._asked as engine:
             free = engine.free(joints.reshape(-1, self._chain.dof), least)
         return free.reshape(joints.shape[:-1]) if joints.ndim > 1 else bool(free[0])
@@ -337,7 +339,7 @@ class Scene:
             InvalidProblem: `q` does not fit the arm.
             InvalidScene: `clearance` is no length.
         """
-        joints, least = self._one(q), clear(clearance)
+        joints, least = self._one(q), length_or_zero("clearance", clearance)
         found: dict[tuple[str, str], Near] = {}
         with self._asked as engine:
             for near in engine.touching(joints, least):
@@ -374,7 +376,7 @@ class Scene:
             raise InvalidProblem(
                 f"q0 and q1 do not fit: shapes {ends[0].shape} and {ends[1].shape}"
             ) from None
-        least = clear(clearance)
+        least = length_or_zero("clearance", clearance)
         rows = zip(one.reshape(-1, self._chain.dof), other.reshape(-1, self._chain.dof), strict=True)
         with self._asked as engine:
             free = [is_free_motion(self._chain, engine, a, b, least) for a, b in rows]
@@ -483,18 +485,11 @@ class Scene:
         )
 
 
-def clear(clearance: float) -> float:
-    """Read a clearance [m].
-
-    Raises:
-        InvalidScene: It is no length of at least 0.
-    """
-    return 0.0 if isinstance(clearance, int | float) and clearance == 0 else length("clearance", clearance)
-
-
 def _part(shape: Shape, pose: Any) -> Part:
     if not isinstance(shape, Shape):
         raise InvalidScene(
             f"expected a Box, Sphere, Cylinder, Capsule, Mesh or Points of kinseek.collision, got {type(shape).__name__}"
         )
+    if isinstance(shape, Mesh) and shape.hull:
+        shape.geometry()  # Says now that there is none.
     return Part(shape, np.eye(4) if pose is None else one_pose(pose, "pose"))

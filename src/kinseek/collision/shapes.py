@@ -382,17 +382,31 @@ def triangles(vertices: Array, faces: NDArray[np.int64]) -> Any:
     return model
 
 
-def length(name: str, value: Any, least: float = 0.0) -> float:
-    """Read a length above `least` [m].
+def length(name: str, value: Any) -> float:
+    """Read a length above 0 [m].
 
     Raises:
         InvalidScene: It is none.
     """
-    return float(lengths(name, [value], 1, least)[0])
+    return float(lengths(name, [value], 1)[0])
 
 
-def lengths(name: str, values: Any, count: int, least: float = 0.0) -> Array:
-    """Read so many lengths above `least` [m].
+def length_or_zero(name: str, value: Any) -> float:
+    """Read a length of at least 0 [m].
+
+    Raises:
+        InvalidScene: It is none.
+    """
+    if isinstance(value, int | float | np.number) and value == 0:
+        return 0.0
+    try:
+        return length(name, value)
+    except InvalidScene:
+        raise InvalidScene(f"{name} must be a length of at least 0 m, got {value!r}") from None
+
+
+def lengths(name: str, values: Any, count: int) -> Array:
+    """Read so many lengths above 0 [m].
 
     Raises:
         InvalidScene: They are none.
@@ -401,8 +415,8 @@ def lengths(name: str, values: Any, count: int, least: float = 0.0) -> Array:
         found = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
         found = np.array([np.nan])
-    if found.shape != (count,) or not np.isfinite(found).all() or not (found > least).all():
+    if found.shape != (count,) or not np.isfinite(found).all() or not (found > 0).all():
         what = "a length" if count == 1 else f"{count} lengths"
         got = values[0] if count == 1 else values
-        raise InvalidScene(f"{name} must be {what} above {least:g} m, got {got!r}")
+        raise InvalidScene(f"{name} must be {what} above 0 m, got {got!r}")
     return found
