@@ -18,6 +18,9 @@ import llvmlite.binding as llvm
 from numba.core.registry import cpu_target as typed_cpu_target
 from targets import TARGETS, Target
 
+# Where pip builds apart from what is installed, it takes away what an editable install has put on the path: these sources.
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "src"))
+
 from kinseek.kernels import entry, jit
 from kinseek.kernels.compiler import never_run
 from kinseek.kernels.sources import PACKAGE, kernel_sources
