@@ -11,6 +11,7 @@ import threading
 import time
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from kinseek import Arm, InvalidSolver, InvalidUse, Status
 from kinseek.robots.packages import mesh_path
 from kinseek.viewer import clouds, words
 from kinseek.viewer.drawing import Figure, between
-from kinseek.viewer.meshes import meshes_of
+from kinseek.viewer.meshes import Meshes, meshes_of
 from kinseek.viewer.searches import PARAMETERS, SEARCHES, make_search, parameters_of
 from kinseek.viewer.server import free_port, is_loopback
 from kinseek.viewer.session import Answer, Proof, Session, beginning, call_of, nearest_of, status_of
@@ -646,3 +647,23 @@ def test_texts_of_an_answer() -> None:
     assert "&lt;no&gt;" in words.answer_html(refused, None, False)
     assert "looking" in words.branches_html(None, -1, 0)
     assert "No branches" in words.branches_html("none of these", -1, 0)
+
+
+def test_a_page_that_cannot_begin_leaves_no_threads(
+    sessions: dict[str, Session], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("viser")
+    from kinseek.viewer.page import Page
+
+    def gone(page: Page) -> None:
+        raise ConnectionError("the client left")
+
+    monkeypatch.setattr(Page, "_begin", gone)
+    monkeypatch.setattr(Page, "_fetch", lambda page: None)
+    client = MagicMock(client_id=1)
+    before = set(threading.enumerate())
+    with pytest.raises(ConnectionError):
+        Page(client, sessions["ur5e"], Meshes())
+    for thread in set(threading.enumerate()) - before:
+        thread.join(5)
+        assert not thread.is_alive()

@@ -66,7 +66,11 @@ class Page:
         self._player = Newest(self._play, f"{name}: passes")
         self._keeper = Newest(self._keep, f"{name}: what is kept", QUIET)
         self._workers = self._front, self._prover, self._clouder, self._player, self._keeper
-        self._begin()
+        try:
+            self._begin()
+        except BaseException:  # A client that left at once: nobody would close what was begun for it.
+            self.close()
+            raise
 
     def _begin(self) -> None:
         client, wishes = self._client, self.wishes
