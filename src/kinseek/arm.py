@@ -500,6 +500,7 @@ def load(
     *,
     args: Mapping[str, Any] | None = None,
     packages: Mapping[str, str | Path] | None = None,
+    trusted: bool = True,
 ) -> Arm:
     """Load an arm.
 
@@ -511,10 +512,12 @@ def load(
         tip: Link whose pose is meant; the only leaf of the file unless given.
         args: Of a .xacro file: values of its arguments, by name.
         packages: Of a .xacro file: folders of the ROS packages that it finds files in, by name.
+        trusted: Of a .xacro file: False where it may be anybody's. xacro lets Python evaluate expressions of the file; then
+            they are computed without it, and those that are no plain sums are refused.
 
     Raises:
         InvalidRobot: Unknown name, missing or broken file, unknown or unconnected links, bad joints, arguments that the file
             does not ask for.
         MissingExtra: An MJCF file, and MuJoCo is not installed.
     """
-    return Arm(read(source, base, tip, args=args, packages=packages))
+    return Arm(read(source, base, tip, args=args, packages=packages, trusted=trusted))

@@ -41,6 +41,8 @@ class Chain(NamedTuple):
     """Of a xacro file, by name."""
     packages: dict[str, str]
     """Folders of ROS packages, by name."""
+    untrusted: bool
+    """Is the file anybody's?"""
 
     def load(self, arm: str) -> Arm:
         """Load it.
@@ -48,7 +50,8 @@ class Chain(NamedTuple):
         Raises:
             KinseekError: As `kinseek.load`.
         """
-        return load(arm, self.base, self.tip, args=self.args, packages=self.packages)
+        trusted = not self.untrusted
+        return load(arm, self.base, self.tip, args=self.args, packages=self.packages, trusted=trusted)
 
 
 def complete_joints(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -110,6 +113,12 @@ _chain_options = together(
         callback=_pairs,
         group="The arm",
         help="Where a ROS package is that the file names, in $(find NAME) or package://NAME; once for each.",
+    ),
+    option(
+        "--untrusted",
+        is_flag=True,
+        group="The arm",
+        help="A xacro file may be anybody's: compute its expressions without Python, refuse others.",
     ),
 )
 

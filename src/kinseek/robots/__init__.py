@@ -47,6 +47,7 @@ def read(
     *,
     args: Mapping[str, Any] | None = None,
     packages: Mapping[str, str | Path] | None = None,
+    trusted: bool = True,
 ) -> SerialChain:
     """Read an arm: a bundled one by its name, a URDF, xacro or MJCF file by its path, or what people hold.
 
@@ -57,6 +58,7 @@ def read(
         tip: Name of the link that the pose is of; the arm's own, or the only leaf, unless given.
         args: Of a xacro file: values of its arguments, by name.
         packages: Of a xacro file: folders of ROS packages, by name.
+        trusted: Of a xacro file: may Python evaluate its expressions?
 
     Raises:
         InvalidRobot: None of these, or it cannot be used.
@@ -69,7 +71,7 @@ def read(
         return _read_held(source, base, tip)
     path = _path(source)
     if path.suffix.lower() == ".xacro":
-        return read_urdf(path, base, tip, args=args, packages=packages)
+        return read_urdf(path, base, tip, args=args, packages=packages, trusted=trusted)
     _refuse_options(args, packages, repr(str(source)))
     if isinstance(source, str) and source in catalog_names():
         return _read_bundled(source, base, tip)

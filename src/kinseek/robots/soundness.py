@@ -100,6 +100,7 @@ def check(
     tip: str | None = None,
     args: Mapping[str, Any] | None = None,
     packages: Mapping[str, str | Path] | None = None,
+    trusted: bool = True,
 ) -> Checkup:
     """Go through the description of a robot.
 
@@ -109,13 +110,14 @@ def check(
         tip: Link whose pose is meant, as `kinseek.load` takes it.
         args: Of a xacro file: values of its arguments, by name.
         packages: Folders of ROS packages by name; meshes are looked for there too.
+        trusted: Of a xacro file: may Python evaluate its expressions?
 
     Raises:
         InvalidRobot: There is no such file, or it is no robot at all.
         MissingExtra: An MJCF file, and MuJoCo is not installed.
     """
     if path.suffix.lower() == ".xacro":
-        text = expand_xacro(path, args, packages)
+        text = expand_xacro(path, args, packages, trusted)
     elif args:
         raise InvalidRobot(f"args are for .xacro files, got {str(path)!r}")
     else:

@@ -34,6 +34,7 @@ def read_urdf(
     *,
     args: Mapping[str, Any] | None = None,
     packages: Mapping[str, str | Path] | None = None,
+    trusted: bool = True,
 ) -> SerialChain:
     """Read the arm between two links of a ``.urdf`` or ``.xacro`` file.
 
@@ -43,13 +44,14 @@ def read_urdf(
         tip: Name of the link that the pose is of; the only leaf of the tree unless given.
         args: Of a xacro file: values of its arguments, by name.
         packages: Of a xacro file: folders of ROS packages, by name.
+        trusted: Of a xacro file: may Python evaluate its expressions?
 
     Raises:
         InvalidRobot: The file, the tree of links, or a joint between base and tip cannot be used.
     """
     path = Path(path)
     if path.suffix.lower() == ".xacro":
-        text = expand_xacro(path, args, packages)
+        text = expand_xacro(path, args, packages, trusted)
         chain = read_urdf_text(text, base, tip, where=str(path), name=path.name.split(".")[0])
         return replace(chain, packages=dict(packages or {}))
     if args or packages:

@@ -17,6 +17,7 @@ from typing import Any
 
 from kinseek.errors import InvalidRobot, suggest
 
+from .expressions import Refused, evaluate
 from .files import MOST_BYTES, MOST_LINKS, file_bytes, require_few
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
@@ -32,6 +33,8 @@ _LOST_PACKAGE = re.compile(r"Package not found: (\S+)")
 """What xacrodoc says, wrapped by xacro."""
 _MOST_STEPS, _MOST_LETTERS = 50_000, 2**20
 """Elements that xacro may expand, and how long a value may become."""
+MOST_ENTRIES = 100_000
+"""Values in a YAML file that a xacro file reads."""
 
 _NUMBERS = {
     "origin": {"xyz": 3, "rpy": 3},
@@ -77,7 +80,10 @@ class _Arguments(dict[str, str]):
 
 
 def expand_xacro(
-    path: Path, args: Mapping[str, Any] | None = None, packages: Mapping[str, str | Path] | None = None
+    path: Path,
+    args: Mapping[str, Any] | None = None,
+    packages: Mapping[str, str | Path] | None = None,
+    trusted: bool = True,
 ) -> bytes:
     """Turn a xacro file into URDF text.
 
@@ -85,6 +91,7 @@ def expand_xacro(
         path: The file.
         args: Values of its arguments, by name; truth values are written as xacro reads them.
         packages: Folders of ROS packages, by name. Others are looked for above the file, and where ROS has them.
+        trusted: May Python evaluate its expressions? Else `expressions` does, and the environment is not read.
 
     Raises:
         InvalidRobot: The file is missing, an argument is none of the file's, a package is no folder, or xacro cannot process
@@ -92,7 +99,7 @@ def expand_xacro(
     """
     file_bytes(path)
     arguments = _Arguments({str(name): _as_xacro(value) for name, value in (args or {}).items()})
-    text = _expanded(path, arguments, _folders(packages or {}))
+    text = _expanded(path, arguments, _folders(packages or {}), trusted)
     for name in args or {}:
         if name not in arguments.asked:
             raise InvalidRobot(f"{path}: {suggest(str(name), arguments.asked, 'argument')}")
@@ -110,11 +117,12 @@ def _folders(packages: Mapping[str, str | Path]) -> dict[str, str]:
     return {name: str(Path(folder).expanduser().resolve()) for name, folder in packages.items()}
 
 
-def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str]) -> bytes:
+def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], trusted: bool) -> bytes:
     from xacrodoc import XacroDoc, packages
 
     said = io.StringIO()
-    with _XACRO_LOCK, _watched_xacro(path):
+    computed = contextlib.nullcontext() if trusted else _computed_xacro(path)
+    with _XACRO_LOCK, _watched_xacro(path), computed:
         before = packages._finder
         try:
             # Packages found on the way up from one file must not answer for the next file: use a copy.
@@ -175,6 +183,72 @@ def _watched_xacro(path: Path) -> Iterator[None]:
     finally:
         xacro.eval_all, xacro.eval_text = evaluate_all, evaluate_text
         del xacro.open
+
+
+@contextlib.contextmanager
+def _computed_xacro(path: Path) -> Iterator[None]:
+    """Keep xacro from Python's `eval` and from the environment: the file may be anybody's."""
+    from xacro import substitution_args  # type: ignore[import-untyped]
+    from xacrodoc.xacrodoc import xacro
+
+    def load_yaml(name: str) -> Any:
+        content = xacro.load_yaml(name)
+        # Aliases make much of little as soon as it is written out.
+        require_few(
+            _entries(content, MOST_ENTRIES), "entries of a YAML file", MOST_ENTRIES, f"{path}: {name}"
+        )
+        return content
+
+    def compute(expression: str, names: Any, functions: Mapping[str, Any]) -> Any:
+        try:
+            return evaluate(expression, names, functions)
+        except Refused as refused:
+            raise InvalidRobot(
+                f"{path}: xacro: {expression.strip()[:80]!r} holds {refused}; in a file that is not trusted only plain sums "
+                "are computed. If you trust it, say trusted=True"
+            ) from None
+
+    def safe_eval(expression: str, names: Any, inner: Any = None) -> Any:
+        asked = xacro.substitution_args_context["arg"]
+        own = {"load_yaml": load_yaml, "dotify": lambda value: value, "abs_filename": xacro.abs_filename_spec}
+        own["arg"] = lambda name: asked[name]
+        return compute(expression, names, own | {f"xacro.{name}": function for name, function in own.items()})
+
+    def eval_extension(expression: str, context: Any) -> str:
+        given = substitution_args._DictWrapper(context.setdefault("arg", {}), {})
+        functions = {
+            "arg": given.__getitem__,
+            "dirname": lambda: substitution_args._eval_dirname(context["filename"]),
+        }
+        return str(compute(expression, given, functions))
+
+    def unknown(name: str) -> str:
+        raise InvalidRobot(
+            f"{path}: xacro: $(env {name}): the environment is not read for a file that is not trusted"
+        )
+
+    kept = xacro.safe_eval
+    before = {name: getattr(substitution_args, name) for name in ("_eval", "_eval_env", "_eval_optenv")}
+    try:
+        xacro.safe_eval = safe_eval
+        substitution_args._eval, substitution_args._eval_env = eval_extension, unknown
+        substitution_args._eval_optenv = lambda name, default="": default
+        yield
+    finally:
+        xacro.safe_eval = kept
+        for name, function in before.items():
+            setattr(substitution_args, name, function)
+
+
+def _entries(content: Any, most: int) -> int:
+    """Values that are written when everything is, counted a little beyond `most`."""
+    left, count = [content], 0
+    while left and count <= most:
+        one = left.pop()
+        count += 1
+        if isinstance(one, dict | list):
+            left.extend(one.values() if isinstance(one, dict) else one)
+    return count
 
 
 def _refusal(error: BaseException) -> InvalidRobot | None:

@@ -35,6 +35,6 @@ def command(arm: str, chain: Chain, as_json: bool) -> int:
         raise InvalidRobot(
             f"{suggest(arm, catalog_names(), 'robot')}. A path must end in {', '.join(READABLE)}"
         )
-    found = check(path, *chain)
+    found = check(path, chain.base, chain.tip, chain.args, chain.packages, not chain.untrusted)
     report.print_checkup(arm, found, as_json)
     return 0 if found.sound else 1

@@ -1,0 +1,189 @@
+"""Expressions of xacro files without Python's `eval`: sums, comparisons, choices, and a list of functions.
+
+xacro hands what stands in ``${…}`` and ``$(eval …)`` to Python, and what it keeps out there can be got around (Batchelder
+2012, "Eval really is dangerous"). Files that are not trusted are therefore computed here. What descriptions of real robots
+ask for is in it: numbers, texts, lists, properties and entries of YAML files, and no name that begins with an underscore.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable, Mapping
+from typing import Any
+
+MOST_LETTERS = 10_000
+"""Of one expression, and of a text or list that it makes."""
+LARGEST = 1e300
+"""Whole numbers are no larger, whatever they are raised to."""
+
+_OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv,
+    ast.Mod: operator.mod,
+    ast.Pow: operator.pow,
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+    ast.Not: operator.not_,
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+    ast.In: lambda a, b: a in b,
+    ast.NotIn: lambda a, b: a not in b,
+    ast.Is: operator.is_,
+    ast.IsNot: operator.is_not,
+}
+
+_MATH = (
+    *("acos", "asin", "atan", "atan2", "cos", "sin", "tan", "degrees", "radians", "hypot"),
+    *("ceil", "copysign", "exp", "fabs", "floor", "fmod", "log", "sqrt"),
+)
+FUNCTIONS: dict[str, Callable[..., Any]] = {
+    **{name: getattr(math, name) for name in _MATH},
+    **{function.__name__: function for function in (abs, bool, float, int, len, max, min, round, str)},
+}
+"""What may be called. No function that makes much of little is among them."""
+
+CONSTANTS: dict[str, Any] = {"pi": math.pi, "tau": math.tau, "e": math.e, "inf": math.inf, "nan": math.nan}
+_ROOMS = ("math", "python")
+"""Names of xacro for where functions stand: ``math.sin``."""
+
+
+class Refused(Exception):
+    """An expression that is no plain sum; the message says what is in it."""
+
+
+def evaluate(
+    expression: str, names: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]] | None = None
+) -> Any:
+    """Compute an expression.
+
+    Args:
+        expression: As xacro writes it.
+        names: Values of properties; looked up one by one.
+        functions: More that may be called, by their names or by names with a dot.
+
+    Raises:
+        Refused: There is something in it that is not computed here.
+        NameError: A name that nothing has.
+        SyntaxError, ArithmeticError, TypeError, ValueError, LookupError: As the same in Python.
+    """
+    if len(expression) > MOST_LETTERS:
+        raise Refused(f"{len(expression):,} letters in one expression, expected at most {MOST_LETTERS:,}")
+    try:
+        tree = ast.parse(expression.strip(), mode="eval")
+        return _Reader(names, FUNCTIONS | dict(functions or {})).value(tree.body)
+    except (RecursionError, MemoryError):
+        raise Refused("too many brackets or signs") from None
+
+
+class _Reader:
+    def __init__(self, names: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]) -> None:
+        self.names, self.functions = names, functions
+
+    def value(self, node: ast.expr) -> Any:
+        read = getattr(self, f"_{type(node).__name__.lower()}", None)
+        if read is None:
+            raise Refused(f"{ast.unparse(node)[:60]!r} is not computed ({type(node).__name__})")
+        return self._small(read(node))
+
+    def _small(self, value: Any) -> Any:
+        """Stop what grows."""
+        if isinstance(value, str | list | tuple) and len(value) > MOST_LETTERS:
+            raise Refused(f"a value of {len(value):,} letters or entries, expected at most {MOST_LETTERS:,}")
+        if isinstance(value, int) and abs(value) > LARGEST:
+            raise Refused(f"a whole number beyond {LARGEST:g}")
+        return value
+
+    def _constant(self, node: ast.Constant) -> Any:
+        return node.value
+
+    def _name(self, node: ast.Name) -> Any:
+        if node.id.startswith("_"):
+            raise Refused(f"the name {node.id!r}")
+        try:
+            value = self.names[node.id]
+        except KeyError:
+            if node.id in CONSTANTS:
+                return CONSTANTS[node.id]
+            raise NameError(f"name {node.id!r} is not defined") from None
+        if not isinstance(value, bool | int | float | str | list | tuple | dict | type(None)):
+            raise Refused(f"{node.id!r}, which is no value")
+        return value
+
+    def _binop(self, node: ast.BinOp) -> Any:
+        a, b = self.value(node.left), self.value(node.right)
+        numbers = isinstance(a, bool | int | float) and isinstance(b, bool | int | float)
+        if isinstance(node.op, ast.Pow) and numbers:
+            return float(a) ** float(b) if abs(b) > 64 else a**b
+        if not numbers and not (isinstance(node.op, ast.Add) and type(a) is type(b)):
+            raise TypeError(f"{ast.unparse(node)[:60]!r}: not of {type(a).__name__} and {type(b).__name__}")
+        return self._apply(node.op, a, b)
+
+    def _unaryop(self, node: ast.UnaryOp) -> Any:
+        return self._apply(node.op, self.value(node.operand))
+
+    def _boolop(self, node: ast.BoolOp) -> Any:
+        wanted = isinstance(node.op, ast.Or)
+        value: Any = None
+        for part in node.values:
+            value = self.value(part)
+            if bool(value) is wanted:
+                break
+        return value
+
+    def _compare(self, node: ast.Compare) -> bool:
+        left = self.value(node.left)
+        for sign, part in zip(node.ops, node.comparators, strict=True):
+            right = self.value(part)
+            if not self._apply(sign, left, right):
+                return False
+            left = right
+        return True
+
+    def _apply(self, sign: ast.AST, *values: Any) -> Any:
+        if type(sign) not in _OPERATORS:
+            raise Refused(f"the sign {type(sign).__name__}")
+        return _OPERATORS[type(sign)](*values)
+
+    def _ifexp(self, node: ast.IfExp) -> Any:
+        return self.value(node.body if self.value(node.test) else node.orelse)
+
+    def _list(self, node: ast.List) -> list[Any]:
+        return [self.value(part) for part in node.elts]
+
+    def _tuple(self, node: ast.Tuple) -> tuple[Any, ...]:
+        return tuple(self.value(part) for part in node.elts)
+
+    def _subscript(self, node: ast.Subscript) -> Any:
+        whole, key = self.value(node.value), self.value(node.slice)
+        if not isinstance(whole, str | list | tuple | dict):
+            raise TypeError(f"{ast.unparse(node.value)[:60]!r} has no entries")
+        return whole[key]
+
+    def _attribute(self, node: ast.Attribute) -> Any:
+        if node.attr.startswith("_"):
+            raise Refused(f"the name {node.attr!r}")
+        if isinstance(node.value, ast.Name) and node.value.id in _ROOMS and node.attr in CONSTANTS:
+            return CONSTANTS[node.attr]
+        whole = self.value(node.value)
+        if not isinstance(
+            whole, dict
+        ):  # Entries of YAML files are written so; nothing else has attributes here.
+            raise Refused(f"{ast.unparse(node)[:60]!r}")
+        return whole[node.attr]
+
+    def _call(self, node: ast.Call) -> Any:
+        name = ast.unparse(node.func)
+        for room in _ROOMS:
+            name = name.removeprefix(f"{room}.")
+        if name not in self.functions or node.keywords:
+            raise Refused(f"the call of {ast.unparse(node.func)[:60]!r}")
+        return self.functions[name](*(self.value(part) for part in node.args))

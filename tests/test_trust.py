@@ -1,0 +1,163 @@
+"""Files that may be anybody's: nothing in them is run, and what real descriptions ask for is computed all the same."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import kinseek
+from kinseek import InvalidRobot
+from kinseek.robots.expressions import FUNCTIONS, Refused, evaluate
+
+SHARED = Path(__file__).resolve().parents[2] / "shared" / "robots"
+XACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
+JOINT = (
+    '<link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/><child link="b"/>'
+    '<axis xyz="0 0 1"/><limit lower="0" upper="{}"/></joint>'
+)
+
+
+def upper_of(folder: Path, text: str, before: str = "", **options: Any) -> float:
+    """Upper limit of an arm whose file has an expression there."""
+    path = folder / "r.xacro"
+    path.write_text(XACRO.format(before + JOINT.format(text)), encoding="utf-8")
+    return float(kinseek.load(path, **options).upper[0])
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("${pi/2}", math.pi / 2),
+        ("${radians(90) + 2**-1}", math.radians(90) + 0.5),
+        ("${math.sqrt(4) if not False and 1 &lt; 2 &lt;= 2 else x}", 2.0),
+        ("${min([3, 1, 2]) + len('ab') + (1, 2)[1]}", 5.0),
+        ("${'a' + 'b' == 'ab' and 1.5 or 2}", 1.5),
+        ("$(eval 1 + more)", 3.0),
+        ("$(optenv HOME 0.5)", 0.5),
+        ("${yaml['deep'][0].limit}", 1.25),
+        ("${2 * yaml.deep[0]['limit']}", 2.5),
+    ],
+)
+def test_what_real_files_ask_for_is_computed(text: str, value: float, tmp_path: Path) -> None:
+    (tmp_path / "limits.yaml").write_text("deep:\n  - {limit: 1.25}\n", encoding="utf-8")
+    before = '<xacro:arg name="more" default="2"/><xacro:property name="yaml" '
+    before += "value=\"${xacro.load_yaml('limits.yaml')}\"/>"
+    assert upper_of(tmp_path, text, before, trusted=False) == pytest.approx(value, rel=1e-15)
+
+
+ESCAPES = [
+    "${().__class__.__base__.__subclasses__()}",
+    "${[c for c in ().__class__.__base__.__subclasses__()]}",
+    "${(lambda: __import__('os'))()}",
+    "${'{0.__class__}'.format(1)}",
+    "${python.type(1)}",
+    "${python.vars()}",
+    "${list(map(str, [1]))}",
+    "${xacro.tokenize('a')}",
+    "${sin.__self__}",
+    "${sin}",
+    "${'x' * 10**9}",
+    "${9**9**9}",
+    "${f'{1}'}",
+    "${1 if (x := 2) else 0}",
+    "${[0] * 10**9}",
+    "${1 &lt;&lt; 10**9}",
+    "${open('/etc/hostname')}",
+    "${max(1, key=str)}",
+    "$(eval [c for c in [1]])",
+    "$(eval open('/etc/hostname').read())",
+    "$(env HOME)",
+    "${" + "(" * 300 + "1" + ")" * 300 + "}",
+    "${" + "1+" * 6000 + "1}",
+]
+
+
+@pytest.mark.parametrize("text", ESCAPES)
+def test_what_is_no_plain_sum_is_refused(text: str, tmp_path: Path) -> None:
+    with pytest.raises(InvalidRobot) as told:
+        upper_of(tmp_path, text, trusted=False)
+    assert str(tmp_path / "r.xacro") in str(told.value)
+    assert len(str(told.value)) < 2000
+
+
+def test_a_file_that_would_run_something_does_not_unless_it_is_trusted(tmp_path: Path) -> None:
+    place = tmp_path / "made"
+    # A well-known way around what xacro keeps out: code within code is not looked at.
+    inner = "[c for c in [].__class__.__base__.__subclasses__() if c.__name__ == '_wrap_close']"
+    text = f"${{[{inner}[0].__init__.__globals__['mkdir']('{place}') or 1.0 for _ in [1]][0]}}"
+    with pytest.raises(InvalidRobot, match=r"not trusted.*trusted=True"):
+        upper_of(tmp_path, text, trusted=False)
+    assert not place.exists()
+    upper_of(tmp_path, text)
+    assert place.is_dir(), "the test shows nothing: Python did not run it either"
+
+
+def test_yaml_that_grows_when_written_is_refused(tmp_path: Path) -> None:
+    lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 9)]
+    (tmp_path / "many.yaml").write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(InvalidRobot, match="entries of a YAML file"):
+        upper_of(tmp_path, "${xacro.load_yaml('many.yaml')['a8']}", trusted=False)
+
+
+def test_xacro_is_as_it_was_afterwards(tmp_path: Path) -> None:
+    with pytest.raises(InvalidRobot):
+        upper_of(tmp_path, "${[x for x in [1]]}", trusted=False)
+    assert upper_of(tmp_path, "${[x for x in [1]][0]}") == 1.0
+    os.environ["KINSEEK_TEST_LIMIT"] = "0.75"
+    assert upper_of(tmp_path, "$(env KINSEEK_TEST_LIMIT)") == 0.75
+
+
+def test_a_real_file_reads_the_same_without_python() -> None:
+    paths = sorted(SHARED.rglob("*.xacro"))
+    if not paths:
+        pytest.skip("no real xacro files here")
+    for path in paths:
+        options: dict[str, Any] = {"tip": "wx250s/ee_gripper_link"} if "wx250s" in str(path) else {}
+        trusted, computed = (kinseek.load(path, trusted=trust, **options) for trust in (True, False))
+        np.testing.assert_array_equal(trusted.upper, computed.upper)
+        np.testing.assert_array_equal(trusted.fk(trusted.lower), computed.fk(computed.lower))
+
+
+NUMBERS = st.integers(-9, 9) | st.floats(-9, 9, allow_nan=False)
+SUMS = st.recursive(
+    NUMBERS.map(repr),
+    lambda inner: st.one_of(
+        st.tuples(inner, st.sampled_from(["+", "-", "*", "/", "//", "%", "<", "==", "and", "or"]), inner).map(
+            lambda parts: "(" + " ".join(parts) + ")"
+        ),
+        inner.map(lambda text: f"(-{text})"),
+        st.tuples(st.sampled_from(["abs", "cos", "float", "bool"]), inner).map(lambda p: f"{p[0]}({p[1]})"),
+        st.tuples(inner, inner, inner).map(lambda p: f"({p[0]} if {p[1]} else {p[2]})"),
+    ),
+    max_leaves=12,
+)
+
+
+@given(SUMS)
+def test_sums_are_what_python_makes_of_them(text: str) -> None:
+    def outcome(call: Any) -> Any:
+        try:
+            return repr(call())
+        except (ArithmeticError, TypeError, ValueError) as error:
+            return type(error)
+
+    ours = outcome(lambda: evaluate(text, {}))
+    assert ours == outcome(lambda: eval(text, {"__builtins__": {}}, dict(FUNCTIONS)))
+
+
+KNOWN = (Refused, SyntaxError, NameError, ArithmeticError, TypeError, ValueError, LookupError)
+
+
+@given(st.text(max_size=60))
+def test_any_text_ends_in_a_value_or_in_an_error_that_is_known(text: str) -> None:
+    with contextlib.suppress(*KNOWN):
+        evaluate(text, {})
