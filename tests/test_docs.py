@@ -252,6 +252,21 @@ def test_links_lead_somewhere(page: Path) -> None:
     assert broken == []
 
 
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_files_that_are_named_are_there(page: Path) -> None:
+    """Tests, benchmarks and examples in backticks; modules that are run with ``-m`` too."""
+    text = page.read_text(encoding="utf-8")
+    named = re.findall(r"`[^`\n]*?\b((?:tests|benchmarks|examples)/[\w./]+\.py)", text)
+    named += [
+        f"{one.replace('.', '/')}" for one in re.findall(r"python -m ((?:tests|benchmarks)[\w.]*)", text)
+    ]
+    for name in set(named) - {"examples/NN_name.py"}:  # Which stands for any.
+        place = ROOT / name.rstrip("/.")
+        assert place.is_file() or place.with_suffix(".py").is_file() or (place / "__main__.py").is_file(), (
+            name
+        )
+
+
 def test_a_broken_link_is_seen(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text(
