@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import inspect
+from importlib.metadata import version
+from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 import kinseek
 
+ROOT = Path(__file__).resolve().parents[1]
 ROUTINES = [getattr(kinseek, name) for name in kinseek.__all__ if callable(getattr(kinseek, name))]
 
 
@@ -16,6 +19,13 @@ def test_all_is_the_sorted_public_names() -> None:
     names = vars(kinseek).items()
     public = [name for name, thing in names if not name.startswith("_") and not isinstance(thing, ModuleType)]
     assert kinseek.__all__ == sorted(public)
+
+
+def test_the_version_is_the_same_wherever_it_is_written() -> None:
+    assert version("kinseek") == kinseek.__version__
+    cited = ROOT / "CITATION.cff"
+    if cited.is_file():  # Not beside an installed wheel.
+        assert f"\nversion: {kinseek.__version__}\n" in cited.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("thing", ROUTINES, ids=lambda thing: thing.__name__)

@@ -142,7 +142,6 @@ def _arm_as_data(arm: Arm) -> dict[str, Any]:
     arrays |= {"view": index.view, "mirrors": index.mirrors}
     return {
         "name": arm.name,
-        "source": chain.source,
         "joint_names": list(arm.joint_names),
         "kinds": list(chain.kinds),
         "lower": arm.lower.tolist(),
