@@ -1,6 +1,5 @@
 /* The door of the library: callables that check what they are given, hand it over by address, and give the GIL back meanwhile. */
 #define Py_LIMITED_API 0x030B0000
-#define PY_SSIZE_T_CLEAN
 #include <Python.h>
 #include <stdint.h>
 #include <string.h>
@@ -161,12 +160,15 @@ static const Symbol *find(const char *name, long level) {
 
 /* entry(name, level, arguments, program as bytes of 32-bit integers, results as the same, explain) -> a callable */
 static PyObject *make_entry(PyObject *self, PyObject *args) {
-    const char *name, *program, *kinds;
+    const char *name;
+    char *program, *kinds;
     long level;
     int arguments;
     Py_ssize_t length, results;
-    PyObject *explain;
-    if (!PyArg_ParseTuple(args, "sliy#y#O", &name, &level, &arguments, &program, &length, &kinds, &results, &explain)) return NULL;
+    PyObject *explain, *code, *returned;
+    /* No "#": what that needs was another function before Python 3.13, and a library has to run where it was not built. */
+    if (!PyArg_ParseTuple(args, "sliSSO", &name, &level, &arguments, &code, &returned, &explain)) return NULL;
+    if (PyBytes_AsStringAndSize(code, &program, &length) || PyBytes_AsStringAndSize(returned, &kinds, &results)) return NULL;
     const Symbol *symbol = find(name, level);
     if (!symbol) return NULL;
     if (results > (Py_ssize_t)sizeof(int32_t) * MOST_RESULTS) return PyErr_Format(PyExc_ValueError, "%s returns too much", name);

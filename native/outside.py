@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 PYTHON = [
+    "PyArg_ParseTuple",
     "PyBool_FromLong",
     "PyBuffer_Release",
+    "PyBytes_AsStringAndSize",
     "PyCMethod_New",
     "PyCapsule_GetPointer",
     "PyCapsule_New",
@@ -33,7 +35,6 @@ PYTHON = [
     "PyTuple_SetItem",
     "PyTuple_Size",
     "PyType_GetFlags",
-    "_PyArg_ParseTuple_SizeT",
     "_Py_Dealloc",
 ]
 """Functions of Python that `door.c` calls; all are in the stable ABI of 3.11."""

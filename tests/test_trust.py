@@ -91,8 +91,8 @@ def test_what_is_no_plain_sum_is_refused(text: str, tmp_path: Path) -> None:
 def test_a_file_that_would_run_something_does_not_unless_it_is_trusted(tmp_path: Path) -> None:
     place = tmp_path / "made"
     # A well-known way around what xacro keeps out: code within code is not looked at.
-    inner = "[c for c in [].__class__.__base__.__subclasses__() if c.__name__ == '_wrap_close']"
-    text = f"${{[{inner}[0].__init__.__globals__['mkdir']('{place}') or 1.0 for _ in [1]][0]}}"
+    inner = "list(c for c in [].__class__.__base__.__subclasses__() if c.__name__ == '_wrap_close')"
+    text = f"${{list({inner}[0].__init__.__globals__['mkdir']('{place}') or 1.0 for _ in [1])[0]}}"
     with pytest.raises(InvalidRobot, match=r"not trusted.*trusted=True"):
         upper_of(tmp_path, text, trusted=False)
     assert not place.exists()
