@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import kinseek
 from cells import write_arm
 from kinseek import Scene
-from kinseek.collision.motion import speeds
+from kinseek.collision.motion import Speeds
 
 pytest.importorskip("pinocchio")
 
@@ -85,7 +85,7 @@ def test_no_point_moves_faster_than_said(cell: tuple[kinseek.Arm, Scene]) -> Non
     engine = scene._asked
     a, b = arm.sample(2, seed=9)
     b = a + 0.3 * (b - a)
-    rates = speeds(arm.chain, engine, a, b)
+    rates = Speeds(arm.chain, engine).of(a[None], b[None])[0]
     steps = 40
     distances = np.array([[near.distance for near in engine.near(q)] for q in along(a, b, steps + 1)])
     apart = (distances[1:] > 1e-4) & (distances[:-1] > 1e-4)

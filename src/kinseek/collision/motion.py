@@ -16,58 +16,92 @@ from kinseek.robots.chain import SerialChain
 from .engine import TOUCH, Engine, Solid
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 FINEST = 1e-5
 """A motion on which bodies come this near to touching, or to the clearance, is not called free [m]."""
 
 _MOST = 20_000
-"""Moments looked at, at most; a motion that needs more is not called free."""
+"""Moments of one motion looked at, at most; a motion that needs more is not called free."""
+
+_TOGETHER = 512
+"""Motions looked at side by side."""
 
 
-def speeds(chain: SerialChain, engine: Engine, q0: Array, q1: Array) -> Array:
-    """How far any point of one part of each pair moves at most, as the other sees it, from q0 to q1, (pairs,) [m]."""
-    ends = np.stack([chain.multiplier * q[chain.leader] + chain.offset for q in (q0, q1)])
-    travel = np.abs(ends[1] - ends[0])
-    slides = np.where(chain.prismatic, np.abs(ends).max(axis=0), 0.0)
-    lengths = np.linalg.norm(chain.fixed[:-1, :, 3], axis=1) + slides
-    before = np.concatenate([[0.0], np.cumsum(lengths)])
-    """Way from the base to the frame of each joint, along the links at their longest."""
-    out = np.empty(len(engine.pairs))
-    for n, (i, j) in enumerate(engine.pairs):
-        first, last = sorted((engine.solids[i], engine.solids[j]), key=lambda solid: solid.joint)
-        moving = np.arange(first.joint, last.joint)
-        reach = before[last.joint] - before[moving + 1] + _radius(last)
-        out[n] = (travel[moving] * np.where(chain.prismatic[moving], 1.0, reach)).sum()
-    return out
+class Speeds:
+    """How far points of one part of a pair move at most, as the other sees them.
+
+    Args:
+        chain: The arm.
+        engine: The pairs.
+    """
+
+    def __init__(self, chain: SerialChain, engine: Engine) -> None:
+        """Work out what does not depend on the motion."""
+        self._chain = chain
+        joints = len(chain.leader)
+        ends = np.array(
+            [sorted((engine.solids[i].joint, engine.solids[j].joint)) for i, j in engine.pairs],
+            dtype=np.int64,
+        ).reshape(-1, 2)
+        last = [
+            max((engine.solids[i], engine.solids[j]), key=lambda solid: solid.joint) for i, j in engine.pairs
+        ]
+        self._ends, self._radii = ends, np.array([_radius(solid) for solid in last]).reshape(-1)
+        moving = np.arange(joints)
+        self._moves = (moving >= ends[:, :1]) & (moving < ends[:, 1:])
+        """Joints between the two parts, (pairs, joints)."""
+
+    def of(self, q0: Array, q1: Array) -> Array:
+        """From q0 to q1, (k, n) each: so far goes any point of one part of each pair at most, (k, pairs) [m]."""
+        chain = self._chain
+        ends = [chain.multiplier * q[:, chain.leader] + chain.offset for q in (q0, q1)]
+        travel = np.abs(ends[1] - ends[0])
+        slides = np.where(chain.prismatic, np.maximum(np.abs(ends[0]), np.abs(ends[1])), 0.0)
+        lengths = np.linalg.norm(chain.fixed[:-1, :, 3], axis=1) + slides
+        before = np.concatenate([np.zeros((len(q0), 1)), np.cumsum(lengths, axis=1)], axis=1)
+        """Way from the base to the frame of each joint, along the links at their longest."""
+        reach = before[:, self._ends[:, 1], None] - before[:, None, 1:] + self._radii[:, None]
+        far = travel[:, None] * np.where(chain.prismatic, 1.0, reach)
+        return np.asarray(np.where(self._moves, far, 0.0).sum(axis=2))
 
 
-def is_free_motion(chain: SerialChain, engine: Engine, q0: Array, q1: Array, clearance: float) -> bool:
-    """Is every q on the straight way from q0 to q1 free? See `Scene.free_motion`."""
-    if not engine.free(np.stack([q0, q1]), clearance).all():
-        return False
-    if not engine.pairs:
-        return True
-    rates, least = speeds(chain, engine, q0, q1), clearance + FINEST
-    moments, half, left = np.array([0.5]), 0.5, np.tile(rates > 0.0, (1, 1))
-    looked = 0
-    while len(moments):
-        looked += len(moments)
-        if looked > _MOST:
-            return False
-        q = q0 + moments[:, None] * (q1 - q0)
-        left &= engine.bounds(q) - least <= rates * half
+def free_motions(chain: SerialChain, engine: Engine, q0: Array, q1: Array, clearance: float) -> Flags:
+    """Is every q on the straight way from q0 to q1 free? (k, n) each -> (k,). See `Scene.free_motion`."""
+    free = np.ones(len(q0), dtype=np.bool_)
+    if engine.pairs:
+        speeds = Speeds(chain, engine)
+        for begin in range(0, len(q0), _TOGETHER):
+            some = slice(begin, begin + _TOGETHER)
+            free[some] = _free_some(engine, speeds.of(q0[some], q1[some]), q0[some], q1[some], clearance)
+    return free
+
+
+def _free_some(engine: Engine, rates: Array, q0: Array, q1: Array, clearance: float) -> Flags:
+    """Look at the middle of every motion, then at the middles of the halves that it does not cover, and so on."""
+    least, free = clearance + FINEST, np.ones(len(q0), dtype=np.bool_)
+    number, moment, half = np.arange(len(q0)), np.full(len(q0), 0.5), 0.5
+    left, looked = np.ones(rates.shape, dtype=np.bool_), np.zeros(len(q0), dtype=np.int64)
+    while len(number):
+        np.add.at(looked, number, 1)
+        free &= looked <= _MOST
+        q = q0[number] + moment[:, None] * (q1 - q0)[number]
+        left &= engine.bounds(q) - least <= rates[number] * half
         for row in np.flatnonzero(left.any(axis=1)):
+            if not free[number[row]]:
+                continue
             engine.place(q[row])
             for n in np.flatnonzero(left[row]):
                 distance = engine.near_pair(int(n)).distance
                 if distance <= least:
-                    return False
-                left[row, n] = distance - least <= rates[n] * half
-        on = left.any(axis=1)
+                    free[number[row]] = False
+                    break
+                left[row, n] = distance - least <= rates[number[row], n] * half
+        on = left.any(axis=1) & free[number]
         half /= 2
-        moments = np.concatenate([moments[on] - half, moments[on] + half])
-        left = np.concatenate([left[on], left[on]])
-    return True
+        number, left = np.tile(number[on], 2), np.tile(left[on], (2, 1))
+        moment = np.concatenate([moment[on] - half, moment[on] + half])
+    return free
 
 
 def _radius(solid: Solid) -> float:

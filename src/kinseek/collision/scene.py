@@ -367,7 +367,7 @@ class Scene:
             InvalidProblem: `q0` or `q1` does not fit the arm, or they do not fit each other.
             InvalidScene: `clearance` is no length.
         """
-        from .motion import is_free_motion
+        from .motion import free_motions
 
         ends = [as_joints(self._chain, q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
         try:
@@ -377,10 +377,10 @@ class Scene:
                 f"q0 and q1 do not fit: shapes {ends[0].shape} and {ends[1].shape}"
             ) from None
         least = length_or_zero("clearance", clearance)
-        rows = zip(one.reshape(-1, self._chain.dof), other.reshape(-1, self._chain.dof), strict=True)
+        a, b = one.reshape(-1, self._chain.dof), other.reshape(-1, self._chain.dof)
         with self._asked as engine:
-            free = [is_free_motion(self._chain, engine, a, b, least) for a, b in rows]
-        return np.array(free, dtype=np.bool_).reshape(one.shape[:-1]) if one.ndim > 1 else free[0]
+            free = free_motions(self._chain, engine, a, b, least)
+        return free.reshape(one.shape[:-1]) if one.ndim > 1 else bool(free[0])
 
     def fits(self, mechanism: Mechanism) -> bool:
         """Is this the scene of an arm? Its limits and its tool may be others."""
