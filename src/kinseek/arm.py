@@ -393,6 +393,8 @@ class Arm(ForwardArm):
         weights: ArrayLike | None = None,
         cost: Cost | None = None,
         valid: Valid | None = None,
+        scene: Scene | None = None,
+        clearance: float = 0.0,
         prove: bool = False,
         threads: int | None = None,
         progress: bool = False,
@@ -412,6 +414,10 @@ class Arm(ForwardArm):
             cost: In place of distance or time, a function from joint values, (k, n), to numbers, (k,), added up over all
                 poses.
             valid: A function from joint values, (n,), to a bool, asked of the poses and of points between them.
+            scene: What the arm may hit, see docs/collisions.md: poses are free in it, and so is the whole way from each to
+                the next, every joint moving straight, which is proved and not sampled. Where that cannot be, there is a
+                break or a missed pose, and `why` names the bodies.
+            clearance: How far apart bodies of the scene have to be [m].
             prove: Not there yet; only False is taken.
             threads: Threads that share the poses, where answers are isolated; every core unless given. The answer has the
                 same bits.
@@ -423,11 +429,17 @@ class Arm(ForwardArm):
         Raises:
             InvalidGoal: Not poses, or none; the message names the first that is wrong.
             InvalidProblem: Something does not fit: `start` misses the first pose, `times` do not increase, and so on.
+            InvalidScene: A scene of another arm, or a clearance that is no length.
             InvalidSolver: `threads` is no whole number of at least 1.
             PathInterrupted: An iterator raised; the error carries the path through the poses that came before.
         """
         from .paths.front import follow_poses
 
+        _require_scene(scene, clearance)
+        if scene is not None:
+            from .collision.answers import judge_of
+
+            clearance = judge_of(scene, self._mechanism, clearance, None).clearance
         if threads is not None:
             whole("threads", threads, 1)
         wishes: dict[str, Any] = {
@@ -438,6 +450,7 @@ class Arm(ForwardArm):
             "times": times,
         }
         wishes |= {"velocity": velocity, "weights": weights, "cost": cost, "valid": valid}
+        wishes |= {"scene": scene, "clearance": clearance}
         return follow_poses(self._mechanism, Ts, wishes, prove, threads, progress)
 
     def track(self, q0: ArrayLike, period: float = 0.002, velocity: ArrayLike | None = None) -> Tracker:

@@ -16,7 +16,6 @@ from kinseek.robots.chain import SerialChain
 from .engine import TOUCH, Engine, Solid
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 FINEST = 1e-5
 """A motion on which bodies come this near to touching, or to the clearance, is not called free [m]."""
@@ -66,42 +65,46 @@ class Speeds:
         return np.asarray(np.where(self._moves, far, 0.0).sum(axis=2))
 
 
-def free_motions(chain: SerialChain, engine: Engine, q0: Array, q1: Array, clearance: float) -> Flags:
-    """Is every q on the straight way from q0 to q1 free? (k, n) each -> (k,). See `Scene.free_motion`."""
-    free = np.ones(len(q0), dtype=np.bool_)
+def stops(chain: SerialChain, engine: Engine, q0: Array, q1: Array, clearance: float) -> Array:
+    """Where the straight ways from q0 to q1, (k, n) each, are not free, in shares of them, (k,); NaN where all of it is.
+
+    It is one such place, and not the first on the way. See `Scene.free_motion`.
+    """
+    found = np.full(len(q0), np.nan)
     if engine.pairs:
         speeds = Speeds(chain, engine)
         for begin in range(0, len(q0), _TOGETHER):
             some = slice(begin, begin + _TOGETHER)
-            free[some] = _free_some(engine, speeds.of(q0[some], q1[some]), q0[some], q1[some], clearance)
-    return free
+            found[some] = _stops_of(engine, speeds.of(q0[some], q1[some]), q0[some], q1[some], clearance)
+    return found
 
 
-def _free_some(engine: Engine, rates: Array, q0: Array, q1: Array, clearance: float) -> Flags:
+def _stops_of(engine: Engine, rates: Array, q0: Array, q1: Array, clearance: float) -> Array:
     """Look at the middle of every motion, then at the middles of the halves that it does not cover, and so on."""
-    least, free = clearance + FINEST, np.ones(len(q0), dtype=np.bool_)
+    least, found = clearance + FINEST, np.full(len(q0), np.nan)
     number, moment, half = np.arange(len(q0)), np.full(len(q0), 0.5), 0.5
     left, looked = np.ones(rates.shape, dtype=np.bool_), np.zeros(len(q0), dtype=np.int64)
     while len(number):
         np.add.at(looked, number, 1)
-        free &= looked <= _MOST
+        late = looked[number] > _MOST
+        found[number[late]] = moment[late]
         q = q0[number] + moment[:, None] * (q1 - q0)[number]
         left &= engine.bounds(q) - least <= rates[number] * half
         for row in np.flatnonzero(left.any(axis=1)):
-            if not free[number[row]]:
+            if found[number[row]] >= 0:
                 continue
             engine.place(q[row])
             for n in np.flatnonzero(left[row]):
                 distance = engine.near_pair(int(n)).distance
                 if distance <= least:
-                    free[number[row]] = False
+                    found[number[row]] = moment[row]
                     break
                 left[row, n] = distance - least <= rates[number[row], n] * half
-        on = left.any(axis=1) & free[number]
+        on = left.any(axis=1) & np.isnan(found[number])
         half /= 2
         number, left = np.tile(number[on], 2), np.tile(left[on], (2, 1))
         moment = np.concatenate([moment[on] - half, moment[on] + half])
-    return free
+    return found
 
 
 def _radius(solid: Solid) -> float:

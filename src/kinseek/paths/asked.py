@@ -15,6 +15,8 @@ from kinseek.goal import Goal
 from kinseek.problem import Problem, as_joints
 from kinseek.robots.mechanism import Mechanism
 
+from .allowed import Allowed, Obstacles
+
 Array = NDArray[np.float64]
 
 
@@ -34,7 +36,8 @@ class Asked:
     weights: Array
     """Of each joint in the distance, (n,)."""
     cost: Cost | None
-    valid: Valid | None
+    valid: Allowed | None
+    """What the user's `valid` and the scene say, where there is either."""
 
 
 def goals_of(Ts: Any) -> tuple[Goal, Exception | None]:
@@ -113,6 +116,8 @@ def read(
     weights: ArrayLike | None,
     cost: Cost | None,
     valid: Valid | None,
+    scene: Obstacles | None = None,
+    clearance: float = 0.0,
 ) -> Asked:
     """Check what `Arm.follow` was given; see there.
 
@@ -164,7 +169,7 @@ def read(
         velocity=speed,
         weights=np.ones(arm.dof) if weights is None else positive(arm, "weights", weights, "no unit"),
         cost=cost,
-        valid=valid,
+        valid=None if valid is None and scene is None else Allowed(valid, scene, clearance),
     )
 
 

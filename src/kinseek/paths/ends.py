@@ -7,14 +7,13 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.branches.order import is_valid
 from kinseek.problem import Problem
 from kinseek.solvers import Atlas
 
 from .asked import Asked
 from .joints import Turning
 from .layers import Layers
-from .nodes import Programme, points_between
+from .nodes import Programme
 
 MOST = 250
 """Answers to a pose at most: the programme counts them in a byte. Isolated ones are sixteen, and some twice."""
@@ -66,6 +65,7 @@ def with_ends(asked: Asked, layers: Layers) -> tuple[Layers, tuple[int, int]]:
 
 def best_valid(programme: Programme, ends: tuple[int, int]) -> tuple[Array, Indices]:
     """The best way to which `valid` agrees, found by asking it of the best way again and again (Bohlin and Kavraki 2000)."""
+    programme.refuse_blocked()
     for tries in itertools.count(1):
         q, breaks, _, path = best_of(programme, ends)
         if programme.asked.valid is None or programme.check(q, breaks, path):
@@ -101,14 +101,21 @@ def best_of(programme: Programme, ends: tuple[int, int]) -> tuple[Array, Indices
 
 
 def refusals(asked: Asked, q: Array, breaks: Indices) -> tuple[set[int], Indices]:
-    """Numbers of poses that `valid` refuses, and of those where it refuses a point on the way to the next."""
+    """Numbers of poses that are not allowed, and of those from which the way to the next is not."""
     valid = asked.valid
     if valid is None:
         return set(), np.zeros(0, dtype=np.int64)
-    refused = {i for i, row in enumerate(q) if not is_valid(valid, row)}
-    barred = []
-    for i in np.setdiff1d(np.arange(len(q) - 1), breaks):
-        parts = points_between(q[i + 1] - q[i])
-        if not all(is_valid(valid, q[i] + (q[i + 1] - q[i]) * k / parts) for k in range(1, parts)):
-            barred.append(int(i))
-    return refused, np.array(barred, dtype=np.int64)
+    refused = ~valid.each(q)
+    begin, end = steps_of(asked, q)
+    there = np.setdiff1d(np.arange(len(begin)), breaks)
+    # Of a way to or from a pose that is refused nothing is asked.
+    there = there[~(refused[there] | refused[(there + 1) % len(q)])]
+    return set(np.flatnonzero(refused).tolist()), there[~valid.ways(begin[there], end[there])]
+
+
+def steps_of(asked: Asked, q: Array) -> tuple[Array, Array]:
+    """Where each step of a path, (N, n), begins and ends; of a closed path that from the last pose to the first too."""
+    if not asked.closed or len(q) == 1:
+        return q[:-1], q[1:]
+    back = q[-1] + Turning(asked.problem.chain).way(q[0] - q[-1])
+    return q, np.concatenate([q[1:], back[None]])

@@ -68,7 +68,7 @@ def judged(asked: Asked, q: Array, breaks: Indices, wide: Layers | None, hopeles
     )
     if path.success:
         return path
-    return replace(path, why=reasons(asked, path, wide, hopeless))
+    return replace(path, why=reasons(asked, path, wide))
 
 
 def refuse_cost(asked: Asked) -> None:

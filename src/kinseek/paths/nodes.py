@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.branches.order import cost_of, is_valid
+from kinseek.branches.order import cost_of
 from kinseek.kernels.paths.programme import DISTANCE, ENDLESS, GIVEN, TIME, best_way
 
 from .asked import Asked
@@ -16,14 +14,6 @@ from .layers import Layers
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-APART = 0.05
-"""Points between two poses at which `valid` is asked stand no farther apart in any joint [rad or m]; one at least."""
-
-
-def points_between(step: Array) -> int:
-    """Into how many parts a step, (n,), is cut to ask `valid` of the points between: two at least."""
-    return max(2, math.ceil(float(np.abs(step).max()) / APART))
 
 
 class Programme:
@@ -40,7 +30,7 @@ class Programme:
         self._agreed: set[tuple[int, int]] = set()
         self._passed: set[tuple[int, int, int]] = set()
         self.hopeless: set[int] = set()
-        """Poses whose every answer `valid` refused."""
+        """Poses whose every answer hits something, or is one that `valid` refused."""
         velocity = asked.velocity
         self.mode = DISTANCE if velocity is None else TIME
         self.weights = asked.weights if velocity is None else asked.weights / velocity
@@ -103,26 +93,46 @@ class Programme:
         """Ask `valid` of a way and of points between; what it refuses is left out from now on. Did it agree to all?"""
         valid = self.asked.valid
         assert valid is not None
-        fine, broken = True, set(breaks.tolist())
-        for i in range(len(q)):
-            if not self._node_agreed(i, int(path[i]), q[i]):
-                fine = False
-                continue
-            if i == 0 or i - 1 in broken:
-                continue
-            if i in self.hopeless or i - 1 in self.hopeless:
-                continue
-            edge = (i - 1, int(path[i - 1]), int(path[i]))
-            if edge in self._passed:
-                continue
-            step = q[i] - q[i - 1]
-            parts = points_between(step)
-            if all(is_valid(valid, q[i - 1] + step * k / parts) for k in range(1, parts)):
+        agreed = [self._node_agreed(i, int(path[i]), q[i]) for i in range(len(q))]
+        edges, ends = [], []
+        for i in np.setdiff1d(np.arange(len(q) if self.asked.closed else len(q) - 1), breaks).tolist():
+            j = (i + 1) % len(q)
+            edge = (i, int(path[i]), int(path[j]))
+            if agreed[i] and agreed[j] and not {i, j} & self.hopeless and edge not in self._passed:
+                edges.append(edge)
+                ends.append(q[i] + (q[j] - q[i] if j else self.turning.way(q[j] - q[i])))
+        if not edges:
+            return all(agreed)
+        starts = q[[edge[0] for edge in edges]]
+        free = valid.free_ways(starts, np.array(ends))
+        fine = free.copy()
+        fine[free] = valid.agreed_ways(starts[free], np.array(ends)[free])
+        for edge, passed, hits in zip(edges, fine.tolist(), (~free).tolist(), strict=True):
+            if passed:
                 self._passed.add(edge)
             else:
-                self._barred.add(edge)
-                fine = False
-        return fine
+                self._barred |= self._turned_alike(edge) if hits else {edge}
+        return all(agreed) and bool(fine.all())
+
+    def refuse_blocked(self) -> None:
+        """Leave out the answers that are not free, with all their full turns, of which a scene knows nothing."""
+        valid = self.asked.valid
+        if valid is None or valid.scene is None:
+            return
+        there = np.arange(self.q.shape[1]) < self.count[:, None]
+        hits = np.zeros(there.shape, dtype=np.bool_)
+        hits[there] = ~valid.free(self._clipped(self.q[there]))
+        self._refused = np.repeat(hits, self.turning.total, axis=1)
+
+    def _turned_alike(self, edge: tuple[int, int, int]) -> set[tuple[int, int, int]]:
+        """A step, and the same step of joints that are all some full turns farther."""
+        i, node, following = edge
+        total, units, copies = self.turning.total, self.turning.units, self.turning.copies
+        digits = np.arange(total)[:, None] // units % copies
+        there = digits + digits[following % total] - digits[node % total]
+        (same,) = np.nonzero(((there >= 0) & (there < copies)).all(axis=1))
+        first, last = node - node % total, following - following % total
+        return {(i, first + int(s), last + int(there[s] @ units)) for s in same}
 
     def ask_everywhere(self) -> None:
         """Ask `valid` of every node that it was not asked of yet."""
@@ -140,10 +150,11 @@ class Programme:
         return nodes[inside], q[inside]
 
     def _node_agreed(self, i: int, node: int, q: Array) -> bool:
-        assert self.asked.valid is not None
-        if (i, node) in self._agreed or i in self.hopeless:
+        valid = self.asked.valid
+        assert valid is not None
+        if valid.valid is None or (i, node) in self._agreed or i in self.hopeless:
             return True
-        if is_valid(self.asked.valid, q):
+        if valid.agreed(q[None])[0]:
             self._agreed.add((i, node))
             return True
         if not len(self._refused):
@@ -152,7 +163,9 @@ class Programme:
         return False
 
     def exists(self, i: int, node: int) -> bool:
-        """Is a node of pose i inside the limits?"""
+        """Is a node of pose i inside the limits, and not refused?"""
+        if len(self._refused) and self._refused[i, node]:
+            return False
         q = self.values(np.array([i]), np.array([node]))[0]
         return bool((q <= self.turning.open_upper + 1e-9).all())
 
@@ -168,5 +181,8 @@ class Programme:
             if (np.abs(step) <= longest).all() and inside.all():
                 digits = np.round((there - self.q[last, answer]) / (2 * np.pi)).astype(np.int64)
                 digits = np.where(self.turning.kind == ENDLESS, 0, digits)
-                found.append(answer * total + int((digits * self.turning.units).sum()))
+                node = answer * total + int((digits * self.turning.units).sum())
+                refused = len(self._refused) and self._refused[last, node]
+                if not refused and (last, node, first) not in self._barred:
+                    found.append(node)
         return found

@@ -48,7 +48,7 @@ class Path:
         q: Joint values inside the limits, (N, n), [rad] or [m].
         breaks: Numbers i where the arm must be placed anew between pose i and pose i + 1, (k,).
         why: Of each break, and of each stretch of missed poses, a sentence that says what stands in the way.
-        reached: Does pose i meet both tolerances, and did `valid` agree? (N,) bool.
+        reached: Does pose i meet both tolerances, is it free in the `scene`, and did `valid` agree? (N,) bool.
         position_error: [m], (N,).
         orientation_error: [rad], (N,).
         problem: What was asked.

@@ -82,7 +82,10 @@ def relaxed(asked: Asked) -> tuple[Asked, slice]:
     if velocity is not None:
         velocity = np.full(chain.dof, velocity.max())
         velocity[own] = asked.velocity
-    part = replace(asked, problem=Problem(chain, plain), longest=longest, weights=weights, velocity=velocity)
+    valid = None if asked.valid is None else replace(asked.valid, own=own)
+    part = replace(
+        asked, problem=Problem(chain, plain), longest=longest, weights=weights, velocity=velocity, valid=valid
+    )
     return part, own
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import constraint_jacobian
-from kinseek.branches.order import Valid, is_valid
 from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.band import solve_band
@@ -24,6 +23,7 @@ from kinseek.robots.geometry import RADIAN_PART, arm_length
 from kinseek.solvers import Atlas
 from kinseek.solvers.atlas.index import atlas_of, wanted_of
 
+from .allowed import Allowed
 from .joints import Turning
 
 Array = NDArray[np.float64]
@@ -60,13 +60,13 @@ ENOUGH = 1e-3
 class Smoother:
     """Makes paths of one arm and one kind of goal shorter."""
 
-    def __init__(self, problem: Problem, weights: Array, valid: Valid | None = None) -> None:
+    def __init__(self, problem: Problem, weights: Array, valid: Allowed | None = None) -> None:
         """Build what the arm needs once.
 
         Args:
             problem: The arm and its goal.
             weights: Of each joint in the length, (n,).
-            valid: What the user allows; what it refuses is not taken.
+            valid: What the user and the scene allow; what they refuse is not taken, and no step that is not free.
         """
         self.problem, self.weights, self.valid = problem, weights, valid
         turning = Turning(problem.chain)
@@ -81,7 +81,7 @@ class Smoother:
         settle_many(self.handle, self.wanted, targets, self.lower, self.upper, MEND, q, left, LANES)
         there = left < SETTLED
         if self.valid is not None:
-            there &= np.array([is_valid(self.valid, row) for row in q], dtype=np.bool_)
+            there[there] = self.valid.each(q[there])
         return there
 
     def onto(self, q: Array, targets: Array) -> None:
@@ -163,9 +163,24 @@ class Smoother:
             moved = q + share * step
             lost = ~self.settle(moved, targets) | fixed
             moved[lost] = q[lost]
+            self._put_back(q, moved)
             if self._sum(moved, power) < before:
                 return moved
         return q
+
+    def _put_back(self, q: Array, moved: Array) -> None:
+        """Put rows of a moved path back to where they were, (k, n) both, until no step hits what it did not hit before."""
+        if self.valid is None or self.valid.scene is None:
+            return
+        off = (moved != q).any(axis=1)
+        steps = np.flatnonzero(off[:-1] | off[1:])
+        while len(steps):
+            hits = steps[~self.valid.free_ways(moved[steps], moved[steps + 1])]
+            rows = np.union1d(hits, hits + 1)
+            rows = rows[off[rows]]
+            moved[rows], off[rows] = q[rows], False
+            beside = np.union1d(rows[rows > 0] - 1, rows[rows < len(q) - 1])
+            steps = beside[off[beside] | off[beside + 1]]
 
     def _one_by_one(self, q: Array, targets: Array, fixed: Flags, power: int) -> Array:
         """Put each pose half-way between its neighbours, where that makes its two steps better."""
@@ -181,5 +196,9 @@ class Smoother:
             now = self._of_steps(here - before, power) + self._of_steps(after - here, power)
             then = self._of_steps(middle - before, power) + self._of_steps(after - middle, power)
             better = there & (then < now)
+            if self.valid is not None:
+                free = self.valid.free_ways(before[better], middle[better])
+                free[free] = self.valid.free_ways(middle[better][free], after[better][free])
+                better[better] = free
             q[rows[better]] = middle[better]
         return q

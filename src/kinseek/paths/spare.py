@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import BranchIndex, constraint_jacobian, index_of
-from kinseek.branches.order import is_valid
 from kinseek.branches.result import answers_of
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.programme import SQUARES, STRAIGHT, best_way
@@ -60,6 +59,10 @@ LEAPS = 0.5
 PASSES = ((10, 2), (20, 6), (20, 12))
 """Passes of smoothing at most, and the power of the steps' lengths whose sum they make small; the higher powers only where
 steps are still too large."""
+
+
+TRIES = 20
+"""Ways through tracks that are tried until one is free in the scene all along."""
 
 
 @dataclass(frozen=True)
@@ -121,11 +124,11 @@ class Sampler:
         first = self.turning.first_turn(q)
         inside = self.turning.inside(first)
         if self.asked.valid is not None:
-            lower, upper = self.turning.open_lower, self.turning.open_upper
-            inside &= np.array(
-                [is_valid(self.asked.valid, np.clip(row, lower, upper)) for row in first], dtype=np.bool_
-            )
+            inside[inside] = self.asked.valid.each(self._clipped(first[inside]))
         return np.asarray(first[inside])
+
+    def _clipped(self, q: Array) -> Array:
+        return np.clip(q, self.turning.open_lower, self.turning.open_upper)
 
     def beside(self, q: Array, i: int) -> Array:
         """Answers to target i on both sides of some, (k, n), along their self-motion."""
@@ -189,7 +192,7 @@ class Sampler:
                 )
             made.nodes.append(self._some(nodes, end))
             made.ahead.append(ways[-1].copy())
-            made.costs.append(np.where(alive, self._cost(ways), np.inf))
+            made.costs.append(np.where(alive & self._free(ways), self._cost(ways), np.inf))
             advance(end - begin)
         return made
 
@@ -200,6 +203,13 @@ class Sampler:
         goal = self.problem.goal.at(self.problem.goal.target[i])
         return self.turning.first_turn(Atlas(threads=1).solve(Problem(self.problem.mechanism, goal)).q[None])
 
+    def _free(self, ways: Array) -> Flags:
+        """Are branches, (poses, k, n), free in the scene at every pose? (k,)."""
+        if self.asked.valid is None:
+            return np.ones(ways.shape[1], dtype=np.bool_)
+        rows = self._clipped(ways.reshape(-1, self.dof))
+        return np.asarray(self.asked.valid.free(rows).reshape(ways.shape[:2]).all(axis=0))
+
     def _cost(self, ways: Array) -> Array:
         """What it costs to follow branches, (poses, k, n) -> (k,)."""
         steps = np.diff(ways, axis=0)
@@ -208,8 +218,8 @@ class Sampler:
         cost = ((steps * self.smoother.weights) ** 2).sum(axis=2) * (1 + share**4)
         return np.asarray(cost.sum(axis=0))
 
-    def best(self, made: Tracks, keys: Indices) -> Array:
-        """The best way through tracks, pose by pose, (N, n)."""
+    def best(self, made: Tracks, keys: Indices, barred: set[tuple[int, int, int]]) -> tuple[Array, Indices]:
+        """The best way through tracks, pose by pose, (N, n), and its nodes at the layers; `barred` steps are not taken."""
         turning, width = self.turning, max(map(len, made.nodes))
         # One more column holds what it costs to follow a branch: its difference from where it leads is the root of that.
         q, ahead = np.zeros((2, len(keys), width, self.dof + 1))
@@ -237,12 +247,12 @@ class Sampler:
             SQUARES,
             nothing,
             nothing.astype(np.bool_),
-            np.zeros((0, 3), dtype=np.int64),
+            np.array(sorted(barred), dtype=np.int64).reshape(-1, 3),
             np.array([self._turned(self.asked.start), self._turned(self.asked.end)]),
             path,
             told,
         )
-        return self._filled(made, keys, path, told)
+        return self._filled(made, keys, path, told), path
 
     def _turned(self, q: Array | None) -> int:
         return -1 if q is None else self.turning.turns_of(self.turning.off_ends(q))
@@ -314,8 +324,36 @@ def _open_way(asked: Asked, advance: Advance) -> Array:
 
 
 def _faults(asked: Asked, q: Array) -> tuple[int, float]:
-    """Breaks, and the sum of the squared steps."""
-    return int((~unbroken(asked, q)).sum()), float((np.diff(q, axis=0) ** 2).sum())
+    """Breaks, steps that are not free among them, and the sum of the squared steps."""
+    whole = unbroken(asked, q)
+    if asked.valid is not None:
+        whole[whole] = asked.valid.free_ways(q[:-1][whole], q[1:][whole])
+    return int((~whole).sum()), float((np.diff(q, axis=0) ** 2).sum())
+
+
+def _best_free(sampler: Sampler, made: Tracks, keys: Indices, fixed: Flags) -> Array:
+    """The best way through tracks, every pose on its target, free in the scene if that is found in some tries."""
+    asked, barred, best = sampler.asked, set[tuple[int, int, int]](), None
+    for _ in range(TRIES):
+        q, path = sampler.best(made, keys, barred)
+        for wanted, i in ((asked.start, 0), (asked.end, -1)):
+            if wanted is not None:
+                q[i] = wanted
+        moved = q.copy()
+        sampler.smoother.onto(moved, sampler.rows)
+        moved[fixed] = q[fixed]
+        if best is None or _faults(asked, moved) < _faults(asked, best):
+            best = moved
+        if asked.valid is None:
+            break
+        hits = np.flatnonzero(~asked.valid.free_ways(moved[:-1], moved[1:]))
+        layers = np.unique(np.searchsorted(keys, hits, side="right") - 1).tolist()
+        more = {(k, int(path[k]), int(path[k + 1])) for k in layers} - barred
+        if not more:
+            break
+        barred |= more
+    assert best is not None
+    return best
 
 
 def _attempt(asked: Asked, attempt: tuple[int, int, int, int], advance: Advance) -> Array:
@@ -323,18 +361,10 @@ def _attempt(asked: Asked, attempt: tuple[int, int, int, int], advance: Advance)
     sampler = Sampler(asked)
     smoother = sampler.smoother
     keys = layers_of(asked.problem, every)
-    q = sampler.best(sampler.tracks(keys, count, fresh, most, advance), keys)
     targets = sampler.rows
-    if asked.start is not None:
-        q[0] = asked.start
-    if asked.end is not None:
-        q[-1] = asked.end
-    fixed = np.zeros(len(q), dtype=np.bool_)
+    fixed = np.zeros(len(targets), dtype=np.bool_)
     fixed[0], fixed[-1] = asked.start is not None, asked.end is not None
-    moved = q.copy()
-    smoother.onto(moved, targets)
-    moved[fixed] = q[fixed]
-    q = moved
+    q = _best_free(sampler, sampler.tracks(keys, count, fresh, most, advance), keys, fixed)
     for passes, power in PASSES:
         q = smoother.smooth(q, targets, passes, fixed, power)
         if unbroken(asked, q).all():

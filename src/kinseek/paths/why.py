@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from kinseek.branches.index import constraint_jacobian
 
+from .allowed import Allowed
 from .asked import Asked
 from .between import apart
 from .joints import Turning
@@ -19,9 +20,15 @@ WEAK = 0.05
 """Least singular value of the Jacobian, its largest being 1, below which a singularity is named."""
 
 
-def reasons(asked: Asked, path: Path, wide: Layers | None, hopeless: set[int]) -> tuple[str, ...]:
+def reasons(asked: Asked, path: Path, wide: Layers | None) -> tuple[str, ...]:
     """A sentence for every stretch of missed poses, and for every break between two that are reached, in their order."""
-    told = [(first, _missed(path, first, last, hopeless)) for first, last in _stretches(~path.reached)]
+    goal = path.problem.goal
+    there = (path.position_error <= goal.position_tolerance) & (
+        path.orientation_error <= goal.orientation_tolerance
+    )
+    refused = ~path.reached & there
+    told = [(first, _missed(path, first, last)) for first, last in _stretches(~there)]
+    told += [(first, _refused(asked, path, first, last, wide)) for first, last in _stretches(refused)]
     following = (path.breaks + 1) % len(path.q)
     plain = path.breaks[path.reached[path.breaks] & path.reached[following]]
     told += [(int(i), _break(asked, path, int(i), wide)) for i in plain]
@@ -33,10 +40,33 @@ def _stretches(missed: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _missed(path: Path, first: int, last: int, hopeless: set[int]) -> str:
-    which = f"pose {first} is" if first == last else f"poses {first} to {last} are"
-    if all(i in hopeless for i in range(first, last + 1)):
-        return f"{which} reached only by joint values that valid refuses"
+def _these(first: int, last: int) -> str:
+    return f"pose {first} is" if first == last else f"poses {first} to {last} are"
+
+
+def _refused(asked: Asked, path: Path, first: int, last: int, wide: Layers | None) -> str:
+    """Why poses have answers, and none that is allowed."""
+    which, valid, i = _these(first, last), asked.valid, (first + last) // 2
+    assert valid is not None
+    q = path.q[i : i + 1]
+    given = (i == 0 and asked.start is not None) or (i == len(path.q) - 1 and asked.end is not None)
+    if wide is not None and not given:
+        turning = Turning(asked.problem.chain)
+        every = turning.first_turn(wide.at(i))
+        every = every[turning.inside(every)]
+        q = every if len(every) else q
+    free = valid.free(q)
+    if valid.scene is None or free.any():
+        hits = "hit something or are those " if not free.all() else ""
+        return f"{which} reached only by joint values that {hits}{'that ' if hits else ''}valid refuses"
+    least = q[int(np.argmax(valid.scene.distance(q)))]
+    where = "" if first == last else f" at pose {i}"
+    near = f", or comes nearer than {valid.clearance:g} m" if valid.clearance else ""
+    return f"{which} blocked: in every answer found the arm hits something{near}; the least{where}: {valid.against(least)}"
+
+
+def _missed(path: Path, first: int, last: int) -> str:
+    which = _these(first, last)
     place = path.position_error[first : last + 1].max()
     turn = path.orientation_error[first : last + 1].max()
     return f"{which} out of reach: the nearest found is up to {place:.3g} m and {turn:.3g} rad off"
@@ -56,7 +86,11 @@ def _break(asked: Asked, path: Path, i: int, wide: Layers | None) -> str:
     if i == count - 1:
         return f"{begin}: the motion does not come back to where it began"
     if wide is None:
-        step = np.abs(path.q[following] - path.q[i])
+        gap = Turning(chain).way(path.q[following] - path.q[i])
+        step = np.abs(gap)
+        if asked.valid is not None and (step <= longest).all():
+            what = asked.valid.against_way(path.q[i], path.q[i] + gap)
+            return f"{begin}: no sample of the answers leads on; on the way of what was found {what}"
         joint = int(np.argmax(step / longest))
         return (
             f"{begin}: no sample of the answers leads on; of what was found, joint {chain.joint_names[joint]!r} would go "
@@ -113,3 +147,12 @@ def _end_of_branch(asked: Asked, q: Array, i: int, wide: Layers, way: int) -> tu
             joint = int(np.flatnonzero(low | high)[0])
             side, limit = ("lower", turning.lower) if low[joint] else ("upper", turning.upper)
             return i, f"joint {names[joint]!r} meets its {side} limit {limit[joint]:.4g}"
+        if asked.valid is not None and (told := _against(asked.valid, q - step, q)):
+            return i, told
+
+
+def _against(valid: Allowed, a: Array, b: Array) -> str:
+    """What stands against b, or against the straight way there from a; empty if nothing does."""
+    if not valid(b):
+        return valid.against(b)
+    return "" if valid.ways(a[None], b[None])[0] else f"on the way there {valid.against_way(a, b)}"
