@@ -8,7 +8,8 @@ example-robot-data has them; without one this part is left out.
 Answers: targets are the poses of random joint values that are free, so that each has a free answer. Capsules stand in for
 the links of bundled arms, in a shelf of five boards. Every answer is checked by hand, points along the capsules in NumPy.
 
-Motions: random motions between free joint values; of those that are called free every point is checked.
+Motions: random motions between free joint values, until so many of them are called free. Of each of these MuJoCo looks at
+ten thousand points, with the same shapes and pairs, its own forward kinematics and its own collisions.
 
     python -m benchmarks.collisions --urdf panda.urdf --tip panda_hand --meshes FOLDER   # writes collisions.md
     python -m benchmarks.collisions --targets 50 --motions 20 --output /dev/stdout
@@ -30,6 +31,7 @@ import kinseek
 from kinseek.robots.chain import SerialChain, joint_points
 
 from .command import at_least_one, command, writes
+from .outside import Outside
 from .page import Page
 
 Array = NDArray[np.float64]
@@ -199,24 +201,27 @@ def answers(page: Page, count: int) -> None:
 
 
 def motions(page: Page, count: int, points: int) -> None:
-    """How many motions are called free, and whether they are."""
-    rows = []
+    """Random motions until so many are called free, and whether they are: MuJoCo looks at many points of each."""
+    rows, along = [], np.linspace(0.0, 1.0, points)[:, None]
     for name in ARMS:
         arm, scene = shelf(name)
-        q = free_joints(arm, scene, count + 1)
-        ends = q[:-1], q[:-1] + 0.3 * (q[1:] - q[:-1])
-        began = time.perf_counter()
-        called = scene.free_motion(*ends)
-        taken = (time.perf_counter() - began) / len(called)
-        along = np.linspace(0.0, 1.0, points)[:, None]
-        each = np.array([scene.free(a + along * (b - a)).all() for a, b in zip(*ends, strict=True)])
-        counts = len(called), called.sum(), each.sum(), (called & ~each).sum()
-        rows.append((name, *counts, f"{taken * 1e3:.1f}"))
+        outside, rng = Outside(scene, arm), np.random.default_rng(0)
+        ends = free_joints(arm, scene, 1000)
+        asked = called = touch = 0
+        taken, deepest = 0.0, 0.0
+        while called < count:
+            a = ends[rng.integers(len(ends), size=100)]
+            b = a + rng.uniform(0.0, 0.5, (100, 1)) * (ends[rng.integers(len(ends), size=100)] - a)
+            began = time.perf_counter()
+            free = scene.free_motion(a, b)
+            taken, asked = taken + time.perf_counter() - began, asked + len(a)
+            for one, other in zip(a[free][: count - called], b[free], strict=False):
+                depth = float(outside.depths(one + along * (other - one)).max())
+                called, touch, deepest = called + 1, touch + (depth > 0), max(deepest, depth)
+        rows.append((name, asked, called, touch, f"{deepest * 1e3:.3g}", f"{taken / asked * 1e3:.2f}"))
         print(*rows[-1], flush=True)
-    page.head(f"Motions, {points:,} points of each looked at")
-    page.table(
-        "arm | >motions | >called free | >free at all points | >called so wrongly | >ms a motion", rows
-    )
+    page.head(f"Motions that are called free, {points:,} points of each looked at by MuJoCo")
+    page.table("arm | >motions | >called free | >that touch | >deepest mm | >ms a motion", rows)
 
 
 def main() -> None:
@@ -227,7 +232,7 @@ def main() -> None:
     parser.add_argument("--meshes", type=Path, nargs="*", default=[], help="folders of its packages")
     parser.add_argument("--checks", type=at_least_one, default=5000, help="joint values to check")
     parser.add_argument("--targets", type=at_least_one, default=1000, help="targets an arm")
-    parser.add_argument("--motions", type=at_least_one, default=300, help="motions an arm")
+    parser.add_argument("--motions", type=at_least_one, default=1000, help="motions called free, an arm")
     parser.add_argument("--points", type=at_least_one, default=10_000, help="points of a motion")
     writes(parser, "--output", HERE / "collisions.md", "page to write")
     options = parser.parse_args()
