@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import cached_property
 from threading import Lock
 from typing import NamedTuple, Self
 
@@ -56,7 +57,7 @@ class Engine:
     def __init__(self, chain: SerialChain, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]]) -> None:
         """Tell pinocchio and coal."""
         self._pin = pin = library("pinocchio")
-        self._chain, self.solids, self.pairs = chain, solids, pairs
+        self._chain, self.solids, self.pairs = chain, list(solids), pairs
         self._model = pin.Model()
         joint = 0
         for k, slides in enumerate(chain.prismatic):
@@ -83,9 +84,22 @@ class Engine:
             [sum(solids[i].padding + solids[i].shape.excess for i in pair) for pair in pairs]
         ).reshape(-1)
         self._padded = np.array([sum(solids[i].padding for i in pair) for pair in pairs]).reshape(-1)
-        self._broad = Broad(chain, [(solid.joint, solid.shape, solid.pose) for solid in solids], pairs)
         self._clearance, self._tree, self._lock = np.nan, None, Lock()
         self._shells = [n for n, pair in enumerate(pairs) if any(_is_shell(solids[i]) for i in pair)]
+
+    @cached_property
+    def _broad(self) -> Broad:
+        """The first pass; fitted when it is first asked."""
+        parts = [(solid.joint, solid.shape, solid.pose) for solid in self.solids]
+        return Broad(self._chain, parts, self.pairs)
+
+    def stand(self, poses: Mapping[int, Array]) -> None:
+        """Put parts that stand in the base somewhere else: their numbers, and their poses, (4, 4)."""
+        for number, pose in poses.items():
+            self.solids[number] = self.solids[number]._replace(pose=pose)
+            place = self._pin.SE3(pose[:3, :3].copy(), pose[:3, 3].copy())
+            self._geometry.geometryObjects[number].placement = place
+        self.__dict__.pop("_broad", None)
 
     def __enter__(self) -> Self:
         """Wait until nobody else asks: placements are kept between calls."""

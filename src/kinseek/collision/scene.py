@@ -18,6 +18,7 @@ from kinseek.robots.mechanism import Mechanism
 from .bodies import ArmBodies, Body, Part, arm_bodies, chain_of, package_folders
 from .engine import TOUCH, Engine, Near, Solid
 from .motion import FINEST, stops
+from .others import OtherArm
 from .pairs import ATTACHED, NEIGHBOURS, Contact, Pair, disabled_by, key, pairs_of
 from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere, length_or_zero, library
 
@@ -56,6 +57,8 @@ class Scene:
         self._notes = list(arm.notes)
         self._engine: Engine | None = None
         self._owners: list[tuple[str, str]] = []
+        self._numbers: dict[str, list[int]] = {}
+        self._others: dict[str, OtherArm] = {}
 
     @classmethod
     def of(
@@ -233,6 +236,63 @@ class Scene:
             self._never[key(name, other)] = ATTACHED if other == to else "said: it may touch this"
         self._sample(self._samples, False, name)
 
+    def add_arm(self, name: str, other: Scene, q: Any, pose: Any = None) -> None:
+        """Add another arm as an obstacle that stands at joint values, until `move` puts it to others.
+
+        Its links and what is attached to them are taken from its own scene, as they are now, with their padding; what stands
+        around it is not. Their names here are ``name/link``. Whether the other arm hits itself is not looked at.
+
+        Args:
+            name: Of the other arm in this scene.
+            other: The scene of the other arm; it may be of the same model.
+            q: Joint values of the other arm, (m,), [rad] or [m], or by name.
+            pose: Of the base of the other arm in the base of this one, (4, 4), or an object that carries one; the same base
+                unless given.
+
+        Raises:
+            InvalidScene: A name that is taken, or no scene.
+            InvalidProblem: `q` does not fit the other arm.
+            InvalidGoal: `pose` is none.
+        """
+        if not isinstance(other, Scene):
+            raise InvalidScene(
+                f"expected the kinseek.Scene of the other arm, got {type(other).__name__}; make one: Scene.of(other_arm)"
+            )
+        base = np.eye(4) if pose is None else one_pose(pose, "pose")
+        own = [body for body in other._bodies.values() if body.is_link or body.frame.joints]
+        arm = OtherArm(self._new(name), other._chain, base, own)
+        added = arm.at(other._one(q))
+        for body in added:
+            self._new(body.name)
+        self._bodies |= {body.name: body for body in added}
+        self._others[name], self._engine = arm, None
+
+    def move(self, name: str, q: Any) -> None:
+        """Put another arm of the scene to other joint values; nothing is built anew.
+
+        Args:
+            name: As it was added by `add_arm`.
+            q: Its joint values, (m,), [rad] or [m], or by name.
+
+        Raises:
+            InvalidScene: No such arm.
+            InvalidProblem: `q` does not fit it.
+        """
+        if name not in self._others:
+            raise InvalidScene(suggest(str(name), self._others, "arm of the scene"))
+        arm = self._others[name]
+        moved = arm.at(one_q(arm.chain, q))
+        self._bodies |= {body.name: body for body in moved}
+        if self._engine is not None:
+            with self._engine as engine:
+                engine.stand(
+                    {
+                        number: body.frame.pose @ part.pose
+                        for body in moved
+                        for number, part in zip(self._numbers.get(body.name, ()), body.parts, strict=False)
+                    }
+                )
+
     def allow(self, a: str, b: str, reason: str = "said: they may touch") -> None:
         """Leave a pair of bodies out of what counts.
 
@@ -245,12 +305,20 @@ class Scene:
         self._engine = None
 
     def remove(self, name: str) -> None:
-        """Take a body away that was added or attached.
+        """Take a body away that was added or attached, or another arm.
 
         Raises:
-            InvalidScene: There is none, or it is a link of the arm.
+            InvalidScene: There is none, or it is a link of an arm.
         """
+        if (other := self._others.pop(name, None)) is not None:
+            for body in other.names:
+                self.remove(body)
+            return
         self._require(name)
+        if owner := next((arm.name for arm in self._others.values() if name in arm.names), None):
+            raise InvalidScene(
+                f"{name!r} belongs to the arm {owner!r}; remove({owner!r}) takes all of it away"
+            )
         if self._bodies[name].is_link:
             raise InvalidScene(
                 f"{name!r} is a link of the arm; allow({name!r}, other) lets it touch another body"
@@ -419,10 +487,10 @@ class Scene:
     def _asked(self) -> Engine:
         """The engine of the scene as it is now."""
         if self._engine is None:
-            self._engine, self._owners = self._make(self.pairs)
+            self._engine, self._owners, self._numbers = self._make(self.pairs)
         return self._engine
 
-    def _make(self, pairs: Iterable[Pair]) -> tuple[Engine, list[tuple[str, str]]]:
+    def _make(self, pairs: Iterable[Pair]) -> tuple[Engine, list[tuple[str, str]], dict[str, list[int]]]:
         solids: list[Solid] = []
         numbers: dict[str, list[int]] = {}
         counting = [pair for pair in pairs if pair.counts]
@@ -436,7 +504,8 @@ class Scene:
         counted = [
             ((i, j), (pair.a, pair.b)) for pair in counting for i in numbers[pair.a] for j in numbers[pair.b]
         ]
-        return Engine(self._chain, solids, [pair for pair, _ in counted]), [names for _, names in counted]
+        engine = Engine(self._chain, solids, [pair for pair, _ in counted])
+        return engine, [names for _, names in counted], numbers
 
     def _sample(self, samples: int, skip_never: bool, name: str | None = None) -> None:
         """Find pairs of what the arm carries that touch at all samples, or at none; of those of one body if it is named."""
@@ -448,7 +517,7 @@ class Scene:
         always = f"always: they touch at all of {samples:,} random joint values"
         none = f"never: they touch at none of {samples:,} random joint values"
         for pair in open_pairs:
-            engine, _ = self._make([pair])
+            engine, _, _ = self._make([pair])
             if skip_never:
                 count = samples - int(engine.free(q, 0.0).sum())
             else:  # The first sample at which they are apart ends it.
@@ -461,19 +530,17 @@ class Scene:
         self._engine = None
 
     def _one(self, q: Any) -> Array:
-        joints = as_joints(self._chain, q)
-        if joints.ndim > 1:
-            raise InvalidProblem(f"expected one q of shape ({self._chain.dof},), got {joints.shape}")
-        return joints
+        return one_q(self._chain, q)
 
     def _new(self, name: str) -> str:
         if not isinstance(name, str) or not name:
             raise InvalidScene(f"a body needs a name, got {name!r}")
-        if name in self._bodies or name in self._links:
+        if name in self._bodies or name in self._links or name in self._others:
             if name in self._links:
                 raise InvalidScene(f"{name!r} is a link of the arm already; names are unique")
+            what = "an arm" if name in self._others else "a body"
             raise InvalidScene(
-                f"{name!r} is a body of the scene already; names are unique. remove({name!r}) takes it away"
+                f"{name!r} is {what} of the scene already; names are unique. remove({name!r}) takes it away"
             )
         return name
 
@@ -490,6 +557,7 @@ class Scene:
         state = {**self.__dict__, "_engine": None, "_owners": []}
         return state | {
             "_bodies": dict(self._bodies),
+            "_others": dict(self._others),
             "_never": dict(self._never),
             "_notes": list(self._notes),
         }
@@ -504,6 +572,18 @@ class Scene:
             f"Scene({self._chain.name!r}, {links} links, {len(self._bodies) - links} other bodies, "
             f"{counted} of {len(pairs)} pairs count){notes}"
         )
+
+
+def one_q(chain: SerialChain, q: Any) -> Array:
+    """Read the joint values of an arm, (n,).
+
+    Raises:
+        InvalidProblem: They do not fit it.
+    """
+    joints = as_joints(chain, q)
+    if joints.ndim > 1:
+        raise InvalidProblem(f"expected one q of shape ({chain.dof},), got {joints.shape}")
+    return joints
 
 
 def _part(shape: Shape, pose: Any) -> Part:

@@ -1,0 +1,46 @@
+"""Other arms of a cell: obstacles that stand at joint values of their own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.kernels.arm.forward import forward_many
+from kinseek.robots.chain import Frame, SerialChain
+
+from .bodies import Body
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class OtherArm:
+    """An arm that stands in the scene of another one."""
+
+    name: str
+    chain: SerialChain
+    base: Array
+    """Pose of its base in that of the other, (4, 4)."""
+    bodies: list[Body]
+    """In its own scene."""
+
+    @property
+    def names(self) -> list[str]:
+        """What its bodies are called in the scene of the other."""
+        return [f"{self.name}/{body.name}" for body in self.bodies]
+
+    def at(self, q: Array) -> list[Body]:
+        """Its bodies in the scene of the other, where they are at q, (m,)."""
+        carrying = {body.frame.joints for body in self.bodies}
+        poses = {
+            k: self.base @ forward_many(self.chain.arrays_to(Frame(k, np.eye(4))), q[None])[0]
+            for k in carrying
+        }
+        return [
+            replace(
+                body, name=name, frame=Frame(0, poses[body.frame.joints] @ body.frame.pose), is_link=False
+            )
+            for name, body in zip(self.names, self.bodies, strict=True)
+        ]

@@ -1,0 +1,127 @@
+"""Several arms in one scene: the others stand where they are told, and are moved without building anything anew."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import re
+
+import numpy as np
+import pytest
+
+import kinseek
+from kinseek import InvalidProblem, InvalidScene, Scene
+from kinseek.collision import Box
+
+pytest.importorskip("pinocchio")
+
+
+@pytest.fixture(scope="module")
+def arms() -> tuple[kinseek.Arm, kinseek.Arm]:
+    return kinseek.load("ur5e"), kinseek.load("panda")
+
+
+def scene_of(arm: kinseek.Arm, tip: str) -> Scene:
+    scene = Scene.of(arm, capsules=0.05)
+    scene.attach("tool", Box((0.05, 0.05, 0.2)), to=tip, pose=kinseek.pose([0, 0, 0.1]))
+    scene.add_box("own table", (1, 1, 0.1), kinseek.pose([0, 0, -0.2]))
+    return scene
+
+
+def test_the_other_arm_is_where_its_own_kinematics_has_it(arms: tuple[kinseek.Arm, kinseek.Arm]) -> None:
+    arm, other = arms
+    theirs, base = scene_of(other, other.tip), kinseek.pose([0.7, 0.1, 0.0], rpy=[0, 0, 3.0])
+    scene = scene_of(arm, "tool0")
+    q, home = other.sample(6, seed=1), np.zeros(other.dof)
+    scene.add_arm("left", theirs, home, pose=base)
+    assert "left/tool" in scene.bodies
+    assert "left/own table" not in scene.bodies  # What stands around it is no part of it.
+    assert all(
+        not pair.counts for pair in scene.pairs if pair.a.startswith("left/") and pair.b.startswith("left/")
+    )
+    ours = arm.sample(300, seed=2)
+    before = scene.free(ours)
+    seen = set()
+    for row in q:
+        engine = scene._asked
+        scene.move("left", row)
+        assert scene._asked is engine
+        # By hand: every link as a body that stands where forward kinematics of that link puts it.
+        by_hand = scene_of(arm, "tool0")
+        for body in theirs._bodies.values():
+            if body.is_link or body.frame.joints:
+                (part,) = body.parts
+                link = body.name if body.is_link else other.tip
+                own = theirs._links[link]
+                pose = base @ other.fk(row, link=link) @ np.linalg.inv(own.pose) @ body.frame.pose @ part.pose
+                by_hand.add(f"left {body.name}", part.shape, pose)
+        assert np.array_equal(scene.free(ours), by_hand.free(ours))
+        assert np.allclose(scene.distance(ours[:20]), by_hand.distance(ours[:20]), atol=2e-6)
+        assert np.array_equal(
+            scene.free_motion(ours[:40], ours[1:41]), by_hand.free_motion(ours[:40], ours[1:41])
+        )
+        seen.add(tuple(scene.free(ours)))
+    assert len(seen) > 3
+    scene.move("left", dict(zip(other.joint_names, home.tolist(), strict=True)))
+    assert np.array_equal(scene.free(ours), before)
+
+
+def test_answers_and_paths_keep_off_the_other_arm(arms: tuple[kinseek.Arm, kinseek.Arm]) -> None:
+    arm, other = arms
+    scene = Scene.of(arm, capsules=0.05)
+    T = np.array([kinseek.pose([0.5, y, 0.3], rpy=[np.pi, 0, 0]) for y in np.linspace(-0.3, 0.3, 40)])
+    facing = kinseek.pose([1.1, 0.0, 0.0], rpy=[0, 0, np.pi])
+    ready = np.array([0.0, -0.8, 0.0, -2.4, 0.0, 1.6, 0.8])
+    scene.add_arm("right", Scene.of(other, capsules=0.05), ready, facing)
+    assert arm.follow(T, scene=scene, clearance=0.01).success
+    reaching = other.ik(np.linalg.inv(facing) @ T[20]).require().q
+    scene.move("right", reaching)  # Its hand is where the path goes.
+    blocked = arm.follow(T, scene=scene)
+    assert not blocked.reached[20]
+    assert "and right/" in blocked.why[0]
+    assert arm.ik(T[20], scene=scene).contacts[0].b.startswith("right/")
+    scene.move("right", ready)
+    assert arm.follow(T, scene=scene, clearance=0.01).success
+
+
+def test_copies_and_pickles_stand_for_themselves(arms: tuple[kinseek.Arm, kinseek.Arm]) -> None:
+    arm, _ = arms
+    scene = Scene.of(arm, capsules=0.05)
+    scene.add_arm("twin", Scene.of(arm, capsules=0.05), np.zeros(6), kinseek.pose([0.6, 0, 0]))
+    q = arm.sample(60, seed=3)
+    before = scene.distance(q)
+    for other in (copy.copy(scene), pickle.loads(pickle.dumps(scene))):
+        other.move("twin", [0.0, -1.5, 0.0, 0.0, 0.0, 0.0])
+        assert not np.array_equal(other.distance(q), before)
+        assert np.array_equal(scene.distance(q), before)
+    scene.remove("twin")
+    assert not any(body.startswith("twin/") for body in scene.bodies)
+    assert np.array_equal(scene.distance(q), Scene.of(arm, capsules=0.05).distance(q))
+    scene.add_arm("twin", Scene.of(arm, capsules=0.05), np.zeros(6), kinseek.pose([0.6, 0, 0]))
+    assert np.array_equal(scene.distance(q), before)
+
+
+def test_what_does_not_fit_is_told(arms: tuple[kinseek.Arm, kinseek.Arm]) -> None:
+    arm, other = arms
+    scene, theirs = Scene.of(arm, capsules=0.05), Scene.of(other, capsules=0.05)
+    with pytest.raises(InvalidScene, match=r"expected the kinseek\.Scene of the other arm, got Arm"):
+        scene.add_arm("left", other, np.zeros(7))  # type: ignore[arg-type]
+    with pytest.raises(InvalidProblem):
+        scene.add_arm("left", theirs, np.zeros(6))
+    with pytest.raises(InvalidProblem, match=r"expected one q of shape \(7,\)"):
+        scene.add_arm("left", theirs, np.zeros((2, 7)))
+    assert not any("/" in body for body in scene.bodies)
+    scene.add_arm("left", theirs, np.zeros(7))
+    for again in (
+        lambda: scene.add_arm("left", theirs, np.zeros(7)),
+        lambda: scene.add_box("left", (1, 1, 1)),
+    ):
+        with pytest.raises(InvalidScene, match="'left' is an arm of the scene already"):
+            again()
+    body = next(body for body in scene.bodies if body.startswith("left/"))
+    with pytest.raises(InvalidScene, match=re.escape("remove('left') takes all of it away")):
+        scene.remove(body)
+    with pytest.raises(InvalidScene, match="left"):
+        scene.move("lift", np.zeros(7))
+    with pytest.raises(InvalidProblem):
+        scene.move("left", np.zeros(3))
