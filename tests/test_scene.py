@@ -298,7 +298,7 @@ def test_bad_input_is_told(arm: kinseek.Arm, file: Path, scene: Scene, tmp_path:
     with pytest.raises(InvalidScene, match=r"empty\.obj"):
         scene.add_mesh("mesh", tmp_path / "empty.obj")
     with pytest.raises(InvalidScene, match="1,000,001 triangles"):
-        Mesh(np.zeros((3, 3)), np.zeros((1_000_001, 3), dtype=np.int64))
+        Mesh(np.zeros((3, 3)), np.zeros((1_000_001, 3), dtype=np.int64), hull=False)
     with pytest.raises(InvalidScene, match="is flat"):
         scene.add("flat", Mesh(np.eye(3), np.array([[0, 1, 2]])))
     assert "flat" not in scene.bodies

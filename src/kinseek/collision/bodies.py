@@ -100,7 +100,8 @@ def arm_bodies(
         InvalidScene: Neither geometry nor `capsules`, or both, or what `read_bodies` refuses.
     """
     file = described(chain, urdf)
-    found = None if file is None else read_bodies(chain, *file, folders, missing, joints)
+    known = {name: Path(folder).expanduser().resolve() for name, folder in chain.packages.items()}
+    found = None if file is None else read_bodies(chain, *file, {**known, **folders}, missing, joints)
     if found is not None and found.bodies:
         if capsules is not None:
             raise InvalidScene(
@@ -126,15 +127,18 @@ def described(chain: SerialChain, urdf: str | Path | bytes | None) -> tuple[byte
     Raises:
         InvalidRobot: The file cannot be read.
     """
-    if urdf is not None and is_text(urdf):
+    if urdf is None:  # What the arm was loaded from, a xacro file with its arguments expanded.
+        return (chain.urdf, Path(chain.source).expanduser()) if chain.urdf else None
+    if is_text(urdf):
         return (urdf.encode() if isinstance(urdf, str) else bytes(urdf)), Path("the URDF text")
-    path = Path(chain.source if urdf is None else str(urdf)).expanduser()
+    path = Path(str(urdf)).expanduser()
     if path.suffix.lower() not in (".urdf", ".xacro", ".xml") or not path.is_file():
-        if urdf is not None:
-            file_bytes(path)  # Says what is wrong with it.
-            raise InvalidScene(f"urdf must be a .urdf or .xacro file, or the text of one, got {str(urdf)!r}")
-        return None
-    return (expand_xacro(path) if path.suffix.lower() == ".xacro" else file_bytes(path)), path
+        file_bytes(path)  # Says what is wrong with it.
+        raise InvalidScene(f"urdf must be a .urdf or .xacro file, or the text of one, got {str(urdf)!r}")
+    text = (
+        expand_xacro(path, packages=chain.packages) if path.suffix.lower() == ".xacro" else file_bytes(path)
+    )
+    return text, path
 
 
 def read_bodies(

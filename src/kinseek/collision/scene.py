@@ -150,7 +150,14 @@ class Scene:
         self.add(name, Capsule(radius, length), pose)
 
     def add_mesh(
-        self, name: str, path: str | Path, pose: Any = None, *, scale: ArrayLike = 1.0, hull: bool = False
+        self,
+        name: str,
+        path: str | Path,
+        pose: Any = None,
+        *,
+        scale: ArrayLike = 1.0,
+        hull: bool = False,
+        simplify: float | None = None,
     ) -> None:
         """Add what a file of triangles holds.
 
@@ -162,11 +169,19 @@ class Scene:
             pose: See `add_box`.
             scale: One factor, or one along each axis.
             hull: Take its convex hull: faster, and solid in any case.
+            simplify: Fewer triangles, no point moved farther than this [m]; the body gets as much thicker, so that what is
+                free of it is free of the mesh, and `notes` says by how much. Nothing is simplified otherwise.
 
         Raises:
-            InvalidScene: As `add_box`, or the file is missing, empty or cannot be read.
+            InvalidScene: As `add_box`, or the file is missing, empty or cannot be read; more than a million triangles
+                without `hull` or `simplify`.
         """
-        self.add(name, Mesh.read(path, scale, hull), pose)
+        mesh = Mesh.read(path, scale, hull, simplify)
+        self.add(name, mesh, pose)
+        if simplify is not None:
+            self._notes.append(
+                f"{name!r} is simplified to {len(mesh.faces):,} triangles, and counts as {mesh.thicker:.2g} m thicker"
+            )
 
     def add_points(self, name: str, cloud: ArrayLike, radius: float, pose: Any = None) -> None:
         """Add a cloud of points, (k, 3) [m], as a depth camera gives it; each is a ball of a radius [m]; see `add_box`.

@@ -191,7 +191,7 @@ class Mesh(Shape):
     """Triangles, or their convex hull. `Mesh.read` makes them of a file.
 
     Raises:
-        InvalidScene: No triangles, NaN, more than a million triangles.
+        InvalidScene: No triangles, NaN, more than a million triangles that are no hull.
     """
 
     vertices: Array
@@ -202,6 +202,8 @@ class Mesh(Shape):
     """Does the convex hull count? It holds the mesh, so what is free of it is free of the mesh."""
     name: str = "the mesh"
     """For messages."""
+    thicker: float = 0.0
+    """Added to it on every side, for what simplifying took off [m]."""
 
     def __post_init__(self) -> None:
         """Check it."""
@@ -212,9 +214,10 @@ class Mesh(Shape):
             raise InvalidScene(f"{self.name}: expected vertices (k, 3) and faces (f, 3): {error}") from None
         if not len(faces) or not len(vertices):
             raise InvalidScene(f"{self.name} is empty: it holds no triangles")
-        if len(faces) > MOST_TRIANGLES:
+        if len(faces) > MOST_TRIANGLES and not self.hull:
             raise InvalidScene(
-                f"{self.name} holds {len(faces):,} triangles, expected at most {MOST_TRIANGLES:,}: simplify it first"
+                f"{self.name} holds {len(faces):,} triangles, expected at most {MOST_TRIANGLES:,}: take its hull, "
+                f"hull=True, or have it simplified by so many metres at most, simplify=0.001"
             )
         if not np.isfinite(vertices).all():
             raise InvalidScene(f"{self.name}: a vertex holds NaN or infinity")
@@ -224,16 +227,20 @@ class Mesh(Shape):
         object.__setattr__(self, "faces", faces)
 
     @classmethod
-    def read(cls, path: str | Path, scale: ArrayLike = 1.0, hull: bool = True) -> Mesh:
+    def read(
+        cls, path: str | Path, scale: ArrayLike = 1.0, hull: bool = True, simplify: float | None = None
+    ) -> Mesh:
         """Read an STL, OBJ, DAE or any other file that trimesh reads; all bodies in it together.
 
         Args:
             path: The file.
             scale: One factor, or one along each axis.
             hull: See the field.
+            simplify: Put vertices together, so that no point moves farther than this [m]. The mesh is then made thicker by
+                as much as points have moved, so that what is free of it is free of what the file holds.
 
         Raises:
-            InvalidScene: The file is missing, cannot be read, or holds no triangles.
+            InvalidScene: The file is missing, cannot be read, or holds no triangles; or `simplify` is no length.
             MissingExtra: trimesh is not installed.
         """
         library("trimesh")
@@ -249,7 +256,22 @@ class Mesh(Shape):
         starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
         vertices = np.concatenate([part.vertices for part in parts]) * factors
         faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
-        return cls(vertices, faces, hull, repr(str(path)))
+        if simplify is None:
+            return cls(vertices, faces, hull, repr(str(path)))
+        from .simplify import simplified
+
+        vertices, faces, moved = simplified(vertices, faces, length("simplify", simplify))
+        return cls(vertices, faces, hull, repr(str(path)), moved)
+
+    @property
+    def thickness(self) -> float:
+        """What simplifying took off."""
+        return self.thicker
+
+    @property
+    def excess(self) -> float:
+        """What simplifying took off: coal does not know of it."""
+        return self.thicker
 
     @cached_property
     def corners(self) -> Array:

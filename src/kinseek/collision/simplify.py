@@ -1,0 +1,63 @@
+"""Fewer triangles, with a bound on how far any point has moved: by putting vertices of a grid's cell together.
+
+After Rossignac and Borrel (1993). What collapses to a line or a point stays as a sliver, so that the simplified triangles,
+made thicker by the bound, hold the original ones. A closed mesh stays closed, as every edge keeps an even number of
+triangles.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_SLIVER = 1e-7
+"""Width of what stands for a line or a point [m]; it is a part of the bound."""
+
+
+def simplified(vertices: Array, faces: Indices, tolerance: float) -> tuple[Array, Indices, float]:
+    """Put together what lies in one cell of a grid.
+
+    Args:
+        vertices: (k, 3) [m].
+        faces: (f, 3)
+        tolerance: No point moves farther [m].
+
+    Returns:
+        Vertices (m, 3), faces (g, 3), and how far points have moved at most [m].
+    """
+    sliver = min(_SLIVER, tolerance / 2)
+    cells = np.floor((vertices - vertices.min(axis=0)) / (2 * (tolerance - sliver) / np.sqrt(3.0)))
+    _, cell = np.unique(cells, axis=0, return_inverse=True)
+    cell = cell.ravel()
+    count = int(cell.max()) + 1
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, cell, vertices)
+    np.maximum.at(high, cell, vertices)
+    middle = (low + high) / 2
+    moved = float(np.linalg.norm(vertices - middle[cell], axis=1).max()) + sliver
+    corners = cell[faces]
+    different = (corners != np.roll(corners, 1, axis=1)).sum(axis=1)
+    whole, rest = corners[different == 3], np.sort(corners[different < 3], axis=1)
+    edges = np.sort(whole[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    lines = _missing(rest[:, [0, 2]][rest[:, 0] != rest[:, 2]], edges, count)
+    known = np.union1d(whole, lines)
+    points = np.setdiff1d(rest[rest[:, 0] == rest[:, 2], 0], known)
+    lost = np.concatenate([lines, np.stack([points, points], axis=1)])
+    begin, end = middle[lost[:, 0]], middle[lost[:, 1]]
+    along_x = np.abs(end - begin)[:, :1] > np.abs(end - begin)[:, 1:2]
+    side = begin + sliver * np.where(along_x, [[0, 1, 0]], [[1, 0, 0]])
+    up = np.where(lost[:, :1] == lost[:, 1:], sliver / 2, 0.0)
+    end = end + up * [0, 0, 1]
+    slivers = np.arange(3 * len(lost)).reshape(3, -1).T + count
+    # Both ways round, so that they enclose nothing and every edge of them counts twice.
+    kept = np.concatenate([whole, slivers, slivers[:, ::-1]])
+    return np.concatenate([middle, begin, end, side]), kept, moved
+
+
+def _missing(lines: Indices, edges: Indices, count: int) -> Indices:
+    """Those of some lines that are no edges, once each, (k, 2)."""
+    numbers = np.setdiff1d(lines @ [count, 1], edges @ [count, 1])
+    return np.stack([numbers // count, numbers % count], axis=1).astype(np.int64)

@@ -1,0 +1,154 @@
+"""Meshes that are too large are said to be so, and what simplifying takes off is given back; xacro files with arguments."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import kinseek
+from cells import write_arm, write_stl
+from kinseek import InvalidScene, Scene
+from kinseek.collision import Mesh
+from kinseek.collision.simplify import simplified
+
+pytest.importorskip("pinocchio")
+trimesh = pytest.importorskip("trimesh")
+
+
+def ball(
+    radius: float, level: int = 3, place: tuple[float, float, float] = (0, 0, 0)
+) -> tuple[np.ndarray, np.ndarray]:
+    made = trimesh.creation.icosphere(level, radius=radius)
+    return np.array(made.vertices) + place, np.array(made.faces)
+
+
+def together(*parts: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
+    return np.concatenate([v for v, _ in parts]), np.concatenate(
+        [f + s for (_, f), s in zip(parts, starts, strict=False)]
+    )
+
+
+def away(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Distance of each point, (k, 3), from the nearest triangle."""
+    corners = vertices[faces]
+    return np.array(
+        [
+            np.linalg.norm(
+                trimesh.triangles.closest_point(corners, np.repeat(p[None], len(faces), 0)) - p, axis=1
+            ).min()
+            for p in points
+        ]
+    )
+
+
+THIN = trimesh.creation.torus(0.1, 0.003)
+SPECKS = together(ball(0.1), *(ball(0.001, 1, (0.15 + 0.05 * i, 0.0, 0.0)) for i in range(3)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "mesh",
+    [ball(0.1), (np.array(THIN.vertices), np.array(THIN.faces)), SPECKS],
+    ids=["ball", "ring", "specks"],
+)
+@pytest.mark.parametrize("tolerance", [0.004, 0.03])
+def test_what_is_simplified_and_made_thicker_holds_the_mesh(
+    mesh: tuple[np.ndarray, np.ndarray], tolerance: float
+) -> None:
+    vertices, faces, moved = simplified(*mesh, tolerance)
+    assert moved <= tolerance
+    whole = trimesh.Trimesh(*mesh, process=False)
+    points = trimesh.sample.sample_surface(whole, 120, seed=1)[0]
+    assert away(points, vertices, faces).max() <= moved
+    before, after = Mesh(*mesh, hull=False), Mesh(vertices, faces, hull=False)
+    assert before.closed
+    assert after.closed
+    off = points + np.random.default_rng(0).normal(size=points.shape) * 0.02
+    inside = np.array([before.holds(p) for p in off])
+    assert inside.any()
+    kept = np.array([after.holds(p) for p in off])
+    assert (kept | (away(off, vertices, faces) <= moved))[inside].all()
+    assert not (kept & (away(off, *mesh[:2]) > moved))[~inside].any()  # And nothing far outside has come in.
+
+
+def test_simplifying_is_asked_for_and_said(tmp_path: Path) -> None:
+    arm = kinseek.load("ur5e")
+    scene, fine = Scene.of(arm, capsules=0.05), Scene.of(arm, capsules=0.05)
+    file = write_stl(tmp_path / "ball.stl", *ball(0.15, 3))
+    notes = len(scene.notes)
+    place = kinseek.pose([0.5, 0.0, 0.4])
+    fine.add_mesh("part", file, place)
+    assert len(fine.notes) == notes
+    scene.add_mesh("part", file, place, simplify=0.02)
+    assert "'part' is simplified to" in scene.notes[-1]
+    thicker = scene._bodies["part"].parts[0].shape.thicker
+    assert 0.005 < thicker <= 0.02
+    assert f"{thicker:.2g} m thicker" in scene.notes[-1]
+    q = arm.sample(60, seed=1)
+    assert (scene.distance(q) <= fine.distance(q) + 2e-6).all()
+    assert (
+        scene.distance(q)[fine.distance(q) > 0] >= fine.distance(q)[fine.distance(q) > 0] - 2 * thicker - 2e-6
+    ).all()
+    assert not (scene.free(q) & ~fine.free(q)).any()
+    scene.remove("part")
+    assert len(scene.notes) == notes
+    for wrong in (0.0, -1.0, np.nan, "fine"):
+        with pytest.raises(InvalidScene, match="simplify must be a length above 0 m"):
+            scene.add_mesh("part", file, simplify=wrong)  # type: ignore[arg-type]
+
+
+def test_too_many_triangles_are_refused_unless_it_is_said_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The bound itself, a million, is tried in test_scene.py; here it is lower, for files that are read in no time."""
+    monkeypatch.setattr("kinseek.collision.shapes.MOST_TRIANGLES", 1000)
+    file = write_stl(tmp_path / "big.stl", *ball(0.15, 3))
+    scene = Scene.of(kinseek.load("ur5e"), capsules=0.05)
+    with pytest.raises(
+        InvalidScene, match=r"1,280 triangles, expected at most 1,000: .*hull=True.*simplify=0\.001"
+    ):
+        scene.add_mesh("big", file)
+    assert "big" not in scene.bodies
+    with pytest.raises(InvalidScene, match="expected at most 1,000"):
+        scene.add_mesh("big", file, simplify=1e-6)  # Too little to help.
+    scene.add_mesh("big", file, simplify=0.02)
+    scene.add_mesh("hull", file, hull=True)
+
+
+def test_a_xacro_file_with_arguments_is_known_again(tmp_path: Path) -> None:
+    file = write_arm(tmp_path)
+    text = file.read_text().replace(
+        '<robot name="thick">',
+        '<robot name="thick" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="long" default="0.4"/>',
+    )
+    text = text.replace('xyz="0 0 0.4"', 'xyz="0 0 $(arg long)"')
+    path = file.with_name("thick.urdf.xacro")
+    path.write_text(text)
+    for long in (0.4, 0.6):
+        arm = kinseek.load(
+            path,
+            tip="tip",
+            args={"long": long},
+            packages={"thick_meshes": tmp_path / "packages" / "thick_meshes"},
+        )
+        scene = Scene.of(arm.with_locked({"j6": 0.3}))
+        plain = tmp_path / "robot" / f"plain{long}.urdf"
+        plain.write_text(file.read_text().replace('xyz="0 0 0.4"', f'xyz="0 0 {long}"'))
+        other = Scene.of(kinseek.load(plain, tip="tip"), [tmp_path / "packages"])
+        q = arm.sample(50, seed=1)
+        q[:, 5] = 0.3
+        assert np.allclose(scene.distance(q[:, :5]), other.distance(q), atol=2e-6)
+    with pytest.raises(InvalidScene, match="another arm, or a xacro file expanded with other arguments"):
+        Scene.of(arm, urdf=path)
+
+
+def test_an_arm_from_text_knows_its_geometry(tmp_path: Path) -> None:
+    file = write_arm(tmp_path)
+    arm = kinseek.load(file.read_text().replace('"meshes/', f'"{file.parent}/meshes/'), tip="tip")
+    scene = Scene.of(arm, [tmp_path / "packages"])
+    other = Scene.of(kinseek.load(file, tip="tip"), [tmp_path / "packages"])
+    q = arm.sample(50, seed=1)
+    assert np.array_equal(scene.free(q), other.free(q))
