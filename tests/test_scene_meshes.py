@@ -114,7 +114,7 @@ def test_too_many_triangles_are_refused_unless_it_is_said_what_to_do(
     assert "big" not in scene.bodies
     with pytest.raises(InvalidScene, match="expected at most 1,000"):
         scene.add_mesh("big", file, simplify=1e-6)  # Too little to help.
-    scene.add_mesh("big", file, simplify=0.02)
+    scene.add_mesh("big", file, simplify=0.04)
     scene.add_mesh("hull", file, hull=True)
 
 
