@@ -167,6 +167,15 @@ class ForwardArm:
         """Upper limits, (n,), [rad] or [m]; see `lower`."""
         return self._mechanism.upper.copy()
 
+    @property
+    def velocity(self) -> Array:
+        """How fast each joint may go by the robot's file, (n,), [rad/s] or [m/s]; NaN where it gives no speed above 0.
+
+        A URDF gives it in ``<limit velocity=…>``, where 0 stands if nobody knew it; MJCF, Denavit-Hartenberg rows and
+        functions have no place for it. A joint that others mimic goes no faster than these may.
+        """
+        return self._mechanism.velocity.copy()
+
     def sample(self, n: int, seed: int = 0) -> Rows:
         """Joint values drawn uniformly from inside the limits; the same seed gives the same values.
 

@@ -152,5 +152,6 @@ def _more(
         leader=np.insert(leader, place, at),
         multiplier=np.insert(chain.multiplier, place, 1.0),
         offset=np.insert(chain.offset, place, 0.0),
+        velocity=np.insert(chain.velocity, at, np.nan),
         frames={},
     )

@@ -75,6 +75,11 @@ class BlackBox(Variables):
         """Does one more row cost little, since no Python runs for it?"""
         return self.vectorized or _is_compiled(self.function)
 
+    @property
+    def velocity(self) -> Array:
+        """Nobody said how fast its variables may go: NaN, (n,)."""
+        return np.full(self.dof, np.nan)
+
     def limited(self, lower: Array, upper: Array, kinds: tuple[str, ...]) -> BlackBox:
         """The same with other limits, (n,), and kinds that fit them."""
         return replace(self, lower=lower, upper=upper, kinds=kinds)

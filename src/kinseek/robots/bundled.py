@@ -35,7 +35,7 @@ def read_bundled(name: str) -> SerialChain | None:
 
 def _chain(kept: dict[str, Any], path: Path) -> SerialChain:
     given: dict[str, Any] = {word: kept[word] for word in _WORDS}
-    given |= {name: np.array(kept[name], dtype=np.float64) for name in _FLOATS}
+    given |= {name: np.array(kept[name], dtype=np.float64) for name in (*_FLOATS, "velocity")}
     return SerialChain(
         **given,
         joint_names=tuple(kept["joint_names"]),
@@ -59,6 +59,7 @@ def as_kept(chain: SerialChain, path: Path) -> dict[str, Any]:
         "joint_names": chain.joint_names,
         "kinds": chain.kinds,
         **{name: getattr(chain, name).tolist() for name in (*_FLOATS, "prismatic", "leader")},
+        "velocity": [None if np.isnan(value) else value for value in chain.velocity.tolist()],
         "frames": {name: (frame.joints, frame.pose[:3].tolist()) for name, frame in chain.frames.items()},
     }
 

@@ -53,6 +53,8 @@ class Joint:
     """Name of the joint this one follows; ``multiplier`` and ``offset`` then say how."""
     multiplier: float = 1.0
     offset: float = 0.0
+    velocity: float = np.nan
+    """How fast it may go, [rad/s] or [m/s], above 0; NaN where nobody said. That of a mimic bounds its leader."""
 
 
 class Frame(NamedTuple):
@@ -85,6 +87,8 @@ class SerialChain(Variables):
     """Index of the variable that drives each physical joint, (m,)."""
     multiplier: Array
     offset: Array
+    velocity: Array
+    """How fast each variable may go, (n,), [rad/s] or [m/s], above 0; NaN where nobody said."""
     source: str = field(default="", compare=False)
     """Where the description came from, for people."""
     urdf: bytes = field(default=b"", compare=False, repr=False)
@@ -250,6 +254,7 @@ def serial_chain(
         leader=np.array(leader, dtype=np.int64),
         multiplier=np.array(multiplier, dtype=float),
         offset=np.array(offset, dtype=float),
+        velocity=_velocities(joints, drive, len(variables)),
         source=source,
         frames=frames,
     )
@@ -352,6 +357,15 @@ def _limits(joint: Joint) -> tuple[float, float]:
             f"joint {joint.name!r}: lower limit {joint.lower} is above upper limit {joint.upper}"
         )
     return joint.lower, joint.upper
+
+
+def _velocities(joints: Sequence[Joint], drive: Sequence[tuple[int, float, float]], variables: int) -> Array:
+    """How fast each variable may go, (n,): as its slowest joint allows; NaN where none of them says anything."""
+    velocity = np.full(variables, np.nan)
+    for joint, (leader, multiplier, _) in zip(joints, drive, strict=True):
+        if multiplier != 0:
+            velocity[leader] = np.fmin(velocity[leader], joint.velocity / abs(multiplier))
+    return velocity
 
 
 def _unit_axis(joint: Joint) -> Array:

@@ -55,6 +55,10 @@ class Mechanism(Protocol):
         """(n,), [rad] or [m]; a continuous joint has no limits, and π here."""
 
     @property
+    def velocity(self) -> Array:
+        """How fast each variable may go, (n,), [rad/s] or [m/s]; NaN where nobody said."""
+
+    @property
     def dof(self) -> int:
         """Number of joint variables n."""
 

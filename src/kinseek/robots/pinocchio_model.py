@@ -141,10 +141,11 @@ def _moving_joint(model: Any, joint: int, origin: Array) -> Joint:
     if kind.nq == 1:
         lower = float(model.lowerPositionLimit[kind.idx_q])
         upper = float(model.upperPositionLimit[kind.idx_q])
-    if slide.any():
-        return Joint(name, PRISMATIC, origin, axis, lower, upper)
+    fastest = float(model.velocityLimit[kind.idx_v])
+    velocity = fastest if 0 < fastest < _UNLIMITED else np.nan
     endless = min(-lower, upper) >= _UNLIMITED
-    return Joint(name, CONTINUOUS if endless else REVOLUTE, origin, axis, lower, upper)
+    moves = PRISMATIC if slide.any() else CONTINUOUS if endless else REVOLUTE
+    return Joint(name, moves, origin, axis, lower, upper, velocity=velocity)
 
 
 def _start(model: Any) -> Array:

@@ -22,7 +22,7 @@ from .chain import Array, Frame, Joint, SerialChain, follow_mimics, serial_chain
 from .files import MOST_JOINTS, file_bytes, require_few
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .tree import frame_path
-from .urdf_xml import expand_xacro, kinematic_part, root_element
+from .urdf_xml import expand_xacro, joint_velocities, kinematic_part, root_element
 
 _MOVES = (REVOLUTE, CONTINUOUS, PRISMATIC)
 
@@ -83,7 +83,9 @@ def read_urdf_text(
 
 
 def _read(text: bytes, base: str | None, tip: str | None, where: str, name: str) -> SerialChain:
-    robot = _parse(kinematic_part(root_element(text, where), name, where), where)
+    root = root_element(text, where)
+    robot = _parse(kinematic_part(root, name, where), where)
+    velocities = joint_velocities(root)
 
     parents = _link_tree(robot, where)
     leaves = parents.keys() - {parent for parent in parents.values() if parent}
@@ -108,7 +110,7 @@ def _read(text: bytes, base: str | None, tip: str | None, where: str, name: str)
     for joint in path_joints:
         pose = pose @ _origin(joint)
         if joint.type != "fixed":
-            moving.append(_moving_joint(joint, pose, mimics))
+            moving.append(_moving_joint(joint, pose, mimics, velocities.get(joint.name, np.nan)))
             pose = np.eye(4)
         of_links.append((joint.child, Frame(len(moving), pose)))
         of_joints.append((joint.name, Frame(len(moving), pose)))
@@ -188,7 +190,9 @@ def _origin(joint: Any) -> Array:
     return transform(turn, joint.origin.xyz)
 
 
-def _moving_joint(joint: Any, origin: Array, mimics: dict[str, tuple[str, float, float]]) -> Joint:
+def _moving_joint(
+    joint: Any, origin: Array, mimics: dict[str, tuple[str, float, float]], velocity: float
+) -> Joint:
     if joint.type not in _MOVES:
         raise InvalidRobot(
             f"joint {joint.name!r} is {joint.type}: between base and tip only fixed, {', '.join(_MOVES)} "
@@ -211,4 +215,5 @@ def _moving_joint(joint: Any, origin: Array, mimics: dict[str, tuple[str, float,
         mimic=leader if follows else None,
         multiplier=multiplier,
         offset=offset,
+        velocity=velocity,
     )

@@ -293,6 +293,24 @@ def kinematic_part(root: Any, name: str, where: str) -> Any:
     return robot
 
 
+def joint_velocities(root: Any) -> dict[str, float]:
+    """How fast joints may go by the file, by name, [rad/s] or [m/s]; those of which it says nothing are left out.
+
+    The format demands a number of whoever writes a limit, so 0 stands where nobody knew one. Poses do not depend on it: what
+    is below 0 or no number says nothing either, and `soundness` tells of it.
+    """
+    space, found = root.tag.removesuffix("robot"), {}
+    for joint in root.iterchildren(f"{space}joint"):
+        limit = joint.find(f"{space}limit")
+        try:
+            velocity = float("nan" if limit is None else limit.get("velocity", "nan"))
+        except ValueError:
+            continue
+        if 0 < velocity < math.inf:
+            found[str(joint.get("name"))] = velocity
+    return found
+
+
 def _copy_joint(joint: Any, copy: Any, space: str, where: str) -> None:
     from lxml import etree
 

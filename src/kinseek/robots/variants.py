@@ -70,6 +70,7 @@ def with_locked(chain: SerialChain, values: Mapping[str, float]) -> SerialChain:
         kinds=tuple(chain.kinds[i] for i in left),
         lower=chain.lower[left],
         upper=chain.upper[left],
+        velocity=chain.velocity[left],
         fixed=np.array(fixed),
         prismatic=chain.prismatic[kept],
         leader=np.array([left.index(i) for i in chain.leader[kept]], dtype=np.int64),
