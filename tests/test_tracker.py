@@ -115,8 +115,14 @@ def test_a_switch_is_made_only_when_asked_for() -> None:
     after = tracker.step(T)
     assert after.status is TrackStatus.TRACKING
     assert np.abs(after.q - start).max() > 0.5
-    free = arm.track(start)
-    free.step(T)
+    own = arm.track(start, period=0.01)
+    assert (own.velocity == arm.velocity).all()
+    own.step(T)
+    assert len(own.switch()) < len(way)
+    two = kinseek.Arm.from_dh([(0.3, 0, 0, 0), (0.2, 0, 0, 0)], [-1, -3], [1, 3], name="two links")
+    free = two.track([0.0, 1.0])
+    assert np.isinf(free.velocity).all()
+    free.step(two.fk([0.0, 1.0]))
     with pytest.raises(InvalidProblem, match="velocity="):
         free.switch()
 

@@ -408,7 +408,8 @@ class Arm(ForwardArm):
             end: Joint values to end with, (n,); they must reach the last pose.
             closed: Shall the last pose lead on to the first? The full turns of a joint come back as well.
             max_step: How far each joint may go from pose to pose, one number or (n,), [rad] or [m]; more is a break.
-            times: When each pose is due, (N,), [s]; with `velocity` it bounds the steps.
+            times: When each pose is due, (N,), [s]: no joint goes faster from pose to pose than it may, by `velocity`, or
+                without it by the robot's file, see `velocity` of an arm.
             velocity: Of the joints, one number or (n,), [rad/s] or [m/s]. The cost is then the time that the motion takes.
             weights: Of each joint in the cost, (n,).
             cost: In place of distance or time, a function from joint values, (k, n), to numbers, (k,), added up over all
@@ -459,8 +460,8 @@ class Arm(ForwardArm):
         Args:
             q0: Where the arm is, (n,), [rad] or [m]; from outside its limits it only comes back.
             period: Time between two steps [s].
-            velocity: Of the joints, one number or (n,), [rad/s] or [m/s]; no joint ever goes faster. Without it
-                nothing bounds the speed.
+            velocity: Of the joints, one number or (n,), [rad/s] or [m/s]; no joint ever goes faster. Those of the robot's
+                file unless given; where that says nothing, nothing bounds the speed.
 
         Raises:
             InvalidProblem: Something does not fit the arm, or the arm is a function.

@@ -142,12 +142,8 @@ def read(
             raise InvalidProblem(
                 f"times must increase: times[{i}] = {moments[i]:g} s and times[{i + 1}] = {moments[i + 1]:g} s"
             )
-        if speed is None:
-            raise InvalidProblem(
-                "times say how long each step may take; give velocity= as well, [rad/s] or [m/s]"
-            )
         if count > 1:
-            longest = np.minimum(longest, speed * gaps[:, None])
+            longest = np.minimum(longest, (_own_speeds(arm) if speed is None else speed) * gaps[:, None])
     ends: list[Array | None] = []
     for name, value, i in (("start", start, 0), ("end", end, count - 1)):
         if value is None:
@@ -171,6 +167,21 @@ def read(
         cost=cost,
         valid=None if valid is None and scene is None else Allowed(valid, scene, clearance),
     )
+
+
+def _own_speeds(arm: Mechanism) -> Array:
+    """How fast the joints may go by the robot's file, (n,).
+
+    Raises:
+        InvalidProblem: It says nothing of some joint.
+    """
+    unsaid = np.flatnonzero(np.isnan(arm.velocity))
+    if len(unsaid):
+        raise InvalidProblem(
+            f"times need to know how fast the joints may go, and the file of {arm.name!r} gives no speed above 0 for "
+            f"{', '.join(arm.joint_names[i] for i in unsaid)}: give velocity=, [rad/s] or [m/s]"
+        )
+    return arm.velocity
 
 
 def positive(arm: Mechanism, name: str, value: ArrayLike, unit: str) -> Array:

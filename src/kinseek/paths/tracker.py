@@ -92,11 +92,11 @@ class Tracker:
         self.period = float(period)
         """[s]"""
         self.velocity = (
-            np.full(arm.dof, np.inf)
+            np.where(np.isnan(arm.velocity), np.inf, arm.velocity)
             if velocity is None
             else positive(arm, "velocity", velocity, "rad/s or m/s")
         )
-        """Of the joints, (n,), [rad/s] or [m/s]; infinite where nothing was said."""
+        """Of the joints, (n,), [rad/s] or [m/s]; infinite where neither the caller nor the robot's file says anything."""
         self._arm, self._turning = arm.axes, Turning(arm.axes)
         self._index = atlas_of(arm.axes)
         _ = self._index.handle  # Asking for it adds the routines that are still lacking.
