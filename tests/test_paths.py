@@ -228,6 +228,18 @@ def test_a_start_at_the_ends_of_a_range_of_whole_turns() -> None:
         assert np.abs(path.q - q).max() < 1e-6
 
 
+@pytest.mark.parametrize("joints", [[5], [0], [3], [0, 5]])
+@pytest.mark.parametrize("side", [-1, 1])
+def test_joints_that_touch_the_end_of_a_range_of_whole_turns(joints: list[int], side: int) -> None:
+    arm = kinseek.load("ur5e")
+    for away in (0.4 * np.abs(np.linspace(-1, 1, 41)), np.zeros(41)):  # Once, and all the time.
+        q = np.repeat([[0.3, -1.0, 1.2, -0.8, 1.3, 0.2]], 41, axis=0)
+        q[:, joints] = side * (2 * np.pi - away[:, None])
+        path = arm.follow(arm.fk(q), start=q[0], max_step=0.05).require()
+        assert np.abs(path.q - q).max() < 1e-8
+        assert ((path.q >= arm.lower) & (path.q <= arm.upper)).all()
+
+
 def test_valid_is_asked_of_poses_and_between() -> None:
     arm = kinseek.load("ur5e")
     T = line(np.array([0.4, -0.3, 0.3]), np.array([0.4, 0.3, 0.3]), 40)

@@ -30,10 +30,25 @@ def inside_limits(problem: Problem, wide: Layers) -> Layers:
     turning = Turning(problem.chain)
     first = turning.first_turn(wide.q)
     good = turning.inside(first) & wide.there
+    first, good = _at_both_ends(turning, first, good)
     width = min(max(int(good.sum(axis=1).max(initial=1)), 1), MOST)
     place = np.argsort(~good, axis=1, kind="stable")[:, :width]
     packed = np.take_along_axis(first, place[:, :, None], axis=1)
     return Layers(np.ascontiguousarray(packed), np.take_along_axis(good, place, axis=1))
+
+
+def _at_both_ends(turning: Turning, q: Array, good: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+    """Give answers, (N, width, n), with a joint at the lower end of a range of whole turns a twin that stands at the upper.
+
+    There one more copy lies inside the limits than there are nodes for; the twin is a rounding off the end, and so has one.
+    """
+    for joint in np.flatnonzero(turning.at_lower_end(q)[good].any(axis=0)):
+        at_end = turning.at_lower_end(q)[..., joint] & good
+        some = at_end.any(axis=0)
+        twins = q[:, some].copy()
+        twins[..., joint] = turning.off_upper_end[joint]
+        q, good = np.concatenate([q, twins], axis=1), np.concatenate([good, at_end[:, some]], axis=1)
+    return q, good
 
 
 def fill_missed(problem: Problem, layers: Layers, threads: int | None) -> Layers:

@@ -45,6 +45,15 @@ class Turning:
         fits = (q >= self.lower - ROOM) & (q <= self.upper + ROOM)
         return np.asarray((fits | (self.kind == ENDLESS)).all(axis=-1))
 
+    def at_lower_end(self, q: Array) -> NDArray[np.bool_]:
+        """Of values in the first turn, (..., n): does one more copy than was counted lie at the upper end of the range?"""
+        return np.asarray((self.kind == COPIED) & (q + self.copies * TURN <= self.upper + ROOM))
+
+    @property
+    def off_upper_end(self) -> Array:
+        """What first turns such a copy has, a rounding off the end, (n,)."""
+        return self.lower + TURN - 3 * ROOM
+
     def step(self, gap: Array) -> Array:
         """Differences of values, full turns that make no difference taken off, (..., n)."""
         return np.where(self.kind == STRAIGHT, gap, gap - TURN * np.round(gap / TURN))
