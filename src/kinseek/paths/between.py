@@ -14,6 +14,9 @@ Array = NDArray[np.float64]
 SHARES = (0.25, 0.5, 0.75)
 """Where between two poses the hand is looked at."""
 
+AT_ONCE = 4096
+"""Poses between which it is looked at together: a long path takes no more memory for it than a short one."""
+
 
 def between(q: Array, breaks: NDArray[np.int64], shares: tuple[float, ...]) -> Array:
     """Joint values between those of two poses, breaks left out, (m, len(shares), n)."""
@@ -25,6 +28,15 @@ def between(q: Array, breaks: NDArray[np.int64], shares: tuple[float, ...]) -> A
 
 def deviation_between(problem: Problem, q: Array, breaks: NDArray[np.int64]) -> tuple[float, float]:
     """The farthest from the straight way between poses [m], and the largest turn away from it [rad]."""
+    farthest = np.zeros(2)
+    for first in range(0, len(q) - 1, AT_ONCE):
+        rows = q[first : first + AT_ONCE + 1]
+        inside = breaks[(breaks >= first) & (breaks < first + len(rows) - 1)] - first
+        farthest = np.maximum(farthest, _deviation(problem, rows, inside))
+    return float(farthest[0]), float(farthest[1])
+
+
+def _deviation(problem: Problem, q: Array, breaks: NDArray[np.int64]) -> tuple[float, float]:
     middle = between(q, breaks, SHARES)
     if not len(middle):
         return 0.0, 0.0

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from kinseek.branches.index import freedom
 from kinseek.errors import InvalidProblem
+from kinseek.problem import Problem
 
 from .asked import Asked
 from .ends import best_valid, fill_missed, inside_limits, refusals, with_ends
@@ -19,6 +20,7 @@ from .path import Path
 from .relaxed import relaxed
 from .spare import follow_samples, unbroken
 from .why import reasons
+from .windows import Windows, best_in_windows, in_windows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -31,23 +33,47 @@ def follow(asked: Asked, threads: int | None, advance: Advance) -> Path:
     problem = part.problem
     if freedom(problem) > 0:
         refuse_cost(asked)
-        q, breaks = follow_samples(part, advance)
+        q, breaks = _sampled(part, advance)
         refused, barred = refusals(asked, q[:, own], breaks)
         breaks = np.union1d(breaks, barred)
         return judged(asked, q[:, own], breaks, None, refused)
-    wide = isolated_layers(problem, part.longest.max(axis=0), threads, advance)
-    layers = inside_limits(problem, wide)
-    layers, ends = with_ends(part, fill_missed(problem, layers, threads))
-    programme = Programme(part, layers)
-    q, breaks = best_valid(programme, ends)
+    wide: Layers | Windows
+    hopeless: set[int] = set()
+    if in_windows(part):
+        wide = Windows(part, threads)
+        q, breaks = best_in_windows(wide, advance)
+    else:
+        wide = isolated_layers(problem, part.longest.max(axis=0), threads, advance)
+        layers = inside_limits(problem, wide)
+        layers, ends = with_ends(part, fill_missed(problem, layers, threads))
+        programme = Programme(part, layers)
+        q, breaks = best_valid(programme, ends)
+        hopeless = programme.hopeless
     for wanted, i in ((part.start, 0), (part.end, -1)):
         if wanted is not None:
             q[i] = wanted  # To the last bit.
-    known = wide if part is asked else None
-    return judged(asked, q[:, own], breaks, known, programme.hopeless)
+    return judged(asked, q[:, own], breaks, wide if part is asked else None, hopeless)
 
 
-def judged(asked: Asked, q: Array, breaks: Indices, wide: Layers | None, hopeless: set[int]) -> Path:
+def _sampled(asked: Asked, advance: Advance) -> tuple[Array, Indices]:
+    """As `follow_samples`, which follows branches from the first pose on: from the last one where only the end is given."""
+    if asked.end is None or asked.start is not None:
+        return follow_samples(asked, advance)
+    problem = asked.problem
+    turned = replace(
+        asked,
+        problem=Problem(problem.mechanism, problem.goal.at(problem.goal.target[::-1])),
+        start=asked.end,
+        end=None,
+        longest=np.ascontiguousarray(asked.longest[::-1]),
+    )
+    q, breaks = follow_samples(turned, advance)
+    return np.ascontiguousarray(q[::-1]), len(q) - 2 - breaks[::-1]
+
+
+def judged(
+    asked: Asked, q: Array, breaks: Indices, wide: Layers | Windows | None, hopeless: set[int]
+) -> Path:
     """Judge joint values by plain forward kinematics, and say what stands in the way."""
     problem = asked.problem
     goal = problem.goal

@@ -46,6 +46,10 @@ class Layers:
     there: NDArray[np.bool_]
     """Where there is an answer, (N, width)."""
 
+    def __len__(self) -> int:
+        """Number of poses."""
+        return len(self.q)
+
     @property
     def count(self) -> NDArray[np.int64]:
         """How many there are, (N,)."""

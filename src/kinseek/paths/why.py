@@ -13,6 +13,7 @@ from .between import apart
 from .joints import Turning
 from .layers import Layers
 from .path import Path
+from .windows import Windows
 
 Array = NDArray[np.float64]
 
@@ -20,7 +21,7 @@ WEAK = 0.05
 """Least singular value of the Jacobian, its largest being 1, below which a singularity is named."""
 
 
-def reasons(asked: Asked, path: Path, wide: Layers | None) -> tuple[str, ...]:
+def reasons(asked: Asked, path: Path, wide: Layers | Windows | None) -> tuple[str, ...]:
     """A sentence for every stretch of missed poses, and for every break between two that are reached, in their order."""
     goal = path.problem.goal
     there = (path.position_error <= goal.position_tolerance) & (
@@ -44,7 +45,7 @@ def _these(first: int, last: int) -> str:
     return f"pose {first} is" if first == last else f"poses {first} to {last} are"
 
 
-def _refused(asked: Asked, path: Path, first: int, last: int, wide: Layers | None) -> str:
+def _refused(asked: Asked, path: Path, first: int, last: int, wide: Layers | Windows | None) -> str:
     """Why poses have answers, and none that is allowed."""
     which, valid, i = _these(first, last), asked.valid, (first + last) // 2
     assert valid is not None
@@ -72,7 +73,7 @@ def _missed(path: Path, first: int, last: int) -> str:
     return f"{which} out of reach: the nearest found is up to {place:.3g} m and {turn:.3g} rad off"
 
 
-def _break(asked: Asked, path: Path, i: int, wide: Layers | None) -> str:
+def _break(asked: Asked, path: Path, i: int, wide: Layers | Windows | None) -> str:
     count = len(path.q)
     following = (i + 1) % count
     begin = f"between poses {i} and {following}"
@@ -108,13 +109,13 @@ def _at(i: int, count: int) -> str:
     return "with the path" if i in (-1, count) else f"at pose {i}"
 
 
-def _end_of_branch(asked: Asked, q: Array, i: int, wide: Layers, way: int) -> tuple[int, str]:
+def _end_of_branch(asked: Asked, q: Array, i: int, wide: Layers | Windows, way: int) -> tuple[int, str]:
     """Go along a branch from joint values at pose i; the pose where it ends, and why."""
     problem, turning = asked.problem, Turning(asked.problem.chain)
     names = problem.mechanism.joint_names
     while True:
         j = i + way
-        if not 0 <= j < len(wide.q):
+        if not 0 <= j < len(wide):
             return (
                 j,
                 "it goes on to the end of the path"
