@@ -318,6 +318,49 @@ def test_goals_with_freedom() -> None:
         arm.follow([Goal.pose(T[0]), Goal.pose(T[1], position_tolerance=1e-3)])
 
 
+RANGES: list[dict[str, Any]] = [
+    {"free": "rz", "box": {"x": (-0.05, 0.05)}},
+    {"free": "rz", "box": {"x": (-0.05, 0.05)}, "frame": "base"},
+    {"box": {"rz": (-0.5, 0.5), "x": (-0.05, 0.05)}},
+    {"box": {"rz": (-0.5, 0.5)}, "frame": "base"},
+    {"free": ("rx", "ry", "rz"), "box": {"x": (-0.05, 0.05)}},
+    {"free": ("rx", "ry", "rz"), "box": {"x": (-0.05, 0.05)}, "frame": "base"},
+    {"free": "x"},
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("asked", RANGES, ids=str)
+def test_ranges_with_a_start_and_an_end(asked: dict[str, Any]) -> None:
+    arm = kinseek.load("ur5e")
+    T = np.array([kinseek.pose([0.4, y, 0.3], rpy=[np.pi, 0.3, 0.5]) for y in np.linspace(-0.3, 0.3, 60)])
+    goal = Goal.pose(T, **asked)
+    first, last = arm.ik(goal.at(T[0])).require().q, arm.ik(goal.at(T[-1])).require().q
+    assert arm.follow(goal).success
+    path = arm.follow(goal, start=first).require()
+    assert (path.q[0] == first).all()
+    errors = goal.measure(path.problem.arrays, path.q)
+    assert errors[:, :2].max() < 1e-6
+    path = arm.follow(goal, end=last).require()
+    assert (path.q[-1] == last).all()
+    path = arm.follow(goal, start=path.q[0], end=last).require()
+    assert (path.q[-1] == last).all()
+    with pytest.raises(InvalidProblem, match="start does not reach the first pose"):
+        arm.follow(goal, start=arm.ik(kinseek.pose([0.3, 0.3, 0.3])).q)
+
+
+def test_ranges_whose_axes_change_are_refused() -> None:
+    arm = kinseek.load("ur5e")
+    T = np.array([kinseek.pose([0.4, a / 5, 0.3], rpy=[np.pi, a, 0.5]) for a in np.linspace(-0.3, 0.3, 20)])
+    with pytest.raises(InvalidProblem, match="along x only where the axis in the base is the same"):
+        arm.follow(Goal.pose(T, free=("rx", "ry", "rz"), box={"x": (-0.05, 0.05)}))
+    with pytest.raises(InvalidProblem, match="about rz only where the axis in the tool is the same"):
+        arm.follow(Goal.pose(T, box={"rz": (-0.5, 0.5)}, frame="base"))
+    # About y they turn themselves: the axis stays.
+    T = np.array([kinseek.pose([0.4, a / 5, 0.3], rpy=[np.pi, a, 0]) for a in np.linspace(-0.3, 0.3, 20)])
+    assert arm.follow(Goal.pose(T, box={"ry": (-0.5, 0.5)}, frame="base")).success
+
+
 def test_same_bits_whatever_the_threads() -> None:
     for name in ("irb120", "panda"):
         arm = kinseek.load(name)

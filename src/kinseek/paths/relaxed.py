@@ -14,15 +14,20 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.paths.settle import settle_many
 from kinseek.kinds import POINTING, POSE, POSITION
 from kinseek.problem import Problem
 from kinseek.ranges import AXES, FREE_TURN, PINNED
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from kinseek.robots.variants import with_tool
+from kinseek.solvers.atlas.index import atlas_of, wanted_of
 from kinseek.transforms import rotation_onto, square
 
 from .asked import Asked
+from .joints import Turning
+from .smooth import MEND
 
 Array = NDArray[np.float64]
 
@@ -34,59 +39,106 @@ def relaxed(asked: Asked) -> tuple[Asked, slice]:
     """The same path for an arm with a joint for each range, and which of its joints are those of the arm.
 
     Raises:
-        InvalidProblem: Ranges of several rotations.
+        InvalidProblem: Ranges of several rotations, or along and about axes that change from pose to pose.
     """
     goal, chain = asked.problem.goal, asked.problem.chain
     if goal.ranges is None:
         return asked, slice(None)
     turns = [i for i in range(3, 6) if goal.ranges[i] != PINNED]
     slides = [i for i in range(3) if goal.ranges[i] != PINNED]
-    free = [i for i in turns if goal.ranges[i] == FREE_TURN]
-    any_turn = len(free) == 3
-    if not any_turn and goal.swing is None and (len(turns) > 1 or (turns and goal.frame == "base")):
+    any_turn = [goal.ranges[i] for i in turns] == [FREE_TURN] * 3
+    if len(turns) > 1 and not any_turn:
         raise InvalidProblem(
-            f"a path takes a range about one axis of the tool, or all three free; this goal has ranges about "
+            f"a path takes a range about one axis, or all three free; this goal has ranges about "
             f"{', '.join(AXES[i] for i in turns)} of the {goal.frame}"
         )
     if goal.tool is not None:
         chain = with_tool(chain, square(goal.tool[:3]))
-    reach = 2 * chain.reach + float(np.linalg.norm(goal.targets[:, :, 3], axis=1).max(initial=0.0))
+    targets = np.array([square(row) for row in goal.targets])
+    plain = replace(goal, target=targets, kind=POSE.name, ranges=None, swing=None, tool=None, base=None)
     first, axes = 0, _frame_axes(goal)
-    if goal.swing is None and turns and not any_turn:
-        low, high = goal.ranges[turns[0]]
-        chain = _at_tip(chain, np.eye(3)[turns[0] - 3], AXES[turns[0]], -high, -low, REVOLUTE)
+    # A slide at the tip comes after every turn of the hand, so that turn has to be a joint as well.
+    tip_slides = goal.frame == "tool" and not any_turn
+    if any_turn:
+        plain = replace(plain, kind=POSITION.name)
+        if goal.frame == "tool" and slides:
+            axes = np.stack(
+                [_constant(targets[:, :3, k], AXES[k], "along", "in the base") for k in range(3)], axis=1
+            )
+    elif goal.swing is not None and not (tip_slides and slides):
+        plain = _swinging(goal, plain, targets)
+    elif turns:
+        (turn,) = turns
+        axis = np.eye(3)[turn - 3]
+        if goal.frame == "base":
+            axis = _constant(
+                np.einsum("kji,j->ki", targets[:, :3, :3], axes @ axis), AXES[turn], "about", "in the tool"
+            )
+        low, high = goal.ranges[turn]
+        chain = _at_tip(chain, axis, AXES[turn], -high, -low, REVOLUTE)
+    reach = 2 * chain.reach + float(np.linalg.norm(goal.targets[:, :, 3], axis=1).max(initial=0.0))
     for i in slides:
         low, high = (float(np.clip(end, -reach, reach)) for end in goal.ranges[i])
-        if goal.frame == "tool":
+        if tip_slides:
             chain = _at_tip(chain, np.eye(3)[i], AXES[i], -high, -low, PRISMATIC)
         else:
             chain = _at_base(chain, axes[:, i], AXES[i], -high, -low)
             first += 1
-    targets = np.array([square(row) for row in goal.targets])
-    plain = replace(goal, target=targets, kind=POSE.name, ranges=None, swing=None, tool=None, base=None)
-    if any_turn:
-        plain = replace(plain, kind=POSITION.name)
-    elif goal.swing is not None:
-        plain = _swinging(goal, plain, targets)
-    more = chain.dof - asked.problem.chain.dof
     own = slice(first, first + asked.problem.chain.dof)
     longest = np.full((len(asked.longest), chain.dof), np.inf)
     longest[:, own] = asked.longest
     weights = np.full(chain.dof, LIGHT)
     weights[own] = asked.weights
-    if more and (asked.start is not None or asked.end is not None):
-        raise InvalidProblem(
-            "start= and end= are not taken yet where the goal has ranges; a pose, direction or place takes them"
-        )
     velocity = asked.velocity
     if velocity is not None:
         velocity = np.full(chain.dof, velocity.max())
         velocity[own] = asked.velocity
+    problem = Problem(chain, plain)
+    start, end = (
+        None if q is None else _with_ranges(problem, own, q, i)
+        for q, i in ((asked.start, 0), (asked.end, -1))
+    )
     valid = None if asked.valid is None else replace(asked.valid, own=own)
     part = replace(
-        asked, problem=Problem(chain, plain), longest=longest, weights=weights, velocity=velocity, valid=valid
+        asked,
+        problem=problem,
+        longest=longest,
+        weights=weights,
+        velocity=velocity,
+        start=start,
+        end=end,
+        valid=valid,
     )
     return part, own
+
+
+def _with_ranges(problem: Problem, own: slice, q: Array, i: int) -> Array:
+    """Put to joint values of the arm, (m,), where the joints of the ranges stand for target i, (n,)."""
+    chain, turning = problem.chain, Turning(problem.chain)
+    lower, upper = turning.open_lower.copy(), turning.open_upper.copy()
+    lower[own] = upper[own] = q
+    starts = chain.lower + np.linspace(0, 1, LANES)[:, None] * (chain.upper - chain.lower)
+    starts[:, own] = q
+    targets, left = np.repeat(problem.goal.targets[i][None], LANES, axis=0), np.empty(LANES)
+    handle = atlas_of(chain, problem.goal).handle
+    settle_many(
+        handle, wanted_of(problem.goal), targets, lower, upper, MEND, starts, left, LANES
+    )  # The arm's own joints stand at both of their limits.
+    return np.asarray(starts[np.argmin(left)])
+
+
+def _constant(axes: Array, name: str, way: str, where: str) -> Array:
+    """An axis that all poses of a path share, (k, 3) -> (3,).
+
+    Raises:
+        InvalidProblem: It changes.
+    """
+    if np.abs(axes - axes[0]).max() > 1e-9:
+        raise InvalidProblem(
+            f"a path takes this range {way} {name} only where the axis {where} is the same at all poses, and it changes. "
+            f"Give the range in the other frame"
+        )
+    return np.asarray(axes[0])
 
 
 def _frame_axes(goal: Goal) -> Array:
