@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import kinseek
-from kinseek.paths import between, windows
+from kinseek.paths import between, follow, windows
 from test_paths import made
 
 Array = NDArray[np.float64]
@@ -84,6 +84,22 @@ def test_what_stands_in_the_way_is_said_of_windows_as_well(short_windows: Any) -
     path = two.follow(kinseek.Goal.position(places))
     assert len(path.breaks) == len(whole.breaks) == 1
     assert "meets its upper limit 1" in path.why[0] or "meets its lower limit -1" in path.why[0]
+
+
+@pytest.mark.slow
+def test_joints_to_spare_are_followed_in_windows_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = kinseek.load("panda")
+    q = made(arm, 300, 5)
+    T = arm.fk(q)
+    monkeypatch.setattr(follow, "SAMPLED", 120)
+    monkeypatch.setattr(follow, "AHEAD", 40)
+    for asked in ({}, {"start": q[0]}, {"end": q[-1]}, {"start": q[0], "end": q[-1]}):
+        path = arm.follow(T, **asked)
+        assert np.abs(arm.fk(path.q) - T).max() < 2e-6
+        assert len(path.breaks) <= ("end" in asked and "start" in asked)
+        assert path.largest_step.max() < 3 * np.abs(np.diff(q, axis=0)).max()
+        assert (path.q[0] == q[0]).all() or "start" not in asked
+        assert (path.q[-1] == q[-1]).all() or "end" not in asked
 
 
 @pytest.mark.slow

@@ -240,6 +240,25 @@ def test_joints_that_touch_the_end_of_a_range_of_whole_turns(joints: list[int], 
         assert ((path.q >= arm.lower) & (path.q <= arm.upper)).all()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("locked", [{}, {"joint_3": 0.3}])
+def test_a_start_keeps_the_turns_of_endless_joints(locked: dict[str, float]) -> None:
+    arm = kinseek.load("gen3")
+    arm = arm.with_locked(locked) if locked else arm
+    q = made(arm, 40, 5, 1, 0.3)
+    q[:, 0] += 20.0
+    path = arm.follow(arm.fk(q), start=q[0]).require()
+    assert (path.q[0] == q[0]).all()
+    path = arm.follow(arm.fk(q), end=q[-1]).require()
+    assert (path.q[-1] == q[-1]).all()
+    other = (
+        q[-1] - np.eye(arm.dof)[0] * 4 * np.pi
+    )  # The same pose, turned; the motion keeps the turns of its start.
+    path = arm.follow(arm.fk(q), start=q[0], end=other).require()
+    assert (path.q[0] == q[0]).all()
+    assert path.q[-1] == pytest.approx(q[-1])
+
+
 def test_valid_is_asked_of_poses_and_between() -> None:
     arm = kinseek.load("ur5e")
     T = line(np.array([0.4, -0.3, 0.3]), np.array([0.4, 0.3, 0.3]), 40)

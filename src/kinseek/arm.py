@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from math import hypot
 from pathlib import Path
@@ -453,6 +453,57 @@ class Arm(ForwardArm):
         wishes |= {"velocity": velocity, "weights": weights, "cost": cost, "valid": valid}
         wishes |= {"scene": scene, "clearance": clearance}
         return follow_poses(self._mechanism, Ts, wishes, prove, threads, progress)
+
+    def follow_stream(
+        self,
+        poses: Any,
+        *,
+        window: int = 2000,
+        look_ahead: int = 500,
+        start: ArrayLike | None = None,
+        max_step: ArrayLike = 0.3,
+        velocity: ArrayLike | None = None,
+        weights: ArrayLike | None = None,
+        cost: Cost | None = None,
+        valid: Valid | None = None,
+        threads: int | None = None,
+    ) -> Iterator[Motion]:
+        """Follow poses that come one after the other, with the same memory however many they are.
+
+        Of the poses to come no more than `look_ahead` are known when joint values are handed out. So there may be more
+        breaks than with `follow`, which knows all poses.
+
+        Args:
+            poses: An iterator of poses, (4, 4), or of goals; an array (N, 4, 4) or a `Goal` with N targets, too.
+            window: Poses from the beginning of one piece to that of the next.
+            look_ahead: Poses beyond the end of a piece that are looked at.
+            start: Joint values to begin with, (n,), [rad] or [m]; they must reach the first pose.
+            max_step: How far each joint may go from pose to pose, one number or (n,), [rad] or [m]; more is a break.
+            velocity: Of the joints, one number or (n,), [rad/s] or [m/s]. The cost is then the time that the motion takes.
+            weights: Of each joint in the cost, (n,).
+            cost: As in `follow`.
+            valid: As in `follow`.
+            threads: As in `follow`.
+
+        Yields:
+            Pieces of the path. Each begins with the last pose of the one before, at the same joint values: its rows but the
+            first are new. `breaks` and `why` count from the beginning of the piece.
+
+        Raises:
+            InvalidGoal: No poses; or one that is none, once the pieces of all before it are handed out; its number is named.
+            InvalidProblem: As `follow`.
+            InvalidSolver: `window`, `look_ahead` or `threads` is no whole number, or too small.
+            Exception: What the iterator raises, once the pieces of all poses before it are handed out.
+        """
+        from .paths.stream import stream
+
+        for name, value, least in (("window", window, 1), ("look_ahead", look_ahead, 0)):
+            whole(name, value, least)
+        if threads is not None:
+            whole("threads", threads, 1)
+        wishes: dict[str, Any] = {"start": start, "end": None, "closed": False, "max_step": max_step}
+        wishes |= {"times": None, "velocity": velocity, "weights": weights, "cost": cost, "valid": valid}
+        return stream(self._mechanism, poses, window, look_ahead, wishes, threads)
 
     def track(self, q0: ArrayLike, period: float = 0.002, velocity: ArrayLike | None = None) -> Tracker:
         """Begin to servo from joint values: one pose in, one set of joint values out, with bounded work.

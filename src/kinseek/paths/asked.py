@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,24 @@ class Asked:
     valid: Allowed | None
     """What the user's `valid` and the scene say, where there is either."""
 
+    def __len__(self) -> int:
+        """Number of poses."""
+        return len(self.problem.goal.target)
+
+    def part(self, begin: int, end: int) -> Asked:
+        """The poses from `begin` up to `end`, asked for by themselves; start and end stay with the first and the last."""
+        goal, longest = self.problem.goal, self.longest
+        if len(longest) > 1:
+            first = min(begin, len(longest) - 1)
+            longest = longest[first : max(end - 1, first + 1)]
+        return replace(
+            self,
+            problem=Problem(self.problem.mechanism, goal.at(goal.target[begin:end])),
+            start=self.start if begin == 0 else None,
+            end=self.end if end == len(self) else None,
+            longest=longest,
+        )
+
 
 def goals_of(Ts: Any) -> tuple[Goal, Exception | None]:
     """Read poses: an array, a `Goal` with N targets, a list of poses or of goals, or an iterator of them.
@@ -71,21 +89,44 @@ def goals_of(Ts: Any) -> tuple[Goal, Exception | None]:
                 break
         if not rows:
             raise InvalidGoal("a path needs at least one pose, got none") from broken
-        goal = _together(rows)
-    if len(goal.shape) != 1:
-        raise InvalidGoal(
-            f"a path has N poses in a row, (N, 4, 4), got targets of shape {goal.target.shape}"
-            + ("; for one pose there is Arm.ik" if goal.shape == () else "")
-        )
+        goal = together(rows)
+    _require_row(goal)
     if not len(goal.target):
         raise InvalidGoal("a path needs at least one pose, got none")
     return goal, broken
 
 
-def _together(rows: list[Any]) -> Goal:
-    """One goal of a row of poses or of goals that ask for the same."""
+def _require_row(goal: Goal) -> Goal:
+    if len(goal.shape) != 1:
+        raise InvalidGoal(
+            f"a path has N poses in a row, (N, 4, 4), got targets of shape {goal.target.shape}"
+            + ("; for one pose there is Arm.ik" if goal.shape == () else "")
+        )
+    return goal
+
+
+def row_of_goals(poses: Any) -> Iterator[Any]:
+    """Poses one by one, of whatever holds them.
+
+    Raises:
+        InvalidGoal: Nothing does.
+    """
+    if isinstance(poses, Goal) and len(poses.shape) == 1:
+        return (poses.at(target) for target in poses.target)
+    if isinstance(poses, Goal) or not isinstance(poses, Iterable):
+        raise InvalidGoal(f"a stream is an iterator of poses (4, 4) or of goals, got {poses!r:.80}")
+    return iter(poses)
+
+
+def together(rows: list[Any]) -> Goal:
+    """One goal of a row of poses or of goals that ask for the same.
+
+    Raises:
+        InvalidGoal: One of them is none, or asks for something else; the message names its number.
+    """
     if not any(isinstance(row, Goal) for row in rows):
-        return Goal.pose(np.array(rows) if all(isinstance(row, np.ndarray) for row in rows) else rows)
+        poses = np.array(rows) if all(isinstance(row, np.ndarray) for row in rows) else rows
+        return _require_row(Goal.pose(poses))
     first = next(row for row in rows if isinstance(row, Goal))
     for i, row in enumerate(rows):
         if not isinstance(row, Goal) or row.shape != ():

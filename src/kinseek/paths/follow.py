@@ -14,6 +14,7 @@ from kinseek.problem import Problem
 
 from .asked import Asked
 from .ends import best_valid, fill_missed, inside_limits, refusals, with_ends
+from .joints import Turning
 from .layers import Layers, isolated_layers
 from .nodes import Programme
 from .path import Path
@@ -26,57 +27,101 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Advance = Callable[[int], object]
 
+SAMPLED, AHEAD = 4000, 400
+"""Where joints are to spare, poses that are followed together at most, and how far is looked ahead beyond them."""
 
-def follow(asked: Asked, threads: int | None, advance: Advance) -> Path:
-    """Find joint values for every pose, with as few breaks as possible; see `Arm.follow`."""
+
+def follow(asked: Asked, threads: int | None, advance: Advance, take: int | None = None) -> Path:
+    """Find joint values for every pose, with as few breaks as possible; see `Arm.follow`.
+
+    Args:
+        asked: The path.
+        threads: Threads that share the poses; None takes every core.
+        advance: Told how many more poses are done.
+        take: How many poses the path shall have that is given back, of those that were looked at; None means all.
+    """
     part, own = relaxed(asked)
-    problem = part.problem
-    if freedom(problem) > 0:
+    part, wanted = _turned_home(part)
+    take = len(asked) if take is None else take
+    if freedom(part.problem) > 0:
         refuse_cost(asked)
         q, breaks = _sampled(part, advance)
-        refused, barred = refusals(asked, q[:, own], breaks)
-        breaks = np.union1d(breaks, barred)
-        return judged(asked, q[:, own], breaks, None, refused)
+        _set_ends(part, q, wanted)
+        q = q[:take, own]
+        refused, barred = refusals(asked, q, breaks)
+        return _judged(asked.part(0, take), q, np.union1d(breaks, barred), None, refused)
     wide: Layers | Windows
     hopeless: set[int] = set()
     if in_windows(part):
         wide = Windows(part, threads)
         q, breaks = best_in_windows(wide, advance)
     else:
-        wide = isolated_layers(problem, part.longest.max(axis=0), threads, advance)
-        layers = inside_limits(problem, wide)
-        layers, ends = with_ends(part, fill_missed(problem, layers, threads))
+        wide = isolated_layers(part.problem, part.longest.max(axis=0), threads, advance)
+        layers = inside_limits(part.problem, wide)
+        layers, ends = with_ends(part, fill_missed(part.problem, layers, threads))
         programme = Programme(part, layers)
         q, breaks = best_valid(programme, ends)
         hopeless = programme.hopeless
-    for wanted, i in ((part.start, 0), (part.end, -1)):
-        if wanted is not None:
-            q[i] = wanted  # To the last bit.
-    return judged(asked, q[:, own], breaks, wide if part is asked else None, hopeless)
+    _set_ends(part, q, wanted)
+    known = wide if part.problem is asked.problem else None
+    return _judged(asked.part(0, take), q[:take, own], breaks, known, hopeless)
+
+
+def _turned_home(asked: Asked) -> tuple[Asked, tuple[Array | None, Array | None]]:
+    """The same with wanted ends whose endless joints stand within half a turn of 0, and these ends as they were wanted."""
+    turning = Turning(asked.problem.chain)
+    home = [None if q is None else q - turning.whole_turns(q) for q in (asked.start, asked.end)]
+    return replace(asked, start=home[0], end=home[1]), (asked.start, asked.end)
+
+
+def _set_ends(asked: Asked, q: Array, wanted: tuple[Array | None, Array | None]) -> None:
+    """Put wanted ends into a way, (N, n), to the last bit; the turns of endless joints are those of the first of them."""
+    turning, turned = Turning(asked.problem.chain), False
+    for value, i in zip(wanted, (0, -1), strict=True):
+        if value is not None:
+            turns = turning.whole_turns(value - q[i])
+            q += 0.0 if turned else turns
+            q[i] = value - turns if turned else value
+            turned = True
 
 
 def _sampled(asked: Asked, advance: Advance) -> tuple[Array, Indices]:
-    """As `follow_samples`, which follows branches from the first pose on: from the last one where only the end is given."""
-    if asked.end is None or asked.start is not None:
+    """As `follow_samples`, but a long path in windows, and one of which only the end is wanted from there on."""
+    if asked.end is not None and asked.start is None:
+        problem = asked.problem
+        turned = replace(
+            asked,
+            problem=Problem(problem.mechanism, problem.goal.at(problem.goal.target[::-1])),
+            start=asked.end,
+            end=None,
+            longest=np.ascontiguousarray(asked.longest[::-1]),
+        )
+        q, breaks = _sampled(turned, advance)
+        return np.ascontiguousarray(q[::-1]), len(q) - 2 - breaks[::-1]
+    if len(asked) <= SAMPLED + AHEAD or asked.closed:
         return follow_samples(asked, advance)
-    problem = asked.problem
-    turned = replace(
-        asked,
-        problem=Problem(problem.mechanism, problem.goal.at(problem.goal.target[::-1])),
-        start=asked.end,
-        end=None,
-        longest=np.ascontiguousarray(asked.longest[::-1]),
-    )
-    q, breaks = follow_samples(turned, advance)
-    return np.ascontiguousarray(q[::-1]), len(q) - 2 - breaks[::-1]
+    rows: list[Array] = []
+    for begin in range(0, len(asked), SAMPLED):
+        # Each window begins where the one before ended, and looks ahead of where the next will begin.
+        part = asked.part(begin, min(begin + SAMPLED + 1 + AHEAD, len(asked)))
+        q, _ = follow_samples(replace(part, start=rows[-1][-1]) if rows else part, _silent)
+        rows.append(q[: SAMPLED + 1] if not rows else q[1 : SAMPLED + 1])
+        advance(SAMPLED)
+    q = np.concatenate(rows)
+    return q, np.flatnonzero(~unbroken(asked, q))
 
 
-def judged(
+def _silent(done: int) -> None:
+    pass
+
+
+def _judged(
     asked: Asked, q: Array, breaks: Indices, wide: Layers | Windows | None, hopeless: set[int]
 ) -> Path:
     """Judge joint values by plain forward kinematics, and say what stands in the way."""
     problem = asked.problem
     goal = problem.goal
+    breaks, hopeless = breaks[breaks < len(q) - (not asked.closed)], {i for i in hopeless if i < len(q)}
     errors = goal.measure(problem.arrays, np.ascontiguousarray(q))
     # Whatever was planned, a step that is too large is a break.
     breaks = np.union1d(breaks, np.flatnonzero(~unbroken(asked, q)))

@@ -67,6 +67,10 @@ class Turning:
         digits = turns[:, None] // self.units % self.copies
         return np.asarray(q + TURN * digits)
 
+    def whole_turns(self, q: Array) -> Array:
+        """The whole turns of endless joints nearest to joint values, (..., n), [rad]; of others none."""
+        return np.where(self.kind == ENDLESS, TURN * np.round(q / TURN), 0.0)
+
     def off_ends(self, q: Array) -> Array:
         """Joint values a rounding off the ends of ranges, (..., n), where copies are left out."""
         return np.where(self.kind == COPIED, np.clip(q, self.lower + 2 * ROOM, self.upper - 2 * ROOM), q)

@@ -10,13 +10,12 @@ where there are breaks they are as few, and each stands at an end of a run.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.kernels.paths.programme import COPIED, DISTANCE, ROOM, STRAIGHT, TIME, best_way
-from kinseek.problem import Problem
 from kinseek.turns import TURN
 
 from .asked import Asked
@@ -40,12 +39,7 @@ STAYS = 1e-12
 
 def in_windows(asked: Asked) -> bool:
     """Is a path with isolated answers followed in windows? The user's own cost and judgement are asked of whole paths."""
-    return (
-        len(asked.problem.goal.targets) > LONG
-        and asked.cost is None
-        and asked.valid is None
-        and not asked.closed
-    )
+    return len(asked) > LONG and asked.cost is None and asked.valid is None and not asked.closed
 
 
 @dataclass(frozen=True)
@@ -67,7 +61,7 @@ class Windows:
         """Take a path whose answers are isolated."""
         self.asked, self._threads = asked, threads
         self.turning = Turning(asked.problem.chain)
-        self._count = len(asked.problem.goal.targets)
+        self._count = len(asked)
         self.begins = list(range(0, self._count, WINDOW))
         self._longest = asked.longest.max(axis=0)
         self._wide: tuple[int, Layers] | None = None
@@ -87,16 +81,7 @@ class Windows:
         return isolated_layers(self._part(begin).problem, self._longest, self._threads, advance)
 
     def _part(self, begin: int) -> Asked:
-        """The window that begins at a pose, asked for by itself."""
-        asked, end = self.asked, min(begin + WINDOW, self._count)
-        goal = asked.problem.goal
-        return replace(
-            asked,
-            problem=Problem(asked.problem.mechanism, goal.at(goal.target[begin:end])),
-            start=asked.start if begin == 0 else None,
-            end=asked.end if end == self._count else None,
-            longest=asked.longest if len(asked.longest) == 1 else asked.longest[begin : end - 1],
-        )
+        return self.asked.part(begin, min(begin + WINDOW, self._count))
 
     def layers(self, begin: int, advance: Callable[[int], object]) -> tuple[Layers, tuple[int, int], Asked]:
         """Answers inside the limits of the window that begins at a pose, the nodes of its wanted ends, and the window."""

@@ -1,0 +1,95 @@
+"""A path through poses that come one after the other, with the same memory however many they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidGoal
+from kinseek.goal import Goal
+from kinseek.robots.mechanism import Mechanism
+
+from .asked import read, row_of_goals, together
+from .follow import follow
+from .path import Path
+
+Array = NDArray[np.float64]
+
+
+def stream(
+    arm: Mechanism,
+    poses: Iterable[Any],
+    window: int,
+    look_ahead: int,
+    wishes: dict[str, Any],
+    threads: int | None,
+) -> Iterator[Path]:
+    """Pieces of a path, each as soon as the poses for it and those ahead of it have come; see `Arm.follow_stream`."""
+    source, handed = _Source(poses), 0
+    rows: list[Any] = []
+    here: Array | None = None
+    while True:
+        rows += source.next(window + look_ahead + 1 - len(rows))
+        goal, good = _as_far_as_good(rows, handed, source)
+        ended = source.ended or good < len(rows)
+        if goal is None or (handed and good == 1):
+            break
+        asked = read(arm, goal, **wishes)
+        if here is not None:  # Unchecked: where a pose was missed, the path goes on from the nearest.
+            asked = replace(asked, start=here)
+        take = good if ended else window + 1
+        path = follow(asked, threads, lambda done: None, take)
+        yield path
+        if ended:
+            break
+        here, rows, handed = path.q[-1], rows[window:], handed + window
+        wishes["start"] = None
+    if source.error is not None:
+        raise source.error
+    if not handed and goal is None:
+        raise InvalidGoal("a path needs at least one pose, got none")
+
+
+class _Source:
+    """Poses as they come."""
+
+    def __init__(self, poses: Iterable[Any]) -> None:
+        self._poses = row_of_goals(poses)
+        self.ended = False
+        self.error: Exception | None = None
+        """What the iterator raised, or what is wrong with a pose."""
+
+    def next(self, count: int) -> list[Any]:
+        """So many more, or as many as come."""
+        rows: list[Any] = []
+        while len(rows) < count and not self.ended:
+            try:
+                rows.append(next(self._poses))
+            except StopIteration:
+                self.ended = True
+            except Exception as error:
+                self.ended, self.error = True, error
+        return rows
+
+
+def _as_far_as_good(rows: list[Any], handed: int, source: _Source) -> tuple[Goal | None, int]:
+    """One goal of the poses before the first that is none, and how many these are; what is wrong is left with the source."""
+    if not rows:
+        return None, 0
+    try:
+        return together(rows), len(rows)
+    except InvalidGoal:
+        pass
+    good = 0
+    for row in rows:
+        try:
+            together([*rows[:1], row] if good else [row])
+        except InvalidGoal as error:
+            source.error = InvalidGoal(f"pose {handed + good}: {error}")
+            break
+        good += 1
+    return (together(rows[:good]) if good else None), good
