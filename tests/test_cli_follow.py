@@ -61,6 +61,35 @@ def test_a_break_is_told_where_no_step_is_small_enough(
     assert np.load(tmp_path / "joints.npy")["break_after"].sum() == 39
 
 
+def test_both_ends_and_a_period(line: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arm, out = kinseek.load("ur5e"), tmp_path / "joints.npy"
+    path = arm.follow(line, start=arm.branches(line[0]).q[2])
+    words = ["follow", "ur5e", str(tmp_path / "line.npy"), str(out)]
+    ends = [
+        word for name, q in (("--start", path.q[0]), ("--end", path.q[-1])) for word in (name, str(q.tolist()))
+    ]
+    ends = [word.strip("[]").replace(",", " ") for word in ends]
+    assert run([*words, *ends, "--period", "0.1"]) == 0
+    np.testing.assert_array_equal(np.load(out)["q"][[0, -1]], path.q[[0, -1]])
+    assert run([*words, "--period", "0.001"]) == 1  # Faster than its joints.
+    assert "may go 0.00314" in capsys.readouterr().out
+    assert run(["follow", "puma560", *words[2:], "--period", "0.1"]) == 2
+    assert "no speed above 0" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("line")
+def test_ctrl_c_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(*words: Any, **options: Any) -> None:
+        raise KeyboardInterrupt
+
+    out = tmp_path / "joints.csv"
+    out.write_text("what was there", encoding="utf-8")
+    monkeypatch.setattr("kinseek.paths.follow.isolated_layers", stopped)
+    assert run(["follow", "ur5e", str(tmp_path / "line.npy"), str(out)]) == 130
+    assert out.read_text(encoding="utf-8") == "what was there"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["joints.csv", "line.npy"]
+
+
 @pytest.mark.usefixtures("line")
 @pytest.mark.parametrize(
     ("words", "said"),
@@ -70,6 +99,8 @@ def test_a_break_is_told_where_no_step_is_small_enough(
         (["nothing.csv", "joints.csv"], "cannot read 'nothing.csv'"),
         (["line.npy", "joints.csv", "--max-step", "0"], "max_step"),
         (["line.npy", "joints.csv", "--start", "0 0 0 0 0 0"], "start"),
+        (["line.npy", "joints.csv", "--end", "0 0 0 0 0 0"], "end does not reach the last pose"),
+        (["line.npy", "joints.csv", "--period", "0"], "--period must be above 0"),
     ],
 )
 def test_misuse_is_one_line(

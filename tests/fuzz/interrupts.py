@@ -73,6 +73,17 @@ def _branches(name: str = "ur5e", count: int = 0, **options: Any) -> Callable[[]
     return make
 
 
+def _follow(name: str = "irb120", count: int = 2000) -> Callable[[], Call]:
+    def make() -> Call:
+        arm = kinseek.load(name)
+        s = np.linspace(0.0, 1.0, count)[:, None]
+        middle = (arm.lower + arm.upper) / 2
+        T = arm.fk(middle + 0.3 * (arm.upper - middle) * np.sin(2 * np.pi * s + np.arange(arm.dof)))
+        return lambda: np.asarray(arm.follow(T).q)
+
+    return make
+
+
 def _prove(**options: Any) -> Callable[[], Call]:
     def make() -> Call:
         arm = kinseek.load("ur5e")
@@ -148,6 +159,9 @@ CALLS: dict[str, Callable[[], Call]] = {
     "branches of an arm with joints to spare": _branches("panda"),
     "branches of a batch with joints to spare": _branches("panda", count=100),
     "branches proved": _branches(prove=True),
+    "follow": _follow(),
+    "follow with joints to spare": _follow("panda", 300),
+    "follow in windows": _follow(count=20_000),
     "prove": _prove(),
     "prove with a gap": _prove(gap=0.3, budget=20_000),
     "ik proved": _ik(far=True, prove=True),

@@ -17,6 +17,7 @@ from kinseek.cli.help import Command, option
 from kinseek.cli.options import ARM, GOAL, Chain, arm_argument, chain_options, complete_joints, json_option
 from kinseek.cli.output import on_terminal
 from kinseek.cli.words import joint_values
+from kinseek.errors import InvalidProblem
 
 _MOTION = "The motion"
 _POSES, _OUT = "POSES", "OUT"
@@ -36,6 +37,7 @@ _POSES, _OUT = "POSES", "OUT"
     examples=[
         "kinseek follow ur5e poses.csv q.csv",
         "kinseek follow ur5e poses.csv q.npy --free rz --max-step 0.2",
+        "kinseek follow ur5e poses.csv q.csv --period 0.01",
     ],
     more=[
         f"Columns of POSES, lengths in m, angles in rad: {VALID}.",
@@ -50,13 +52,20 @@ _POSES, _OUT = "POSES", "OUT"
 @chain_options
 @option("--position-only", is_flag=True, group=GOAL, help="Any orientation will do.")
 @option("--free", metavar="AXES", group=GOAL, help="Axes whose deviation does not matter, such as rz.")
-@option("--deg", is_flag=True, group=GOAL, help="Angles of the poses and --start are in degrees.")
+@option("--deg", is_flag=True, group=GOAL, help="Angles of the poses, --start and --end are in degrees.")
 @option(
     "--start",
     metavar="Q...",
     shell_complete=complete_joints,
     group=_MOTION,
     help="Joint values to begin with, rad or m: one a joint, or JOINT=VALUE of every joint.",
+)
+@option(
+    "--end",
+    metavar="Q...",
+    shell_complete=complete_joints,
+    group=_MOTION,
+    help="Joint values to end with, as --start.",
 )
 @option("--closed", is_flag=True, group=_MOTION, help="The last pose leads on to the first.")
 @option(
@@ -66,6 +75,13 @@ _POSES, _OUT = "POSES", "OUT"
     default=0.3,
     group=_MOTION,
     help="How far a joint may go between two poses, rad or m, also with --deg; more is a break. Default: 0.3.",
+)
+@option(
+    "--period",
+    metavar="X",
+    type=float,
+    group=_MOTION,
+    help="Time from pose to pose, s: no joint goes faster than the arm's file allows.",
 )
 @json_option
 def command(
@@ -77,8 +93,10 @@ def command(
     free: str | None,
     deg: bool,
     start: str | None,
+    end: str | None,
     closed: bool,
     max_step: float,
+    period: float | None,
     as_json: bool,
 ) -> int:
     """Find one continuous motion through many poses, with as few breaks as possible."""
@@ -87,12 +105,17 @@ def command(
     asked = Asked(position_only, free.replace(",", " ").split() if free is not None else [])
     goal = asked.goal(read_poses(poses, position_only, deg, _POSES))
     first = None if start is None else joint_values(loaded, start, "--start", deg)
+    last = None if end is None else joint_values(loaded, end, "--end", deg)
+    if period is not None and not 0 < period < np.inf:
+        raise InvalidProblem(f"--period must be above 0 [s], got {period:g}")
     clock = time.perf_counter()
     path = loaded.follow(
         goal,
         start=first,
+        end=last,
         closed=closed,
         max_step=max_step,
+        times=None if period is None else period * np.arange(len(goal.target)),
         progress=on_terminal(),
     )
     seconds = time.perf_counter() - clock
