@@ -179,7 +179,12 @@ def test_help_shows_every_field(cls: type[Any]) -> None:
         if line.startswith(" " * 4 + line.strip()[0])
     ]
     assert told == [each.name.lstrip("_") for each in dataclasses.fields(cls)]
-    lines = {name: line for name in told for line in shown.splitlines() if f"      {name}: " in line and line[-1] != ","}
+    lines = {
+        name: line
+        for name in told
+        for line in shown.splitlines()
+        if f"      {name}: " in line and line[-1] != ","
+    }
     assert set(lines) == set(told)
     for name, unit in {"q": "[rad] or [m]", "position_error": "[m]", "orientation_error": "[rad]"}.items():
         assert name not in lines or unit in lines[name]
