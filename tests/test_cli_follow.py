@@ -66,7 +66,9 @@ def test_both_ends_and_a_period(line: Any, tmp_path: Path, capsys: pytest.Captur
     path = arm.follow(line, start=arm.branches(line[0]).q[2])
     words = ["follow", "ur5e", str(tmp_path / "line.npy"), str(out)]
     ends = [
-        word for name, q in (("--start", path.q[0]), ("--end", path.q[-1])) for word in (name, str(q.tolist()))
+        word
+        for name, q in (("--start", path.q[0]), ("--end", path.q[-1]))
+        for word in (name, str(q.tolist()))
     ]
     ends = [word.strip("[]").replace(",", " ") for word in ends]
     assert run([*words, *ends, "--period", "0.1"]) == 0

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import kinseek
-from kinseek import Goal, InvalidGoal, InvalidProblem, NotReached, PathInterrupted, PathStatus
+from kinseek import Goal, InvalidGoal, InvalidProblem, InvalidSolver, NotReached, PathInterrupted, PathStatus
 from kinseek.kernels.paths.band import solve_band
 from kinseek.kernels.paths.programme import COPIED, DISTANCE, STRAIGHT, best_way
 
@@ -437,6 +437,43 @@ def test_what_came_before_an_error_is_kept() -> None:
     assert caught.value.path.success
     assert len(caught.value.path) == 12
     assert len(pickle.loads(pickle.dumps(caught.value)).path) == 12
+
+
+@pytest.mark.parametrize(
+    ("asked", "error", "said"),
+    [
+        (
+            {"times": [0.0, 1.0]},
+            InvalidProblem,
+            r"times must be 4 finite numbers \[s\], one a pose, got shape \(2,\)",
+        ),
+        ({"times": [0.0, 1.0, np.nan, 3.0]}, InvalidProblem, "times must be 4 finite numbers"),
+        (
+            {"times": [0.0, 2.0, 1.0, 3.0]},
+            InvalidProblem,
+            r"times must increase: times\[1\] = 2 s and times\[2\] = 1 s",
+        ),
+        ({"velocity": [1, 1, 0, 1, 1, 1]}, InvalidProblem, "velocity must be above 0 .* joint 'elbow_joint'"),
+        ({"velocity": [1, 1]}, InvalidProblem, "velocity must be a number or 6 of them"),
+        ({"max_step": -0.1}, InvalidProblem, "max_step must be above 0"),
+        ({"weights": np.inf}, InvalidProblem, "weights must be above 0 and finite"),
+        ({"start": np.zeros((2, 6))}, InvalidProblem, r"start must have shape \(6,\)"),
+        ({"start": [np.nan] * 6}, InvalidProblem, "start contains NaN"),
+        ({"end": np.zeros(6)}, InvalidProblem, "end does not reach the last pose: it is .* m and .* rad off"),
+        (
+            {"end": np.zeros(6), "closed": True},
+            InvalidProblem,
+            "closed path ends where it begins|end does not reach",
+        ),
+        ({"threads": 0}, InvalidSolver, "threads"),
+        ({"threads": 1.5}, InvalidSolver, "threads"),
+    ],
+)
+def test_what_does_not_fit_is_said(asked: dict[str, Any], error: type[Exception], said: str) -> None:
+    arm = kinseek.load("ur5e")
+    T = line(np.array([0.4, -0.3, 0.3]), np.array([0.4, 0.3, 0.3]), 4)
+    with pytest.raises(error, match=said):
+        arm.follow(T, **asked)
 
 
 def test_functions_and_proofs_are_refused() -> None:
