@@ -31,10 +31,12 @@ def inside_limits(problem: Problem, wide: Layers) -> Layers:
     first = turning.first_turn(wide.q)
     good = turning.inside(first) & wide.there
     first, good = _at_both_ends(turning, first, good)
-    width = min(max(int(good.sum(axis=1).max(initial=1)), 1), MOST)
-    place = np.argsort(~good, axis=1, kind="stable")[:, :width]
-    packed = np.take_along_axis(first, place[:, :, None], axis=1)
-    return Layers(np.ascontiguousarray(packed), np.take_along_axis(good, place, axis=1))
+    good &= np.cumsum(good, axis=1) <= MOST
+    count = good.sum(axis=1)
+    there = np.arange(max(int(count.max(initial=0)), 1)) < count[:, None]
+    packed = np.zeros((*there.shape, first.shape[2]))
+    packed[there] = first[good]
+    return Layers(packed, there)
 
 
 def _at_both_ends(turning: Turning, q: Array, good: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
