@@ -46,6 +46,8 @@ class Asked:
     def part(self, begin: int, end: int) -> Asked:
         """The poses from `begin` up to `end`, asked for by themselves; start and end stay with the first and the last."""
         goal, longest = self.problem.goal, self.longest
+        if begin == 0 and end >= len(self):
+            return self
         if len(longest) > 1:
             first = min(begin, len(longest) - 1)
             longest = longest[first : max(end - 1, first + 1)]
