@@ -345,6 +345,9 @@ RANGES: list[dict[str, Any]] = [
     {"free": ("rx", "ry", "rz"), "box": {"x": (-0.05, 0.05)}},
     {"free": ("rx", "ry", "rz"), "box": {"x": (-0.05, 0.05)}, "frame": "base"},
     {"free": "x"},
+    {"free": "rz", "box": {"rx": (-0.3, 0.3), "ry": (-0.3, 0.3)}},
+    {"box": {"rx": (-0.1, 0.3), "ry": (-0.3, 0.3), "rz": (-1, 1), "z": (0, 0.05)}},
+    {"box": {"rx": (-0.3, 0.3), "ry": (-0.3, 0.3), "rz": (-0.3, 0.3)}, "frame": "base"},
 ]
 
 
@@ -366,6 +369,15 @@ def test_ranges_with_a_start_and_an_end(asked: dict[str, Any]) -> None:
     assert (path.q[-1] == last).all()
     with pytest.raises(InvalidProblem, match="start does not reach the first pose"):
         arm.follow(goal, start=arm.ik(kinseek.pose([0.3, 0.3, 0.3])).q)
+
+
+def test_ranges_about_axes_that_joints_cannot_stand_for_are_refused() -> None:
+    arm = kinseek.load("ur5e")
+    T = line(np.array([0.4, -0.3, 0.3]), np.array([0.4, 0.3, 0.3]), 4)
+    with pytest.raises(InvalidProblem, match="about rx, ry of the tool and none about the third"):
+        arm.follow(Goal.pose(T, box={"rx": (-0.3, 0.3), "ry": (-0.3, 0.3)}))
+    with pytest.raises(InvalidProblem, match="give ranges on both sides of 0"):
+        arm.follow(Goal.pose(T, free="rz", box={"rx": (0.1, 0.3), "ry": (-0.3, 0.3)}))
 
 
 def test_ranges_whose_axes_change_are_refused() -> None:

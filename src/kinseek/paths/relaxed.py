@@ -23,13 +23,17 @@ from kinseek.robots.chain import SerialChain
 from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from kinseek.robots.variants import with_tool
 from kinseek.solvers.atlas.index import atlas_of, wanted_of
-from kinseek.transforms import rotation_onto, square
+from kinseek.transforms import rotation_onto, rotations, square
 
 from .asked import Asked
+from .between import rotation_vectors
 from .joints import Turning
 from .smooth import MEND
 
 Array = NDArray[np.float64]
+
+LEAST_SHARE = 0.25
+"""Of ranges about three axes, so much is left at least."""
 
 LIGHT = 0.02
 """Weight of a joint that stands for a free axis, beside 1 of a joint of the arm: it moves for nothing, but smoothly."""
@@ -47,11 +51,7 @@ def relaxed(asked: Asked) -> tuple[Asked, slice]:
     turns = [i for i in range(3, 6) if goal.ranges[i] != PINNED]
     slides = [i for i in range(3) if goal.ranges[i] != PINNED]
     any_turn = [goal.ranges[i] for i in turns] == [FREE_TURN] * 3
-    if len(turns) > 1 and not any_turn:
-        raise InvalidProblem(
-            f"a path takes a range about one axis, or all three free; this goal has ranges about "
-            f"{', '.join(AXES[i] for i in turns)} of the {goal.frame}"
-        )
+    angles = {} if any_turn else _angles({i: goal.ranges[i] for i in turns}, goal.frame)
     if goal.tool is not None:
         chain = with_tool(chain, square(goal.tool[:3]))
     targets = np.array([square(row) for row in goal.targets])
@@ -67,15 +67,13 @@ def relaxed(asked: Asked) -> tuple[Asked, slice]:
             )
     elif goal.swing is not None and not (tip_slides and slides):
         plain = _swinging(goal, plain, targets)
-    elif turns:
-        (turn,) = turns
-        axis = np.eye(3)[turn - 3]
-        if goal.frame == "base":
-            axis = _constant(
-                np.einsum("kji,j->ki", targets[:, :3, :3], axes @ axis), AXES[turn], "about", "in the tool"
-            )
-        low, high = goal.ranges[turn]
-        chain = _at_tip(chain, axis, AXES[turn], -high, -low, REVOLUTE)
+    else:
+        for turn, (low, high) in angles.items():
+            axis = np.eye(3)[turn - 3]
+            if goal.frame == "base":
+                own = np.einsum("kji,j->ki", targets[:, :3, :3], axes @ axis)
+                axis = _constant(own, AXES[turn], "about", "in the tool")
+            chain = _at_tip(chain, axis, AXES[turn], -high, -low, REVOLUTE)
     reach = 2 * chain.reach + float(np.linalg.norm(goal.targets[:, :, 3], axis=1).max(initial=0.0))
     for i in slides:
         low, high = (float(np.clip(end, -reach, reach)) for end in goal.ranges[i])
@@ -110,6 +108,42 @@ def relaxed(asked: Asked) -> tuple[Asked, slice]:
         valid=valid,
     )
     return part, own
+
+
+def _angles(ranges: dict[int, tuple[float, float]], frame: str) -> dict[int, tuple[float, float]]:
+    """Ranges of angles of joints that follow each other, for ranges of the components of a rotation vector.
+
+    The joint with the widest range is the last. Of three, ranges are made narrower, but not that of a free turn, until no
+    point of a grid leaves those of the vector: what the joints do is wanted, but they cannot do all that is wanted. The
+    path is judged by the goal itself in any case.
+
+    Raises:
+        InvalidProblem: Two axes have ranges and the third has none, or hardly anything is left of them.
+    """
+    if len(ranges) < 2:
+        return ranges
+    told = f"about {', '.join(AXES[i] for i in ranges)} of the {frame}"
+    if len(ranges) == 2:
+        raise InvalidProblem(
+            f"a path takes ranges about one axis, or about all three; this goal has ranges {told} and none about the third: "
+            f"give it a range as well, or leave it free"
+        )
+    order = sorted(ranges, key=lambda i: ranges[i][1] - ranges[i][0])
+    low, high = np.array([ranges[i] for i in order]).T
+    grid = np.stack(np.meshgrid(*[np.linspace(0, 1, 9)] * 2, np.linspace(0, 1, 33)), axis=-1).reshape(-1, 3)
+    for share in np.linspace(1, LEAST_SHARE, 76):
+        part = np.array([share, share, 1.0 if ranges[order[2]] == FREE_TURN else share])
+        first, last = part * low, part * high
+        w = [np.eye(3)[i - 3] * (first[k] + grid[:, [k]] * (last[k] - first[k])) for k, i in enumerate(order)]
+        # The deviation is the last turn, then the second, then the first.
+        vector = rotation_vectors(rotations(w[2]) @ rotations(w[1]) @ rotations(w[0]))[
+            :, [i - 3 for i in order]
+        ]
+        if ((vector >= low - 1e-9) & (vector <= high + 1e-9)).all():
+            return {i: (float(a), float(b)) for i, a, b in zip(order, first, last, strict=True)}
+    raise InvalidProblem(
+        f"the ranges {told} cannot be turned into ranges of angles: give ranges on both sides of 0, or smaller ones"
+    )
 
 
 def _with_ranges(problem: Problem, own: slice, q: Array, i: int) -> Array:
