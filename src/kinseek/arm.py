@@ -326,7 +326,8 @@ class Arm(ForwardArm):
             index = self._branches
             found = index.search(PLAIN, goal, index.view, SPREAD)
             if len(found):
-                return quick_branches(axes, goal, found, index.freedom > 0)
+                # The caller may write the next target into the same array.
+                return quick_branches((axes, goal.copy(), None), axes.dof, found, index.freedom > 0)
         _require_scene(scene, clearance)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self._mechanism, near, "near")

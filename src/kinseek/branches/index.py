@@ -16,12 +16,14 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.branches.refine_all import ANSWER
 from kinseek.kernels.branches.search import ROWS, many_branches
 from kinseek.kernels.branches.twins import SHIFTS, SIGNS
-from kinseek.kinds import Kind
+from kinseek.kinds import POSE, Kind
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
+from kinseek.robots.geometry import arm_length
 from kinseek.robots.sampling import weyl
 from kinseek.shelf import Shelf
 from kinseek.solvers.atlas.index import KEPT, AtlasIndex, atlas_of, wanted_of
+from kinseek.structure.structure import NO_STRUCTURE, structure_of
 from kinseek.turns import shortest
 
 from .result import answers_of
@@ -53,6 +55,8 @@ class BranchIndex:
         self.view: Array = np.array([middle, 1 / np.maximum(half, 1e-12), turning])
         """How `kernels.branches` shall see the answers: from the middle of every range, in halves of it, (3, n); see
         `refine_all.CENTRE`."""
+        self.structure = structure_of(problem.arrays, arm_length(chain)) if kind is POSE else NO_STRUCTURE
+        """What the geometry of the arm gives; nothing where the goal is less than a pose."""
         self.mirrors: Array = np.zeros((0, 3, chain.dof))
         """Every mirror image of the arm, see `twins.SIGNS`, (k, 3, n)."""
         if not self.freedom and chain.dof <= _MOST_MIRRORED:
@@ -63,7 +67,7 @@ class BranchIndex:
         most, number = (count, count) if self.freedom else (ROWS, 0)
         rows, found = np.empty((1, most + 1, view.shape[-1] + ANSWER)), np.empty(1, dtype=np.int64)
         handles, one = (self.coarse.handle, self.fine.handle), (target[None], view[None])
-        many_branches(*handles, wanted, self.mirrors, *one, number, 0, 1, rows, found, LANES)
+        many_branches(*handles, wanted, self.mirrors, self.structure.numbers, *one, number, 0, 1, rows, found, LANES)
         return rows[0, : found[0]]
 
     def _mirrors(self, problem: Problem) -> Array:

@@ -41,6 +41,12 @@ class Wishes:
     count: int | None = None
     prove: bool = False
 
+    @property
+    def as_found(self) -> bool:
+        """Are answers wanted as the kernels find and sort them?"""
+        asks = self.cost is not None or self.valid is not None or self.copies or self.prove
+        return self.order == "mid-range" and not asks
+
 
 def scores(problem: Problem, q: Array, order: str, cost: Cost | None) -> Array:
     """What each answer costs, (k,); the least is best."""

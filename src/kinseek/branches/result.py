@@ -180,17 +180,26 @@ def answers_of(rows: Array, dof: int) -> Answers:
     return Answers(found[:, :dof], found[:, dof : dof + 2], int(last[SPENT]), bool(last[CONTINUUM] > 0.0))
 
 
-def quick_branches(chain: SerialChain, target: Array, found: Array, sampled: bool) -> Branches:
-    """Make branches of one pose under the default tolerances as fast as Python can.
+def quick_branches(
+    question: tuple[SerialChain | Problem, Array, Array | None],
+    dof: int,
+    found: Array,
+    sampled: bool,
+    most: int | None = None,
+) -> Branches:
+    """Make branches of one pose, in the order in which they were found, as fast as Python can.
 
     Args:
-        chain: The arm.
-        target: (4, 4).
+        question: What `MadeWhenAsked` makes a problem of.
+        dof: Joint variables.
         found: What `kernels.branches.search.find_branches` returns.
         sampled: Does the arm have joints to spare?
+        most: So many answers at most; None for all.
     """
-    dof, last = chain.dof, found[-1]
+    last = found[-1]
     count = int(last[ANSWERS])
+    if most is not None:
+        count = min(count, most)
     branches = object.__new__(Branches)
     branches.__dict__.update(
         q=found[:count, :dof],
@@ -200,6 +209,6 @@ def quick_branches(chain: SerialChain, target: Array, found: Array, sampled: boo
         sampled=sampled or bool(last[CONTINUUM] > 0.0),
         evaluations=int(last[SPENT]),
         rejected=0,
-        _question=(chain, target.copy(), None),  # The caller may write the next target into the same array.
+        _question=question,
     )
     return branches

@@ -29,7 +29,9 @@ from kinseek.kernels.atlas.seeds import see, turns_fully
 from kinseek.kernels.atlas.task import EVALUATIONS, HANDLE, WANTED, Task, task_of
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import called, entry, hidden
+from kinseek.kernels.structure.candidates import NUMBERS, WORK
 
+from .closed import SURE, TRIED, UNSURE, closed_starts, serves
 from .refine_all import (
     ANSWERS,
     CENTRE,
@@ -81,6 +83,7 @@ def find_branches(
     fine: Indices,
     wanted: Array,
     mirrors: Array,
+    structure: Array,
     target: Array,
     view: Array,
     result: Array,
@@ -93,6 +96,7 @@ def find_branches(
         fine: The task with the fine atlas, for a target that no coarse sample leads to.
         wanted: See `task_of`.
         mirrors: Of each mirror image, see `twins.SIGNS`, (k, 3, n).
+        structure: See `structure.candidates.KIND`, (NUMBERS,).
         target: (4, 4), lengths in [m].
         view: See `refine_all.CENTRE`, (3, n): answers come sorted by weighted distance.
         result: Receives joint values, position error [m], orientation error [rad] and squared distance of each answer, and
@@ -110,15 +114,24 @@ def find_branches(
     desk = make_desk(memory, dof, joints)
     rows, seeds = np.empty((ROWS, dof)), np.empty((DEEP_STARTS, dof))
     distance, neighbour = np.empty(DEEP_STARTS), np.empty(DEEP_STARTS, dtype=np.int64)
-    tally, image, left = np.zeros(TALLY), np.empty(dof), np.empty(ROWS)
+    tally, image, left, asked = np.zeros(TALLY), np.empty(dof), np.empty(ROWS), np.empty(3)
     tally[WEAKEST] = np.inf
     start(task, desk, target)
-    see(task, desk, target)
-    coordinates(desk.seen, task.division, desk.point)
-    count, told, rounds, begin, late = 0, 0, 0, STARTS, False
+    count, told, rounds, begin, late, done = 0, 0, 0, STARTS, False, False
+    if serves(task, structure):
+        closed_starts(task, structure, target, desk.spare, np.empty(WORK), seeds, asked, w)
+        many = int(asked[TRIED])
+        count = refine_all(
+            handle, wanted, memory, target, seeds, 0, many, rows, left, 0, view[RATES], SIBLING, tally, w
+        )
+        # Nothing lacks where all that must be answers are, and none is left to choose.
+        done = asked[UNSURE] == 0.0 and count >= asked[SURE] and (count > 0 or many == 0)
+    if not done:
+        see(task, desk, target)
+        coordinates(desk.seen, task.division, desk.point)
     # Each pass tells of an answer at least, or goes on to the next of five kinds of starts.
     for _ in range(ROWS + 5):
-        if count >= ROWS:
+        if done or count >= ROWS:
             break
         mode, first, middle = SEEDED, count, 0
         if told < count:
@@ -177,6 +190,7 @@ def find_branches(
     fine=HANDLE,
     wanted=F64[WANTED],
     mirrors=F64["*", 3, "n"],
+    structure=F64[NUMBERS],
     targets=F64["k", 4, 4],
     views=F64["*", 3, "n"],
     number=I64,
@@ -191,6 +205,7 @@ def many_branches(
     fine: Indices,
     wanted: Array,
     mirrors: Array,
+    structure: Array,
     targets: Array,
     views: Array,
     number: int,
@@ -207,6 +222,7 @@ def many_branches(
         fine: See `find_branches`.
         wanted: See `task_of`.
         mirrors: See `find_branches`.
+        structure: See `find_branches`.
         targets: Rigid transforms, (k, 4, 4), lengths in [m].
         views: One for all or one for each, (1 or k, 3, n).
         number: Answers wanted of a sample, else 0.
@@ -222,4 +238,6 @@ def many_branches(
         if number > 0:
             counts[t - begin] = sample_branches(fine, wanted, targets[t], view, number, result, w)
         else:
-            counts[t - begin] = find_branches(handle, fine, wanted, mirrors, targets[t], view, result, w)
+            counts[t - begin] = find_branches(
+                handle, fine, wanted, mirrors, structure, targets[t], view, result, w
+            )

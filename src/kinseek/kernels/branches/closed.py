@@ -1,0 +1,103 @@
+"""Answers of an arm with a closed form: eight candidates, polished, and whether they are all there is."""
+
+from __future__ import annotations
+
+from kinseek.kernels.arm.division import nearest_copy
+from kinseek.kernels.arrays import Array
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.seeds import turns_fully
+from kinseek.kernels.atlas.task import Task
+from kinseek.kernels.jit import hidden
+from kinseek.kernels.structure.candidates import (
+    AGAIN,
+    DEVIATION,
+    FOLD,
+    KIND,
+    LACK,
+    NONE,
+    WEAK,
+    candidates,
+    displacement,
+    set_signs,
+)
+
+LOOSE = 1e-5
+"""Tolerances [m] and [rad] up to which the closed form serves: with looser ones answers are regions, which it knows not of."""
+
+
+ROUNDING = 1e-9
+"""Deviation up to which an arm has its structure exactly."""
+
+
+BESIDE = 1e-3
+"""A candidate is tried if it lies no farther beyond a limit [rad], and if no equation lacks more than that."""
+
+
+CLEAR = 1e-6
+"""Where every equation is farther from having one answer, its two answers are told apart."""
+
+
+FREE = 2e-4
+"""An angle is left to choose where less than this decides it: there answers are continua, within the tolerances."""
+
+
+SPREAD = 10.0
+"""An arm that is off its structure by so much has equations that are off by so many times as much."""
+
+
+TRIED, SURE, UNSURE = range(3)
+"""Places in what is told of candidates: how many are tried, how many of these must be answers, and 1 where there may be
+others than they lead to."""
+
+
+@hidden
+def serves(task: Task, structure: Array) -> bool:
+    """Has the arm a closed form, and are the tolerances such that it tells all?"""
+    tight = max(task.position_tolerance, task.orientation_tolerance) <= LOOSE
+    has: bool = structure[KIND] != NONE and tight
+    return has
+
+
+@hidden
+def closed_starts(
+    task: Task, structure: Array, target: Array, D: Array, work: Array, seeds: Array, told: Array, w: int
+) -> None:
+    """Write the candidates that lie inside the limits, or beside them, into seeds, and tell of them.
+
+    Args:
+        task: The task.
+        structure: See `candidates.KIND`, (NUMBERS,).
+        target: (4, 4), lengths in [m].
+        D: Memory, (3, 4).
+        work: Memory, (WORK,).
+        seeds: Receives joint values, (at least LANES, n).
+        told: See `TRIED`, (3,).
+        w: LANES.
+    """
+    off = SPREAD * structure[DEVIATION]
+    exact = structure[DEVIATION] <= ROUNDING
+    beside, many, sure, unsure = BESIDE + off, 0, 0, 0.0
+    set_signs(work)
+    displacement(structure, target, D)
+    candidates(structure, D, beside, work, w)
+    for l in range(LANES):
+        lack, fold = work[LACK * LANES + l], work[FOLD * LANES + l]
+        if work[WEAK * LANES + l] < FREE + off or (not exact and fold < off):
+            unsure = 1.0
+        if work[AGAIN * LANES + l] > 0.0 or lack > beside:
+            continue
+        inside, fits = True, True
+        for i in range(len(task.lower)):
+            value = work[i * LANES + l]
+            if not turns_fully(task, i):
+                low, high = task.chain.lower[i], task.chain.upper[i]
+                value = nearest_copy(value, low, high, 0.5 * (low + high))
+                fits = fits and low - beside <= value <= high + beside
+                inside = inside and low + off < value < high - off
+                value = min(max(value, low), high)
+            seeds[many, i] = value
+        if fits:
+            many += 1
+            if inside and lack <= 0.0 and fold > CLEAR + off:
+                sure += 1
+    told[TRIED], told[SURE], told[UNSURE] = many, sure, unsure

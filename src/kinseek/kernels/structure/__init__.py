@@ -1,0 +1,1 @@
+"""Closed forms of arms whose axes meet or run parallel."""

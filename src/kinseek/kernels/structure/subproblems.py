@@ -1,0 +1,91 @@
+"""What closed forms are made of, without a branch, so that SIMD lanes run them side by side.
+
+Turns are kept as cosine and sine: only at the end six angles are made of them. Vectors are three numbers each, for lanes
+hold no arrays.
+"""
+
+from __future__ import annotations
+
+import math
+
+from kinseek.kernels.jit import hidden
+
+TINY = 1e-30
+"""Keeps what has no length from being divided by zero; what comes of it is told as weak."""
+
+
+@hidden
+def dot(a: float, b: float, c: float, x: float, y: float, z: float) -> float:
+    """Product of two vectors, a number."""
+    return a * x + b * y + c * z
+
+
+@hidden
+def cross(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Product of two vectors, a vector."""
+    return b * z - c * y, c * x - a * z, a * y - b * x
+
+
+@hidden
+def turned(
+    a: float, b: float, c: float, cosine: float, sine: float, x: float, y: float, z: float
+) -> tuple[float, float, float]:
+    """Turn the vector (x, y, z) about the unit vector (a, b, c) (Rodrigues 1840)."""
+    along = (a * x + b * y + c * z) * (1.0 - cosine)
+    return (
+        cosine * x + sine * (b * z - c * y) + along * a,
+        cosine * y + sine * (c * x - a * z) + along * b,
+        cosine * z + sine * (a * y - b * x) + along * c,
+    )
+
+
+@hidden
+def meet(a: float, b: float, c: float, sign: float) -> tuple[float, float, float, float]:
+    """Solve ``a cos θ + b sin θ = c``: subproblems 3 and 4 of Paden and Kahan, and of Elias and Wen (2022).
+
+    There are two answers, one for each sign. Where there is none, both are the θ that comes closest, as Elias and Wen have it.
+
+    Returns:
+        Cosine and sine of θ; the square of the sine of half the angle between both answers, negative by as much as lacks; and
+        the length of (a, b), without which any θ is as good as another.
+    """
+    square = a * a + b * b
+    length = math.sqrt(square)
+    rest = square - c * c
+    root = sign * math.sqrt(max(rest, 0.0))
+    lost = length < TINY
+    share = 1.0 / max(length * max(length, abs(c)), TINY)
+    cosine = 1.0 if lost else (a * c - b * root) * share
+    sine = 0.0 if lost else (b * c + a * root) * share
+    return cosine, sine, rest / max(square, TINY), length
+
+
+@hidden
+def spin(x: float, y: float) -> tuple[float, float, float]:
+    """Cosine and sine of the direction (x, y), and how long it is: subproblem 1 of Paden and Kahan, in the plane."""
+    length = math.sqrt(x * x + y * y)
+    lost = length < TINY
+    share = 1.0 / max(length, TINY)
+    return 1.0 if lost else x * share, 0.0 if lost else y * share, length
+
+
+@hidden
+def angle(y: float, x: float) -> float:
+    """``atan2(y, x)`` to an ulp or two and without a branch; 0 at the origin."""
+    ax, ay = abs(x), abs(y)
+    t = min(ax, ay) / max(ax, ay, TINY)
+    steep = t > 0.4142135623730950488
+    t = (t - 1.0) / (t + 1.0) if steep else t
+    z = t * t
+    # The rational function of Cephes (Moshier 1989, atan.c), good for |t| < 0.66.
+    p = -1.615753718733365076637e1 - 8.750608600031904122785e-1 * z
+    p = -1.228866684490136173410e2 + z * (-7.500855792314704667340e1 + z * p)
+    p = -6.485021904942025371773e1 + z * p
+    q = 1.650270098316988542046e2 + z * (2.485846490142306297962e1 + z)
+    q = 4.853903996359136964868e2 + z * (4.328810604912902668951e2 + z * q)
+    q = 1.945506571482613964425e2 + z * q
+    value = t + t * (z * (p / q))
+    value = value + 0.25 * math.pi if steep else value
+    value = 0.5 * math.pi - value if ay > ax else value
+    value = math.pi - value if x < 0.0 else value
+    return -value if y < 0.0 else value

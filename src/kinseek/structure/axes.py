@@ -1,0 +1,68 @@
+"""The axes of an arm as lines in space, and where lines meet."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from kinseek.kernels.arrays import Array, ChainArrays
+
+
+class Axes(NamedTuple):
+    """An arm as a product of turns about its axes, ``T = E₁(q₁) … Eₙ(qₙ) T₀`` (Brockett 1984)."""
+
+    direction: Array
+    """Of each axis at q = 0, unit vectors, (n, 3); a joint turns about it by the right hand."""
+    point: Array
+    """On each axis, (n, 3), [m]."""
+    home: Array
+    """T₀, the pose of the tip at q = 0, (4, 4), lengths in [m]."""
+
+    def backwards(self) -> Axes:
+        """The arm from its tip to its base: the inverse of what the axes make together is made by these."""
+        return Axes(-self.direction[::-1], self.point[::-1], self.home)
+
+
+def axes_of(arrays: ChainArrays) -> Axes | None:
+    """The axes of an arm of joints that turn, each by a variable of its own and as far; None for any other arm."""
+    joints = len(arrays.leader)
+    plain = (arrays.leader == np.arange(joints)).all() and len(arrays.lower) == joints
+    if not plain or arrays.prismatic.any() or (np.abs(arrays.multiplier) != 1.0).any():
+        return None
+    frame, directions, points = np.eye(4), [], []
+    for k in range(joints):
+        frame = frame @ np.vstack([arrays.fixed[k], [0.0, 0.0, 0.0, 1.0]])
+        directions.append(frame[:3, 2] * arrays.multiplier[k])
+        points.append(frame[:3, 3].copy())
+        cosine, sine = np.cos(arrays.offset[k]), np.sin(arrays.offset[k])
+        turn = np.array([[cosine, -sine, 0, 0], [sine, cosine, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+        frame = frame @ turn
+    home = frame @ np.vstack([arrays.fixed[joints], [0.0, 0.0, 0.0, 1.0]])
+    return Axes(np.array(directions), np.array(points), home)
+
+
+def meeting(direction: Array, point: Array) -> tuple[Array, float]:
+    """The point nearest to some lines, (3,), and its distance from the farthest of them [m]; the lines, (k, 3) each.
+
+    Lines that are all parallel meet nowhere: the distance is infinite.
+    """
+    across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
+    values = np.linalg.svd(across.sum(axis=0), compute_uv=False)
+    if values[-1] < 1e-6:
+        return point[0], np.inf
+    centre = point.mean(axis=0)
+    offset = np.einsum("kij,kj->i", across, point - centre)
+    x = centre + np.linalg.solve(across.sum(axis=0), offset)
+    return x, float(np.linalg.norm(np.einsum("kij,kj->ki", across, x - point), axis=1).max())
+
+
+def slant(direction: Array) -> float:
+    """The largest angle between the first of some axes, (k, 3), and the others, whichever way they point [rad]."""
+    sines = np.linalg.norm(np.cross(direction[0], direction[1:]), axis=1)
+    return float(np.arcsin(np.minimum(sines, 1.0)).max())
+
+
+def nearest_on(direction: Array, point: Array, x: Array) -> Array:
+    """The point of each line, (k, 3), that is nearest to x, (3,)."""
+    return np.asarray(point + direction * np.einsum("kj,kj->k", direction, x - point)[:, None])
