@@ -177,7 +177,7 @@ def test_errors_are_recomputed_and_everything_explains_itself() -> None:
     target = arm.fk([0.3, -1.2, 1.4, -0.8, 1.1, 0.2])
     branches = one(arm.branches(target))
     assert len(branches) == len(list(branches)) == 8
-    assert branches.evaluations > 8
+    assert branches.evaluations >= 8
     assert branches.rejected == 0
     assert not branches.sampled
     np.testing.assert_array_equal(branches[0], branches.q[0])

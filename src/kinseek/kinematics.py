@@ -20,9 +20,11 @@ from .kernels.arm.jacobian import jacobian_many
 from .poses import one_pose
 from .problem import Problem, as_joints
 from .robots import Mechanism, SerialChain, as_mechanism, black_box, read_dh
+from .robots.geometry import arm_length
 from .robots.mechanism import no_axes
 from .robots.variants import with_limits, with_locked, with_tool
 from .shapes import Joints, Matrix, Pose, Poses, Rows, Unshaped, Vector
+from .structure.structure import FUNCTION, Structure, structure_of
 
 Array = NDArray[np.float64]
 
@@ -122,6 +124,15 @@ class ForwardArm:
             InvalidProblem: The arm is a function; `mechanism` is there, and `axes` is None.
         """
         return self._require_axes("a chain is made of axes and links")
+
+    @property
+    def structure(self) -> Structure:
+        """Which of its axes meet or run parallel, how exactly, and what comes of it: a word and a sentence.
+
+        Where that makes a closed form, `branches` does not search.
+        """
+        axes = self._axes
+        return FUNCTION if axes is None else structure_of(axes.arrays, arm_length(axes))
 
     @property
     def name(self) -> str:

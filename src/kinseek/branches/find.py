@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from kinseek.errors import InvalidProblem, suggest
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.branches.refine_all import ANSWER, RATES
+from kinseek.kernels.branches.refine_all import ANSWER, CENTRE, RATES
 from kinseek.kernels.branches.search import ROWS, many_branches
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
@@ -24,7 +23,7 @@ from kinseek.turns import TURN
 
 from .index import BranchIndex, index_of
 from .order import ORDERS, Cost, Wishes, is_valid, scores
-from .result import Branches, BranchesBatch, answers_of, quick_branches
+from .result import AsFound, Branches, BranchesBatch, answers_of
 
 SPREAD = 50
 """Answers in a sample, unless told otherwise."""
@@ -57,27 +56,16 @@ def branches_of(problem: Problem, wishes: Wishes, threads: int | None = None) ->
         near = np.broadcast_to(problem.near, (*goal.shape, problem.chain.dof)).reshape(-1, problem.chain.dof)
         views = np.stack([near, np.ones_like(near), np.broadcast_to(index.view[RATES], near.shape)], axis=1)
     found = _search(index, wanted, targets, np.ascontiguousarray(views), number, threads, deadline)
-    if goal.shape and len(found) and wishes.as_found and all(rows is not None for rows in found):
-        return BranchesBatch(tuple(_as_found(problem, found, index, wishes.count)), goal.shape)
+    if goal.shape and wishes.as_found and found:
+        whole = [rows for rows in found if rows is not None]
+        if len(whole) == len(found):
+            nears = None if problem.near is None else views[:, CENTRE]
+            return BranchesBatch(AsFound(problem, whole, nears, index.freedom > 0, wishes.count), goal.shape)
     each = tuple(
         _none(one, index) if rows is None else _finish(one, rows, index, wishes, deadline)
         for one, rows in zip(problem.each(), found, strict=True)
     )
     return BranchesBatch(each, goal.shape) if goal.shape else each[0]
-
-
-def _as_found(
-    problem: Problem, found: list[Array | None], index: BranchIndex, most: int | None
-) -> Iterator[Branches]:
-    """Answers to each target of a batch as the kernels found and sorted them; their problems are made when asked for."""
-    one, dof, sampled = next(problem.each()), problem.chain.dof, index.freedom > 0
-    targets = problem.goal.target.reshape(-1, 4, 4)
-    nears: Array | list[None] = [None] * len(found)
-    if problem.near is not None:
-        nears = np.broadcast_to(problem.near, (*problem.goal.shape, dof)).reshape(-1, dof)
-    for target, near, rows in zip(targets, nears, found, strict=True):
-        if rows is not None:
-            yield quick_branches((one, target, near), dof, rows, sampled, most)
 
 
 def _check(problem: Problem, wishes: Wishes) -> None:

@@ -67,7 +67,9 @@ class BranchIndex:
         most, number = (count, count) if self.freedom else (ROWS, 0)
         rows, found = np.empty((1, most + 1, view.shape[-1] + ANSWER)), np.empty(1, dtype=np.int64)
         handles, one = (self.coarse.handle, self.fine.handle), (target[None], view[None])
-        many_branches(*handles, wanted, self.mirrors, self.structure.numbers, *one, number, 0, 1, rows, found, LANES)
+        many_branches(
+            *handles, wanted, self.mirrors, self.structure.numbers, *one, number, 0, 1, rows, found, LANES
+        )
         return rows[0, : found[0]]
 
     def _mirrors(self, problem: Problem) -> Array:

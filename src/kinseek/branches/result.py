@@ -101,11 +101,11 @@ class BranchesBatch(Sequence[Branches]):
     there are answers, `counts` says.
 
     Attributes:
-        each: The answers, one `Branches` a goal.
+        each: The answers, one `Branches` a goal; where they are wanted as they were found, made when they are looked at.
         shape: Shape of the batch.
     """
 
-    each: tuple[Branches, ...]
+    each: Sequence[Branches]
     shape: tuple[int, ...]
 
     @overload
@@ -123,7 +123,8 @@ class BranchesBatch(Sequence[Branches]):
     @property
     def counts(self) -> NDArray[np.int64]:
         """Number of answers to each goal, of the batch's shape."""
-        return np.array([len(one) for one in self.each], dtype=np.int64).reshape(self.shape)
+        counts = self.each.counts if isinstance(self.each, AsFound) else [len(one) for one in self.each]
+        return np.array(counts, dtype=np.int64).reshape(self.shape)
 
     @property
     def offsets(self) -> NDArray[np.int64]:
@@ -135,7 +136,7 @@ class BranchesBatch(Sequence[Branches]):
         """Answers of all goals, one after the other, (K, n), [rad] or [m]."""
         if not self.each:
             return np.zeros((0, 0))
-        return np.concatenate([one.q for one in self.each])
+        return np.concatenate(self.each.q if isinstance(self.each, AsFound) else [one.q for one in self.each])
 
     def to_frame(self) -> Any:
         """A ``pandas.DataFrame``: a row for each answer to each goal, called by the goal's flat number and its own.
@@ -212,3 +213,55 @@ def quick_branches(
         _question=question,
     )
     return branches
+
+
+class AsFound(Sequence[Branches]):
+    """The answers to each goal of a batch in the order in which they were found; a `Branches` is made when it is looked at.
+
+    To make one takes as long as to find its answers where the arm has a closed form.
+    """
+
+    def __init__(
+        self, problem: Problem, found: list[Array], nears: Array | None, sampled: bool, most: int | None
+    ) -> None:
+        """Keep what was found.
+
+        Args:
+            problem: The question, of a batch that is not empty.
+            found: Of each goal what `kernels.branches.search.find_branches` returns.
+            nears: Of each goal what its answers are near to, (k, n), or None.
+            sampled: Does the arm have joints to spare?
+            most: So many answers at most; None for all.
+        """
+        self._one, self._targets = next(problem.each()), problem.goal.target.reshape(-1, 4, 4)
+        self._found, self._nears, self._sampled, self._most = found, nears, sampled, most
+        self._dof, self._made = problem.chain.dof, dict[int, Branches]()
+
+    def __len__(self) -> int:
+        """How many goals there are."""
+        return len(self._found)
+
+    @overload
+    def __getitem__(self, index: int) -> Branches: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Branches, ...]: ...
+    def __getitem__(self, index: int | slice) -> Branches | tuple[Branches, ...]:
+        """The answers to one goal, the same object every time, or to some."""
+        if isinstance(index, slice):
+            return tuple(self[i] for i in range(*index.indices(len(self))))
+        i = range(len(self))[index]
+        if i not in self._made:
+            question = self._one, self._targets[i], None if self._nears is None else self._nears[i]
+            self._made[i] = quick_branches(question, self._dof, self._found[i], self._sampled, self._most)
+        return self._made[i]
+
+    @property
+    def counts(self) -> list[int]:
+        """Number of answers to each goal."""
+        most = np.inf if self._most is None else self._most
+        return [int(min(rows[-1, ANSWERS], most)) for rows in self._found]
+
+    @property
+    def q(self) -> list[Array]:
+        """Answers to each goal, (k, n), [rad] or [m]."""
+        return [rows[:count, : self._dof] for rows, count in zip(self._found, self.counts, strict=True)]

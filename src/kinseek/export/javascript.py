@@ -139,7 +139,7 @@ def _arm_as_data(arm: Arm) -> dict[str, Any]:
     numbers, lengths = task["numbers"].tolist(), task["lengths"].tolist()
     division = Division(numbers[HEAD], numbers[TAIL], numbers[COLUMNS], lengths[DIRECTION])
     arrays = {name: each for name, each in task.items() if name not in (*_MADE, "routines")}
-    arrays |= {"view": index.view, "mirrors": index.mirrors}
+    arrays |= {"view": index.view, "mirrors": index.mirrors, "structure": index.structure.numbers}
     return {
         "name": arm.name,
         "joint_names": list(arm.joint_names),

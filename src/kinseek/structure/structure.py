@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -40,7 +41,7 @@ class Structure:
     """How far the arm is from it [rad], lengths in parts of the arm's size; infinite where there is none."""
     exact: bool
     """Is that no more than rounding?"""
-    numbers: Array = field(repr=False)
+    numbers: Array
     """See `kernels.structure.candidates.KIND`."""
 
     def __repr__(self) -> str:
@@ -137,7 +138,7 @@ def _numbers(
     h /= np.linalg.norm(h)
     points = nearest_on(axes.direction, axes.point, x)
     corners = [points[1], points[2], points[3] if kind == form.PARALLEL else x]
-    links = [b - a for a, b in zip(corners[:-1], corners[1:], strict=True)]
+    links = [b - a for a, b in pairwise(corners)]
     if min(np.linalg.norm(link - h * (h @ link)) for link in links) < SHORT * size:
         return None
     numbers = np.zeros(form.NUMBERS)
@@ -173,3 +174,7 @@ def _across(h: Array) -> Array:
 
 NO_STRUCTURE = _none("the goal leaves more open than a closed form decides")
 """What a goal that is less than a pose has."""
+
+
+FUNCTION = _none("the arm is a function, whose axes are not known")
+"""What an arm has of which only values are known."""

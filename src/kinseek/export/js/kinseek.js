@@ -217,6 +217,7 @@ class Arm {
       fine: this.fine,
       wanted: this.arrays.plain,
       mirrors: this.arrays.mirrors,
+      structure: this.arrays.structure,
       targets: this.target,
       views: this.eye,
       number,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from kinseek.kernels.arm.division import nearest_copy
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
@@ -22,7 +24,8 @@ from kinseek.kernels.structure.candidates import (
 )
 
 LOOSE = 1e-5
-"""Tolerances [m] and [rad] up to which the closed form serves: with looser ones answers are regions, which it knows not of."""
+"""Tolerances [m] and [rad] up to which the closed form serves: with looser ones answers are regions, of which it knows
+nothing."""
 
 
 ROUNDING = 1e-9
@@ -30,7 +33,8 @@ ROUNDING = 1e-9
 
 
 BESIDE = 1e-3
-"""A candidate is tried if it lies no farther beyond a limit [rad], and if no equation lacks more than that."""
+"""A candidate is tried if it lies no farther beyond a limit [rad], and if no equation lacks more than that; farther where
+the arm is off its structure."""
 
 
 CLEAR = 1e-6
@@ -81,19 +85,22 @@ def closed_starts(
     displacement(structure, target, D)
     candidates(structure, D, beside, work, w)
     for l in range(LANES):
-        lack, fold = work[LACK * LANES + l], work[FOLD * LANES + l]
-        if work[WEAK * LANES + l] < FREE + off or (not exact and fold < off):
+        lack, weak, fold = work[LACK * LANES + l], work[WEAK * LANES + l], work[FOLD * LANES + l]
+        again = work[AGAIN * LANES + l] > 0.0
+        if weak < FREE + off or (not exact and (fold < off or (not again and 0.0 < lack <= beside))):
             unsure = 1.0
-        if work[AGAIN * LANES + l] > 0.0 or lack > beside:
+        if again or lack > beside:
             continue
+        # What an angle is off by: more where little decides it.
+        err = off / max(weak * math.sqrt(fold), FREE)
         inside, fits = True, True
         for i in range(len(task.lower)):
             value = work[i * LANES + l]
             if not turns_fully(task, i):
                 low, high = task.chain.lower[i], task.chain.upper[i]
                 value = nearest_copy(value, low, high, 0.5 * (low + high))
-                fits = fits and low - beside <= value <= high + beside
-                inside = inside and low + off < value < high - off
+                fits = fits and low - BESIDE - err <= value <= high + BESIDE + err
+                inside = inside and low + err < value < high - err
                 value = min(max(value, low), high)
             seeds[many, i] = value
         if fits:

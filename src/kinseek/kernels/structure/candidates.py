@@ -8,7 +8,8 @@ other end is taken backwards: ``D⁻¹ = E₆(-q₆) … E₁(-q₁)``.
 Axes 2 and 3 run parallel to h, and a point x is moved by neither of the last axes: with ``c = D x`` what E₁⁻¹ c has along h
 is what x has, for turns about h leave it, and that decides q₁. Then there is a triangle in the plane across h.
 
-- A wrist whose three axes meet in x (Pieper 1968): the triangle decides q₂ and q₃, what is left of the orientation the wrist.
+- A wrist whose three axes meet in x (Pieper 1968): the triangle decides q₂ and q₃, and the orientation that is left
+  decides the wrist.
 - Axis 4 parallel as well, axes 5 and 6 meet in x: the orientation of h decides q₅ and q₆, the triangle the rest.
 """
 
@@ -40,8 +41,8 @@ HOME = 7
 
 
 H1, P1, H, E, X, H4, H5, H6, A6, P2, P3, P4 = range(HOME + 12, HOME + 12 + 3 * 12, 3)
-"""Where vectors begin: directions of axes 1, 4, 5 and 6, and h of those that are parallel; E and A6, across h and axis 6; the
-point x; and a point on each of the first axes."""
+"""Where vectors begin: directions of axes 1, 4, 5 and 6, and h of those that are parallel; E and A6, across h and axis 6;
+the point x; and a point on each of the first axes."""
 
 
 NUMBERS = P4 + 3
@@ -264,7 +265,11 @@ def parallel_three(structure: Array, D: Array, far: float, work: Array, w: int) 
         # h as E₁ leaves it, and what of it D and E₆ have to make h turned back by E₅.
         rx, ry, rz = turned(ax, ay, az, c1, s1, hx, hy, hz)
         c5, s5, rest5, _ = meet(a5, b5, dot(rx, ry, rz, wx, wy, wz) - along5, three)
-        gx, gy, gz = d00 * rx + d10 * ry + d20 * rz, d01 * rx + d11 * ry + d21 * rz, d02 * rx + d12 * ry + d22 * rz
+        gx, gy, gz = (
+            d00 * rx + d10 * ry + d20 * rz,
+            d01 * rx + d11 * ry + d21 * rz,
+            d02 * rx + d12 * ry + d22 * rz,
+        )
         vx, vy, vz = turned(bx, by, bz, c5, -s5, hx, hy, hz)
         nx, ny, nz = cross(gx, gy, gz, vx, vy, vz)
         flat = dot(gx, gy, gz, vx, vy, vz) - dot(zx, zy, zz, gx, gy, gz) * dot(zx, zy, zz, vx, vy, vz)
@@ -272,13 +277,21 @@ def parallel_three(structure: Array, D: Array, far: float, work: Array, w: int) 
         # What E₂ E₃ E₄ make of e.
         vx, vy, vz = turned(bx, by, bz, c5, -s5, ex, ey, ez)
         gx, gy, gz = turned(zx, zy, zz, c6, -s6, vx, vy, vz)
-        vx, vy, vz = dot(d00, d01, d02, gx, gy, gz), dot(d10, d11, d12, gx, gy, gz), dot(d20, d21, d22, gx, gy, gz)
+        vx, vy, vz = (
+            dot(d00, d01, d02, gx, gy, gz),
+            dot(d10, d11, d12, gx, gy, gz),
+            dot(d20, d21, d22, gx, gy, gz),
+        )
         gx, gy, gz = turned(ax, ay, az, c1, -s1, vx, vy, vz)
         all0, all1 = dot(ex, ey, ez, gx, gy, gz), dot(fx, fy, fz, gx, gy, gz)
         # Where E₂ E₃ take the point on axis 4.
         vx, vy, vz = turned(bx, by, bz, c5, -s5, tx, ty, tz)
         gx, gy, gz = turned(zx, zy, zz, c6, -s6, vx, vy, vz)
-        vx, vy, vz = dot(d00, d01, d02, gx, gy, gz), dot(d10, d11, d12, gx, gy, gz), dot(d20, d21, d22, gx, gy, gz)
+        vx, vy, vz = (
+            dot(d00, d01, d02, gx, gy, gz),
+            dot(d10, d11, d12, gx, gy, gz),
+            dot(d20, d21, d22, gx, gy, gz),
+        )
         gx, gy, gz = turned(ax, ay, az, c1, -s1, vx + ux, vy + uy, vz + uz)
         gx, gy, gz = gx + ox, gy + oy, gz + oz
         g0, g1 = dot(ex, ey, ez, gx, gy, gz), dot(fx, fy, fz, gx, gy, gz)

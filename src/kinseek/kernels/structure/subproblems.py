@@ -43,11 +43,12 @@ def turned(
 def meet(a: float, b: float, c: float, sign: float) -> tuple[float, float, float, float]:
     """Solve ``a cos θ + b sin θ = c``: subproblems 3 and 4 of Paden and Kahan, and of Elias and Wen (2022).
 
-    There are two answers, one for each sign. Where there is none, both are the θ that comes closest, as Elias and Wen have it.
+    There are two answers, one for each sign. Where there is none, both are the θ that comes closest, as in
+    Elias and Wen.
 
     Returns:
-        Cosine and sine of θ; the square of the sine of half the angle between both answers, negative by as much as lacks; and
-        the length of (a, b), without which any θ is as good as another.
+        Cosine and sine of θ; the square of the sine of half the angle between both answers, negative by as much as lacks;
+        and the length of (a, b), without which any θ is as good as another.
     """
     square = a * a + b * b
     length = math.sqrt(square)
