@@ -12,6 +12,7 @@ from kinseek.kernels.atlas.task import Task
 from kinseek.kernels.jit import hidden
 from kinseek.kernels.structure.candidates import (
     AGAIN,
+    BACKWARD,
     DEVIATION,
     FOLD,
     KIND,
@@ -95,7 +96,8 @@ def closed_starts(
         err = off / max(weak * math.sqrt(fold), FREE)
         inside, fits = True, True
         for i in range(len(task.lower)):
-            value = work[i * LANES + l]
+            row = len(task.lower) - 1 - i if structure[BACKWARD] > 0.0 else i
+            value = work[row * LANES + l]
             if not turns_fully(task, i):
                 low, high = task.chain.lower[i], task.chain.upper[i]
                 value = nearest_copy(value, low, high, 0.5 * (low + high))

@@ -105,6 +105,8 @@ def displacement(structure: Array, target: Array, D: Array) -> None:
 def candidates(structure: Array, D: Array, far: float, work: Array, w: int) -> None:
     """Write the angles of eight candidates and what is told of them into work; its signs are set.
 
+    The angles of an arm that is taken backwards come from its last joint to its first.
+
     Args:
         structure: See `KIND`, (NUMBERS,).
         D: See `displacement`, (3, 4).
