@@ -8,9 +8,11 @@
     ├── InvalidSolver(ValueError)    the search's own parameters
     ├── InvalidExport(ValueError)    what a controller is given: target, folder, memory
     ├── InvalidScene(ValueError)     what an arm may hit: shapes, bodies, pairs, files of geometry
+    ├── InvalidMap(ValueError)       a map of the workspace: grid, store, workers
     ├── InvalidUse(TypeError)         a result is used as what it is not: a solution as a truth value
     ├── MissingExtra(ImportError)    an optional dependency is not installed
     ├── PathInterrupted(RuntimeError) an iterator of poses raised; carries the path through those before
+    ├── MapInterrupted(RuntimeError) the making of a map ended early; what is done stays in its store
     └── NotReached(RuntimeError)     raised only by require(); carries the solution, or the path
 
 Missing a tolerance is a status of the solution, never an exception.
@@ -68,6 +70,10 @@ class InvalidScene(KinseekError, ValueError):
     """What an arm may hit cannot be used: a shape, a body, a pair of them, a file with geometry."""
 
 
+class InvalidMap(KinseekError, ValueError):
+    """A map of the workspace cannot be made so: the grid, the store, or a worker with another version."""
+
+
 class InvalidUse(KinseekError, TypeError):
     """A result is used as what it is not: a solution as a truth value, the answer to one target as a sequence."""
 
@@ -92,6 +98,19 @@ class PathInterrupted(KinseekError, RuntimeError):
     def __reduce__(self) -> tuple[type[PathInterrupted], tuple[str, Any]]:
         """Pickle with the path."""
         return type(self), (str(self), self.path)
+
+
+class MapInterrupted(KinseekError, RuntimeError):
+    """The making of a map ended early: workers or scheduler gone, disk full. What is done stays; the same call goes on."""
+
+    def __init__(self, message: str, done: int, blocks: int) -> None:
+        """Carry how many of the blocks are done."""
+        super().__init__(message)
+        self.done, self.blocks = done, blocks
+
+    def __reduce__(self) -> tuple[type[MapInterrupted], tuple[str, int, int]]:
+        """Pickle with the numbers."""
+        return type(self), (str(self), self.done, self.blocks)
 
 
 class NotReached(KinseekError, RuntimeError):

@@ -1,0 +1,162 @@
+"""What a worker does: one block of a map, each arm's atlas built once a process."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek.arm import Arm
+from kinseek.errors import InvalidMap
+from kinseek.goal import Goal
+from kinseek.kernels.sources import source_digest
+from kinseek.robots import SerialChain
+
+from .cells import cells_of_block
+from .first_joint import FirstJoint, divided, turns
+from .grid import Grid, Rings, grid_of
+from .measures import REACHED, measured
+
+Array = NDArray[np.float64]
+Index = tuple[int, ...]
+
+
+@lru_cache(maxsize=1)
+def version() -> str:
+    """Of kinseek, with a digest of what its answers are computed by: equal ones give equal bits."""
+    return f"{kinseek.__version__}+{source_digest()}"
+
+
+def digest(chain: SerialChain) -> str:
+    """Of what an arm's answers depend on: axes, limits, couplings."""
+    told = hashlib.sha256(repr(chain.kinds).encode())
+    for array in (
+        chain.fixed,
+        chain.prismatic,
+        chain.leader,
+        chain.multiplier,
+        chain.offset,
+        chain.lower,
+        chain.upper,
+    ):
+        told.update(np.ascontiguousarray(array).tobytes())
+    return told.hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class Work:
+    """All that a worker has to know; some kB."""
+
+    chain: SerialChain
+    arm: str
+    """Digest of the arm."""
+    grid: dict[str, Any]
+    chunks: Index
+    what: tuple[str, ...]
+    position_tolerance: float
+    orientation_tolerance: float
+    prove: bool
+    depth: int
+    budget: int
+    version: str
+    store: str | None
+    """Folder that the block is written to; None: it is sent back."""
+
+    def part(self, index: Index) -> tuple[slice, ...]:
+        """The cells of a block."""
+        return tuple(slice(i * n, (i + 1) * n) for i, n in zip(index, self.chunks, strict=True))
+
+
+def slim(chain: SerialChain) -> SerialChain:
+    """An arm as it travels: axes and limits, without its file."""
+    return replace(chain, urdf=b"", packages={}, frames={}, source="")
+
+
+class Desk:
+    """What a process keeps for an arm and a grid."""
+
+    def __init__(self, work: Work) -> None:
+        """Make the arm; its atlas is built at the first question."""
+        self.grid: Grid | Rings = grid_of(work.grid)
+        chain = deepcopy(work.chain)  # What comes over the wire may not be written to, and kernels take no such arrays.
+        self.first: FirstJoint | None = divided(chain) if isinstance(self.grid, Rings) else None
+        self.arm = Arm(chain if self.first is None else self.first.chain)
+
+
+_desks: dict[str, Desk] = {}
+_making = threading.Lock()
+
+
+def desk_of(work: Work) -> Desk:
+    """The desk of this process for such work; the last few are kept."""
+    key = f"{work.arm} {sorted(work.grid.items())}"
+    with _making:
+        if key not in _desks:
+            while len(_desks) > 3:
+                _desks.pop(next(iter(_desks)))
+            _desks[key] = Desk(work)
+        return _desks[key]
+
+
+def compute(work: Work, index: Index) -> dict[str, Array]:
+    """Answer the poses of one block: an array of each variable."""
+    desk = desk_of(work)
+    return answered(work, desk, desk.grid.poses(work.part(index)), work.part(index))
+
+
+def answered(work: Work, desk: Desk, poses: Array, part: Sequence[slice]) -> dict[str, Array]:
+    """Of each variable an array, for poses, (..., 4, 4), that are the middles of a part of the grid's cells."""
+    options = {"position": work.position_tolerance, "orientation": work.orientation_tolerance}
+
+    def goal(T: Array) -> Goal:
+        return Goal.pose(
+            T, position_tolerance=options["position"], orientation_tolerance=options["orientation"]
+        )
+
+    values = measured(desk.arm, poses, work.what, goal, free=int(desk.first is not None))
+    if desk.first is not None:
+        found = values[REACHED].ravel() == 1
+        begins, ends = turns(desk.first, desk.arm, poses.reshape(-1, 4, 4), found, goal)
+        values["turn_from"], values["turn_to"] = (each.reshape(found.shape) for each in (begins, ends))
+        values = {name: each.reshape(poses.shape[:-2]) for name, each in values.items()}
+    if work.prove:
+        values |= cells_of_block(desk.arm, desk.grid, part, values[REACHED] == 1, work.depth, work.budget)
+    return values
+
+
+def do(work: Work, index: Index) -> dict[str, Array] | None:
+    """Do one block, on a worker: write it to the store, or send it back; a block that is written already is left alone.
+
+    Raises:
+        InvalidMap: The worker has another version of kinseek, or does not see the store.
+        OSError: The block cannot be written.
+    """
+    if version() != work.version:
+        raise InvalidMap(
+            f"worker {_here()} has kinseek {version()}, and this map is made with {work.version}; install the same there"
+        )
+    if work.store is None:
+        return compute(work, index)
+    from .store import Store
+
+    store = Store.at(work.store, _here)
+    if not store.is_done(index):
+        store.write(index, compute(work, index))
+    return None
+
+
+def _here() -> str:
+    from distributed import get_worker
+
+    try:
+        return str(get_worker().address)
+    except ValueError:  # No worker: this process.
+        return "here"

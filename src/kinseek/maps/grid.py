@@ -1,0 +1,256 @@
+"""Which poses a map is made of: boxes of positions, or rings about the first joint's axis, times orientations."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kinseek.errors import InvalidMap
+
+from .orientations import Orientations, about_z, orientations
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Range = tuple[float, float, float]
+"""From, to, and the width of a cell [m]."""
+
+MOST = 10**11
+"""Cells of a grid."""
+
+BLOCK = 32_768
+"""Poses of a block, more or less: a tenth of a second to some seconds of one core."""
+
+_FITS = 1e-6
+"""By how much of a cell a range may miss a whole number of cells: numbers such as 0.05 are rounded."""
+
+
+class Cells:
+    """What grids of both kinds have in common. Places are along `places`, orientations are the last dimension."""
+
+    names: ClassVar[tuple[str, ...]]
+    """Dimensions before that of orientations."""
+    orientations: Orientations
+
+    @cached_property
+    def places(self) -> tuple[Array, ...]:
+        """Middles of the cells along each dimension before the last [m]."""
+        ranges = (getattr(self, name) for name in self.names)
+        return tuple(low + step * (np.arange(_count(low, high, step)) + 0.5) for low, high, step in ranges)
+
+    @property
+    def widths(self) -> tuple[float, ...]:
+        """Of a cell along each dimension before the last [m]."""
+        return tuple(float(getattr(self, name)[2]) for name in self.names)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Cells along each dimension, orientations last."""
+        return (*(len(each) for each in self.places), len(self.orientations))
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Names of the dimensions."""
+        return (*self.names, "orientation")
+
+    @property
+    def size(self) -> int:
+        """Cells of all."""
+        return int(np.prod([float(n) for n in self.shape]))
+
+    @property
+    def half_diagonal(self) -> float:
+        """No position of a cell is farther from its middle [m]."""
+        return float(np.linalg.norm(self.widths)) / 2
+
+    def chunks(self, poses: int = BLOCK) -> tuple[int, ...]:
+        """Shape of the blocks of about so many poses: a cube of places with as many orientations as fit."""
+        if self.size <= poses:
+            return self.shape
+        turns = min(self.shape[-1], poses)
+        sides, left = [], poses // turns
+        for k, n in enumerate(self.shape[:-1]):
+            side = max(1, min(n, round(left ** (1.0 / (len(self.names) - k)))))
+            sides.append(side)
+            left //= side
+        return (*sides, turns)
+
+    def description(self) -> dict[str, Any]:
+        """What it is made of, as JSON has it."""
+        ranges = {name: list(map(float, getattr(self, name))) for name in self.names}
+        turns = {"orientations": len(self.orientations), "directions": len(self.orientations.regions)}
+        digest = hashlib.sha256(np.ascontiguousarray(self.orientations.regions).tobytes()).hexdigest()
+        return {"kind": type(self).__name__, **ranges, **turns, "orientations_digest": digest[:16]}
+
+    def _check(self) -> None:
+        for name in self.names:
+            object.__setattr__(self, name, _range(name, getattr(self, name)))
+        if not isinstance(self.orientations, Orientations):
+            object.__setattr__(self, "orientations", orientations(self.orientations))
+        if self.size > MOST:
+            raise InvalidMap(
+                f"a grid of {self.size:.3g} cells ({' x '.join(map(str, self.shape))}) is too large: at 3 µs a cell it takes "
+                f"{self.size * 3e-6 / 3600:,.0f} core-hours and {self.size / 1e9:,.0f} GB a variable; at most {MOST:,} cells. "
+                f"Widen the step, take fewer orientations, map a part, or divide out the first joint with Rings"
+            )
+
+    def _index(self, name: str, values: Array) -> Indices:
+        low, high, step = getattr(self, name)
+        cell = np.floor((values - low) / step).astype(np.int64)
+        inside = (values >= low - _FITS * step) & (values <= high + _FITS * step)
+        return np.where(inside, np.clip(cell, 0, _count(low, high, step) - 1), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Grid(Cells):
+    """Boxes of positions in the arm's base, times orientations of its tip.
+
+    Raises:
+        InvalidMap: A range that is none, or more cells than a map can have.
+    """
+
+    names: ClassVar[tuple[str, ...]] = ("x", "y", "z")
+    x: Range
+    """From, to, and the width of a cell [m]; the cells fill the range."""
+    y: Range
+    z: Range
+    orientations: Orientations
+    """A grid on SO(3), or how many orientations one shall have; see `kinseek.maps.orientations`."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        self._check()
+
+    def poses(self, part: Sequence[slice]) -> Array:
+        """Poses in the middles of some cells, (a, b, c, k, 4, 4), lengths in [m].
+
+        Args:
+            part: Of each dimension, which cells.
+        """
+        x, y, z = (each[some] for each, some in zip(self.places, part, strict=False))
+        turns = self.orientations.matrices[part[-1]]
+        T = np.zeros((len(x), len(y), len(z), len(turns), 4, 4))
+        T[..., 3, 3] = 1.0
+        T[..., :3, :3] = turns
+        T[..., 0, 3] = x[:, None, None, None]
+        T[..., 1, 3] = y[:, None, None]
+        T[..., 2, 3] = z[:, None]
+        return T
+
+    def cells_of(self, T: ArrayLike) -> tuple[Indices, ...]:
+        """Numbers of the cells that poses lie in, one array (...) a dimension; -1 outside of the grid.
+
+        Args:
+            T: Poses, (..., 4, 4), lengths in [m].
+        """
+        poses = np.asarray(T, dtype=float)
+        where = (self._index(name, poses[..., k, 3]) for k, name in enumerate(self.names))
+        return (*where, self.orientations.nearest(poses[..., :3, :3]))
+
+    @property
+    def volume(self) -> float:
+        """Of the boxes of positions [m³]."""
+        return float(np.prod([len(each) for each in self.places]) * np.prod(self.widths))
+
+
+@dataclass(frozen=True, eq=False)
+class Rings(Cells):
+    """Rings of poses about the axis of an arm's first joint, times orientations: one plane of cells serves all around.
+
+    A pose turned about the first axis is reached by the same joint values but for the first. So what counts of a position
+    is its distance from the axis and its height along it, measured in the frame of the first joint; orientations are those
+    of the pose that lies in the plane of that frame's x and z axes.
+
+    Raises:
+        InvalidMap: A range that is none, a negative radius, or more cells than a map can have.
+    """
+
+    names: ClassVar[tuple[str, ...]] = ("radius", "height")
+    radius: Range
+    """Distance from the first axis: from, to, and the width of a cell [m]."""
+    height: Range
+    """Along the first axis, from where the first joint's frame stands: from, to, and the width of a cell [m]."""
+    orientations: Orientations
+    """A grid on SO(3), or how many orientations one shall have; see `kinseek.maps.orientations`."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        self._check()
+        if self.radius[0] < 0.0:
+            raise InvalidMap(f"radius begins at {self.radius[0]:g} m; a distance from an axis is at least 0")
+
+    def poses(self, part: Sequence[slice]) -> Array:
+        """Poses in the middles of some cells in the first joint's frame, (a, b, k, 4, 4), lengths in [m].
+
+        Args:
+            part: Of each dimension, which cells.
+        """
+        radius, height = (each[some] for each, some in zip(self.places, part, strict=False))
+        turns = self.orientations.matrices[part[-1]]
+        T = np.zeros((len(radius), len(height), len(turns), 4, 4))
+        T[..., 3, 3] = 1.0
+        T[..., :3, :3] = turns
+        T[..., 0, 3] = radius[:, None, None]
+        T[..., 2, 3] = height[:, None]
+        return T
+
+    def cells_of(self, T: ArrayLike) -> tuple[Indices, ...]:
+        """Numbers of the cells that poses lie in, one array (...) a dimension; -1 outside of the grid.
+
+        Args:
+            T: Poses in the first joint's frame, (..., 4, 4), lengths in [m].
+        """
+        poses = np.asarray(T, dtype=float)
+        back = about_z(-azimuths(poses))
+        radius = np.hypot(poses[..., 0, 3], poses[..., 1, 3])
+        where = self._index("radius", radius), self._index("height", poses[..., 2, 3])
+        return (*where, self.orientations.nearest(back @ poses[..., :3, :3]))
+
+    @property
+    def volume(self) -> float:
+        """Of the rings of positions [m³]."""
+        low, high, _ = self.radius
+        return float(np.pi * (high**2 - low**2) * (self.height[1] - self.height[0]))
+
+
+def azimuths(T: Array) -> Array:
+    """How far poses in the first joint's frame, (..., 4, 4), are turned about its axis from its x axis, (...) [rad]."""
+    return np.asarray(np.arctan2(T[..., 1, 3], T[..., 0, 3]))
+
+
+def grid_of(description: dict[str, Any]) -> Grid | Rings:
+    """Make the grid that `Cells.description` tells of."""
+    turns = orientations(int(description["orientations"]))
+    kind = {"Grid": Grid, "Rings": Rings}[description["kind"]]
+    grid: Grid | Rings = kind(*[tuple(description[name]) for name in kind.names], turns)
+    if json.dumps(grid.description()) != json.dumps(description):
+        raise InvalidMap("the map's orientations are not those that this version of kinseek makes of their number")
+    return grid
+
+
+def _range(name: str, given: Any) -> Range:
+    try:
+        low, high, step = (float(each) for each in given)
+    except (TypeError, ValueError):
+        raise InvalidMap(f"{name} must be (from, to, step) [m], got {given!r}") from None
+    if not np.isfinite([low, high, step]).all() or step <= 0.0 or high <= low:
+        raise InvalidMap(f"{name} must go up by a positive step, from < to, got ({low:g}, {high:g}, {step:g})")
+    cells = (high - low) / step
+    if cells > MOST:
+        raise InvalidMap(f"{name} has {cells:.3g} cells, a grid at most {MOST:,} in all; widen the step")
+    if abs(cells - max(1, round(cells))) > _FITS * max(1.0, cells):
+        raise InvalidMap(
+            f"the step of {name} must divide its range: {high:g} - {low:g} is {cells:.6g} steps of {step:g}; "
+            f"take ({low:g}, {low + np.ceil(cells) * step:g}, {step:g})"
+        )
+    return low, high, step
+
+
+def _count(low: float, high: float, step: float) -> int:
+    return max(1, round((high - low) / step))

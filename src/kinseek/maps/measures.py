@@ -1,0 +1,140 @@
+"""What a map says of each pose, and how a block of poses is answered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.arm import Arm
+from kinseek.errors import InvalidMap, suggest
+from kinseek.goal import Goal
+from kinseek.turns import shortest
+
+Array = NDArray[np.float64]
+
+
+class Measure(NamedTuple):
+    """One variable of a map."""
+
+    dtype: str
+    fill: float
+    """Where no pose is reached, or no block is done yet."""
+    attributes: dict[str, object]
+
+
+REACHED, BRANCHES, DEXTERITY, LIMITS = "reached", "branches", "dexterity", "limit_distance"
+
+MEASURES = {
+    REACHED: Measure(
+        "int8",
+        -1,
+        {
+            "long_name": "whether an answer is found within the tolerances",
+            "flag_values": [0, 1],
+            "flag_meanings": "not_found reached",
+            "units": "1",
+        },
+    ),
+    BRANCHES: Measure(
+        "int16",
+        -1,
+        {"long_name": "number of distinct answers found, modulo whole turns", "units": "1"},
+    ),
+    DEXTERITY: Measure(
+        "float32",
+        np.nan,
+        {
+            "long_name": "manipulability of the answer that has most: product of the singular values of its Jacobian",
+            "references": "Yoshikawa 1985, eq. 4",
+            "comment": "metres and radians are mixed: compare values of one arm",
+            "units": "1",
+        },
+    ),
+    LIMITS: Measure(
+        "float32",
+        np.nan,
+        {
+            "long_name": "distance from the nearest joint limit, of the answer that is farthest from its own",
+            "comment": "each joint measured in half its range: 0 at a limit, 1 where all are in the middle",
+            "units": "1",
+        },
+    ),
+}
+"""By name, in the order in which a map has them."""
+
+STEP = 256
+"""Poses whose branches are asked for at a time."""
+
+
+def checked(what: Sequence[str]) -> tuple[str, ...]:
+    """The measures that are asked for, each once, in their order, `REACHED` among them.
+
+    Raises:
+        InvalidMap: One of them is unknown.
+    """
+    for name in [what] if isinstance(what, str) else what:
+        if name not in MEASURES:
+            raise InvalidMap(suggest(str(name), MEASURES, "measure"))
+    return tuple(name for name in MEASURES if name == REACHED or name in what)
+
+
+Asked = Callable[[Array], Goal]
+"""Makes a goal of poses, (k, 4, 4)."""
+
+
+def measured(arm: Arm, poses: Array, what: Sequence[str], goal: Asked, free: int = 0) -> dict[str, Array]:
+    """Answer a block of poses, (..., 4, 4), by one thread: of each measure an array (...).
+
+    Args:
+        arm: Has its atlas already, or builds it now.
+        poses: Lengths in [m].
+        what: Names of measures.
+        goal: Says with which tolerances.
+        free: So many first joints have no say in the distance from limits.
+    """
+    flat = poses.reshape(-1, 4, 4)
+    found = np.asarray(arm.ik(goal(flat), threads=1).success)
+    values = {name: np.full(len(flat), MEASURES[name].fill, MEASURES[name].dtype) for name in what}
+    values[REACHED] = found.astype("int8")
+    if len(values) > 1:
+        if BRANCHES in values:
+            values[BRANCHES][:] = 0
+        every = np.flatnonzero(found)
+        for first in range(0, len(every), STEP):
+            some = every[first : first + STEP]
+            _best(arm, goal(flat[some]), some, values, free)
+    return {name: each.reshape(poses.shape[:-2]) for name, each in values.items()}
+
+
+def _best(arm: Arm, goal: Goal, some: NDArray[np.int64], values: dict[str, Array], free: int) -> None:
+    """Write the measures of all answers to a goal, whose poses have these numbers, and an answer each."""
+    answers = arm.branches(goal, threads=1)
+    counts, q = answers.counts, answers.q
+    lacking = np.flatnonzero(counts == 0)  # `ik` found one that the search for all did not.
+    if len(lacking):
+        q = np.insert(q, answers.offsets[lacking], arm.ik(goal.at(goal.target[lacking]), threads=1).q, axis=0)
+        counts = np.maximum(counts, 1)
+    firsts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    if BRANCHES in values:
+        values[BRANCHES][some] = counts
+    if DEXTERITY in values:
+        values[DEXTERITY][some] = np.maximum.reduceat(arm.manipulability(q), firsts)
+    if LIMITS in values:
+        values[LIMITS][some] = np.maximum.reduceat(limit_distance(arm, q, free), firsts)
+
+
+def limit_distance(arm: Arm, q: Array, free: int = 0) -> Array:
+    """How far joint values, (k, n), are from the nearest limit, each joint measured in half its range, (k,); at most 1.
+
+    A joint that can turn more than once counts where it is nearest to the middle.
+    """
+    chain = arm.chain
+    half = np.maximum((chain.upper - chain.lower) / 2, 1e-12)
+    off = q - (chain.lower + chain.upper) / 2
+    off = np.where(chain.periodic & (half >= np.pi), shortest(off), off)
+    counts = np.array(chain.kinds) != "continuous"
+    counts[:free] = False
+    return np.asarray(1.0 - (np.abs(off) / half)[:, counts].max(axis=1, initial=0.0))

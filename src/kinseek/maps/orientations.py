@@ -1,0 +1,232 @@
+"""An even grid of orientations, with a covering radius that is proved.
+
+A rotation is where it takes the z axis, a point of the sphere, and a turn about that: the sphere times a circle, locally (the
+Hopf fibration, by which Yershova, Jain, LaValle and Mitchell 2010 build grids on SO(3)). The sphere is cut into regions of
+equal area, collars of rectangles between two caps (Leopardi 2006, "A partition of the unit sphere into regions of equal area
+and small diameter"), the circle into equal arcs. So all cells have the same volume, and any number of them will do.
+
+The cell of region i, with centre c, and arc j is { S(c, d) R Rz(t) : d in the region, |t| <= half an arc }, with R the cell's
+own rotation, R z = c, and S(c, d) the shortest turn of c onto d. Over each d the arcs tile the circle, so the cells tile SO(3).
+The axis of S(c, d) is across c, and Rz(t) moved to the base turns about c: so a member is off R by the angle Ω with
+cos(Ω/2) = cos(σ/2) cos(t/2), σ the angle of c and d. That is largest in a corner of the region at the end of the arc.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kinseek.errors import InvalidMap
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+MOST = 10_000_000
+"""Orientations of a grid."""
+
+
+@dataclass(frozen=True, eq=False)
+class Orientations:
+    """A grid of orientations whose cells have equal volume and tile SO(3). Make one with `orientations`."""
+
+    regions: Array
+    """Of each region of the sphere: polar angle from and to, azimuth from and to, [rad], (n, 4)."""
+    arcs: int
+    """Turns about the z axis of the tip for each region."""
+    _collars: tuple[Array, Indices] = field(repr=False)
+    """Polar angles where collars begin, [rad], (c + 1,), and the number of the first region of each, (c + 1,)."""
+
+    def __len__(self) -> int:
+        """Return the number of orientations."""
+        return len(self.regions) * self.arcs
+
+    def __repr__(self) -> str:
+        """Number and spacing."""
+        return (
+            f"Orientations({len(self)}: {len(self.regions)} directions x {self.arcs} turns, every orientation within "
+            f"{self.covering_radius:.4f} rad of one)"
+        )
+
+    @cached_property
+    def directions(self) -> Array:
+        """Centre of each region, where the z axis of the tip points, (n, 3)."""
+        return direction(*self.centres.T)
+
+    @cached_property
+    def centres(self) -> Array:
+        """Polar angle and azimuth of each region's centre [rad], (n, 2); that of a cap is its pole."""
+        polar = self.regions[:, :2].mean(axis=1)
+        polar[0], polar[-1] = (0.0, np.pi) if len(self.regions) > 1 else (0.0, 0.0)
+        return np.stack([polar, self.regions[:, 2:].mean(axis=1)], axis=1)
+
+    @property
+    def half_arc(self) -> float:
+        """Half an arc [rad]."""
+        return np.pi / self.arcs
+
+    @cached_property
+    def radii(self) -> Array:
+        """How far a region's farthest point is from its centre [rad], (n,)."""
+        return farthest(self.regions, self.centres)
+
+    @cached_property
+    def half_angles(self) -> Array:
+        """Of each orientation: no member of its cell is farther off [rad], (k,)."""
+        return np.repeat(ball(self.radii, self.half_arc), self.arcs)
+
+    @property
+    def covering_radius(self) -> float:
+        """Every orientation is at most so far from one of the grid [rad]: a bound, and no sample."""
+        return float(self.half_angles.max())
+
+    @cached_property
+    def matrices(self) -> Array:
+        """All rotations, (k, 3, 3), those of one direction one after the other."""
+        turns = (2 * np.arange(self.arcs) + 1) * self.half_arc - np.pi
+        return (self.frames[:, None] @ about_z(turns)[None]).reshape(-1, 3, 3)
+
+    @cached_property
+    def frames(self) -> Array:
+        """Of each region the rotation from which turns are counted: z onto its centre, (n, 3, 3)."""
+        polar, azimuth = self.centres.T
+        c, s = np.cos(polar), np.sin(polar)
+        tilts = np.zeros((len(polar), 3, 3))
+        tilts[:, 0, 0], tilts[:, 0, 2], tilts[:, 1, 1], tilts[:, 2, 0], tilts[:, 2, 2] = c, s, 1.0, -s, c
+        return np.asarray(about_z(azimuth) @ tilts)
+
+    def nearest(self, R: ArrayLike) -> Indices:
+        """Return the number of the cell that each rotation lies in.
+
+        Args:
+            R: Rotations, (..., 3, 3).
+
+        Returns:
+            (...), from 0.
+        """
+        rotations = np.asarray(R, dtype=float)
+        d = rotations[..., :, 2]
+        begins, firsts = self._collars
+        polar = np.arctan2(np.hypot(d[..., 0], d[..., 1]), d[..., 2])
+        collar = np.clip(np.searchsorted(begins, polar, side="right") - 1, 0, len(begins) - 2)
+        count = firsts[collar + 1] - firsts[collar]
+        share = np.mod(np.arctan2(d[..., 1], d[..., 0]), 2 * np.pi) / (2 * np.pi)
+        region = firsts[collar] + np.minimum((share * count).astype(np.int64), count - 1)
+        return region * self.arcs + self._arc(rotations, region)
+
+    def _arc(self, rotations: Array, region: Indices) -> Indices:
+        turn = twist(self.directions[region], self.frames[region], rotations)
+        return np.clip(((turn + np.pi) / (2 * self.half_arc)).astype(np.int64), 0, self.arcs - 1)
+
+
+def orientations(count: int) -> Orientations:
+    """Return an even grid on SO(3).
+
+    Directions of the tip's z axis times turns about it, both as wide as gives the least covering radius. All orientations
+    stand for the same volume of SO(3), so a share of them is a share of all orientations.
+
+    Args:
+        count: Orientations wanted, 1 to 10,000,000; the grid has as many, or a few more where that is more even.
+
+    Returns:
+        The grid; ``covering_radius`` says how fine it is [rad].
+
+    Raises:
+        InvalidMap: `count` is no whole number in that range.
+    """
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST:
+        raise InvalidMap(f"count must be a whole number from 1 to {MOST:,}, got {count!r}")
+    middle = round(float(np.cbrt(np.pi * count)))  # Arcs as wide as regions: (2π/m)² = 4π/n and n m = count.
+    fits = [m for m in range(max(1, middle // 2), 2 * middle + 1) if count % m == 0]
+    tried = {
+        m: _grid(-(-int(count) // m), m) for m in {*range(max(1, middle - 2), middle + 3), *fits} if m <= count
+    }
+    best = min(grid.covering_radius for grid in tried.values())
+    even = [grid for grid in tried.values() if grid.covering_radius <= 1.08 * best]
+    return min(even, key=lambda grid: (len(grid), grid.covering_radius))
+
+
+def _grid(directions: int, arcs: int) -> Orientations:
+    begins, counts = _collars(directions)
+    regions = [
+        (begins[i], begins[i + 1], 2 * np.pi * k / n, 2 * np.pi * (k + 1) / n)
+        for i, n in enumerate(counts)
+        for k in range(n)
+    ]
+    firsts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    return Orientations(np.array(regions), arcs, (begins, firsts))
+
+
+def _collars(count: int) -> tuple[Array, list[int]]:
+    """Where collars begin [rad], (c + 1,), and how many regions each has; Leopardi 2006, Section 3."""
+    if count <= 2:
+        return np.linspace(0.0, np.pi, count + 1), [1] * count
+    cap = 2.0 * np.arcsin(np.sqrt(1.0 / count))
+    number = max(1, round((np.pi - 2.0 * cap) / np.sqrt(4.0 * np.pi / count)))
+    ends = cap + (np.pi - 2.0 * cap) * np.arange(number + 1) / number
+    ideal = np.diff(np.sin(ends / 2) ** 2) * count
+    counts, over = [], 0.0
+    for share in ideal:
+        counts.append(max(1, round(share + over)))
+        over += share - counts[-1]
+    counts = [1, *counts, 1]
+    counts[len(counts) // 2] += count - sum(counts)
+    area = np.concatenate([[0.0], np.cumsum(counts)]) / count
+    return 2.0 * np.arcsin(np.sqrt(np.minimum(area, 1.0))), counts
+
+
+def direction(polar: ArrayLike, azimuth: ArrayLike) -> Array:
+    """Points of the sphere, (..., 3)."""
+    p, a = np.asarray(polar), np.asarray(azimuth)
+    return np.stack([np.sin(p) * np.cos(a), np.sin(p) * np.sin(a), np.cos(p)], axis=-1)
+
+
+def about_z(angle: ArrayLike) -> Array:
+    """Turns about z, (..., 3, 3)."""
+    t = np.asarray(angle, dtype=float)
+    R = np.zeros((*t.shape, 3, 3))
+    R[..., 0, 0] = R[..., 1, 1] = np.cos(t)
+    R[..., 1, 0], R[..., 0, 1], R[..., 2, 2] = np.sin(t), -np.sin(t), 1.0
+    return R
+
+
+def farthest(regions: Array, centres: Array) -> Array:
+    """How far the farthest point of each rectangle, (n, 4), is from a point inside, (n, 2), [rad].
+
+    Along a parallel the distance grows with the difference of azimuths, so the farthest point lies on the meridians at the
+    sides. There cos σ = A cos θ + B sin θ, which is least at an end, or at atan2(B, A) + π where that lies between them.
+    """
+    low, high = regions[:, 0], regions[:, 1]
+    wide = np.minimum(np.maximum(centres[:, 1] - regions[:, 2], regions[:, 3] - centres[:, 1]), np.pi)
+    A, B = np.cos(centres[:, 0]), np.sin(centres[:, 0]) * np.cos(wide)
+    inside = np.clip(np.arctan2(B, A) + np.pi, low, high)
+    cosines = [A * np.cos(theta) + B * np.sin(theta) for theta in (low, high, inside)]
+    return np.arccos(np.clip(np.min(cosines, axis=0), -1.0, 1.0))
+
+
+def ball(swing: ArrayLike, half_turn: ArrayLike) -> Array:
+    """Angle of a turn by at most `swing` across an axis after one of at most `half_turn` about it [rad]; see above."""
+    cosine = np.cos(np.asarray(swing) / 2) * np.cos(np.asarray(half_turn) / 2)
+    return np.asarray(2.0 * np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def twist(c: Array, frames: Array, rotations: Array) -> Array:
+    """The turn t of R = S(c, d) F Rz(t), [rad]: c and F of cells, (..., 3) and (..., 3, 3), and R, (..., 3, 3)."""
+    d = rotations[..., :, 2]
+    # The shortest turn of c onto d takes x to x - (c+d)·x / (1+c·d) (c+d) + 2 (c·x) d. Its inverse is that of d onto c.
+    x, total = rotations[..., :, 0], c + d
+    scale = np.maximum(1.0 + np.sum(c * d, axis=-1, keepdims=True), 1e-300)
+    back = x - np.sum(total * x, axis=-1, keepdims=True) / scale * total
+    back = back + 2.0 * np.sum(d * x, axis=-1, keepdims=True) * c
+    cos = np.sum(back * frames[..., :, 0], axis=-1)
+    sin = np.sum(back * frames[..., :, 1], axis=-1)
+    return np.asarray(np.arctan2(sin, cos))
+
+
+def shortest_turn(c: Array, d: Array) -> Array:
+    """The rotation by the least angle that takes one unit vector, (3,), onto another that is not opposite, (3, 3)."""
+    v = np.cross(c, d)
+    K = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    return np.asarray(np.eye(3) + K + K @ K / (1.0 + c @ d))

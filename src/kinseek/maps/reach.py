@@ -1,0 +1,259 @@
+"""What an arm reaches: a map of a whole grid of poses, made block by block and kept in a store."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import kinseek
+from kinseek.arm import Arm
+from kinseek.errors import InvalidMap, MissingExtra
+from kinseek.tolerances import DEFAULT_TOLERANCE, check_tolerance
+
+from .block import Work, digest, slim, version
+from .cells import ATTRIBUTES
+from .first_joint import divided
+from .grid import BLOCK, Grid, Rings
+from .measures import BRANCHES, LIMITS, MEASURES, REACHED, checked
+from .run import run
+from .store import DESCRIPTION, Store, compare
+
+if TYPE_CHECKING:
+    import xarray
+    from distributed import Client
+
+DEPTH, BUDGET = 6, 20_000
+
+TURNS: dict[str, dict[str, object]] = {
+    "turn_from": {
+        "long_name": "azimuth of the position from which on the pose is reached, about the first axis",
+        "units": "radian",
+    },
+    "turn_to": {
+        "long_name": "azimuth of the position up to which the pose is reached, about the first axis",
+        "units": "radian",
+    },
+}
+
+
+def reach(
+    arm: Arm,
+    grid: Grid | Rings,
+    what: Sequence[str] = (REACHED,),
+    *,
+    prove: bool = False,
+    depth: int = DEPTH,
+    budget: int = BUDGET,
+    store: str | Path | None = None,
+    client: Client | None = None,
+    progress: bool = False,
+    block: int = BLOCK,
+    position_tolerance: float = DEFAULT_TOLERANCE,
+    orientation_tolerance: float = DEFAULT_TOLERANCE,
+) -> xarray.Dataset:
+    """Make a map: of each cell of a grid, what the arm can do in its middle.
+
+    Args:
+        arm: With axes; its tip is what is mapped, so `Arm.with_tool` maps a tool.
+        grid: `Grid`, boxes of positions in the arm's base; or `Rings`, with the first joint divided out.
+        what: ``"reached"``, ``"branches"``, ``"dexterity"`` and ``"limit_distance"``; each variable of the map says what it
+            is. All but the first ask for every answer, which takes ten to thirty times as long. With joints to spare the
+            answers are a sample of endlessly many.
+        prove: Also say of each whole cell whether it is reached somewhere, proved empty, or undecided; the grid's orientations
+            have to be made by `orientations`, as they always are.
+        depth: How often a cell is cut in half before it is called undecided.
+        budget: Boxes of joint values that one proof looks at, at most.
+        store: A folder that the map is written to, block by block. Where it holds a part of this map, that is not done again.
+            On a cluster all workers have to see it. Without it the map stays in memory.
+        client: A ``distributed.Client`` of a cluster; otherwise every core of this machine works.
+        progress: Show a progress bar.
+        block: Poses of a block, about; a block is what is lost when a worker dies.
+        position_tolerance: [m]
+        orientation_tolerance: [rad]
+
+    Returns:
+        A Dataset along the grid's dimensions and ``orientation``, with units and provenance; from a store it is read where
+        it is used.
+
+    Raises:
+        InvalidMap: A function as an arm, unknown measures, a store of another map, workers with another version.
+        MapInterrupted: Scheduler gone, disk full, or a block that workers do not survive: the same call goes on.
+        MissingExtra: xarray, Dask or Zarr is not installed.
+    """
+    _require_extra()
+    work = work_of(
+        arm,
+        grid,
+        what,
+        prove=prove,
+        depth=depth,
+        budget=budget,
+        block=block,
+        tolerances=(position_tolerance, orientation_tolerance),
+        store=None if store is None else str(Path(store).expanduser().resolve()),
+    )
+    kept = _store_of(arm, grid, work)
+    todo = kept.missing()
+    run(work, todo, math.prod(kept.blocks), client, progress, kept.write)
+    dataset = kept.dataset()
+    return dataset if work.store is not None else dataset.load()
+
+
+def open_map(store: str | Path) -> xarray.Dataset:
+    """Open a map that `reach` has written, whole or in part; what is not done yet has the variables' fill values.
+
+    Args:
+        store: Its folder.
+
+    Raises:
+        InvalidMap: There is no map.
+        MissingExtra: xarray, Dask or Zarr is not installed.
+    """
+    _require_extra()
+    return Store.at(str(Path(store).expanduser().resolve())).dataset()
+
+
+def work_of(
+    arm: Arm,
+    grid: Grid | Rings,
+    what: Sequence[str],
+    *,
+    prove: bool,
+    depth: int,
+    budget: int,
+    block: int,
+    tolerances: tuple[float, float],
+    store: str | None,
+) -> Work:
+    """What workers are told.
+
+    Raises:
+        InvalidMap: It makes no map.
+    """
+    if arm.axes is None:
+        raise InvalidMap(f"a map needs axes and links, and {arm.name!r} is a function")
+    if not isinstance(grid, Grid | Rings):
+        raise InvalidMap(f"grid must be a maps.Grid or maps.Rings, got {type(grid).__name__}")
+    for name, value, least in (("depth", depth, 0), ("budget", budget, 1), ("block", block, 1)):
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+            raise InvalidMap(f"{name} must be a whole number of at least {least}, got {value!r}")
+    for name, value in zip(("position_tolerance", "orientation_tolerance"), tolerances, strict=True):
+        check_tolerance(name, value)
+    if isinstance(grid, Rings):
+        divided(arm.axes)
+    chain = slim(arm.axes)
+    return Work(
+        chain=chain,
+        arm=digest(chain),
+        grid=grid.description(),
+        chunks=grid.chunks(block),
+        what=checked(what),
+        position_tolerance=float(tolerances[0]),
+        orientation_tolerance=float(tolerances[1]),
+        prove=bool(prove),
+        depth=int(depth) if prove else 0,
+        budget=int(budget) if prove else 0,
+        version=version(),
+        store=store,
+    )
+
+
+def _store_of(arm: Arm, grid: Grid | Rings, work: Work) -> Store:
+    """The store that is there already, if it is of this map, or a new one."""
+    variables: dict[str, tuple[str, float, dict[str, object]]] = {
+        name: (measure.dtype, measure.fill, dict(measure.attributes))
+        for name, measure in MEASURES.items()
+        if name in work.what
+    }
+    if isinstance(grid, Rings):
+        variables |= {name: ("float64", np.nan, told) for name, told in TURNS.items()}
+        if BRANCHES in variables:
+            variables[BRANCHES][2]["comment"] = "limits of the first joint left out"
+        if LIMITS in variables:
+            variables[LIMITS][2]["comment"] = "of the joints after the first, each measured in half its range"
+    if work.prove:
+        variables["cell"] = ("int8", -1, dict(ATTRIBUTES["cell"]))
+        variables["empty_share"] = ("float32", np.nan, dict(ATTRIBUTES["empty_share"]))
+    description: dict[str, Any] = {
+        "arm": work.arm,
+        "name": arm.name,
+        "version": work.version,
+        "grid": work.grid,
+        "variables": list(variables),
+        "position_tolerance": work.position_tolerance,
+        "orientation_tolerance": work.orientation_tolerance,
+        "prove": work.prove,
+        "depth": work.depth,
+        "budget": work.budget,
+        "dims": list(grid.dims),
+        "shape": list(grid.shape),
+        "chunks": list(work.chunks),
+    }
+    description = json.loads(json.dumps(description))  # As it comes back from a store.
+    path = None if work.store is None else Path(work.store)
+    if path is not None and path.exists():
+        kept = Store.at(str(path))
+        compare(str(path), kept.description, description)
+        return kept
+    attributes: dict[str, object] = {
+        "Conventions": "CF-1.11",
+        "title": f"What {arm.name} reaches",
+        "source": f"kinseek {kinseek.__version__}, maps.reach",
+        "references": "see docs/maps.md of kinseek",
+    }
+    return Store.create(path, description, variables, _coordinates(grid), attributes)
+
+
+def _coordinates(grid: Grid | Rings) -> dict[str, tuple[tuple[str, ...], Any, dict[str, object]]]:
+    whose = "arm's base" if isinstance(grid, Grid) else "frame of the first joint"
+    table: dict[str, tuple[tuple[str, ...], Any, dict[str, object]]] = {
+        name: (
+            (name,),
+            place,
+            {"units": "m", "long_name": f"{name} of the tip in the {whose}, middle of a cell", "width": width},
+        )
+        for name, place, width in zip(grid.names, grid.places, grid.widths, strict=True)
+    }
+    turns = grid.orientations
+    table["orientation"] = (("orientation",), np.arange(len(turns)), {"long_name": "number of an orientation"})
+    table["rotation"] = (
+        ("orientation", "row", "column"),
+        turns.matrices,
+        {
+            "long_name": f"orientation of the tip in the {whose}, as a rotation matrix",
+            "units": "1",
+            "covering_radius": turns.covering_radius,
+            "comment": "covering_radius [rad]: every orientation is at most so far from one of these",
+        },
+    )
+    return table
+
+
+def described(dataset: xarray.Dataset) -> dict[str, Any]:
+    """What a map is of.
+
+    Raises:
+        InvalidMap: It is none of `reach`.
+    """
+    try:
+        told: dict[str, Any] = dataset.attrs[DESCRIPTION]
+    except (AttributeError, KeyError):
+        raise InvalidMap("this is no map that maps.reach made: it lacks the attribute 'kinseek'") from None
+    return told
+
+
+def _require_extra() -> None:
+    try:
+        import distributed
+        import xarray
+        import zarr
+    except ImportError:
+        raise MissingExtra("A map", "maps") from None
+    del distributed, xarray, zarr
+
+

@@ -1,0 +1,166 @@
+"""Blocks handed out by Dask: to the workers of a cluster, or to processes of this machine."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from kinseek.errors import InvalidMap, MapInterrupted
+from kinseek.solvers.threads import progress_bar
+
+from .block import Work, compute, do
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+Index = tuple[int, ...]
+Written = Callable[[Index, Mapping[str, Any]], None]
+
+AHEAD = 4
+"""Blocks for each thread of the cluster that are handed out before any is done: enough that none waits for the client."""
+
+PATIENCE = 5.0
+"""Seconds after which a client looks whether its scheduler is still there."""
+
+
+def run(
+    work: Work, todo: Sequence[Index], blocks: int, client: Client | None, progress: bool, written: Written
+) -> None:
+    """Do some blocks.
+
+    Args:
+        work: What they are blocks of.
+        todo: Their numbers.
+        blocks: How many there are in all, for messages.
+        client: Of a cluster; None starts a process for each core, or none where there is one block only.
+        progress: Show a progress bar.
+        written: Takes what comes back of a block where the work has no store.
+
+    Raises:
+        InvalidMap: A worker has another version of kinseek, or none, or does not see the store.
+        MapInterrupted: The scheduler is gone, a block ended several workers, or the disk is full.
+    """
+    if not todo:
+        return
+    with progress_bar(progress, len(todo)) as advance:
+        if client is None and len(todo) == 1:
+            _here(work, todo[0], blocks, written)
+            advance(1)
+            return
+        with _local_client(len(todo)) if client is None else _given(client) as at:
+            _require_same(at, work)
+            _spread(work, list(todo), blocks, at, advance, written)
+
+
+def _here(work: Work, index: Index, blocks: int, written: Written) -> None:
+    if work.store is None:
+        written(index, compute(work, index))
+        return
+    try:
+        do(work, index)
+    except OSError as error:
+        raise _interrupted(f"a block cannot be written: {error}", blocks - 1, blocks) from error
+
+
+@contextmanager
+def _given(client: Client) -> Iterator[Client]:
+    yield client
+
+
+@contextmanager
+def _local_client(blocks: int) -> Iterator[Client]:
+    """A client of processes on this machine, one a core, with one thread each.
+
+    They are started as programs, so that a script needs no ``if __name__ == "__main__"``.
+    """
+    from dask import config
+    from distributed import Client
+
+    options: dict[str, Any] = {"n_workers": min(os.cpu_count() or 1, blocks), "threads_per_worker": 1}
+    with config.set({"distributed.admin.log-format": "%(message)s", "logging.distributed": "error"}):
+        if sys.platform == "win32":
+            from distributed import LocalCluster as Cluster
+        else:
+            from distributed.deploy.subprocess import SubprocessCluster as Cluster
+        with Cluster(**options, dashboard_address=None) as cluster, Client(cluster) as client:
+            yield client
+
+
+def _require_same(client: Client, work: Work) -> None:
+    """Refuse workers that would give other bits, or none.
+
+    Raises:
+        InvalidMap: There is one; the message names it.
+    """
+
+    def ask() -> str:  # A function in a function travels as it is; one of a module would need that module there.
+        try:
+            from kinseek.maps.block import version
+        except ImportError as error:
+            return f"none ({error})"
+        return version()
+
+    others = {at: it for at, it in client.run(ask).items() if it != work.version}
+    if others:
+        told = ", ".join(f"{at} has {it}" for at, it in others.items())
+        raise InvalidMap(
+            f"this map is made with kinseek {work.version}, and not all workers have it: {told}; install the same there"
+        )
+
+
+def _spread(
+    work: Work,
+    todo: list[Index],
+    blocks: int,
+    client: Client,
+    advance: Callable[[int], object],
+    written: Written,
+) -> None:
+    from concurrent.futures import CancelledError
+
+    from distributed import as_completed
+    from distributed.client import FutureCancelledError
+    from distributed.scheduler import KilledWorker
+
+    before, left, numbers = blocks - len(todo), iter(todo), {}
+    done = 0
+
+    def submit(index: Index) -> Any:
+        future = client.submit(do, work, index, pure=False)
+        numbers[future.key] = index
+        return future
+
+    threads = sum(each["nthreads"] for each in client.scheduler_info(n_workers=-1)["workers"].values())
+    ahead = AHEAD * max(threads, 1)
+    try:
+        running = as_completed([submit(index) for _, index in zip(range(ahead), left, strict=False)])
+        for future in running:
+            values = future.result()
+            done += 1
+            if values is not None:
+                written(numbers[future.key], values)
+            del numbers[future.key]
+            advance(1)
+            future.release()
+            for index in left:
+                running.add(submit(index))
+                break
+    except KilledWorker as error:
+        raise _interrupted(
+            f"a block ended several workers, perhaps for want of memory: {error}", before + done, blocks
+        ) from error
+    except (CancelledError, FutureCancelledError, ConnectionError, TimeoutError) as error:
+        raise _interrupted("the scheduler, or the client, is gone", before + done, blocks) from error
+    except OSError as error:
+        raise _interrupted(f"a block cannot be written: {error}", before + done, blocks) from error
+
+
+def _interrupted(why: str, done: int, blocks: int) -> MapInterrupted:
+    return MapInterrupted(
+        f"{why}; {done} of {blocks} blocks are done. What is in a store stays there, and the same call goes on with it",
+        done,
+        blocks,
+    )
