@@ -48,6 +48,7 @@ from kinseek.kernels.proof.neighbourhood import contractions
 from kinseek.kernels.route import PLAIN
 from kinseek.kernels.without_jit import Bounded, bounded, call_at, unbounded, view_at
 from kinseek.kinds import POSE
+from kinseek.maps.search import ruled_out
 from kinseek.proof import branch_and_bound, isolation
 from kinseek.proof.boxes import enclosed, excluded
 from kinseek.proof.reduce import error_question, question
@@ -108,6 +109,12 @@ def out_of_reach(name: str) -> Any:
     solution = arm.ik(away(arm), solver=SMALL)
     # A stretched elbow stands at one end of its full turn or at the other: that hangs on the last bit.
     return np.cos(solution.q), np.sin(solution.q), solution.success, solution.weighted_error
+
+
+def gates(name: str) -> Any:
+    arm = kinseek.load(name)
+    T = np.concatenate([targets(arm, 3), away(arm)[None]])
+    return ruled_out(arm, Goal.pose(T))
 
 
 def positions_and_directions(name: str) -> Any:
@@ -288,6 +295,7 @@ RUNS: list[tuple[Any, ...]] = [
     *[(batch, name) for name in ("planar2", "scara4", "elbow6")],
     *[(near, name) for name in ("cylindrical3", "scara4", "ur5e")],
     *[(out_of_reach, name) for name in ("planar2", "elbow6")],
+    *[(gates, name) for name in ("cylindrical3", "elbow6")],
     (positions_and_directions, "elbow6"),
     (box, "elbow6"),
     (plain_calls,),

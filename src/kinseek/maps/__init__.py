@@ -1,8 +1,26 @@
 """Maps: what an arm reaches of its whole workspace, on a laptop or on a cluster."""
 
+from .base import best_base
+from .cost import Estimate, estimate
 from .grid import Grid, Rings
+from .make import open_map as open
+from .make import reach
 from .orientations import Orientations, orientations
-from .reach import open_map as open
-from .reach import reach
+from .reading import Volume, at, capability, expand, volume
 
-__all__ = ["Grid", "Orientations", "Rings", "open", "orientations", "reach"]
+__all__ = [
+    "Estimate",
+    "Grid",
+    "Orientations",
+    "Rings",
+    "Volume",
+    "at",
+    "best_base",
+    "capability",
+    "estimate",
+    "expand",
+    "open",
+    "orientations",
+    "reach",
+    "volume",
+]

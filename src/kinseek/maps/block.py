@@ -63,6 +63,7 @@ class Work:
     what: tuple[str, ...]
     position_tolerance: float
     orientation_tolerance: float
+    patience: int | None
     prove: bool
     depth: int
     budget: int
@@ -86,7 +87,9 @@ class Desk:
     def __init__(self, work: Work) -> None:
         """Make the arm; its atlas is built at the first question."""
         self.grid: Grid | Rings = grid_of(work.grid)
-        chain = deepcopy(work.chain)  # What comes over the wire may not be written to, and kernels take no such arrays.
+        chain = deepcopy(
+            work.chain
+        )  # What comes over the wire may not be written to, and kernels take no such arrays.
         self.first: FirstJoint | None = divided(chain) if isinstance(self.grid, Rings) else None
         self.arm = Arm(chain if self.first is None else self.first.chain)
 
@@ -114,14 +117,12 @@ def compute(work: Work, index: Index) -> dict[str, Array]:
 
 def answered(work: Work, desk: Desk, poses: Array, part: Sequence[slice]) -> dict[str, Array]:
     """Of each variable an array, for poses, (..., 4, 4), that are the middles of a part of the grid's cells."""
-    options = {"position": work.position_tolerance, "orientation": work.orientation_tolerance}
 
     def goal(T: Array) -> Goal:
-        return Goal.pose(
-            T, position_tolerance=options["position"], orientation_tolerance=options["orientation"]
-        )
+        position, orientation = work.position_tolerance, work.orientation_tolerance
+        return Goal.pose(T, position_tolerance=position, orientation_tolerance=orientation)
 
-    values = measured(desk.arm, poses, work.what, goal, free=int(desk.first is not None))
+    values = measured(desk.arm, poses, work.what, goal, int(desk.first is not None), work.patience)
     if desk.first is not None:
         found = values[REACHED].ravel() == 1
         begins, ends = turns(desk.first, desk.arm, poses.reshape(-1, 4, 4), found, goal)

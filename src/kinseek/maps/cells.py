@@ -19,8 +19,9 @@ from kinseek.kernels.proof.progress import ENDED, FOUND
 from kinseek.problem import Problem
 from kinseek.proof.boxes import excluded
 
-from .grid import Grid, Rings
-from .orientations import about_z, ball, direction, farthest, shortest_turn
+from .grid import Grid, Rings, azimuths
+from .orientations import about_z, ball, direction, farthest, shortest_turn, twist
+from .search import reached
 
 Array = NDArray[np.float64]
 
@@ -41,6 +42,10 @@ LEVER = 0.2
 
 MARGIN = 1e-9
 """By which a ball is wider than it need be, relative to it: rounding of its size stays far below."""
+
+
+INSIDE = 1e-3
+"""How far inside a cell a pose is asked for that shall lie in it, as a part of its width: tolerances are smaller."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +90,8 @@ class Cell:
     def ball(self, frame: Array, rings: bool) -> tuple[Array, float, float]:
         """A pose, (4, 4), and how far off it any pose of the cell is at most, [m] and [rad].
 
-        A part of a cell has its own centre c' on the sphere. From c to d by way of c' is another turn than straight there, by
-        the area of the triangle c, c', d about d: 2 asin(tan(a/2) tan(b/2)) at most, a and b its sides at c'.
+        A part of a cell has its own centre c' on the sphere. From c to d by way of c' is another turn than straight there,
+        by the area of the triangle c, c', d about d: 2 asin(tan(a/2) tan(b/2)) at most, a and b its sides at c'.
         """
         c, region = frame[:, 2], self.region[None]
         centre = np.array([[self.region[:2].mean(), self.region[2:].mean()]])
@@ -106,7 +111,7 @@ class Cell:
 
 
 def cells_of_block(
-    arm: Arm, grid: Grid | Rings, part: Sequence[slice], reached: NDArray[np.bool_], depth: int, budget: int
+    arm: Arm, grid: Grid | Rings, part: Sequence[slice], found: NDArray[np.bool_], depth: int, budget: int
 ) -> dict[str, Array]:
     """Judge the cells of a block.
 
@@ -114,23 +119,25 @@ def cells_of_block(
         arm: Of which the grid speaks.
         grid: Whose cells they are.
         part: Which cells, of each dimension.
-        reached: Where the middle of a cell is reached, of the block's shape.
+        found: Where the middle of a cell is reached, of the block's shape.
         depth: How often a cell is cut in half.
         budget: Boxes of joint values that one proof may look at.
 
     Returns:
         What is known of each cell, and the share of it that is proved empty, both of the block's shape.
     """
-    known = np.where(reached, REACHED, UNDECIDED).astype("int8")
-    empty = np.zeros(reached.shape, dtype="float32")
+    known = np.where(found, REACHED, UNDECIDED).astype("int8")
+    empty = np.zeros(found.shape, dtype="float32")
     firsts = [some.indices(n)[0] for some, n in zip(part, grid.shape, strict=True)]
-    for place in np.argwhere(~reached):
+    for place in np.argwhere(~found):
         index = tuple(int(i + first) for i, first in zip(place, firsts, strict=True))
         known[tuple(place)], empty[tuple(place)] = judged(arm, grid, index, depth, budget)
     return {"cell": known, "empty_share": empty}
 
 
-def judged(arm: Arm, grid: Grid | Rings, index: tuple[int, ...], depth: int, budget: int) -> tuple[int, float]:
+def judged(
+    arm: Arm, grid: Grid | Rings, index: tuple[int, ...], depth: int, budget: int
+) -> tuple[int, float]:
     """Judge one cell whose middle is not reached: what is known of it, and the share that is proved empty."""
     cell, frame = whole_cell(grid, index)
     rings, lever = isinstance(grid, Rings), LEVER * arm.chain.reach
@@ -142,7 +149,9 @@ def judged(arm: Arm, grid: Grid | Rings, index: tuple[int, ...], depth: int, bud
         search = excluded(Problem(arm.mechanism, goal), budget, threads=1)
         if search.outcome == ENDED:
             empty += 0.5**level
-        elif search.outcome == FOUND and holds(arm, grid, index, search.q):
+        elif search.outcome == FOUND and (
+            holds(arm, grid, index, search.q) or reached_inside(arm, grid, cell, frame, search.q)
+        ):
             return REACHED, empty
         elif level < depth:
             left += [(half, level + 1) for half in part.halves(rings, lever)]
@@ -154,6 +163,32 @@ def judged(arm: Arm, grid: Grid | Rings, index: tuple[int, ...], depth: int, bud
 def holds(arm: Arm, grid: Grid | Rings, index: tuple[int, ...], q: Array) -> bool:
     """Does the pose of joint values, (n,), lie in a cell?"""
     return tuple(int(i) for i in grid.cells_of(arm.fk(q))) == index
+
+
+def reached_inside(arm: Arm, grid: Grid | Rings, cell: Cell, frame: Array, q: Array) -> bool:
+    """Is the pose of the cell reached that is nearest to that of joint values, (n,), in each of its coordinates?"""
+    T = arm.fk(q)
+    place, R = T[:3, 3], T[:3, :3]
+    if isinstance(grid, Rings):
+        back = about_z(-azimuths(T))
+        place, R = np.array([np.hypot(place[0], place[1]), place[2]]), back @ R
+    (low, high), sides = cell.box.T, cell.box[:, 1] - cell.box[:, 0]
+    place = np.clip(place, low + INSIDE * sides, high - INSIDE * sides)
+    d, region = R[:, 2], cell.region
+    polar, azimuth = np.arctan2(np.hypot(d[0], d[1]), d[2]), np.arctan2(d[1], d[0])
+    middle = region[2:].mean()
+    azimuth = middle + np.mod(azimuth - middle + np.pi, 2 * np.pi) - np.pi
+    polar, azimuth = (_within(value, *ends) for value, ends in ((polar, region[:2]), (azimuth, region[2:])))
+    turn = _within(float(twist(frame[:, 2], frame, R)), *cell.arc)
+    T = np.eye(4)
+    T[:3, :3] = shortest_turn(frame[:, 2], direction(polar, azimuth)) @ frame @ about_z(turn)
+    T[:3, 3] = (place[0], 0.0, place[1]) if isinstance(grid, Rings) else place
+    return bool(reached(arm, Goal.pose(T[None]))[0])
+
+
+def _within(value: float, low: float, high: float) -> float:
+    """The nearest value of an interval, a little inside."""
+    return float(np.clip(value, low + INSIDE * (high - low), high - INSIDE * (high - low)))
 
 
 def whole_cell(grid: Grid | Rings, index: tuple[int, ...]) -> tuple[Cell, Array]:

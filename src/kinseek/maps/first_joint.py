@@ -50,7 +50,9 @@ def divided(chain: SerialChain) -> FirstJoint:
     if chain.prismatic[0] or chain.leader[0] != 0:
         raise InvalidMap(f"Rings need a first joint that turns, and {name!r} does not; {advice}")
     if (chain.leader == 0).sum() > 1 or abs(sign) != 1.0:
-        raise InvalidMap(f"Rings need a first joint that moves nothing else, and others mimic {name!r}; {advice}")
+        raise InvalidMap(
+            f"Rings need a first joint that moves nothing else, and others mimic {name!r}; {advice}"
+        )
     endless = chain.kinds[0] == "continuous"
     if endless:
         lower, upper = -np.pi, np.pi
@@ -107,7 +109,7 @@ def turns(
 
 
 def _left(first: FirstJoint, q: Array, gap: float) -> tuple[float, float]:
-    """The arc of turns [rad] at which no answer with such a first joint, (m,), is inside the limits; empty if low >= high."""
+    """The arc of turns [rad] at which no answer with such a first joint, (m,), is inside the limits; none if low >= high."""
     starts = first.upper - q if first.sign > 0 else q - first.lower
     low, high = float(starts[0]), float(starts[0]) + gap
     for start in starts[1:]:

@@ -94,10 +94,11 @@ class Cells:
         if not isinstance(self.orientations, Orientations):
             object.__setattr__(self, "orientations", orientations(self.orientations))
         if self.size > MOST:
+            hours, room = self.size * 3e-6 / 3600, self.size / 1e9
             raise InvalidMap(
-                f"a grid of {self.size:.3g} cells ({' x '.join(map(str, self.shape))}) is too large: at 3 µs a cell it takes "
-                f"{self.size * 3e-6 / 3600:,.0f} core-hours and {self.size / 1e9:,.0f} GB a variable; at most {MOST:,} cells. "
-                f"Widen the step, take fewer orientations, map a part, or divide out the first joint with Rings"
+                f"a grid of {self.size:.3g} cells ({' x '.join(map(str, self.shape))}) is too large: even at 3 µs a cell it "
+                f"takes {hours:,.0f} core-hours, and {room:,.0f} GB a variable; a map has at most {MOST:,} cells. Widen the "
+                f"step, take fewer orientations, map a part, or divide out the first joint with Rings"
             )
 
     def _index(self, name: str, values: Array) -> Indices:
@@ -230,7 +231,9 @@ def grid_of(description: dict[str, Any]) -> Grid | Rings:
     kind = {"Grid": Grid, "Rings": Rings}[description["kind"]]
     grid: Grid | Rings = kind(*[tuple(description[name]) for name in kind.names], turns)
     if json.dumps(grid.description()) != json.dumps(description):
-        raise InvalidMap("the map's orientations are not those that this version of kinseek makes of their number")
+        raise InvalidMap(
+            "the map's orientations are not those that this version of kinseek makes of their number"
+        )
     return grid
 
 
@@ -240,7 +243,9 @@ def _range(name: str, given: Any) -> Range:
     except (TypeError, ValueError):
         raise InvalidMap(f"{name} must be (from, to, step) [m], got {given!r}") from None
     if not np.isfinite([low, high, step]).all() or step <= 0.0 or high <= low:
-        raise InvalidMap(f"{name} must go up by a positive step, from < to, got ({low:g}, {high:g}, {step:g})")
+        raise InvalidMap(
+            f"{name} must go up by a positive step, from < to, got ({low:g}, {high:g}, {step:g})"
+        )
     cells = (high - low) / step
     if cells > MOST:
         raise InvalidMap(f"{name} has {cells:.3g} cells, a grid at most {MOST:,} in all; widen the step")

@@ -13,6 +13,8 @@ from kinseek.errors import InvalidMap, suggest
 from kinseek.goal import Goal
 from kinseek.turns import shortest
 
+from .search import PATIENCE, reached
+
 Array = NDArray[np.float64]
 
 
@@ -85,7 +87,14 @@ Asked = Callable[[Array], Goal]
 """Makes a goal of poses, (k, 4, 4)."""
 
 
-def measured(arm: Arm, poses: Array, what: Sequence[str], goal: Asked, free: int = 0) -> dict[str, Array]:
+def measured(
+    arm: Arm,
+    poses: Array,
+    what: Sequence[str],
+    goal: Asked,
+    free: int = 0,
+    patience: int | None = PATIENCE,
+) -> dict[str, Array]:
     """Answer a block of poses, (..., 4, 4), by one thread: of each measure an array (...).
 
     Args:
@@ -94,9 +103,10 @@ def measured(arm: Arm, poses: Array, what: Sequence[str], goal: Asked, free: int
         what: Names of measures.
         goal: Says with which tolerances.
         free: So many first joints have no say in the distance from limits.
+        patience: See `search.reached`.
     """
     flat = poses.reshape(-1, 4, 4)
-    found = np.asarray(arm.ik(goal(flat), threads=1).success)
+    found = reached(arm, goal(flat), patience)
     values = {name: np.full(len(flat), MEASURES[name].fill, MEASURES[name].dtype) for name in what}
     values[REACHED] = found.astype("int8")
     if len(values) > 1:

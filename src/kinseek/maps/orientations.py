@@ -1,14 +1,14 @@
 """An even grid of orientations, with a covering radius that is proved.
 
-A rotation is where it takes the z axis, a point of the sphere, and a turn about that: the sphere times a circle, locally (the
-Hopf fibration, by which Yershova, Jain, LaValle and Mitchell 2010 build grids on SO(3)). The sphere is cut into regions of
-equal area, collars of rectangles between two caps (Leopardi 2006, "A partition of the unit sphere into regions of equal area
-and small diameter"), the circle into equal arcs. So all cells have the same volume, and any number of them will do.
+A rotation is where it takes the z axis, a point of the sphere, and a turn about that: the sphere times a circle, locally
+(the Hopf fibration, by which Yershova, Jain, LaValle and Mitchell 2010 build grids on SO(3)). The sphere is cut into regions
+of equal area, collars of rectangles between two caps (Leopardi 2006, "A partition of the unit sphere into regions of equal
+area and small diameter"), the circle into equal arcs. So all cells have the same volume, and any number of them will do.
 
-The cell of region i, with centre c, and arc j is { S(c, d) R Rz(t) : d in the region, |t| <= half an arc }, with R the cell's
-own rotation, R z = c, and S(c, d) the shortest turn of c onto d. Over each d the arcs tile the circle, so the cells tile SO(3).
-The axis of S(c, d) is across c, and Rz(t) moved to the base turns about c: so a member is off R by the angle Ω with
-cos(Ω/2) = cos(σ/2) cos(t/2), σ the angle of c and d. That is largest in a corner of the region at the end of the arc.
+The cell of region i, with centre c, and arc j is { S(c, d) R Rz(t) : d in the region, |t| <= half an arc }, with R the
+cell's own rotation, R z = c, and S(c, d) the shortest turn of c onto d. Over each d the arcs tile the circle, so the cells
+tile SO(3). The axis of S(c, d) is across c, and Rz(t) moved to the base turns about c: so a member is off R by the angle Ω
+with cos(Ω/2) = cos(σ/2) cos(t/2), σ the angle of c and d. That is largest in a corner of the region at the end of the arc.
 """
 
 from __future__ import annotations
@@ -141,7 +141,9 @@ def orientations(count: int) -> Orientations:
     middle = round(float(np.cbrt(np.pi * count)))  # Arcs as wide as regions: (2π/m)² = 4π/n and n m = count.
     fits = [m for m in range(max(1, middle // 2), 2 * middle + 1) if count % m == 0]
     tried = {
-        m: _grid(-(-int(count) // m), m) for m in {*range(max(1, middle - 2), middle + 3), *fits} if m <= count
+        m: _grid(-(-int(count) // m), m)
+        for m in {*range(max(1, middle - 2), middle + 3), *fits}
+        if m <= count
     }
     best = min(grid.covering_radius for grid in tried.values())
     even = [grid for grid in tried.values() if grid.covering_radius <= 1.08 * best]

@@ -47,7 +47,7 @@ def run(
         return
     with progress_bar(progress, len(todo)) as advance:
         if client is None and len(todo) == 1:
-            _here(work, todo[0], blocks, written)
+            _here(work, todo[0], blocks - 1, blocks, written)
             advance(1)
             return
         with _local_client(len(todo)) if client is None else _given(client) as at:
@@ -55,14 +55,14 @@ def run(
             _spread(work, list(todo), blocks, at, advance, written)
 
 
-def _here(work: Work, index: Index, blocks: int, written: Written) -> None:
+def _here(work: Work, index: Index, before: int, blocks: int, written: Written) -> None:
     if work.store is None:
         written(index, compute(work, index))
         return
     try:
         do(work, index)
     except OSError as error:
-        raise _interrupted(f"a block cannot be written: {error}", blocks - 1, blocks) from error
+        raise _interrupted(f"a block cannot be written: {error}", before, blocks) from error
 
 
 @contextmanager
@@ -96,13 +96,17 @@ def _require_same(client: Client, work: Work) -> None:
         InvalidMap: There is one; the message names it.
     """
 
-    def ask() -> str:  # A function in a function travels as it is; one of a module would need that module there.
+    def ask() -> (
+        str
+    ):  # A function in a function travels as it is; one of a module would need that module there.
         try:
             from kinseek.maps.block import version
         except ImportError as error:
             return f"none ({error})"
         return version()
 
+    if client.status != "running":
+        raise InvalidMap(f"the client is {client.status}; give one that is connected to its scheduler")
     others = {at: it for at, it in client.run(ask).items() if it != work.version}
     if others:
         told = ", ".join(f"{at} has {it}" for at, it in others.items())

@@ -102,7 +102,8 @@ class Store:
             InvalidMap: There is none.
         """
         try:
-            return _opened(path)
+            stamp = os.stat(Path(path) / "zarr.json")  # Another map may stand there since it was opened.
+            return _opened(path, stamp.st_ino, stamp.st_mtime_ns)
         except (OSError, KeyError, ValueError) as error:
             raise InvalidMap(
                 f"no map in {path!r} ({who()}): {error}. On a cluster the folder must be one that all workers see"
@@ -137,11 +138,12 @@ class Store:
         """The map as an ``xarray.Dataset``, read where it is used."""
         import xarray
 
-        return xarray.open_zarr(self._group.store, consolidated=False, chunks={})
+        dataset = xarray.open_zarr(self._group.store, consolidated=False, chunks={})
+        return dataset.set_coords([name for name in ("rotation",) if name in dataset])
 
 
 @lru_cache(maxsize=4)
-def _opened(path: str) -> Store:
+def _opened(path: str, inode: int, changed: int) -> Store:
     import zarr
 
     return Store(zarr.open_group(path, mode="r+"), path)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack, cast
 
 import numpy as np
 
 import kinseek
 from kinseek.arm import Arm
-from kinseek.errors import InvalidMap, MissingExtra
-from kinseek.tolerances import DEFAULT_TOLERANCE, check_tolerance
+from kinseek.errors import InvalidMap, MissingExtra, suggest
+from kinseek.tolerances import DEFAULT_TOLERANCE, TOLERANCES, check_tolerance
 
 from .block import Work, digest, slim, version
 from .cells import ATTRIBUTES
@@ -21,13 +21,12 @@ from .first_joint import divided
 from .grid import BLOCK, Grid, Rings
 from .measures import BRANCHES, LIMITS, MEASURES, REACHED, checked
 from .run import run
-from .store import DESCRIPTION, Store, compare
+from .search import PATIENCE
+from .store import Store, compare
 
 if TYPE_CHECKING:
     import xarray
     from distributed import Client
-
-DEPTH, BUDGET = 6, 20_000
 
 TURNS: dict[str, dict[str, object]] = {
     "turn_from": {
@@ -41,20 +40,58 @@ TURNS: dict[str, dict[str, object]] = {
 }
 
 
+class Options(TypedDict, total=False):
+    """What of a map is made, and how exactly."""
+
+    prove: bool
+    """Also say of each whole cell whether it is reached somewhere, proved empty, or undecided? Not unless asked."""
+    depth: int
+    """How often a cell is cut in half before it is called undecided; 2."""
+    budget: int
+    """Boxes of joint values that one proof looks at, at most; 10,000."""
+    patience: int | None
+    """FK evaluations for a pose that its first eight samples do not lead to; 1,000. None takes as many as `Arm.ik`, which
+    costs four times as much and finds hardly more (docs/maps.md)."""
+    block: int
+    """Poses of a block, about; a block is what is lost when a worker dies; 32,768."""
+    position_tolerance: float
+    """[m], 1e-6."""
+    orientation_tolerance: float
+    """[rad], 1e-6."""
+
+
+DEFAULTS = Options(
+    prove=False,
+    depth=2,
+    budget=10_000,
+    patience=PATIENCE,
+    block=BLOCK,
+    position_tolerance=DEFAULT_TOLERANCE,
+    orientation_tolerance=DEFAULT_TOLERANCE,
+)
+
+
+def options_of(given: Mapping[str, Any]) -> Options:
+    """All options, those not given by default.
+
+    Raises:
+        InvalidMap: An unknown one.
+    """
+    for name in given:
+        if name not in DEFAULTS:
+            raise InvalidMap(suggest(name, DEFAULTS, "option of a map"))
+    return cast(Options, {**DEFAULTS, **given})
+
+
 def reach(
     arm: Arm,
     grid: Grid | Rings,
     what: Sequence[str] = (REACHED,),
     *,
-    prove: bool = False,
-    depth: int = DEPTH,
-    budget: int = BUDGET,
     store: str | Path | None = None,
     client: Client | None = None,
     progress: bool = False,
-    block: int = BLOCK,
-    position_tolerance: float = DEFAULT_TOLERANCE,
-    orientation_tolerance: float = DEFAULT_TOLERANCE,
+    **options: Unpack[Options],
 ) -> xarray.Dataset:
     """Make a map: of each cell of a grid, what the arm can do in its middle.
 
@@ -64,17 +101,12 @@ def reach(
         what: ``"reached"``, ``"branches"``, ``"dexterity"`` and ``"limit_distance"``; each variable of the map says what it
             is. All but the first ask for every answer, which takes ten to thirty times as long. With joints to spare the
             answers are a sample of endlessly many.
-        prove: Also say of each whole cell whether it is reached somewhere, proved empty, or undecided; the grid's orientations
-            have to be made by `orientations`, as they always are.
-        depth: How often a cell is cut in half before it is called undecided.
-        budget: Boxes of joint values that one proof looks at, at most.
-        store: A folder that the map is written to, block by block. Where it holds a part of this map, that is not done again.
-            On a cluster all workers have to see it. Without it the map stays in memory.
+        store: A folder that the map is written to, block by block. Where it holds a part of this map, that is not done
+            again. On a cluster all workers have to see it. Without it the map stays in memory.
         client: A ``distributed.Client`` of a cluster; otherwise every core of this machine works.
         progress: Show a progress bar.
-        block: Poses of a block, about; a block is what is lost when a worker dies.
-        position_tolerance: [m]
-        orientation_tolerance: [rad]
+        options: What is made, and how exactly, see `Options`: ``prove``, ``depth``, ``budget``, ``patience``, ``block``,
+            ``position_tolerance`` and ``orientation_tolerance``.
 
     Returns:
         A Dataset along the grid's dimensions and ``orientation``, with units and provenance; from a store it is read where
@@ -90,11 +122,7 @@ def reach(
         arm,
         grid,
         what,
-        prove=prove,
-        depth=depth,
-        budget=budget,
-        block=block,
-        tolerances=(position_tolerance, orientation_tolerance),
+        **options_of(options),
         store=None if store is None else str(Path(store).expanduser().resolve()),
     )
     kept = _store_of(arm, grid, work)
@@ -119,16 +147,7 @@ def open_map(store: str | Path) -> xarray.Dataset:
 
 
 def work_of(
-    arm: Arm,
-    grid: Grid | Rings,
-    what: Sequence[str],
-    *,
-    prove: bool,
-    depth: int,
-    budget: int,
-    block: int,
-    tolerances: tuple[float, float],
-    store: str | None,
+    arm: Arm, grid: Grid | Rings, what: Sequence[str], *, store: str | None, **options: Unpack[Options]
 ) -> Work:
     """What workers are told.
 
@@ -139,25 +158,29 @@ def work_of(
         raise InvalidMap(f"a map needs axes and links, and {arm.name!r} is a function")
     if not isinstance(grid, Grid | Rings):
         raise InvalidMap(f"grid must be a maps.Grid or maps.Rings, got {type(grid).__name__}")
-    for name, value, least in (("depth", depth, 0), ("budget", budget, 1), ("block", block, 1)):
+    for name, least in (("depth", 0), ("budget", 1), ("block", 1), ("patience", 1)):
+        value = options[name]
+        if name == "patience" and value is None:
+            continue
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
             raise InvalidMap(f"{name} must be a whole number of at least {least}, got {value!r}")
-    for name, value in zip(("position_tolerance", "orientation_tolerance"), tolerances, strict=True):
-        check_tolerance(name, value)
+    for name in TOLERANCES:
+        check_tolerance(name, options[name])
     if isinstance(grid, Rings):
         divided(arm.axes)
-    chain = slim(arm.axes)
+    chain, prove, patience = slim(arm.axes), bool(options["prove"]), options["patience"]
     return Work(
         chain=chain,
         arm=digest(chain),
         grid=grid.description(),
-        chunks=grid.chunks(block),
+        chunks=grid.chunks(int(options["block"])),
         what=checked(what),
-        position_tolerance=float(tolerances[0]),
-        orientation_tolerance=float(tolerances[1]),
-        prove=bool(prove),
-        depth=int(depth) if prove else 0,
-        budget=int(budget) if prove else 0,
+        position_tolerance=float(options["position_tolerance"]),
+        orientation_tolerance=float(options["orientation_tolerance"]),
+        patience=None if patience is None else int(patience),
+        prove=prove,
+        depth=int(options["depth"]) if prove else 0,
+        budget=int(options["budget"]) if prove else 0,
         version=version(),
         store=store,
     )
@@ -187,6 +210,7 @@ def _store_of(arm: Arm, grid: Grid | Rings, work: Work) -> Store:
         "variables": list(variables),
         "position_tolerance": work.position_tolerance,
         "orientation_tolerance": work.orientation_tolerance,
+        "patience": work.patience,
         "prove": work.prove,
         "depth": work.depth,
         "budget": work.budget,
@@ -194,6 +218,8 @@ def _store_of(arm: Arm, grid: Grid | Rings, work: Work) -> Store:
         "shape": list(grid.shape),
         "chunks": list(work.chunks),
     }
+    if isinstance(grid, Rings):
+        description["first_frame"] = divided(work.chain).place.tolist()
     description = json.loads(json.dumps(description))  # As it comes back from a store.
     path = None if work.store is None else Path(work.store)
     if path is not None and path.exists():
@@ -215,12 +241,20 @@ def _coordinates(grid: Grid | Rings) -> dict[str, tuple[tuple[str, ...], Any, di
         name: (
             (name,),
             place,
-            {"units": "m", "long_name": f"{name} of the tip in the {whose}, middle of a cell", "width": width},
+            {
+                "units": "m",
+                "long_name": f"{name} of the tip in the {whose}, middle of a cell",
+                "width": width,
+            },
         )
         for name, place, width in zip(grid.names, grid.places, grid.widths, strict=True)
     }
     turns = grid.orientations
-    table["orientation"] = (("orientation",), np.arange(len(turns)), {"long_name": "number of an orientation"})
+    table["orientation"] = (
+        ("orientation",),
+        np.arange(len(turns)),
+        {"long_name": "number of an orientation"},
+    )
     table["rotation"] = (
         ("orientation", "row", "column"),
         turns.matrices,
@@ -234,19 +268,6 @@ def _coordinates(grid: Grid | Rings) -> dict[str, tuple[tuple[str, ...], Any, di
     return table
 
 
-def described(dataset: xarray.Dataset) -> dict[str, Any]:
-    """What a map is of.
-
-    Raises:
-        InvalidMap: It is none of `reach`.
-    """
-    try:
-        told: dict[str, Any] = dataset.attrs[DESCRIPTION]
-    except (AttributeError, KeyError):
-        raise InvalidMap("this is no map that maps.reach made: it lacks the attribute 'kinseek'") from None
-    return told
-
-
 def _require_extra() -> None:
     try:
         import distributed
@@ -255,5 +276,3 @@ def _require_extra() -> None:
     except ImportError:
         raise MissingExtra("A map", "maps") from None
     del distributed, xarray, zarr
-
-

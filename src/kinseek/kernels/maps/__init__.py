@@ -1,0 +1,1 @@
+"""Kernels of maps: many poses asked at once."""

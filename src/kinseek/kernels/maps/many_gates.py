@@ -1,0 +1,63 @@
+"""The gate of a proof for many poses: which of them do lengths and angles alone rule out?"""
+
+from __future__ import annotations
+
+from kinseek.kernels.arrays import CHAIN, Array, ChainArrays
+from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.jit import entry
+from kinseek.kernels.proof.box import FORM, WANTED, Form, Wanted
+from kinseek.kernels.proof.gate import gate
+
+
+@entry(
+    returns=I64,
+    form=FORM,
+    wanted=WANTED,
+    chain=CHAIN,
+    before=F64[3, 4],
+    after=F64[3, 4],
+    targets=F64["k", 3, 4],
+    target=F64[3, 4].out,
+    closed=F64["k"].out,
+)
+def many_gates(
+    form: Form,
+    wanted: Wanted,
+    chain: ChainArrays,
+    before: Array,
+    after: Array,
+    targets: Array,
+    target: Array,
+    closed: Array,
+) -> int:
+    """Ask the gate about many poses, and count those that it rules out.
+
+    Args:
+        form: The question, see `kinseek.proof.reduce.question`.
+        wanted: Its tolerances, with margins that bear the farthest of the poses; its `target` is the memory of `target`.
+        chain: The arm.
+        before: What the question multiplies a pose with from the left, (3, 4).
+        after: And from the right, (3, 4).
+        targets: Poses, (k, 3, 4), lengths in [m].
+        target: Is written to, (3, 4).
+        closed: Receives 1 where a pose is ruled out, else 0, (k,).
+
+    Returns:
+        How many are ruled out.
+    """
+    count = 0
+    for i in range(targets.shape[0]):
+        for r in range(3):
+            x, y, z, p = 0.0, 0.0, 0.0, before[r, 3]
+            for c in range(3):
+                x += before[r, c] * targets[i, c, 0]
+                y += before[r, c] * targets[i, c, 1]
+                z += before[r, c] * targets[i, c, 2]
+                p += before[r, c] * targets[i, c, 3]
+            for c in range(3):
+                target[r, c] = x * after[0, c] + y * after[1, c] + z * after[2, c]
+            target[r, 3] = x * after[0, 3] + y * after[1, 3] + z * after[2, 3] + p
+        passes, _ = gate(form, wanted, chain)
+        closed[i] = 0.0 if passes else 1.0
+        count += 0 if passes else 1
+    return count

@@ -1,0 +1,125 @@
+"""What a map will take, from a part of it that is done on trial."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kinseek.arm import Arm
+
+from .block import answered, desk_of
+from .grid import Grid, Rings
+from .make import options_of, work_of
+from .measures import MEASURES, REACHED
+
+_ROW = 64
+"""Orientations of one place that are tried at a time."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a map will take."""
+
+    cells: int
+    seconds: float
+    """Of one core for each cell, the mean of those tried."""
+    error: float
+    """Of that mean, as a part of it: two standard errors."""
+    tried: int
+    """Cells."""
+    cores: int
+    """That work at once."""
+    memory: int
+    """Of all values before they are compressed [bytes]; what a store takes is much less."""
+
+    @property
+    def core_hours(self) -> float:
+        """Of one core."""
+        return self.cells * self.seconds / 3600
+
+    @property
+    def duration(self) -> float:
+        """Seconds, if all cores are free."""
+        return self.cells * self.seconds / self.cores
+
+    def __str__(self) -> str:
+        """One sentence."""
+        cores = f"{self.cores} core{'s' * (self.cores > 1)}"
+        return (
+            f"{self.cells:,} cells at {self.seconds * 1e6:.3g} µs ±{self.error:.0%} ({self.tried} tried): about "
+            f"{_time(self.duration)} on {cores}, {_size(self.memory)} before compression"
+        )
+
+
+def estimate(
+    arm: Arm,
+    grid: Grid | Rings,
+    what: Sequence[str] = (REACHED,),
+    *,
+    seconds: float = 1.0,
+    cores: int | None = None,
+    **options: Any,
+) -> Estimate:
+    """Say what a map will take, by trying cells drawn from all of it, on one core of this machine.
+
+    The time to start processes, and the arm's atlas in each, is not in it: some seconds.
+
+    Args:
+        arm: As in `reach`.
+        grid: As in `reach`.
+        what: As in `reach`.
+        seconds: How long to try.
+        cores: That will work at once; those of this machine unless given.
+        options: Those of `reach` that say what is made: ``prove``, ``depth``, ``budget``, ``patience`` and tolerances.
+
+    Raises:
+        InvalidMap: As `reach`.
+    """
+    work = work_of(arm, grid, what, **options_of(options), store=None)
+    desk, rng, cost = desk_of(work), np.random.default_rng(0), []
+    row = min(_ROW, grid.shape[-1])
+
+    def part() -> tuple[slice, ...]:
+        place = [int(rng.integers(n)) for n in grid.shape[:-1]]
+        first = int(rng.integers(grid.shape[-1] - row + 1))
+        return (*(slice(i, i + 1) for i in place), slice(first, first + row))
+
+    first = part()
+    answered(work, desk, grid.poses(first), first)  # Builds the atlas.
+    until = time.perf_counter() + seconds
+    while len(cost) < 8 or time.perf_counter() < until:
+        some = part()
+        poses = grid.poses(some)
+        began = time.perf_counter()
+        answered(work, desk, poses, some)
+        cost.append((time.perf_counter() - began) / row)
+    mean = float(np.mean(cost))
+    each = sum(np.dtype(MEASURES[name].dtype).itemsize for name in work.what) + (5 if work.prove else 0)
+    each += 16 if isinstance(grid, Rings) else 0
+    return Estimate(
+        cells=grid.size,
+        seconds=mean,
+        error=2 * float(np.std(cost)) / np.sqrt(len(cost)) / mean,
+        tried=len(cost) * row,
+        cores=cores or os.cpu_count() or 1,
+        memory=grid.size * each,
+    )
+
+
+def _time(seconds: float) -> str:
+    for unit, length in (("days", 86400.0), ("hours", 3600.0), ("min", 60.0)):
+        if seconds >= 2 * length:
+            return f"{seconds / length:.3g} {unit}"
+    return f"{seconds:.2g} s"
+
+
+def _size(count: int) -> str:
+    for unit, length in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= length:
+            return f"{count / length:.3g} {unit}"
+    return f"{count} bytes"

@@ -1,0 +1,81 @@
+"""Reached or not, of many poses, and a cheap no.
+
+Who asks `arm.ik` for a pose that is out of reach gets the nearest one, which takes a hundred times as long as an answer.
+A map wants no nearest pose. So lengths and angles are asked first, the gate of a proof; then eight samples of the atlas for
+each pose, eight poses at a time, as in any batch; what is left gets a limited number of FK evaluations.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.arm import Arm
+from kinseek.goal import Goal
+from kinseek.kernels.arm.division import NONE
+from kinseek.kernels.atlas.batch import solve_many, solve_some
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR
+from kinseek.kernels.maps.many_gates import many_gates
+from kinseek.problem import Problem
+from kinseek.proof.reduce import LARGEST, question
+from kinseek.robots.geometry import divide
+from kinseek.solvers.atlas.index import atlas_of, wanted_of
+from kinseek.transforms import inverse, square
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+PATIENCE = 1000
+"""FK evaluations for a pose that its first eight samples do not lead to."""
+
+
+def reached(arm: Arm, goal: Goal, patience: int | None = PATIENCE) -> Flags:
+    """Say of many poses whether an answer is found; one thread.
+
+    Args:
+        arm: With axes.
+        goal: Poses, (k, 4, 4), and tolerances.
+        patience: FK evaluations for a pose that resists; None: as many as `Arm.ik` takes.
+
+    Returns:
+        (k,): is there an answer inside the limits and within the tolerances, by plain forward kinematics? A no is no proof.
+    """
+    targets = goal.targets
+    index, open_ = atlas_of(arm.chain, goal), np.flatnonzero(~ruled_out(arm, goal))
+    results = np.full((len(targets), arm.dof + 4), np.inf)
+    some, asked = np.ascontiguousarray(targets[open_]), results[open_]
+    left = np.empty(len(open_), dtype=np.int64)
+    count = solve_many(index.handle, wanted_of(goal), some, asked, left, 0, len(open_), LANES)
+    solve_some(index.handle, wanted_of(goal, patience), some, asked, left[:count].copy(), 0, count, LANES)
+    results[open_] = asked
+    errors = results[:, arm.dof :]
+    near = errors[:, POSITION_ERROR] <= goal.position_tolerance
+    return np.asarray(near & (errors[:, ORIENTATION_ERROR] <= goal.orientation_tolerance))
+
+
+def ruled_out(arm: Arm, goal: Goal) -> Flags:
+    """Say of poses, (k, 4, 4), which of them lengths and angles prove out of reach, (k,)."""
+    targets = goal.targets
+    closed = np.zeros(len(targets))
+    far = float(np.linalg.norm(targets[:, :, 3], axis=1).max(initial=0.0))
+    form, wanted, _ = question(Problem(arm.mechanism, goal.at(np.eye(4))))
+    # What the question does to a pose: A T B, and of the identity it made A B.
+    before = inverse(arm.chain.fixed[0]) if divide(arm.chain, goal.form).head != NONE else np.eye(4)[:3]
+    after = (square(inverse(before)) @ square(wanted.target))[:3]
+    lengths = far + float(np.linalg.norm(before[:, 3])) + float(np.linalg.norm(after[:, 3]))
+    if not lengths <= LARGEST:
+        return closed.astype(bool)
+    target = np.empty((3, 4))
+    wanted = wanted._replace(target=target, margin=wanted.margin + wanted.margin_a * lengths)
+    many_gates(
+        form,
+        wanted,
+        Problem(arm.mechanism, goal.at(np.eye(4))).arrays,
+        np.ascontiguousarray(before),
+        np.ascontiguousarray(after),
+        targets,
+        target,
+        closed,
+    )
+    return closed > 0.0
