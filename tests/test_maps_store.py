@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ pytest.importorskip("zarr")
 distributed = pytest.importorskip("distributed")
 
 ARM = kinseek.load("ur5e")
-GRID = maps.Grid((-0.9, 0.9, 0.3), (-0.9, 0.9, 0.3), (-0.3, 0.9, 0.3), 24)
+GRID = maps.Grid((-0.9, 0.9, 0.3), (-0.9, 0.9, 0.3), (-0.3, 0.9, 0.3), maps.orientations(24))
 SMALL: dict[str, Any] = {"block": 24 * 8}
 
 
@@ -42,7 +43,7 @@ def _here(monkeypatch: pytest.MonkeyPatch) -> None:
         for done, index in enumerate(todo):
             run._here(work, index, blocks - len(todo) + done, blocks, written)
 
-    monkeypatch.setattr(run, "_local_client", lambda blocks: run._given(None))
+    monkeypatch.setattr(run, "_local_client", lambda blocks: nullcontext())
     monkeypatch.setattr(run, "_spread", one_by_one)
     monkeypatch.setattr(
         run, "_require_same", lambda at, work, whole=run._require_same: at and whole(at, work)
@@ -105,14 +106,15 @@ def test_a_store_of_another_map_is_refused(tmp_path: Path) -> None:
     place = tmp_path / "map.zarr"
     maps.reach(ARM, GRID, store=place, **SMALL)
     before = files(place)
-    coarse = maps.Grid((-0.9, 0.9, 0.9), (-0.9, 0.9, 0.3), (-0.3, 0.9, 0.3), 24)
-    for arm, grid, options, said in [
+    coarse = maps.Grid((-0.9, 0.9, 0.9), (-0.9, 0.9, 0.3), (-0.3, 0.9, 0.3), maps.orientations(24))
+    others: list[tuple[kinseek.Arm, maps.Grid, dict[str, Any], str]] = [
         (kinseek.load("ur10e"), GRID, {}, "name 'ur5e' there, 'ur10e' asked"),
         (ARM.with_limits({ARM.joint_names[1]: (-1.0, 1.0)}), GRID, {}, "arm '.*' there, '.*' asked"),
         (ARM, coarse, {}, "grid .* there"),
         (ARM, GRID, {"position_tolerance": 1e-3}, "position_tolerance 1e-06 there, 0.001 asked"),
         (ARM, GRID, {"prove": True}, "prove False there"),
-    ]:
+    ]
+    for arm, grid, options, said in others:
         with pytest.raises(kinseek.InvalidMap, match=said):
             maps.reach(arm, grid, store=place, **{**SMALL, **options})
     assert files(place) == before
@@ -168,7 +170,7 @@ import json, sys
 import distributed, kinseek
 from kinseek import maps
 numbers, store, at = json.loads(sys.argv[1]), sys.argv[2], sys.argv[3]
-grid = maps.Grid(*numbers["ranges"], numbers["orientations"])
+grid = maps.Grid(*numbers["ranges"], maps.orientations(numbers["orientations"]))
 with distributed.Client(scheduler_file=at) as client:
     try:
         maps.reach(kinseek.load("ur5e"), grid, numbers["what"], store=store, client=client, block=numbers["block"])
@@ -182,7 +184,8 @@ class Processes:
     """A scheduler, workers and clients, each a process of its own."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.all, self.count = folder, [], 0
+        self.folder, self.count = folder, 0
+        self.all: list[subprocess.Popen[str]] = []
         (folder / "client.py").write_text(PROGRAM)
 
     def start(self, *words: str) -> subprocess.Popen[str]:
@@ -213,14 +216,14 @@ class Processes:
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_nothing_is_lost_or_done_twice_when_processes_are_killed(tmp_path: Path) -> None:
     """A worker is killed at 30 %, the scheduler at 60 %, a client at 80 %; the next client ends the work."""
-    numbers = {
+    numbers: dict[str, Any] = {
         "ranges": [(-0.9, 0.9, 0.3), (-0.9, 0.9, 0.3), (-0.3, 0.9, 0.3)],
         "orientations": 144,
         "what": ["reached", "dexterity"],
         "block": 144 * 2,
     }
-    grid = maps.Grid(*numbers["ranges"], numbers["orientations"])  # type: ignore[misc]
-    maps.reach(ARM, grid, numbers["what"], store=tmp_path / "calm.zarr", block=numbers["block"])  # type: ignore[arg-type]
+    grid = maps.Grid(*numbers["ranges"], maps.orientations(numbers["orientations"]))
+    maps.reach(ARM, grid, numbers["what"], store=tmp_path / "calm.zarr", block=numbers["block"])
     whole, place = len(marks(tmp_path / "calm.zarr")) // 2, tmp_path / "map.zarr"
     assert whole == 72
     processes = Processes(tmp_path)
@@ -235,7 +238,7 @@ def test_nothing_is_lost_or_done_twice_when_processes_are_killed(tmp_path: Path)
 
     try:
         at, scheduler, workers = processes.cluster(3)
-        second = processes.cluster(2)  # It starts while the first works.
+        second = processes.cluster(1)  # It starts while the first works.
         words = (str(tmp_path / "client.py"), json.dumps(numbers), str(place))
         client = processes.start(*words, at)
         kept = wait_for(0.3, client)

@@ -19,6 +19,7 @@ from .words import gather
 COMMANDS = (
     "solve",
     "follow",
+    "map",
     "show",
     "fk",
     "view",

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ Array = NDArray[np.float64]
 
 UNDECIDED, REACHED, EMPTY = 0, 1, 2
 
-ATTRIBUTES = {
+ATTRIBUTES: dict[str, dict[str, Any]] = {
     "cell": {
         "long_name": "what is known of the whole cell",
         "flag_values": [UNDECIDED, REACHED, EMPTY],

@@ -81,7 +81,7 @@ def estimate(
         InvalidMap: As `reach`.
     """
     work = work_of(arm, grid, what, **options_of(options), store=None)
-    desk, rng, cost = desk_of(work), np.random.default_rng(0), []
+    desk, rng, cost = desk_of(work), np.random.default_rng(0), list[float]()
     row = min(_ROW, grid.shape[-1])
 
     def part() -> tuple[slice, ...]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
+from kinseek.branches.result import BranchesBatch
 from kinseek.errors import InvalidMap
 from kinseek.goal import Goal
 from kinseek.robots import SerialChain
@@ -97,7 +98,7 @@ def turns(
         return begins, ends
     gap = FULL - (first.upper - first.lower)
     some = np.flatnonzero(found)
-    answers = arm.branches(goal(poses[some]), threads=1)
+    answers = cast(BranchesBatch, arm.branches(goal(poses[some]), threads=1))
     single = arm.ik(goal(poses[some]), threads=1).q[:, 0]
     for i, number in enumerate(some):
         every = answers[i].q[:, 0] if len(answers[i]) else single[i : i + 1]

@@ -92,7 +92,8 @@ class Cells:
         for name in self.names:
             object.__setattr__(self, name, _range(name, getattr(self, name)))
         if not isinstance(self.orientations, Orientations):
-            object.__setattr__(self, "orientations", orientations(self.orientations))
+            got = type(self.orientations).__name__
+            raise InvalidMap(f"orientations must be made by maps.orientations(count), got {got}")
         if self.size > MOST:
             hours, room = self.size * 3e-6 / 3600, self.size / 1e9
             raise InvalidMap(
@@ -122,7 +123,7 @@ class Grid(Cells):
     y: Range
     z: Range
     orientations: Orientations
-    """A grid on SO(3), or how many orientations one shall have; see `kinseek.maps.orientations`."""
+    """A grid on SO(3), see `kinseek.maps.orientations`."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -178,7 +179,7 @@ class Rings(Cells):
     height: Range
     """Along the first axis, from where the first joint's frame stands: from, to, and the width of a cell [m]."""
     orientations: Orientations
-    """A grid on SO(3), or how many orientations one shall have; see `kinseek.maps.orientations`."""
+    """A grid on SO(3), see `kinseek.maps.orientations`."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -228,7 +229,7 @@ def azimuths(T: Array) -> Array:
 def grid_of(description: dict[str, Any]) -> Grid | Rings:
     """Make the grid that `Cells.description` tells of."""
     turns = orientations(int(description["orientations"]))
-    kind = {"Grid": Grid, "Rings": Rings}[description["kind"]]
+    kind: Any = {"Grid": Grid, "Rings": Rings}[description["kind"]]
     grid: Grid | Rings = kind(*[tuple(description[name]) for name in kind.names], turns)
     if json.dumps(grid.description()) != json.dumps(description):
         raise InvalidMap(

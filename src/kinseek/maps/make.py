@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import xarray
     from distributed import Client
 
-TURNS: dict[str, dict[str, object]] = {
+TURNS: dict[str, dict[str, Any]] = {
     "turn_from": {
         "long_name": "azimuth of the position from which on the pose is reached, about the first axis",
         "units": "radian",
@@ -128,7 +128,7 @@ def reach(
     kept = _store_of(arm, grid, work)
     todo = kept.missing()
     run(work, todo, math.prod(kept.blocks), client, progress, kept.write)
-    dataset = kept.dataset()
+    dataset: xarray.Dataset = kept.dataset()
     return dataset if work.store is not None else dataset.load()
 
 
@@ -143,7 +143,8 @@ def open_map(store: str | Path) -> xarray.Dataset:
         MissingExtra: xarray, Dask or Zarr is not installed.
     """
     _require_extra()
-    return Store.at(str(Path(store).expanduser().resolve())).dataset()
+    dataset: xarray.Dataset = Store.at(str(Path(store).expanduser().resolve())).dataset()
+    return dataset
 
 
 def work_of(
@@ -158,14 +159,15 @@ def work_of(
         raise InvalidMap(f"a map needs axes and links, and {arm.name!r} is a function")
     if not isinstance(grid, Grid | Rings):
         raise InvalidMap(f"grid must be a maps.Grid or maps.Rings, got {type(grid).__name__}")
+    given: Mapping[str, Any] = options
     for name, least in (("depth", 0), ("budget", 1), ("block", 1), ("patience", 1)):
-        value = options[name]
+        value = given[name]
         if name == "patience" and value is None:
             continue
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
             raise InvalidMap(f"{name} must be a whole number of at least {least}, got {value!r}")
     for name in TOLERANCES:
-        check_tolerance(name, options[name])
+        check_tolerance(name, given[name])
     if isinstance(grid, Rings):
         divided(arm.axes)
     chain, prove, patience = slim(arm.axes), bool(options["prove"]), options["patience"]
@@ -188,7 +190,7 @@ def work_of(
 
 def _store_of(arm: Arm, grid: Grid | Rings, work: Work) -> Store:
     """The store that is there already, if it is of this map, or a new one."""
-    variables: dict[str, tuple[str, float, dict[str, object]]] = {
+    variables: dict[str, tuple[str, float, dict[str, Any]]] = {
         name: (measure.dtype, measure.fill, dict(measure.attributes))
         for name, measure in MEASURES.items()
         if name in work.what
@@ -226,7 +228,7 @@ def _store_of(arm: Arm, grid: Grid | Rings, work: Work) -> Store:
         kept = Store.at(str(path))
         compare(str(path), kept.description, description)
         return kept
-    attributes: dict[str, object] = {
+    attributes: dict[str, Any] = {
         "Conventions": "CF-1.11",
         "title": f"What {arm.name} reaches",
         "source": f"kinseek {kinseek.__version__}, maps.reach",
@@ -235,9 +237,9 @@ def _store_of(arm: Arm, grid: Grid | Rings, work: Work) -> Store:
     return Store.create(path, description, variables, _coordinates(grid), attributes)
 
 
-def _coordinates(grid: Grid | Rings) -> dict[str, tuple[tuple[str, ...], Any, dict[str, object]]]:
+def _coordinates(grid: Grid | Rings) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
     whose = "arm's base" if isinstance(grid, Grid) else "frame of the first joint"
-    table: dict[str, tuple[tuple[str, ...], Any, dict[str, object]]] = {
+    table: dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]] = {
         name: (
             (name,),
             place,

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
+from kinseek.branches.result import BranchesBatch
 from kinseek.errors import InvalidMap, suggest
 from kinseek.goal import Goal
 from kinseek.turns import shortest
@@ -24,7 +25,7 @@ class Measure(NamedTuple):
     dtype: str
     fill: float
     """Where no pose is reached, or no block is done yet."""
-    attributes: dict[str, object]
+    attributes: dict[str, Any]
 
 
 REACHED, BRANCHES, DEXTERITY, LIMITS = "reached", "branches", "dexterity", "limit_distance"
@@ -121,7 +122,7 @@ def measured(
 
 def _best(arm: Arm, goal: Goal, some: NDArray[np.int64], values: dict[str, Array], free: int) -> None:
     """Write the measures of all answers to a goal, whose poses have these numbers, and an answer each."""
-    answers = arm.branches(goal, threads=1)
+    answers = cast(BranchesBatch, arm.branches(goal, threads=1))
     counts, q = answers.counts, answers.q
     lacking = np.flatnonzero(counts == 0)  # `ik` found one that the search for all did not.
     if len(lacking):

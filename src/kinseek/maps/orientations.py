@@ -114,7 +114,8 @@ class Orientations:
         count = firsts[collar + 1] - firsts[collar]
         share = np.mod(np.arctan2(d[..., 1], d[..., 0]), 2 * np.pi) / (2 * np.pi)
         region = firsts[collar] + np.minimum((share * count).astype(np.int64), count - 1)
-        return region * self.arcs + self._arc(rotations, region)
+        number: Indices = region * self.arcs + self._arc(rotations, region)
+        return number
 
     def _arc(self, rotations: Array, region: Indices) -> Indices:
         turn = twist(self.directions[region], self.frames[region], rotations)
@@ -205,7 +206,7 @@ def farthest(regions: Array, centres: Array) -> Array:
     A, B = np.cos(centres[:, 0]), np.sin(centres[:, 0]) * np.cos(wide)
     inside = np.clip(np.arctan2(B, A) + np.pi, low, high)
     cosines = [A * np.cos(theta) + B * np.sin(theta) for theta in (low, high, inside)]
-    return np.arccos(np.clip(np.min(cosines, axis=0), -1.0, 1.0))
+    return np.asarray(np.arccos(np.clip(np.min(cosines, axis=0), -1.0, 1.0)))
 
 
 def ball(swing: ArrayLike, half_turn: ArrayLike) -> Array:

@@ -76,16 +76,18 @@ def _local_client(blocks: int) -> Iterator[Client]:
 
     They are started as programs, so that a script needs no ``if __name__ == "__main__"``.
     """
+    import distributed
     from dask import config
-    from distributed import Client
 
+    connect: Any = distributed.Client
     options: dict[str, Any] = {"n_workers": min(os.cpu_count() or 1, blocks), "threads_per_worker": 1}
+    options["dashboard_address"] = None
     with config.set({"distributed.admin.log-format": "%(message)s", "logging.distributed": "error"}):
         if sys.platform == "win32":
             from distributed import LocalCluster as Cluster
         else:
             from distributed.deploy.subprocess import SubprocessCluster as Cluster
-        with Cluster(**options, dashboard_address=None) as cluster, Client(cluster) as client:
+        with Cluster(**options) as cluster, connect(cluster) as client:
             yield client
 
 
@@ -125,10 +127,11 @@ def _spread(
 ) -> None:
     from concurrent.futures import CancelledError
 
-    from distributed import as_completed
+    import distributed
     from distributed.client import FutureCancelledError
     from distributed.scheduler import KilledWorker
 
+    as_completed: Any = distributed.as_completed
     before, left, numbers = blocks - len(todo), iter(todo), {}
     done = 0
 
@@ -140,7 +143,7 @@ def _spread(
     threads = sum(each["nthreads"] for each in client.scheduler_info(n_workers=-1)["workers"].values())
     ahead = AHEAD * max(threads, 1)
     try:
-        running = as_completed([submit(index) for _, index in zip(range(ahead), left, strict=False)])
+        running: Any = as_completed([submit(index) for _, index in zip(range(ahead), left, strict=False)])
         for future in running:
             values = future.result()
             done += 1

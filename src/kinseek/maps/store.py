@@ -43,9 +43,9 @@ class Store:
         cls,
         path: Path | None,
         description: dict[str, Any],
-        variables: Mapping[str, tuple[str, float, dict[str, object]]],
-        coordinates: Mapping[str, tuple[tuple[str, ...], Array, dict[str, object]]],
-        attributes: dict[str, object],
+        variables: Mapping[str, tuple[str, float, dict[str, Any]]],
+        coordinates: Mapping[str, tuple[tuple[str, ...], Array, dict[str, Any]]],
+        attributes: dict[str, Any],
     ) -> Store:
         """Make a store without any block; it appears as a whole or not at all.
 

@@ -17,6 +17,7 @@ from .arms import arm, branches, draw_arm, draw_frame, draw_line
 from .atlases import samples
 from .figures import COLOURS, plane, same_scale, save, space, trim
 from .landscapes import landscape, passes, windows
+from .maps import bases, cloud, map_slice, volumes
 from .paths import joints
 from .proofs import boxes
 from .traces import breadths, circles, progress, tree
@@ -25,15 +26,18 @@ from .workspaces import workspace
 __all__ = [
     "COLOURS",
     "arm",
+    "bases",
     "boxes",
     "branches",
     "breadths",
     "circles",
+    "cloud",
     "draw_arm",
     "draw_frame",
     "draw_line",
     "joints",
     "landscape",
+    "map_slice",
     "passes",
     "plane",
     "progress",
@@ -43,6 +47,7 @@ __all__ = [
     "space",
     "tree",
     "trim",
+    "volumes",
     "windows",
     "workspace",
 ]

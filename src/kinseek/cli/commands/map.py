@@ -1,0 +1,201 @@
+"""``kinseek map``: what an arm reaches of a whole grid of poses."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from kinseek.arm import Arm
+from kinseek.cli.help import Command, option
+from kinseek.cli.options import ARM, Chain, arm_argument, chain_options, json_option
+from kinseek.cli.output import complain, on_terminal
+from kinseek.errors import InvalidMap
+from kinseek.maps import Grid, Rings, capability, estimate, orientations, reach, volume
+
+_GRID, _WORK = "The grid", "The work"
+
+
+@click.command(
+    "map",
+    cls=Command,
+    arguments=[ARM],
+    examples=[
+        "kinseek map ur5e --step 0.2 --orientations 72 --store ur5e.zarr",
+        "kinseek map ur5e --rings --step 0.1 --estimate",
+    ],
+    more=[
+        "What it takes is tried first, and told before the work begins. With --store it can be stopped at any time, and "
+        "--resume goes on.",
+        "Exit codes: 0 done, 2 misuse or interrupted; 130 stopped with Ctrl-C.",
+    ],
+)
+@arm_argument
+@chain_options
+@option(
+    "--step",
+    metavar="M",
+    type=float,
+    group=_GRID,
+    help="Width of a cell, m; a tenth of the arm's reach unless given.",
+)
+@option(
+    "--range",
+    "ranges",
+    metavar="X X Y Y Z Z",
+    group=_GRID,
+    help="From and to along x, y and z, m; as far as the arm reaches unless given. With --rings: radius and height.",
+)
+@option(
+    "--orientations",
+    "count",
+    metavar="N",
+    type=int,
+    default=576,
+    group=_GRID,
+    help="About so many, evenly. Default: 576.",
+)
+@option(
+    "--rings",
+    is_flag=True,
+    group=_GRID,
+    help="Divide out the first joint: one plane of cells serves all around.",
+)
+@option(
+    "--what",
+    metavar="WORDS",
+    default="reached",
+    group=_WORK,
+    help="reached, branches, dexterity, limit_distance, with commas between. Default: reached.",
+)
+@option(
+    "--prove",
+    is_flag=True,
+    group=_WORK,
+    help="Say of each whole cell: reached somewhere, proved empty or undecided.",
+)
+@option(
+    "--depth",
+    metavar="N",
+    type=int,
+    default=2,
+    group=_WORK,
+    help="How often such a cell is cut in half. Default: 2.",
+)
+@option(
+    "--store",
+    metavar="FOLDER",
+    type=click.Path(path_type=Path),
+    group=_WORK,
+    help="Write the map here, block by block (Zarr).",
+)
+@option("--resume", is_flag=True, group=_WORK, help="Go on with a map that is in the folder already.")
+@option(
+    "--scheduler",
+    metavar="ADDRESS",
+    group=_WORK,
+    help="Of a Dask cluster, tcp://HOST:PORT; this machine's cores unless given.",
+)
+@option(
+    "--picture",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    group=_WORK,
+    help="Draw the middle slice, .png.",
+)
+@option("--estimate", "only", is_flag=True, group=_WORK, help="Say what it takes, and stop.")
+@json_option
+def command(
+    arm: str,
+    chain: Chain,
+    step: float | None,
+    ranges: str | None,
+    count: int,
+    rings: bool,
+    what: str,
+    prove: bool,
+    depth: int,
+    store: Path | None,
+    resume: bool,
+    scheduler: str | None,
+    picture: Path | None,
+    only: bool,
+    as_json: bool,
+) -> int:
+    """Map what an arm reaches: of an even grid of poses each reached or not, and more where it is asked."""
+    loaded = chain.load(arm)
+    grid = _grid(loaded, step, ranges, count, rings)
+    if resume and store is None:
+        raise InvalidMap("--resume goes on with the map in a folder: give it as --store")
+    if store is not None and not resume and store.exists():
+        raise InvalidMap(f"{str(store)!r} is there already; --resume goes on with it")
+    if picture is not None and picture.suffix.lower() != ".png":
+        raise InvalidMap(f"--picture must end in .png, got {str(picture)!r}")
+    words = tuple(what.replace(",", " ").split())
+    options: dict[str, Any] = {"prove": prove, "depth": depth}
+    client = _client(scheduler)
+    cores = None if client is None else sum(client.nthreads().values()) or 1
+    cost = estimate(loaded, grid, words, cores=cores, **options)
+    complain(str(cost))
+    told: dict[str, Any] = {"cells": cost.cells, "estimated_seconds": cost.duration}
+    if not only:
+        began = time.perf_counter()
+        dataset = reach(loaded, grid, words, store=store, client=client, progress=on_terminal(), **options)
+        told |= {"seconds": time.perf_counter() - began, "reached": float((dataset.reached == 1).mean())}
+        told["places_reached"] = float((capability(dataset) > 0).mean())
+        if prove:
+            told |= {
+                "empty": float((dataset.cell == 2).mean()),
+                "undecided": float((dataset.cell == 0).mean()),
+            }
+            told |= {f"volume_{name}": each for name, each in volume(dataset)._asdict().items()}
+        if picture is not None:
+            from kinseek import plots
+
+            plots.save(plots.map_slice(dataset), picture)
+    print(json.dumps(told) if as_json else "\n".join(f"{name}: {value:.6g}" for name, value in told.items()))
+    return 0
+
+
+def _grid(arm: Arm, step: float | None, ranges: str | None, count: int, rings: bool) -> Grid | Rings:
+    """The grid that is asked for: whole cells, as far as the arm reaches unless said."""
+    reach_of_it = arm.chain.reach
+    width = step if step is not None else float(f"{reach_of_it / 10:.1g}")
+    if not np.isfinite(width) or width <= 0.0:
+        raise InvalidMap(f"--step must be a positive length, m, got {width:g}")
+    names = Rings.names if rings else Grid.names
+    if ranges is None:
+        half = np.ceil(reach_of_it / width) * width
+        centre = np.zeros(3) if rings else arm.chain.fixed[0, :, 3]
+        ends = [(-half, half)] * 3 if not rings else [(0.0, half), (-half, half)]
+        middles = [0.0, 0.0] if rings else [round(float(c) / width) * width for c in centre]
+        pairs = [(low + middle, high + middle) for (low, high), middle in zip(ends, middles, strict=True)]
+    else:
+        try:
+            numbers = [float(word) for word in ranges.replace(",", " ").split()]
+        except ValueError:
+            raise InvalidMap(f"--range must be numbers, got {ranges!r}") from None
+        if len(numbers) != 2 * len(names):
+            raise InvalidMap(
+                f"--range takes from and to of {', '.join(names)}: {2 * len(names)} numbers, got {len(numbers)}"
+            )
+        pairs = list(zip(numbers[::2], numbers[1::2], strict=True))
+    cells = [(float(low), float(high), width) for low, high in pairs]
+    turns = orientations(count)
+    return Rings(cells[0], cells[1], turns) if rings else Grid(cells[0], cells[1], cells[2], turns)
+
+
+def _client(scheduler: str | None) -> Any:
+    if scheduler is None:
+        return None
+    import distributed
+
+    connect: Any = distributed.Client
+    try:
+        return connect(scheduler, timeout=10)
+    except (OSError, ValueError) as error:
+        raise InvalidMap(f"no Dask scheduler at {scheduler!r}: {error}") from None

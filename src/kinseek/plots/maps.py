@@ -1,0 +1,237 @@
+"""Maps of workspaces: slices, the capability cloud, bounds of the volume, places for the base."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidUse
+from kinseek.maps.cells import EMPTY, REACHED, UNDECIDED
+from kinseek.maps.grid import Rings
+from kinseek.maps.reading import capability, grid_of_map, volume
+
+from .figures import COLOURS, drawn, given_or_new, given_or_new_space, same_scale
+
+Array = NDArray[np.float64]
+
+CELLS = {
+    REACHED: ("reached somewhere", COLOURS[5]),
+    UNDECIDED: ("undecided", COLOURS[3]),
+    EMPTY: ("proved empty", "#4d4d4d"),
+}
+
+SHARES = "viridis"
+"""Colours of a share."""
+
+
+@drawn
+def map_slice(
+    dataset: Any,
+    *,
+    orientation: int | None = None,
+    ax: Any = None,
+    size: tuple[float, float] = (6.0, 5.0),
+    **where: float,
+) -> Any:
+    """Draw a plane of a map: the share of orientations that is reached, or what is known of one orientation.
+
+    Args:
+        dataset: A map that `kinseek.maps.reach` made.
+        orientation: Number of one; without it the capability of all. Of a map with ``prove=True``, what is known of each
+            cell.
+        ax: Axes in a plane to draw on.
+        size: Of a new figure [inch].
+        where: Of one dimension of a `Grid`, where the plane is: ``z=0.4`` [m]; the nearest cells are drawn. The middle of y
+            unless given. `Rings` are a plane already.
+
+    Returns:
+        The Matplotlib figure.
+
+    Raises:
+        InvalidMap: It is no map.
+        InvalidUse: No such dimension or orientation, or other axes.
+        MissingExtra: Matplotlib is not installed.
+    """
+    grid = grid_of_map(dataset)
+    if isinstance(grid, Rings):
+        if where:
+            raise InvalidUse(f"rings are a plane already, got {', '.join(where)}")
+    elif not where:
+        where = {"y": float(np.median(grid.places[1]))}
+    if len(where) > 1 or not set(where) <= set(grid.names):
+        raise InvalidUse(
+            f"one of {', '.join(grid.names)} says where the plane is, got {', '.join(where) or 'none'}"
+        )
+    if orientation is not None and not 0 <= orientation < grid.shape[-1]:
+        raise InvalidUse(f"orientation must be from 0 to {grid.shape[-1] - 1}, got {orientation}")
+    plane = dataset.sel(where, method="nearest") if where else dataset
+    across, up = (name for name in grid.names if name not in where)
+    figure, axes = given_or_new(ax, size)
+    extent = [
+        (float(dataset[name][end]) + side * grid.widths[grid.names.index(name)] / 2)
+        for name in (across, up)
+        for end, side in ((0, -1), (-1, 1))
+    ]
+    look = {"origin": "lower", "extent": extent, "interpolation": "nearest", "aspect": "equal"}
+    if orientation is None:
+        share = capability(plane.assign_attrs(dataset.attrs)).transpose(up, across)
+        shown = axes.imshow(share.values, cmap=SHARES, vmin=0.0, vmax=1.0, **look)
+        figure.colorbar(shown, ax=axes, label="share of orientations reached", shrink=0.8)
+        what = "capability"
+    else:
+        _one(figure, axes, plane.isel(orientation=orientation).transpose(up, across, ...), look)
+        what = f"orientation {orientation}"
+    axes.grid(False)
+    axes.set(xlabel=f"{across} [m]", ylabel=f"{up} [m]")
+    place = "".join(f", {name} = {float(plane[name]):.3g} m" for name in where)
+    axes.set_title(f"{_name(dataset)}, {what}{place}")
+    return figure
+
+
+def _one(figure: Any, axes: Any, plane: Any, look: dict[str, Any]) -> None:
+    """Colour the cells of one orientation, and say what the colours mean."""
+    from matplotlib.colors import ListedColormap
+    from matplotlib.patches import Patch
+
+    if "cell" in plane:
+        words, values = CELLS, plane["cell"].values
+    else:
+        words, values = (
+            {1: ("reached", COLOURS[5]), 0: ("no answer found", "#cccccc")},
+            plane["reached"].values,
+        )
+    numbers = list(words)
+    shown = np.full(values.shape, np.nan)
+    for k, number in enumerate(numbers):
+        shown[values == number] = k
+    colours = ListedColormap([colour for _, colour in words.values()])
+    axes.imshow(shown, cmap=colours, vmin=-0.5, vmax=len(numbers) - 0.5, **look)
+    patches = [
+        Patch(color=colour, label=f"{word}: {share:.0%}")
+        for number, (word, colour) in words.items()
+        if (share := float((values == number).mean()))
+    ]
+    axes.legend(handles=patches, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3, frameon=False)
+
+
+@drawn
+def cloud(
+    dataset: Any,
+    *,
+    least: float = 0.05,
+    cut: bool = True,
+    ax: Any = None,
+    size: tuple[float, float] = (6.2, 5.0),
+    view: tuple[float, float] = (22.0, -60.0),
+) -> Any:
+    """Draw the capability of a map in space: a dot for each position, its colour the share of orientations that is reached.
+
+    Args:
+        dataset: A map of a `Grid` that `kinseek.maps.reach` made.
+        least: Positions with a smaller share are left out.
+        cut: Leave out the quarter in front, so that the inside is seen.
+        ax: Axes in space to draw on.
+        size: Of a new figure [inch].
+        view: Elevation and azimuth of the eye [degrees].
+
+    Returns:
+        The Matplotlib figure.
+
+    Raises:
+        InvalidMap: It is no map.
+        InvalidUse: A map of `Rings`, or other axes.
+        MissingExtra: Matplotlib is not installed.
+    """
+    grid = grid_of_map(dataset)
+    if isinstance(grid, Rings):
+        raise InvalidUse(
+            "a cloud is drawn of a Grid; maps.expand makes one of Rings, and map_slice draws rings"
+        )
+    share = capability(dataset).transpose(*grid.names).values
+    x, y, z = np.meshgrid(*grid.places, indexing="ij")
+    shown = share >= least
+    if cut:
+        azimuth = np.radians(view[1])
+        shown &= ~(
+            (x * np.cos(azimuth) + y * np.sin(azimuth) > 0) & (x * np.sin(azimuth) - y * np.cos(azimuth) < 0)
+        )
+    figure, axes = given_or_new_space(ax, size, view)
+    dots = axes.scatter(
+        x[shown], y[shown], z[shown], c=share[shown], cmap=SHARES, vmin=0.0, vmax=1.0, s=14, alpha=0.9, lw=0
+    )
+    figure.colorbar(dots, ax=axes, label="share of orientations reached", shrink=0.7, pad=0.12)
+    same_scale(axes)
+    axes.set_title(_name(dataset))
+    return figure
+
+
+@drawn
+def volumes(
+    datasets: Sequence[Any], *, what: str = "poses", ax: Any = None, size: tuple[float, float] = (5.6, 4.0)
+) -> Any:
+    """Draw how the bounds of a workspace's volume close in as cells get smaller.
+
+    Args:
+        datasets: Maps of one arm, made with ``prove=True``, with cells of several sizes.
+        what: ``"poses"`` or ``"positions"``, see `kinseek.maps.volume`.
+        ax: Axes in a plane to draw on.
+        size: Of a new figure [inch].
+
+    Returns:
+        The Matplotlib figure.
+
+    Raises:
+        InvalidMap: One is no map, or not proved.
+        InvalidUse: No maps, or other axes.
+        MissingExtra: Matplotlib is not installed.
+    """
+    if not datasets:
+        raise InvalidUse("at least one map is drawn, got none")
+    widths = np.array([grid_of_map(each).widths[0] for each in datasets])
+    order = np.argsort(widths)
+    bounds = np.array([volume(each, what) for each in datasets])[order]
+    figure, axes = given_or_new(ax, size)
+    x = widths[order] * 100
+    axes.fill_between(x, bounds[:, 0], bounds[:, 1], color=COLOURS[5], alpha=0.3, lw=0)
+    axes.plot(x, bounds[:, 1], "o-", color=COLOURS[0], label="all that is not proved empty")
+    axes.plot(x, bounds[:, 0], "o-", color=COLOURS[2], label="cells in which a pose is reached")
+    unit = "m³ x share of orientations" if what == "poses" else "m³"
+    axes.set(xlabel="width of a cell [cm]", ylabel=f"volume [{unit}]", ylim=(0.0, None))
+    axes.set_title(f"{_name(datasets[0])}, {what}")
+    axes.legend(frameon=False)
+    return figure
+
+
+@drawn
+def bases(ranked: Any, *, ax: Any = None, size: tuple[float, float] = (6.0, 4.6)) -> Any:
+    """Draw places for a base from above: how many poses each reaches, and the best.
+
+    Args:
+        ranked: What `kinseek.maps.best_base` gave.
+        ax: Axes in a plane to draw on.
+        size: Of a new figure [inch].
+
+    Returns:
+        The Matplotlib figure.
+
+    Raises:
+        InvalidUse: Other axes.
+        MissingExtra: Matplotlib is not installed.
+    """
+    figure, axes = given_or_new(ax, size)
+    places, reached = ranked["base"].values[:, :2, 3], ranked["reached"].values
+    most = ranked.attrs["poses"]
+    shown = axes.scatter(*places[::-1].T, c=reached[::-1], cmap=SHARES, vmin=0, vmax=most, s=40)
+    figure.colorbar(shown, ax=axes, label=f"poses reached, of {most}", shrink=0.8)
+    axes.plot(*places[0], "*", color=COLOURS[1], markersize=16, label="best")
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    axes.set_title(ranked.attrs["title"])
+    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.12))
+    return figure
+
+
+def _name(dataset: Any) -> str:
+    return str(dataset.attrs["kinseek"]["name"])
