@@ -16,7 +16,6 @@ import kinseek
 from cells import FACES, TETRAHEDRON, box_mesh, write_arm, write_obj, write_stl
 from kinseek import InvalidScene, Scene
 from kinseek.collision import Box, Capsule, Cylinder, Mesh, Points, Sphere
-from kinseek.collision.broad import spheres_of
 
 pin = pytest.importorskip("pinocchio")
 coal = pytest.importorskip("coal")
@@ -102,24 +101,6 @@ def test_outer_spheres_and_boxes_bound_the_distance_from_below(arm: kinseek.Arm,
     assert (bounds[bounds > 0] <= distances[bounds > 0] + 1e-9).all()  # and nothing that is wrong.
     assert (scene.free(q) == (distances.min(axis=1) > 1e-6)).all()
     assert (scene.free(q, 0.03) == (distances.min(axis=1) > 0.03 + 1e-6)).all()
-
-
-@pytest.mark.parametrize(
-    "shape",
-    [Box((0.1, 0.5, 0.2)), Sphere(0.2), Cylinder(0.1, 0.7), Capsule(0.1, 0.7), Mesh(TETRAHEDRON, FACES)],
-    ids=lambda shape: type(shape).__name__,
-)
-def test_spheres_hold_their_shape(shape: kinseek.collision.Shape) -> None:
-    centres, radii = spheres_of(shape, kinseek.pose([0.1, 0.2, 0.3], rpy=[0.4, 0.5, 0.6]))
-    rng, place = np.random.default_rng(0), pin.SE3(kinseek.pose([0.1, 0.2, 0.3], rpy=[0.4, 0.5, 0.6]))
-    points = []
-    for way in rng.normal(
-        size=(500, 3)
-    ):  # The farthest point of the shape in this direction, and ones inside.
-        tip = shape.corners[np.argmax(shape.corners @ way)] + shape.thickness * way / np.linalg.norm(way)
-        points += [place.act(tip * share + shape.corners.mean(axis=0) * (1 - share)) for share in (1.0, 0.7)]
-    away = np.linalg.norm(np.array(points)[:, None] - centres, axis=2) - radii
-    assert away.min(axis=1).max() <= 1e-12
 
 
 def test_a_sphere_and_a_box_are_as_far_apart_as_on_paper() -> None:

@@ -1,137 +1,214 @@
-"""Free for sure, by outer spheres: bounds from below on the distance of every pair, for many joint values at once.
-
-Every shape is covered by a few spheres along its longest axis. What moves against what moves is bounded by the distance of
-their spheres, what moves against what stands by the distance of its spheres from a box around the other, which is exact
-where that is a box.
-"""
+"""The first pass: what is free or touches for sure, by spheres, planes and points that prove it, for many q at once."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.kernels.arm.forward import forward_many
+from kinseek.kernels.arm.forward import FAR
+from kinseek.kernels.collision.cell import LANES, Cell
+from kinseek.kernels.collision.first_pass import bound_pairs, sort_out
+from kinseek.kernels.collision.gaps import DOUBT
 from kinseek.robots.chain import Frame, SerialChain
 
-from .shapes import Shape
+from .shapes import GRAIN, Points
+from .spheres import COUNT, Cover, cover_of_many
+
+if TYPE_CHECKING:
+    from .engine import Solid
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 _ROUNDING = 1e-9
-"""Taken off every bound, for the rounding of what it is worked out from [m]."""
+"""Of what bounds are worked out from, relative to the size of the scene, and at least so many [m]."""
 
-_MOST_SPHERES = 6
-"""Of one shape."""
-
-_ROWS = 256
-"""Joint values at a time: their distances fit into the cache of a core."""
-
-
-def spheres_of(shape: Shape, pose: Array) -> tuple[Array, Array]:
-    """Cover a shape by spheres: centres in the frame of its pose, (k, 3), and radii, (k,), in [m].
-
-    The shape lies in a cylinder about its longest axis; every sphere holds one slice of that.
-    """
-    corners = shape.corners
-    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
-    off = corners - middle
-    axis = np.linalg.eigh(off.T @ off)[1][:, -1]
-    along = off @ axis
-    thick = shape.thickness
-    radius = float(np.linalg.norm(off - np.outer(along, axis), axis=1).max()) + thick
-    low, high = float(along.min()) - thick, float(along.max()) + thick
-    count = int(np.clip(np.ceil((high - low) / (1.5 * radius)), 1, _MOST_SPHERES))
-    ends = np.linspace(low, high, count + 1)
-    centres = middle + np.outer((ends[:-1] + ends[1:]) / 2, axis)
-    radii = np.full(count, np.hypot((high - low) / count / 2, radius))
-    one = float(np.linalg.norm(off, axis=1).max()) + thick
-    if count == 1 and one < radii[0]:
-        centres, radii = middle[None], np.array([one])
-    return centres @ pose[:3, :3].T + pose[:3, 3], radii
+_STEPS = 16
+"""Planes tried between two parts; what no plane parts and no point shows to touch is in doubt."""
 
 
 class Broad:
-    """Bounds for the pairs of a scene.
+    """The first pass over the pairs of a scene.
 
     Args:
         chain: The arm.
-        parts: Of each part the joint that carries it, its shape, and its pose in the frame of that joint, (4, 4).
+        solids: All parts.
         pairs: Numbers of the two parts of each pair; at most one of them stands in the base.
+        pads: How much closer each pair is than its parts, for their padding [m].
     """
 
     def __init__(
-        self,
-        chain: SerialChain,
-        parts: Sequence[tuple[int, Shape, Array]],
-        pairs: Sequence[tuple[int, int]],
+        self, chain: SerialChain, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]], pads: Array
     ) -> None:
-        """Fit the spheres and boxes."""
+        """Put the covers of all parts where their joints carry them."""
         self.count = len(pairs)
-        movers = sorted({i for pair in pairs for i in pair if parts[i][0] > 0})
-        covers = {i: spheres_of(parts[i][1], parts[i][2]) for i in movers}
-        starts = dict(zip(movers, np.cumsum([0, *(len(covers[i][1]) for i in movers)]), strict=False))
-        self._carried = sorted({parts[i][0] for i in movers})
-        self._arrays = [chain.arrays_to(Frame(k, np.eye(4))) for k in self._carried]
-        self._of_joint = [
-            [(int(starts[i]), covers[i][0]) for i in movers if parts[i][0] == k] for k in self._carried
-        ]
-        self._radii = np.concatenate([covers[i][1] for i in movers]) if movers else np.zeros(0)
+        parts = [Member.of(solid) for solid in solids]
+        meetings, order, groups = _meetings(parts, pairs)
+        # A group of several parts is one more part: what is free of all that holds them is free of each.
+        number = {group: len(parts) + n for n, group in enumerate(groups)}
+        parts += [_together([parts[i] for i in group]) for group in groups]
+        number |= {(i,): i for i in range(len(solids))}
+        used = sorted({group for meeting in meetings for group in meeting[:2]})
+        ball_of = {group: n for n, group in enumerate(used)}
+        balls = np.array([_ball(parts[number[group]]) for group in used]).reshape(-1, 4)
+        corner_at, corners = _table([part.corners for part in parts], 3)
+        plane_at, planes = _table([part.planes for part in parts], 4)
+        sizes = [np.abs(chain.fixed[:, :, 3]).sum(), np.abs(balls).max(initial=0.0)]
+        self._rounding = _ROUNDING * max(1.0, *sizes)
+        pads = np.asarray(pads, dtype=np.float64)[order]
+        self._cell = Cell(
+            chain.arrays_to(Frame(len(chain.leader), np.eye(4))),
+            np.array([part.joint for part in parts], dtype=np.int64),
+            np.array([part.outer for part in parts]).reshape(-1, 4, COUNT),
+            np.array([part.inner for part in parts]).reshape(-1, 4, COUNT),
+            np.array([part.core for part in parts]).reshape(-1, 3, 4),
+            np.array([part.half for part in parts]).reshape(-1, 3),
+            np.array([part.thick for part in parts], dtype=np.float64),
+            np.array([part.exact for part in parts], dtype=np.bool_),
+            np.array([part.solid for part in parts], dtype=np.bool_),
+            corner_at,
+            corners,
+            plane_at,
+            planes,
+            np.array([[*pairs[n], n] for n in order], dtype=np.int64).reshape(-1, 3),
+            pads,
+            np.array([parts[number[group]].joint for group in used], dtype=np.int64),
+            balls,
+            np.array(
+                [
+                    [ball_of[g], ball_of[h], first, last, number[g], number[h]]
+                    for g, h, first, last in meetings
+                ],
+                dtype=np.int64,
+            ).reshape(-1, 6),
+            np.array([pads[first:last].max() for _, _, first, last in meetings], dtype=np.float64),
+            self._rounding,
+        )
 
-        left, right, firsts, self._moving = [], [], [0], []
-        for number, (i, j) in enumerate(pairs):
-            if parts[i][0] == 0 or parts[j][0] == 0:
-                continue
-            self._moving.append(number)
-            one, other = len(covers[i][1]), len(covers[j][1])
-            left.append(np.repeat(starts[i] + np.arange(one), other))
-            right.append(np.tile(starts[j] + np.arange(other), one))
-            firsts.append(firsts[-1] + one * other)
-        self._left = np.concatenate(left) if left else np.zeros(0, dtype=np.int64)
-        self._right = np.concatenate(right) if right else np.zeros(0, dtype=np.int64)
-        self._firsts = np.array(firsts[:-1], dtype=np.int64)
-        self._both = self._radii[self._left] + self._radii[self._right]
+    def sort_out(self, q: Array, clearance: float, touch: float) -> tuple[NDArray[np.int64], Flags]:
+        """Sort joint values, (k, n), into free, touching and in doubt.
 
-        # What stands: of each such part the box in its own frame, and the spheres of all that may touch it.
-        self._standing = []
-        for still in sorted({i for pair in pairs for i in pair if parts[i][0] == 0}):
-            numbers = [n for n, pair in enumerate(pairs) if still in pair]
-            others = [pairs[n][0] if pairs[n][1] == still else pairs[n][1] for n in numbers]
-            spheres = np.concatenate([starts[i] + np.arange(len(covers[i][1])) for i in others])
-            slices = np.cumsum([0, *(len(covers[i][1]) for i in others[:-1])])
-            _, shape, pose = parts[still]
-            low = shape.corners.min(axis=0)
-            high = shape.corners.max(axis=0)
-            turn, middle = pose[:3, :3], pose[:3, :3] @ ((low + high) / 2) + pose[:3, 3]
-            self._standing.append(
-                (np.array(numbers), spheres, slices, turn, middle, (high - low) / 2, shape.thickness)
-            )
+        Args:
+            q: Joint values.
+            clearance: What is nearer than this touches [m].
+            touch: What is farther apart than the clearance and this is free [m].
 
-    def bounds(self, q: Array) -> Array:
-        """No pair is closer than this, (k, n) -> (k, pairs) [m]; where it is negative it says nothing."""
+        Returns:
+            `FREE`, `TOUCH` or `DOUBT` of `kernels.collision.gaps`, (k,), and the pairs in doubt, (k, pairs).
+        """
+        verdicts, doubts = np.empty(len(q), dtype=np.int64), np.zeros((len(q), self.count), dtype=np.bool_)
+        least = clearance + touch + self._rounding
+        sort_out(self._cell, np.ascontiguousarray(q), clearance, least, _STEPS, LANES, verdicts, doubts)
+        far = np.abs(q).max(axis=1) > FAR  # There the quick sine is not good to the last bits.
+        if far.any():
+            verdicts[far], doubts[far] = DOUBT, True
+        return verdicts, doubts
+
+    def bounds(self, q: Array, steps: int = 0) -> Array:
+        """No pair is closer than this, (k, n) -> (k, pairs) [m]; where it is negative it says nothing.
+
+        With `steps` those that may be the nearest are looked at more closely.
+        """
         out = np.empty((len(q), self.count))
-        for begin in range(0, len(q), _ROWS):
-            self._fill(np.ascontiguousarray(q[begin : begin + _ROWS]), out[begin : begin + _ROWS])
+        bound_pairs(self._cell, np.ascontiguousarray(q), steps, LANES, out)
+        out[np.abs(q).max(axis=1) > FAR] = -np.inf
         return out
 
-    def _fill(self, q: Array, out: Array) -> None:
-        centres = np.empty((len(q), len(self._radii), 3))
-        for arrays, covers in zip(self._arrays, self._of_joint, strict=True):
-            poses = forward_many(arrays, q)
-            turns, places = poses[:, :3, :3].transpose(0, 2, 1), poses[:, None, :3, 3]
-            for start, points in covers:
-                centres[:, start : start + len(points)] = points @ turns + places
-        if self._moving:
-            apart = _norms(centres[:, self._left] - centres[:, self._right]) - self._both
-            out[:, self._moving] = np.minimum.reduceat(apart, self._firsts, axis=1)
-        for numbers, spheres, slices, turn, middle, half, thick in self._standing:
-            beyond = np.abs((centres[:, spheres] - middle) @ turn) - half
-            np.maximum(beyond, 0.0, out=beyond)
-            apart = _norms(beyond) - (self._radii[spheres] + thick)
-            out[:, numbers] = np.minimum.reduceat(apart, slices, axis=1)
-        out -= _ROUNDING
+
+class Member(NamedTuple):
+    """A part, or several that one joint carries, in the frame of that joint; see `Cover`."""
+
+    joint: int
+    outer: Array
+    inner: Array
+    core: Array
+    half: Array
+    thick: float
+    exact: bool
+    solid: bool
+    corners: Array
+    """(3, k)"""
+    planes: Array
+
+    @classmethod
+    def of(cls, solid: Solid) -> Self:
+        """Put the cover of a part where its joint carries it."""
+        # To coal a point of a cloud is a grain: it shall never touch what is said to be free.
+        thick = solid.shape.thickness + GRAIN * isinstance(solid.shape, Points)
+        return cls.placed(solid.joint, solid.pose, solid.shape.cover, thick)
+
+    @classmethod
+    def placed(cls, joint: int, pose: Array, cover: Cover, thick: float) -> Self:
+        """Put a cover somewhere."""
+        turn, place = pose[:3, :3], pose[:3, 3:]
+        outer, inner = (np.vstack([turn @ s[:3] + place, s[3:]]) for s in (cover.outer, cover.inner))
+        normals = turn @ cover.planes[:3]
+        planes = np.vstack([normals, cover.planes[3:] - place.T @ normals])
+        corners = turn @ cover.corners.T + place
+        core = (pose @ cover.core)[:3]
+        return cls(joint, outer, inner, core, cover.half, thick, cover.exact, cover.solid, corners, planes)
 
 
-def _norms(vectors: Array) -> Array:
-    return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
+Group = tuple[int, ...]
+"""Numbers of the parts that are looked at together."""
+
+
+def _meetings(
+    parts: Sequence[Member], pairs: Sequence[tuple[int, int]]
+) -> tuple[list[tuple[Group, Group, int, int]], list[int], list[Group]]:
+    """Gather pairs whose parts the same two joints carry; what stands in the base stands alone.
+
+    Returns:
+        Two groups, the first of their pairs and one past the last; the pairs in this order; the groups of several parts.
+    """
+    gathered: dict[tuple[tuple[int, int], tuple[int, int]], list[int]] = {}
+    for n, pair in enumerate(pairs):
+        one, other = sorted((parts[i].joint, -1 if parts[i].joint else i) for i in pair)
+        gathered.setdefault((one, other), []).append(n)
+    meetings: list[tuple[Group, Group, int, int]] = []
+    order: list[int] = []
+    for (one, other), numbers in sorted(gathered.items()):
+        sides = [
+            tuple(
+                sorted(
+                    {
+                        i
+                        for n in numbers
+                        for i in pairs[n]
+                        if (parts[i].joint, -1 if parts[i].joint else i) == side
+                    }
+                )
+            )
+            for side in (one, other)
+        ]
+        meetings.append((sides[0], sides[1], len(order), len(order) + len(numbers)))
+        order += numbers
+    several = {group for meeting in meetings for group in meeting[:2] if len(group) > 1}
+    return meetings, order, sorted(several)
+
+
+def _together(parts: Sequence[Member]) -> Member:
+    """What holds some parts that one joint carries."""
+    thick = max(part.thick for part in parts)
+    cover = cover_of_many(np.concatenate([part.corners.T for part in parts]), thick)
+    return Member.placed(parts[0].joint, np.eye(4), cover, thick)
+
+
+def _ball(part: Member) -> Array:
+    """A small ball around a part: x, y, z, radius; by the way of Badoiu and Clarkson (2003)."""
+    points = part.corners.T
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2
+    for step in range(1, 100):
+        away = np.linalg.norm(points - centre, axis=1)
+        centre = centre + (points[np.argmax(away)] - centre) / (step + 1)
+    return np.array([*centre, np.linalg.norm(points - centre, axis=1).max() + part.thick + 1e-12])
+
+
+def _table(columns: Sequence[Array], rows: int) -> tuple[NDArray[np.int64], Array]:
+    """Columns of all parts side by side, those of each repeated until lanes are full, and where each begins."""
+    full = [one[:, np.arange(-(-one.shape[1] // LANES) * LANES) % max(one.shape[1], 1)] for one in columns]
+    at = np.cumsum([0, *(one.shape[1] for one in full)], dtype=np.int64)
+    return at, np.ascontiguousarray(np.concatenate([np.zeros((rows, 0)), *full], axis=1))

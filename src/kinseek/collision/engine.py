@@ -5,13 +5,16 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from threading import Lock
+from threading import RLock
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.deadline import Deadline
+from kinseek.kernels.collision.gaps import DOUBT, FREE
 from kinseek.robots.chain import SerialChain
+from kinseek.solvers.threads import GoOn, spread
 
 from .broad import Broad
 from .shapes import Mesh, Shape, library
@@ -21,6 +24,13 @@ Flags = NDArray[np.bool_]
 
 TOUCH = 1e-6
 """What is closer than this [m] touches: coal's distances are known that well."""
+
+
+_LOOKS = 24
+"""Planes tried between parts that may be the nearest."""
+
+_CHUNK = 4096
+"""Joint values that a thread takes at a time."""
 
 
 class Solid(NamedTuple):
@@ -84,14 +94,13 @@ class Engine:
             [sum(solids[i].padding + solids[i].shape.excess for i in pair) for pair in pairs]
         ).reshape(-1)
         self._padded = np.array([sum(solids[i].padding for i in pair) for pair in pairs]).reshape(-1)
-        self._clearance, self._tree, self._lock = np.nan, None, Lock()
+        self._clearance, self._tree, self._lock = np.nan, None, RLock()
         self._shells = [n for n, pair in enumerate(pairs) if any(_is_shell(solids[i]) for i in pair)]
 
     @cached_property
     def _broad(self) -> Broad:
         """The first pass; fitted when it is first asked."""
-        parts = [(solid.joint, solid.shape, solid.pose) for solid in self.solids]
-        return Broad(self._chain, parts, self.pairs)
+        return Broad(self._chain, self.solids, self.pairs, self._padded)
 
     def stand(self, poses: Mapping[int, Array]) -> None:
         """Put parts that stand in the base somewhere else: their numbers, and their poses, (4, 4)."""
@@ -110,19 +119,46 @@ class Engine:
         """Let the next one ask."""
         self._lock.release()
 
-    def free(self, q: Array, clearance: float) -> Flags:
+    def free(self, q: Array, clearance: float, threads: int | None = 1) -> Flags:
         """Is every pair farther apart than `clearance`? (k, n) -> (k,).
 
-        coal's own tree of boxes around the parts sorts out what is far apart; the rest is looked at exactly.
+        The first pass tells of most joint values; of the others coal is asked about the pairs in doubt. It waits by itself
+        until nobody else asks coal.
         """
+        free = np.ones(len(q), dtype=np.bool_)
         if not self.pairs:
-            return np.ones(len(q), dtype=np.bool_)
+            return free
+
+        def work(first: int, last: int, go_on: GoOn) -> None:
+            free[first:last] = self._free(q[first:last], clearance)
+
+        spread(work, len(q), _CHUNK, threads, Deadline(None))
+        return free
+
+    def _free(self, q: Array, clearance: float) -> Flags:
+        verdicts, doubts = self._broad.sort_out(q, clearance, TOUCH)
+        free = np.asarray(verdicts == FREE)
+        left = np.flatnonzero(verdicts == DOUBT)
+        if len(left):
+            with self:
+                self.set_clearance(clearance)
+                for k in left:
+                    self.place(q[k])
+                    free[k] = not any(self.touch(n) for n in np.flatnonzero(doubts[k]).tolist())
+        return free
+
+    def exactly_free(self, q: Array, clearance: float) -> Flags:
+        """The same by coal alone: its own tree of boxes around the parts sorts out what is far apart."""
         self.set_clearance(clearance)
+        if self._tree is None:
+            self._tree = self._pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
+                self._model, self._geometry, self._placed
+            )
         return np.array([self._is_free(one) for one in q], dtype=np.bool_)
 
     def bounds(self, q: Array) -> Array:
         """No pair is closer than this, padding taken off, (k, n) -> (k, pairs) [m]; by spheres alone."""
-        return np.asarray(self._broad.bounds(q) - self._padded)
+        return self._broad.bounds(q)
 
     def near(self, q: Array) -> list[Near]:
         """How near the parts of every pair are at q, (n,)."""
@@ -133,7 +169,7 @@ class Engine:
         """The two parts that are nearest to each other at q, (n,); None without pairs."""
         if not self.pairs:
             return None
-        bounds = self.bounds(q[None])[0]
+        bounds = self._broad.bounds(q[None], _LOOKS)[0]
         self.place(q)
         best: Near | None = None
         for n in np.argsort(bounds):
@@ -160,10 +196,7 @@ class Engine:
             return
         for request, larger in zip(self._placed.collisionRequests, self._larger, strict=True):
             request.security_margin = clearance + larger + TOUCH
-        self._tree = self._pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
-            self._model, self._geometry, self._placed
-        )
-        self._clearance = clearance
+        self._clearance, self._tree = clearance, None
 
     def place(self, q: Array) -> None:
         """Bring all parts to where they are at q, (n,)."""

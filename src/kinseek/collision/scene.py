@@ -363,12 +363,13 @@ class Scene:
         """What was left out, what stands in for something, where joints stand that are not the arm's: a sentence each."""
         return tuple(self._notes)
 
-    def free(self, q: Any, clearance: float = 0.0) -> Any:
+    def free(self, q: Any, clearance: float = 0.0, threads: int | None = None) -> Any:
         """Is every pair that counts farther apart than a clearance?
 
         Args:
             q: Joint values, (..., n), [rad] or [m], or by name as `Arm.fk` takes them.
             clearance: [m], at least 0.
+            threads: That share the rows of a large batch; None takes every core.
 
         Returns:
             bool, or (...) bool. What is closer than a thousandth of a millimetre touches.
@@ -379,8 +380,7 @@ class Scene:
         """
         joints = as_joints(self._chain, q)
         least = length_or_zero("clearance", clearance)
-        with self._asked as engine:
-            free = engine.free(joints.reshape(-1, self._chain.dof), least)
+        free = self._asked.free(joints.reshape(-1, self._chain.dof), least, threads)
         return free.reshape(joints.shape[:-1]) if joints.ndim > 1 else bool(free[0])
 
     def distance(self, q: Any) -> Any:
@@ -534,9 +534,11 @@ class Scene:
         for pair in open_pairs:
             engine, _, _ = self._make([pair])
             if skip_never:
-                count = samples - int(engine.free(q, 0.0).sum())
+                count = samples - int(engine.exactly_free(q, 0.0).sum())
             else:  # The first sample at which they are apart ends it.
-                count = next((i for i in range(samples) if engine.free(q[i : i + 1], 0.0)[0]), samples)
+                count = next(
+                    (i for i in range(samples) if engine.exactly_free(q[i : i + 1], 0.0)[0]), samples
+                )
                 count = samples if count == samples else 1
             if count == samples:
                 self._never[key(pair.a, pair.b)] = always

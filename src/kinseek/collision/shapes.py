@@ -11,12 +11,15 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidRobot, InvalidScene, MissingExtra
+
+if TYPE_CHECKING:
+    from .spheres import Cover
 
 Array = NDArray[np.float64]
 
@@ -55,6 +58,23 @@ class Shape(ABC):
     @abstractmethod
     def corners(self) -> Array:
         """Points whose hull, made thicker by `thickness`, holds the shape, (k, 3) [m]."""
+
+    @property
+    def is_hull(self) -> bool:
+        """Is the shape nothing but that thicker hull?"""
+        return True
+
+    @property
+    def inner_corners(self) -> Array:
+        """Points whose hull, made thicker by `thickness`, lies inside the shape, (k, 3) [m]; none where none are known."""
+        return self.corners if self.is_hull else np.zeros((0, 3))
+
+    @cached_property
+    def cover(self) -> Cover:
+        """What holds it and what it holds, for a first look; fitted once."""
+        from .spheres import cover_of
+
+        return cover_of(self)
 
     @abstractmethod
     def geometry(self) -> Any:
@@ -139,6 +159,16 @@ class Cylinder(Shape):
         """Check it."""
         object.__setattr__(self, "radius", length("radius", self.radius))
         object.__setattr__(self, "length", length("length", self.length))
+
+    @property
+    def is_hull(self) -> bool:
+        """No: the hull of its corners is a prism around it."""
+        return False
+
+    @property
+    def inner_corners(self) -> Array:
+        """The corners of a prism inside it."""
+        return np.asarray(self.corners * [np.cos(np.pi / _SIDES), np.cos(np.pi / _SIDES), 1.0])
 
     @cached_property
     def corners(self) -> Array:
@@ -273,6 +303,11 @@ class Mesh(Shape):
         """What simplifying took off: coal does not know of it."""
         return self.thicker
 
+    @property
+    def is_hull(self) -> bool:
+        """Does its hull count?"""
+        return self.hull
+
     @cached_property
     def corners(self) -> Array:
         """The corners of its hull."""
@@ -375,6 +410,11 @@ class Points(Shape):
     def thickness(self) -> float:
         """The radius of its points."""
         return self.radius
+
+    @property
+    def is_hull(self) -> bool:
+        """No: they lie in the box around them."""
+        return False
 
     @property
     def excess(self) -> float:

@@ -1,0 +1,254 @@
+"""Spheres that hold a shape, and spheres that lie in it: what a first look at a scene goes by.
+
+The hull of a shape is cut into pieces by planes, and each piece lies in a ball around its corners; so the balls hold the
+shape, by construction, wherever the cuts are. The piece whose ball stands out farthest is cut again, across that of its
+axes that helps most, and a ball's centre is moved inwards where it then stands out less.
+
+Balls in the body are as large as the planes of its sides allow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .shapes import Box, Capsule, Shape, Sphere, library
+
+Array = NDArray[np.float64]
+
+COUNT = 16
+"""Spheres of one part, outer and inner; two rows of lanes."""
+
+_CANDIDATES, _SAMPLES = 300, 800
+"""Places of inner spheres that are tried, and points of the body by which they are chosen."""
+
+_PULLS = np.linspace(0.0, 1.0, 9)[:, None]
+"""Shares of the way from the middle of a piece to that of the hull at which the centre of its ball is tried."""
+
+_NONE = -1e30
+"""Radius of a sphere that is not there: it overlaps nothing."""
+
+
+class Cover(NamedTuple):
+    """What is known of a shape for sure, in its own frame, lengths in [m]."""
+
+    outer: Array
+    """Spheres that hold the shape together: x, y, z, radius, (4, COUNT); some may be there twice."""
+    inner: Array
+    """Spheres inside the shape, likewise; those that are not there have a radius far below 0."""
+    core: Array
+    """Pose of a box that, made thicker by the shape's `thickness`, holds the shape, (4, 4)."""
+    half: Array
+    """Half of its edges, (3,)."""
+    exact: bool
+    """Is that box the very shape?"""
+    planes: Array
+    """Of a convex shape with flat sides: points x inside have ``planes[:3].T @ x + planes[3] <= 0``, (4, f); else (4, 0)."""
+    corners: Array
+    """Points whose hull, made thicker, holds the shape, (k, 3)."""
+    solid: bool
+    """Is that thicker hull the very shape?"""
+
+
+def cover_of(shape: Shape) -> Cover:
+    """Fit spheres and a box to a shape."""
+    solid = shape.is_hull
+    hull = _hull(shape.corners)
+    corners = shape.corners if hull is None else hull.points[hull.vertices]
+    simple = isinstance(shape, Box | Sphere | Capsule)
+    core = np.eye(4) if simple else _frame_of(corners)
+    inside = (corners - core[:3, 3]) @ core[:3, :3]
+    low, high = inside.min(axis=0), inside.max(axis=0)
+    core[:3, 3] += core[:3, :3] @ ((low + high) / 2)
+    if hull is None:
+        outer, planes = slices(corners, shape.thickness), np.zeros((4, 0))
+    else:
+        planes = _unique_planes(hull.equations)
+        outer = np.array([ball for _, ball, _ in pieces_of(hull.points[hull.simplices], planes)]).T
+        outer[3] += shape.thickness
+    inner = _balls_inside(shape)
+    half = (high - low) / 2
+    return Cover(
+        _padded(outer), _padded(inner), core, half, simple, planes if solid else planes[:, :0], corners, solid
+    )
+
+
+def cover_of_many(points: Array, thickness: float) -> Cover:
+    """Fit spheres and a box to all that lies in a hull of points, made thicker; nothing is said of what is inside."""
+    cover = cover_of(_Thick(points, thickness))
+    return cover._replace(
+        inner=_padded(np.zeros((4, 0))), planes=cover.planes[:, :0], exact=False, solid=False
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Thick(Shape):
+    """A hull of points, made thicker: what holds some shapes together."""
+
+    points: Array
+    thick: float
+
+    @property
+    def thickness(self) -> float:
+        return self.thick
+
+    @property
+    def is_hull(self) -> bool:
+        return False
+
+    @cached_property
+    def corners(self) -> Array:
+        return self.points
+
+    def geometry(self) -> Any:
+        raise NotImplementedError("coal is told of the shapes themselves")
+
+
+def slices(corners: Array, thickness: float, most: int = COUNT) -> Array:
+    """Spheres around slices of a cylinder about the longest axis of the corners, x, y, z, radius, (4, at most `most`)."""
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    off = corners - middle
+    axis = np.linalg.eigh(off.T @ off)[1][:, -1]
+    along = off @ axis
+    wide = float(np.linalg.norm(off - np.outer(along, axis), axis=1).max())
+    low, high = float(along.min()), float(along.max())
+    one = float(np.linalg.norm(off, axis=1).max())
+    count = int(np.clip(np.ceil((high - low) / max(wide + thickness, 1e-9)), 1, most))
+    ends = np.linspace(low, high, count + 1)
+    radius = float(np.hypot((high - low) / count / 2, wide))
+    if count == 1 or one <= radius:
+        return np.array([[*middle, one + thickness]]).T
+    centres = middle + np.outer((ends[:-1] + ends[1:]) / 2, axis)
+    return np.vstack([centres.T, np.full(count, radius + thickness)])
+
+
+def pieces_of(triangles: Array, planes: Array) -> list[tuple[float, Array, Array]]:
+    """Cut the hull with this surface, (f, 3, 3), and these planes into pieces.
+
+    Returns:
+        Of each how far its ball stands out of the hull [m], the ball, x, y, z, radius, (4,), and its surface, (f, 3, 3).
+    """
+    middle = (triangles.min(axis=(0, 1)) + triangles.max(axis=(0, 1))) / 2
+    triangles = triangles - middle
+    room = planes[3] + middle @ planes[:3]
+
+    def fit(piece: Array) -> tuple[float, Array, Array]:
+        points = piece.reshape(-1, 3)
+        own = (points.min(axis=0) + points.max(axis=0)) / 2
+        centres = own * (1 - _PULLS)
+        radii = np.sqrt(_squares(centres, points).max(axis=1))
+        beyond = (centres @ planes[:3] + room).max(axis=1) + radii
+        best = int(np.argmin(beyond))
+        radius = float(np.linalg.norm(points - centres[best], axis=1).max()) + 1e-12
+        return float(beyond[best]), np.array([*centres[best] + middle, radius]), piece
+
+    pieces = [fit(triangles)]
+    while len(pieces) < COUNT:
+        piece = pieces.pop(max(range(len(pieces)), key=lambda i: pieces[i][0]))[2]
+        points = piece.reshape(-1, 3)
+        ways = []
+        for direction in np.linalg.eigh(np.cov(points.T))[1].T:
+            along = points @ direction
+            at = float(along.min() + along.max()) / 2
+            ways.append([fit(half) for half in cut(piece, direction, at)])
+        pieces += min(ways, key=lambda two: (max(one[0] for one in two), sum(one[0] for one in two)))
+    return pieces
+
+
+def cut(triangles: Array, direction: Array, at: float) -> tuple[Array, Array]:
+    """Cut a convex body with this surface, (f, 3, 3), in two along a plane: the surfaces of both, with the cut itself."""
+    side = triangles @ direction - at
+    crossed = (side.min(axis=1) < 0) & (side.max(axis=1) > 0)
+    split, heights = triangles[crossed], side[crossed]
+    # Turn each so that its first corner stands alone on its side; corners in the plane stand on neither.
+    above = (heights > 0).sum(axis=1) == 1
+    alone = np.where(above, (heights > 0).argmax(axis=1), (heights < 0).argmax(axis=1))
+    rows, turned = np.arange(len(split))[:, None], (alone[:, None] + np.arange(3)) % 3
+    a, b, c = np.moveaxis(split[rows, turned], 1, 0)
+    ha, hb, hc = heights[rows, turned].T[:, :, None]
+    ab, ac = a + ha / (ha - hb) * (b - a), a + ha / (ha - hc) * (c - a)
+    tip = np.stack([a, ab, ac], axis=1)
+    rest = np.concatenate([np.stack([ab, b, c], axis=1), np.stack([ab, c, ac], axis=1)])
+    # The cut is a convex polygon: a fan of triangles from a point in it to its edges.
+    lying = ((side == 0).sum(axis=1) == 2) & ~crossed
+    ends = triangles[lying][side[lying] == 0].reshape(-1, 2, 3)
+    edges = np.concatenate([np.stack([ab, ac], axis=1), ends])
+    hub = np.broadcast_to(edges.mean(axis=(0, 1)), (len(edges), 1, 3))
+    fan = np.concatenate([hub, edges], axis=1)
+    below = [triangles[(side <= 0).all(axis=1)], tip[~above], rest[np.tile(above, 2)], fan]
+    beyond = [triangles[(side >= 0).all(axis=1)], tip[above], rest[np.tile(~above, 2)], fan]
+    return np.concatenate(below), np.concatenate(beyond)
+
+
+def _balls_inside(shape: Shape) -> Array:
+    """Balls inside a shape, those first that hold the most of it."""
+    hull = _hull(shape.inner_corners) if len(shape.inner_corners) else None
+    if hull is None:
+        if not len(shape.inner_corners):
+            return np.zeros((4, 0))
+        # A ball, a piece of a line or a flat one: made thicker, every point of it is the middle of a ball.
+        ends = shape.inner_corners
+        share = np.linspace(0.0, 1.0, COUNT)[:, None] if len(ends) > 1 else np.zeros((1, 1))
+        places = ends[0] + share * (ends[-1] - ends[0])
+        return np.vstack([places.T, np.full(len(places), shape.thickness)])
+    planes = _unique_planes(hull.equations)
+    rng, ends = np.random.default_rng(0), hull.points[hull.vertices]
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    points = rng.uniform(low, high, (4 * _SAMPLES, 3))
+    depths = -(points @ planes[:3] + planes[3]).max(axis=1)
+    points, depths = points[depths > 0][:_SAMPLES], depths[depths > 0][:_SAMPLES]
+    if not len(points):
+        return np.zeros((4, 0))
+    tried = np.argsort(-depths)[:_CANDIDATES]
+    near = (_squares(points, points[tried]) <= depths[tried] ** 2).astype(np.float32)
+    chosen, left = [], np.ones(len(points), dtype=np.float32)
+    for _ in range(COUNT):
+        gains = left @ near
+        if not gains.max():
+            break
+        chosen.append(best := int(np.argmax(gains)))
+        left[near[:, best] > 0] = 0
+    return np.vstack([points[tried[chosen]].T, depths[tried[chosen]] - 1e-12 + shape.thickness])
+
+
+def _squares(one: Array, other: Array) -> Array:
+    """Squared distances of points, (k, 3) and (l, 3) -> (k, l), good enough to choose by."""
+    return np.asarray((one**2).sum(axis=1)[:, None] + (other**2).sum(axis=1) - 2 * one @ other.T)
+
+
+def _frame_of(corners: Array) -> Array:
+    """Axes of a small box around points: their own or the frame's, (4, 4); its place is where the first point lies."""
+    off = corners - corners.mean(axis=0)
+    best, least = np.eye(3), np.inf
+    own = np.linalg.eigh(off.T @ off)[1]
+    for turn in (np.eye(3), own * np.sign(np.linalg.det(own))):
+        size = np.ptp(off @ turn, axis=0)
+        if size.prod() < 0.999 * least:
+            best, least = turn, float(size.prod())
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = best, corners[0]
+    return pose
+
+
+def _hull(corners: Array) -> Any:
+    """The convex hull of points, or None where they span no volume."""
+    if len(corners) < 4 or np.linalg.matrix_rank(corners - corners.mean(axis=0), tol=1e-9) < 3:
+        return None
+    spatial = library("scipy.spatial")
+    return spatial.ConvexHull(corners)
+
+
+def _unique_planes(equations: Array) -> Array:
+    """Planes of a hull, (4, f): those of triangles on one flat side once."""
+    return np.ascontiguousarray(np.unique(equations.round(13), axis=0).T)
+
+
+def _padded(spheres: Array) -> Array:
+    """So many spheres that lanes are full."""
+    if not spheres.shape[1]:
+        return np.vstack([np.zeros((3, COUNT)), np.full(COUNT, _NONE)])
+    return np.ascontiguousarray(spheres[:, np.arange(COUNT) % spheres.shape[1]])

@@ -1,0 +1,1 @@
+"""First looks at a scene: what is free or touches for sure."""

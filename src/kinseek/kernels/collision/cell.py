@@ -1,0 +1,194 @@
+"""What kernels know of a scene, and where everything is at the joint values that are looked at."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from kinseek.kernels.arm.trigonometry import sine_cosine
+from kinseek.kernels.arrays import CHAIN, Array, ChainArrays, Flags, Indices
+from kinseek.kernels.entry import F64, FLAG, I64, Bundle
+from kinseek.kernels.jit import hidden, view
+
+LANES = 8
+"""Joint values side by side, and corners and spheres of one shape: as many doubles as the widest vectors hold."""
+
+
+class Cell(NamedTuple):
+    """Parts of bodies, each in the frame of the joint that carries it (0: the base), and pairs of them; lengths in [m].
+
+    Pairs of the same two groups, all that one joint carries or one part that stands, follow one another.
+    """
+
+    chain: ChainArrays
+    joint: Indices
+    """That carries each part, (part,)."""
+    outer: Array
+    """Spheres that hold the part together, x, y, z, radius, (part, 4, sphere)."""
+    inner: Array
+    """Spheres inside it, likewise."""
+    core: Array
+    """Pose of a box that holds the part when made thicker, (part, 3, 4)."""
+    half: Array
+    """Half of its edges, (part, 3)."""
+    thick: Array
+    """How much thicker, (part,)."""
+    exact: Flags
+    """Is that the very part? (part,)"""
+    solid: Flags
+    """Is the thicker hull of its corners the very part? (part,)"""
+    corner_at: Indices
+    """Corners of part p are ``corner_at[p] … corner_at[p + 1] - 1``, a multiple of `LANES`, (part + 1,)."""
+    corners: Array
+    """(3, corner)"""
+    plane_at: Indices
+    """Planes of the sides, likewise, (part + 1,)."""
+    planes: Array
+    """x is inside where ``planes[:3].T @ x + planes[3] <= 0``, (4, plane)."""
+    pair: Indices
+    """The two parts, and the number the caller knows the pair by, (pair, 3)."""
+    pad: Array
+    """How much closer a pair is than its parts, (pair,)."""
+    group_joint: Indices
+    """That carries each group, (group,)."""
+    ball: Array
+    """Around all of a group, x, y, z, radius, (group, 4)."""
+    meeting: Indices
+    """Two groups, the first of their pairs, one past the last, and the parts that hold all of each group, (meeting, 6)."""
+    widest: Array
+    """The greatest `pad` of a meeting, (meeting,)."""
+    rounding: float
+    """Every length is known at least that well."""
+
+
+CELL = Bundle(
+    Cell,
+    chain=CHAIN,
+    joint=I64["part"],
+    outer=F64["part", 4, "sphere"],
+    inner=F64["part", 4, "sphere"],
+    core=F64["part", 3, 4],
+    half=F64["part", 3],
+    thick=F64["part"],
+    exact=FLAG["part"],
+    solid=FLAG["part"],
+    corner_at=I64["part+1"],
+    corners=F64[3, "corner"],
+    plane_at=I64["part+1"],
+    planes=F64[4, "plane"],
+    pair=I64["pair", 3],
+    pad=F64["pair"],
+    group_joint=I64["group"],
+    ball=F64["group", 4],
+    meeting=I64["meeting", 6],
+    widest=F64["meeting"],
+    rounding=F64,
+)
+
+
+class Here(NamedTuple):
+    """Where the parts are at one q, in the base; worked out for a part when it is first asked for."""
+
+    frames: Array
+    """Of the base and of all joints, (m + 1, 12), row-major (3, 4)."""
+    outer: Array
+    """(part, 4, sphere)"""
+    inner: Array
+    """(part, 4, sphere)"""
+    into: Array
+    """From the base into the core's frame, (part, 12)."""
+    known: Indices
+    """1 where a part's place is known, (part,)."""
+    best: Array
+    """For the search of the farthest corner, (LANES,)."""
+    where: Array
+    """(LANES,)"""
+    spot: Array
+    """Numbers that a search hands on, (12,)."""
+
+
+@view
+def make_here(cell: Cell) -> Here:
+    """Memory for one q."""
+    parts, spheres = len(cell.joint), cell.outer.shape[2]
+    return Here(
+        np.empty((len(cell.chain.leader) + 1, 12)),
+        np.empty((parts, 4, spheres)),
+        np.empty((parts, 4, spheres)),
+        np.empty((parts, 12)),
+        np.zeros(parts, dtype=np.int64),
+        np.empty(LANES),
+        np.empty(LANES),
+        np.empty(12),
+    )
+
+
+@hidden
+def lanes_frames(chain: ChainArrays, q: Array, frames: Array, w: int) -> None:
+    """Frames of the base and of all joints at eight q, (n, LANES), into `frames`, (m + 1, 12 · LANES), row after row."""
+    W = LANES
+    for r in range(12):
+        for l in range(w):
+            frames[0, r * W + l] = 1.0 if r % 5 == 0 else 0.0
+    for k in range(len(chain.leader)):
+        A, i, rate, at = chain.fixed[k], chain.leader[k], chain.multiplier[k], chain.offset[k]
+        slides = 1.0 if chain.prismatic[k] else 0.0
+        T, S = frames[k], frames[k + 1]
+        for l in range(w):
+            value = rate * q[i, l] + at
+            s, c = sine_cosine((1.0 - slides) * value)
+            slide = slides * value
+            for r in range(3):
+                o = 4 * r * W + l
+                t0, t1, t2, t3 = T[o], T[o + W], T[o + 2 * W], T[o + 3 * W]
+                x = t0 * A[0, 0] + t1 * A[1, 0] + t2 * A[2, 0]
+                y = t0 * A[0, 1] + t1 * A[1, 1] + t2 * A[2, 1]
+                z = t0 * A[0, 2] + t1 * A[1, 2] + t2 * A[2, 2]
+                p = t0 * A[0, 3] + t1 * A[1, 3] + t2 * A[2, 3] + t3
+                S[o], S[o + W] = x * c + y * s, y * c - x * s
+                S[o + 2 * W], S[o + 3 * W] = z, p + z * slide
+
+
+@hidden
+def enter(cell: Cell, here: Here, frames: Array, lane: int) -> None:
+    """Go to the q of one lane; what stands stays known."""
+    for k in range(frames.shape[0]):
+        for r in range(12):
+            here.frames[k, r] = frames[k, r * LANES + lane]
+    for p in range(len(cell.joint)):
+        if cell.joint[p] > 0:
+            here.known[p] = 0
+
+
+@hidden
+def place(cell: Cell, here: Here, p: int) -> None:
+    """Work out where a part is, if that is not known."""
+    if here.known[p] == 1:
+        return
+    here.known[p] = 1
+    T, C = here.frames[cell.joint[p]], cell.core[p]
+    move(T, cell.outer[p], here.outer[p])
+    move(T, cell.inner[p], here.inner[p])
+    # The core's frame in the base is T C; into it leads the transpose.
+    for c in range(3):
+        x = T[0] * C[0, c] + T[1] * C[1, c] + T[2] * C[2, c]
+        y = T[4] * C[0, c] + T[5] * C[1, c] + T[6] * C[2, c]
+        z = T[8] * C[0, c] + T[9] * C[1, c] + T[10] * C[2, c]
+        px = T[0] * C[0, 3] + T[1] * C[1, 3] + T[2] * C[2, 3] + T[3]
+        py = T[4] * C[0, 3] + T[5] * C[1, 3] + T[6] * C[2, 3] + T[7]
+        pz = T[8] * C[0, 3] + T[9] * C[1, 3] + T[10] * C[2, 3] + T[11]
+        into = here.into[p]
+        into[4 * c], into[4 * c + 1], into[4 * c + 2] = x, y, z
+        into[4 * c + 3] = -(x * px + y * py + z * pz)
+
+
+@hidden
+def move(T: Array, spheres: Array, out: Array) -> None:
+    """Bring spheres, (4, s), where a frame, (12,), is."""
+    for s in range(spheres.shape[1]):
+        x, y, z = spheres[0, s], spheres[1, s], spheres[2, s]
+        out[0, s] = T[0] * x + T[1] * y + T[2] * z + T[3]
+        out[1, s] = T[4] * x + T[5] * y + T[6] * z + T[7]
+        out[2, s] = T[8] * x + T[9] * y + T[10] * z + T[11]
+        out[3, s] = spheres[3, s]
