@@ -51,11 +51,16 @@ class Broad:
         number = {group: len(parts) + n for n, group in enumerate(groups)}
         parts += [_together([parts[i] for i in group]) for group in groups]
         number |= {(i,): i for i in range(len(solids))}
+        within = [i if part.solid else -1 for i, part in enumerate(parts)]
+        for i, solid in enumerate(solids):
+            if not parts[i].solid and len(solid.shape.inner_corners):
+                within[i] = len(parts)
+                parts.append(Member.inside(solid))
+                within.append(within[i])
         used = sorted({group for meeting in meetings for group in meeting[:2]})
-        ball_of = {group: n for n, group in enumerate(used)}
-        balls = np.array([_ball(parts[number[group]]) for group in used]).reshape(-1, 4)
+        place = {group: n for n, group in enumerate(used)}
+        balls = np.array([_ball(part) for part in parts]).reshape(-1, 4)
         corner_at, corners = _table([part.corners for part in parts], 3)
-        plane_at, planes = _table([part.planes for part in parts], 4)
         sizes = [np.abs(chain.fixed[:, :, 3]).sum(), np.abs(balls).max(initial=0.0)]
         self._rounding = _ROUNDING * max(1.0, *sizes)
         pads = np.asarray(pads, dtype=np.float64)[order]
@@ -68,22 +73,14 @@ class Broad:
             np.array([part.half for part in parts]).reshape(-1, 3),
             np.array([part.thick for part in parts], dtype=np.float64),
             np.array([part.exact for part in parts], dtype=np.bool_),
-            np.array([part.solid for part in parts], dtype=np.bool_),
+            np.array(within, dtype=np.int64),
             corner_at,
             corners,
-            plane_at,
-            planes,
+            balls,
             np.array([[*pairs[n], n] for n in order], dtype=np.int64).reshape(-1, 3),
             pads,
-            np.array([parts[number[group]].joint for group in used], dtype=np.int64),
-            balls,
-            np.array(
-                [
-                    [ball_of[g], ball_of[h], first, last, number[g], number[h]]
-                    for g, h, first, last in meetings
-                ],
-                dtype=np.int64,
-            ).reshape(-1, 6),
+            np.array([number[group] for group in used], dtype=np.int64),
+            np.array([[place[g], place[h], *span] for g, h, *span in meetings], dtype=np.int64).reshape(-1, 4),
             np.array([pads[first:last].max() for _, _, first, last in meetings], dtype=np.float64),
             self._rounding,
         )
@@ -131,7 +128,6 @@ class Member(NamedTuple):
     solid: bool
     corners: Array
     """(3, k)"""
-    planes: Array
 
     @classmethod
     def of(cls, solid: Solid) -> Self:
@@ -141,15 +137,19 @@ class Member(NamedTuple):
         return cls.placed(solid.joint, solid.pose, solid.shape.cover, thick)
 
     @classmethod
+    def inside(cls, solid: Solid) -> Self:
+        """Put what is known to be in a part where its joint carries it."""
+        cover = cover_of_many(solid.shape.inner_corners, solid.shape.thickness)
+        return cls.placed(solid.joint, solid.pose, cover, solid.shape.thickness)._replace(solid=True)
+
+    @classmethod
     def placed(cls, joint: int, pose: Array, cover: Cover, thick: float) -> Self:
         """Put a cover somewhere."""
         turn, place = pose[:3, :3], pose[:3, 3:]
         outer, inner = (np.vstack([turn @ s[:3] + place, s[3:]]) for s in (cover.outer, cover.inner))
-        normals = turn @ cover.planes[:3]
-        planes = np.vstack([normals, cover.planes[3:] - place.T @ normals])
         corners = turn @ cover.corners.T + place
         core = (pose @ cover.core)[:3]
-        return cls(joint, outer, inner, core, cover.half, thick, cover.exact, cover.solid, corners, planes)
+        return cls(joint, outer, inner, core, cover.half, thick, cover.exact, cover.solid, corners)
 
 
 Group = tuple[int, ...]
@@ -208,7 +208,7 @@ def _ball(part: Member) -> Array:
 
 
 def _table(columns: Sequence[Array], rows: int) -> tuple[NDArray[np.int64], Array]:
-    """Columns of all parts side by side, those of each repeated until lanes are full, and where each begins."""
-    full = [one[:, np.arange(-(-one.shape[1] // LANES) * LANES) % max(one.shape[1], 1)] for one in columns]
+    """Columns of all parts side by side, those of each repeated until loops are full, and where each begins."""
+    full = [one[:, np.arange(-(-one.shape[1] // COUNT) * COUNT) % max(one.shape[1], 1)] for one in columns]
     at = np.cumsum([0, *(one.shape[1] for one in full)], dtype=np.int64)
     return at, np.ascontiguousarray(np.concatenate([np.zeros((rows, 0)), *full], axis=1))

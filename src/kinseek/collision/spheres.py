@@ -20,8 +20,8 @@ from .shapes import Box, Capsule, Shape, Sphere, library
 
 Array = NDArray[np.float64]
 
-COUNT = 16
-"""Spheres of one part, outer and inner; two rows of lanes."""
+COUNT = 32
+"""Spheres of one part, outer and inner: as many as machine code takes in one turn of a loop."""
 
 _CANDIDATES, _SAMPLES = 300, 800
 """Places of inner spheres that are tried, and points of the body by which they are chosen."""
@@ -46,8 +46,6 @@ class Cover(NamedTuple):
     """Half of its edges, (3,)."""
     exact: bool
     """Is that box the very shape?"""
-    planes: Array
-    """Of a convex shape with flat sides: points x inside have ``planes[:3].T @ x + planes[3] <= 0``, (4, f); else (4, 0)."""
     corners: Array
     """Points whose hull, made thicker, holds the shape, (k, 3)."""
     solid: bool
@@ -65,7 +63,7 @@ def cover_of(shape: Shape) -> Cover:
     low, high = inside.min(axis=0), inside.max(axis=0)
     core[:3, 3] += core[:3, :3] @ ((low + high) / 2)
     if hull is None:
-        outer, planes = slices(corners, shape.thickness), np.zeros((4, 0))
+        outer = slices(corners, shape.thickness)
     else:
         planes = _unique_planes(hull.equations)
         outer = np.array([ball for _, ball, _ in pieces_of(hull.points[hull.simplices], planes)]).T
@@ -73,7 +71,7 @@ def cover_of(shape: Shape) -> Cover:
     inner = _balls_inside(shape)
     half = (high - low) / 2
     return Cover(
-        _padded(outer), _padded(inner), core, half, simple, planes if solid else planes[:, :0], corners, solid
+        _padded(outer), _padded(inner), core, half, simple, corners, solid
     )
 
 
@@ -81,7 +79,7 @@ def cover_of_many(points: Array, thickness: float) -> Cover:
     """Fit spheres and a box to all that lies in a hull of points, made thicker; nothing is said of what is inside."""
     cover = cover_of(_Thick(points, thickness))
     return cover._replace(
-        inner=_padded(np.zeros((4, 0))), planes=cover.planes[:, :0], exact=False, solid=False
+        inner=_padded(np.zeros((4, 0))), exact=False, solid=False
     )
 
 

@@ -36,26 +36,22 @@ class Cell(NamedTuple):
     """How much thicker, (part,)."""
     exact: Flags
     """Is that the very part? (part,)"""
-    solid: Flags
-    """Is the thicker hull of its corners the very part? (part,)"""
+    within: Indices
+    """The part whose thicker hull of corners lies in this one: itself, where it is nothing else; or -1, (part,)."""
     corner_at: Indices
-    """Corners of part p are ``corner_at[p] … corner_at[p + 1] - 1``, a multiple of `LANES`, (part + 1,)."""
+    """Corners of part p are ``corner_at[p] … corner_at[p + 1] - 1``, (part + 1,)."""
     corners: Array
     """(3, corner)"""
-    plane_at: Indices
-    """Planes of the sides, likewise, (part + 1,)."""
-    planes: Array
-    """x is inside where ``planes[:3].T @ x + planes[3] <= 0``, (4, plane)."""
+    ball: Array
+    """Around each part, x, y, z, radius, (part, 4)."""
     pair: Indices
     """The two parts, and the number the caller knows the pair by, (pair, 3)."""
     pad: Array
     """How much closer a pair is than its parts, (pair,)."""
-    group_joint: Indices
-    """That carries each group, (group,)."""
-    ball: Array
-    """Around all of a group, x, y, z, radius, (group, 4)."""
+    group: Indices
+    """The part that holds all of each group, (group,)."""
     meeting: Indices
-    """Two groups, the first of their pairs, one past the last, and the parts that hold all of each group, (meeting, 6)."""
+    """Two groups, the first of their pairs, and one past the last, (meeting, 4)."""
     widest: Array
     """The greatest `pad` of a meeting, (meeting,)."""
     rounding: float
@@ -72,16 +68,14 @@ CELL = Bundle(
     half=F64["part", 3],
     thick=F64["part"],
     exact=FLAG["part"],
-    solid=FLAG["part"],
+    within=I64["part"],
     corner_at=I64["part+1"],
     corners=F64[3, "corner"],
-    plane_at=I64["part+1"],
-    planes=F64[4, "plane"],
+    ball=F64["part", 4],
     pair=I64["pair", 3],
     pad=F64["pair"],
-    group_joint=I64["group"],
-    ball=F64["group", 4],
-    meeting=I64["meeting", 6],
+    group=I64["group"],
+    meeting=I64["meeting", 4],
     widest=F64["meeting"],
     rounding=F64,
 )
@@ -92,35 +86,37 @@ class Here(NamedTuple):
 
     frames: Array
     """Of the base and of all joints, (m + 1, 12), row-major (3, 4)."""
-    outer: Array
-    """(part, 4, sphere)"""
-    inner: Array
-    """(part, 4, sphere)"""
     into: Array
     """From the base into the core's frame, (part, 12)."""
+    middle: Array
+    """Of the part's ball, (part, 3)."""
     known: Indices
     """1 where a part's place is known, (part,)."""
-    best: Array
-    """For the search of the farthest corner, (LANES,)."""
-    where: Array
-    """(LANES,)"""
+    along: Array
+    """Heights of the corners of one part, as many as the most that one has."""
     spot: Array
     """Numbers that a search hands on, (12,)."""
+    simplex: Array
+    """Corners of the difference of two parts, (4, 3)."""
+    share: Array
+    """Of each corner in a mixture of them, (4,)."""
 
 
 @view
 def make_here(cell: Cell) -> Here:
     """Memory for one q."""
-    parts, spheres = len(cell.joint), cell.outer.shape[2]
+    parts, most = len(cell.joint), 0
+    for p in range(parts):
+        most = max(most, cell.corner_at[p + 1] - cell.corner_at[p])
     return Here(
         np.empty((len(cell.chain.leader) + 1, 12)),
-        np.empty((parts, 4, spheres)),
-        np.empty((parts, 4, spheres)),
         np.empty((parts, 12)),
+        np.empty((parts, 3)),
         np.zeros(parts, dtype=np.int64),
-        np.empty(LANES),
-        np.empty(LANES),
+        np.empty(most),
         np.empty(12),
+        np.empty((4, 3)),
+        np.empty(4),
     )
 
 
@@ -167,28 +163,17 @@ def place(cell: Cell, here: Here, p: int) -> None:
     if here.known[p] == 1:
         return
     here.known[p] = 1
-    T, C = here.frames[cell.joint[p]], cell.core[p]
-    move(T, cell.outer[p], here.outer[p])
-    move(T, cell.inner[p], here.inner[p])
+    T, C, B, middle = here.frames[cell.joint[p]], cell.core[p], cell.ball[p], here.middle[p]
+    for r in range(3):
+        middle[r] = T[4 * r] * B[0] + T[4 * r + 1] * B[1] + T[4 * r + 2] * B[2] + T[4 * r + 3]
     # The core's frame in the base is T C; into it leads the transpose.
+    px = T[0] * C[0, 3] + T[1] * C[1, 3] + T[2] * C[2, 3] + T[3]
+    py = T[4] * C[0, 3] + T[5] * C[1, 3] + T[6] * C[2, 3] + T[7]
+    pz = T[8] * C[0, 3] + T[9] * C[1, 3] + T[10] * C[2, 3] + T[11]
     for c in range(3):
         x = T[0] * C[0, c] + T[1] * C[1, c] + T[2] * C[2, c]
         y = T[4] * C[0, c] + T[5] * C[1, c] + T[6] * C[2, c]
         z = T[8] * C[0, c] + T[9] * C[1, c] + T[10] * C[2, c]
-        px = T[0] * C[0, 3] + T[1] * C[1, 3] + T[2] * C[2, 3] + T[3]
-        py = T[4] * C[0, 3] + T[5] * C[1, 3] + T[6] * C[2, 3] + T[7]
-        pz = T[8] * C[0, 3] + T[9] * C[1, 3] + T[10] * C[2, 3] + T[11]
         into = here.into[p]
         into[4 * c], into[4 * c + 1], into[4 * c + 2] = x, y, z
         into[4 * c + 3] = -(x * px + y * py + z * pz)
-
-
-@hidden
-def move(T: Array, spheres: Array, out: Array) -> None:
-    """Bring spheres, (4, s), where a frame, (12,), is."""
-    for s in range(spheres.shape[1]):
-        x, y, z = spheres[0, s], spheres[1, s], spheres[2, s]
-        out[0, s] = T[0] * x + T[1] * y + T[2] * z + T[3]
-        out[1, s] = T[4] * x + T[5] * y + T[6] * z + T[7]
-        out[2, s] = T[8] * x + T[9] * y + T[10] * z + T[11]
-        out[3, s] = spheres[3, s]

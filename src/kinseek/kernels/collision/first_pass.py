@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from kinseek.kernels.arrays import Array, Flags, Indices
 from kinseek.kernels.entry import F64, FLAG, I64
 from kinseek.kernels.jit import entry, hidden
 
-from .cell import CELL, LANES, Cell, enter, lanes_frames, make_here
-from .gaps import DOUBT, FREE, TOUCH, gap_below, is_clear, settle, straddle
+from .cell import CELL, LANES, Cell, Here, enter, lanes_frames, make_here, place
+from .gaps import DOUBT, FREE, TOUCH, ball_gap, gap_below, is_clear, settle, straddle
 
 
 @hidden
@@ -27,12 +25,42 @@ def load_lanes(q: Array, first: int, lanes: Array) -> None:
 def lanes_balls(cell: Cell, frames: Array, balls: Array, w: int) -> None:
     """Middles of the balls of all groups, (group, 3 · LANES)."""
     W = LANES
-    for g in range(len(cell.group_joint)):
-        T, x, y, z = frames[cell.group_joint[g]], cell.ball[g, 0], cell.ball[g, 1], cell.ball[g, 2]
+    for g in range(len(cell.group)):
+        p, B = cell.group[g], balls[g]
+        T, x, y, z = frames[cell.joint[p]], cell.ball[p, 0], cell.ball[p, 1], cell.ball[p, 2]
         for l in range(w):
-            balls[g, l] = T[l] * x + T[W + l] * y + T[2 * W + l] * z + T[3 * W + l]
-            balls[g, W + l] = T[4 * W + l] * x + T[5 * W + l] * y + T[6 * W + l] * z + T[7 * W + l]
-            balls[g, 2 * W + l] = T[8 * W + l] * x + T[9 * W + l] * y + T[10 * W + l] * z + T[11 * W + l]
+            B[l] = T[l] * x + T[W + l] * y + T[2 * W + l] * z + T[3 * W + l]
+            B[W + l] = T[4 * W + l] * x + T[5 * W + l] * y + T[6 * W + l] * z + T[7 * W + l]
+            B[2 * W + l] = T[8 * W + l] * x + T[9 * W + l] * y + T[10 * W + l] * z + T[11 * W + l]
+
+
+@hidden
+def settle_meeting(
+    cell: Cell, here: Here, m: int, clearance: float, least: float, steps: int, verdict: int, doubts: Flags
+) -> int:
+    """The verdict, where some groups have been looked at and two more are; pairs in doubt are noted."""
+    g, h = cell.group[cell.meeting[m, 0]], cell.group[cell.meeting[m, 1]]
+    first, last = cell.meeting[m, 2], cell.meeting[m, 3]
+    place(cell, here, g)
+    place(cell, here, h)
+    if last - first > 1:
+        # What is free of all that holds the parts is free of each.
+        most = least + cell.widest[m]
+        if is_clear(cell, here, g, h, most) or straddle(cell, here, g, h, most, -1e300, steps) == FREE:
+            return verdict
+    for n in range(first, last):
+        a, b, pad = cell.pair[n, 0], cell.pair[n, 1], cell.pad[n]
+        place(cell, here, a)
+        place(cell, here, b)
+        if ball_gap(cell, here, a, b) > least + pad:
+            continue
+        found = settle(cell, here, a, b, least + pad, clearance + pad + cell.rounding, steps)
+        if found == TOUCH:
+            return TOUCH
+        if found == DOUBT:
+            verdict = DOUBT
+            doubts[cell.pair[n, 2]] = True
+    return verdict
 
 
 @entry(
@@ -62,7 +90,7 @@ def sort_out(
     """
     chain, W = cell.chain, LANES
     lanes, frames = np.empty((q.shape[1], W)), np.empty((len(chain.leader) + 1, 12 * W))
-    balls, gaps = np.empty((len(cell.group_joint), 3 * W)), np.empty(W)
+    balls, gaps = np.empty((len(cell.group), 3 * W)), np.empty(W)
     meetings = len(cell.meeting)
     near, counts = np.empty((W, meetings), dtype=np.int64), np.empty(W, dtype=np.int64)
     here = make_here(cell)
@@ -74,15 +102,13 @@ def sort_out(
             counts[l] = 0
         for m in range(meetings):
             g, h = cell.meeting[m, 0], cell.meeting[m, 1]
-            reach = cell.ball[g, 3] + cell.ball[h, 3] + cell.widest[m] + least
-            square = reach * reach
-            lowest = 1e300
+            reach = cell.ball[cell.group[g], 3] + cell.ball[cell.group[h], 3] + cell.widest[m] + least
+            square, G, H = reach * reach, balls[g], balls[h]
             for l in range(w):
-                dx, dy = balls[g, l] - balls[h, l], balls[g, W + l] - balls[h, W + l]
-                dz = balls[g, 2 * W + l] - balls[h, 2 * W + l]
-                gap = dx * dx + dy * dy + dz * dz - square
-                gaps[l] = gap
-                lowest = min(lowest, gap)
+                dx, dy, dz = G[l] - H[l], G[W + l] - H[W + l], G[2 * W + l] - H[2 * W + l]
+                gaps[l] = dx * dx + dy * dy + dz * dz - square
+            lowest = min(min(gaps[0], gaps[1]), min(gaps[2], gaps[3]))
+            lowest = min(lowest, min(min(gaps[4], gaps[5]), min(gaps[6], gaps[7])))
             if lowest <= 0.0:
                 for l in range(W):
                     if gaps[l] <= 0.0:
@@ -93,33 +119,9 @@ def sort_out(
             if counts[l] > 0:
                 enter(cell, here, frames, l)
             for each in range(counts[l]):
-                m = near[l, each]
-                if cell.meeting[m, 3] - cell.meeting[m, 2] > 1:
-                    g, h, most = cell.meeting[m, 4], cell.meeting[m, 5], least + cell.widest[m]
-                    if is_clear(cell, here, g, h, most):
-                        continue
-                    if straddle(cell, here, g, h, most, -1e300, steps, w) == FREE:
-                        continue
-                for n in range(cell.meeting[m, 2], cell.meeting[m, 3]):
-                    pad = cell.pad[n]
-                    found = settle(
-                        cell,
-                        here,
-                        cell.pair[n, 0],
-                        cell.pair[n, 1],
-                        least + pad,
-                        clearance + pad - cell.rounding,
-                        steps,
-                        w,
-                    )
-                    if found == DOUBT:
-                        verdict = DOUBT
-                        doubts[k, cell.pair[n, 2]] = True
-                    if found == TOUCH:
-                        verdict = TOUCH
-                        break
-                if verdict == TOUCH:
-                    break
+                if verdict != TOUCH:
+                    m = near[l, each]
+                    verdict = settle_meeting(cell, here, m, clearance, least, steps, verdict, doubts[k])
             verdicts[k] = verdict
 
 
@@ -136,27 +138,28 @@ def bound_pairs(cell: Cell, q: Array, steps: int, w: int, bounds: Array) -> None
     """
     chain, W = cell.chain, LANES
     lanes, frames = np.empty((q.shape[1], W)), np.empty((len(chain.leader) + 1, 12 * W))
-    balls = np.empty((len(cell.group_joint), 3 * W))
     here = make_here(cell)
     for first in range(0, len(q), W):
         load_lanes(q, first, lanes)
         lanes_frames(chain, lanes, frames, w)
-        lanes_balls(cell, frames, balls, w)
         for l in range(min(W, len(q) - first)):
             enter(cell, here, frames, l)
             k, nearest = first + l, 1e300
             for m in range(len(cell.meeting)):
-                g, h = cell.meeting[m, 0], cell.meeting[m, 1]
-                dx, dy = balls[g, l] - balls[h, l], balls[g, W + l] - balls[h, W + l]
-                dz = balls[g, 2 * W + l] - balls[h, 2 * W + l]
-                apart = math.sqrt(dx * dx + dy * dy + dz * dz) - cell.ball[g, 3] - cell.ball[h, 3]
+                g, h = cell.group[cell.meeting[m, 0]], cell.group[cell.meeting[m, 1]]
+                place(cell, here, g)
+                place(cell, here, h)
+                apart = ball_gap(cell, here, g, h)
                 for n in range(cell.meeting[m, 2], cell.meeting[m, 3]):
                     a, b, pad = cell.pair[n, 0], cell.pair[n, 1], cell.pad[n]
                     bound = apart
                     if steps == 0 or apart - pad < nearest:
+                        place(cell, here, a)
+                        place(cell, here, b)
                         bound = max(bound, gap_below(cell, here, a, b))
                         if steps > 0 and bound - pad < nearest:
-                            straddle(cell, here, a, b, 1e300, 0.0, steps, w)
+                            straddle(cell, here, a, b, 1e300, -1e300, steps)
                             bound = max(bound, here.spot[9])
-                            nearest = min(nearest, max(here.spot[10], 0.0) - pad)
+                            if cell.within[a] == a and cell.within[b] == b:
+                                nearest = min(nearest, here.spot[10] - pad)
                     bounds[k, cell.pair[n, 2]] = bound - pad - cell.rounding

@@ -1,7 +1,7 @@
 """How far two parts are apart: bounds from both sides, each of them a proof.
 
-From below: every shape lies in its outer spheres, in its core, and on one side of each plane that its farthest corner in a
-direction lies in. From above: inner spheres, and points that are in a part for sure.
+From below: a part lies in its outer spheres, in its core, and on one side of a plane through the corner that is farthest in
+a direction. From above: spheres inside, and points that are in both parts, as a mixture of corners shows.
 """
 
 from __future__ import annotations
@@ -11,110 +11,109 @@ import math
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import hidden
 
-from .cell import LANES, Cell, Here, place
+from .cell import Cell, Here, place
 
 FREE, TOUCH, DOUBT = 1, 0, 2
 
 
 @hidden
-def beyond_core(into: Array, half: Array, x: float, y: float, z: float) -> float:
-    """Distance of a point from a core."""
-    dx = max(abs(into[0] * x + into[1] * y + into[2] * z + into[3]) - half[0], 0.0)
-    dy = max(abs(into[4] * x + into[5] * y + into[6] * z + into[7]) - half[1], 0.0)
-    dz = max(abs(into[8] * x + into[9] * y + into[10] * z + into[11]) - half[2], 0.0)
-    return math.sqrt(dx * dx + dy * dy + dz * dz)
+def lead_over(here: Here, into: Array, T: Array) -> None:
+    """The way from a joint's frame T into a core's, (12,), into ``here.spot``."""
+    spot = here.spot
+    for r in range(0, 12, 4):
+        i0, i1, i2, i3 = into[r], into[r + 1], into[r + 2], into[r + 3]
+        for c in range(4):
+            spot[r + c] = i0 * T[c] + i1 * T[4 + c] + i2 * T[8 + c]
+        spot[r + 3] += i3
 
 
 @hidden
-def spheres_to_core(spheres: Array, into: Array, half: Array) -> float:
-    """The nearest of some spheres, (4, s), to a core: distance less radius."""
-    least = 1e300
-    for s in range(spheres.shape[1]):
-        apart = beyond_core(into, half, spheres[0, s], spheres[1, s], spheres[2, s]) - spheres[3, s]
-        least = min(least, apart)
-    return least
+def clear_of_core(spheres: Array, way: Array, half: Array, least: float) -> float:
+    """Above 0 where all spheres, (4, s), are farther than `least` from a core; else how far below 0 tells nothing.
 
-
-@hidden
-def clear_of_core(spheres: Array, into: Array, half: Array, least: float) -> float:
-    """Above 0 where all spheres, (4, s), are farther than `least` from a core: squares, not lengths."""
+    It is the least of squared distances less squared radii.
+    """
+    a0, a1, a2, a3, b0, b1, b2, b3 = way[0], way[1], way[2], way[3], way[4], way[5], way[6], way[7]
+    c0, c1, c2, c3, hx, hy, hz = way[8], way[9], way[10], way[11], half[0], half[1], half[2]
     lowest = 1e300
     for s in range(spheres.shape[1]):
         x, y, z, reach = spheres[0, s], spheres[1, s], spheres[2, s], spheres[3, s] + least
-        dx = max(abs(into[0] * x + into[1] * y + into[2] * z + into[3]) - half[0], 0.0)
-        dy = max(abs(into[4] * x + into[5] * y + into[6] * z + into[7]) - half[1], 0.0)
-        dz = max(abs(into[8] * x + into[9] * y + into[10] * z + into[11]) - half[2], 0.0)
-        lowest = min(lowest, dx * dx + dy * dy + dz * dz - reach * reach)
+        dx = max(abs(a0 * x + a1 * y + a2 * z + a3) - hx, 0.0)
+        dy = max(abs(b0 * x + b1 * y + b2 * z + b3) - hy, 0.0)
+        dz = max(abs(c0 * x + c1 * y + c2 * z + c3) - hz, 0.0)
+        lowest = min(lowest, dx * dx + dy * dy + dz * dz - reach * abs(reach))
     return lowest
 
 
 @hidden
-def is_clear(cell: Cell, here: Here, a: int, b: int, least: float) -> bool:
-    """Are two parts farther apart than `least`, which is not below 0, by the spheres of one and the core of the other?"""
-    place(cell, here, a)
-    place(cell, here, b)
-    if clear_of_core(here.outer[a], here.into[b], cell.half[b], least + cell.thick[b]) > 0.0:
-        return True
-    return clear_of_core(here.outer[b], here.into[a], cell.half[a], least + cell.thick[a]) > 0.0
-
-
-@hidden
-def spheres_to_spheres(one: Array, other: Array) -> float:
-    """The nearest two spheres of two parts: distance less radii."""
+def gap_to_core(spheres: Array, way: Array, half: Array) -> float:
+    """The nearest of some spheres, (4, s), to a core: distance less radius."""
+    a0, a1, a2, a3, b0, b1, b2, b3 = way[0], way[1], way[2], way[3], way[4], way[5], way[6], way[7]
+    c0, c1, c2, c3, hx, hy, hz = way[8], way[9], way[10], way[11], half[0], half[1], half[2]
     least = 1e300
-    for s in range(one.shape[1]):
-        x, y, z, r = one[0, s], one[1, s], one[2, s], one[3, s]
-        for t in range(other.shape[1]):
-            dx, dy, dz = other[0, t] - x, other[1, t] - y, other[2, t] - z
-            least = min(least, math.sqrt(dx * dx + dy * dy + dz * dz) - r - other[3, t])
+    for s in range(spheres.shape[1]):
+        x, y, z = spheres[0, s], spheres[1, s], spheres[2, s]
+        dx = max(abs(a0 * x + a1 * y + a2 * z + a3) - hx, 0.0)
+        dy = max(abs(b0 * x + b1 * y + b2 * z + b3) - hy, 0.0)
+        dz = max(abs(c0 * x + c1 * y + c2 * z + c3) - hz, 0.0)
+        least = min(least, math.sqrt(dx * dx + dy * dy + dz * dz) - spheres[3, s])
     return least
 
 
 @hidden
-def gap_below(cell: Cell, here: Here, a: int, b: int) -> float:
-    """No two points of two parts are closer than this, by the spheres of each and the core of the other."""
-    place(cell, here, a)
-    place(cell, here, b)
-    one: float = spheres_to_core(here.outer[a], here.into[b], cell.half[b]) - cell.thick[b]
-    other: float = spheres_to_core(here.outer[b], here.into[a], cell.half[a]) - cell.thick[a]
-    return max(one, other)
-
-
-@hidden
-def gap_above(cell: Cell, here: Here, a: int, b: int) -> float:
-    """Two points of two parts are as near as this, by what is inside of them; below 0 they touch."""
-    gap: float
-    if cell.exact[b]:
-        gap = spheres_to_core(here.inner[a], here.into[b], cell.half[b]) - cell.thick[b]
-    elif cell.exact[a]:
-        gap = spheres_to_core(here.inner[b], here.into[a], cell.half[a]) - cell.thick[a]
-    else:
-        gap = spheres_to_spheres(here.inner[a], here.inner[b])
+def ball_gap(cell: Cell, here: Here, a: int, b: int) -> float:
+    """Distance of the balls around two parts whose places are known."""
+    p, s = here.middle[a], here.middle[b]
+    dx, dy, dz = p[0] - s[0], p[1] - s[1], p[2] - s[2]
+    gap: float = math.sqrt(dx * dx + dy * dy + dz * dz) - cell.ball[a, 3] - cell.ball[b, 3]
     return gap
 
 
 @hidden
-def farthest(cell: Cell, here: Here, p: int, x: float, y: float, z: float, at: int, w: int) -> None:
+def is_clear(cell: Cell, here: Here, a: int, b: int, least: float) -> bool:
+    """Are two parts whose places are known farther apart than `least`, by the spheres of one and the core of the other?"""
+    lead_over(here, here.into[b], here.frames[cell.joint[a]])
+    if clear_of_core(cell.outer[a], here.spot, cell.half[b], least + cell.thick[b]) > 0.0:
+        return True
+    lead_over(here, here.into[a], here.frames[cell.joint[b]])
+    return clear_of_core(cell.outer[b], here.spot, cell.half[a], least + cell.thick[a]) > 0.0
+
+
+@hidden
+def gap_below(cell: Cell, here: Here, a: int, b: int) -> float:
+    """No two points of two parts are closer than this, by the same."""
+    lead_over(here, here.into[b], here.frames[cell.joint[a]])
+    one: float = gap_to_core(cell.outer[a], here.spot, cell.half[b]) - cell.thick[b]
+    lead_over(here, here.into[a], here.frames[cell.joint[b]])
+    other: float = gap_to_core(cell.outer[b], here.spot, cell.half[a]) - cell.thick[a]
+    return max(one, other)
+
+
+@hidden
+def overlaps_core(cell: Cell, here: Here, a: int, b: int, touch: float) -> bool:
+    """Is a sphere inside one part nearer than `touch` to the other, which is its core?"""
+    lead_over(here, here.into[b], here.frames[cell.joint[a]])
+    return clear_of_core(cell.inner[a], here.spot, cell.half[b], touch + cell.thick[b]) < 0.0
+
+
+@hidden
+def farthest(cell: Cell, here: Here, p: int, x: float, y: float, z: float, at: int) -> None:
     """The corner of a part that lies farthest in a direction, in the base, into ``here.spot[at : at + 3]``."""
-    T, C, best, where = here.frames[cell.joint[p]], cell.corners, here.best, here.where
+    T, C, along = here.frames[cell.joint[p]], cell.corners, here.along
     u = T[0] * x + T[4] * y + T[8] * z
     v = T[1] * x + T[5] * y + T[9] * z
     t = T[2] * x + T[6] * y + T[10] * z
-    first, last = cell.corner_at[p], cell.corner_at[p + 1]
-    for l in range(w):
-        best[l], where[l] = -1e300, 0.0
-    for s in range(first, last, LANES):
-        row = float(s)
-        for l in range(w):
-            along = u * C[0, s + l] + v * C[1, s + l] + t * C[2, s + l]
-            more = along > best[l]
-            best[l] = along if more else best[l]
-            where[l] = row if more else where[l]
-    top = 0
-    for l in range(1, w):
-        if best[l] > best[top]:
-            top = l
-    i = int(where[top]) + top
+    first = cell.corner_at[p]
+    count = cell.corner_at[p + 1] - first
+    top = -1e300
+    for s in range(count):
+        height = u * C[0, first + s] + v * C[1, first + s] + t * C[2, first + s]
+        along[s] = height
+        top = max(top, height)
+    i = count - 1
+    for s in range(count):
+        i = min(i, s if along[s] >= top else count)
+    i += first
     cx, cy, cz = C[0, i], C[1, i], C[2, i]
     here.spot[at] = T[0] * cx + T[1] * cy + T[2] * cz + T[3]
     here.spot[at + 1] = T[4] * cx + T[5] * cy + T[6] * cz + T[7]
@@ -122,100 +121,160 @@ def farthest(cell: Cell, here: Here, p: int, x: float, y: float, z: float, at: i
 
 
 @hidden
-def inside_by(cell: Cell, here: Here, p: int, x: float, y: float, z: float) -> float:
-    """How deep a point is inside a part with flat sides, above 0; else below 0, or what says nothing."""
-    T = here.frames[cell.joint[p]]
-    dx, dy, dz = x - T[3], y - T[7], z - T[11]
-    u = T[0] * dx + T[4] * dy + T[8] * dz
-    v = T[1] * dx + T[5] * dy + T[9] * dz
-    t = T[2] * dx + T[6] * dy + T[10] * dz
-    first, last = cell.plane_at[p], cell.plane_at[p + 1]
-    beyond = -1e300 if last > first else 1e300
-    for f in range(first, last):
-        beyond = max(
-            beyond, cell.planes[0, f] * u + cell.planes[1, f] * v + cell.planes[2, f] * t + cell.planes[3, f]
-        )
-    return -beyond
+def lean(S: Array, share: Array, i: int, j: int, k: int) -> float:
+    """The point of a triangle nearest to the origin, as shares of its corners; its squared distance (Ericson 2005, 5.1.5)."""
+    ax, ay, az = S[i, 0], S[i, 1], S[i, 2]
+    bx, by, bz = S[j, 0] - ax, S[j, 1] - ay, S[j, 2] - az
+    cx, cy, cz = S[k, 0] - ax, S[k, 1] - ay, S[k, 2] - az
+    d1, d2 = -(bx * ax + by * ay + bz * az), -(cx * ax + cy * ay + cz * az)
+    bb, bc, cc = bx * bx + by * by + bz * bz, bx * cx + by * cy + bz * cz, cx * cx + cy * cy + cz * cz
+    d3, d4, d5, d6 = d1 - bb, d2 - bc, d1 - bc, d2 - cc
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    s, t = 0.0, 0.0
+    if d1 <= 0.0 and d2 <= 0.0:
+        s, t = 0.0, 0.0
+    elif d3 >= 0.0 and d4 <= d3:
+        s, t = 1.0, 0.0
+    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        s = d1 / max(d1 - d3, 1e-300)
+    elif d6 >= 0.0 and d5 <= d6:
+        s, t = 0.0, 1.0
+    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        t = d2 / max(d2 - d6, 1e-300)
+    elif va <= 0.0 and d4 >= d3 and d5 >= d6:
+        t = (d4 - d3) / max((d4 - d3) + (d5 - d6), 1e-300)
+        s = 1.0 - t
+    else:
+        whole = 1.0 / max(va + vb + vc, 1e-300)
+        s, t = vb * whole, vc * whole
+    # Whatever rounding did, the shares are those of a point of the triangle.
+    s = min(max(s, 0.0), 1.0)
+    t = min(max(t, 0.0), 1.0 - s)
+    for n in range(4):
+        share[n] = 0.0
+    share[i], share[j], share[k] = 1.0 - s - t, s, t
+    x, y, z = ax + s * bx + t * cx, ay + s * by + t * cy, az + s * bz + t * cz
+    return x * x + y * y + z * z
 
 
 @hidden
-def straddle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float, steps: int, w: int) -> int:
-    """Look for a plane between two parts, or for a point of one that is in the other.
+def turned(S: Array, i: int, j: int, k: int) -> float:
+    """Six times the volume between a triangle and the origin, with its sign."""
+    x = S[j, 1] * S[k, 2] - S[j, 2] * S[k, 1]
+    y = S[j, 2] * S[k, 0] - S[j, 0] * S[k, 2]
+    z = S[j, 0] * S[k, 1] - S[j, 1] * S[k, 0]
+    volume: float = S[i, 0] * x + S[i, 1] * y + S[i, 2] * z
+    return volume
 
-    The difference of two convex bodies is one; Gilbert (1966) goes from a point of it to the nearest on the way to its
-    corner that lies farthest towards the origin. Every such corner gives a plane, and every point two of the bodies.
+
+@hidden
+def nearest_mixture(here: Here, count: int) -> int:
+    """The mixture of so many corners that is nearest to the origin, into ``here.spot[6:9]``; corners it needs not are dropped.
+
+    The last corner is the new one, and has a share: without it the point before was the nearest.
+    """
+    S, share, spot = here.simplex, here.share, here.spot
+    if count == 1:
+        share[0] = 1.0
+    elif count == 2:
+        dx, dy, dz = S[1, 0] - S[0, 0], S[1, 1] - S[0, 1], S[1, 2] - S[0, 2]
+        square = dx * dx + dy * dy + dz * dz
+        t = -(dx * S[0, 0] + dy * S[0, 1] + dz * S[0, 2]) / max(square, 1e-300)
+        share[1] = min(max(t, 0.0), 1.0)
+        share[0] = 1.0 - share[1]
+    elif count == 3:
+        lean(S, share, 0, 1, 2)
+    else:
+        a, b = turned(S, 1, 3, 2), turned(S, 0, 2, 3)
+        c, d = turned(S, 0, 3, 1), turned(S, 0, 1, 2)
+        whole = a + b + c + d
+        within = (a > 0.0 and b > 0.0 and c > 0.0 and d > 0.0) or (a < 0.0 and b < 0.0 and c < 0.0 and d < 0.0)
+        if within:
+            share[0], share[1], share[2], share[3] = a / whole, b / whole, c / whole, d / whole
+        else:
+            one, two, three = lean(S, share, 0, 1, 3), lean(S, share, 0, 2, 3), lean(S, share, 1, 2, 3)
+            if one <= two and one <= three:
+                lean(S, share, 0, 1, 3)
+            elif two <= three:
+                lean(S, share, 0, 2, 3)
+    x, y, z, kept = 0.0, 0.0, 0.0, 0
+    for n in range(count):
+        part = share[n]
+        if part > 0.0:
+            sx, sy, sz = S[n, 0], S[n, 1], S[n, 2]
+            x, y, z = x + part * sx, y + part * sy, z + part * sz
+            S[kept, 0], S[kept, 1], S[kept, 2] = sx, sy, sz
+            kept += 1
+    spot[6], spot[7], spot[8] = x, y, z
+    return kept
+
+
+@hidden
+def straddle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float, steps: int) -> int:
+    """Look for a plane between two parts, or for a point in both: each verdict is a proof, and there may be none.
+
+    The points of one less those of the other are a convex body, and so far from the origin as the parts are apart. Corners of
+    it that lie farthest towards the origin are gathered, and their mixture nearest to it leads to the next (Gilbert,
+    Johnson and Keerthi 1988). Each such corner gives a plane, each mixture two points of the parts.
 
     Args:
         cell: The scene.
-        here: Where its parts are.
-        a: One part; it must be known where both are.
+        here: Where its parts are; the places of both are known.
+        a: One part.
         b: The other.
         least: They are free of each other when they are farther apart than this.
-        touch: They touch when they are nearer than this.
+        touch: They touch when two of their points are nearer than this; that counts where the hulls of corners lie in them.
         steps: At most.
-        w: `LANES`.
 
     Returns:
-        `FREE`, `TOUCH` or `DOUBT`; in ``here.spot[9]`` and ``[10]`` the best bounds on their distance from below and above.
+        `FREE`, `TOUCH` or `DOUBT`; in ``here.spot[9]`` and ``[10]`` the best bounds on the distance of the hulls, made
+        thicker, from below and above.
     """
-    spot, thick = here.spot, cell.thick[a] + cell.thick[b]
-    both = cell.solid[a] and cell.solid[b]
-    ia, ib = here.into[a], here.into[b]
-    # Points of the parts, or of what they lie in: middles of the cores.
-    ax, ay, az = -core_row(ia, 0), -core_row(ia, 1), -core_row(ia, 2)
-    bx, by, bz = -core_row(ib, 0), -core_row(ib, 1), -core_row(ib, 2)
-    below, above = -1e300, 1e300
-    verdict = DOUBT
-    for step in range(steps):
-        x, y, z = ax - bx, ay - by, az - bz
+    spot, S, thick = here.spot, here.simplex, cell.thick[a] + cell.thick[b]
+    p, s = here.middle[a], here.middle[b]
+    x, y, z = p[0] - s[0], p[1] - s[1], p[2] - s[2]
+    if x * x + y * y + z * z < 1e-18:
+        x = 1.0
+    below, above, count, verdict = -1e300, 1e300, 0, DOUBT
+    for _ in range(steps):
         square = x * x + y * y + z * z
-        length = math.sqrt(square)
-        if both:
-            # A point of one part is in the other, or near to it.
-            near = length - thick
-            if cell.exact[b]:
-                near = min(near, beyond_core(ib, cell.half[b], ax, ay, az) - thick)
-            if cell.exact[a]:
-                near = min(near, beyond_core(ia, cell.half[a], bx, by, bz) - thick)
-            if step % 3 == 2 and not cell.exact[a] and not cell.exact[b]:
-                near = min(near, -inside_by(cell, here, a, bx, by, bz), -inside_by(cell, here, b, ax, ay, az))
-            above = min(above, near)
-            if near < touch:
-                verdict = TOUCH
-                break
-        if length < 1e-12:
-            break
-        farthest(cell, here, a, -x, -y, -z, 0, w)
-        farthest(cell, here, b, x, y, z, 3, w)
+        farthest(cell, here, a, -x, -y, -z, 0)
+        farthest(cell, here, b, x, y, z, 3)
         wx, wy, wz = spot[0] - spot[3], spot[1] - spot[4], spot[2] - spot[5]
         along = x * wx + y * wy + z * wz
-        below = max(below, along / length - thick)
+        below = max(below, along / math.sqrt(square) - thick)
         if below > least:
             verdict = FREE
             break
-        dx, dy, dz = wx - x, wy - y, wz - z
-        way = dx * dx + dy * dy + dz * dz
-        if square - along <= 1e-12 * square or way == 0.0:
+        if count > 0 and square - along <= 1e-12 * square:
+            break  # The mixture is the nearest point, as well as can be told.
+        S[count, 0], S[count, 1], S[count, 2] = wx, wy, wz
+        count = nearest_mixture(here, count + 1)
+        x, y, z = spot[6], spot[7], spot[8]
+        above = min(above, math.sqrt(x * x + y * y + z * z) - thick)
+        if above < touch:
+            verdict = TOUCH
             break
-        t = min((square - along) / way, 1.0)
-        ax, ay, az = ax + t * (spot[0] - ax), ay + t * (spot[1] - ay), az + t * (spot[2] - az)
-        bx, by, bz = bx + t * (spot[3] - bx), by + t * (spot[4] - by), bz + t * (spot[5] - bz)
+        if count == 4:
+            break  # The origin is inside, and rounding is all that is left; or the corners are in one plane.
     spot[9], spot[10] = below, above
     return verdict
 
 
 @hidden
-def core_row(into: Array, c: int) -> float:
-    """One coordinate, less its sign, of the middle of a core in the base."""
-    row: float = into[c] * into[3] + into[4 + c] * into[7] + into[8 + c] * into[11]
-    return row
-
-
-@hidden
-def settle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float, steps: int, w: int) -> int:
-    """Are two parts farther apart than `least`, nearer than `touch`, or in doubt?"""
+def settle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float, steps: int) -> int:
+    """Are two parts farther apart than `least`, nearer than `touch`, or in doubt? The places of both are known."""
     if is_clear(cell, here, a, b, least):
         return FREE
-    if gap_above(cell, here, a, b) < touch:
+    if cell.exact[b] and overlaps_core(cell, here, a, b, touch):
         return TOUCH
-    return straddle(cell, here, a, b, least, touch, steps, w)
+    if cell.exact[a] and overlaps_core(cell, here, b, a, touch):
+        return TOUCH
+    i, j = cell.within[a], cell.within[b]
+    same = i == a and j == b
+    found = straddle(cell, here, a, b, least, touch if same else -1e300, steps)
+    if found == DOUBT and not same and i >= 0 and j >= 0:
+        place(cell, here, i)
+        place(cell, here, j)
+        found = straddle(cell, here, i, j, 1e300, touch, steps)
+    return found
