@@ -3,8 +3,8 @@
 Made paths: random smooth curves of joint values, four harmonics over 98 % of every range, 1,000 poses; so a motion without
 a break exists, and its largest step is known. Tasks of the field: lines of 0.4 m and circles of 0.15 m of 500 poses, rasters
 of 11 rows and 2,000 poses whose turn about the tool is free; random placements whose poses are all reachable, followed with
-steps below 0.2 rad from no start at all. Servoing: lines and circles at 100 Hz, joints at most 1.5 rad/s. Times are wall
-times of one thread; memory is what a path of 4,000 poses adds to the process beyond one of 1,000, per pose.
+steps below 0.2 rad from no start at all. Times are wall times of one thread; memory is what a path of 4,000 poses adds to
+the process beyond one of 1,000, per pose.
 
     python -m benchmarks.paths                      # writes paths.md beside this file
     python -m benchmarks.paths ur5e panda --paths 10 --placements 5
@@ -73,22 +73,6 @@ class Task:
     misses: list[str]
 
 
-@dataclass(frozen=True)
-class Servoing:
-    """A tracker on lines and circles."""
-
-    arm: str
-    tasks: int
-    median: float
-    """[µs]"""
-    p99: float
-    """[µs]"""
-    followed: int
-    """Never farther off than 1 mm and 0.01 rad."""
-    fast: int
-    """Tasks in which a joint was faster than allowed."""
-
-
 def curve(arm: kinseek.Arm, count: int, seed: int) -> Array:
     """A random smooth curve of joint values, (count, n)."""
     rng, s, q = np.random.default_rng(seed), np.linspace(0.0, 1.0, count), np.zeros((count, arm.dof))
@@ -153,10 +137,11 @@ def memory_of(arm: kinseek.Arm) -> float:
     return float(peaks[1] - peaks[0]) / 3000
 
 
-def placement(arm: kinseek.Arm, kind: str, rng: np.random.Generator) -> Array:
-    """Poses of one task somewhere in the arm's reach, all reachable."""
+def placement(arm: kinseek.Arm, kind: str, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Poses of one task somewhere in the arm's reach, all reachable, and the joint values that made the first, (n,)."""
     while True:
-        T0 = arm.fk(rng.uniform(arm.lower, arm.upper))
+        q0 = rng.uniform(arm.lower, arm.upper)
+        T0 = arm.fk(q0)
         if kind == "line":
             way = rng.normal(size=3)
             offsets = np.linspace(0, 0.4, 500)[:, None] * way / np.linalg.norm(way)
@@ -173,7 +158,7 @@ def placement(arm: kinseek.Arm, kind: str, rng: np.random.Generator) -> Array:
         T[:, :3, 3] += offsets
         goal = asked(kind, T)
         if arm.ik(goal.at(T[::25])).success.all() and arm.ik(goal).success.all():
-            return T
+            return T, q0
 
 
 def asked(kind: str, T: Array) -> kinseek.Goal:
@@ -186,7 +171,7 @@ def measure_tasks(name: str, kind: str, placements: int) -> Task:
     arm, rng = kinseek.load(name), np.random.default_rng(7)
     followed, travels, times, misses = 0, [], [], []
     for i in range(placements):
-        T = placement(arm, kind, rng)
+        T, _ = placement(arm, kind, rng)
         began = time.perf_counter()
         path = arm.follow(asked(kind, T), max_step=LARGEST, threads=1)
         times.append((time.perf_counter() - began) / len(T) * 1e6)
@@ -199,27 +184,7 @@ def measure_tasks(name: str, kind: str, placements: int) -> Task:
     return Task(name, kind, placements, followed, travel, float(np.median(times)), misses)
 
 
-def measure_servoing(name: str, tasks: int) -> Servoing:
-    """Track lines and circles at 100 Hz."""
-    arm, rng, period = kinseek.load(name), np.random.default_rng(11), 0.01
-    times, followed, fast = [], 0, 0
-    for i in range(tasks):
-        T = placement(arm, "line" if i % 2 else "circle", rng)
-        tracker = arm.track(arm.ik(T[0]).q, period=period, velocity=1.5)
-        good, quick = True, False
-        before = tracker.q
-        for row in T:
-            began = time.perf_counter_ns()
-            answer = tracker.step(row)
-            times.append((time.perf_counter_ns() - began) / 1e3)
-            good = good and answer.position_error < 1e-3 and answer.orientation_error < 0.01
-            quick = quick or bool((np.abs(answer.q - before) > 1.5 * period).any())
-            before = answer.q
-        followed, fast = followed + good, fast + quick
-    return Servoing(name, tasks, float(np.median(times)), float(np.percentile(times, 99)), followed, fast)
-
-
-def page(made: list[Made], tasks: list[Task], servoing: list[Servoing]) -> Page:
+def page(made: list[Made], tasks: list[Task]) -> Page:
     """The page."""
     page = Page("Paths", "benchmarks.paths")
     page.say(
@@ -248,11 +213,6 @@ def page(made: list[Made], tasks: list[Task], servoing: list[Servoing]) -> Page:
         "arm | task | >placements | >followed | >joint travel, median rad | >µs a waypoint",
         [(t.arm, t.kind, t.placements, t.followed, f"{t.travel:.2f}", f"{t.cost:.1f}") for t in tasks],
     )
-    page.head("Servoing")
-    page.table(
-        "arm | >tasks | >median µs | >p99 µs | >followed to 1 mm, 0.01 rad | >too fast",
-        [(s.arm, s.tasks, f"{s.median:.1f}", f"{s.p99:.1f}", s.followed, s.fast) for s in servoing],
-    )
     page.head("Missed")
     page.items([text for one in made for text in one.misses] + [text for one in tasks for text in one.misses])
     return page
@@ -269,7 +229,7 @@ def main() -> None:
     options = parser.parse_args()
     paths, placements, poses = (2, 2, POSES) if options.quick else (options.paths, options.placements, POSES)
     names = options.arms or (TASK_ARMS if options.quick else catalog_names())
-    made, tasks, servoing = [], [], []
+    made, tasks = [], []
     for name in names:
         made.append(measure_made(name, paths, poses))
         print(made[-1], flush=True)
@@ -279,10 +239,8 @@ def main() -> None:
         for kind in ("line", "circle", "raster"):
             tasks.append(measure_tasks(name, kind, placements))
             print(tasks[-1], flush=True)
-        servoing.append(measure_servoing(name, 2 * placements))
-        print(servoing[-1], flush=True)
     if not options.quick:
-        page(made, tasks, servoing).write(options.output)
+        page(made, tasks).write(options.output)
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ SCRIPTS = [
     ROOT / "benchmarks" / "peers" / "__main__.py",
     ROOT / "experiments" / "__main__.py",
 ]
-AS_FILES = ("worker", "unreachable_worker")
+AS_FILES = ("worker", "unreachable_worker", "path_worker", "servo_worker")
 """Run from the environment of a peer."""
 
 scripts = pytest.mark.parametrize(

@@ -24,6 +24,10 @@ VENVS = HERE / ".venvs"
 
 ENVIRONMENTS = {
     "optik": ("optik-py", "numpy"),
+    "differential": ("pin-pink", "mink", "qpsolvers[daqp]"),
+    "placo": ("placo",),
+    "drake": ("drake",),
+    "tesseract": ("tesseract-robotics", "numpy"),
     "shared": ("pin", "EAIK", "ssik", "pytracik", "roboticstoolbox-python"),
 }
 """Wheels that share an environment; the others want one each."""
@@ -58,8 +62,10 @@ def environment(name: str) -> Path | None:
     return python
 
 
-def write_arm(name: str, arm: kinseek.Arm, targets: Array, path: Path) -> None:
-    """Write down what a peer may need to know of an arm."""
+def write_arm(
+    name: str, arm: kinseek.Arm, targets: Array, path: Path, more: dict[str, Any] | None = None
+) -> None:
+    """Write down what a peer may need to know of an arm, the targets, and what more a worker asks for."""
     chain, n = arm.chain, arm.dof
     square = np.concatenate([chain.fixed, np.tile([[[0.0, 0.0, 0.0, 1.0]]], (n + 1, 1, 1))], axis=1)
     frames = [np.eye(4)]
@@ -82,6 +88,7 @@ def write_arm(name: str, arm: kinseek.Arm, targets: Array, path: Path) -> None:
         offsets=np.diff(points, axis=0),
         turn=frames[-1][:3, :3].T,
         targets=targets,
+        **(more or {}),
     )
 
 
