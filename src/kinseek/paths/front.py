@@ -4,24 +4,20 @@ from __future__ import annotations
 
 from typing import Any
 
-from kinseek.errors import InvalidProblem, PathInterrupted
+from kinseek.errors import PathInterrupted
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.threads import progress_bar
 
 from .asked import goals_of, read
 from .follow import follow
 from .path import Path
+from .proofs import with_proofs
 
 
 def follow_poses(
     arm: Mechanism, Ts: Any, wishes: dict[str, Any], prove: bool, threads: int | None, progress: bool
 ) -> Path:
     """Read the poses and what else was asked, and follow them; see `Arm.follow`, which says what is raised."""
-    if prove:
-        raise InvalidProblem(
-            "prove=True: nothing proves yet that a branch goes on unbroken between the poses; leave it out. "
-            "path.deviation tells how far the hand strays there, and Arm.prove decides single poses"
-        )
     goal, broken = goals_of(Ts)
     if broken is not None:
         # The times and the end that were given are those of all poses; those that came have neither.
@@ -29,6 +25,8 @@ def follow_poses(
     asked = read(arm, goal, **wishes)
     with progress_bar(progress, len(goal.targets)) as advance:
         path = follow(asked, threads, advance)
+    if prove:
+        path = with_proofs(asked, path, threads)
     if broken is not None:
         raise PathInterrupted(
             f"the iterator raised {type(broken).__name__} after {len(path)} poses: {broken}; the path through them is "

@@ -31,6 +31,28 @@ class PathStatus(Enum):
         return self.value
 
 
+@dataclass(frozen=True, eq=False)
+class PathProof:
+    """What is proved of a path of N poses: of the hand's straight way from each to the next, a line and one turn.
+
+    Along a proved step there are joint values q(s), 0 <= s <= 1, that change without a jump, have the hand exactly on that
+    way, and stay inside the limits; near them there are no others. They pass the joint values of both poses, which are
+    reached to a tolerance only, by `within` at most. With joints to spare they are held to a straight way along the
+    self-motion, and from one step to the next the arm may have to move, within `within` of those joint values, with its hand
+    at rest.
+    """
+
+    steps: NDArray[np.bool_]
+    """Which steps, from pose i to pose i + 1, are proved, (N - 1,); of a closed path (N,)."""
+    within: Array
+    """(N,), [rad] or [m]; infinite at a pose beside no step that is proved."""
+    out_of_reach: NDArray[np.bool_]
+    """Which poses no joint values inside the limits reach, (N,)."""
+    impossible: tuple[tuple[int, int], ...]
+    """Pairs (i, j): no continuous motion inside the limits has the hand exactly on that way from pose i to pose j. No two
+    share a step."""
+
+
 class Deviation(NamedTuple):
     """How far the hand is, between two poses, from the straight way from one to the other."""
 
@@ -53,6 +75,7 @@ class Path:
         orientation_error: [rad], (N,).
         problem: What was asked.
         closed: Does the motion go on from the last pose to the first?
+        proof: What is proved of it, see `PathProof`; None without `prove=True`.
     """
 
     q: Array
@@ -63,6 +86,7 @@ class Path:
     orientation_error: Array
     problem: Problem
     closed: bool
+    proof: PathProof | None = None
 
     @property
     def success(self) -> bool:
@@ -78,8 +102,23 @@ class Path:
 
     @property
     def certified(self) -> bool:
-        """Is it proved that the motion is unbroken between the poses? Nothing proves that yet: always False."""
-        return False
+        """Is it proved that one unbroken branch leads through all poses, and between them, inside the limits?
+
+        False without `prove=True`. What is proved is about the hand's straight way from pose to pose; see `PathProof`.
+        """
+        return self.success and self.proof is not None and bool(self.proof.steps.all())
+
+    @property
+    def proved(self) -> NDArray[np.bool_]:
+        """Of which steps, from pose i to pose i + 1, that is proved, (N - 1,); of a closed path (N,)."""
+        if self.proof is None:
+            return np.zeros(len(self.steps), dtype=np.bool_)
+        return self.proof.steps
+
+    @property
+    def impossible(self) -> tuple[tuple[int, int], ...]:
+        """Pairs (i, j) of which it is proved that no continuous motion inside the limits leads from pose i to pose j."""
+        return () if self.proof is None else self.proof.impossible
 
     @cached_property
     def steps(self) -> Array:

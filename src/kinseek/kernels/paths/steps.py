@@ -1,0 +1,312 @@
+"""Steps of a path: is there one unbroken branch from pose to pose, inside the limits? Tube after tube along each step."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from kinseek.kernels.arrays import CHAIN, Array, ChainArrays, Flags, Indices
+from kinseek.kernels.entry import F64, FLAG, I64
+from kinseek.kernels.jit import entry, hidden
+from kinseek.kernels.proof.box import LEAST
+from kinseek.kernels.proof.box import place as place_arm
+
+from .tube import COUNT, MARGIN, MARGIN_A, Motion, across_by, find_tube, lead, make_motion, middle_at
+
+UNPROVED, INSIDE, SOMEWHERE, OUTSIDE, LEAVES = range(5)
+"""What is proved of a step: nothing; an unbroken branch that stays inside the limits; one that may or may not; one that
+stands outside of them somewhere; or that the branch from its begin leaves the limits, and nothing of what comes then."""
+
+TUBES = 128
+"""Tubes tried on one step."""
+
+SHORTEST = 1.0 / 256.0
+"""Part of a step below which it is given up, a power of two: parts of steps begin and end at the very same s."""
+
+FINEST = 1.0 / 32.0
+"""Part of a step below which no tube is cut again because a limit is near."""
+
+WITHIN = 1e-12
+"""What is inside of a tube is so by this part of its width and by `LEAST` of the numbers: a thousand roundings."""
+
+
+@hidden
+def clearly_inside(off: float, half: float, value: float) -> bool:
+    """Is ``off`` from the middle within half a tube's width, whatever rounding did to joint values as large as `value`?"""
+    return off <= half * (1.0 - WITHIN) - 4.0 * LEAST * (1.0 + abs(value))
+
+
+@hidden
+def misses(motion: Motion, q: Array, s: float) -> tuple[float, float]:
+    """How far the hand is from its way at joint values q: of the point [m] and of the columns, rounding included."""
+    desk, form, n = motion.desk, motion.form, len(q)
+    for i in range(n):
+        desk.c[i] = q[i]
+    desk.c[n] = s
+    place_arm(form, desk)
+    point = column = 0.0
+    for r in range(3):
+        off = desk.T[r, 3] - desk.goal[r, 3]
+        point += off * off
+        for c in range(form.columns):
+            off = desk.T[r, c] - desk.goal[r, c]
+            column += off * off
+    return math.sqrt(point) + motion.numbers[MARGIN], math.sqrt(column) + motion.numbers[MARGIN_A]
+
+
+@hidden
+def correct(motion: Motion, q: Array, s: float) -> None:
+    """Bring joint values in the tube nearer to its branch, by a step of Newton's with the tube's M."""
+    desk, tube, hold = motion.desk, motion.tube, motion.hold
+    n = len(q)
+    misses(motion, q, s)
+    for i in range(n):
+        off = 0.0
+        for r in range(3):
+            for c in range(4):
+                off += tube.rows[i, r, c] * (desk.T[r, c] - desk.goal[r, c])
+        for a in range(hold.shape[0]):
+            off += tube.across[i, a] * across_by(motion, a, desk.c, s)
+        q[i] = desk.c[i] - off
+
+
+@hidden
+def distance(
+    motion: Motion, q: Array, s: float, miss_point: float, miss_column: float, rim: float
+) -> tuple[float, float]:
+    """How far the branch in a tube is from joint values q of it at s, at most; infinite where q is not in it.
+
+    Behind it, how far all that `rim` asks for is, in widths of the tube.
+
+    N moves q by M f, and draws the points of the tube together, by `drawn` as seen in widths of the tube. A positive `rim`
+    asks that all within it of q is in the tube; with joints to spare also every answer to which the hold leads if it is
+    shifted by as much, for at a pose another step goes on that holds them across another way.
+    """
+    tube, hold = motion.tube, motion.hold
+    n = len(q)
+    drawn = off = shifted = 0.0
+    for i in range(n):
+        drawn = max(drawn, (tube.reach[i] - tube.start[i]) / tube.half[i])
+        moved = tube.point[i] * miss_point + tube.column[i] * miss_column
+        for a in range(hold.shape[0]):
+            moved += abs(tube.across[i, a]) * (abs(across_by(motion, a, q, s)) + motion.numbers[MARGIN])
+        off = max(off, moved / tube.half[i])
+        for a in range(hold.shape[0]):
+            length = 0.0
+            for j in range(n):
+                length += abs(hold[a, j])
+            moved += abs(tube.across[i, a]) * length * rim
+        shifted = max(shifted, moved / tube.half[i])
+    off, shifted = off / (1.0 - drawn), shifted / (1.0 - drawn)
+    farthest = 0.0
+    for i in range(n):
+        away = abs(q[i] - middle_at(tube, i, s - tube.c[n]))
+        if not clearly_inside(away + max(rim, shifted * tube.half[i]), tube.half[i], q[i]):
+            return np.inf, shifted
+        farthest = max(farthest, off * tube.half[i])
+    return farthest, shifted
+
+
+@hidden
+def is_held(hold: Array, j: int) -> bool:
+    """Is joint j by itself one of the directions in which the joints are held?"""
+    for a in range(hold.shape[0]):
+        others = 0.0
+        for i in range(hold.shape[1]):
+            others += abs(hold[a, i]) if i != j else 0.0
+        if others == 0.0 and hold[a, j] != 0.0:
+            return True
+    return False
+
+
+@hidden
+def room_at(motion: Motion, q: Array, shifted: float, lower: Array, upper: Array) -> bool:
+    """Is all within `shifted` widths of the tube of joint values at a pose inside the limits, with joints to spare?
+
+    From where one step leaves the arm it may have to move, with its hand at rest, to where the next one takes it up. A joint
+    that is held goes between two values that are both inside.
+    """
+    if motion.hold.shape[0] == 0:
+        return True
+    for i in range(len(q)):
+        room = shifted * motion.tube.half[i]
+        if not is_held(motion.hold, i) and (q[i] - room < lower[i] or q[i] + room > upper[i]):
+            return False
+    return True
+
+
+@hidden
+def room_between(motion: Motion, shifted: float) -> float:
+    """How far so many widths of the tube reach, with joints to spare; else nothing."""
+    widest = 0.0
+    for i in range(len(motion.tube.half)):
+        widest = max(widest, motion.tube.half[i])
+    return shifted * widest if motion.hold.shape[0] > 0 else 0.0
+
+
+@hidden
+def place_of(motion: Motion, h: float, lower: Array, upper: Array) -> int:
+    """Where the branch in a tube over s within h of its centre is: INSIDE the limits, OUTSIDE at one end, or SOMEWHERE.
+
+    A joint that is held to its straight way is on it, exactly, and so inside the limits.
+    """
+    tube, place = motion.tube, INSIDE
+    for i in range(len(lower)):
+        if is_held(motion.hold, i):
+            continue
+        slack = tube.away[i] + 4.0 * LEAST * (1.0 + abs(tube.c[i]))
+        if tube.c[i] - tube.wide[i] - slack < lower[i] or tube.c[i] + tube.wide[i] + slack > upper[i]:
+            place = SOMEWHERE
+    for i in range(len(lower)):
+        slack = tube.away[i] + 4.0 * LEAST * (1.0 + abs(tube.c[i]))
+        one, other = middle_at(tube, i, -h), middle_at(tube, i, h)
+        if max(one, other) - slack > upper[i] or min(one, other) + slack < lower[i]:
+            place = OUTSIDE
+    return place
+
+
+@hidden
+def prove_step(
+    motion: Motion,
+    lower: Array,
+    upper: Array,
+    rim_begin: float,
+    rim_end: float,
+    keep: bool,
+    known: Array,
+    reached: Array,
+    within: Array,
+) -> int:
+    """Go along one step, tube after tube, and say what is proved of it; see `prove_steps`."""
+    desk, tube, n = motion.desk, motion.tube, len(lower)
+    middle = 2 + (len(motion.form.leader) - 2) // 2
+    least = 4.0 * max(rim_begin, rim_end)
+    begin_point, begin_column = misses(motion, motion.begin, 0.0)
+    end_point, end_column = misses(motion, motion.end, 1.0)
+    for i in range(n):
+        known[i] = motion.begin[i]
+    # At s the branch is within `radius` of the known joint values.
+    s, part, radius, inside, outside = 0.0, 1.0, 0.0, True, False
+    for _ in range(TUBES):
+        part = min(part, 1.0 - s)
+        if part < SHORTEST:
+            break
+        h = 0.5 * part
+        for i in range(n):
+            desk.c[i] = known[i] + h / (1.0 - s) * (motion.end[i] - known[i])
+        desk.c[n] = s + h
+        good, last = find_tube(motion, middle, h, least), s + part == 1.0
+        if good and s == 0.0:
+            within[0], shifted = distance(motion, known, 0.0, begin_point, begin_column, rim_begin)
+            good = within[0] <= rim_begin
+            inside = inside and room_at(motion, known, shifted, lower, upper)
+            within[0] = max(within[0], room_between(motion, shifted))
+        elif good:
+            for i in range(n):
+                off = abs(known[i] - middle_at(tube, i, -h)) + radius
+                good = good and clearly_inside(off, tube.half[i], known[i])
+        if good and last:
+            within[1], shifted = distance(motion, motion.end, 1.0, end_point, end_column, rim_end)
+            good = within[1] <= rim_end
+            inside = inside and room_at(motion, motion.end, shifted, lower, upper)
+            within[1] = max(within[1], room_between(motion, shifted))
+        elif good:
+            for i in range(n):
+                reached[i] = middle_at(tube, i, h)
+            correct(motion, reached, s + part)
+            point, column = misses(motion, reached, s + part)
+            radius_there, _ = distance(motion, reached, s + part, point, column, 0.0)
+            good = radius_there < np.inf
+        if good:
+            place = place_of(motion, h, lower, upper)
+            outside = outside or place == OUTSIDE
+            if keep and outside:
+                break
+            if keep and place == SOMEWHERE:
+                if part <= FINEST:
+                    break
+                good = False
+            inside = inside and place == INSIDE
+        if not good:
+            part *= 0.5
+            continue
+        if last:
+            if outside:
+                return OUTSIDE
+            return INSIDE if inside else SOMEWHERE
+        for i in range(n):
+            known[i] = reached[i]
+        radius = radius_there
+        s += part
+        part *= 2.0
+    return LEAVES if outside else UNPROVED
+
+
+@entry(
+    chain=CHAIN,
+    columns=I64,
+    targets=F64["steps", 3, 4],
+    slides=F64["steps", 3],
+    turns=F64["steps", 3],
+    begins=F64["steps", "n"],
+    ends=F64["steps", "n"],
+    hold=F64["steps", "*", "n"],
+    rims=F64["steps", 2],
+    asked=FLAG["steps"],
+    keep=FLAG,
+    numbers=F64[COUNT],
+    state=I64["steps"].out,
+    within=F64["steps", 2].out,
+)
+def prove_steps(
+    chain: ChainArrays,
+    columns: int,
+    targets: Array,
+    slides: Array,
+    turns: Array,
+    begins: Array,
+    ends: Array,
+    hold: Array,
+    rims: Array,
+    asked: Flags,
+    keep: bool,
+    numbers: Array,
+    state: Indices,
+    within: Array,
+) -> None:
+    """Prove of steps of a path that one branch leads from their begin to their end while the hand goes straight.
+
+    Args:
+        chain: The arm; infinite limits where a joint has none.
+        columns: Columns of the hand that count: 3, of a direction 1, of a place none.
+        targets: Poses of the hand at the begin of each step, (steps, 3, 4), lengths in [m].
+        slides: How far the hand goes, (steps, 3), [m].
+        turns: How far it turns about axes of the base, (steps, 3), [rad].
+        begins: Joint values that reach the targets, (steps, n), [rad] or [m].
+        ends: Joint values that reach the pose at the end, (steps, n).
+        hold: With joints to spare, orthonormal directions in which they are held to their straight way, (steps, k, n).
+        rims: How near a branch must be known to pass to begin and end, (steps, 2), [rad] or [m].
+        asked: Which steps, (steps,).
+        keep: Is it in vain if the branch does not stay inside the limits?
+        numbers: See `tube.LENGTH`.
+        state: Receives what is proved, see `UNPROVED`, (steps,).
+        within: Receives how far the branch passes by begin and end, at most, (steps, 2).
+    """
+    if len(begins) == 0:
+        return
+    n = len(chain.lower)
+    motion = make_motion(chain, columns, begins[0], hold[0], numbers)
+    known, reached = np.empty(n), np.empty(n)
+    for i in range(len(begins)):
+        state[i] = UNPROVED
+        if not asked[i]:
+            continue
+        for j in range(n):
+            motion.begin[j], motion.end[j] = begins[i, j], ends[i, j]
+            for a in range(hold.shape[1]):
+                motion.hold[a, j] = hold[i, a, j]
+        lead(motion, chain, targets[i], slides[i], turns[i])
+        state[i] = prove_step(
+            motion, chain.lower, chain.upper, rims[i, 0], rims[i, 1], keep, known, reached, within[i]
+        )

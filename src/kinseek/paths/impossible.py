@@ -1,0 +1,198 @@
+"""Proofs that no continuous motion inside the limits leads from one pose of a path to another.
+
+Let all answers to two poses i < j be known, and be proved to be all. Each is followed towards the other pose, tube after
+tube. An arm that stands at an answer to pose i and moves on without a jump has to stay on its branch: if that leaves the
+limits, the way ends; if it arrives, it arrives at one answer to pose j, and no other way leads there. What is not decided,
+as at a singularity, may lead to every answer to pose j of which it is not proved where it comes from. So from the answers
+that can be reached at pose i follow those that can be reached at pose j: some too many, perhaps, but none too few. Where
+none is left, no motion leads on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.branches.index import freedom
+from kinseek.kernels.paths.steps import INSIDE, LEAVES, OUTSIDE, SOMEWHERE
+from kinseek.problem import Problem
+from kinseek.proof.isolation import isolate
+from kinseek.robots.chain import SerialChain
+from kinseek.turns import TURN
+
+from .certify import prove_rows
+from .joints import Turning
+from .layers import Follower, Piece
+from .path import Path
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+EVERY = 16
+"""Poses from one complete set of answers to the next; halved where something stays undecided."""
+
+TIGHT = 1e-9
+"""Tolerances for which answers are proved complete [m], [rad]: only those that reach the poses exactly are followed."""
+
+RIM = 1e-5
+"""The tubes hold all answers within this of those that are followed [rad] or [m]."""
+
+BOXES = 20_000
+"""Boxes at most to prove the answers to one pose complete."""
+
+ROOM = 1e-6
+"""By so much the limits are opened before answers are proved complete: those at a limit are followed as well."""
+
+
+@dataclass(frozen=True)
+class Answers:
+    """All answers to a pose inside the limits, whole turns left out of account."""
+
+    q: Array
+    """(k, n)"""
+    distance: Array
+    """How far the exact answer may be from each, (k, n)."""
+
+
+@dataclass(frozen=True)
+class Passage:
+    """What leads from the answers to one pose to those to a later one."""
+
+    leads: Flags
+    """Does a branch that is proved lead from the one to the other? (k, m)"""
+    open_ahead: Flags
+    """Of which answers is it not decided where they lead, (k,)."""
+    open_behind: Flags
+    """And of which where they come from, (m,)."""
+
+
+def impossible_stretches(problem: Problem, path: Path) -> tuple[tuple[int, int], ...]:
+    """Pairs (i, j) of poses that no continuous motion joins, in order, as many as were found; see `PathProof`.
+
+    Only where answers are isolated, and only stretches of poses that are reached, with a break in them.
+    """
+    if freedom(problem) > 0 or problem.chain.dof != problem.goal.form.constraints:
+        return ()
+    found: list[tuple[int, int]] = []
+    search = Search(problem)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], path.reached.astype(int), [0]])))
+    for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        breaks = path.breaks[(path.breaks >= first) & (path.breaks < end - 1)]
+        if len(breaks):
+            found += search.stretches(first, end - 1)
+    return tuple(found)
+
+
+class Search:
+    """Follows all answers of one arm along one path."""
+
+    def __init__(self, problem: Problem) -> None:
+        """Build what is needed once."""
+        self.problem, turning = problem, Turning(problem.chain)
+        # A joint with room for more than one turn is taken as one without limits: more can be reached, never less.
+        free = turning.copies > 1
+        lower, upper = turning.open_lower - ROOM, turning.open_upper + ROOM
+        self.limits = np.where(free, -np.inf, lower), np.where(free, np.inf, upper)
+        self.follower = Follower(problem, np.zeros(problem.chain.dof))
+        goal = replace(problem.goal, position_tolerance=TIGHT, orientation_tolerance=TIGHT)
+        self.tight = Problem(_roomier(problem.chain), goal)
+        self._known: dict[int, Answers | None] = {}
+
+    def step(self, gap: Array) -> Array:
+        """Differences of joint values, full turns taken off where they are left out of account, (k, n)."""
+        return np.where(self.problem.chain.periodic, gap - TURN * np.round(gap / TURN), gap)
+
+    def stretches(self, first: int, last: int) -> list[tuple[int, int]]:
+        """All that is found between two poses: as soon as one stretch ends, the next begins."""
+        found, i = [], first
+        while i < last:
+            begin, answers = i, self.answers(i)
+            i += answers is None
+            reached = np.ones(0 if answers is None else len(answers.q), dtype=np.bool_)
+            while i < last and reached.any():
+                ahead = self.next_complete(i, min(i + EVERY, last))
+                if ahead is None:
+                    i += 1
+                    break
+                i, reached = self.advance(i, ahead, reached)
+            if answers is not None and not reached.any():
+                found.append((begin, i))
+        return found
+
+    def answers(self, i: int) -> Answers | None:
+        """All answers to pose i; None where it is not proved that they are all."""
+        if i not in self._known:
+            one = Problem(self.tight.mechanism, self.tight.goal.at(self.tight.goal.target[i]))
+            found = isolate(one, budget=BOXES)
+            good = found.complete and bool((found.distance <= RIM / 2).all())
+            self._known[i] = Answers(found.q, found.distance) if good else None
+        return self._known[i]
+
+    def next_complete(self, i: int, j: int) -> int | None:
+        """The last pose behind i and up to j of which all answers are known; None where there is none."""
+        while j > i and self.answers(j) is None:
+            j = (i + j) // 2
+        return j if j > i else None
+
+    def advance(self, i: int, j: int, reached: Flags) -> tuple[int, Flags]:
+        """Which answers can be reached at pose j, or at an earlier one where none can: that pose, and of each whether."""
+        passage = self.passage(i, j)
+        after: Flags = np.asarray((passage.leads & reached[:, None]).any(axis=0))
+        undecided = bool((passage.open_ahead & reached).any())
+        if undecided:
+            after |= passage.open_behind
+        half = self.next_complete(i, (i + j) // 2)
+        if half is not None and (undecided or not after.any()):
+            at, between = self.advance(i, half, reached)
+            return self.advance(at, j, between) if between.any() else (at, between)
+        return j, after
+
+    def passage(self, i: int, j: int) -> Passage:
+        """Follow all answers to pose i to pose j, and those to j that did not come from there back to i."""
+        begin, end = self.answers(i), self.answers(j)
+        assert begin is not None
+        assert end is not None
+        leads = np.zeros((len(begin.q), len(end.q)), dtype=np.bool_)
+        gone_ahead, gone_behind = np.zeros(len(begin.q), dtype=np.bool_), np.zeros(len(end.q), dtype=np.bool_)
+        for k, piece in enumerate(self.follower.follow(begin.q, i, j)):
+            leads[k], gone_ahead[k] = self.goes(piece, i, j, end)
+        rest = np.flatnonzero(~leads.any(axis=0))
+        for k, piece in zip(rest.tolist(), self.follower.follow(end.q[rest], j, i), strict=True):
+            leads[:, k], gone_behind[k] = self.goes(piece, j, i, begin)
+        return Passage(leads, ~(gone_ahead | leads.any(axis=1)), ~(gone_behind | leads.any(axis=0)))
+
+    def goes(self, piece: Piece, i: int, j: int, answers: Answers) -> tuple[Flags, bool]:
+        """To which answers to pose j a branch leads from pose i, if that is proved, (m,); and whether it leaves the limits.
+
+        A branch that arrives at no answer is outside of them there.
+        """
+        nothing = np.zeros(len(answers.q), dtype=np.bool_)
+        goal, rows = self.tight.goal, np.arange(piece.first, piece.first + len(piece.q))
+        proved = prove_rows(
+            Problem(self.tight.mechanism, goal.at(goal.target[rows])),
+            piece.q,
+            np.arange(len(rows) - 1),
+            keep=False,
+            rims=np.full(len(rows), RIM),
+            limits=self.limits,
+        )
+        for state in proved.state if i < j else proved.state[::-1]:
+            if state == OUTSIDE or (state == LEAVES and i < j):
+                return nothing, True
+            if state not in (INSIDE, SOMEWHERE):
+                return nothing, False
+        if not piece.covers(j):
+            return nothing, False
+        off = np.abs(self.step(piece.q[j - piece.first] - answers.q))
+        may_be = (off <= RIM + answers.distance).all(axis=1)
+        is_sure = (off + answers.distance <= RIM).all(axis=1)
+        if (may_be & ~is_sure).any():
+            return nothing, False
+        return np.asarray(is_sure), not is_sure.any()
+
+
+def _roomier(chain: SerialChain) -> SerialChain:
+    """The arm with limits opened by a little."""
+    return chain.limited(chain.lower - ROOM, chain.upper + ROOM, chain.kinds)
