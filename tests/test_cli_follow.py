@@ -118,3 +118,20 @@ def test_misuse_is_one_line(
     assert said in told
     assert told.count("\n") == 1
     assert not (tmp_path / "joints.csv").exists()
+
+
+def test_what_is_proved_is_told(line: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["follow", "ur5e", str(tmp_path / "line.npy"), str(tmp_path / "joints.npy"), "--prove"]
+    assert run(words) == 0
+    assert "proved to be unbroken, inside the limits: the whole path" in " ".join(
+        capsys.readouterr().out.split()
+    )
+    assert np.load(tmp_path / "joints.npy")["proved_after"].tolist() == [True] * 39 + [False]
+    line[7:9, 0, 3] = 3.0
+    np.save(tmp_path / "line.npy", line)
+    assert run([*words, "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert told["certified"] is False
+    assert told["proved_steps"] == 36
+    assert told["impossible"] == []
+    assert any("poses 7 to 8 are proved out of reach" in each for each in told["why"])

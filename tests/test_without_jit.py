@@ -49,6 +49,7 @@ from kinseek.kernels.route import PLAIN
 from kinseek.kernels.without_jit import Bounded, bounded, call_at, unbounded, view_at
 from kinseek.kinds import POSE
 from kinseek.maps.search import ruled_out
+from kinseek.paths.certify import prove_rows
 from kinseek.proof import branch_and_bound, isolation
 from kinseek.proof.boxes import enclosed, excluded
 from kinseek.proof.reduce import error_question, question
@@ -290,6 +291,23 @@ def best_ways() -> Any:
     return found, right
 
 
+def steps_proved(name: str) -> Any:
+    """Of steps of a path what is proved: some calm ones, one through a jump, one beyond a limit."""
+    arm = kinseek.load(name)
+    rng = np.random.default_rng(3)
+    q = rng.uniform(0.4, 0.6, arm.dof) * (arm.upper - arm.lower) + arm.lower
+    rows = q + 0.02 * np.arange(5)[:, None] * rng.uniform(-1, 1, arm.dof)
+    rows[3] += 0.4
+    problem = Problem(arm.chain, Goal.pose(arm.fk(rows)))
+    lower, upper = arm.chain.lower.copy(), arm.chain.upper.copy()
+    upper[0] = rows[1:3, 0].mean()
+    told = [
+        prove_rows(problem, rows, np.arange(4), keep=keep, limits=limits)
+        for keep, limits in ((True, None), (False, (lower, upper)))
+    ]
+    return [(each.state, np.minimum(each.within, 1.0)) for each in told]
+
+
 RUNS: list[tuple[Any, ...]] = [
     *[(one, name) for name in ("planar2", "cylindrical3", "scara4", "elbow6")],
     *[(batch, name) for name in ("planar2", "scara4", "elbow6")],
@@ -317,6 +335,8 @@ RUNS: list[tuple[Any, ...]] = [
     (any_mechanism,),
     (many_poses, "elbow6"),
     (best_ways,),
+    (steps_proved, "elbow6"),
+    (steps_proved, "ur10e_rail"),
 ]
 CASES: dict[str, Callable[[], Any]] = {
     " ".join(

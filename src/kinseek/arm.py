@@ -420,7 +420,8 @@ class Arm(ForwardArm):
                 the next, every joint moving straight, which is proved and not sampled. Where that cannot be, there is a
                 break or a missed pose, and `why` names the bodies.
             clearance: How far apart bodies of the scene have to be [m].
-            prove: Not there yet; only False is taken.
+            prove: Try to prove of every step that one unbroken branch leads on inside the limits (`Path.certified`), of
+                missed poses that they are out of reach, and where answers are isolated that no continuous motion leads on.
             threads: Threads that share the poses, where answers are isolated; every core unless given. The answer has the
                 same bits.
             progress: Show a progress bar.

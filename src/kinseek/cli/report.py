@@ -318,6 +318,9 @@ def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) ->
     if as_json:
         facts |= {"why": list(path.why), "largest_step": path.largest_step.tolist(), "length": path.length}
         facts |= {"deviation": {"distance": strays.distance, "turn": strays.turn}}
+        if path.proof is not None:
+            facts |= {"certified": path.certified, "proved_steps": int(path.proved.sum())}
+            facts |= {"impossible": [[i + 1, j + 1] for i, j in path.impossible]}
         _print_json({**_arm_facts(arm), **facts, "out": out, "seconds": seconds})
         return
     _print(f"{len(path):,} poses, {seconds:.3g} s. {path.status}")
@@ -333,6 +336,9 @@ def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) ->
     _print(
         f"between two poses the hand strays {strays.distance * 1e3:.3g} mm and {np.rad2deg(strays.turn):.3g} deg at most"
     )
+    if path.proof is not None:
+        whole = "the whole path" if path.certified else f"{path.proved.sum():,} of {len(path.proved):,} steps"
+        _print(f"proved to be unbroken, inside the limits: {whole}")
     _print(f"joint values: {out}")
 
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from kinseek.branches.index import constraint_jacobian
 from kinseek.deadline import Deadline
+from kinseek.kernels.paths.motion import COUNT, LENGTH, MARGIN, MARGIN_A
 from kinseek.kernels.paths.steps import INSIDE, prove_steps
-from kinseek.kernels.paths.tube import COUNT, LENGTH, MARGIN, MARGIN_A
 from kinseek.problem import Problem
 from kinseek.proof.reduce import MANY_TURNS, question
 from kinseek.solvers.threads import GoOn, spread

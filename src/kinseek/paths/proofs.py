@@ -14,7 +14,7 @@ from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.certificate import Verdict
 
 from .asked import Asked
-from .certify import prove_rows, turns_between
+from .certify import prove_rows, rims_of, turns_between
 from .impossible import impossible_stretches
 from .joints import Turning
 from .path import Path, PathProof
@@ -65,7 +65,10 @@ def _unbroken(
         problem = Problem(problem.mechanism, goal.at(np.concatenate([goal.target, goal.target[:1]])))
     whole = np.setdiff1d(np.arange(last), path.breaks)
     whole = whole[path.reached[whole] & path.reached[(whole + 1) % count]]
-    proved = prove_rows(problem, q, whole, keep=True, threads=threads)
+    rims = rims_of(problem, q)
+    if last == count:
+        rims[0] = rims[-1] = max(rims[0], rims[-1])
+    proved = prove_rows(problem, q, whole, keep=True, threads=threads, rims=rims)
     steps, within = np.zeros(last, dtype=np.bool_), np.full((2, count), np.inf)
     steps[whole] = proved.inside
     within[0, whole[proved.inside]] = proved.within[proved.inside, 0]

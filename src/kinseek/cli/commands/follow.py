@@ -83,6 +83,12 @@ _POSES, _OUT = "POSES", "OUT"
     group=_MOTION,
     help="Time from pose to pose, s: no joint goes faster than the arm's file allows.",
 )
+@option(
+    "--prove",
+    is_flag=True,
+    group=_MOTION,
+    help="Prove what can be proved: that no step jumps, that missed poses are out of reach, that no motion leads on.",
+)
 @json_option
 def command(
     arm: str,
@@ -97,6 +103,7 @@ def command(
     closed: bool,
     max_step: float,
     period: float | None,
+    prove: bool,
     as_json: bool,
 ) -> int:
     """Find one continuous motion through many poses, with as few breaks as possible."""
@@ -116,6 +123,7 @@ def command(
         closed=closed,
         max_step=max_step,
         times=None if period is None else period * np.arange(len(goal.target)),
+        prove=prove,
         progress=on_terminal(),
     )
     seconds = time.perf_counter() - clock
@@ -128,7 +136,8 @@ def command(
             "position_error": path.position_error,
             "orientation_error": path.orientation_error,
             "break_after": anew,
-        },
+        }
+        | ({"proved_after": np.append(path.proved, False)[: len(path)]} if prove else {}),
     )
     write_columns(place, columns, loaded.joint_names)
     report.print_path(loaded, path, str(out), seconds, as_json)

@@ -12,7 +12,8 @@ from kinseek.kernels.jit import entry, hidden
 from kinseek.kernels.proof.box import LEAST
 from kinseek.kernels.proof.box import place as place_arm
 
-from .tube import COUNT, MARGIN, MARGIN_A, Motion, across_by, find_tube, lead, make_motion, middle_at
+from .motion import COUNT, MARGIN, MARGIN_A, Motion, across_by, lead, make_motion
+from .tube import find_tube, middle_at
 
 UNPROVED, INSIDE, SOMEWHERE, OUTSIDE, LEAVES = range(5)
 """What is proved of a step: nothing; an unbroken branch that stays inside the limits; one that may or may not; one that
@@ -154,6 +155,8 @@ def place_of(motion: Motion, h: float, lower: Array, upper: Array) -> int:
     tube, place = motion.tube, INSIDE
     for i in range(len(lower)):
         if is_held(motion.hold, i):
+            low, high = min(motion.begin[i], motion.end[i]), max(motion.begin[i], motion.end[i])
+            place = place if low >= lower[i] and high <= upper[i] else SOMEWHERE
             continue
         slack = tube.away[i] + 4.0 * LEAST * (1.0 + abs(tube.c[i]))
         if tube.c[i] - tube.wide[i] - slack < lower[i] or tube.c[i] + tube.wide[i] + slack > upper[i]:
@@ -289,7 +292,7 @@ def prove_steps(
         rims: How near a branch must be known to pass to begin and end, (steps, 2), [rad] or [m].
         asked: Which steps, (steps,).
         keep: Is it in vain if the branch does not stay inside the limits?
-        numbers: See `tube.LENGTH`.
+        numbers: See `motion.LENGTH`.
         state: Receives what is proved, see `UNPROVED`, (steps,).
         within: Receives how far the branch passes by begin and end, at most, (steps, 2).
     """
