@@ -336,9 +336,10 @@ def _best_free(sampler: Sampler, made: Tracks, keys: Indices, fixed: Flags) -> A
     asked, barred, best = sampler.asked, set[tuple[int, int, int]](), None
     for _ in range(TRIES):
         q, path = sampler.best(made, keys, barred)
-        for wanted, i in ((asked.start, 0), (asked.end, -1)):
-            if wanted is not None:
-                q[i] = wanted
+        if asked.start is not None:
+            q[0] = asked.start
+        if asked.end is not None:
+            q[-1] = asked.end + sampler.turning.whole_turns(q[-1] - asked.end)
         moved = q.copy()
         sampler.smoother.onto(moved, sampler.rows)
         moved[fixed] = q[fixed]
