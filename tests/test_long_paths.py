@@ -103,6 +103,17 @@ def test_joints_to_spare_are_followed_in_windows_too(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.slow
+def test_windows_keep_the_turns_of_endless_joints(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = kinseek.load("gen3")
+    q = made(arm, 300, 5, 1, 0.3)
+    q[:, 0] += np.linspace(0.0, 15.0, 300)
+    monkeypatch.setattr(follow, "SAMPLED", 120)
+    monkeypatch.setattr(follow, "AHEAD", 40)
+    path = arm.follow(arm.fk(q), start=q[0]).require()
+    assert abs(path.q[-1, 0] - q[-1, 0]) < 3.0
+
+
+@pytest.mark.slow
 def test_a_pose_takes_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(windows, "LONG", 4096)
     arm = kinseek.load("irb120")

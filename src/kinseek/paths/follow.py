@@ -41,12 +41,11 @@ def follow(asked: Asked, threads: int | None, advance: Advance, take: int | None
         take: How many poses the path shall have that is given back, of those that were looked at; None means all.
     """
     part, own = relaxed(asked)
-    part, wanted = _turned_home(part)
     take = len(asked) if take is None else take
     if freedom(part.problem) > 0:
         refuse_cost(asked)
         q, breaks = _sampled(part, advance)
-        _set_ends(part, q, wanted)
+        _set_ends(part, q)
         q = q[:take, own]
         refused, barred = refusals(asked, q, breaks)
         return _judged(asked.part(0, take), q, np.union1d(breaks, barred), None, refused)
@@ -62,27 +61,22 @@ def follow(asked: Asked, threads: int | None, advance: Advance, take: int | None
         programme = Programme(part, layers)
         q, breaks = best_valid(programme, ends)
         hopeless = programme.hopeless
-    _set_ends(part, q, wanted)
+    _set_ends(part, q)
     known = wide if part.problem is asked.problem else None
     return _judged(asked.part(0, take), q[:take, own], breaks, known, hopeless)
 
 
-def _turned_home(asked: Asked) -> tuple[Asked, tuple[Array | None, Array | None]]:
-    """The same with wanted ends whose endless joints stand within half a turn of 0, and these ends as they were wanted."""
-    turning = Turning(asked.problem.chain)
-    home = [None if q is None else q - turning.whole_turns(q) for q in (asked.start, asked.end)]
-    return replace(asked, start=home[0], end=home[1]), (asked.start, asked.end)
-
-
-def _set_ends(asked: Asked, q: Array, wanted: tuple[Array | None, Array | None]) -> None:
+def _set_ends(asked: Asked, q: Array) -> None:
     """Put wanted ends into a way, (N, n), to the last bit; the turns of endless joints are those of the first of them."""
-    turning, turned = Turning(asked.problem.chain), False
-    for value, i in zip(wanted, (0, -1), strict=True):
-        if value is not None:
-            turns = turning.whole_turns(value - q[i])
-            q += 0.0 if turned else turns
-            q[i] = value - turns if turned else value
-            turned = True
+    turning, free = Turning(asked.problem.chain), True
+    for wanted, i in ((asked.start, 0), (asked.end, -1)):
+        if wanted is None:
+            continue
+        turns = turning.whole_turns(wanted - q[i])
+        if free:
+            q += turns
+        q[i] = wanted if free else wanted - turns
+        free = False
 
 
 def _sampled(asked: Asked, advance: Advance) -> tuple[Array, Indices]:
@@ -100,14 +94,13 @@ def _sampled(asked: Asked, advance: Advance) -> tuple[Array, Indices]:
         return np.ascontiguousarray(q[::-1]), len(q) - 2 - breaks[::-1]
     if len(asked) <= SAMPLED + AHEAD or asked.closed:
         return follow_samples(asked, advance)
-    rows: list[Array] = []
+    q = np.empty((len(asked), asked.problem.chain.dof))
     for begin in range(0, len(asked), SAMPLED):
         # Each window begins where the one before ended, and looks ahead of where the next will begin.
         part = asked.part(begin, min(begin + SAMPLED + 1 + AHEAD, len(asked)))
-        q, _ = follow_samples(replace(part, start=rows[-1][-1]) if rows else part, _silent)
-        rows.append(q[: SAMPLED + 1] if not rows else q[1 : SAMPLED + 1])
+        rows, _ = follow_samples(replace(part, start=q[begin]) if begin else part, _silent)
+        q[begin : begin + SAMPLED + 1] = rows[: SAMPLED + 1]
         advance(SAMPLED)
-    q = np.concatenate(rows)
     return q, np.flatnonzero(~unbroken(asked, q))
 
 
