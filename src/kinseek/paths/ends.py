@@ -21,6 +21,9 @@ MOST = 250
 ROUNDS = 10
 """Ways that are tried before `valid` is asked of every answer to every pose."""
 
+AT_ONCE = 512
+"""Poses whose answers are looked at together: what that takes then stays in the processor's own memory."""
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -28,14 +31,20 @@ Indices = NDArray[np.int64]
 def inside_limits(problem: Problem, wide: Layers) -> Layers:
     """The answers that the limits allow, in the first turn of every joint."""
     turning = Turning(problem.chain)
-    first = turning.first_turn(wide.q)
-    good = turning.inside(first) & wide.there
-    first, good = _at_both_ends(turning, first, good)
-    good &= np.cumsum(good, axis=1) <= MOST
-    count = good.sum(axis=1)
-    there = np.arange(max(int(count.max(initial=0)), 1)) < count[:, None]
-    packed = np.zeros((*there.shape, first.shape[2]))
-    packed[there] = first[good]
+    rows: list[Array] = []
+    counts: list[Indices] = []
+    parts = [slice(begin, begin + AT_ONCE) for begin in range(0, len(wide), AT_ONCE)]
+    for some in parts:
+        first = turning.first_turn(wide.q[some])
+        first, good = _at_both_ends(turning, first, turning.inside(first) & wide.there[some])
+        good &= np.cumsum(good, axis=1) <= MOST
+        rows.append(first[good])
+        counts.append(good.sum(axis=1))
+    count = np.concatenate(counts)
+    there = np.arange(max(int(count.max()), 1)) < count[:, None]
+    packed = np.zeros((*there.shape, wide.q.shape[2]))
+    for some, values in zip(parts, rows, strict=True):
+        packed[some][there[some]] = values
     return Layers(packed, there)
 
 

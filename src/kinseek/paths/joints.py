@@ -37,8 +37,8 @@ class Turning:
 
     def first_turn(self, q: Array) -> Array:
         """Values of joints with copies in the first turn of their range, (..., n)."""
-        base = self.lower - ROOM
-        return np.where(self.kind == COPIED, base + np.mod(q - base, TURN), q)
+        turns = np.floor((q - (self.lower - ROOM)) / TURN)
+        return np.where(self.kind == COPIED, q - TURN * turns, q)
 
     def inside(self, q: Array) -> NDArray[np.bool_]:
         """Of values in the first turn, (..., n): do they lie inside the limits, with some room for rounding?"""
