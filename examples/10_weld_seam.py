@@ -1,4 +1,4 @@
-"""A weld seam around a cylinder: 600 poses of a torch, whose turn about its own axis is free within limits.
+"""A weld seam around a cylinder: 600 poses of a torch, which may turn about its own axis and lean within limits.
 
 Run: python examples/10_weld_seam.py [PICTURE]
 """
@@ -24,7 +24,12 @@ seam = np.array(
 )
 fixed = arm.follow(seam)
 loose = arm.follow(kinseek.Goal.pose(seam, box={"rz": (-0.6, 0.6)}))
-for name, path in (("torch as given", fixed), ("may turn by 0.6 rad", loose)):
+leaning = arm.follow(kinseek.Goal.pose(seam, box={"rz": (-0.6, 0.6), "rx": (-0.2, 0.2), "ry": (-0.2, 0.2)}))
+for name, path in (
+    ("torch as given", fixed),
+    ("may turn by 0.6 rad", loose),
+    ("and lean by 0.2 rad", leaning),
+):
     print(f"{name:20} {path}")
     print(f"{'':20} {path.status}")
     print(
