@@ -27,10 +27,10 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-WINDOW = 32 * EVERY
+WINDOW = 64 * EVERY
 """Poses of a window."""
 
-LONG = 16 * WINDOW
+LONG = 8 * WINDOW
 """Poses from which on a path is followed so: below, all its answers fit into some 30 MB."""
 
 STAYS = 1e-12
