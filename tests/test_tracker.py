@@ -88,16 +88,68 @@ def test_out_of_reach_the_nearest_is_held_and_caught_up_with() -> None:
     assert back.status is TrackStatus.TRACKING
 
 
-def test_from_outside_the_limits_it_comes_back() -> None:
-    arm = kinseek.load("panda")
-    inside = arm.ik(circle(1)[0]).q
-    outside = inside.copy()
-    outside[3] = arm.upper[3] + 0.05
-    tracker = arm.track(outside, period=0.01, velocity=1.0)
-    assert tracker.q[3] > arm.upper[3]
-    values = [tracker.step(circle(1)[0]).q[3] for _ in range(100)]
-    assert values[-1] <= arm.upper[3]
-    assert (np.diff(values) <= 1e-12).all() or values[-1] <= arm.upper[3]
+@pytest.mark.parametrize("name", ["ur5e", "panda", "irb120"])
+def test_from_outside_the_limits_every_joint_comes_back_at_its_speed(name: str) -> None:
+    arm, rng = kinseek.load(name), np.random.default_rng(0)
+    for k in range(2 * arm.dof):
+        joint, sign = k % arm.dof, 1 if k < arm.dof else -1
+        inside = rng.uniform(arm.lower, arm.upper)
+        start, limit = inside.copy(), (arm.upper if sign > 0 else arm.lower)[joint]
+        start[joint] = limit + 0.1 * sign
+        tracker, beyond = arm.track(start, period=0.01, velocity=1.0), 0.1
+        while beyond > 0.0:
+            q = tracker.step(arm.fk(inside)).q
+            left = sign * (q[joint] - limit)
+            assert left <= max(0.0, beyond - 0.01 * (1 - 1e-9))
+            assert (np.abs(q - start) <= 0.01).all()
+            start, beyond = q, left
+        for _ in range(5):
+            q = tracker.step(arm.fk(inside)).q
+            assert ((q >= arm.lower) & (q <= arm.upper)).all()
+
+
+@pytest.mark.parametrize("joint", [2, 4])
+def test_a_singularity_on_the_way_is_passed(joint: int) -> None:
+    """The elbow stretched, and two axes of the wrist in line: the way of the hand leads straight through."""
+    arm = kinseek.load("ur5e")
+    q = np.repeat([[0.2, -1.2, 1.6, -0.4, 1.2, 0.3]], 121, axis=0)
+    q[:, joint] = np.linspace(0.3, -0.3, 121)
+    tracker = arm.track(q[0], period=0.01, velocity=1.0)
+    for T in arm.fk(q):
+        assert tracker.step(T).status is TrackStatus.TRACKING
+    assert np.abs(tracker.q - q[-1]).max() < 1e-4
+
+
+def test_a_hand_that_stands_at_a_singularity_is_not_held_there() -> None:
+    arm = kinseek.load("ur5e")
+    start = np.array([0.2, -1.2, 1.6, -0.4, 0.0, 0.3])
+    there = np.concatenate([np.linspace(0, 1, 100), np.linspace(1, 0, 100), np.zeros(150)])[:, None]
+    for axis in np.eye(6):
+        T = arm.fk(start) @ kinseek.pose(0.05 * there * axis[:3], rotvec=0.3 * there * axis[3:])
+        tracker, before = arm.track(start, period=0.01, velocity=1.5), start
+        for row in T:
+            answer = tracker.step(row)
+            assert (np.abs(answer.q - before) <= 0.015).all()
+            before = answer.q
+        assert answer.status is TrackStatus.TRACKING
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ur5e", "panda", "irb120"])
+def test_what_is_stuck_is_freed_by_a_switch(name: str) -> None:
+    arm, rng, stuck = kinseek.load(name), np.random.default_rng(0), 0
+    for _ in range(25):
+        start, there = rng.uniform(arm.lower, arm.upper, (2, arm.dof))
+        T, tracker = arm.fk(there), arm.track(start, period=0.01, velocity=2.0)
+        for _ in range(700):
+            answer = tracker.step(T)
+        if answer.status is TrackStatus.TRACKING:
+            continue
+        stuck += 1
+        for _ in tracker.switch():
+            tracker.step(T)
+        assert tracker.step(T).status is TrackStatus.TRACKING
+    assert stuck > 3
 
 
 def test_a_switch_is_made_only_when_asked_for() -> None:

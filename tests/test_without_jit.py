@@ -40,7 +40,7 @@ from kinseek.kernels.paths.programme import (
     TIME,
     best_way,
 )
-from kinseek.kernels.paths.servo import LOWER, NOW, REACH, UPPER, servo_step
+from kinseek.kernels.paths.servo import LOWER, NOW, REACH, UPPER, look_ahead, servo_step
 from kinseek.kernels.paths.settle import settle_many
 from kinseek.kernels.paths.trace import trace
 from kinseek.kernels.proof.exclusion import examine
@@ -254,7 +254,11 @@ def many_poses(name: str) -> Any:
         servo_step(index.address, PLAIN_WANTED, np.ascontiguousarray(T), memory, state)
         for T in (poses[1], poses[-1], 2 * poses[0])
     ]
-    return near, *followed, [step[:2] for step in steps[:2]], [step[2] for step in steps], state[NOW].copy()
+    ahead = look_ahead(
+        index.address, PLAIN_WANTED, np.concatenate([poses, poses[:1] @ poses]), 1e-3, 1e-2, memory, state
+    )
+    steered = [step[:2] for step in steps[:2]], [step[2] for step in steps], list(ahead), state[NOW].copy()
+    return near, *followed, *steered
 
 
 def best_ways() -> Any:

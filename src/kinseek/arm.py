@@ -511,7 +511,7 @@ class Arm(ForwardArm):
         """Begin to servo from joint values: one pose in, one set of joint values out, with bounded work.
 
         Args:
-            q0: Where the arm is, (n,), [rad] or [m]; from outside its limits it only comes back.
+            q0: Where the arm is, (n,), [rad] or [m]; a joint outside its limits comes back as fast as it may.
             period: Time between two steps [s].
             velocity: Of the joints, one number or (n,), [rad/s] or [m/s]; no joint ever goes faster. Those of the robot's
                 file unless given; where that says nothing, nothing bounds the speed.

@@ -13,14 +13,26 @@ from kinseek.branches.result import answers_of
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.kernels.atlas.memory import LAYOUT
-from kinseek.kernels.paths.servo import LAST, LIMIT, LOWER, NO_POSE, NOW, REACH, SINGULAR, UPPER, servo_step
+from kinseek.kernels.paths.servo import (
+    LAGGING,
+    LAST,
+    LIMIT,
+    LOWER,
+    NO_POSE,
+    NOW,
+    REACH,
+    SINGULAR,
+    UPPER,
+    look_ahead,
+    servo_step,
+)
 from kinseek.kernels.paths.servo import TRACKING as TRACKED
 from kinseek.poses import as_pose, one_pose
 from kinseek.problem import Problem, as_joints
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.atlas.index import PLAIN, atlas_of
-from kinseek.transforms import inverse, square
 
+from .ahead import poses_ahead
 from .asked import positive
 from .joints import Turning
 
@@ -31,6 +43,15 @@ SPREAD = 60
 
 ELSEWHERE = 0.5
 """Another branch is farther than this from where the arm is, in some joint [rad or m]."""
+
+SPAN, KEPT = 0.2, 200
+"""How far back the poses lie from which it is told how the hand goes on [s], and how many periods that is at most."""
+
+AWAY = (1e-3, 1e-2)
+"""The hand has lost its pose when it is farther off than this [m], [rad]."""
+
+FASTER, AFTER = 10.0, 0.5
+"""If joints so many times as fast keep up for so long after [s], the hand is only too fast, and its branch does not end."""
 
 
 class TrackStatus(Enum):
@@ -63,12 +84,12 @@ class Step(NamedTuple):
 
 
 class Foresight(NamedTuple):
-    """What comes if the poses go on as between the last two."""
+    """What comes if the poses go on as they came."""
 
     status: TrackStatus
-    """LIMIT, SINGULAR or LAGGING if that comes first; TRACKING if nothing does."""
+    """LIMIT or SINGULAR if this branch ends there, LAGGING if only a joint is too slow, TRACKING if nothing comes."""
     seconds: float
-    """After which time; infinite if nothing does."""
+    """After which time the hand begins to fall behind; infinite if nothing comes."""
     joint: str | None
     """Which joint stops at its limit, or is too slow."""
 
@@ -104,8 +125,9 @@ class Tracker:
         self._state[LOWER], self._state[UPPER] = self._turning.open_lower, self._turning.open_upper
         self._state[REACH], self._state[NOW] = self.velocity * self.period, start
         self._memory = np.zeros(LAYOUT.count.of(dof=arm.dof, joints=len(arm.axes.leader)))
-        self._target: Array | None = None
-        self._before: Array | None = None
+        self._apart = min(max(1, round(SPAN / self.period)), KEPT)
+        self._poses = np.zeros((2 * self._apart + 1, 4, 4))
+        self._given = 0
         self._way: list[Array] = []
 
     @property
@@ -133,77 +155,179 @@ class Tracker:
         if ended == NO_POSE:
             T = _one(T)
             position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, state)
-        self._before, self._target = self._target, T.copy()
+        self._keep(T)
         return Step(state[NOW].copy(), _ENDED[ended], position, orientation)
 
-    def switch(self) -> Array:
-        """Turn to another branch of the last pose: the nearest that is not where the arm is.
+    def switch(self, to: ArrayLike | None = None) -> Array:
+        """Turn to another branch of the last pose: the nearest that is not where the arm is, or one that is given.
 
         The steps that follow go there, whatever their poses are, as fast as the slowest joint allows, and are SWITCHED.
+
+        Args:
+            to: Joint values inside the limits, (n,), that reach the last pose, such as `continuing` finds; without it the
+                nearest other branch is looked for.
 
         Returns:
             The way there, one row a period, (k, n); straight in the joints, and so not along any pose.
 
         Raises:
-            InvalidProblem: No pose was given yet, the pose has no other branch inside the limits, or no speed is known.
+            InvalidProblem: No pose was given yet, the pose has no other branch inside the limits, what was given does not
+                reach it, or no speed is known.
         """
-        if self._target is None:
+        if not self._given:
             raise InvalidProblem("switch() needs a pose: call step(T) first")
+        target = self._pose(0).copy()
         if not np.isfinite(self.velocity).all():
             raise InvalidProblem("switch() goes as fast as the joints may: say arm.track(..., velocity=)")
-        index = index_of(Problem(self._arm, Goal.pose(self._target)))
-        rows = index.search(PLAIN, self._target, index.view, SPREAD if index.freedom else 0)
+        steps = self._others(target) if to is None else self._given_branch(target, to)[None]
+        if not len(steps):
+            raise InvalidProblem("the last pose has no other branch inside the limits")
+        step = steps[0]
+        periods = max(1, int(np.ceil(self._time_of(step) / self.period * (1 + 1e-9))))
+        parts = np.arange(1, periods + 1)[:, None] / periods
+        way = self._state[NOW] + parts * step
+        self._way = list(way)
+        return np.asarray(way)
+
+    def continuing(self, seconds: float = 1.5, looks: int = 75) -> Array | None:
+        """Which other branch of the last pose does the hand go on with for so long, if it goes on as it came?
+
+        It is searched for and looked along, some tenths of a millisecond a branch: a question to ask when `foresee` says
+        that something comes, and not in every period.
+
+        Args:
+            seconds: How long the hand shall go on.
+            looks: See `foresee`.
+
+        Returns:
+            Joint values of the first, in the order of the time that it takes to go there, (n,), for `switch`; None where no
+            branch that was found goes on.
+
+        Raises:
+            InvalidProblem: See `foresee`.
+        """
+        poses, at_once = self._coming(seconds, looks)
+        for step in self._others(self._pose(0).copy()):
+            state = self._standing(at_once)
+            state[NOW] += step
+            state[LAST] = 0.0
+            if self._look(poses, state)[2] == TRACKED:
+                return np.asarray(self._state[NOW] + step)
+        return None
+
+    def _others(self, target: Array) -> Array:
+        """Ways to the other branches of a pose inside the limits, quickest first, (k, n)."""
+        index = index_of(Problem(self._arm, Goal.pose(target)))
+        rows = index.search(PLAIN, target, index.view, SPREAD if index.freedom else 0)
         found = answers_of(rows, self._arm.dof).q
         here = self._state[NOW]
         steps = self._turning.step(found - here)
         there = here + steps
         inside = ((there >= self._turning.open_lower) & (there <= self._turning.open_upper)).all(axis=1)
         steps = np.where(inside[:, None], steps, found - here)
-        other = np.abs(steps).max(axis=1, initial=0.0) > ELSEWHERE
-        if not other.any():
-            raise InvalidProblem("the last pose has no other branch inside the limits")
-        steps = steps[other]
-        time = np.abs(steps / self.velocity).max(axis=1)
-        step = steps[int(np.argmin(time))]
-        periods = int(np.ceil(time.min() / self.period * (1 + 1e-9)))
-        parts = np.arange(1, periods + 1)[:, None] / periods
-        way = here + parts * step
-        self._way = list(way)
-        return np.asarray(way)
+        steps = steps[np.abs(steps).max(axis=1, initial=0.0) > ELSEWHERE]
+        return np.asarray(steps[np.argsort([self._time_of(step) for step in steps], kind="stable")])
+
+    def _given_branch(self, target: Array, to: ArrayLike) -> Array:
+        """The way to joint values that reach a pose, (n,)."""
+        q = as_joints(self._arm, to, "to")
+        if q.shape != (self._arm.dof,):
+            raise InvalidProblem(f"to must have shape ({self._arm.dof},), got {q.shape}")
+        problem = Problem(self._arm, Goal.pose(target))
+        position, orientation, _ = problem.goal.measure(problem.arrays, q[None])[0]
+        if position > AWAY[0] or orientation > AWAY[1]:
+            raise InvalidProblem(
+                f"to must reach the last pose: it is {position:.3g} m and {orientation:.3g} rad away from it"
+            )
+        if ((q < self._turning.open_lower) | (q > self._turning.open_upper)).any():
+            raise InvalidProblem("to must lie inside the limits of the joints")
+        return np.asarray(self._turning.way(q - self._state[NOW]))
+
+    def _time_of(self, step: Array) -> float:
+        """How long the joints take for a step [s]; where no speed is known, how far they go."""
+        return float(np.abs(step / np.where(np.isfinite(self.velocity), self.velocity, 1.0)).max())
 
     def _along(self, T: Array) -> Step:
         """One step of the way to another branch."""
         pose, q = _one(T), self._way.pop(0)
         self._state[LAST] = q - self._state[NOW]
         self._state[NOW] = q
-        self._before, self._target = self._target, pose
+        self._keep(pose)
         problem = Problem(self._arm, Goal.pose(pose))
         position, orientation, _ = problem.goal.measure(problem.arrays, q[None])[0]
         return Step(q.copy(), TrackStatus.SWITCHED, float(position), float(orientation))
 
-    def foresee(self, seconds: float = 0.5, looks: int = 25) -> Foresight:
-        """Look ahead: what comes if the hand goes on as between the last two poses?
+    def foresee(self, seconds: float = 1.0, looks: int = 50, poses: ArrayLike | None = None) -> Foresight:
+        """Look ahead: does the hand lose its pose, farther off than 1 mm or 0.01 rad, if it goes on as it came?
+
+        The hand turns on, and its way bends on, as over the last four tenths of a second.
 
         Args:
             seconds: How far ahead.
             looks: Steps in which that is looked at, each of as many whole periods as it takes.
+            poses: Where they are known: the poses to come, one a period, (k, 4, 4); nothing is guessed then.
 
         Raises:
-            InvalidProblem: Fewer than two poses were given.
+            InvalidProblem: Fewer than two poses were given, or the numbers are none to look ahead with.
+            InvalidGoal: `poses` are none.
         """
-        if self._before is None or self._target is None:
-            raise InvalidProblem("foresee() needs two poses: call step(T) twice first")
-        state, pose = self._state.copy(), self._target
+        if poses is None:
+            coming, at_once = self._coming(seconds, looks, AFTER)
+            near = int(np.ceil(seconds / self.period / at_once - 1e-9))
+        else:
+            coming, at_once = np.ascontiguousarray(as_pose(poses)).reshape(-1, 4, 4), 1
+            near = len(coming)
+        state = self._standing(at_once)
+        behind, lost, ended = self._look(coming[:near], state)
+        if ended == TRACKED:
+            return Foresight(TrackStatus.TRACKING, np.inf, None)
+        joint = self._held(state, ended)
+        if ended == LAGGING:
+            # Would joints that are much faster keep up, there and for a while? Then it is their speed; else the branch ends.
+            state = self._standing(at_once)
+            state[REACH] *= FASTER
+            while_after = round(AFTER / self.period / at_once)
+            _, _, truly = self._look(coming[: lost + 1 + while_after], state)
+            if truly != TRACKED:
+                ended = LIMIT if truly == LIMIT else SINGULAR
+                joint = self._held(state, ended)
+        return Foresight(_ENDED[ended], (behind + 1) * at_once * self.period, joint)
+
+    def _coming(self, seconds: float, looks: int, longer: float = 0.0) -> tuple[Array, int]:
+        """Poses to come, so many and some for longer, (k, 4, 4), and how many periods each is after the one before."""
+        if self._given < 2:
+            raise InvalidProblem("to look ahead takes two poses: call step(T) twice first")
+        if not (np.isfinite(seconds) and seconds > 0 and looks >= 1):
+            raise InvalidProblem(
+                f"seconds must be above 0 and looks at least 1, got {seconds!r} and {looks!r}"
+            )
         at_once = max(1, round(seconds / looks / self.period))
-        state[REACH], state[LAST] = state[REACH] * at_once, state[LAST] * at_once
-        # The same screw again and again: a line where the hand does not turn, an arc where it does.
-        screw = np.linalg.matrix_power(square(inverse(self._before)) @ self._target, at_once)
-        for k in range(1, int(np.ceil(seconds / self.period / at_once - 1e-9)) + 1):
-            pose = as_pose(pose @ screw)
-            _, _, ended = servo_step(self._index.address, PLAIN, pose, self._memory, state)
-            if ended != TRACKED:
-                return Foresight(_ENDED[ended], k * at_once * self.period, self._held(state, ended))
-        return Foresight(TrackStatus.TRACKING, np.inf, None)
+        count = int(np.ceil((seconds + longer) / self.period / at_once - 1e-9))
+        apart = max(1, min(self._apart, (self._given - 1) // 2))
+        now, middle = self._pose(0), self._pose(apart)
+        before = self._pose(2 * apart) if self._given > 2 * apart else middle
+        times = np.arange(1.0, count + 1.0) * (at_once / apart)
+        return poses_ahead(before, middle, now, times), at_once
+
+    def _standing(self, at_once: int) -> Array:
+        """The state as it is, for steps of so many periods."""
+        state = self._state.copy()
+        state[REACH] *= at_once
+        state[LAST] *= at_once
+        return np.asarray(state)
+
+    def _look(self, poses: Array, state: Array) -> tuple[int, int, int]:
+        """Go along poses as `kernels.paths.servo.look_ahead` does; the state is changed."""
+        return look_ahead(self._index.address, PLAIN, poses, *AWAY, self._memory, state)
+
+    def _keep(self, T: Array) -> None:
+        """Remember a pose: the last so many are kept."""
+        self._poses[self._given % len(self._poses)] = T
+        self._given += 1
+
+    def _pose(self, back: int) -> Array:
+        """The pose so many periods ago."""
+        return np.asarray(self._poses[(self._given - 1 - back) % len(self._poses)])
 
     def _held(self, state: Array, ended: int) -> str | None:
         at_limit = (state[NOW] <= state[LOWER]) | (state[NOW] >= state[UPPER])

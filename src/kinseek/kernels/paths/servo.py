@@ -1,4 +1,4 @@
-"""One step of a tracker: as near to the pose as limits and speeds allow within one period, with bounded work."""
+"""Steps of a tracker: as near to the pose as limits and speeds allow within one period, with bounded work each."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import desk_size, make_desk
 from kinseek.kernels.atlas.task import WANTED, handle_at, lanes_of, task_of
 from kinseek.kernels.entry import F64, I64
-from kinseek.kernels.jit import entry
+from kinseek.kernels.jit import called, entry
 
 from .settle import load_lane, settle
 
@@ -33,31 +33,11 @@ INSIDE = 1e-12
 """Part of a joint's way within a period that is left unused, so that rounding never makes it too fast."""
 
 
-@entry(
-    returns=(F64, F64, I64),
-    address=I64,
-    wanted=F64[WANTED],
-    target=F64[4, 4],
-    memory=F64["*"],
-    state=F64[7, "n"].out,
-)
-def servo_step(
+@called
+def one_period(
     address: int, wanted: Array, target: Array, memory: Array, state: Array
 ) -> tuple[float, float, int]:
-    """Go as near to a pose as one period allows; the row NOW of the state becomes where the joints are then.
-
-    A joint that stands at an end of what it may do, and is pushed outward, is taken out, and the others go on without it.
-
-    Args:
-        address: Address of the handle of the task, see `task_of`.
-        wanted: See `task_of`.
-        target: (4, 4), lengths in [m].
-        memory: At least `desk_size` numbers.
-        state: See `LOWER`, (7, n).
-
-    Returns:
-        Position error [m], orientation error [rad], and how the step ended, see `TRACKING`.
-    """
+    """What `servo_step` does."""
     if not is_rigid(target):
         return np.inf, np.inf, NO_POSE
     handle = handle_at(address)
@@ -69,9 +49,10 @@ def servo_step(
     reset_weights(task, desk)
     for d in range(dof):
         here, reach = state[NOW, d], state[REACH, d] * (1.0 - INSIDE)
-        # From outside its limits a joint may only come back.
-        state[LOW, d] = max(here - reach, min(state[LOWER, d], here))
-        state[HIGH, d] = min(here + reach, max(state[UPPER, d], here))
+        # From outside its limits a joint comes back, as fast as it may.
+        lower, upper = state[LOWER, d], state[UPPER, d]
+        state[LOW, d] = max(here - reach, lower) if here >= lower else min(here + reach, lower)
+        state[HIGH, d] = min(here + reach, upper) if here <= upper else max(here - reach, upper)
     for l in range(LANES):
         share = min(l, STARTS - 1) / (STARTS - 1.0)
         load_lane(desk, l, target, state[NOW])
@@ -108,3 +89,71 @@ def servo_step(
         ended = LIMIT
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return position, orientation, ended
+
+
+@entry(
+    returns=(F64, F64, I64),
+    address=I64,
+    wanted=F64[WANTED],
+    target=F64[4, 4],
+    memory=F64["*"],
+    state=F64[7, "n"].out,
+)
+def servo_step(
+    address: int, wanted: Array, target: Array, memory: Array, state: Array
+) -> tuple[float, float, int]:
+    """Go as near to a pose as one period allows; the row NOW of the state becomes where the joints are then.
+
+    A joint that stands at an end of what it may do, and is pushed outward, is taken out, and the others go on without it.
+
+    Args:
+        address: Address of the handle of the task, see `task_of`.
+        wanted: See `task_of`.
+        target: (4, 4), lengths in [m].
+        memory: At least `desk_size` numbers.
+        state: See `LOWER`, (7, n).
+
+    Returns:
+        Position error [m], orientation error [rad], and how the step ended, see `TRACKING`.
+    """
+    return one_period(address, wanted, target, memory, state)
+
+
+@entry(
+    returns=(I64, I64, I64),
+    address=I64,
+    wanted=F64[WANTED],
+    targets=F64["k", 4, 4],
+    place=F64,
+    turn=F64,
+    memory=F64["*"],
+    state=F64[7, "n"].out,
+)
+def look_ahead(
+    address: int, wanted: Array, targets: Array, place: float, turn: float, memory: Array, state: Array
+) -> tuple[int, int, int]:
+    """Make one step after another, until the hand is farther off than it may be.
+
+    Args:
+        address: See `servo_step`.
+        wanted: See `servo_step`.
+        targets: One pose a step, (k, 4, 4).
+        place: How far off the hand may be [m].
+        turn: How far turned off [rad].
+        memory: See `servo_step`.
+        state: See `servo_step`; it stays where the last step ended.
+
+    Returns:
+        At which step it fell behind, at which it was too far off, k for both if it never was, and how that step ended.
+    """
+    behind, count = -1, len(targets)
+    for k in range(count):
+        position, orientation, ended = one_period(address, wanted, targets[k], memory, state)
+        if ended == TRACKING:
+            behind = -1
+            continue
+        if behind < 0:
+            behind = k
+        if not (position <= place and orientation <= turn):
+            return behind, k, ended
+    return count, count, TRACKING
