@@ -177,7 +177,7 @@ def measure_peer(
             source = Path(folder) / "arm.npz"
             more = {"paths": paths, "starts": starts, "free": kind == "raster", "seconds": seconds}
             write_arm(arm.name, arm, paths[0], source, more)
-            found = ask("path_worker.py", peer, python, source, seconds + 60)
+            found = ask("path_worker.py", peer, python, source, seconds + 300)
     if isinstance(found, str):
         return Cell(arm.name, kind, peer, len(paths), 0, 0, "", np.nan, found, ""), nothing
     rows = list(zip(found["q"], paths, map(float, found["times"]), strict=True))

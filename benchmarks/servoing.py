@@ -95,8 +95,8 @@ class Told:
     status: str
     """Of the first that was right."""
     branch: str
-    """Of the branch that was named then: `goes on` or `ends`; where none was, `overlooked` if an answer to the pose does go on,
-    else `none`."""
+    """Of the branch that was named then: `goes on` or `ends`; where none was, `overlooked` if an answer to the pose does go
+    on, else `none`."""
 
 
 def summary(
@@ -305,8 +305,8 @@ def page(steps: list[Steps], foreseen: list[Foreseen]) -> Page:
         "true poses, half a second past where it was lost. Overlooked: none was named, and one of all answers does.",
     )
     page.table(
-        "arm | >noise mm | >tasks | >lost | >too early | >announced | >false alarms | >branch named | >goes on | >overlooked "
-        "| why | >foresee µs | >continuing µs",
+        "arm | >noise mm | >tasks | >lost | >too early | >announced | >false alarms | >branch named | >goes on "
+        "| >overlooked | why | >foresee µs | >continuing µs",
         [
             (
                 one.arm,
