@@ -1,5 +1,7 @@
 """Servoing at 500 Hz: a pose comes every 2 ms, and joint values go out that are never too fast.
 
+Then the hand moves on until its branch ends: that is told before, with the reason, and so is a branch that goes on.
+
 Run: python examples/13_servoing.py [PICTURE]
 """
 
@@ -42,14 +44,29 @@ print(
 print(f"fastest joint {fastest:.6f} rad/s, allowed 1.5")
 for status in kinseek.TrackStatus:
     print(f"{statuses.count(status):5} steps: {status}")
-print("ahead:", tracker.foresee(0.5))
 
-# To another branch of the arm and on: only when asked for.
-way = tracker.switch()
-print(f"the nearest other branch is {len(way) * period:.2f} s away")
-for _ in way:
-    answer = tracker.step(targets[-1])
-print(answer.status, tracker.step(targets[-1]).status)
+# The hand stays where it is and turns, until a joint has no turn left. Every 20 ms it is asked what comes within a second.
+T, told = targets[-1], None
+turn = kinseek.pose([0, 0, 0], rpy=[0, 0, 1.2 * period])
+for k in range(6000):
+    T = T @ turn
+    answer = tracker.step(T)
+    if k and k % 10 == 0 and tracker.foresee(1.0).status is not kinseek.TrackStatus.TRACKING:
+        told = tracker.foresee(1.0)
+        break
+if told is not None:
+    print(
+        f"after {k * period:.2f} s: in {told.seconds:.2f} s {told.joint or 'the hand'} stops. {told.status}"
+    )
+
+# To the branch from which the hand goes on, and on: only when asked for.
+branch = tracker.continuing(1.5)
+if branch is not None:
+    way = tracker.switch(branch)
+    print(f"a branch that goes on is {len(way) * period:.2f} s away")
+    for _ in way:
+        answer = tracker.step(T)
+    print(answer.status, tracker.step(T).status)
 
 figure, both = pyplot.subplots(2, 1, figsize=(6.4, 4.6), sharex=True, layout="constrained")
 for j, joint in enumerate(arm.joint_names):
