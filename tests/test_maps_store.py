@@ -222,7 +222,8 @@ def test_nothing_is_lost_or_done_twice_when_processes_are_killed(tmp_path: Path)
         "what": ["reached", "dexterity"],
         "block": 144 * 2,
     }
-    grid = maps.Grid(*numbers["ranges"], maps.orientations(numbers["orientations"]))
+    x, y, z = numbers["ranges"]
+    grid = maps.Grid(x, y, z, maps.orientations(numbers["orientations"]))
     maps.reach(ARM, grid, numbers["what"], store=tmp_path / "calm.zarr", block=numbers["block"])
     whole, place = len(marks(tmp_path / "calm.zarr")) // 2, tmp_path / "map.zarr"
     assert whole == 72

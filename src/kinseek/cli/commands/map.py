@@ -25,8 +25,8 @@ _GRID, _WORK = "The grid", "The work"
     cls=Command,
     arguments=[ARM],
     examples=[
-        "kinseek map ur5e --step 0.2 --orientations 72 --store ur5e.zarr",
-        "kinseek map ur5e --rings --step 0.1 --estimate",
+        "kinseek map ur5e --step 0.4 --orientations 72 --store ur5e.zarr",
+        "kinseek map ur5e --rings --step 0.05 --estimate",
     ],
     more=[
         "What it takes is tried first, and told before the work begins. With --store it can be stopped at any time, and "
@@ -139,7 +139,7 @@ def command(
     options: dict[str, Any] = {"prove": prove, "depth": depth}
     client = _client(scheduler)
     cores = None if client is None else sum(client.nthreads().values()) or 1
-    cost = estimate(loaded, grid, words, cores=cores, **options)
+    cost = estimate(loaded, grid, words, seconds=0.5, cores=cores, **options)
     complain(str(cost))
     told: dict[str, Any] = {"cells": cost.cells, "estimated_seconds": cost.duration}
     if not only:

@@ -1,0 +1,124 @@
+"""Maps from the shell, and their pictures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kinseek
+from kinseek import maps, plots
+from kinseek.cli.program import run
+
+pytest.importorskip("xarray")
+pytest.importorskip("zarr")
+pytest.importorskip("distributed")
+
+COARSE = ["--step", "0.5", "--orientations", "12"]
+
+
+@pytest.mark.slow
+def test_a_map_from_the_shell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(["map", "ur5e", *COARSE, "--store", "m.zarr", "--picture", "m.png", "--json"]) == 0
+    out, err = capsys.readouterr()
+    told = json.loads(out)
+    assert f"{told['cells']:,} cells at" in err
+    assert Path("m.png").stat().st_size > 1000
+    m = maps.open("m.zarr")
+    assert told["cells"] == m.reached.size
+    assert told["reached"] == pytest.approx(float((m.reached == 1).mean()))
+    assert run(["map", "ur5e", *COARSE, "--store", "m.zarr"]) == 2
+    assert "--resume goes on" in capsys.readouterr().err
+    assert run(["map", "ur5e", *COARSE, "--store", "m.zarr", "--resume"]) == 0
+    assert run(["map", "ur10e", *COARSE, "--store", "m.zarr", "--resume"]) == 2
+    assert "is of another map" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--resume"], "give it as --store"),
+        (["--step", "0"], "positive length"),
+        (["--range", "0 1 2"], "6 numbers, got 3"),
+        (["--range", "a b c d e f"], "must be numbers"),
+        (["--step", "0.3", "--range", "-1 1 -1 1 0 1"], "must divide its range"),
+        (["--step", "0.0005"], "too large"),
+        (["--what", "speed"], "unknown measure 'speed'"),
+        (["--picture", "m.jpg"], "must end in .png"),
+        (["--depth", "-1", "--prove"], "depth must be"),
+    ],
+)
+def test_misuse_at_the_shell(
+    words: list[str],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(["map", "ur5e", *words]) == 2
+    out, err = capsys.readouterr()
+    assert said in err
+    assert out == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(name="drawn", scope="module")
+def _drawn() -> dict[str, Any]:
+    arm, even = kinseek.load("ur5e"), maps.orientations(12)
+    grid = maps.Grid((-1.0, 1.0, 0.5), (-1.0, 1.0, 0.5), (-0.5, 1.0, 0.5), even)
+    rings = maps.Rings((0.8, 1.2, 0.2), (0.0, 0.4, 0.2), even)
+    return {
+        "grid": maps.reach(arm, grid),
+        "rings": maps.reach(arm, rings, prove=True, depth=0, budget=50),
+        "bases": maps.best_base(arm, arm.fk(arm.sample(2)), np.tile(np.eye(4), (3, 1, 1))),
+    }
+
+
+@pytest.mark.slow
+def test_a_slice_shows_the_shares(drawn: dict[str, Any]) -> None:
+    m = drawn["grid"]
+    figure = plots.map_slice(m, z=0.25)
+    image = figure.axes[0].images[0]
+    share = maps.capability(m).sel(z=0.25).transpose("y", "x").values
+    assert np.asarray(image.get_array()) == pytest.approx(share)
+    assert image.get_extent() == pytest.approx([-1.0, 1.0, -1.0, 1.0])
+    one = plots.map_slice(m, orientation=3, x=0.25).axes[0]
+    assert {text.get_text().split(":")[0] for text in one.get_legend().get_texts()} <= {
+        "reached",
+        "no answer found",
+    }
+    rings = plots.map_slice(drawn["rings"], orientation=0).axes[0]
+    assert rings.get_xlabel() == "radius [m]"
+
+
+@pytest.mark.slow
+def test_other_pictures_of_maps(drawn: dict[str, Any]) -> None:
+    dots = plots.cloud(drawn["grid"], cut=False).axes[0].collections[0]
+    shown = (maps.capability(drawn["grid"]) >= 0.05).sum()
+    assert len(dots.get_offsets()) == int(shown)
+    lines = plots.volumes([drawn["rings"]]).axes[0].lines
+    assert [float(line.get_ydata()[0]) for line in lines] == list(maps.volume(drawn["rings"]))[::-1]
+    assert len(plots.bases(drawn["bases"]).axes[0].collections[0].get_offsets()) == 3
+
+
+@pytest.mark.slow
+def test_misuse_of_pictures_is_told(drawn: dict[str, Any]) -> None:
+    with pytest.raises(kinseek.InvalidUse, match="expand"):
+        plots.cloud(drawn["rings"])
+    with pytest.raises(kinseek.InvalidUse, match="already"):
+        plots.map_slice(drawn["rings"], y=0.1)
+    with pytest.raises(kinseek.InvalidUse, match="orientation must be"):
+        plots.map_slice(drawn["grid"], orientation=99)
+    with pytest.raises(kinseek.InvalidUse, match="where the plane is"):
+        plots.map_slice(drawn["grid"], w=0.1)
+    with pytest.raises(kinseek.InvalidMap, match="no map that"):
+        plots.map_slice(maps.capability(drawn["grid"]))
+    with pytest.raises(kinseek.InvalidUse, match="at least one map"):
+        plots.volumes([])
