@@ -1,6 +1,6 @@
 """Every branch: is the set complete, and what does it cost?
 
-Arms with a closed form are held against EAIK, filtered by the limits: 10,000 targets from joint values uniform inside the
+Arms with a closed form are held against EAIK, filtered by the limits: 20,000 targets from joint values uniform inside the
 limits. Arms without one are held against 1,000 random restarts of a Levenberg-Marquardt walk for each of 1,000 targets.
 Answers count only if plain NumPy forward kinematics finds them within 1e-6 m and 1e-6 rad and inside the limits. Two
 are the same if no joint differs by 1e-3 rad modulo 2π. Times are wall times of single calls from Python.
@@ -43,6 +43,9 @@ REDUNDANT = ("panda", "iiwa14", "gen3")
 SAME = 1e-3
 """[rad]"""
 
+SEARCHED = 40
+"""FK evaluations that no closed form needs: eight candidates, a step or four each."""
+
 
 @dataclass(frozen=True)
 class Row:
@@ -53,8 +56,10 @@ class Row:
     targets: int
     lacking: list[int]
     """Targets where the witness has an answer that is lacking."""
-    extra: int
-    """Targets with an answer that the witness lacks."""
+    extra: list[str]
+    """Targets with an answer that the witness lacks, and the least singular value of the Jacobian at any of their answers."""
+    false: int
+    """Answers that outside FK denies."""
     answers: float
     """Mean number."""
     fewest: int
@@ -69,6 +74,12 @@ class Row:
     """[µs], of EAIK from Python with its answers filtered by the limits; NaN where there is none."""
     index: float
     """Time to build what only branches need [ms]."""
+    structure: str
+    """What the geometry of the arm gives, see `Arm.structure`."""
+    searched: int
+    """Targets whose answers were searched, with a closed form or without one."""
+    batch: float
+    """Time of a pose in a batch of all targets, on one thread [µs]."""
 
 
 def apart(a: Array, b: Array) -> Array:
@@ -145,7 +156,7 @@ def measure(name: str, count: int, seed: int) -> Row:
         witness, label = restarts(arm, seed + 1), "1,000 restarts"
     times, theirs, numbers = np.empty(count), np.full(count, np.nan), np.empty(count, dtype=int)
     found: list[Array] = []
-    sampled: int = 0
+    sampled = searched = false = 0
     for i, target in enumerate(targets):
         began = time.perf_counter_ns()
         branches = arm.branches(target)
@@ -154,11 +165,16 @@ def measure(name: str, count: int, seed: int) -> Row:
         good = strict(arm.chain, branches.q, np.broadcast_to(target, (len(branches), 4, 4)))
         if not good.all():
             print(f"  {name}, {i}: {int((~good).sum())} answers that outside FK denies")
+            false += int((~good).sum())
         found.append(branches.q[good])
         numbers[i] = len(found[-1])
         sampled += int(branches.sampled)
+        searched += int(branches.evaluations > SEARCHED)
+    began = time.perf_counter_ns()
+    arm.branches(targets, threads=1)
+    batch = (time.perf_counter_ns() - began) / 1e3 / count
     lacking: list[int] = []
-    extra = 0
+    extra: list[str] = []
     for i, target in enumerate(targets if witness else []):
         began = time.perf_counter_ns()
         other = witness(target) if witness else np.zeros((0, arm.dof))
@@ -168,7 +184,8 @@ def measure(name: str, count: int, seed: int) -> Row:
         if len(other) and (not len(found[i]) or gap.min(axis=1).max() > SAME):
             lacking.append(i)
         if len(found[i]) and (not len(other) or gap.min(axis=0).max() > SAME):
-            extra += 1
+            values = np.linalg.svd(arm.jacobian(found[i]), compute_uv=False)
+            extra.append(f"{i} ({values.min():.1g})")
     problem = Problem(arm.chain, Goal.pose(np.eye(4)))
     AtlasIndex(arm.chain, POSE, problem.arrays, SAMPLES)
     builds = []
@@ -182,6 +199,7 @@ def measure(name: str, count: int, seed: int) -> Row:
         targets=count,
         lacking=lacking,
         extra=extra,
+        false=false,
         answers=float(numbers.mean()),
         fewest=int(numbers.min()),
         sampled=sampled,
@@ -190,6 +208,9 @@ def measure(name: str, count: int, seed: int) -> Row:
         fastest=min(float(np.median(part)) for part in np.array_split(times, 5)),
         witness_median=float(np.median(theirs)) if label == "EAIK" else np.nan,
         index=float(np.median(builds)),
+        structure=arm.structure.word,
+        searched=searched,
+        batch=batch,
     )
 
 
@@ -200,6 +221,7 @@ def page(rows: list[Row]) -> Page:
         "Targets from joint values uniform inside the limits. Complete: targets at which the witness has no answer inside",
         "the limits that is lacking; extra: targets at which the witness lacks one. Judged by plain NumPy FK to 1e-6 m and",
         "1e-6 rad. Times: `arm.branches(T)` from Python, wall time; best fifth: the least median of five parts of the run.",
+        "Batch: of a pose in a batch of all, on one thread. Searched: targets for which a closed form was not enough.",
         "EAIK's time includes the filter by limits.",
     )
     cells = []
@@ -207,11 +229,14 @@ def page(rows: list[Row]) -> Page:
         share = np.floor(1e5 * (row.targets - len(row.lacking)) / row.targets) / 1e3
         complete = f"{share:.3f}" if row.witness in ("EAIK", "1,000 restarts") else "–"
         other = "–" if np.isnan(row.witness_median) else f"{row.witness_median:.1f}"
-        found = row.arm, row.witness, f"{row.targets:,}", complete, row.extra, f"{row.answers:.2f}"
-        cells.append((*found, *times(row), other, f"{row.index:.1f}"))
+        found = row.arm, row.structure, row.witness, f"{row.targets:,}", complete, len(row.extra), row.false
+        share = f"{100 * row.searched / row.targets:.2f}"
+        cells.append(
+            (*found, f"{row.answers:.2f}", share, *times(row), other, f"{row.batch:.1f}", f"{row.index:.1f}")
+        )
     page.table(
-        "arm | witness | >targets | >complete % | >extra | >answers, mean | >median µs | >best fifth µs | >p99 µs | "
-        ">EAIK µs | >index ms",
+        "arm | structure | witness | >targets | >complete % | >extra | >false | >answers, mean | >searched % | >median µs | "
+        ">best fifth µs | >p99 µs | >EAIK µs | >batch µs | >index ms",
         cells,
     )
     if spare := [row for row in rows if row.arm in REDUNDANT]:
@@ -222,6 +247,11 @@ def page(rows: list[Row]) -> Page:
         )
     page.head("Lacking")
     page.items((f"{row.arm}: numbers {row.lacking}" for row in rows if row.lacking), "Nothing.")
+    page.head("Extra")
+    page.say(
+        "Targets with an answer that the witness lacks, and the least singular value of the Jacobian at their answers."
+    )
+    page.items((f"{row.arm}: {', '.join(row.extra)}" for row in rows if row.extra), "Nothing.")
     return page
 
 
@@ -235,19 +265,21 @@ def main() -> None:
     parser = command(__file__, __doc__)
     parser.add_argument("arms", nargs="*", type=arm_name, help="names; all of them by default")
     parser.add_argument(
-        "--targets", type=at_least_one, help="targets an arm; 10,000 with a closed form, else 1,000"
+        "--targets", type=at_least_one, help="targets an arm; 20,000 with a closed form, else 1,000"
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the targets")
     writes(parser, "--output", HERE / "branches.md", "page to write")
     options = parser.parse_args()
     rows = []
     for name in options.arms or (*CLOSED, *OPEN, *REDUNDANT):
-        row = measure(name, options.targets or (10_000 if name in CLOSED else 1000), options.seed)
+        row = measure(name, options.targets or (20_000 if name in CLOSED else 1000), options.seed)
         rows.append(row)
         print(
-            f"{name:18s} {row.witness}: lacking {len(row.lacking)}, extra {row.extra} of {row.targets}; "
+            f"{name:18s} {row.witness}: lacking {len(row.lacking)}, extra {len(row.extra)} of {row.targets}, "
+            f"{row.false} false, {row.searched} searched; "
             f"{row.answers:.2f} answers, {row.fewest} at least; {row.median:.1f} µs, best fifth {row.fastest:.1f}, "
-            f"p99 {row.p99:.1f}; EAIK {row.witness_median:.1f}; index {row.index:.1f} ms",
+            f"p99 {row.p99:.1f}; EAIK {row.witness_median:.1f}; batch {row.batch:.1f}; "
+            f"index {row.index:.1f} ms",
             flush=True,
         )
     page(rows).write(options.output)

@@ -287,6 +287,7 @@ def test_a_tool_of_the_goal_moves_the_tip() -> None:
     arm = kinseek.load("irb120")
     tool, q = kinseek.pose([0.1, 0.0, 0.2], rpy=[0.2, 0.1, -0.4]), random_joints(arm.chain, 20, 9)
     found = arm.branches(kinseek.Goal.pose(arm.fk(q) @ tool, tool=tool))
+    assert isinstance(found, kinseek.BranchesBatch)
     for one, made_of in zip(found, q, strict=True):
         assert apart(made_of[None], one.q).min() < 1e-6
 

@@ -321,7 +321,7 @@ RUNS: list[tuple[Any, ...]] = [
     (positions_and_directions, "elbow6"),
     (box, "elbow6"),
     (plain_calls,),
-    *[(branches, name) for name in ("planar2", "elbow6")],
+    *[(branches, name) for name in ("planar2", "elbow6", "ur5e")],
     (free_branches,),
     *[(all_branches, arm) for arm in (TWO, SLIDES)],
     (proof, SLIDES, "pose", None, 30),
