@@ -134,11 +134,61 @@ def test_out_of_reach_is_no_matter_of_the_scene(ur5e: kinseek.Arm, cell: Scene) 
 
 @pytest.mark.slow
 def test_no_free_branch_is_proved_where_the_branches_are_complete(ur5e: kinseek.Arm, cell: Scene) -> None:
-    blocked = next(T for T in targets(ur5e, 60, seed=3) if ur5e.ik(T, scene=cell).status is Status.BLOCKED)
-    proved = ur5e.branches(blocked, scene=cell, prove=True)
-    assert proved.complete
-    assert len(proved) == 0
-    assert proved.rejected > 0
+    T = targets(ur5e, 60, seed=3)
+    plain = ur5e.ik(T, scene=cell)
+    proved = ur5e.ik(T, scene=cell, prove=True)
+    was = plain.status == Status.BLOCKED
+    assert was.sum() >= 3
+    assert (proved.status[was] == Status.PROVED_BLOCKED).all()
+    assert (proved.status[~was] == plain.status[~was]).all()
+    assert np.array_equal(proved.proved_blocked, was)
+    for target, one in zip(T[was], proved[was], strict=True):
+        assert one.status is Status.PROVED_BLOCKED
+        assert one.contacts
+        every = ur5e.branches(target, scene=cell, prove=True)
+        assert every.complete
+        assert len(every) == 0
+        assert every.rejected > 0
+        assert every.proved_blocked
+        assert "proved blocked" in repr(every)
+    both = ur5e.branches(T[:20], scene=cell, prove=True)
+    assert [one.proved_blocked for one in both] == was[:20].tolist()
+    assert not ur5e.branches(T[np.argmin(was)], scene=cell, prove=True).proved_blocked
+
+
+@pytest.mark.slow
+def test_nothing_is_proved_blocked_that_may_be_free(ur5e: kinseek.Arm) -> None:
+    """A ball that the tool touches by less than the tolerances reach: the answer hits, one beside it does not."""
+    scene = Scene.of(ur5e, capsules=0.05)
+    target = kinseek.pose([0.5, 0.1, 0.4], rpy=[np.pi, 0, 0])
+    goal = kinseek.Goal.pose(target, position_tolerance=1e-4, orientation_tolerance=1e-3)
+    scene.attach("tool", kinseek.collision.Sphere(0.02), to="tool0", pose=kinseek.pose([0, 0, 0.1]))
+    seen = []
+    for depth in (1e-5, 0.02):
+        scene.add_sphere("ball", 0.05, kinseek.pose([0.5, 0.1, 0.4 - 0.1 - 0.07 + depth]))
+        solution = ur5e.ik(goal, scene=scene, prove=True)
+        assert not solution.success
+        assert ur5e.branches(goal, scene=scene, prove=True).proved_blocked == solution.proved_blocked
+        seen.append(solution.status)
+        scene.remove("ball")
+    assert seen == [Status.BLOCKED, Status.PROVED_BLOCKED]
+    far = ur5e.with_limits({ur5e.joint_names[0]: (-0.1, 0.1)})
+    assert far.ik(kinseek.pose([1.5, 0, 0]), scene=scene, prove=True).status is Status.PROVED_UNREACHABLE
+
+
+@pytest.mark.slow
+def test_a_box_of_joint_values_that_surely_hits_does_so_everywhere(ur5e: kinseek.Arm, cell: Scene) -> None:
+    rng, sure = np.random.default_rng(5), 0
+    for q in ur5e.sample(300, seed=12):
+        reach = rng.uniform(0.0, 0.05, 6)
+        clearance = float(rng.choice([0.0, 0.03]))
+        if cell.hits_around(q, reach, clearance):
+            sure += 1
+            assert not cell.free(q + rng.uniform(-reach, reach, (200, 6)), clearance).any()
+            corners = q + reach * np.array(np.meshgrid(*[[-1, 1]] * 6)).reshape(6, -1).T
+            assert not cell.free(corners, clearance).any()
+    assert sure > 20
+    assert not cell.hits_around(q, np.full(6, np.inf))
 
 
 @pytest.mark.slow

@@ -159,7 +159,8 @@ class Arm(ForwardArm):
             solver: One of `kinseek.solvers`; by default the `Atlas`.
             threads: Threads for a batch, of the default solver; every core unless given.
             progress: Show a progress bar, of the default solver for a batch, or of a `solver` that has one.
-            prove: Try to prove of every missed pose that it is out of reach; see `Arm.prove`.
+            prove: Try to prove of every missed pose that it is out of reach, see `Arm.prove`; and of one that is blocked,
+                that every answer inside the limits hits something, where the arm has no joints to spare.
             prefer: Which of all answers: ``"mid-range"``, ``"limits"`` (far from them) or ``"dexterity"``, as
                 `order` in `Arm.branches`. Where the arm has joints to spare, the best along the self-motion.
             cost: Instead of `prefer`, a function from joint values, (k, n), to numbers, (k,): the least is best.
@@ -245,7 +246,7 @@ class Arm(ForwardArm):
         if scene is not None:
             from .collision.answers import free_solution
 
-            solution = free_solution(problem, scene, clearance, prefer, cost, valid, threads)
+            solution = free_solution(problem, scene, clearance, prefer, cost, valid, threads, prove)
         elif wishes:
             solution = preferred(problem, prefer, cost, valid, threads)
         else:
@@ -331,12 +332,13 @@ class Arm(ForwardArm):
         _require_scene(scene, clearance)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self._mechanism, near, "near")
-        if scene is not None:
-            from .collision.answers import judge_of
-
-            valid = judge_of(scene, self._mechanism, clearance, valid)
         wishes = Wishes(order, cost, valid, copies, count, prove)
-        return branches_of(Problem(self._mechanism, asked, start, time_limit=time_limit), wishes, threads)
+        problem = Problem(self._mechanism, asked, start, time_limit=time_limit)
+        if scene is None:
+            return branches_of(problem, wishes, threads)
+        from .collision.answers import free_branches
+
+        return free_branches(problem, wishes, scene, clearance, threads)
 
     @property
     def _branches(self) -> BranchIndex:
@@ -528,7 +530,7 @@ class Arm(ForwardArm):
 
         refuse_ranges(solution.problem.goal)
         missed = [
-            not (one.success or deadline.passed)
+            not (one.success or one.blocked or deadline.passed)
             and prove(one.problem, answer=one, deadline=deadline).verdict is Verdict.UNREACHABLE
             for one in solution.each()
         ]
@@ -536,7 +538,7 @@ class Arm(ForwardArm):
         proved = np.reshape(missed, shape) if shape else bool(missed[0])
         late = solution.out_of_time
         if deadline.passed:
-            late = late | ~(np.asarray(solution.success) | proved)
+            late = late | ~(np.asarray(solution.success) | proved | np.asarray(solution.proved_blocked))
         return replace(solution, proved_unreachable=proved, out_of_time=late if shape else bool(late))
 
 

@@ -44,6 +44,9 @@ class Status(Enum):
     OUT_OF_TIME = "Out of time: the nearest pose found before the time limit; a tolerance is missed."
     INVALID = "Invalid: the target is no pose, so nothing was looked for."
     BLOCKED = "Blocked: answers were found, and in every one the arm hits something, or comes too close."
+    PROVED_BLOCKED = (
+        "Proved blocked: in every answer within the limits the arm hits something, or comes too close."
+    )
 
     def __str__(self) -> str:
         """The sentence."""
@@ -82,8 +85,11 @@ class Solution(Generic[Flag, Number, Count, State]):
             for it. bool or (...) bool; see ``bad=`` in `Arm.ik`.
         blocked: How many answers hit something in the `scene`, or came closer than the clearance, int or (...); without
             success, every answer that was found but for those that `valid` refused.
+        proved_blocked: Is it proved that every answer inside the limits hits something in the `scene`, or comes closer than
+            the clearance? bool or (...) bool.
         trace: What the search did, pass by pass, if it was asked for; see there.
-        contacts: The pairs of bodies that are in the way at `q`, and how deep, where the status is `Status.BLOCKED`.
+        contacts: The pairs of bodies that are in the way at `q`, and how deep, where the status is `Status.BLOCKED` or
+            `Status.PROVED_BLOCKED`.
 
     For type checkers this class is generic in the types of its flags, numbers, counts and status. An array's type need not
     tell its shape, so `Arm.ik` fills them in where the goal's type says that it is one pose or a batch: then ``success`` is
@@ -108,6 +114,7 @@ class Solution(Generic[Flag, Number, Count, State]):
     out_of_time: Flag = _NO
     invalid: Flag = _NO
     blocked: Count = _NONE
+    proved_blocked: Flag = _NO
     _trace: Any = None
     """`Trace`, or an object array of them, (...); None where none was kept."""
     _contacts: Any = None
@@ -139,7 +146,7 @@ class Solution(Generic[Flag, Number, Count, State]):
 
     @property
     def contacts(self) -> Any:
-        """What is in the way at `q` where the status is `Status.BLOCKED`, the deepest pair first; empty elsewhere.
+        """What is in the way at `q` where the target is blocked, the deepest pair first; empty elsewhere.
 
         A tuple of contacts with `a`, `b` and `depth` [m], or an object array of them, (...).
         """
@@ -166,23 +173,25 @@ class Solution(Generic[Flag, Number, Count, State]):
         """`Status`, or an object array of them, (...)."""
         solution: Solution = self
         if isinstance(solution.success, np.ndarray):
-            # Solved, best effort, rejected, proved unreachable, late, invalid, blocked.
+            # Solved, best effort, rejected, proved unreachable, late, invalid, blocked, proved blocked.
             names = np.array([*Status], dtype=object)
             missed = np.where(solution.rejected > 0, 2, np.where(solution.blocked > 0, 6, 1))
             missed = np.where(solution.out_of_time, 4, missed)
             missed = np.where(solution.proved_unreachable, 3, missed)
+            missed = np.where(solution.proved_blocked, 7, missed)
             missed = np.where(solution.invalid, 5, missed)
             return cast("State", names[np.where(solution.success, 0, missed)])
         if solution.success:
             return cast("State", Status.SOLVED)
-        if solution.invalid:
-            return cast("State", Status.INVALID)
-        if solution.proved_unreachable:
-            return cast("State", Status.PROVED_UNREACHABLE)
-        if solution.out_of_time:
-            return cast("State", Status.OUT_OF_TIME)
-        missed_for = Status.BLOCKED if solution.blocked else Status.BEST_EFFORT
-        return cast("State", Status.REJECTED if solution.rejected else missed_for)
+        reasons = (
+            (solution.invalid, Status.INVALID),
+            (solution.proved_blocked, Status.PROVED_BLOCKED),
+            (solution.proved_unreachable, Status.PROVED_UNREACHABLE),
+            (solution.out_of_time, Status.OUT_OF_TIME),
+            (solution.rejected, Status.REJECTED),
+            (solution.blocked, Status.BLOCKED),
+        )
+        return cast("State", next((status for given, status in reasons if given), Status.BEST_EFFORT))
 
     def __bool__(self) -> bool:
         """Refuse: an answer that misses its goal would count as true.

@@ -36,6 +36,8 @@ class Branches:
         rejected: How many answers the user's `valid` refused, or hit something in the `scene`; they are left out.
         problem: What was asked.
         out_of_time: Did the time limit end the search, or the proof, before it was done?
+        proved_blocked: Is it proved that there are no answers here because every one hits something in the `scene`? Only
+            ``prove=True`` can tell.
     """
 
     q: Array
@@ -50,6 +52,7 @@ class Branches:
     else:
         problem: Problem = MadeWhenAsked()
     out_of_time: bool = False
+    proved_blocked: bool = False
 
     def __len__(self) -> int:
         """Return the number of answers."""
@@ -89,6 +92,7 @@ class Branches:
         """Short enough to print in a shell."""
         what = "a sample" if self.sampled else "complete" if self.complete else "not proved complete"
         refused = f", {self.rejected} rejected" if self.rejected else ""
+        refused += ", proved blocked" if self.proved_blocked else ""
         return f"Branches({len(self)} answers, {what}{refused}, q{self.q.shape})"
 
 

@@ -12,10 +12,11 @@ from kinseek.branches.find import SPREAD, branches_of
 from kinseek.branches.index import BranchIndex, index_of
 from kinseek.branches.order import ORDERS, Cost, Valid, Wishes, is_valid
 from kinseek.branches.prefer import preferred, slide
-from kinseek.branches.result import Branches
+from kinseek.branches.result import Branches, BranchesBatch
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem, InvalidScene, suggest
 from kinseek.problem import Problem
+from kinseek.proof.isolation import isolate
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.solver import Atlas
@@ -71,6 +72,8 @@ class _Pick:
     judge: Judge
     out_of_time: bool
     contacts: tuple[Contact, ...] = ()
+    proved: bool = False
+    """Is it proved that every answer hits something?"""
 
 
 def judge_of(scene: Any, mechanism: Mechanism, clearance: float, valid: Valid | None) -> Judge:
@@ -99,8 +102,11 @@ def free_solution(
     cost: Cost | None,
     valid: Valid | None,
     threads: int | None,
+    prove: bool = False,
 ) -> Solution:
     """Answer every target by what is free in a scene; see `Arm.ik`.
+
+    With `prove` what is blocked is proved to be so, where that can be; that it is out of reach `Arm.ik` proves itself.
 
     Raises:
         InvalidScene: A scene of another arm, or a clearance that is none.
@@ -113,7 +119,8 @@ def free_solution(
     picks = []
     for one in problem.each():
         judge = judge_of(scene, problem.mechanism, clearance, valid)
-        picks.append(_pick(replace(one, time_limit=deadline.left), judge, prefer, cost, threads, deadline))
+        pick = _pick(replace(one, time_limit=deadline.left), judge, prefer, cost, threads, deadline)
+        picks.append(_proved(one, pick, deadline) if prove and pick.contacts else pick)
     q = np.array([pick.q for pick in picks]).reshape(-1, problem.chain.dof)
     work = np.array([[pick.evaluations, 0, 0] for pick in picks], dtype=np.int64).reshape(-1, 3)
     solution = conclude(problem, q, work, np.array([pick.out_of_time for pick in picks], dtype=bool))
@@ -124,6 +131,7 @@ def free_solution(
             success=solution.success and pick.success,
             rejected=pick.judge.refused,
             blocked=pick.judge.blocked,
+            proved_blocked=pick.proved,
             _contacts=pick.contacts,
         )
     shape = problem.goal.shape
@@ -135,6 +143,7 @@ def free_solution(
         success=solution.success & np.reshape(np.array([pick.success for pick in picks], dtype=bool), shape),
         rejected=np.reshape(np.array([pick.judge.refused for pick in picks], dtype=np.int64), shape),
         blocked=np.reshape(np.array([pick.judge.blocked for pick in picks], dtype=np.int64), shape),
+        proved_blocked=np.reshape(np.array([pick.proved for pick in picks], dtype=bool), shape),
         _contacts=contacts.reshape(shape),
     )
 
@@ -177,6 +186,64 @@ def _pick(
             if judge(q):
                 return _Pick(q, spent, True, judge, late)
     return _escaped(problem, index, judge, spent, late, deadline)
+
+
+def free_branches(
+    problem: Problem, wishes: Wishes, scene: Scene, clearance: float, threads: int | None
+) -> Branches | BranchesBatch:
+    """Every branch that is free in a scene; see `Arm.branches`.
+
+    Raises:
+        InvalidScene: A scene of another arm, or a clearance that is none.
+    """
+    judge, deadline = (
+        judge_of(scene, problem.mechanism, clearance, wishes.valid),
+        Deadline(problem.time_limit),
+    )
+    found = branches_of(problem, replace(wishes, valid=judge), threads)
+    if not wishes.prove or not judge.blocked:
+        return found
+
+    def marked(one: Branches) -> Branches:
+        if len(one) or not (one.complete and one.rejected):
+            return one
+        _, blocked = all_blocked(one.problem, judge, deadline)
+        return replace(one, proved_blocked=blocked)
+
+    if isinstance(found, Branches):
+        return marked(found)
+    return replace(found, each=tuple(marked(one) for one in found.each))
+
+
+def all_blocked(problem: Problem, judge: Judge, deadline: Deadline) -> tuple[Array | None, bool]:
+    """Look for answers that nobody found yet, and prove that each that there is hits something.
+
+    Around each of the complete answers a box holds all joint values that meet the tolerances (see `proof.isolation`), and
+    one pair of bodies is in contact all over it.
+
+    Returns:
+        An answer that is free and agreed to, (n,), or None; and whether it is proved that there is none that is free.
+    """
+    problem = replace(problem, near=None)
+    found = branches_of(problem, Wishes())
+    assert isinstance(found, Branches)
+    isolation = isolate(problem, found.q, deadline=deadline)
+    for q in problem.placed(isolation.q[isolation.given < 0]):
+        if judge(q):
+            return q, False
+    each = zip(isolation.q, isolation.distance, strict=True)
+    sure = isolation.complete and all(judge.scene.hits_around(q, d, judge.clearance) for q, d in each)
+    return None, sure
+
+
+def _proved(problem: Problem, pick: _Pick, deadline: Deadline) -> _Pick:
+    """Prove that a target is blocked, or find the answer that the search has missed."""
+    if index_of(problem).freedom:
+        return pick
+    found, proved = all_blocked(problem, pick.judge, deadline)
+    if found is not None:
+        return replace(pick, q=found, success=True, contacts=())
+    return replace(pick, proved=proved, out_of_time=pick.out_of_time or (not proved and deadline.passed))
 
 
 def _escaped(

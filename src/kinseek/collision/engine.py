@@ -17,7 +17,7 @@ from kinseek.robots.chain import SerialChain
 from kinseek.solvers.threads import GoOn, spread
 
 from .broad import Broad
-from .shapes import Mesh, Shape, library
+from .shapes import Mesh, Points, Shape, library
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -189,6 +189,16 @@ class Engine:
         close = np.flatnonzero(self.bounds(q[None])[0] <= clearance + TOUCH)
         self.place(q)
         return [self.near_pair(int(n)) for n in close if self.touch(int(n))]
+
+    def is_convex(self, n: int) -> bool:
+        """Are both parts of a pair convex?"""
+        return not any(
+            isinstance(self.solids[i].shape, Points) or _is_shell(self.solids[i]) for i in self.pairs[n]
+        )
+
+    def larger(self, n: int) -> float:
+        """How much closer the parts of a pair are than what coal takes of them [m]."""
+        return float(self._larger[n])
 
     def set_clearance(self, clearance: float) -> None:
         """From now on what is not farther apart than this touches [m]."""

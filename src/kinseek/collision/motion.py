@@ -79,6 +79,23 @@ def stops(chain: SerialChain, engine: Engine, q0: Array, q1: Array, clearance: f
     return found
 
 
+def surely_hits(chain: SerialChain, engine: Engine, q: Array, reach: Array, clearance: float) -> bool:
+    """Is one pair of bodies at most a clearance apart wherever no joint is farther than `reach` from q? (n,) both.
+
+    Bodies that are a distance d apart are at most d + m apart after no point of one has moved by more than m as the other
+    sees it. Of convex bodies that holds where they are in each other too, d then being less the way that takes them apart:
+    the differences of their points hold a ball of that radius about zero, and no motion by less leaves zero out (Brouwer).
+    """
+    if not np.isfinite(reach).all():
+        return False
+    moved = Speeds(chain, engine).of((q - reach)[None], (q + reach)[None])[0] / 2
+    return any(
+        near.distance + moved[near.pair] < clearance - TOUCH
+        for near in engine.touching(q, clearance)
+        if engine.is_convex(near.pair) or near.distance > -engine.larger(near.pair)
+    )
+
+
 def _stops_of(engine: Engine, rates: Array, q0: Array, q1: Array, clearance: float) -> Array:
     """Look at the middle of every motion, then at the middles of the halves that it does not cover, and so on."""
     least, found = clearance + FINEST, np.full(len(q0), np.nan)

@@ -17,7 +17,7 @@ from kinseek.robots.mechanism import Mechanism
 
 from .bodies import ArmBodies, Body, Part, arm_bodies, chain_of, package_folders
 from .engine import TOUCH, Engine, Near, Solid
-from .motion import FINEST, stops
+from .motion import FINEST, stops, surely_hits
 from .others import OtherArm
 from .pairs import ATTACHED, NEIGHBOURS, Contact, Pair, disabled_by, key, pairs_of
 from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere, length_or_zero, library
@@ -485,6 +485,25 @@ class Scene:
         least = length_or_zero("clearance", clearance)
         with self._asked as engine:
             return stops(self._chain, engine, starts, starts + way, least)
+
+    def hits_around(self, q: Any, reach: Any, clearance: float = 0.0) -> bool:
+        """Is it sure that bodies touch, or are too close, wherever no joint is farther than `reach` from q?
+
+        Args:
+            q: Joint values, (n,), [rad] or [m], or by name.
+            reach: How far each joint may be off, (n,), [rad] or [m].
+            clearance: How far apart bodies have to be [m].
+
+        Returns:
+            True where one pair does all over there. False says nothing.
+
+        Raises:
+            InvalidProblem: `q` does not fit the arm.
+            InvalidScene: `clearance` is no length.
+        """
+        joints, least = self._one(q), length_or_zero("clearance", clearance)
+        with self._asked as engine:
+            return surely_hits(self._chain, engine, joints, np.asarray(reach, dtype=np.float64), least)
 
     def fits(self, mechanism: Mechanism) -> bool:
         """Is this the scene of an arm? Its limits and its tool may be others."""
