@@ -222,6 +222,14 @@ def test_a_locked_arm_and_one_with_a_tool_are_where_they_were(
     assert (locked.free(np.delete(q, 2, axis=1)) == scene.free(q)).all()
 
 
+def test_a_tool_makes_no_capsule_longer() -> None:
+    arm = kinseek.load("panda")
+    scene, tooled = (Scene.of(one, capsules=0.05) for one in (arm, arm.with_tool(kinseek.pose([0.1, 0, 0.3]))))
+    assert tooled.bodies == scene.bodies
+    q = arm.sample(40, seed=2)
+    assert np.array_equal(tooled.distance(q), scene.distance(q))
+
+
 def test_copies_and_pickles_stand_for_themselves(scene: Scene) -> None:
     before = scene.distance(np.zeros(6))
     for other in (copy.copy(scene), pickle.loads(pickle.dumps(scene))):
