@@ -71,7 +71,8 @@ class Passage:
 def impossible_stretches(problem: Problem, path: Path) -> tuple[tuple[int, int], ...]:
     """Pairs (i, j) of poses that no continuous motion joins, in order, as many as were found; see `PathProof`.
 
-    Only where answers are isolated, and only stretches of poses that are reached, with a break in them.
+    Only where answers are isolated, and only stretches of poses that are reached, with a break in them: elsewhere the path
+    goes on from pose to pose, though not with the hand on the straight way.
     """
     if freedom(problem) > 0 or problem.chain.dof != problem.goal.form.constraints:
         return ()
@@ -82,7 +83,7 @@ def impossible_stretches(problem: Problem, path: Path) -> tuple[tuple[int, int],
         breaks = path.breaks[(path.breaks >= first) & (path.breaks < end - 1)]
         if len(breaks):
             found += search.stretches(first, end - 1)
-    return tuple(found)
+    return tuple((i, j) for i, j in found if ((path.breaks >= i) & (path.breaks < j)).any())
 
 
 class Search:

@@ -36,7 +36,7 @@ def with_proofs(asked: Asked, path: Path, threads: int | None) -> Path:
     missed = path.position_error > path.problem.goal.position_tolerance
     missed |= path.orientation_error > path.problem.goal.orientation_tolerance
     out_of_reach = _out_of_reach(path, missed, threads)
-    stretches = impossible_stretches(part.problem, path) if part is asked and len(path.breaks) else ()
+    stretches = impossible_stretches(part.problem, path) if part is asked else ()
     proof = PathProof(steps, within, out_of_reach, stretches)
     return replace(path, proof=proof, why=(*path.why, *_words(proof)))
 
