@@ -87,7 +87,12 @@ def test_show_gives_limits_in_both_units(run: Run) -> None:
 
 
 def test_show_knows_joints_without_limits(run: Run) -> None:
-    assert re.search(r"joint_1 +continuous +none", run("show", "gen3").out)
+    assert re.search(r"joint_1 +continuous +none +none +none +none +1.396", run("show", "gen3").out)
+
+
+def test_show_knows_speeds_where_the_file_does(run: Run) -> None:
+    assert re.search(r"shoulder_pan_joint .* 3.142\n", run("show", "ur5e").out)
+    assert re.search(r"j1 .* -\n", run("show", "puma560").out)
 
 
 def test_reach_of_two_links_lies_between_its_bounds(run: Run) -> None:

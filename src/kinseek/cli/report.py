@@ -46,7 +46,7 @@ def print_robots() -> None:
 
 
 def print_arm(arm: Arm) -> None:
-    """Print joints, limits and reach."""
+    """Print joints, limits, speeds and reach."""
     _print(f"{arm.name}: {arm.dof} joints, base {arm.base}, tip {arm.tip}")
     small, large = _units(arm.kinds)
     rows = []
@@ -59,6 +59,8 @@ def print_arm(arm: Arm) -> None:
             f"{upper * scale:.{digits}f}",
         ]
         rows.append((name, kind, *(["none"] * 4 if kind == "continuous" else values)))
+    speeds = [f"{speed:.4g}" if np.isfinite(speed) else "-" for speed in arm.velocity]
+    rows = [(*row, speed) for row, speed in zip(rows, speeds, strict=True)]
     columns = (
         "joint",
         "kind",
@@ -66,8 +68,9 @@ def print_arm(arm: Arm) -> None:
         f">upper\n{small}",
         f">lower\n{large}",
         f">upper\n{large}",
+        ">speed\nper second",
     )
-    _print_table(columns, rows, (2, 2, 2))
+    _print_table(columns, rows, (2, 2, 2, 1))
     least, most = reach(arm)
     _print(f"reach: at least {least:.3f} m from base to tip (the farthest of {_POSTURES:,} random postures)")
     _print(f"reach: at most {most:.3f} m from base to tip (the sum of all links and slides)")

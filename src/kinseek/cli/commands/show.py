@@ -18,6 +18,6 @@ from kinseek.cli.options import ARM, Chain, arm_argument, chain_options
 @arm_argument
 @chain_options
 def command(arm: str, chain: Chain) -> int:
-    """Show the joints, limits and reach of an arm."""
+    """Show the joints, limits, speeds and reach of an arm."""
     report.print_arm(chain.load(arm))
     return 0
