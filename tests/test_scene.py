@@ -224,7 +224,9 @@ def test_a_locked_arm_and_one_with_a_tool_are_where_they_were(
 
 def test_a_tool_makes_no_capsule_longer() -> None:
     arm = kinseek.load("panda")
-    scene, tooled = (Scene.of(one, capsules=0.05) for one in (arm, arm.with_tool(kinseek.pose([0.1, 0, 0.3]))))
+    scene, tooled = (
+        Scene.of(one, capsules=0.05) for one in (arm, arm.with_tool(kinseek.pose([0.1, 0, 0.3])))
+    )
     assert tooled.bodies == scene.bodies
     q = arm.sample(40, seed=2)
     assert np.array_equal(tooled.distance(q), scene.distance(q))
