@@ -74,6 +74,7 @@ def test_what_is_simplified_and_made_thicker_holds_the_mesh(
     assert not (kept & (away(off, *mesh[:2]) > moved))[~inside].any()  # And nothing far outside has come in.
 
 
+@pytest.mark.slow
 def test_simplifying_is_asked_for_and_said(tmp_path: Path) -> None:
     arm = kinseek.load("ur5e")
     scene, fine = Scene.of(arm, capsules=0.05), Scene.of(arm, capsules=0.05)
@@ -84,7 +85,7 @@ def test_simplifying_is_asked_for_and_said(tmp_path: Path) -> None:
     assert len(fine.notes) == notes
     scene.add_mesh("part", file, place, simplify=0.02)
     assert "'part' is simplified to" in scene.notes[-1]
-    thicker = scene._bodies["part"].parts[0].shape.thicker
+    thicker = scene._bodies["part"].parts[0].shape.thickness
     assert 0.005 < thicker <= 0.02
     assert f"{thicker:.2g} m thicker" in scene.notes[-1]
     q = arm.sample(60, seed=1)

@@ -122,7 +122,7 @@ def test_full_turns_are_refused_together(ur5e: kinseek.Arm, table: Scene) -> Non
 
     goal, _ = goals_of(line(5))
     wishes = dict.fromkeys(("start", "end", "times", "velocity", "weights", "cost", "valid"))
-    asked = read(ur5e.mechanism, goal, closed=False, max_step=0.3, scene=table, clearance=0.0, **wishes)  # type: ignore[arg-type]
+    asked = read(ur5e.mechanism, goal, closed=False, max_step=0.3, scene=table, clearance=0.0, **wishes)
     layers = isolated_layers(asked.problem, asked.longest[0], None, lambda done: None)
     programme = Programme(asked, fill_missed(asked.problem, inside_limits(asked.problem, layers), None))
     programme.refuse_blocked()
@@ -197,6 +197,11 @@ def test_free_axes_and_a_scene(ur5e: kinseek.Arm, table: Scene) -> None:
     assert path.q.shape == (60, 6)
     assert path.success
     assert table.free(dense(path.q), 0.005).all()
-    seen = []
-    ur5e.follow(goal, valid=lambda q: seen.append(q.shape) or True)
-    assert set(seen) == {(6,)}
+    seen = set()
+
+    def valid(q: np.ndarray) -> bool:
+        seen.add(q.shape)
+        return True
+
+    ur5e.follow(goal, valid=valid)
+    assert seen == {(6,)}
