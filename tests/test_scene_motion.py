@@ -101,6 +101,9 @@ def test_a_thin_plate_is_not_jumped_over() -> None:
     assert scene.free_motion(a, [-0.2, 0.0])
     assert scene.free_motion([a, a], [b, [-0.2, 0.0]]).tolist() == [False, True]
     assert scene.free_motion(a, a)
+    (hit,) = scene.hits_between(a, b)
+    assert hit.b == "plate"
+    assert scene.hits_between(a, [-0.2, 0.0]) == ()
     with pytest.raises(kinseek.InvalidProblem, match="do not fit"):
         scene.free_motion(np.zeros((2, 2)), np.zeros((3, 2)))
 

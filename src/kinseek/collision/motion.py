@@ -37,7 +37,7 @@ class Speeds:
 
     def __init__(self, chain: SerialChain, engine: Engine) -> None:
         """Work out what does not depend on the motion."""
-        self._chain = chain
+        self._chain, self.engine = chain, engine
         joints = len(chain.leader)
         ends = np.array(
             [sorted((engine.solids[i].joint, engine.solids[j].joint)) for i, j in engine.pairs],
@@ -65,21 +65,22 @@ class Speeds:
         return np.asarray(np.where(self._moves, far, 0.0).sum(axis=2))
 
 
-def stops(chain: SerialChain, engine: Engine, q0: Array, q1: Array, clearance: float) -> Array:
+def stops(speeds: Speeds, q0: Array, q1: Array, clearance: float) -> Array:
     """Where the straight ways from q0 to q1, (k, n) each, are not free, in shares of them, (k,); NaN where all of it is.
 
     It is one such place, and not the first on the way. See `Scene.free_motion`.
     """
     found = np.full(len(q0), np.nan)
-    if engine.pairs:
-        speeds = Speeds(chain, engine)
+    if speeds.engine.pairs:
         for begin in range(0, len(q0), _TOGETHER):
             some = slice(begin, begin + _TOGETHER)
-            found[some] = _stops_of(engine, speeds.of(q0[some], q1[some]), q0[some], q1[some], clearance)
+            found[some] = _stops_of(
+                speeds.engine, speeds.of(q0[some], q1[some]), q0[some], q1[some], clearance
+            )
     return found
 
 
-def surely_hits(chain: SerialChain, engine: Engine, q: Array, reach: Array, clearance: float) -> bool:
+def surely_hits(speeds: Speeds, q: Array, reach: Array, clearance: float) -> bool:
     """Is one pair of bodies at most a clearance apart wherever no joint is farther than `reach` from q? (n,) both.
 
     Bodies that are a distance d apart are at most d + m apart after no point of one has moved by more than m as the other
@@ -88,7 +89,8 @@ def surely_hits(chain: SerialChain, engine: Engine, q: Array, reach: Array, clea
     """
     if not np.isfinite(reach).all():
         return False
-    moved = Speeds(chain, engine).of((q - reach)[None], (q + reach)[None])[0] / 2
+    engine = speeds.engine
+    moved = speeds.of((q - reach)[None], (q + reach)[None])[0] / 2
     return any(
         near.distance + moved[near.pair] < clearance - TOUCH
         for near in engine.touching(q, clearance)

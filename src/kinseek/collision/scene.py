@@ -17,7 +17,7 @@ from kinseek.robots.mechanism import Mechanism
 
 from .bodies import ArmBodies, Body, Part, arm_bodies, chain_of, package_folders
 from .engine import TOUCH, Engine, Near, Solid
-from .motion import FINEST, stops, surely_hits
+from .motion import FINEST, Speeds, stops, surely_hits
 from .others import OtherArm
 from .pairs import ATTACHED, NEIGHBOURS, Contact, Pair, disabled_by, key, pairs_of
 from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere, length_or_zero, library
@@ -58,6 +58,7 @@ class Scene:
         self._engine: Engine | None = None
         self._owners: list[tuple[str, str]] = []
         self._numbers: dict[str, list[int]] = {}
+        self._speeds: Speeds | None = None
         self._others: dict[str, OtherArm] = {}
 
     @classmethod
@@ -458,8 +459,8 @@ class Scene:
     def hits_between(self, q0: Any, q1: Any, clearance: float = 0.0) -> tuple[Contact, ...]:
         """What is in the way from one q to another, (n,) each: the pairs that touch, or are too close, at one q between.
 
-        It is empty exactly where `free_motion` is true. A pair that comes within a hundredth of a millimetre of touching, or
-        of the clearance, counts.
+        It is empty where `free_motion` is true. A pair that comes within a hundredth of a millimetre of touching, or of the
+        clearance, counts.
 
         Raises:
             InvalidProblem: `q0` or `q1` does not fit the arm.
@@ -467,7 +468,13 @@ class Scene:
         """
         starts, way, _ = self._ways(self._one(q0), self._one(q1))
         (stop,) = self._stops(starts, way, clearance)
-        return () if np.isnan(stop) else self.hits(starts[0] + stop * way[0], clearance + FINEST + TOUCH)
+        if np.isnan(stop):
+            return ()
+        q = starts[0] + stop * way[0]
+        if found := self.hits(q, clearance + FINEST + TOUCH):
+            return found
+        near = self.nearest(q)  # It was too near for too long to be told from touching.
+        return (Contact(near.a, near.b, -near.distance),)
 
     def _ways(self, q0: Any, q1: Any) -> tuple[Array, Array, tuple[int, ...]]:
         """Where motions begin, (k, n), what each joint moves, (k, n), and the shape of all."""
@@ -483,8 +490,8 @@ class Scene:
 
     def _stops(self, starts: Array, way: Array, clearance: float) -> Array:
         least = length_or_zero("clearance", clearance)
-        with self._asked as engine:
-            return stops(self._chain, engine, starts, starts + way, least)
+        with self._asked:
+            return stops(self._known_speeds, starts, starts + way, least)
 
     def hits_around(self, q: Any, reach: Any, clearance: float = 0.0) -> bool:
         """Is it sure that bodies touch, or are too close, wherever no joint is farther than `reach` from q?
@@ -502,8 +509,8 @@ class Scene:
             InvalidScene: `clearance` is no length.
         """
         joints, least = self._one(q), length_or_zero("clearance", clearance)
-        with self._asked as engine:
-            return surely_hits(self._chain, engine, joints, np.asarray(reach, dtype=np.float64), least)
+        with self._asked:
+            return surely_hits(self._known_speeds, joints, np.asarray(reach, dtype=np.float64), least)
 
     def fits(self, mechanism: Mechanism) -> bool:
         """Is this the scene of an arm? Its limits and its tool may be others."""
@@ -523,6 +530,14 @@ class Scene:
         if self._engine is None:
             self._engine, self._owners, self._numbers = self._make(self.pairs)
         return self._engine
+
+    @property
+    def _known_speeds(self) -> Speeds:
+        """How fast bodies can move, kept with the engine."""
+        engine = self._asked
+        if self._speeds is None or self._speeds.engine is not engine:
+            self._speeds = Speeds(self._chain, engine)
+        return self._speeds
 
     def _make(self, pairs: Iterable[Pair]) -> tuple[Engine, list[tuple[str, str]], dict[str, list[int]]]:
         solids: list[Solid] = []
@@ -590,7 +605,7 @@ class Scene:
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle and copy what it is made of; the engine is made anew."""
-        state = {**self.__dict__, "_engine": None, "_owners": []}
+        state = {**self.__dict__, "_engine": None, "_speeds": None, "_owners": []}
         return state | {
             "_bodies": dict(self._bodies),
             "_others": dict(self._others),
