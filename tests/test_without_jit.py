@@ -17,6 +17,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,9 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import Atlas, Goal, Problem, Solver
 from kinseek.branches import index as branching
+from kinseek.collision import Box, Capsule, Cylinder, Sphere
+from kinseek.collision.broad import Broad
+from kinseek.collision.engine import Solid
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import LAYOUT as DESK
 from kinseek.kernels.paths.band import solve_band
@@ -312,6 +316,22 @@ def steps_proved(name: str) -> Any:
     return [(each.state, np.minimum(each.within, 1.0)) for each in told]
 
 
+def first_pass() -> Any:
+    """What is free, what touches, and how near pairs are, without the library that is asked about the rest."""
+    chain = kinseek.load("elbow6").chain
+    shapes = [Box((0.1, 0.2, 0.3)), Capsule(0.05, 0.3), Cylinder(0.05, 0.2), Sphere(0.1), Box((1.0, 1.0, 0.02))]
+    joints, places = (0, 4, 4, 0, 0), ([0.4, 0.2, 0.1], [0, 0, 0.1], [0.1, 0, 0], [-0.4, 0.3, 0.2], [0, 0, 0.6])
+    solids = [
+        Solid(joint, shape, kinseek.pose(place, rpy=[joint, 1.0, 0.5]), 0.0)
+        for joint, shape, place in zip(joints, shapes, places, strict=True)
+    ]
+    pairs = [(i, j) for i, j in combinations(range(len(solids)), 2) if solids[i].joint != solids[j].joint]
+    broad = Broad(chain, solids, pairs, np.full(len(pairs), 0.001))
+    q = np.random.default_rng(0).uniform(chain.lower, chain.upper, (9, chain.dof))
+    verdicts, doubts = broad.sort_out(q, 0.0, 1e-6)
+    return verdicts, doubts, broad.bounds(q), broad.bounds(q, 12)
+
+
 RUNS: list[tuple[Any, ...]] = [
     *[(one, name) for name in ("planar2", "cylindrical3", "scara4", "elbow6")],
     *[(batch, name) for name in ("planar2", "scara4", "elbow6")],
@@ -341,6 +361,7 @@ RUNS: list[tuple[Any, ...]] = [
     (best_ways,),
     (steps_proved, "elbow6"),
     (steps_proved, "ur10e_rail"),
+    (first_pass,),
 ]
 CASES: dict[str, Callable[[], Any]] = {
     " ".join(

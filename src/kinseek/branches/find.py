@@ -22,7 +22,7 @@ from kinseek.solvers.threads import GoOn, spread
 from kinseek.turns import TURN
 
 from .index import BranchIndex, index_of
-from .order import ORDERS, Cost, Wishes, is_valid, scores
+from .order import ORDERS, Cost, Wishes, scores, which_valid
 from .result import AsFound, Branches, BranchesBatch, answers_of
 
 SPREAD = 50
@@ -171,8 +171,8 @@ def _finish(
         place = np.argsort(scores(problem, q, order, cost), kind="stable")
     rejected = 0
     if valid is not None:
-        passed = [i for i in place if is_valid(valid, q[i])]
-        rejected, place = len(place) - len(passed), np.array(passed, dtype=np.int64)
+        passed = which_valid(valid, q[place])
+        rejected, place = len(place) - int(passed.sum()), place[passed]
     place = place[: wishes.count]
     return Branches(
         q=q[place],

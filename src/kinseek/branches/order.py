@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinseek.errors import InvalidProblem
 from kinseek.kernels.arrays import Array
@@ -119,6 +121,29 @@ def is_valid(valid: Valid, q: Array) -> bool:
     ):
         return bool(answer)
     raise InvalidProblem(f"valid must return a bool, got {answer!r} for q = {_written(q)}")
+
+
+class ManyAtOnce(ABC):
+    """A predicate of ours that looks at many answers in one call."""
+
+    @abstractmethod
+    def __call__(self, q: Array) -> bool:
+        """Ask about one answer, (n,)."""
+
+    @abstractmethod
+    def many(self, q: Array) -> NDArray[np.bool_]:
+        """Ask about each of some answers, (k, n) -> (k,)."""
+
+
+def which_valid(valid: Valid, q: Array) -> NDArray[np.bool_]:
+    """Ask a predicate about each of some answers, (k, n) -> (k,).
+
+    Raises:
+        InvalidProblem: As `is_valid`.
+    """
+    if isinstance(valid, ManyAtOnce):
+        return valid.many(q)
+    return np.array([is_valid(valid, one) for one in q], dtype=np.bool_)
 
 
 def _written(q: Array) -> str:

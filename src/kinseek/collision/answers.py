@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kinseek.branches.find import SPREAD, branches_of
 from kinseek.branches.index import BranchIndex, index_of
-from kinseek.branches.order import ORDERS, Cost, Valid, Wishes, is_valid
+from kinseek.branches.order import ORDERS, Cost, ManyAtOnce, Valid, Wishes, is_valid
 from kinseek.branches.prefer import preferred, slide
 from kinseek.branches.result import Branches, BranchesBatch
 from kinseek.deadline import Deadline
@@ -30,12 +30,15 @@ Array = NDArray[np.float64]
 _MORE = (8, 20)
 """Where no answer of the first sample is free, samples of so many times its size."""
 
+_AT_ONCE = 16
+"""Answers that are looked at in one call: eight lie side by side, and most poses have no more than sixteen."""
+
 _ESCAPES = 3
 """Answers, those that hit the least of the first `SPREAD`, that are moved away from what they hit."""
 
 
 @dataclass
-class Judge:
+class Judge(ManyAtOnce):
     """Asks of one answer after the other whether it is free, and the user's `valid`, and counts."""
 
     scene: Scene
@@ -50,7 +53,24 @@ class Judge:
 
     def __call__(self, q: Array) -> bool:
         """Is it free, and does the user agree?"""
-        if not self.scene.free(q, self.clearance):
+        return self._agrees(q, self.scene.free(q, self.clearance))
+
+    def many(self, q: Array) -> NDArray[np.bool_]:
+        """The same of each of some answers, (k, n) -> (k,)."""
+        free = self.scene.free(q, self.clearance)
+        return np.array([self._agrees(one, told) for one, told in zip(q, free, strict=True)], dtype=np.bool_)
+
+    def first(self, candidates: Array) -> Array | None:
+        """The first of some answers, (k, n), that is free and agreed to; many are looked at in one call."""
+        for begin in range(0, len(candidates), _AT_ONCE):
+            some = candidates[begin : begin + _AT_ONCE]
+            for q, free in zip(some, self.scene.free(some, self.clearance), strict=True):
+                if self._agrees(q, free):
+                    return np.asarray(q)
+        return None
+
+    def _agrees(self, q: Array, free: bool) -> bool:
+        if not free:
             self.blocked += 1
             self.seen.append(q.copy())
             return False
@@ -182,9 +202,8 @@ def _pick(
             if not last.success:
                 return _Pick(last.q, spent, True, judge, last.out_of_time)
             candidates = last.q[None]
-        for q in candidates:
-            if judge(q):
-                return _Pick(q, spent, True, judge, late)
+        if (best := judge.first(candidates)) is not None:
+            return _Pick(best, spent, True, judge, late)
     return _escaped(problem, index, judge, spent, late, deadline)
 
 

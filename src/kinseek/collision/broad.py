@@ -80,7 +80,9 @@ class Broad:
             np.array([[*pairs[n], n] for n in order], dtype=np.int64).reshape(-1, 3),
             pads,
             np.array([number[group] for group in used], dtype=np.int64),
-            np.array([[place[g], place[h], *span] for g, h, *span in meetings], dtype=np.int64).reshape(-1, 4),
+            np.array([[place[g], place[h], *span] for g, h, *span in meetings], dtype=np.int64).reshape(
+                -1, 4
+            ),
             np.array([pads[first:last].max() for _, _, first, last in meetings], dtype=np.float64),
             self._rounding,
         )

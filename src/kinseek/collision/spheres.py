@@ -70,17 +70,13 @@ def cover_of(shape: Shape) -> Cover:
         outer[3] += shape.thickness
     inner = _balls_inside(shape)
     half = (high - low) / 2
-    return Cover(
-        _padded(outer), _padded(inner), core, half, simple, corners, solid
-    )
+    return Cover(_padded(outer), _padded(inner), core, half, simple, corners, solid)
 
 
 def cover_of_many(points: Array, thickness: float) -> Cover:
     """Fit spheres and a box to all that lies in a hull of points, made thicker; nothing is said of what is inside."""
     cover = cover_of(_Thick(points, thickness))
-    return cover._replace(
-        inner=_padded(np.zeros((4, 0))), exact=False, solid=False
-    )
+    return cover._replace(inner=_padded(np.zeros((4, 0))), exact=False, solid=False)
 
 
 @dataclass(frozen=True, eq=False)

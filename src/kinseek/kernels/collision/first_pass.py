@@ -104,12 +104,13 @@ def sort_out(
             g, h = cell.meeting[m, 0], cell.meeting[m, 1]
             reach = cell.ball[cell.group[g], 3] + cell.ball[cell.group[h], 3] + cell.widest[m] + least
             square, G, H = reach * reach, balls[g], balls[h]
+            some = 0
             for l in range(w):
                 dx, dy, dz = G[l] - H[l], G[W + l] - H[W + l], G[2 * W + l] - H[2 * W + l]
-                gaps[l] = dx * dx + dy * dy + dz * dz - square
-            lowest = min(min(gaps[0], gaps[1]), min(gaps[2], gaps[3]))
-            lowest = min(lowest, min(min(gaps[4], gaps[5]), min(gaps[6], gaps[7])))
-            if lowest <= 0.0:
+                gap = dx * dx + dy * dy + dz * dz - square
+                gaps[l] = gap
+                some += 1 if gap <= 0.0 else 0
+            if some > 0:
                 for l in range(W):
                     if gaps[l] <= 0.0:
                         near[l, counts[l]] = m

@@ -28,21 +28,18 @@ def lead_over(here: Here, into: Array, T: Array) -> None:
 
 
 @hidden
-def clear_of_core(spheres: Array, way: Array, half: Array, least: float) -> float:
-    """Above 0 where all spheres, (4, s), are farther than `least` from a core; else how far below 0 tells nothing.
-
-    It is the least of squared distances less squared radii.
-    """
+def near_core(spheres: Array, way: Array, half: Array, least: float) -> int:
+    """How many of some spheres, (4, s), are not farther than `least` from a core; counted, which lanes do side by side."""
     a0, a1, a2, a3, b0, b1, b2, b3 = way[0], way[1], way[2], way[3], way[4], way[5], way[6], way[7]
     c0, c1, c2, c3, hx, hy, hz = way[8], way[9], way[10], way[11], half[0], half[1], half[2]
-    lowest = 1e300
+    count = 0
     for s in range(spheres.shape[1]):
         x, y, z, reach = spheres[0, s], spheres[1, s], spheres[2, s], spheres[3, s] + least
         dx = max(abs(a0 * x + a1 * y + a2 * z + a3) - hx, 0.0)
         dy = max(abs(b0 * x + b1 * y + b2 * z + b3) - hy, 0.0)
         dz = max(abs(c0 * x + c1 * y + c2 * z + c3) - hz, 0.0)
-        lowest = min(lowest, dx * dx + dy * dy + dz * dz - reach * abs(reach))
-    return lowest
+        count += 1 if dx * dx + dy * dy + dz * dz <= reach * abs(reach) else 0
+    return count
 
 
 @hidden
@@ -73,10 +70,10 @@ def ball_gap(cell: Cell, here: Here, a: int, b: int) -> float:
 def is_clear(cell: Cell, here: Here, a: int, b: int, least: float) -> bool:
     """Are two parts whose places are known farther apart than `least`, by the spheres of one and the core of the other?"""
     lead_over(here, here.into[b], here.frames[cell.joint[a]])
-    if clear_of_core(cell.outer[a], here.spot, cell.half[b], least + cell.thick[b]) > 0.0:
+    if near_core(cell.outer[a], here.spot, cell.half[b], least + cell.thick[b]) == 0:
         return True
     lead_over(here, here.into[a], here.frames[cell.joint[b]])
-    return clear_of_core(cell.outer[b], here.spot, cell.half[a], least + cell.thick[a]) > 0.0
+    return near_core(cell.outer[b], here.spot, cell.half[a], least + cell.thick[a]) == 0
 
 
 @hidden
@@ -93,12 +90,26 @@ def gap_below(cell: Cell, here: Here, a: int, b: int) -> float:
 def overlaps_core(cell: Cell, here: Here, a: int, b: int, touch: float) -> bool:
     """Is a sphere inside one part nearer than `touch` to the other, which is its core?"""
     lead_over(here, here.into[b], here.frames[cell.joint[a]])
-    return clear_of_core(cell.inner[a], here.spot, cell.half[b], touch + cell.thick[b]) < 0.0
+    return near_core(cell.inner[a], here.spot, cell.half[b], touch + cell.thick[b]) > 0
 
 
 @hidden
 def farthest(cell: Cell, here: Here, p: int, x: float, y: float, z: float, at: int) -> None:
     """The corner of a part that lies farthest in a direction, in the base, into ``here.spot[at : at + 3]``."""
+    if cell.exact[p]:
+        M, half, spot = here.into[p], cell.half[p], here.spot
+        a, b, c = (
+            M[0] * x + M[1] * y + M[2] * z,
+            M[4] * x + M[5] * y + M[6] * z,
+            M[8] * x + M[9] * y + M[10] * z,
+        )
+        # A corner of the core, in its frame, and back into the base.
+        u = (half[0] if a > 0.0 else -half[0]) - M[3]
+        v = (half[1] if b > 0.0 else -half[1]) - M[7]
+        t = (half[2] if c > 0.0 else -half[2]) - M[11]
+        for r in range(3):
+            spot[at + r] = M[r] * u + M[4 + r] * v + M[8 + r] * t
+        return
     T, C, along = here.frames[cell.joint[p]], cell.corners, here.along
     u = T[0] * x + T[4] * y + T[8] * z
     v = T[1] * x + T[5] * y + T[9] * z
@@ -122,7 +133,7 @@ def farthest(cell: Cell, here: Here, p: int, x: float, y: float, z: float, at: i
 
 @hidden
 def lean(S: Array, share: Array, i: int, j: int, k: int) -> float:
-    """The point of a triangle nearest to the origin, as shares of its corners; its squared distance (Ericson 2005, 5.1.5)."""
+    """The point of a triangle nearest to the origin, as shares of corners; its squared distance (Ericson 2005, 5.1.5)."""
     ax, ay, az = S[i, 0], S[i, 1], S[i, 2]
     bx, by, bz = S[j, 0] - ax, S[j, 1] - ay, S[j, 2] - az
     cx, cy, cz = S[k, 0] - ax, S[k, 1] - ay, S[k, 2] - az
@@ -154,7 +165,8 @@ def lean(S: Array, share: Array, i: int, j: int, k: int) -> float:
         share[n] = 0.0
     share[i], share[j], share[k] = 1.0 - s - t, s, t
     x, y, z = ax + s * bx + t * cx, ay + s * by + t * cy, az + s * bz + t * cz
-    return x * x + y * y + z * z
+    square: float = x * x + y * y + z * z
+    return square
 
 
 @hidden
@@ -169,7 +181,7 @@ def turned(S: Array, i: int, j: int, k: int) -> float:
 
 @hidden
 def nearest_mixture(here: Here, count: int) -> int:
-    """The mixture of so many corners that is nearest to the origin, into ``here.spot[6:9]``; corners it needs not are dropped.
+    """The mixture of so many corners that is nearest to the origin, into ``here.spot[6:9]``; the others are dropped.
 
     The last corner is the new one, and has a share: without it the point before was the nearest.
     """
@@ -188,7 +200,9 @@ def nearest_mixture(here: Here, count: int) -> int:
         a, b = turned(S, 1, 3, 2), turned(S, 0, 2, 3)
         c, d = turned(S, 0, 3, 1), turned(S, 0, 1, 2)
         whole = a + b + c + d
-        within = (a > 0.0 and b > 0.0 and c > 0.0 and d > 0.0) or (a < 0.0 and b < 0.0 and c < 0.0 and d < 0.0)
+        within = (a > 0.0 and b > 0.0 and c > 0.0 and d > 0.0) or (
+            a < 0.0 and b < 0.0 and c < 0.0 and d < 0.0
+        )
         if within:
             share[0], share[1], share[2], share[3] = a / whole, b / whole, c / whole, d / whole
         else:
@@ -213,9 +227,9 @@ def nearest_mixture(here: Here, count: int) -> int:
 def straddle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float, steps: int) -> int:
     """Look for a plane between two parts, or for a point in both: each verdict is a proof, and there may be none.
 
-    The points of one less those of the other are a convex body, and so far from the origin as the parts are apart. Corners of
-    it that lie farthest towards the origin are gathered, and their mixture nearest to it leads to the next (Gilbert,
-    Johnson and Keerthi 1988). Each such corner gives a plane, each mixture two points of the parts.
+    The points of one less those of the other are a convex body, so far from the origin as the parts are apart. Corners of it
+    that lie farthest towards the origin are gathered, and their mixture nearest to it leads to the next (Gilbert, Johnson
+    and Keerthi 1988). Each such corner gives a plane, each mixture two points of the parts.
 
     Args:
         cell: The scene.
@@ -255,7 +269,7 @@ def straddle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float,
         if above < touch:
             verdict = TOUCH
             break
-        if count == 4:
+        if count == 4 or x * x + y * y + z * z < 1e-24:
             break  # The origin is inside, and rounding is all that is left; or the corners are in one plane.
     spot[9], spot[10] = below, above
     return verdict
