@@ -2,8 +2,8 @@
 
 Checks: the hulls of an arm's collision meshes against each other and twenty boxes, random joint values. "By hand" is what a
 user of pinocchio writes: the same hulls and pairs in a model that pinocchio reads from the file itself, its tree of boxes,
-one call of ``computeCollisions`` a check, FK included. Verdicts are compared. It needs a URDF with meshes, as the package
-example-robot-data has them; without one this part is left out.
+one call of ``computeCollisions`` a check, FK included. Verdicts are compared, and so are those of the first pass alone with
+coal's. It needs a URDF with meshes, as the package example-robot-data has them; without one this part is left out.
 
 Answers: targets are the poses of random joint values that are free, so that each has a free answer. Capsules stand in for
 the links of bundled arms, in a shelf of five boards. Every answer is checked by hand, points along the capsules in NumPy.
@@ -28,6 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
+from kinseek.collision.engine import TOUCH
+from kinseek.kernels.collision import gaps
 from kinseek.robots.chain import SerialChain, joint_points
 
 from .command import at_least_one, command, writes
@@ -103,19 +105,14 @@ def checks(page: Page, options: Any) -> None:
     """What a check costs."""
     arm = kinseek.load(options.urdf, tip=options.tip)
     scene = kinseek.Scene.of(arm, meshes=options.meshes)
-    rng = np.random.default_rng(0)
-    boxes = []
-    for number in range(20):
-        size, place = rng.uniform(0.05, 0.2, 3), rng.uniform(-1, 1, 3)
-        boxes.append((size, kinseek.pose(place, rpy=rng.uniform(-3, 3, 3))))
-        scene.add_box(f"box{number}", *boxes[-1])
+    boxes = add_boxes(scene)
     hand = by_hand(scene, options.urdf, arm, [str(folder) for folder in options.meshes], boxes)
     q = arm.sample(options.checks, seed=1)
     verdicts = np.array([hand(one) for one in q])
     same = int((scene.free(q) == verdicts).sum())
     bare = best(lambda: [hand(one) for one in q])
     single = best(lambda: [scene.free(one) for one in q])
-    batch = best(lambda: scene.free(q))
+    batch = best(lambda: scene.free(q, threads=1))
     few = q[: max(len(q) // 20, 1)]
     distance = best(lambda: scene.distance(few)) * len(q) / len(few)
     page.head(f"One check of {arm.name} with itself and twenty boxes")
@@ -123,12 +120,55 @@ def checks(page: Page, options: Any) -> None:
         f"{len(q):,} random joint values, {verdicts.mean():.0%} of them free, {sum(p.counts for p in scene.pairs)} pairs of",
         f"bodies. Verdicts are the same in {same:,} of {len(q):,}.",
     )
+    both = best(lambda: scene.free(q, threads=2))
+    branches = best(lambda: scene.free(q[:8]), 200) * len(q)  # As long as a pose with eight branches takes.
+    first = best(lambda: scene._asked._broad.sort_out(q, 0.0, TOUCH))
     rows = [("pinocchio and coal by hand", bare), ("`scene.free(q)`, one by one", single)]
-    rows += [("`scene.free(q)`, a batch", batch), ("`scene.distance(q)`", distance)]
+    rows += [("`scene.free(q)`, a batch, one thread", batch), ("`scene.free(q)`, a batch, two threads", both)]
+    rows += [("the first pass alone", first), ("eight branches of a pose in one call, all of them", branches)]
+    rows += [("`scene.distance(q)`", distance)]
     page.table(
         "what | >µs a check | >of by hand",
         [(what, f"{taken / len(q) * 1e6:.1f}", f"{taken / bare:.2f}") for what, taken in rows],
     )
+
+
+def proofs(page: Page, options: Any) -> None:
+    """How many joint values the first pass tells of, and whether it is right."""
+    arm = kinseek.load(options.urdf, tip=options.tip)
+    scene = kinseek.Scene.of(arm, meshes=options.meshes)
+    add_boxes(scene)
+    engine, told, wrong = scene._asked, np.zeros(3, dtype=np.int64), np.zeros(2, dtype=np.int64)
+    done = 0
+    while done < options.proofs:
+        q = arm.sample(min(10_000, options.proofs - done), seed=100 + done)
+        verdicts, _ = engine._broad.sort_out(q, 0.0, TOUCH)
+        exact = engine.exactly_free(q, 0.0)
+        told += np.bincount(verdicts, minlength=3)
+        wrong += [(exact & (verdicts == gaps.TOUCH)).sum(), (~exact & (verdicts == gaps.FREE)).sum()]
+        done += len(q)
+        print(done, *told, *wrong, flush=True)
+    page.head("What the first pass tells, against coal")
+    page.say(f"{done:,} random joint values of the same scene, each looked at by coal too.")
+    page.table(
+        "told | >of all | >wrongly",
+        [
+            ("free", f"{told[gaps.FREE] / done:.3%}", wrong[1]),
+            ("touching", f"{told[gaps.TOUCH] / done:.3%}", wrong[0]),
+            ("left to coal", f"{told[gaps.DOUBT] / done:.3%}", ""),
+        ],
+    )
+
+
+def add_boxes(scene: kinseek.Scene) -> list[Any]:
+    """Twenty boxes around an arm: sizes and poses."""
+    rng = np.random.default_rng(0)
+    boxes = []
+    for number in range(20):
+        size, place = rng.uniform(0.05, 0.2, 3), rng.uniform(-1, 1, 3)
+        boxes.append((size, kinseek.pose(place, rpy=rng.uniform(-3, 3, 3))))
+        scene.add_box(f"box{number}", *boxes[-1])
+    return boxes
 
 
 def shelf(name: str) -> tuple[kinseek.Arm, kinseek.Scene]:
@@ -231,6 +271,7 @@ def main() -> None:
     parser.add_argument("--tip", help="its last link")
     parser.add_argument("--meshes", type=Path, nargs="*", default=[], help="folders of its packages")
     parser.add_argument("--checks", type=at_least_one, default=5000, help="joint values to check")
+    parser.add_argument("--proofs", type=at_least_one, default=1_000_000, help="verdicts to compare")
     parser.add_argument("--targets", type=at_least_one, default=1000, help="targets an arm")
     parser.add_argument("--motions", type=at_least_one, default=1000, help="motions called free, an arm")
     parser.add_argument("--points", type=at_least_one, default=10_000, help="points of a motion")
@@ -239,6 +280,7 @@ def main() -> None:
     page = Page("Scenes", "benchmarks.collisions")
     if options.urdf:
         checks(page, options)
+        proofs(page, options)
     answers(page, options.targets)
     motions(page, options.motions, options.points)
     page.write(options.output)

@@ -319,8 +319,17 @@ def steps_proved(name: str) -> Any:
 def first_pass() -> Any:
     """What is free, what touches, and how near pairs are, without the library that is asked about the rest."""
     chain = kinseek.load("elbow6").chain
-    shapes = [Box((0.1, 0.2, 0.3)), Capsule(0.05, 0.3), Cylinder(0.05, 0.2), Sphere(0.1), Box((1.0, 1.0, 0.02))]
-    joints, places = (0, 4, 4, 0, 0), ([0.4, 0.2, 0.1], [0, 0, 0.1], [0.1, 0, 0], [-0.4, 0.3, 0.2], [0, 0, 0.6])
+    shapes = [
+        Box((0.1, 0.2, 0.3)),
+        Capsule(0.05, 0.3),
+        Cylinder(0.05, 0.2),
+        Sphere(0.1),
+        Box((1.0, 1.0, 0.02)),
+    ]
+    joints, places = (
+        (0, 4, 4, 0, 0),
+        ([0.4, 0.2, 0.1], [0, 0, 0.1], [0.1, 0, 0], [-0.4, 0.3, 0.2], [0, 0, 0.6]),
+    )
     solids = [
         Solid(joint, shape, kinseek.pose(place, rpy=[joint, 1.0, 0.5]), 0.0)
         for joint, shape, place in zip(joints, shapes, places, strict=True)

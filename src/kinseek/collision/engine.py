@@ -128,6 +128,8 @@ class Engine:
         free = np.ones(len(q), dtype=np.bool_)
         if not self.pairs:
             return free
+        if len(q) <= _CHUNK:
+            return self._free(q, clearance)
 
         def work(first: int, last: int, go_on: GoOn) -> None:
             free[first:last] = self._free(q[first:last], clearance)
@@ -138,7 +140,7 @@ class Engine:
     def _free(self, q: Array, clearance: float) -> Flags:
         verdicts, doubts = self._broad.sort_out(q, clearance, TOUCH)
         free = np.asarray(verdicts == FREE)
-        left = np.flatnonzero(verdicts == DOUBT)
+        left = np.flatnonzero(verdicts == DOUBT) if (verdicts == DOUBT).any() else ()
         if len(left):
             with self:
                 self.set_clearance(clearance)
