@@ -36,10 +36,10 @@ WIDTH, COUNT = 0.1, 576
 """Of the cells [m], and orientations."""
 
 
-def cpu(work: Callable[[], Any]) -> tuple[float, Any]:
+def cpu(work: Callable[..., Any], *given: Any) -> tuple[float, Any]:
     """CPU time [s], and what came of it."""
     began = time.process_time()
-    result = work()
+    result = work(*given)
     return time.process_time() - began, result
 
 
@@ -66,6 +66,18 @@ def poses_of(grid: maps.Grid | maps.Rings, cells: NDArray[np.int64]) -> Array:
     return T
 
 
+def by_default(arm: kinseek.Arm, T: Array) -> NDArray[np.bool_]:
+    """What `arm.ik` says of poses, (k, 4, 4)."""
+    return np.asarray(arm.ik(T, threads=1).success)
+
+
+def proved(
+    arm: kinseek.Arm, rings: maps.Rings, cells: NDArray[np.int64], depth: int, budget: int
+) -> NDArray[np.int64]:
+    """What is known of whole cells, (k,)."""
+    return np.array([judged(arm, rings, tuple(map(int, cell)), depth, budget)[0] for cell in cells])
+
+
 def costs(page: Page, poses: int) -> None:
     """What a pose costs, and how many there are with the first joint divided out."""
     rows = []
@@ -75,12 +87,12 @@ def costs(page: Page, poses: int) -> None:
         T = poses_of(grid, drawn(grid, poses))
         goal = kinseek.Goal.pose(T)
         reached(arm, kinseek.Goal.pose(T[:8]))  # Builds the atlas.
-        gate, closed = cpu(lambda arm=arm, goal=goal: ruled_out(arm, goal))
-        mixed, found = cpu(lambda arm=arm, goal=goal: reached(arm, goal))
+        gate, closed = cpu(ruled_out, arm, goal)
+        mixed, found = cpu(reached, arm, goal)
         some = kinseek.Goal.pose(T[found])
-        alone, _ = cpu(lambda arm=arm, some=some: reached(arm, some))
+        alone, _ = cpu(reached, arm, some)
         few = T[: max(poses // 10, 1)]
-        full, by_ik = cpu(lambda arm=arm, few=few: arm.ik(few, threads=1).success)
+        full, by_ik = cpu(by_default, arm, few)
         lost = int((by_ik & ~found[: len(few)]).sum())
         half = grid.x[1]
         rings = maps.Rings((0.0, half, WIDTH), (-half, half, WIDTH), grid.orientations)
@@ -122,7 +134,7 @@ def workers(page: Page, most: int) -> None:
     rows = [["no Dask, one block", f"{alone:.1f}", ""]]
     first = alone
     for count in range(1, most + 1):
-        options: dict[str, Any] = {"n_workers": count, "threads_per_worker": 1, "dashboard_address": None}
+        options: dict[str, Any] = {"n_workers": count, "threads_per_worker": 1, "dashboard_address": ":0"}
         connect: Any = distributed.Client
         with SubprocessCluster(**options) as cluster, connect(cluster) as client:
             client.wait_for_workers(count)
@@ -151,11 +163,7 @@ def proofs(page: Page, number: int) -> None:
             cells = drawn(rings, number)
             found = reached(desk.arm, kinseek.Goal.pose(poses_of(rings, cells)))
             for depth, budget in ((0, 300), (0, 10_000), (2, 10_000)):
-                took, known = cpu(
-                    lambda desk=desk, rings=rings, cells=cells[~found], depth=depth, budget=budget: np.array(
-                        [judged(desk.arm, rings, tuple(map(int, cell)), depth, budget)[0] for cell in cells]
-                    )
-                )
+                took, known = cpu(proved, desk.arm, rings, cells[~found], depth, budget)
                 undecided = (len(known) - (known == EMPTY).sum() - (known == REACHED).sum()) / number
                 rows.append(
                     [
@@ -236,13 +244,15 @@ def main() -> None:
     parser.add_argument("--workers", type=at_least_one, default=2, help="processes at most")
     parser.add_argument("--cells", type=at_least_one, default=400, help="that are proved, for each line")
     parser.add_argument("--tests", type=at_least_one, default=100_000, help="poses that EAIK judges")
+    parts = {"costs": costs, "workers": workers, "proofs": proofs, "wrong": wrong}
+    parser.add_argument("--only", choices=parts, help="one part of the page; all of it unless given")
     writes(parser, "--output", HERE / "maps.md", "the page")
     options = parser.parse_args()
     page = Page("Maps", "benchmarks.maps")
-    costs(page, options.poses)
-    workers(page, options.workers)
-    proofs(page, options.cells)
-    wrong(page, options.tests)
+    numbers = (options.poses, options.workers, options.cells, options.tests)
+    for (name, part), number in zip(parts.items(), numbers, strict=True):
+        if options.only in (None, name):
+            part(page, number)
     page.write(options.output)
 
 

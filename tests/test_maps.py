@@ -196,15 +196,16 @@ def test_what_is_proved_empty_holds_no_pose() -> None:
 
 @pytest.mark.slow
 def test_a_proved_map_bounds_the_volume() -> None:
-    grid = maps.Grid((0.7, 1.0, 0.1), (-0.05, 0.05, 0.1), (0.1, 0.2, 0.1), maps.orientations(576))
-    m = maps.reach(UR5E, grid, prove=True, depth=1, budget=300)
+    arm = kinseek.load("irb120")
+    grid = maps.Grid((0.4, 0.8, 0.1), (-0.05, 0.05, 0.1), (0.3, 0.4, 0.1), maps.orientations(576))
+    m = maps.reach(arm, grid, prove=True, depth=0, budget=300)
     cell = m.cell.values
     assert set(np.unique(cell)) == {UNDECIDED, REACHED, EMPTY}
     assert (cell[m.reached.values == 1] == REACHED).all()
     assert ((cell == EMPTY) == (m.empty_share.values == 1.0)).all()
-    inside = maps.at(m, UR5E.fk(UR5E.sample(500_000, seed=5)))
+    inside = maps.at(m, arm.fk(arm.sample(500_000, seed=5)))
     found = inside["cell"][inside["inside"]]
-    assert len(found) > 30
+    assert len(found) > 300
     assert (found != EMPTY).all()
     poses, places = maps.volume(m), maps.volume(m, "positions")
     assert 0.0 < poses.touched < poses.most < grid.volume
@@ -214,13 +215,13 @@ def test_a_proved_map_bounds_the_volume() -> None:
 @pytest.mark.slow
 def test_proved_rings_hold_no_pose() -> None:
     arm = kinseek.load("irb120")
-    rings = maps.Rings((0.3, 0.9, 0.2), (-0.3, 0.3, 0.2), maps.orientations(576))
+    rings = maps.Rings((0.4, 0.8, 0.2), (0.2, 0.6, 0.2), maps.orientations(288))
     m = maps.reach(arm, rings, prove=True, depth=0, budget=300)
     inside = maps.at(m, arm.fk(arm.sample(200_000, seed=6)))
     found = inside["cell"][inside["inside"]]
     assert len(found) > 1000
     assert (found != EMPTY).all()
-    assert (m.cell.values == EMPTY).mean() > 0.2
+    assert (m.cell.values == EMPTY).any()
     assert maps.volume(m).most < rings.volume
 
 

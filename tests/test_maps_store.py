@@ -133,7 +133,7 @@ def test_a_folder_that_is_no_map_is_refused(tmp_path: Path) -> None:
 @pytest.fixture(name="client", scope="module")
 def _client() -> Iterator[Any]:
     with distributed.Client(
-        processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None
+        processes=False, n_workers=1, threads_per_worker=1, dashboard_address=":0"
     ) as client:
         yield client
 
@@ -230,7 +230,7 @@ def test_nothing_is_lost_or_done_twice_when_processes_are_killed(tmp_path: Path)
     processes = Processes(tmp_path)
 
     def wait_for(share: float, client: subprocess.Popen[str]) -> dict[Path, tuple[int, int]]:
-        until = time.monotonic() + 60
+        until = time.monotonic() + 120
         while (len(now := marks(place)) / 2 if place.exists() else 0) < share * whole:
             assert time.monotonic() < until, "the client stands still"
             assert client.poll() is None, "the client has ended"
@@ -246,7 +246,7 @@ def test_nothing_is_lost_or_done_twice_when_processes_are_killed(tmp_path: Path)
         workers[0].send_signal(signal.SIGKILL)
         kept |= wait_for(0.6, client)
         scheduler.send_signal(signal.SIGKILL)
-        assert client.wait(60) == 3, "the client says that the scheduler is gone"
+        assert client.wait(120) == 3, "the client says that the scheduler is gone"
         for (
             worker
         ) in workers:  # They would go on with what they have; a block that both write has the same bits.
@@ -259,7 +259,7 @@ def test_nothing_is_lost_or_done_twice_when_processes_are_killed(tmp_path: Path)
         client.send_signal(signal.SIGKILL)
         client.wait()
         client = processes.start(*words, second[0])
-        assert client.wait(60) == 0
+        assert client.wait(120) == 0
     finally:
         processes.end()
     now = marks(place)

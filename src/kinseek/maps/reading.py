@@ -14,7 +14,7 @@ from .cells import EMPTY
 from .cells import REACHED as TOUCHED
 from .first_joint import FULL
 from .grid import Grid, Rings, azimuths, grid_of
-from .measures import REACHED
+from .measures import BRANCHES, MEASURES, REACHED
 from .store import DESCRIPTION
 
 if TYPE_CHECKING:
@@ -72,6 +72,9 @@ def at(dataset: xarray.Dataset, poses: ArrayLike) -> dict[str, Array]:
         turn = np.mod(azimuths(T) - values["turn_from"], FULL)
         within = turn <= values["turn_to"] - values["turn_from"]
         values[REACHED] = np.where(values[REACHED] == 1, within, values[REACHED]).astype("int8")
+        for name in (name for name in MEASURES if name in values and name != REACHED):
+            nothing = 0 if name == BRANCHES else MEASURES[name].fill
+            values[name] = np.where(values[REACHED] == 1, values[name], nothing).astype(MEASURES[name].dtype)
     return {**values, "inside": inside}
 
 
@@ -83,7 +86,7 @@ def expand(dataset: xarray.Dataset, grid: Grid) -> xarray.Dataset:
         grid: The boxes and orientations that are wanted.
 
     Returns:
-        A Dataset along the dimensions of the grid; outside of the rings ``reached`` is -1, unknown.
+        A Dataset along the dimensions of the grid; outside of the rings nothing is known: ``reached`` is -1.
 
     Raises:
         InvalidMap: It is no map.
@@ -100,8 +103,7 @@ def expand(dataset: xarray.Dataset, grid: Grid) -> xarray.Dataset:
         part = (slice(i, i + 1), *[slice(None)] * 3)
         values = at(dataset, grid.poses(part))
         for name in names:
-            made[name][part] = values[name]
-        made[REACHED][part] = np.where(values["inside"], values[REACHED], -1)
+            made[name][part] = np.where(values["inside"], values[name], MEASURES[name].fill)
     coordinates = dict(zip(grid.names, grid.places, strict=True))
     variables = {name: (grid.dims, each, dataset[name].attrs) for name, each in made.items()}
     attributes = {**dataset.attrs, "expanded_to": grid.description()}

@@ -22,9 +22,6 @@ Written = Callable[[Index, Mapping[str, Any]], None]
 AHEAD = 4
 """Blocks for each thread of the cluster that are handed out before any is done: enough that none waits for the client."""
 
-PATIENCE = 5.0
-"""Seconds after which a client looks whether its scheduler is still there."""
-
 
 def run(
     work: Work, todo: Sequence[Index], blocks: int, client: Client | None, progress: bool, written: Written
@@ -81,7 +78,7 @@ def _local_client(blocks: int) -> Iterator[Client]:
 
     connect: Any = distributed.Client
     options: dict[str, Any] = {"n_workers": min(os.cpu_count() or 1, blocks), "threads_per_worker": 1}
-    options["dashboard_address"] = None
+    options["dashboard_address"] = ":0"  # Any free port: another cluster may have the usual one.
     with config.set({"distributed.admin.log-format": "%(message)s", "logging.distributed": "error"}):
         if sys.platform == "win32":
             from distributed import LocalCluster as Cluster
@@ -128,7 +125,7 @@ def _spread(
     from concurrent.futures import CancelledError
 
     import distributed
-    from distributed.client import FutureCancelledError
+    from distributed.comm import CommClosedError
     from distributed.scheduler import KilledWorker
 
     as_completed: Any = distributed.as_completed
@@ -140,8 +137,7 @@ def _spread(
         numbers[future.key] = index
         return future
 
-    threads = sum(each["nthreads"] for each in client.scheduler_info(n_workers=-1)["workers"].values())
-    ahead = AHEAD * max(threads, 1)
+    ahead = AHEAD * max(sum(client.nthreads().values()), 1)
     try:
         running: Any = as_completed([submit(index) for _, index in zip(range(ahead), left, strict=False)])
         for future in running:
@@ -159,7 +155,7 @@ def _spread(
         raise _interrupted(
             f"a block ended several workers, perhaps for want of memory: {error}", before + done, blocks
         ) from error
-    except (CancelledError, FutureCancelledError, ConnectionError, TimeoutError) as error:
+    except (CancelledError, CommClosedError, ConnectionError, TimeoutError) as error:
         raise _interrupted("the scheduler, or the client, is gone", before + done, blocks) from error
     except OSError as error:
         raise _interrupted(f"a block cannot be written: {error}", before + done, blocks) from error
