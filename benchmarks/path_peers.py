@@ -6,7 +6,9 @@ values that made the task. A path is followed if every pose is met within 1e-4 m
 kinematics, inside the limits, and no joint goes 0.2 rad or farther between two poses. Times are of the processor: a path is
 long enough for its clock, and others who use the machine do not count.
 
-What kinseek does not follow is named, with its reason, and every peer tries it again from eight starts.
+What kinseek does not follow is named, with its reason, and every peer tries it again from eight starts. Where one joint is
+to spare it is looked, besides, how far any answer leads: all answers to every pose over a grid of the last joint, each of
+which follows from those of the pose before that are within a step.
 
 A cell, one peer on one kind of task of one arm, is kept in path_peers.csv as soon as it is measured, and a run that was
 stopped goes on from there; `--again` measures anew.
@@ -60,6 +62,9 @@ PLACE, TURN = 1e-4, 1e-3
 
 STARTS, SECONDS = 8, 540
 """Starts for what kinseek missed, and time for one cell [s]: what is not done by then is not counted."""
+
+GRID = 120
+"""Values of the last joint over which all answers are found."""
 
 IKLINK = "https://raw.githubusercontent.com/uwgraphics/IKLink/HEAD/"
 """Wang, Sifferman and Gleicher 2024, *IKLink*, MIT licence; read when this runs, not kept here."""
@@ -201,6 +206,40 @@ def tried_again(arm: kinseek.Arm, kind: str, T: Array, q0: Array, peers: list[st
     """Which peers follow a path from one of eight starts."""
     starts = eight_starts(arm, T, q0)[None]
     return [peer for peer in peers if measure_peer(arm, kind, peer, T[None], starts, SECONDS)[0].followed]
+
+
+def how_far(arm: kinseek.Arm, kind: str, T: Array) -> str:
+    """How far any answers lead along poses, (N, 4, 4), over a grid of the last joint; empty where that is not looked at."""
+    if kind == "raster" or arm.dof != 7:
+        return ""
+    joint, lower, upper = arm.joint_names[-1], arm.lower[-1], arm.upper[-1]
+    values = lower + (upper - lower) * (np.arange(GRID) + 0.5) / GRID
+    locked = [arm.with_locked({joint: float(value)}) for value in values]
+
+    def answers(pose: Array) -> Array:
+        found = [
+            np.insert(one.branches(pose).q, 6, value, axis=1)
+            for one, value in zip(locked, values, strict=True)
+        ]
+        return np.concatenate(found)
+
+    def reached(layers: list[Array]) -> int:
+        alive = layers[0]
+        for k, layer in enumerate(layers[1:], 1):
+            near = (np.abs(layer[:, None] - alive[None]).max(axis=2) < LARGEST).any(axis=1)
+            if not near.any():
+                return k
+            alive = layer[near]
+        return len(layers)
+
+    layers = [answers(pose) for pose in T]
+    forward, backward = reached(layers), len(T) - reached(layers[::-1])
+    if forward == len(T):
+        return f" Over {GRID} values of {joint} there are answers that lead from the first pose to the last."
+    return (
+        f" Over {GRID} values of {joint} no answers lead from the first pose to pose {forward}, nor from the last back to"
+        f" pose {backward - 1}."
+    )
 
 
 def read(path: Path) -> dict[tuple[str, str, str, int], Cell]:
@@ -349,7 +388,8 @@ def main() -> None:
             for i, reason in reasons.items():
                 others = tried_again(arm, kind, paths[i], made[i], options.peers)
                 by = f"followed by {', '.join(others)}" if others else "followed by no peer"
-                misses.append(f"{name} {kind} {i}: {reason}. From {STARTS} starts {by}.")
+                far = how_far(arm, kind, paths[i])
+                misses.append(f"{name} {kind} {i}: {reason}. From {STARTS} starts {by}.{far}")
                 print(misses[-1], flush=True)
     demonstration = iklink(options.iklink)
     print(demonstration)
