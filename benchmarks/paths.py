@@ -3,7 +3,7 @@
 Made paths: random smooth curves of joint values, four harmonics over 98 % of every range, 1,000 poses; so a motion without
 a break exists, and its largest step is known. Tasks of the field: lines of 0.4 m and circles of 0.15 m of 500 poses, rasters
 of 11 rows and 2,000 poses whose turn about the tool is free; random placements whose poses are all reachable, followed with
-steps below 0.2 rad from no start at all. Times are wall times of one thread; memory is what a path of 4,000 poses adds to
+steps below 0.2 rad from no start at all. Times are of the processor, one thread; memory is what a path of 4,000 poses adds to
 the process beyond one of 1,000, per pose.
 
     python -m benchmarks.paths                      # writes paths.md beside this file
@@ -103,9 +103,9 @@ def measure_made(name: str, paths: int, poses: int) -> Made:
         q = curve(arm, poses, seed)
         T, steps = arm.fk(q), np.diff(q, axis=0)
         largest = float(np.abs(steps).max())
-        began = time.perf_counter()
+        began = time.process_time()
         path = arm.follow(T, max_step=WITHIN * largest, threads=1)
-        times.append((time.perf_counter() - began) / poses * 1e6)
+        times.append((time.process_time() - began) / poses * 1e6)
         ratios.append(float(path.largest_step.max()) / largest)
         travels.append(path.length / float(np.linalg.norm(steps, axis=1).sum()))
         if not (path.success and holds(arm, path, T)):
@@ -172,9 +172,9 @@ def measure_tasks(name: str, kind: str, placements: int) -> Task:
     followed, travels, times, misses = 0, [], [], []
     for i in range(placements):
         T, _ = placement(arm, kind, rng)
-        began = time.perf_counter()
+        began = time.process_time()
         path = arm.follow(asked(kind, T), max_step=LARGEST, threads=1)
-        times.append((time.perf_counter() - began) / len(T) * 1e6)
+        times.append((time.process_time() - began) / len(T) * 1e6)
         followed += path.success
         if path.success:
             travels.append(path.length)
