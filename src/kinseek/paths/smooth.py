@@ -96,7 +96,9 @@ class Smoother:
         )
         q[lost] = Atlas(threads=1).solve(near).q
 
-    def smooth(self, q: Array, targets: Array, passes: int, fixed: Flags, power: int) -> Array:
+    def smooth(
+        self, q: Array, targets: Array, passes: int, fixed: Flags, power: int, spans: Array | None = None
+    ) -> Array:
         """Make a path better, (k, n): each row stays on its target, (k, 3, 4), and rows that are `fixed`, (k,), stay.
 
         Args:
@@ -105,9 +107,11 @@ class Smoother:
             passes: How many at most.
             fixed: Rows that stay.
             power: Of what the joints move.
+            spans: How many steps there are from row to row, (k - 1,); one each, if not given.
         """
         if len(q) < 3:
             return q
+        self.spans = np.ones((len(q) - 1, 1)) if spans is None else spans[:, None]
         before = self._sum(q, power)
         for _ in range(passes):
             q = self._together(q, targets, fixed, power)
@@ -118,23 +122,29 @@ class Smoother:
             before = now
         return q
 
-    def _of_steps(self, steps: Array, power: int) -> Array:
+    def _of_steps(self, steps: Array, spans: Array, power: int) -> Array:
         """Of each step, (k, n), the sum of what the joints move, each to a power, (k,)."""
-        return np.asarray((np.abs(steps * self.weights) ** power).sum(axis=1))
+        lengths = np.abs(steps * self.weights) / spans
+        powers = lengths * lengths
+        if power > 2:
+            powers = powers * powers * powers
+        if power > 6:
+            powers = powers * powers
+        return np.asarray((powers * spans).sum(axis=1))
 
     def _sum(self, q: Array, power: int) -> float:
-        return float(self._of_steps(np.diff(q, axis=0), power).sum())
+        return float(self._of_steps(np.diff(q, axis=0), self.spans, power).sum())
 
     def _together(self, q: Array, targets: Array, fixed: Flags, power: int) -> Array:
         """One Gauss-Newton step of all poses."""
         J = constraint_jacobian(self.problem, q)
         J[:, :3] /= self.scale
         steps = np.diff(q, axis=0)
-        lengths = np.abs(steps * self.weights)
+        lengths = np.abs(steps * self.weights) / self.spans
         usual = np.sqrt((lengths.max(axis=1) ** 2).mean() + 1e-18)
         heavy = np.clip(lengths / usual, LIGHTEST, HEAVIEST) ** (power - 2)
         coupling = np.zeros_like(q)
-        coupling[:-1] = heavy * self.weights**2
+        coupling[:-1] = heavy * self.weights**2 / self.spans
         blocks = np.matmul(np.swapaxes(J, 1, 2), J)
         blocks *= STIFF * heavy.max() * float((self.weights**2).mean())
         diagonal = np.arange(q.shape[1])
@@ -191,10 +201,11 @@ class Smoother:
             if not len(rows):
                 continue
             before, here, after = q[rows - 1], q[rows], q[rows + 1]
-            middle = (before + after) / 2
+            ahead, behind = self.spans[rows], self.spans[rows - 1]
+            middle = (before * ahead + after * behind) / (ahead + behind)
             there = self.settle(middle, np.ascontiguousarray(targets[rows]))
-            now = self._of_steps(here - before, power) + self._of_steps(after - here, power)
-            then = self._of_steps(middle - before, power) + self._of_steps(after - middle, power)
+            now = self._of_steps(here - before, behind, power) + self._of_steps(after - here, ahead, power)
+            then = self._of_steps(middle - before, behind, power) + self._of_steps(after - middle, ahead, power)
             better = there & (then < now)
             if self.valid is not None:
                 free = self.valid.free_ways(before[better], middle[better])

@@ -1,26 +1,29 @@
 """Arms with joints to spare: many branches followed side by side, the best way among them, then all poses at once.
 
-At the first pose answers are sampled all over the self-motion. Each is followed with the least motion of the joints to the
-next of some evenly spread poses; there a few fresh samples join them, and those that have come together go on as one. From
-where a branch leads to what stands near it at the same pose there is a way along the self-motion. So the best way through
-all of them (see `kernels.paths.programme`) keeps to branches, and changes from one to another sideways, by little at a time.
-What it leaves of corners is smoothed away afterwards, for all poses together. Where a step is still too large, everything is
-tried again with more samples.
+The way is planned on some of the poses, chosen by how far the hand goes, and filled in between them. At the first pose
+answers are sampled all over the self-motion. Each is followed with the least motion of the joints from layer to layer; at
+each layer answers beside them, along the self-motion, keep them well spread, and a few fresh samples join them. So the best
+way through all of them (see `kernels.paths.programme.link`) keeps to branches, and changes from one to another sideways, by
+little at a time. What it leaves of corners is smoothed away, on the poses of the plan first, then on all. Where a step is
+still too large, that part of the path is planned again, more finely; if that does not help, all of it is.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.branches.index import BranchIndex, constraint_jacobian, index_of
+from kinseek.branches.index import BranchIndex, index_of
+from kinseek.branches.order import is_valid
 from kinseek.branches.result import answers_of
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.paths.programme import SQUARES, STRAIGHT, best_way
+from kinseek.kernels.paths.grow import gather, lead_on
+from kinseek.kernels.paths.programme import link
 from kinseek.kernels.paths.trace import trace
 from kinseek.problem import Problem
 from kinseek.robots.geometry import arm_length
@@ -37,240 +40,256 @@ Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 Advance = Callable[[int], object]
 
-ATTEMPTS = ((10, 60, 12, 120), (5, 150, 60, 250))
-"""Of each attempt: poses from one layer to the next, samples at the first, fresh ones at the others, branches at most."""
 
-APART = 1.0
-"""The hand turns by so much [rad], or moves by as much of a third of the arm's length, between two layers at most, unless
-they are a quarter as far apart as usual already."""
+class Effort(NamedTuple):
+    """How finely a path is planned."""
+
+    way: float
+    """So far the hand goes from row to row: its turn [rad], and its way in thirds of the arm's length."""
+    rows: int
+    """Rows from one layer to the next."""
+    samples: int
+    """Answers sampled at the first pose."""
+    fresh: int
+    """Fresh ones at each other layer."""
+    most: int
+    """Answers at a layer at most."""
+    apart: float
+    """Answers nearer than this [rad or m] in every joint go on as one."""
+
+
+COARSE = Effort(0.25, 3, 60, 4, 80, 0.12)
+FINE = Effort(0.2, 1, 150, 8, 240, 0.08)
 
 SIDEWAYS = 0.4
 """A way along the self-motion leads so far in every joint [rad or m] at most; what is farther off is another branch."""
 
-BESIDE = 0.25
-"""So far along the self-motion [rad or m] two answers are looked for beside each branch, one to each side."""
+BESIDE = 2.0
+"""So many times as far along the self-motion as answers are apart, more are looked for beside each."""
 
-TOGETHER = 0.1
-"""Branches this close [rad or m] in every joint go on as one."""
+LEAPS = 0.6
+"""A branch ends where a joint goes farther than this from row to row [rad or m]."""
 
-LEAPS = 0.5
-"""A branch ends where a joint goes farther than this from pose to pose [rad or m]."""
+CROWD = 1.2
+"""Where there is no room for all answers at a layer, they are so many times as far apart at the next."""
 
-PASSES = ((10, 2), (20, 6), (20, 12))
+PASSES = ((4, 2), (20, 6), (20, 12))
 """Passes of smoothing at most, and the power of the steps' lengths whose sum they make small; the higher powers only where
 steps are still too large."""
 
+FIRST_PASSES = 10
+"""Passes of smoothing on the rows of the plan."""
 
-TRIES = 20
-"""Ways through tracks that are tried until one is free in the scene all along."""
-
-
-@dataclass(frozen=True)
-class Tracks:
-    """Branches from one layer to the next; where they are in between is found again for those that are taken."""
-
-    nodes: list[Array]
-    """Answers at each layer, (k, n)."""
-    ahead: list[Array]
-    """Where they are at the next layer, (k, n)."""
-    costs: list[Array]
-    """What it costs to follow them there, (k,); infinite for those that do not get there."""
+UNBOUND = 1e6
+"""Stands for a step without a bound."""
 
 
-def layers_of(problem: Problem, every: int) -> Indices:
-    """Numbers of the poses at which there are layers, the first and the last among them."""
+class Layer(NamedTuple):
+    """Answers at one layer, and the best way to each of them."""
+
+    q: Array
+    """In the first turn, (k, n)."""
+    along: Array
+    """Directions of the self-motion, (k, n)."""
+    fault: Indices
+    """Breaks on the way to each node, -1 for those that are none, (k · copies,)."""
+    sums: Array
+    """What the way costs, (k · copies,)."""
+    came: Indices
+    """See `link`, (k · copies,)."""
+
+
+class Planner:
+    """Finds the best way through a path for one arm with joints to spare."""
+
+    def __init__(self, asked: Asked, effort: Effort) -> None:
+        """Choose rows and layers.
+
+        Args:
+            asked: The path.
+            effort: How finely it is planned.
+        """
+        problem = asked.problem
+        self.asked, self.effort, self.problem, self.dof = asked, effort, problem, problem.chain.dof
+        self.smoother, self.turning = smoother_of(asked), Turning(problem.chain)
+        self.index: BranchIndex = index_of(problem)
+        self.wanted, self.targets = wanted_of(problem.goal), np.ascontiguousarray(problem.goal.targets)
+        self.rows = rows_of(problem, effort.way)
+        """Numbers of the poses on which the way is planned."""
+        self.row_targets = np.ascontiguousarray(self.targets[self.rows])
+        last = len(self.rows) - 1
+        self.keys = np.unique(np.round(np.linspace(0, last, -(-last // effort.rows) + 1)).astype(np.int64))
+        """Which rows are layers."""
+        longest = asked.longest.min(axis=0)
+        self.longest = np.where(np.isinf(longest), UNBOUND, longest)
+        self.sideways = np.where(np.isinf(asked.longest.max(axis=0)), UNBOUND, SIDEWAYS)
+        self.apart = effort.apart
+
+    def sample(self, i: int, count: int) -> Array:
+        """Answers to pose i, well spread, (k, n)."""
+        target = np.eye(4)
+        target[:3] = self.targets[i]
+        rows = self.index.search(self.wanted, target, self.index.view, count) if count else ()
+        return answers_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
+
+    def layer(self, k: int, arrived: Array, fresh: Array, spread: bool = True) -> tuple[Array, Array]:
+        """Answers at a layer, (k, n), and the directions of the self-motion there."""
+        given, turning = np.concatenate([arrived, fresh]), self.turning
+        q, along = np.empty((2, self.effort.most, self.dof))
+        beside = BESIDE * self.apart * spread
+        target = self.row_targets[self.keys[k]]
+        handle = self.index.fine.handle
+        limits = (turning.lower, turning.upper, turning.kind)
+        count = gather(
+            handle, self.wanted, target, given, len(arrived), *limits, self.apart, beside, q, along, LANES
+        )
+        self.apart = self.apart * CROWD if count == len(q) else max(self.effort.apart, self.apart / CROWD)
+        q, along = q[:count], along[:count]
+        if self.asked.valid is not None:
+            lower, upper = turning.open_lower, turning.open_upper
+            good = [is_valid(self.asked.valid, np.clip(row, lower, upper)) for row in q]
+            q, along = q[np.array(good, dtype=np.bool_)], along[np.array(good, dtype=np.bool_)]
+        if len(q):
+            return q, along
+        # None at all: the nearest that the atlas finds.
+        goal = self.problem.goal.at(self.problem.goal.target[self.rows[self.keys[k]]])
+        nearest = Atlas(threads=1).solve(Problem(self.problem.mechanism, goal)).q
+        return turning.first_turn(nearest[None]), np.zeros((1, self.dof))
+
+    def plan(self, advance: Advance) -> Array:
+        """Joint values for all rows, (rows, n)."""
+        asked, turning = self.asked, self.turning
+        fixed = [None if q is None else turning.off_ends(q) for q in (asked.start, asked.end)]
+        if fixed[0] is None:
+            q, along = self.layer(0, self.sample(0, self.effort.samples), np.zeros((0, self.dof)))
+        else:
+            q, along = self.layer(0, turning.first_turn(fixed[0][None]), np.zeros((0, self.dof)), spread=False)
+        nothing = np.zeros(0)
+        before = Layer(*np.zeros((2, 0, self.dof)), np.zeros(0, dtype=np.int64), nothing, np.zeros(0, dtype=np.int64))
+        layers = [self.linked(before, q, along, (nothing, nothing, nothing), 0, fixed[0])]
+        for k in range(1, len(self.keys)):
+            begin, end = self.keys[k - 1], self.keys[k]
+            before = layers[-1]
+            led = self.lead_on(before.q, int(begin), int(end))
+            ahead, told, _ = led
+            if k == len(self.keys) - 1 and fixed[1] is not None:
+                q, along = self.layer(k, turning.first_turn(fixed[1][None]), np.zeros((0, self.dof)), spread=False)
+            else:
+                q, along = self.layer(k, ahead[np.isfinite(told[:, 0])], self.sample(self.rows[end], self.effort.fresh))
+            last = fixed[1] if k == len(self.keys) - 1 else None
+            layers.append(self.linked(before, q, along, led, int(self.rows[end] - self.rows[begin]), last))
+            advance(int(self.rows[end] - self.rows[begin]))
+        return self.filled(layers)
+
+    def lead_on(self, q: Array, begin: int, end: int) -> tuple[Array, Array, Array]:
+        """Where answers to a row lead at another, what is told of them, and directions there; see `grow.lead_on`."""
+        ahead, along = np.empty((2, *q.shape))
+        told = np.empty((len(q), 1 + 2 * self.dof))
+        leaps = np.full(self.dof, LEAPS)
+        moments = self.rows[begin : end + 1].astype(np.float64)
+        targets = self.row_targets[begin : end + 1]
+        lead_on(
+            self.index.fine.handle, self.wanted, targets, moments, leaps, self.smoother.weights, q, ahead, told, along, LANES
+        )
+        return ahead, told, along
+
+    def linked(
+        self, before: Layer, q: Array, along: Array, led: tuple[Array, Array, Array], poses: int, only: Array | None
+    ) -> Layer:
+        """Answers as a layer, reached from the layer before; with `only`, (n,), no other turn of it."""
+        turning = self.turning
+        if not len(before.q):
+            led = (before.q, np.zeros((0, 1 + 2 * self.dof)), before.q)
+        nodes = len(q) * turning.total
+        made = Layer(q, along, np.empty(nodes, dtype=np.int64), np.empty(nodes), np.empty(nodes, dtype=np.int64))
+        link(
+            before.q,
+            *led,
+            q,
+            along,
+            turning.lower,
+            turning.upper,
+            turning.kind,
+            turning.copies,
+            self.longest,
+            self.sideways,
+            self.smoother.weights,
+            float(poses),
+            np.zeros(0),
+            before.fault,
+            before.sums,
+            made.fault,
+            made.sums,
+            made.came,
+        )
+        if only is not None:
+            made.fault[np.arange(nodes) != turning.turns_of(only)] = -1
+        return made
+
+    def filled(self, layers: list[Layer]) -> Array:
+        """Joint values of all rows: along each branch, and sideways to the next evenly over all poses in between."""
+        nodes, total, turning = [], self.turning.total, self.turning
+        end = layers[-1]
+        node = int(np.lexsort((end.sums, np.where(end.fault < 0, np.iinfo(np.int64).max, end.fault)))[0])
+        joined = []
+        for layer in reversed(layers):
+            nodes.append(node)
+            joined.append(layer.came[node] >= 0)
+            node = int(layer.came[node]) if layer.came[node] >= 0 else -2 - int(layer.came[node])
+        nodes, joined = nodes[::-1], joined[::-1]
+        chosen = [layer.q[node // total] for layer, node in zip(layers, nodes, strict=True)]
+        values = [
+            turning.node_values(q[None], np.array([node % total]))[0] for q, node in zip(chosen, nodes, strict=True)
+        ]
+        parts = []
+        for k, (begin, end_row) in enumerate(itertools.pairwise(self.keys.tolist())):
+            way = self.followed(chosen[k], begin, end_row) + (values[k] - chosen[k])
+            if joined[k + 1]:
+                moments = self.rows[begin : end_row + 1]
+                share = (moments - moments[0]) / (moments[-1] - moments[0])
+                way = way + share[:, None] * turning.step(values[k + 1] - way[-1])
+            parts.append(way[:-1])
+        return turning.unwrapped(np.concatenate([*parts, values[-1][None]]))
+
+    def followed(self, q: Array, begin: int, end: int) -> Array:
+        """One branch from row to row, (rows, n)."""
+        ways, ends = np.zeros((end - begin + 1, LANES, self.dof)), np.zeros(LANES, dtype=np.int64)
+        ways[0] = q
+        targets, leaps = self.row_targets[begin : end + 1], np.full(self.dof, LEAPS)
+        trace(self.index.fine.handle, self.wanted, targets, 0, end - begin, 1, leaps, ways, ends, LANES)
+        ways[ends[0] + 1 :, 0] = ways[ends[0], 0]
+        return ways[:, 0]
+
+
+def rows_of(problem: Problem, way: float) -> Indices:
+    """Numbers of poses between which the hand goes so far, the first and the last among them."""
     last = len(problem.goal.targets) - 1
-    if not last:
-        return np.zeros(1, dtype=np.int64)
     poses = np.zeros((last + 1, 4, 4))
     poses[:, :3], poses[:, 3, 3] = problem.goal.targets, 1.0
     distance, turn = apart(poses[:-1], poses[1:])
-    way = float((distance / arm_length(problem.chain) * 3 + turn).sum())
-    parts = np.clip(way / APART, last / every, last * 4 / every)
-    return np.unique(np.round(np.linspace(0, last, int(np.ceil(parts)) + 1)).astype(np.int64))
+    gone = np.concatenate([[0.0], np.cumsum(distance / arm_length(problem.chain) * 3 + turn)])
+    parts = max(int(np.ceil(gone[-1] / way)), min(last, 2))
+    rows = np.searchsorted(gone, np.linspace(0, gone[-1], parts + 1))
+    return np.unique(np.concatenate([[0], rows, [last]]).clip(0, last)).astype(np.int64)
 
 
-def one_each(q: Array, most: int) -> Array:
-    """One of those that lie together, and of what is left so many at most, evenly taken out of all, (k, n) -> (m, n)."""
-    _, first = np.unique(np.floor(q / TOGETHER), axis=0, return_index=True)
-    kept = q[np.sort(first)]
-    if len(kept) <= most:
-        return np.asarray(kept)
-    return np.asarray(kept[np.linspace(0, len(kept) - 1, most).astype(np.int64)])
-
-
-class Sampler:
-    """Samples and follows the answers of one arm with joints to spare."""
-
-    def __init__(self, asked: Asked) -> None:
-        """Build what the arm needs once."""
-        problem = asked.problem
-        self.asked, self.problem, self.dof = asked, problem, problem.chain.dof
-        self.smoother = _smoother(asked)
-        self.index: BranchIndex = index_of(problem)
-        self.wanted, self.turning = wanted_of(problem.goal), Turning(problem.chain)
-        self.rows = np.ascontiguousarray(problem.goal.targets)
-
-    def sample(self, i: int, count: int) -> Array:
-        """Answers to target i, well spread, (k, n)."""
-        target = np.eye(4)
-        target[:3] = self.rows[i]
-        rows = self.index.search(self.wanted, target, self.index.view, count)
-        found = answers_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
-        return self.allowed(found)
-
-    def allowed(self, q: Array) -> Array:
-        """Those answers, (k, n), in the first turn, that lie inside the limits and that `valid` takes."""
-        first = self.turning.first_turn(q)
-        inside = self.turning.inside(first)
-        if self.asked.valid is not None:
-            inside[inside] = self.asked.valid.each(self._clipped(first[inside]))
-        return np.asarray(first[inside])
-
-    def _clipped(self, q: Array) -> Array:
-        return np.clip(q, self.turning.open_lower, self.turning.open_upper)
-
-    def beside(self, q: Array, i: int) -> Array:
-        """Answers to target i on both sides of some, (k, n), along their self-motion."""
-        if not len(q):
-            return q
-        J = constraint_jacobian(self.problem, q)
-        J[:, :3] /= self.smoother.scale
-        # Any direction without what moves the hand; no coordinate of it is special.
-        any_way = 1.0 + 0.37 * np.arange(self.dof) * (-1.0) ** np.arange(self.dof)
-        gram = J @ np.swapaxes(J, 1, 2) + 1e-9 * np.eye(J.shape[1])
-        lost = np.swapaxes(J, 1, 2) @ np.linalg.solve(gram, (J @ any_way)[..., None])
-        along = any_way - lost[..., 0]
-        along *= BESIDE / np.maximum(np.abs(along).max(axis=1, keepdims=True), 1e-9)
-        found = np.concatenate([q + along, q - along])
-        there = self.smoother.settle(found, np.repeat(self.rows[i][None], len(found), axis=0))
-        return self.allowed(found[there])
-
-    def follow(self, answers: Array, begin: int, end: int) -> tuple[Array, Flags]:
-        """Where answers to target `begin`, (k, n), go until target `end`, (poses, k, n), and whether they get there."""
-        ways, alive = (
-            np.zeros((end - begin + 1, len(answers), self.dof)),
-            np.zeros(len(answers), dtype=np.bool_),
-        )
-        longest = np.full(self.dof, LEAPS)
-        for first in range(0, len(answers), LANES):
-            some = answers[first : first + LANES]
-            q, ends = np.zeros((end - begin + 1, LANES, self.dof)), np.zeros(LANES, dtype=np.int64)
-            q[0, : len(some)] = some
-            trace(
-                self.index.fine.handle,
-                self.wanted,
-                self.rows[begin : end + 1],
-                0,
-                end - begin,
-                len(some),
-                longest,
-                q,
-                ends,
-                LANES,
-            )
-            ways[:, first : first + len(some)] = q[:, : len(some)]
-            alive[first : first + len(some)] = ends[: len(some)] == end - begin
-        return ways, alive
-
-    def tracks(self, keys: Indices, count: int, fresh: int, most: int, advance: Advance) -> Tracks:
-        """Branches from layer to layer."""
-        first = (
-            self.sample(0, count)
-            if self.asked.start is None
-            else self.turning.first_turn(self.turning.off_ends(self.asked.start[None]))
-        )
-        made = Tracks([self._some(first, 0)], [], [])
-        for begin, end in zip(keys[:-1].tolist(), keys[1:].tolist(), strict=True):
-            ways, alive = self.follow(made.nodes[-1], begin, end)
-            if end == keys[-1] and self.asked.end is not None:
-                nodes = self.turning.first_turn(self.turning.off_ends(self.asked.end[None]))
-            else:
-                arrived = one_each(self.allowed(ways[-1, alive]), most)
-                nodes = one_each(
-                    np.concatenate([arrived, self.sample(end, fresh), self.beside(arrived, end)]), most
-                )
-            made.nodes.append(self._some(nodes, end))
-            made.ahead.append(ways[-1].copy())
-            made.costs.append(np.where(alive & self._free(ways), self._cost(ways), np.inf))
-            advance(end - begin)
-        return made
-
-    def _some(self, nodes: Array, i: int) -> Array:
-        """The nodes, or where there are none the nearest that the atlas finds."""
-        if len(nodes):
-            return nodes
-        goal = self.problem.goal.at(self.problem.goal.target[i])
-        return self.turning.first_turn(Atlas(threads=1).solve(Problem(self.problem.mechanism, goal)).q[None])
-
-    def _free(self, ways: Array) -> Flags:
-        """Are branches, (poses, k, n), free in the scene at every pose? (k,)."""
-        if self.asked.valid is None:
-            return np.ones(ways.shape[1], dtype=np.bool_)
-        rows = self._clipped(ways.reshape(-1, self.dof))
-        return np.asarray(self.asked.valid.free(rows).reshape(ways.shape[:2]).all(axis=0))
-
-    def _cost(self, ways: Array) -> Array:
-        """What it costs to follow branches, (poses, k, n) -> (k,)."""
-        steps = np.diff(ways, axis=0)
-        # A step that is nearly too large, or is too large, counts for many.
-        share = (np.abs(steps) / self.asked.longest.min(axis=0)).max(axis=2)
-        cost = ((steps * self.smoother.weights) ** 2).sum(axis=2) * (1 + share**4)
-        return np.asarray(cost.sum(axis=0))
-
-    def best(self, made: Tracks, keys: Indices, barred: set[tuple[int, int, int]]) -> tuple[Array, Indices]:
-        """The best way through tracks, pose by pose, (N, n), and its nodes at the layers; `barred` steps are not taken."""
-        turning, width = self.turning, max(map(len, made.nodes))
-        # One more column holds what it costs to follow a branch: its difference from where it leads is the root of that.
-        q, ahead = np.zeros((2, len(keys), width, self.dof + 1))
-        count = np.array([len(nodes) for nodes in made.nodes])
-        for k, nodes in enumerate(made.nodes):
-            q[k, : len(nodes), :-1] = nodes
-            if k < len(made.ahead):
-                ahead[k, : len(nodes), :-1] = made.ahead[k]
-                # No step leads on from a branch that has ended: this one is infinite.
-                ahead[k, : len(nodes), -1] = np.sqrt(made.costs[k])
-        longest = np.full(self.dof + 1, 1e6)
-        longest[:-1] = np.where(np.isinf(self.asked.longest.max(axis=0)), 1e6, SIDEWAYS)
-        path, told = np.zeros(len(keys), dtype=np.int64), np.zeros(len(keys))
-        nothing = np.zeros((0, 0))
-        best_way(
-            q,
-            ahead,
-            count,
-            np.append(turning.lower, -1.0),
-            np.append(turning.upper, 1.0),
-            np.append(turning.kind, STRAIGHT),
-            np.append(turning.copies, 1),
-            longest[None],
-            np.append(self.smoother.weights, 1.0),
-            SQUARES,
-            nothing,
-            nothing.astype(np.bool_),
-            np.array(sorted(barred), dtype=np.int64).reshape(-1, 3),
-            np.array([self._turned(self.asked.start), self._turned(self.asked.end)]),
-            path,
-            told,
-        )
-        return self._filled(made, keys, path, told), path
-
-    def _turned(self, q: Array | None) -> int:
-        return -1 if q is None else self.turning.turns_of(self.turning.off_ends(q))
-
-    def _filled(self, made: Tracks, keys: Indices, path: Indices, told: Array) -> Array:
-        """Along each branch, and sideways to the next evenly over all poses in between."""
-        total, rows = self.turning.total, []
-        answers, turns = path // total, path % total
-        chosen = np.array([nodes[a] for nodes, a in zip(made.nodes, answers, strict=True)])
-        values = self.turning.node_values(chosen, turns)
-        for k in range(len(made.ahead)):
-            ways, _ = self.follow(chosen[k : k + 1], int(keys[k]), int(keys[k + 1]))
-            way = ways[:, 0] + (values[k] - chosen[k])
-            if not told[k + 1]:
-                sideways = self.turning.step(values[k + 1] - way[-1])
-                way = way + np.linspace(0, 1, len(way))[:, None] * sideways
-            rows.append(way[:-1])
-        return self.turning.unwrapped(np.concatenate([*rows, values[-1:]]))
+def between_rows(rows: Indices, q: Array) -> Array:
+    """Values for all poses, from those of some, by cubic polynomials (Hermite) without a corner, (rows, n) -> (N, n)."""
+    if len(rows) < 3:
+        share = np.arange(rows[-1] + 1) / max(rows[-1], 1)
+        return q[0] + share[:, None] * (q[-1] - q[0])
+    spans = np.diff(rows).astype(np.float64)[:, None]
+    slopes = np.diff(q, axis=0) / spans
+    middle = (slopes[:-1] * spans[1:] + slopes[1:] * spans[:-1]) / (spans[1:] + spans[:-1])
+    tangents = np.concatenate([slopes[:1], middle, slopes[-1:]])
+    poses = np.arange(rows[-1] + 1)
+    i = np.clip(np.searchsorted(rows, poses, side="right") - 1, 0, len(rows) - 2)
+    span = spans[i]
+    t = (poses - rows[i])[:, None] / span
+    one = t * t * (3 - 2 * t)
+    return np.asarray(
+        q[i] + one * (q[i + 1] - q[i]) + span * t * (1 - t) * ((1 - t) * tangents[i] - t * tangents[i + 1])
+    )
 
 
 def unbroken(asked: Asked, q: Array) -> Flags:
@@ -291,7 +310,7 @@ def follow_samples(asked: Asked, advance: Advance) -> tuple[Array, Indices]:
     # One more pose leads back: to where the open way begins, or on from where it ends.
     for start in [q[0], q[-1]] if asked.start is None else [asked.start]:
         row = np.ascontiguousarray(start[None])
-        _smoother(asked).settle(row, np.ascontiguousarray(goal.targets[:1]))
+        smoother_of(asked).settle(row, np.ascontiguousarray(goal.targets[:1]))
         round_trip = replace(asked, problem=around, longest=longest, start=row[0], end=row[0], closed=False)
         way = _open_way(round_trip, _silent)
         if best is None or _faults(round_trip, way) < _faults(round_trip, best):
@@ -305,67 +324,41 @@ def _silent(done: int) -> None:
     pass
 
 
-def _smoother(asked: Asked) -> Smoother:
+def smoother_of(asked: Asked) -> Smoother:
+    """What makes its paths short."""
     weights = asked.weights if asked.velocity is None else asked.weights / asked.velocity
     return Smoother(asked.problem, weights / weights.max(), asked.valid)
 
 
 def _open_way(asked: Asked, advance: Advance) -> Array:
-    """The better of two attempts, the second with more samples, if the first breaks."""
-    best: Array | None = None
-    for attempt in ATTEMPTS:
-        q = _attempt(asked, attempt, advance if best is None else _silent)
-        if best is None or _faults(asked, q) < _faults(asked, best):
-            best = q
-        if not _faults(asked, best)[0]:
-            break
-    assert best is not None
+    """The better of two plans, the second a finer one, if the first breaks."""
+    best = _planned(asked, COARSE, advance)
+    if _faults(asked, best)[0]:
+        finer = _planned(asked, FINE, _silent)
+        if _faults(asked, finer) < _faults(asked, best):
+            best = finer
     return best
 
 
 def _faults(asked: Asked, q: Array) -> tuple[int, float]:
-    """Breaks, steps that are not free among them, and the sum of the squared steps."""
-    whole = unbroken(asked, q)
-    if asked.valid is not None:
-        whole[whole] = asked.valid.free_ways(q[:-1][whole], q[1:][whole])
-    return int((~whole).sum()), float((np.diff(q, axis=0) ** 2).sum())
+    """Breaks, and the sum of the squared steps."""
+    return int((~unbroken(asked, q)).sum()), float((np.diff(q, axis=0) ** 2).sum())
 
 
-def _best_free(sampler: Sampler, made: Tracks, keys: Indices, fixed: Flags) -> Array:
-    """The best way through tracks, every pose on its target, free in the scene if that is found in some tries."""
-    asked, barred, best = sampler.asked, set[tuple[int, int, int]](), None
-    for _ in range(TRIES):
-        q, path = sampler.best(made, keys, barred)
-        if asked.start is not None:
-            q[0] = asked.start
-        if asked.end is not None:
-            q[-1] = asked.end + sampler.turning.whole_turns(q[-1] - asked.end)
-        moved = q.copy()
-        sampler.smoother.onto(moved, sampler.rows)
-        moved[fixed] = q[fixed]
-        if best is None or _faults(asked, moved) < _faults(asked, best):
-            best = moved
-        if asked.valid is None:
-            break
-        hits = np.flatnonzero(~asked.valid.free_ways(moved[:-1], moved[1:]))
-        layers = np.unique(np.searchsorted(keys, hits, side="right") - 1).tolist()
-        more = {(k, int(path[k]), int(path[k + 1])) for k in layers} - barred
-        if not more:
-            break
-        barred |= more
-    assert best is not None
-    return best
-
-
-def _attempt(asked: Asked, attempt: tuple[int, int, int, int], advance: Advance) -> Array:
-    every, count, fresh, most = attempt
-    sampler = Sampler(asked)
-    smoother = sampler.smoother
-    keys = layers_of(asked.problem, every)
-    targets = sampler.rows
+def _planned(asked: Asked, effort: Effort, advance: Advance) -> Array:
+    planner = Planner(asked, effort)
+    smoother, targets, rows = planner.smoother, planner.targets, planner.rows
+    if len(rows) == 1:
+        only = planner.layer(0, planner.sample(0, effort.samples), np.zeros((0, planner.dof)))[0][:1]
+        return only if asked.start is None else asked.start[None]
+    ends = np.zeros(len(rows), dtype=np.bool_)
+    ends[0], ends[-1] = asked.start is not None, asked.end is not None
+    q = _put(asked, smoother, planner.plan(advance), planner.row_targets, ends)
+    q = smoother.smooth(q, planner.row_targets, FIRST_PASSES, ends, 2, np.diff(rows).astype(np.float64))
     fixed = np.zeros(len(targets), dtype=np.bool_)
-    fixed[0], fixed[-1] = asked.start is not None, asked.end is not None
-    q = _best_free(sampler, sampler.tracks(keys, count, fresh, most, advance), keys, fixed)
+    fixed[0], fixed[-1] = ends[0], ends[-1]
+    if len(rows) < len(targets):
+        q = _put(asked, smoother, between_rows(rows, q), targets, fixed)
     for passes, power in PASSES:
         q = smoother.smooth(q, targets, passes, fixed, power)
         if unbroken(asked, q).all():
@@ -380,3 +373,15 @@ def _attempt(asked: Asked, attempt: tuple[int, int, int, int], advance: Advance)
         for passes, power in PASSES:
             q[a:b] = smoother.smooth(q[a:b], part, passes, fixed[a:b], power)
     return q
+
+
+def _put(asked: Asked, smoother: Smoother, q: Array, targets: Array, fixed: Flags) -> Array:
+    """Bring rows onto their targets; those that are fixed are what was asked for."""
+    if asked.start is not None:
+        q[0] = asked.start
+    if asked.end is not None:
+        q[-1] = asked.end
+    moved = q.copy()
+    smoother.onto(moved, targets)
+    moved[fixed] = q[fixed]
+    return moved

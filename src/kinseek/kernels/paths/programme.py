@@ -252,3 +252,156 @@ def best_way(
         node = place
     told[0] = cost
     return breaks
+
+
+STEEPEST, MOST_SHARE = 8, 4.0
+"""What it costs to go from layer to layer is multiplied by one more than this power of the largest step's share of what is
+allowed, which counts as no more than that: steps that are too large are taken only where nothing else leads on."""
+
+
+@entry(
+    q_before=F64["a", "n"],
+    ahead=F64["a", "n"],
+    told=F64["a", "*"],
+    along_ahead=F64["a", "n"],
+    q=F64["b", "n"],
+    along=F64["b", "n"],
+    lower=F64["n"],
+    upper=F64["n"],
+    turning=I64["n"],
+    copies=I64["n"],
+    longest=F64["n"],
+    sideways=F64["n"],
+    weights=F64["n"],
+    poses=F64,
+    own=F64["*"],
+    fault_before=I64["*"],
+    sums_before=F64["*"],
+    fault=I64["*"].out,
+    sums=F64["*"].out,
+    came=I64["*"].out,
+)
+def link(
+    q_before: Array,
+    ahead: Array,
+    told: Array,
+    along_ahead: Array,
+    q: Array,
+    along: Array,
+    lower: Array,
+    upper: Array,
+    turning: Indices,
+    copies: Indices,
+    longest: Array,
+    sideways: Array,
+    weights: Array,
+    poses: float,
+    own: Array,
+    fault_before: Indices,
+    sums_before: Array,
+    fault: Indices,
+    sums: Array,
+    came: Indices,
+) -> None:
+    """Go on by one layer, along branches and from where they lead sideways: one step of `best_way` for joints to spare.
+
+    The way sideways is spread over all poses from one layer to the next. Where it leads across a singularity, to another
+    branch that is not joined to this one there, it is taken in one step, and counts so.
+
+    Args:
+        q_before: Answers of the layer before, (a, n).
+        ahead: Where they lead, (a, n).
+        told: See `grow.BASE`, (a, 1 + 2 n).
+        along_ahead: Directions of the self-motion there, (a, n).
+        q: Answers of this layer, those of COPIED joints in the first turn of their range, (b, n).
+        along: Directions of the self-motion there, (b, n).
+        lower: Limits, (n,).
+        upper: (n,)
+        turning: See `STRAIGHT`, (n,).
+        copies: Copies at most of each joint, (n,).
+        longest: How far each joint may go from pose to pose, (n,).
+        sideways: How far it may go sideways, (n,).
+        weights: Of each joint in the cost, (n,).
+        poses: Steps from one layer to the next.
+        own: What each node of this layer costs by itself, (b · product of copies,); or empty.
+        fault_before: Breaks on the way to each node of the layer before, -1 for one that is none,
+            (a · product of copies,).
+        sums_before: Costs of these ways.
+        fault: Receives the same of this layer, (b · product of copies,).
+        sums: Receives its costs.
+        came: Receives the node from which each was reached; after a break -2 less that node.
+    """
+    dof, total = len(lower), 1
+    units = np.empty(dof, dtype=np.int64)
+    for j in range(dof):
+        units[j] = total
+        total *= copies[j]
+    digits = np.empty((total, dof), dtype=np.int64)
+    for s in range(total):
+        for j in range(dof):
+            digits[s, j] = s // units[j] % copies[j]
+    room, turns, gaps = np.zeros((len(q), dof), dtype=np.int64), np.zeros(dof, dtype=np.int64), np.zeros(dof)
+    before = -1
+    for node in range(len(fault_before)):
+        if fault_before[node] >= 0 and (
+            before < 0
+            or fault_before[node] < fault_before[before]
+            or (fault_before[node] == fault_before[before] and sums_before[node] < sums_before[before])
+        ):
+            before = node
+    for b in range(len(q)):
+        for j in range(dof):
+            room[b, j] = min(copies_of(q[b, j], lower[j], upper[j], turning[j]), copies[j])
+        for s in range(total):
+            node = b * total + s
+            fault[node], sums[node], came[node] = 0, 0.0, -2 - before
+            if before >= 0:
+                fault[node], sums[node] = fault_before[before] + 1, sums_before[before]
+            if len(own) > 0:
+                sums[node] += own[node]
+            for j in range(dof):
+                if digits[s, j] >= room[b, j]:
+                    fault[node] = -1
+    for a in range(len(q_before)):
+        if not told[a, 0] < np.inf:
+            continue
+        for b in range(len(q)):
+            if total == 1:
+                worse = fault_before[a] < 0 or fault_before[a] > fault[b]
+                if worse or (fault_before[a] == fault[b] and sums_before[a] >= sums[b]):
+                    continue
+            close, turned = True, False
+            for j in range(dof):
+                gap = q[b, j] - ahead[a, j]
+                turns[j] = 0
+                if turning[j] != STRAIGHT:
+                    whole = np.rint(gap / (2.0 * math.pi))
+                    gap -= 2.0 * math.pi * whole
+                    turns[j] = int(whole)
+                    turned = turned or (turning[j] == COPIED and turns[j] != 0)
+                gaps[j] = gap
+                close = abs(gap) <= sideways[j]
+                if not close:
+                    break
+            if not close:
+                continue
+            cost, share, same = told[a, 0], 0.0, 0.0
+            for j in range(dof):
+                same += along_ahead[a, j] * along[b, j]
+                cost += weights[j] * weights[j] * (2.0 * (ahead[a, j] - q_before[a, j]) + gaps[j]) * gaps[j] / poses
+            for j in range(dof):
+                gap = gaps[j] / poses if same > 0.0 else gaps[j]
+                most = max(abs(told[a, 1 + j] + gap), abs(told[a, 1 + dof + j] + gap))
+                share = max(share, most / longest[j])
+            cost = max(cost, 0.0) * (1.0 + min(share, MOST_SHARE) ** STEEPEST)
+            for s in range(total):
+                node = a * total + s
+                if fault_before[node] < 0:
+                    continue
+                after = moved_turns(digits, s, turns, room, b, turning, units) if turned else s
+                to = b * total + after
+                if after < 0 or fault[to] < 0:
+                    continue
+                sum_there = sums_before[node] + cost + (own[to] if len(own) > 0 else 0.0)
+                if fault_before[node] < fault[to] or (fault_before[node] == fault[to] and sum_there < sums[to]):
+                    fault[to], sums[to], came[to] = fault_before[node], sum_there, node

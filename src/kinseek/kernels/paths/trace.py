@@ -10,7 +10,7 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import desk_size, make_desk
 from kinseek.kernels.atlas.task import HANDLE, WANTED, task_of
 from kinseek.kernels.entry import F64, I64
-from kinseek.kernels.jit import entry
+from kinseek.kernels.jit import called, entry
 
 from .settle import load_lane, settle
 
@@ -18,19 +18,8 @@ STEPS = 12
 """Steps at most from where a branch is expected to be at the next pose."""
 
 
-@entry(
-    handle=HANDLE,
-    wanted=F64[WANTED],
-    targets=F64["k", 3, 4],
-    begin=I64,
-    end=I64,
-    many=I64,
-    longest=F64["n"],
-    q=F64["k", LANES, "n"].out,
-    ends=I64[LANES].out,
-    w=I64,
-)
-def trace(
+@called
+def trace_lanes(
     handle: Indices,
     wanted: Array,
     targets: Array,
@@ -41,24 +30,8 @@ def trace(
     q: Array,
     ends: Indices,
     w: int,
-) -> None:
-    """Follow branches from the answers to target `begin` to target `end`, forward or backward.
-
-    Where a branch goes is foretold from the last poses by a line or a parabola, whichever was nearer the last time, and a
-    few steps bring it onto the pose. It ends where they do not, or where a joint would have gone too far.
-
-    Args:
-        handle: The task, see `task_of`; its limits end a branch.
-        wanted: See `task_of`.
-        targets: (k, 3, 4), lengths in [m].
-        begin: Target from which the branches are followed.
-        end: Target up to which they are followed.
-        many: How many branches.
-        longest: How far each joint may go from one target to the next, (n,), [rad] or [m].
-        q: Row `begin` has the answers to it, (k, LANES, n); receives joint values as far as the branches go.
-        ends: Receives the last target of each branch, (LANES,).
-        w: LANES.
-    """
+) -> int:
+    """See `trace`; return how many branches get to the end."""
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = np.zeros(desk_size(dof, joints))
@@ -111,3 +84,48 @@ def trace(
                 desk.state[l] = 2
                 active -= 1
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
+    return active
+
+
+@entry(
+    handle=HANDLE,
+    wanted=F64[WANTED],
+    targets=F64["k", 3, 4],
+    begin=I64,
+    end=I64,
+    many=I64,
+    longest=F64["n"],
+    q=F64["k", LANES, "n"].out,
+    ends=I64[LANES].out,
+    w=I64,
+)
+def trace(
+    handle: Indices,
+    wanted: Array,
+    targets: Array,
+    begin: int,
+    end: int,
+    many: int,
+    longest: Array,
+    q: Array,
+    ends: Indices,
+    w: int,
+) -> None:
+    """Follow branches from the answers to target `begin` to target `end`, forward or backward.
+
+    Where a branch goes is foretold from the last poses by a line or a parabola, whichever was nearer the last time, and a
+    few steps bring it onto the pose. It ends where they do not, or where a joint would have gone too far.
+
+    Args:
+        handle: The task, see `task_of`; its limits end a branch.
+        wanted: See `task_of`.
+        targets: (k, 3, 4), lengths in [m].
+        begin: Target from which the branches are followed.
+        end: Target up to which they are followed.
+        many: How many branches.
+        longest: How far each joint may go from one target to the next, (n,), [rad] or [m].
+        q: Row `begin` has the answers to it, (k, LANES, n); receives joint values as far as the branches go.
+        ends: Receives the last target of each branch, (LANES,).
+        w: LANES.
+    """
+    trace_lanes(handle, wanted, targets, begin, end, many, longest, q, ends, w)

@@ -1,0 +1,364 @@
+"""Branches of an arm with joints to spare, from one layer of answers to the next, and answers beside them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.atlas.descent import free_turn, reset_weights, within
+from kinseek.kernels.atlas.lanes import LANES, lanes_forward, lanes_gram, lanes_jacobian, lanes_residual, lanes_solve
+from kinseek.kernels.atlas.memory import desk_size, make_desk
+from kinseek.kernels.atlas.task import HANDLE, WANTED, task_of
+from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.jit import called, entry, hidden
+
+from .programme import COPIED, ROOM, STRAIGHT
+from .settle import load_lane, settle
+from .trace import trace_lanes
+
+TURN = 2.0 * math.pi
+
+STEPS = 12
+"""Steps at most that bring a place beside an answer onto the pose."""
+
+AGAIN = 0.6
+"""Nothing is looked for where an answer stands already this near, as a part of the way to it."""
+
+LEANING = 0.37
+"""No coordinate of the direction whose part along the self-motion is taken is special."""
+
+
+@hidden
+def gap_of(a: Array, b: Array, turning: Indices) -> float:
+    """The largest difference of a joint, full turns left out, [rad or m]."""
+    most = 0.0
+    for j in range(len(a)):
+        gap = a[j] - b[j]
+        if turning[j] != STRAIGHT:
+            gap -= TURN * np.rint(gap / TURN)
+        most = max(most, abs(gap))
+    return most
+
+
+@hidden
+def crowded(q: Array, rows: Array, count: int, turning: Indices, near: float) -> bool:
+    """Is any of the first rows, full turns left out, as near as that in every joint?"""
+    for k in range(count):
+        if gap_of(q, rows[k], turning) < near:
+            return True
+    return False
+
+
+@hidden
+def into_first_turn(q: Array, lower: Array, upper: Array, turning: Indices) -> bool:
+    """Bring values of joints with copies into the first turn of their range; do all lie inside their limits then?"""
+    inside = True
+    for j in range(len(q)):
+        if turning[j] == COPIED:
+            base = lower[j] - ROOM
+            q[j] -= TURN * np.floor((q[j] - base) / TURN)
+        if turning[j] == STRAIGHT or turning[j] == COPIED:
+            inside = inside and lower[j] - ROOM <= q[j] <= upper[j] + ROOM
+    return inside
+
+
+@hidden
+def sign_of(A: Array) -> float:
+    """Sign of the determinant of a square matrix, (m, m), which is used up."""
+    m, sign = len(A), 1.0
+    for k in range(m):
+        p = k
+        for i in range(k + 1, m):
+            if abs(A[i, k]) > abs(A[p, k]):
+                p = i
+        if A[p, k] == 0.0:
+            return 0.0
+        if p != k:
+            sign = -sign
+            for j in range(m):
+                A[p, j], A[k, j] = A[k, j], A[p, j]
+        if A[k, k] < 0.0:
+            sign = -sign
+        for i in range(k + 1, m):
+            factor = A[i, k] / A[k, k]
+            for j in range(k, m):
+                A[i, j] -= factor * A[k, j]
+    return sign
+
+
+@called
+def along_lanes(handle: Indices, wanted: Array, memory: Array, q: Array, first: int, last: int, way: Array, w: int) -> int:
+    """Write the direction of the self-motion at answers first … last-1, at most LANES, into `way`, (k, n).
+
+    The longest joint of it is 1. With one joint to spare its sense goes on without a jump from answer to answer along the
+    self-motion, and is the other one across a singularity: with it the Jacobian has a determinant above zero.
+    """
+    task = task_of(handle, wanted)
+    dof = len(task.lower)
+    desk = make_desk(memory, dof, len(task.chain.leader))
+    lanes, W = desk.lanes, LANES
+    free = free_turn(task)
+    for l in range(LANES):
+        for i in range(dof):
+            lanes.q[i, l] = q[min(first + l, last - 1), i]
+    lanes_forward(task.chain.leader, task.links, lanes, w)
+    lanes_jacobian(task.chain.leader, task.links, lanes, free, w)
+    best = np.zeros(LANES)
+    found, one = np.zeros((LANES, dof)), np.zeros(dof)
+    square = np.zeros((7, 7))
+    whole = (dof == 7 and free == 0.0 and task.columns[0] > 0.0) or (dof == 6 and free == 1.0)
+    for turn in range(2):
+        for r in range(6 * LANES):
+            lanes.residual[r] = 0.0
+        for i in range(dof):
+            v = 1.0 + LEANING * i * (1.0 - 2.0 * ((i + turn * (i // 2)) % 2))
+            for r in range(6):
+                for l in range(w):
+                    lanes.residual[r * W + l] += lanes.jacobian[i, r * W + l] * v
+        lanes_gram(0.0, desk.floor, lanes, w)
+        lanes_solve(lanes, w)
+        for l in range(last - first):
+            size = 0.0
+            for i in range(dof):
+                d = 1.0 + LEANING * i * (1.0 - 2.0 * ((i + turn * (i // 2)) % 2))
+                for r in range(6):
+                    d -= lanes.jacobian[i, r * W + l] * lanes.residual[r * W + l]
+                one[i] = d
+                size = max(size, abs(d))
+            if size > best[l]:
+                best[l] = size
+                for i in range(dof):
+                    found[l, i] = one[i] / size
+    for l in range(last - first):
+        sense = 1.0
+        if whole:
+            for i in range(dof):
+                for r in range(6):
+                    square[r, i] = lanes.jacobian[i, r * W + l]
+                square[6, i] = found[l, i]
+            if dof == 6:
+                # A turn about the tool's axis, which does not count, takes the place of one more joint.
+                square[6, 6] = 0.0
+                for r in range(3):
+                    square[r, 6], square[3 + r, 6] = 0.0, lanes.pose[4 * r * W + l]
+            sense = sign_of(square)
+        for i in range(dof):
+            way[first + l, i] = sense * found[l, i]
+    memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
+    return last - first
+
+
+BASE = 0
+"""Place in what is told of a branch from one layer to the next: the sum of its squared steps, infinite if it does not get
+there; behind it the least and the most that each joint moves from pose to pose."""
+
+
+@entry(
+    handle=HANDLE,
+    wanted=F64[WANTED],
+    targets=F64["r", 3, 4],
+    moments=F64["r"],
+    longest=F64["n"],
+    weights=F64["n"],
+    q=F64["k", "n"],
+    ahead=F64["k", "n"].out,
+    told=F64["k", "*"].out,
+    along=F64["k", "n"].out,
+    w=I64,
+)
+def lead_on(
+    handle: Indices,
+    wanted: Array,
+    targets: Array,
+    moments: Array,
+    longest: Array,
+    weights: Array,
+    q: Array,
+    ahead: Array,
+    told: Array,
+    along: Array,
+    w: int,
+) -> None:
+    """Follow answers to the first target to the last one.
+
+    Args:
+        handle: The task, see `task_of`; its limits end a branch.
+        wanted: See `task_of`.
+        targets: (r, 3, 4), lengths in [m].
+        moments: Numbers of their poses, (r,): between two of them others may lie, which are not looked at.
+        longest: How far each joint may go from one target to the next, (n,), [rad] or [m].
+        weights: Of each joint in the cost, (n,).
+        q: Answers to the first target, (k, n).
+        ahead: Receives where they lead, (k, n).
+        told: Receives what is told of them, see `BASE`, (k, 1 + 2 n).
+        along: Receives the directions of the self-motion where they lead, (k, n), see `along_lanes`.
+        w: LANES.
+    """
+    task = task_of(handle, wanted)
+    rows, dof = len(targets), len(task.lower)
+    ways, ends = np.zeros((rows, LANES, dof)), np.zeros(LANES, dtype=np.int64)
+    memory = np.zeros(desk_size(dof, len(task.chain.leader)))
+    desk = make_desk(memory, dof, len(task.chain.leader))
+    reset_weights(task, desk)
+    for first in range(0, len(q), LANES):
+        many = min(LANES, len(q) - first)
+        for l in range(many):
+            for d in range(dof):
+                ways[0, l, d] = q[first + l, d]
+        trace_lanes(handle, wanted, targets, 0, rows - 1, many, longest, ways, ends, w)
+        for l in range(many):
+            k, base = first + l, 0.0
+            for d in range(dof):
+                told[k, 1 + d], told[k, 1 + dof + d] = np.inf, -np.inf
+            for i in range(ends[l]):
+                span = moments[i + 1] - moments[i]
+                for d in range(dof):
+                    step = ways[i + 1, l, d] - ways[i, l, d]
+                    base += weights[d] * weights[d] * step * step / span
+                    told[k, 1 + d] = min(told[k, 1 + d], step / span)
+                    told[k, 1 + dof + d] = max(told[k, 1 + dof + d], step / span)
+            told[k, BASE] = base if ends[l] == rows - 1 else np.inf
+            for d in range(dof):
+                ahead[k, d] = ways[ends[l], l, d]
+        along_lanes(handle, wanted, memory, ahead, first, first + many, along, w)
+    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
+
+
+@entry(
+    returns=I64,
+    handle=HANDLE,
+    wanted=F64[WANTED],
+    target=F64[3, 4],
+    given=F64["m", "n"],
+    first=I64,
+    lower=F64["n"],
+    upper=F64["n"],
+    turning=I64["n"],
+    apart=F64,
+    beside=F64,
+    q=F64["k", "n"].out,
+    along=F64["k", "n"].out,
+    w=I64,
+)
+def gather(
+    handle: Indices,
+    wanted: Array,
+    target: Array,
+    given: Array,
+    first: int,
+    lower: Array,
+    upper: Array,
+    turning: Indices,
+    apart: float,
+    beside: float,
+    q: Array,
+    along: Array,
+    w: int,
+) -> int:
+    """Spread answers to one target: some that are given, what lies beside them along the self-motion, then the rest.
+
+    Args:
+        handle: The task, see `task_of`.
+        wanted: See `task_of`.
+        target: (3, 4), lengths in [m].
+        given: Answers, (m, n); what does not lie inside the limits is left out.
+        first: So many of them come before what is found beside them.
+        lower: Limits, (n,).
+        upper: (n,)
+        turning: See `programme.STRAIGHT`, (n,).
+        apart: Those nearer than this in every joint to another are left out [rad or m].
+        beside: So far along the self-motion is looked for more, to both sides [rad or m]; 0 to look for none.
+        q: Receives the answers, joints with copies in the first turn of their range, (k, n).
+        along: Receives the directions of the self-motion there, (k, n), see `along_lanes`.
+        w: LANES.
+
+    Returns:
+        How many there are.
+    """
+    task = task_of(handle, wanted)
+    dof, most = len(lower), len(q)
+    memory = np.zeros(desk_size(dof, len(task.chain.leader)))
+    desk = make_desk(memory, dof, len(task.chain.leader))
+    lanes, one = desk.lanes, np.zeros(dof)
+    reset_weights(task, desk)
+    count = 0
+    for part in range(2):
+        for k in range(0 if part == 0 else first, first if part == 0 else len(given)):
+            for d in range(dof):
+                one[d] = given[k, d]
+            if count < most and into_first_turn(one, lower, upper, turning):
+                if not crowded(one, q, count, turning, apart):
+                    for d in range(dof):
+                        q[count, d] = one[d]
+                    count += 1
+        if part == 1 or beside <= 0.0:
+            continue
+        told, filled = 0, 0
+        # Answers found beside others are looked beside as well, until nothing new is found.
+        while told < count and count < most:
+            last = min(told + LANES, count)
+            along_lanes(handle, wanted, memory, q, told, last, along, w)
+            for side in range(2):
+                for k in range(told, last):
+                    for d in range(dof):
+                        one[d] = q[k, d] + (1.0 - 2.0 * side) * beside * along[k, d]
+                    if crowded(one, q, count, turning, AGAIN * beside):
+                        continue
+                    load_lane(desk, filled, target, one)
+                    desk.state[filled] = 0
+                    filled += 1
+                    if filled == LANES:
+                        count = settled(handle, wanted, memory, filled, lower, upper, turning, apart, q, count, one, w)
+                        filled = 0
+            if filled > 0:
+                count = settled(handle, wanted, memory, filled, lower, upper, turning, apart, q, count, one, w)
+                filled = 0
+            told = last
+    for k in range(0, count, LANES):
+        along_lanes(handle, wanted, memory, q, k, min(k + LANES, count), along, w)
+    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
+    return count
+
+
+@called
+def settled(
+    handle: Indices,
+    wanted: Array,
+    memory: Array,
+    filled: int,
+    lower: Array,
+    upper: Array,
+    turning: Indices,
+    apart: float,
+    q: Array,
+    count: int,
+    one: Array,
+    w: int,
+) -> int:
+    """Bring the first lanes onto their targets and append those that get there, and stand by themselves, to q."""
+    task = task_of(handle, wanted)
+    dof = len(lower)
+    desk = make_desk(memory, dof, len(task.chain.leader))
+    for l in range(filled, LANES):
+        desk.state[l] = 2
+    for d in range(dof):
+        for l in range(LANES):
+            k = min(l, filled - 1)
+            desk.lanes.q[d, l] = min(max(desk.lanes.q[d, k], task.lower[d]), task.upper[d])
+    for r in range(12):
+        for l in range(filled, LANES):
+            desk.lanes.target[r * LANES + l] = desk.lanes.target[r * LANES]
+    settle(handle, wanted, memory, task.lower, task.upper, STEPS, w)
+    for l in range(filled):
+        if count == len(q) or not within(task, desk.lanes, l):
+            continue
+        for d in range(dof):
+            one[d] = desk.lanes.q[d, l]
+        if into_first_turn(one, lower, upper, turning) and not crowded(one, q, count, turning, apart):
+            for d in range(dof):
+                q[count, d] = one[d]
+            count += 1
+    memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
+    return count
