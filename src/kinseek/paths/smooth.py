@@ -10,6 +10,8 @@ largest steps small.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,8 +40,11 @@ HELD = 1e8
 TRUST = 0.4
 """No joint moves farther in one pass [rad or m]: beyond, the Jacobian says nothing."""
 
-SHARES = (1.0, 0.5, 0.25, 0.1)
-"""Parts of a Gauss-Newton step that are tried until the path is better."""
+TRIES, SHORTER = 5, 0.4
+"""How often a Gauss-Newton step is tried until the path is better, each time so much shorter."""
+
+HOLD = 4
+"""Where a step tears the path so many more rows, to each side, are held back at each try."""
 
 LIGHTEST, HEAVIEST = 0.5, 4.0
 """Steps count as no shorter and no longer than this beside the usual one, where a higher power weighs them."""
@@ -55,6 +60,19 @@ ACTIVE = 3
 
 ENOUGH = 1e-3
 """A pass that makes the sum smaller by less than this part of it is the last."""
+
+
+class Row(NamedTuple):
+    """Poses in a row, all of a path or some of them."""
+
+    targets: Array
+    """(k, 3, 4)"""
+    fixed: Flags
+    """Which of them stay where they are, (k,)."""
+    spans: Array
+    """Steps from one to the next, (k - 1, 1): between them others may lie."""
+    longest: Array
+    """How far each joint may go from one to the next, (k - 1, n), [rad] or [m]."""
 
 
 class Smoother:
@@ -96,27 +114,22 @@ class Smoother:
         )
         q[lost] = Atlas(threads=1).solve(near).q
 
-    def smooth(
-        self, q: Array, targets: Array, passes: int, fixed: Flags, power: int, spans: Array | None = None
-    ) -> Array:
-        """Make a path better, (k, n): each row stays on its target, (k, 3, 4), and rows that are `fixed`, (k,), stay.
+    def smooth(self, q: Array, row: Row, passes: int, power: int) -> Array:
+        """Make a path better, (k, n).
 
         Args:
             q: Joint values inside the limits, endless joints unwrapped.
-            targets: Where they must stay.
+            row: Where they must stay.
             passes: How many at most.
-            fixed: Rows that stay.
             power: Of what the joints move.
-            spans: How many steps there are from row to row, (k - 1,); one each, if not given.
         """
         if len(q) < 3:
             return q
-        self.spans = np.ones((len(q) - 1, 1)) if spans is None else spans[:, None]
-        before = self._sum(q, power)
+        before = self._sum(q, row, power)
         for _ in range(passes):
-            q = self._together(q, targets, fixed, power)
-            q = self._one_by_one(q, targets, fixed, power)
-            now = self._sum(q, power)
+            q = self._together(q, row, power)
+            q = self._one_by_one(q, row, power)
+            now = self._sum(q, row, power)
             if now > before * (1 - ENOUGH):
                 break
             before = now
@@ -124,7 +137,7 @@ class Smoother:
 
     def _of_steps(self, steps: Array, spans: Array, power: int) -> Array:
         """Of each step, (k, n), the sum of what the joints move, each to a power, (k,)."""
-        lengths = np.abs(steps * self.weights) / spans
+        lengths = steps * self.weights / spans
         powers = lengths * lengths
         if power > 2:
             powers = powers * powers * powers
@@ -132,19 +145,41 @@ class Smoother:
             powers = powers * powers
         return np.asarray((powers * spans).sum(axis=1))
 
-    def _sum(self, q: Array, power: int) -> float:
-        return float(self._of_steps(np.diff(q, axis=0), self.spans, power).sum())
+    def _sum(self, q: Array, row: Row, power: int) -> float:
+        return float(self._of_steps(np.diff(q, axis=0), row.spans, power).sum())
 
-    def _together(self, q: Array, targets: Array, fixed: Flags, power: int) -> Array:
-        """One Gauss-Newton step of all poses."""
+    def _together(self, q: Array, row: Row, power: int) -> Array:
+        """One Gauss-Newton step of all poses, held back where it would tear the path."""
+        step = self._step(q, row, power)
+        before, share = self._sum(q, row, power), np.ones(len(q))
+        bounds = np.maximum(np.abs(np.diff(q, axis=0)), row.longest)
+        for tries in range(TRIES):
+            moved = q + share[:, None] * step
+            lost = ~self.settle(moved, row.targets) | row.fixed
+            moved[lost] = q[lost]
+            self._put_back(q, moved)
+            torn = np.flatnonzero((np.abs(np.diff(moved, axis=0)) > bounds * (1 + 1e-9)).any(axis=1))
+            if not len(torn):
+                if self._sum(moved, row, power) < before:
+                    return moved
+                share *= SHORTER
+            for i in torn.tolist():
+                reach = HOLD * (1 + tries)
+                first, last = max(i - reach, 0), min(i + 2 + reach, len(q))
+                away = np.abs(np.arange(first, last) - i - 0.5) - 0.5
+                share[first:last] = np.minimum(share[first:last], away / reach)
+        return q
+
+    def _step(self, q: Array, row: Row, power: int) -> Array:
+        """Where the Gauss-Newton step of all poses leads from here, (k, n)."""
         J = constraint_jacobian(self.problem, q)
         J[:, :3] /= self.scale
         steps = np.diff(q, axis=0)
-        lengths = np.abs(steps * self.weights) / self.spans
+        lengths = np.abs(steps * self.weights) / row.spans
         usual = np.sqrt((lengths.max(axis=1) ** 2).mean() + 1e-18)
         heavy = np.clip(lengths / usual, LIGHTEST, HEAVIEST) ** (power - 2)
         coupling = np.zeros_like(q)
-        coupling[:-1] = heavy * self.weights**2 / self.spans
+        coupling[:-1] = heavy * self.weights**2 / row.spans
         blocks = np.matmul(np.swapaxes(J, 1, 2), J)
         blocks *= STIFF * heavy.max() * float((self.weights**2).mean())
         diagonal = np.arange(q.shape[1])
@@ -154,7 +189,7 @@ class Smoother:
         pull = np.zeros_like(q)
         pull[:-1] += coupling[:-1] * steps
         pull[1:] -= coupling[:-1] * steps
-        held = np.repeat(fixed[:, None], q.shape[1], axis=1)
+        held = np.repeat(row.fixed[:, None], q.shape[1], axis=1)
         move, firm = np.zeros_like(q), HELD * heavy.max() * self.weights**2
         step = move
         for _ in range(ACTIVE):
@@ -167,16 +202,8 @@ class Smoother:
             held |= beyond
             move = np.where(beyond, np.clip(q + step, self.lower, self.upper) - q, move)
         step *= np.minimum(1.0, TRUST / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-300))
-        step[fixed] = 0.0
-        before = self._sum(q, power)
-        for share in SHARES:
-            moved = q + share * step
-            lost = ~self.settle(moved, targets) | fixed
-            moved[lost] = q[lost]
-            self._put_back(q, moved)
-            if self._sum(moved, power) < before:
-                return moved
-        return q
+        step[row.fixed] = 0.0
+        return step
 
     def _put_back(self, q: Array, moved: Array) -> None:
         """Put rows of a moved path back to where they were, (k, n) both, until no step hits what it did not hit before."""
@@ -192,18 +219,18 @@ class Smoother:
             beside = np.union1d(rows[rows > 0] - 1, rows[rows < len(q) - 1])
             steps = beside[off[beside] | off[beside + 1]]
 
-    def _one_by_one(self, q: Array, targets: Array, fixed: Flags, power: int) -> Array:
-        """Put each pose half-way between its neighbours, where that makes its two steps better."""
+    def _one_by_one(self, q: Array, row: Row, power: int) -> Array:
+        """Put each pose between its neighbours, where that makes its two steps better."""
         q = q.copy()
         for first in (1, 2):
-            rows = np.arange(first, len(q) - 1, 2)
-            rows = rows[~fixed[rows]]
-            if not len(rows):
+            some = np.arange(first, len(q) - 1, 2)
+            some = some[~row.fixed[some]]
+            if not len(some):
                 continue
-            before, here, after = q[rows - 1], q[rows], q[rows + 1]
-            ahead, behind = self.spans[rows], self.spans[rows - 1]
+            before, here, after = q[some - 1], q[some], q[some + 1]
+            behind, ahead = row.spans[some - 1], row.spans[some]
             middle = (before * ahead + after * behind) / (ahead + behind)
-            there = self.settle(middle, np.ascontiguousarray(targets[rows]))
+            there = self.settle(middle, np.ascontiguousarray(row.targets[some]))
             now = self._of_steps(here - before, behind, power) + self._of_steps(after - here, ahead, power)
             then = self._of_steps(middle - before, behind, power) + self._of_steps(after - middle, ahead, power)
             better = there & (then < now)
@@ -211,5 +238,5 @@ class Smoother:
                 free = self.valid.free_ways(before[better], middle[better])
                 free[free] = self.valid.free_ways(middle[better][free], after[better][free])
                 better[better] = free
-            q[rows[better]] = middle[better]
+            q[some[better]] = middle[better]
         return q

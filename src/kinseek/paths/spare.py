@@ -33,7 +33,7 @@ from kinseek.solvers.atlas.index import wanted_of
 from .asked import Asked
 from .between import apart
 from .joints import Turning
-from .smooth import Smoother
+from .smooth import Row, Smoother
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -58,8 +58,13 @@ class Effort(NamedTuple):
     """Answers nearer than this [rad or m] in every joint go on as one."""
 
 
-COARSE = Effort(0.25, 3, 60, 4, 80, 0.12)
-FINE = Effort(0.2, 1, 150, 8, 240, 0.08)
+COARSE = Effort(0.25, 3, 100, 4, 200, 0.1)
+FINE = Effort(0.2, 2, 150, 4, 250, 0.08)
+EACH = Effort(0.0, 4, 150, 4, 400, 0.08)
+"""All poses are rows: near a singularity what lies between two rows is not known well enough to fill it in."""
+
+AROUND = (3.0, 8.0)
+"""Before and behind a break so much of the hand's way is planned anew."""
 
 SIDEWAYS = 0.4
 """A way along the self-motion leads so far in every joint [rad or m] at most; what is farther off is another branch."""
@@ -261,13 +266,19 @@ class Planner:
         return ways[:, 0]
 
 
-def rows_of(problem: Problem, way: float) -> Indices:
-    """Numbers of poses between which the hand goes so far, the first and the last among them."""
-    last = len(problem.goal.targets) - 1
-    poses = np.zeros((last + 1, 4, 4))
+def gone_of(problem: Problem) -> Array:
+    """How far the hand has gone at each pose, see `Effort.way`, (N,)."""
+    poses = np.zeros((len(problem.goal.targets), 4, 4))
     poses[:, :3], poses[:, 3, 3] = problem.goal.targets, 1.0
     distance, turn = apart(poses[:-1], poses[1:])
-    gone = np.concatenate([[0.0], np.cumsum(distance / arm_length(problem.chain) * 3 + turn)])
+    return np.concatenate([[0.0], np.cumsum(distance / arm_length(problem.chain) * 3 + turn)])
+
+
+def rows_of(problem: Problem, way: float) -> Indices:
+    """Numbers of poses between which the hand goes so far, the first and the last among them."""
+    last, gone = len(problem.goal.targets) - 1, gone_of(problem)
+    if way <= 0.0:
+        return np.arange(last + 1)
     parts = max(int(np.ceil(gone[-1] / way)), min(last, 2))
     rows = np.searchsorted(gone, np.linspace(0, gone[-1], parts + 1))
     return np.unique(np.concatenate([[0], rows, [last]]).clip(0, last)).astype(np.int64)
@@ -331,13 +342,51 @@ def smoother_of(asked: Asked) -> Smoother:
 
 
 def _open_way(asked: Asked, advance: Advance) -> Array:
-    """The better of two plans, the second a finer one, if the first breaks."""
+    """A coarse plan; where it breaks, parts of it planned finely; if it still breaks, all of it."""
     best = _planned(asked, COARSE, advance)
-    if _faults(asked, best)[0]:
-        finer = _planned(asked, FINE, _silent)
-        if _faults(asked, finer) < _faults(asked, best):
-            best = finer
-    return best
+    if not _faults(asked, best)[0]:
+        return best
+    best = _mended(asked, best)
+    if not _faults(asked, best)[0]:
+        return best
+    finer = _planned(asked, FINE, _silent)
+    finer = min(finer, _mended(asked, finer), key=lambda q: _faults(asked, q))
+    return min(best, finer, key=lambda q: _faults(asked, q))
+
+
+def _mended(asked: Asked, q: Array) -> Array:
+    """Parts of a path around its breaks planned anew and finely, where that mends them."""
+    gone = gone_of(asked.problem)
+    for around in AROUND:
+        bad = np.flatnonzero(~unbroken(asked, q))
+        windows: list[tuple[int, int]] = []
+        for i in bad.tolist():
+            first = max(int(np.searchsorted(gone, gone[i] - around)), 0)
+            last = min(int(np.searchsorted(gone, gone[i + 1] + around)), len(q) - 1)
+            if windows and first <= windows[-1][1]:
+                first = windows.pop()[0]
+            windows.append((first, last))
+        for first, last in windows:
+            part = _part(asked, q, first, last)
+            made = _planned(part, EACH, _silent)
+            if _faults(part, made) < _faults(part, q[first : last + 1]):
+                # Endless joints may come out by whole turns farther on: what follows goes along.
+                q = np.concatenate([q[:first], made, q[last + 1 :] + (made[-1] - q[last])])
+    return q
+
+
+def _part(asked: Asked, q: Array, first: int, last: int) -> Asked:
+    """From one pose of a path to another, both as they are, but for the ends of the whole that are open."""
+    goal = asked.problem.goal
+    longest = asked.longest if len(asked.longest) == 1 else asked.longest[first:last]
+    return replace(
+        asked,
+        problem=Problem(asked.problem.mechanism, goal.at(goal.target[first : last + 1])),
+        start=asked.start if first == 0 else q[first],
+        end=asked.end if last == len(q) - 1 else q[last],
+        longest=longest,
+        closed=False,
+    )
 
 
 def _faults(asked: Asked, q: Array) -> tuple[int, float]:
@@ -347,41 +396,42 @@ def _faults(asked: Asked, q: Array) -> tuple[int, float]:
 
 def _planned(asked: Asked, effort: Effort, advance: Advance) -> Array:
     planner = Planner(asked, effort)
-    smoother, targets, rows = planner.smoother, planner.targets, planner.rows
+    smoother, rows = planner.smoother, planner.rows
     if len(rows) == 1:
         only = planner.layer(0, planner.sample(0, effort.samples), np.zeros((0, planner.dof)))[0][:1]
         return only if asked.start is None else asked.start[None]
-    ends = np.zeros(len(rows), dtype=np.bool_)
-    ends[0], ends[-1] = asked.start is not None, asked.end is not None
-    q = _put(asked, smoother, planner.plan(advance), planner.row_targets, ends)
-    q = smoother.smooth(q, planner.row_targets, FIRST_PASSES, ends, 2, np.diff(rows).astype(np.float64))
-    fixed = np.zeros(len(targets), dtype=np.bool_)
-    fixed[0], fixed[-1] = ends[0], ends[-1]
-    if len(rows) < len(targets):
-        q = _put(asked, smoother, between_rows(rows, q), targets, fixed)
+    some, all_of_them = _row(asked, rows), _row(asked, np.arange(rows[-1] + 1))
+    q = _put(asked, smoother, planner.plan(advance), some)
+    q = smoother.smooth(q, some, FIRST_PASSES, 2)
+    if len(rows) < len(all_of_them.targets):
+        q = _put(asked, smoother, between_rows(rows, q), all_of_them)
     for passes, power in PASSES:
-        q = smoother.smooth(q, targets, passes, fixed, power)
+        q = smoother.smooth(q, all_of_them, passes, power)
         if unbroken(asked, q).all():
             break
-    jumps = np.flatnonzero(~unbroken(asked, q))
-    if not len(jumps):
-        return q
-    # A jump pulls at both sides of it: each stretch between two is smoothed by itself.
-    cuts = [0, *(int(i) + 1 for i in jumps), len(q)]
-    for a, b in itertools.pairwise(cuts):
-        part = np.ascontiguousarray(targets[a:b])
-        for passes, power in PASSES:
-            q[a:b] = smoother.smooth(q[a:b], part, passes, fixed[a:b], power)
     return q
 
 
-def _put(asked: Asked, smoother: Smoother, q: Array, targets: Array, fixed: Flags) -> Array:
+def _row(asked: Asked, rows: Indices) -> Row:
+    """Some poses of a path, the first and the last among them."""
+    fixed = np.zeros(len(rows), dtype=np.bool_)
+    fixed[0], fixed[-1] = asked.start is not None, asked.end is not None
+    spans = np.diff(rows)
+    if len(asked.longest) == 1:
+        longest = asked.longest * spans[:, None]
+    else:
+        longest = np.add.reduceat(asked.longest, rows[:-1], axis=0)
+    targets = np.ascontiguousarray(asked.problem.goal.targets[rows])
+    return Row(targets, fixed, spans.astype(np.float64)[:, None], longest)
+
+
+def _put(asked: Asked, smoother: Smoother, q: Array, row: Row) -> Array:
     """Bring rows onto their targets; those that are fixed are what was asked for."""
     if asked.start is not None:
         q[0] = asked.start
     if asked.end is not None:
         q[-1] = asked.end
     moved = q.copy()
-    smoother.onto(moved, targets)
-    moved[fixed] = q[fixed]
+    smoother.onto(moved, row.targets)
+    moved[row.fixed] = q[row.fixed]
     return moved

@@ -26,27 +26,27 @@ STEPS = 12
 AGAIN = 0.6
 """Nothing is looked for where an answer stands already this near, as a part of the way to it."""
 
+SHORT = 0.2
+"""Where less than this of a direction is along the self-motion, another direction is tried as well."""
+
 LEANING = 0.37
 """No coordinate of the direction whose part along the self-motion is taken is special."""
-
-
-@hidden
-def gap_of(a: Array, b: Array, turning: Indices) -> float:
-    """The largest difference of a joint, full turns left out, [rad or m]."""
-    most = 0.0
-    for j in range(len(a)):
-        gap = a[j] - b[j]
-        if turning[j] != STRAIGHT:
-            gap -= TURN * np.rint(gap / TURN)
-        most = max(most, abs(gap))
-    return most
 
 
 @hidden
 def crowded(q: Array, rows: Array, count: int, turning: Indices, near: float) -> bool:
     """Is any of the first rows, full turns left out, as near as that in every joint?"""
     for k in range(count):
-        if gap_of(q, rows[k], turning) < near:
+        close = True
+        for j in range(len(q)):
+            gap = q[j] - rows[k, j]
+            if abs(gap) >= near:
+                if turning[j] != STRAIGHT:
+                    gap -= TURN * np.rint(gap * (1.0 / TURN))
+                if abs(gap) >= near:
+                    close = False
+                    break
+        if close:
             return True
     return False
 
@@ -106,10 +106,17 @@ def along_lanes(handle: Indices, wanted: Array, memory: Array, q: Array, first: 
     lanes_forward(task.chain.leader, task.links, lanes, w)
     lanes_jacobian(task.chain.leader, task.links, lanes, free, w)
     best = np.zeros(LANES)
+    for l in range(last - first, LANES):
+        best[l] = 1.0
     found, one = np.zeros((LANES, dof)), np.zeros(dof)
     square = np.zeros((7, 7))
     whole = (dof == 7 and free == 0.0 and task.columns[0] > 0.0) or (dof == 6 and free == 1.0)
     for turn in range(2):
+        least = 1.0
+        for l in range(LANES):
+            least = min(least, best[l])
+        if turn == 1 and least > SHORT:
+            break
         for r in range(6 * LANES):
             lanes.residual[r] = 0.0
         for i in range(dof):
@@ -283,7 +290,7 @@ def gather(
     desk = make_desk(memory, dof, len(task.chain.leader))
     lanes, one = desk.lanes, np.zeros(dof)
     reset_weights(task, desk)
-    count = 0
+    count, told = 0, 0
     for part in range(2):
         for k in range(0 if part == 0 else first, first if part == 0 else len(given)):
             for d in range(dof):
@@ -295,7 +302,7 @@ def gather(
                     count += 1
         if part == 1 or beside <= 0.0:
             continue
-        told, filled = 0, 0
+        filled = 0
         # Answers found beside others are looked beside as well, until nothing new is found.
         while told < count and count < most:
             last = min(told + LANES, count)
@@ -316,7 +323,7 @@ def gather(
                 count = settled(handle, wanted, memory, filled, lower, upper, turning, apart, q, count, one, w)
                 filled = 0
             told = last
-    for k in range(0, count, LANES):
+    for k in range(told, count, LANES):
         along_lanes(handle, wanted, memory, q, k, min(k + LANES, count), along, w)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return count
