@@ -43,6 +43,10 @@ TRUST = 0.4
 TRIES, SHORTER = 5, 0.4
 """How often a Gauss-Newton step is tried until the path is better, each time so much shorter."""
 
+KEPT, TORN = 0.9, 1.2
+"""A path is torn where a step becomes larger than before and than this part of what is allowed; while the largest steps are
+made small, by so much larger."""
+
 HOLD = 4
 """Where a step tears the path so many more rows, to each side, are held back at each try."""
 
@@ -152,7 +156,9 @@ class Smoother:
         """One Gauss-Newton step of all poses, held back where it would tear the path."""
         step = self._step(q, row, power)
         before, share = self._sum(q, row, power), np.ones(len(q))
-        bounds = np.maximum(np.abs(np.diff(q, axis=0)), row.longest)
+        bounds = np.maximum(np.abs(np.diff(q, axis=0)), KEPT * row.longest)
+        if power > 2:
+            bounds *= TORN
         for tries in range(TRIES):
             moved = q + share[:, None] * step
             lost = ~self.settle(moved, row.targets) | row.fixed

@@ -78,12 +78,12 @@ LEAPS = 0.6
 CROWD = 1.2
 """Where there is no room for all answers at a layer, they are so many times as far apart at the next."""
 
-PASSES = ((4, 2), (20, 6), (20, 12))
-"""Passes of smoothing at most, and the power of the steps' lengths whose sum they make small; the higher powers only where
-steps are still too large."""
+FIRST_PASSES, LAST_PASSES = 10, 4
+"""Passes of smoothing at most, on the rows of the plan and on all poses."""
 
-FIRST_PASSES = 10
-"""Passes of smoothing on the rows of the plan."""
+POWERS, POWER_PASSES, EASED = (6, 12), 20, 4.0
+"""Where steps are still too large, powers of the steps' lengths whose sum is made small instead, in so many passes at most,
+on so much of the hand's way before and behind."""
 
 UNBOUND = 1e6
 """Stands for a step without a bound."""
@@ -119,7 +119,9 @@ class Planner:
         self.smoother, self.turning = smoother_of(asked), Turning(problem.chain)
         self.index: BranchIndex = index_of(problem)
         self.wanted, self.targets = wanted_of(problem.goal), np.ascontiguousarray(problem.goal.targets)
-        self.rows = rows_of(problem, effort.way)
+        self.gone = gone_of(problem)
+        """How far the hand has gone at each pose, see `Effort.way`, (N,)."""
+        self.rows = rows_of(self.gone, effort.way)
         """Numbers of the poses on which the way is planned."""
         self.row_targets = np.ascontiguousarray(self.targets[self.rows])
         last = len(self.rows) - 1
@@ -267,16 +269,16 @@ class Planner:
 
 
 def gone_of(problem: Problem) -> Array:
-    """How far the hand has gone at each pose, see `Effort.way`, (N,)."""
+    """How far the hand has gone at each pose, its turn [rad] and its way in thirds of the arm's length, (N,)."""
     poses = np.zeros((len(problem.goal.targets), 4, 4))
     poses[:, :3], poses[:, 3, 3] = problem.goal.targets, 1.0
     distance, turn = apart(poses[:-1], poses[1:])
     return np.concatenate([[0.0], np.cumsum(distance / arm_length(problem.chain) * 3 + turn)])
 
 
-def rows_of(problem: Problem, way: float) -> Indices:
-    """Numbers of poses between which the hand goes so far, the first and the last among them."""
-    last, gone = len(problem.goal.targets) - 1, gone_of(problem)
+def rows_of(gone: Array, way: float) -> Indices:
+    """Numbers of poses between which the hand goes so far, the first and the last among them; all of them for 0."""
+    last = len(gone) - 1
     if way <= 0.0:
         return np.arange(last + 1)
     parts = max(int(np.ceil(gone[-1] / way)), min(last, 2))
@@ -342,31 +344,23 @@ def smoother_of(asked: Asked) -> Smoother:
 
 
 def _open_way(asked: Asked, advance: Advance) -> Array:
-    """A coarse plan; where it breaks, parts of it planned finely; if it still breaks, all of it."""
-    best = _planned(asked, COARSE, advance)
-    if not _faults(asked, best)[0]:
-        return best
-    best = _mended(asked, best)
-    if not _faults(asked, best)[0]:
-        return best
-    finer = _planned(asked, FINE, _silent)
-    finer = min(finer, _mended(asked, finer), key=lambda q: _faults(asked, q))
-    return min(best, finer, key=lambda q: _faults(asked, q))
+    """The best of a few plans, each made if those before it break, and parts of each planned anew around its breaks."""
+    best: Array | None = None
+    for effort in (COARSE, FINE, EACH):
+        q = _mended(asked, _planned(asked, effort, advance if best is None else _silent))
+        if best is None or _faults(asked, q) < _faults(asked, best):
+            best = q
+        if not _faults(asked, best)[0]:
+            break
+    assert best is not None
+    return best
 
 
 def _mended(asked: Asked, q: Array) -> Array:
     """Parts of a path around its breaks planned anew and finely, where that mends them."""
     gone = gone_of(asked.problem)
     for around in AROUND:
-        bad = np.flatnonzero(~unbroken(asked, q))
-        windows: list[tuple[int, int]] = []
-        for i in bad.tolist():
-            first = max(int(np.searchsorted(gone, gone[i] - around)), 0)
-            last = min(int(np.searchsorted(gone, gone[i + 1] + around)), len(q) - 1)
-            if windows and first <= windows[-1][1]:
-                first = windows.pop()[0]
-            windows.append((first, last))
-        for first, last in windows:
+        for first, last in _around(asked, q, gone, around):
             part = _part(asked, q, first, last)
             made = _planned(part, EACH, _silent)
             if _faults(part, made) < _faults(part, q[first : last + 1]):
@@ -405,11 +399,25 @@ def _planned(asked: Asked, effort: Effort, advance: Advance) -> Array:
     q = smoother.smooth(q, some, FIRST_PASSES, 2)
     if len(rows) < len(all_of_them.targets):
         q = _put(asked, smoother, between_rows(rows, q), all_of_them)
-    for passes, power in PASSES:
-        q = smoother.smooth(q, all_of_them, passes, power)
-        if unbroken(asked, q).all():
-            break
+    q = smoother.smooth(q, all_of_them, LAST_PASSES, 2)
+    gone = planner.gone
+    for power in POWERS:
+        for first, last in _around(asked, q, gone, EASED):
+            part = _row(_part(asked, q, first, last), np.arange(last + 1 - first))
+            q[first : last + 1] = smoother.smooth(q[first : last + 1], part, POWER_PASSES, power)
     return q
+
+
+def _around(asked: Asked, q: Array, gone: Array, way: float) -> list[tuple[int, int]]:
+    """First and last pose of each part of a path that holds its breaks, and so much of the hand's way at both sides."""
+    parts: list[tuple[int, int]] = []
+    for i in np.flatnonzero(~unbroken(asked, q)).tolist():
+        first = int(np.searchsorted(gone, gone[i] - way))
+        last = min(int(np.searchsorted(gone, gone[i + 1] + way)), len(q) - 1)
+        if parts and first <= parts[-1][1]:
+            first = parts.pop()[0]
+        parts.append((first, last))
+    return parts
 
 
 def _row(asked: Asked, rows: Indices) -> Row:
