@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import freedom
-from kinseek.errors import InvalidProblem
 from kinseek.problem import Problem
 
 from .asked import Asked
@@ -43,8 +42,7 @@ def follow(asked: Asked, threads: int | None, advance: Advance, take: int | None
     part, own = relaxed(asked)
     take = len(asked) if take is None else take
     if freedom(part.problem) > 0:
-        refuse_cost(asked)
-        q, breaks = _sampled(part, advance)
+        q, breaks = _sampled(part, threads, advance)
         _set_ends(part, q)
         q = q[:take, own]
         refused, barred = refusals(asked, q, breaks)
@@ -79,7 +77,7 @@ def _set_ends(asked: Asked, q: Array) -> None:
         free = False
 
 
-def _sampled(asked: Asked, advance: Advance) -> tuple[Array, Indices]:
+def _sampled(asked: Asked, threads: int | None, advance: Advance) -> tuple[Array, Indices]:
     """As `follow_samples`, but a long path in windows, and one of which only the end is wanted from there on."""
     if asked.end is not None and asked.start is None:
         problem = asked.problem
@@ -90,15 +88,15 @@ def _sampled(asked: Asked, advance: Advance) -> tuple[Array, Indices]:
             end=None,
             longest=np.ascontiguousarray(asked.longest[::-1]),
         )
-        q, breaks = _sampled(turned, advance)
+        q, breaks = _sampled(turned, threads, advance)
         return np.ascontiguousarray(q[::-1]), len(q) - 2 - breaks[::-1]
     if len(asked) <= SAMPLED + AHEAD or asked.closed:
-        return follow_samples(asked, advance)
+        return follow_samples(asked, threads, advance)
     q = np.empty((len(asked), asked.problem.chain.dof))
     for begin in range(0, len(asked), SAMPLED):
         # Each window begins where the one before ended, and looks ahead of where the next will begin.
         part = asked.part(begin, min(begin + SAMPLED + 1 + AHEAD, len(asked)))
-        rows, _ = follow_samples(replace(part, start=q[begin]) if begin else part, _silent)
+        rows, _ = follow_samples(replace(part, start=q[begin]) if begin else part, threads, _silent)
         q[begin : begin + SAMPLED + 1] = rows[: SAMPLED + 1]
         advance(SAMPLED)
     return q, np.flatnonzero(~unbroken(asked, q))
@@ -133,16 +131,3 @@ def _judged(
     if path.success:
         return path
     return replace(path, why=reasons(asked, path, wide))
-
-
-def refuse_cost(asked: Asked) -> None:
-    """Refuse a cost of the user where the whole self-motion is smoothed, which knows distances alone.
-
-    Raises:
-        InvalidProblem: There is one.
-    """
-    if asked.cost is not None:
-        raise InvalidProblem(
-            "cost= chooses among isolated answers; where joints are to spare, the path is made short along the self-motion: "
-            "give weights= or velocity= instead"
-        )

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.branches.order import Cost
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.kernels.atlas.lanes import LANES
@@ -96,7 +97,10 @@ def relaxed(asked: Asked) -> tuple[Asked, slice]:
         None if q is None else _with_ranges(problem, own, q, i)
         for q, i in ((asked.start, 0), (asked.end, -1))
     )
-    valid = None if asked.valid is None else replace(asked.valid, own=own)
+    valid, cost = asked.valid, asked.cost
+    if valid is not None:
+        valid = replace(valid, own=own)
+    wanted = None if cost is None else _of_the_arm(cost, own)
     part = replace(
         asked,
         problem=problem,
@@ -106,8 +110,14 @@ def relaxed(asked: Asked) -> tuple[Asked, slice]:
         start=start,
         end=end,
         valid=valid,
+        cost=wanted,
     )
     return part, own
+
+
+def _of_the_arm(cost: Cost, own: slice) -> Cost:
+    """What the user says that joint values cost, asked with the joints of the arm alone."""
+    return lambda q: cost(q[:, own])
 
 
 def _angles(ranges: dict[int, tuple[float, float]], frame: str) -> dict[int, tuple[float, float]]:

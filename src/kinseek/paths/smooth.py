@@ -238,7 +238,9 @@ class Smoother:
             middle = (before * ahead + after * behind) / (ahead + behind)
             there = self.settle(middle, np.ascontiguousarray(row.targets[some]))
             now = self._of_steps(here - before, behind, power) + self._of_steps(after - here, ahead, power)
-            then = self._of_steps(middle - before, behind, power) + self._of_steps(after - middle, ahead, power)
+            then = self._of_steps(middle - before, behind, power) + self._of_steps(
+                after - middle, ahead, power
+            )
             better = there & (then < now)
             if self.valid is not None:
                 free = self.valid.free_ways(before[better], middle[better])

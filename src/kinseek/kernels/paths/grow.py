@@ -8,7 +8,13 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import free_turn, reset_weights, within
-from kinseek.kernels.atlas.lanes import LANES, lanes_forward, lanes_gram, lanes_jacobian, lanes_residual, lanes_solve
+from kinseek.kernels.atlas.lanes import (
+    LANES,
+    lanes_forward,
+    lanes_gram,
+    lanes_jacobian,
+    lanes_solve,
+)
 from kinseek.kernels.atlas.memory import desk_size, make_desk
 from kinseek.kernels.atlas.task import HANDLE, WANTED, task_of
 from kinseek.kernels.entry import F64, I64
@@ -65,6 +71,20 @@ def into_first_turn(q: Array, lower: Array, upper: Array, turning: Indices) -> b
 
 
 @hidden
+def joined(
+    one: Array, lower: Array, upper: Array, turning: Indices, apart: float, q: Array, count: int
+) -> int:
+    """Append an answer to q if there is room, it lies inside its limits and none stands near; return how many there are."""
+    if count == len(q) or not into_first_turn(one, lower, upper, turning):
+        return count
+    if crowded(one, q, count, turning, apart):
+        return count
+    for d in range(len(one)):
+        q[count, d] = one[d]
+    return count + 1
+
+
+@hidden
 def sign_of(A: Array) -> float:
     """Sign of the determinant of a square matrix, (m, m), which is used up."""
     m, sign = len(A), 1.0
@@ -89,7 +109,9 @@ def sign_of(A: Array) -> float:
 
 
 @called
-def along_lanes(handle: Indices, wanted: Array, memory: Array, q: Array, first: int, last: int, way: Array, w: int) -> int:
+def along_lanes(
+    handle: Indices, wanted: Array, memory: Array, q: Array, first: int, last: int, way: Array, w: int
+) -> int:
     """Write the direction of the self-motion at answers first … last-1, at most LANES, into `way`, (k, n).
 
     The longest joint of it is 1. With one joint to spare its sense goes on without a jump from answer to answer along the
@@ -288,23 +310,19 @@ def gather(
     dof, most = len(lower), len(q)
     memory = np.zeros(desk_size(dof, len(task.chain.leader)))
     desk = make_desk(memory, dof, len(task.chain.leader))
-    lanes, one = desk.lanes, np.zeros(dof)
+    one = np.zeros(dof)
     reset_weights(task, desk)
     count, told = 0, 0
     for part in range(2):
         for k in range(0 if part == 0 else first, first if part == 0 else len(given)):
             for d in range(dof):
                 one[d] = given[k, d]
-            if count < most and into_first_turn(one, lower, upper, turning):
-                if not crowded(one, q, count, turning, apart):
-                    for d in range(dof):
-                        q[count, d] = one[d]
-                    count += 1
+            count = joined(one, lower, upper, turning, apart, q, count)
         if part == 1 or beside <= 0.0:
             continue
         filled = 0
         # Answers found beside others are looked beside as well, until nothing new is found.
-        while told < count and count < most:
+        while told < count < most:
             last = min(told + LANES, count)
             along_lanes(handle, wanted, memory, q, told, last, along, w)
             for side in range(2):
@@ -317,10 +335,14 @@ def gather(
                     desk.state[filled] = 0
                     filled += 1
                     if filled == LANES:
-                        count = settled(handle, wanted, memory, filled, lower, upper, turning, apart, q, count, one, w)
+                        count = settled(
+                            handle, wanted, memory, filled, lower, upper, turning, apart, q, count, one, w
+                        )
                         filled = 0
             if filled > 0:
-                count = settled(handle, wanted, memory, filled, lower, upper, turning, apart, q, count, one, w)
+                count = settled(
+                    handle, wanted, memory, filled, lower, upper, turning, apart, q, count, one, w
+                )
                 filled = 0
             told = last
     for k in range(told, count, LANES):
@@ -359,13 +381,10 @@ def settled(
             desk.lanes.target[r * LANES + l] = desk.lanes.target[r * LANES]
     settle(handle, wanted, memory, task.lower, task.upper, STEPS, w)
     for l in range(filled):
-        if count == len(q) or not within(task, desk.lanes, l):
+        if not within(task, desk.lanes, l):
             continue
         for d in range(dof):
             one[d] = desk.lanes.q[d, l]
-        if into_first_turn(one, lower, upper, turning) and not crowded(one, q, count, turning, apart):
-            for d in range(dof):
-                q[count, d] = one[d]
-            count += 1
+        count = joined(one, lower, upper, turning, apart, q, count)
     memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
     return count

@@ -388,7 +388,13 @@ def link(
             cost, share, same = told[a, 0], 0.0, 0.0
             for j in range(dof):
                 same += along_ahead[a, j] * along[b, j]
-                cost += weights[j] * weights[j] * (2.0 * (ahead[a, j] - q_before[a, j]) + gaps[j]) * gaps[j] / poses
+                cost += (
+                    weights[j]
+                    * weights[j]
+                    * (2.0 * (ahead[a, j] - q_before[a, j]) + gaps[j])
+                    * gaps[j]
+                    / poses
+                )
             for j in range(dof):
                 gap = gaps[j] / poses if same > 0.0 else gaps[j]
                 most = max(abs(told[a, 1 + j] + gap), abs(told[a, 1 + dof + j] + gap))
@@ -403,5 +409,7 @@ def link(
                 if after < 0 or fault[to] < 0:
                     continue
                 sum_there = sums_before[node] + cost + (own[to] if len(own) > 0 else 0.0)
-                if fault_before[node] < fault[to] or (fault_before[node] == fault[to] and sum_there < sums[to]):
+                if fault_before[node] < fault[to] or (
+                    fault_before[node] == fault[to] and sum_there < sums[to]
+                ):
                     fault[to], sums[to], came[to] = fault_before[node], sum_there, node

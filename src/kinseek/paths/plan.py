@@ -1,0 +1,366 @@
+"""The best way through a path of an arm with joints to spare: layers of answers, branches between them, one programme."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.branches.index import BranchIndex, index_of
+from kinseek.branches.order import cost_of, is_valid
+from kinseek.branches.result import answers_of
+from kinseek.deadline import Deadline
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.paths.grow import gather, lead_on
+from kinseek.kernels.paths.programme import link
+from kinseek.kernels.paths.trace import trace
+from kinseek.problem import Problem
+from kinseek.robots.geometry import arm_length
+from kinseek.solvers import Atlas
+from kinseek.solvers.atlas.index import wanted_of
+from kinseek.solvers.threads import GoOn, spread
+
+from .asked import Asked
+from .between import apart
+from .joints import Turning
+from .smooth import Smoother
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+Advance = Callable[[int], object]
+
+
+class Effort(NamedTuple):
+    """How finely a path is planned."""
+
+    way: float
+    """So far the hand goes from row to row: its turn [rad], and its way in thirds of the arm's length."""
+    rows: int
+    """Rows from one layer to the next."""
+    samples: int
+    """Answers sampled at the first pose."""
+    fresh: int
+    """Fresh ones at each other layer."""
+    most: int
+    """Answers at a layer at most."""
+    apart: float
+    """Answers nearer than this [rad or m] in every joint go on as one."""
+
+
+SIDEWAYS = 0.4
+"""A way along the self-motion leads so far in every joint [rad or m] at most; what is farther off is another branch."""
+
+BESIDE = 2.0
+"""So many times as far along the self-motion as answers are apart, more are looked for beside each."""
+
+LEAPS = 0.6
+"""A branch ends where a joint goes farther than this from row to row [rad or m]."""
+
+CROWD = 1.2
+"""Where there is no room for all answers at a layer, they are so many times as far apart at the next."""
+
+FORGET = 16
+"""After so many layers it is looked what the best ways have in common."""
+
+UNBOUND = 1e6
+"""Stands for a step without a bound."""
+
+
+class Layer(NamedTuple):
+    """Answers at one layer, and the best way to each of them."""
+
+    q: Array
+    """In the first turn, (k, n)."""
+    along: Array
+    """Directions of the self-motion, (k, n)."""
+    fault: Indices
+    """Breaks on the way to each node, -1 for those that are none, (k · copies,)."""
+    sums: Array
+    """What the way costs, (k · copies,)."""
+    came: Indices
+    """See `link`, (k · copies,)."""
+
+
+class Place(NamedTuple):
+    """One layer's part in a way."""
+
+    q: Array
+    """The answer, in the first turn, (n,)."""
+    turns: int
+    """Of its joints, as one number."""
+    joined: bool
+    """Is it reached from the layer before without a break?"""
+
+
+class Ways:
+    """The best ways to all answers of the last layer. What they have in common is kept once, and the rest is forgotten."""
+
+    def __init__(self, total: int) -> None:
+        """Begin; `total` is how many copies an answer has at most."""
+        self.total, self.common = total, list[Place]()
+        self.layers = list[tuple[Array, Indices]]()
+
+    def add(self, layer: Layer) -> None:
+        """Go on by a layer."""
+        self.layers.append((layer.q, layer.came))
+        if len(self.layers) % FORGET == 0:
+            nodes = np.flatnonzero(layer.fault >= 0)
+            for k in range(len(self.layers) - 1, 0, -1):
+                nodes = np.unique(_before(self.layers[k][1][nodes]))
+                if len(nodes) == 1:
+                    self.common += self._back(self.layers[:k], int(nodes[0]))[:-1]
+                    del self.layers[: k - 1]
+                    break
+
+    def to(self, node: int) -> list[Place]:
+        """The best way to a node of the last layer, a place for each layer."""
+        return self.common + self._back(self.layers, node)
+
+    def _back(self, layers: list[tuple[Array, Indices]], node: int) -> list[Place]:
+        places = []
+        for q, came in reversed(layers):
+            places.append(Place(q[node // self.total], node % self.total, bool(came[node] >= 0)))
+            node = int(_before(came[node]))
+        return places[::-1]
+
+
+def _before(came: Indices) -> Indices:
+    """From which nodes others were reached, see `link`."""
+    return np.asarray(np.where(came >= 0, came, -2 - came))
+
+
+class Planner:
+    """Finds the best way through a path for one arm with joints to spare."""
+
+    def __init__(self, asked: Asked, effort: Effort) -> None:
+        """Choose rows and layers.
+
+        Args:
+            asked: The path.
+            effort: How finely it is planned.
+        """
+        problem = asked.problem
+        self.asked, self.effort, self.problem, self.dof = asked, effort, problem, problem.chain.dof
+        self.smoother, self.turning = smoother_of(asked), Turning(problem.chain)
+        self.index: BranchIndex = index_of(problem)
+        self.wanted, self.targets = wanted_of(problem.goal), np.ascontiguousarray(problem.goal.targets)
+        self.gone = gone_of(problem)
+        """How far the hand has gone at each pose, see `Effort.way`, (N,)."""
+        self.rows = rows_of(self.gone, effort.way)
+        """Numbers of the poses on which the way is planned."""
+        self.row_targets = np.ascontiguousarray(self.targets[self.rows])
+        last = len(self.rows) - 1
+        self.keys = np.unique(np.round(np.linspace(0, last, -(-last // effort.rows) + 1)).astype(np.int64))
+        """Which rows are layers."""
+        longest = asked.longest.min(axis=0)
+        self.longest = np.where(np.isinf(longest), UNBOUND, longest)
+        self.sideways = np.where(np.isinf(asked.longest.max(axis=0)), UNBOUND, SIDEWAYS)
+        self.apart = effort.apart
+
+    def sample(self, i: int, count: int) -> Array:
+        """Answers to pose i, well spread, (k, n)."""
+        target = np.eye(4)
+        target[:3] = self.targets[i]
+        rows = self.index.search(self.wanted, target, self.index.view, count)
+        return answers_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
+
+    def layer(self, k: int, arrived: Array, fresh: Array, alone: bool = False) -> tuple[Array, Array]:
+        """Answers at a layer, (k, n), and the directions of the self-motion there."""
+        given, turning = np.concatenate([arrived, fresh]), self.turning
+        q, along = np.empty((2, self.effort.most, self.dof))
+        beside = 0.0 if alone else BESIDE * self.apart
+        target = self.row_targets[self.keys[k]]
+        handle = self.index.fine.handle
+        limits = (turning.lower, turning.upper, turning.kind)
+        count = gather(
+            handle, self.wanted, target, given, len(arrived), *limits, self.apart, beside, q, along, LANES
+        )
+        self.apart = self.apart * CROWD if count == len(q) else max(self.effort.apart, self.apart / CROWD)
+        q, along = q[:count], along[:count]
+        if self.asked.valid is not None:
+            lower, upper = turning.open_lower, turning.open_upper
+            good = [is_valid(self.asked.valid, np.clip(row, lower, upper)) for row in q]
+            q, along = q[np.array(good, dtype=np.bool_)], along[np.array(good, dtype=np.bool_)]
+        if len(q):
+            return q, along
+        # None at all: the nearest that the atlas finds.
+        goal = self.problem.goal.at(self.problem.goal.target[self.rows[self.keys[k]]])
+        nearest = Atlas(threads=1).solve(Problem(self.problem.mechanism, goal)).q
+        return turning.first_turn(nearest[None]), np.zeros((1, self.dof))
+
+    def plan(self, advance: Advance, threads: int | None) -> Array:
+        """Joint values for all rows, (rows, n)."""
+        fixed = [None if q is None else self.turning.off_ends(q) for q in (self.asked.start, self.asked.end)]
+        last = len(self.keys) - 1
+        fresh = self.samples(threads)
+        ways, before, none = Ways(self.turning.total), None, np.zeros((0, self.dof))
+        for k in range(last + 1):
+            begin, end = int(self.keys[max(k - 1, 0)]), int(self.keys[k])
+            only = fixed[0] if k == 0 else fixed[1] if k == last else None
+            led = None if before is None else self.lead_on(before.q, begin, end)
+            if only is not None:
+                q, along = self.layer(k, self.turning.first_turn(only[None]), none, alone=True)
+            elif led is None:
+                q, along = self.layer(k, fresh[k], none)
+            else:
+                q, along = self.layer(k, led[0][np.isfinite(led[1][:, 0])], fresh[k])
+            poses = int(self.rows[end] - self.rows[begin])
+            before = self.linked(before, q, along, led, poses, only)
+            ways.add(before)
+            advance(poses)
+        assert before is not None
+        fault = np.where(before.fault < 0, np.iinfo(np.int64).max, before.fault)
+        return self.filled(ways.to(int(np.lexsort((before.sums, fault))[0])))
+
+    def samples(self, threads: int | None) -> list[Array]:
+        """Fresh answers at all layers, (k, n) each."""
+        found = [np.zeros((0, self.dof))] * len(self.keys)
+
+        def find(first: int, end: int, go_on: GoOn) -> None:
+            for k in range(first, end):
+                count = self.effort.fresh if k else self.effort.samples
+                found[k] = self.sample(int(self.rows[self.keys[k]]), count)
+
+        spread(find, len(self.keys), 16, threads, Deadline())
+        return found
+
+    def lead_on(self, q: Array, begin: int, end: int) -> tuple[Array, Array, Array]:
+        """Where answers to a row lead at another, what is told of them, and directions there; see `grow.lead_on`."""
+        ahead, along = np.empty((2, *q.shape))
+        told = np.empty((len(q), 1 + 2 * self.dof))
+        leaps = np.full(self.dof, LEAPS)
+        moments = self.rows[begin : end + 1].astype(np.float64)
+        targets = self.row_targets[begin : end + 1]
+        lead_on(
+            self.index.fine.handle,
+            self.wanted,
+            targets,
+            moments,
+            leaps,
+            self.smoother.weights,
+            q,
+            ahead,
+            told,
+            along,
+            LANES,
+        )
+        return ahead, told, along
+
+    def linked(
+        self,
+        before: Layer | None,
+        q: Array,
+        along: Array,
+        led: tuple[Array, Array, Array] | None,
+        poses: int,
+        only: Array | None,
+    ) -> Layer:
+        """Answers as a layer, reached from the layer before; with `only`, (n,), no other turn of it."""
+        turning, nodes = self.turning, len(q) * self.turning.total
+        made = Layer(q, along, np.empty(nodes, np.int64), np.empty(nodes), np.empty(nodes, np.int64))
+        if before is None or led is None:
+            none, no_node = np.zeros((0, self.dof)), np.zeros(0, dtype=np.int64)
+            before = Layer(none, none, no_node, np.zeros(0), no_node)
+            led = none, np.zeros((0, 1 + 2 * self.dof)), none
+        link(
+            before.q,
+            *led,
+            q,
+            along,
+            turning.lower,
+            turning.upper,
+            turning.kind,
+            turning.copies,
+            self.longest,
+            self.sideways,
+            self.smoother.weights,
+            float(poses),
+            self.own(q, poses),
+            before.fault,
+            before.sums,
+            made.fault,
+            made.sums,
+            made.came,
+        )
+        if only is not None:
+            made.fault[np.arange(nodes) != turning.turns_of(only)] = -1
+        return made
+
+    def own(self, q: Array, poses: int) -> Array:
+        """What the user says that nodes cost, less the least of them, for so many poses, (nodes,); or nothing, (0,)."""
+        turning = self.turning
+        if self.asked.cost is None:
+            return np.zeros(0)
+        each, turns = np.repeat(q, turning.total, axis=0), np.tile(np.arange(turning.total), len(q))
+        values = np.clip(turning.node_values(each, turns), turning.open_lower, turning.open_upper)
+        costs = cost_of(self.asked.cost, values)
+        return np.asarray((costs - costs.min()) * max(poses, 1))
+
+    def filled(self, places: list[Place]) -> Array:
+        """Joint values of all rows: along each branch, and sideways to the next evenly over all poses in between."""
+        turning, parts = self.turning, []
+        values = [turning.node_values(place.q[None], np.array([place.turns]))[0] for place in places]
+        for k, (begin, end) in enumerate(itertools.pairwise(self.keys.tolist())):
+            way = self.followed(places[k].q, begin, end) + (values[k] - places[k].q)
+            if places[k + 1].joined:
+                moments = self.rows[begin : end + 1]
+                share = (moments - moments[0]) / (moments[-1] - moments[0])
+                way = way + share[:, None] * turning.step(values[k + 1] - way[-1])
+            parts.append(way[:-1])
+        return turning.unwrapped(np.concatenate([*parts, values[-1][None]]))
+
+    def followed(self, q: Array, begin: int, end: int) -> Array:
+        """One branch from row to row, (rows, n)."""
+        ways, ends = np.zeros((end - begin + 1, LANES, self.dof)), np.zeros(LANES, dtype=np.int64)
+        ways[0] = q
+        targets, leaps = self.row_targets[begin : end + 1], np.full(self.dof, LEAPS)
+        trace(self.index.fine.handle, self.wanted, targets, 0, end - begin, 1, leaps, ways, ends, LANES)
+        ways[ends[0] + 1 :, 0] = ways[ends[0], 0]
+        return ways[:, 0]
+
+
+def gone_of(problem: Problem) -> Array:
+    """How far the hand has gone at each pose, its turn [rad] and its way in thirds of the arm's length, (N,)."""
+    poses = np.zeros((len(problem.goal.targets), 4, 4))
+    poses[:, :3], poses[:, 3, 3] = problem.goal.targets, 1.0
+    distance, turn = apart(poses[:-1], poses[1:])
+    return np.asarray(np.concatenate([[0.0], np.cumsum(distance / arm_length(problem.chain) * 3 + turn)]))
+
+
+def rows_of(gone: Array, way: float) -> Indices:
+    """Numbers of poses between which the hand goes so far, the first and the last among them; all of them for 0."""
+    last = len(gone) - 1
+    if way <= 0.0:
+        return np.arange(last + 1)
+    parts = max(int(np.ceil(gone[-1] / way)), min(last, 2))
+    rows = np.searchsorted(gone, np.linspace(0, gone[-1], parts + 1))
+    return np.unique(np.concatenate([[0], rows, [last]]).clip(0, last)).astype(np.int64)
+
+
+def between_rows(rows: Indices, q: Array) -> Array:
+    """Values for all poses, from those of some, by cubic polynomials (Hermite) without a corner, (rows, n) -> (N, n)."""
+    if len(rows) < 3:
+        share = np.arange(rows[-1] + 1) / max(rows[-1], 1)
+        return np.asarray(q[0] + share[:, None] * (q[-1] - q[0]))
+    spans = np.diff(rows).astype(np.float64)[:, None]
+    slopes = np.diff(q, axis=0) / spans
+    middle = (slopes[:-1] * spans[1:] + slopes[1:] * spans[:-1]) / (spans[1:] + spans[:-1])
+    tangents = np.concatenate([slopes[:1], middle, slopes[-1:]])
+    poses = np.arange(rows[-1] + 1)
+    i = np.clip(np.searchsorted(rows, poses, side="right") - 1, 0, len(rows) - 2)
+    span = spans[i]
+    t = (poses - rows[i])[:, None] / span
+    one = t * t * (3 - 2 * t)
+    return np.asarray(
+        q[i] + one * (q[i + 1] - q[i]) + span * t * (1 - t) * ((1 - t) * tangents[i] - t * tangents[i + 1])
+    )
+
+
+def smoother_of(asked: Asked) -> Smoother:
+    """What makes its paths short."""
+    weights = asked.weights if asked.velocity is None else asked.weights / asked.velocity
+    return Smoother(asked.problem, weights / weights.max(), asked.valid)
