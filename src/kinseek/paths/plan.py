@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import BranchIndex, index_of
-from kinseek.branches.order import cost_of, is_valid
+from kinseek.branches.order import cost_of
 from kinseek.branches.result import answers_of
 from kinseek.deadline import Deadline
 from kinseek.kernels.atlas.lanes import LANES
@@ -182,15 +182,18 @@ class Planner:
         self.apart = self.apart * CROWD if count == len(q) else max(self.effort.apart, self.apart / CROWD)
         q, along = q[:count], along[:count]
         if self.asked.valid is not None:
-            lower, upper = turning.open_lower, turning.open_upper
-            good = [is_valid(self.asked.valid, np.clip(row, lower, upper)) for row in q]
-            q, along = q[np.array(good, dtype=np.bool_)], along[np.array(good, dtype=np.bool_)]
+            good = self.asked.valid.each(self.clipped(q))
+            q, along = q[good], along[good]
         if len(q):
             return q, along
         # None at all: the nearest that the atlas finds.
         goal = self.problem.goal.at(self.problem.goal.target[self.rows[self.keys[k]]])
         nearest = Atlas(threads=1).solve(Problem(self.problem.mechanism, goal)).q
         return turning.first_turn(nearest[None]), np.zeros((1, self.dof))
+
+    def clipped(self, q: Array) -> Array:
+        """Answers in the first turn, inside the limits to the last bit."""
+        return np.clip(q, self.turning.open_lower, self.turning.open_upper)
 
     def plan(self, advance: Advance, threads: int | None) -> Array:
         """Joint values for all rows, (rows, n)."""
@@ -248,6 +251,12 @@ class Planner:
             along,
             LANES,
         )
+        valid = self.asked.valid
+        if valid is not None and valid.scene is not None:
+            # Layers are close: the straight way from one to the next stands for the branch. The path itself is judged later.
+            leads = np.isfinite(told[:, 0])
+            leads[leads] = valid.free_ways(self.clipped(q[leads]), self.clipped(ahead[leads]))
+            told[~leads, 0] = np.inf
         return ahead, told, along
 
     def linked(

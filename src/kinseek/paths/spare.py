@@ -5,7 +5,7 @@ answers are sampled all over the self-motion. Each is followed with the least mo
 each layer answers beside them, along the self-motion, keep them well spread, and a few fresh samples join them. So the best
 way through all of them (see `kernels.paths.programme.link`) keeps to branches, and changes from one to another sideways, by
 little at a time. What it leaves of corners is smoothed away, on the poses of the plan first, then on all. Where a step is
-still too large, that part of the path is planned again, more finely; if that does not help, all of it is.
+still too large, or hits something, that part of the path is planned again, more finely; if that does not help, all of it is.
 """
 
 from __future__ import annotations
@@ -150,9 +150,17 @@ def _cost(asked: Asked, q: Array, spans: Array) -> float:
     return squares + float((cost_of(asked.cost, q)[1:] * spans[:, 0]).sum())
 
 
+def _faulty(asked: Asked, q: Array) -> Flags:
+    """Of each step, (N - 1,): is it a break, or does it hit something?"""
+    whole = unbroken(asked, q)
+    if asked.valid is not None:
+        whole[whole] = asked.valid.free_ways(q[:-1][whole], q[1:][whole])
+    return ~whole
+
+
 def _faults(asked: Asked, q: Array) -> tuple[int, float]:
-    """Breaks, and what the path costs."""
-    return int((~unbroken(asked, q)).sum()), _cost(asked, q, np.ones((len(q) - 1, 1)))
+    """Breaks, steps that are not free among them, and what the path costs."""
+    return int(_faulty(asked, q).sum()), _cost(asked, q, np.ones((len(q) - 1, 1)))
 
 
 def _planned(asked: Asked, effort: Effort, threads: int | None, advance: Advance) -> Array:
@@ -177,7 +185,7 @@ def _planned(asked: Asked, effort: Effort, threads: int | None, advance: Advance
 def _around(asked: Asked, q: Array, gone: Array, way: float) -> list[tuple[int, int]]:
     """First and last pose of each part of a path that holds its breaks, and so much of the hand's way at both sides."""
     parts: list[tuple[int, int]] = []
-    for i in np.flatnonzero(~unbroken(asked, q)).tolist():
+    for i in np.flatnonzero(_faulty(asked, q)).tolist():
         first = int(np.searchsorted(gone, gone[i] - way))
         last = min(int(np.searchsorted(gone, gone[i + 1] + way)), len(q) - 1)
         if parts and first <= parts[-1][1]:
