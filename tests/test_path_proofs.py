@@ -178,7 +178,7 @@ def test_a_limit_that_is_crossed_between_two_poses_is_seen() -> None:
     top, ends = rows[:, joint].max(), max(rows[0, joint], rows[-1, joint])
     both = rows[[0, -1]]
     assert proved(arm, both, T)[0] == INSIDE
-    assert proved(limited(arm, joint, top + 5e-3), both, T)[0] == INSIDE
+    assert proved(limited(arm, joint, top + 0.05), both, T)[0] == INSIDE
     for share in (0.01, 0.5, 0.9):
         narrow = limited(arm, joint, ends + share * (top - ends))
         assert ((both <= narrow.upper) & (both >= narrow.lower)).all()
