@@ -87,9 +87,8 @@ class Desk:
     def __init__(self, work: Work) -> None:
         """Make the arm; its atlas is built at the first question."""
         self.grid: Grid | Rings = grid_of(work.grid)
-        chain = deepcopy(
-            work.chain
-        )  # What comes over the wire may not be written to, and kernels take no such arrays.
+        # What comes over the wire may not be written to, and kernels take no such arrays.
+        chain = deepcopy(work.chain)
         self.first: FirstJoint | None = divided(chain) if isinstance(self.grid, Rings) else None
         self.arm = Arm(chain if self.first is None else self.first.chain)
 

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from kinseek.errors import InvalidMap, MapInterrupted
@@ -79,7 +80,7 @@ def _local_client(blocks: int) -> Iterator[Client]:
     connect: Any = distributed.Client
     options: dict[str, Any] = {"n_workers": min(os.cpu_count() or 1, blocks), "threads_per_worker": 1}
     options["dashboard_address"] = ":0"  # Any free port: another cluster may have the usual one.
-    with config.set({"distributed.admin.log-format": "%(message)s", "logging.distributed": "error"}):
+    with config.set({"logging.distributed": "error"}):
         if sys.platform == "win32":
             from distributed import LocalCluster as Cluster
         else:
@@ -95,9 +96,8 @@ def _require_same(client: Client, work: Work) -> None:
         InvalidMap: There is one; the message names it.
     """
 
-    def ask() -> (
-        str
-    ):  # A function in a function travels as it is; one of a module would need that module there.
+    def ask() -> str:
+        # A function in a function travels as it is; one of a module would need that module there.
         try:
             from kinseek.maps.block import version
         except ImportError as error:
@@ -118,47 +118,53 @@ def _spread(
     work: Work,
     todo: list[Index],
     blocks: int,
-    client: Client,
+    client: Any,
     advance: Callable[[int], object],
     written: Written,
 ) -> None:
     from concurrent.futures import CancelledError
 
     import distributed
-    from distributed.comm import CommClosedError
+    from distributed.comm.core import CommClosedError
     from distributed.scheduler import KilledWorker
 
     as_completed: Any = distributed.as_completed
-    before, left, numbers = blocks - len(todo), iter(todo), {}
-    done = 0
+    before, left, futures = blocks - len(todo), iter(todo), dict[Index, Any]()
+    done, gone = 0, False
 
     def submit(index: Index) -> Any:
-        future = client.submit(do, work, index, pure=False)
-        numbers[future.key] = index
-        return future
+        futures[index] = client.submit(_numbered, work, index, pure=False)
+        return futures[index]
 
     ahead = AHEAD * max(sum(client.nthreads().values()), 1)
     try:
-        running: Any = as_completed([submit(index) for _, index in zip(range(ahead), left, strict=False)])
+        running = as_completed([submit(index) for index in islice(left, ahead)])
         for future in running:
-            values = future.result()
-            done += 1
+            index, values = future.result()
+            del futures[index]
             if values is not None:
-                written(numbers[future.key], values)
-            del numbers[future.key]
+                written(index, values)
+            done += 1
             advance(1)
-            future.release()
-            for index in left:
-                running.add(submit(index))
-                break
+            for following in islice(left, 1):
+                running.add(submit(following))
     except KilledWorker as error:
         raise _interrupted(
             f"a block ended several workers, perhaps for want of memory: {error}", before + done, blocks
         ) from error
     except (CancelledError, CommClosedError, ConnectionError, TimeoutError) as error:
+        gone = True
         raise _interrupted("the scheduler, or the client, is gone", before + done, blocks) from error
     except OSError as error:
         raise _interrupted(f"a block cannot be written: {error}", before + done, blocks) from error
+    finally:
+        if futures and not gone:  # The cluster may be somebody else's: leave it no work.
+            client.cancel(list(futures.values()))
+
+
+def _numbered(work: Work, index: Index) -> tuple[Index, Any]:
+    """Do a block, and say which it was."""
+    return index, do(work, index)
 
 
 def _interrupted(why: str, done: int, blocks: int) -> MapInterrupted:
