@@ -222,6 +222,16 @@ def test_proved_rings_hold_no_pose() -> None:
     assert len(found) > 1000
     assert (found != EMPTY).all()
     assert (m.cell.values == EMPTY).any()
+    T = np.tile(np.eye(4), (5000, 1, 1))  # Anywhere in the cells, not in their middles.
+    T[:, :3, :3] = Rotation.random(5000, random_state=7).as_matrix()
+    turn, radius, height = np.random.default_rng(8).uniform([-3.1, 0.4, 0.2], [3.1, 0.8, 0.6], (5000, 3)).T
+    T[:, :3, 3] = np.stack([radius * np.cos(turn), radius * np.sin(turn), height], axis=1)
+    T = np.array(m.attrs["kinseek"]["first_frame"]) @ T
+    read = maps.at(m, T)
+    empty = T[read["inside"] & (read["cell"] == EMPTY)]
+    assert len(empty) > 100
+    assert not reached(arm, kinseek.Goal.pose(empty)).any()
+    assert reached(arm, kinseek.Goal.pose(T)).any()
     assert maps.volume(m).most < rings.volume
 
 
