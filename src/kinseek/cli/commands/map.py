@@ -25,7 +25,7 @@ _GRID, _WORK = "The grid", "The work"
     cls=Command,
     arguments=[ARM],
     examples=[
-        "kinseek map ur5e --step 0.4 --orientations 72 --store ur5e.zarr",
+        "kinseek map ur5e --step 0.5 --orientations 72 --store ur5e.zarr",
         "kinseek map ur5e --rings --step 0.05 --estimate",
     ],
     more=[
