@@ -3,8 +3,8 @@
 Made paths: random smooth curves of joint values, four harmonics over 98 % of every range, 1,000 poses; so a motion without
 a break exists, and its largest step is known. Tasks of the field: lines of 0.4 m and circles of 0.15 m of 500 poses, rasters
 of 11 rows and 2,000 poses whose turn about the tool is free; random placements whose poses are all reachable, followed with
-steps below 0.2 rad from no start at all. Times are of the processor, one thread; memory is what a path of 4,000 poses adds to
-the process beyond one of 1,000, per pose.
+steps below 0.2 rad from no start at all. Times are of the processor, one thread; memory is what a path of 4,000 poses adds
+to the process beyond one of 1,000, per pose.
 
     python -m benchmarks.paths                      # writes paths.md beside this file
     python -m benchmarks.paths ur5e panda --paths 10 --placements 5
