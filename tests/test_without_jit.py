@@ -34,6 +34,7 @@ from kinseek.collision.engine import Solid
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import LAYOUT as DESK
 from kinseek.kernels.paths.band import solve_band
+from kinseek.kernels.paths.grow import gather, lead_on
 from kinseek.kernels.paths.programme import (
     COPIED,
     DISTANCE,
@@ -43,6 +44,7 @@ from kinseek.kernels.paths.programme import (
     STRAIGHT,
     TIME,
     best_way,
+    link,
 )
 from kinseek.kernels.paths.servo import LOWER, NOW, REACH, UPPER, look_ahead, servo_step
 from kinseek.kernels.paths.settle import settle_many
@@ -51,7 +53,7 @@ from kinseek.kernels.proof.exclusion import examine
 from kinseek.kernels.proof.neighbourhood import contractions
 from kinseek.kernels.route import PLAIN
 from kinseek.kernels.without_jit import Bounded, bounded, call_at, unbounded, view_at
-from kinseek.kinds import POSE
+from kinseek.kinds import POINTING, POSE, Kind
 from kinseek.maps.search import ruled_out
 from kinseek.paths.certify import prove_rows
 from kinseek.proof import branch_and_bound, isolation
@@ -265,6 +267,50 @@ def many_poses(name: str) -> Any:
     return near, *followed, *steered
 
 
+def spare_layers(name: str, kind: Kind) -> Any:
+    """Answers that leave joints to spare, followed to the next layer, spread there, and linked."""
+    chain = kinseek.load(name).chain
+    index, n = AtlasIndex(chain, kind, chain.arrays, 64), chain.dof
+    middle = chain.lower + 0.4 * (chain.upper - chain.lower)
+    q = middle + 0.02 * np.arange(4)[:, None] * np.linspace(1.0, -0.8, n)
+    targets, one = np.ascontiguousarray(chain.forward(q)[:, :3]), np.ones(n)
+    lower, upper, kinds = chain.lower, chain.upper, np.zeros(n, dtype=np.int64)
+    layers: list[Array] = []
+    for row in (0, 3):
+        given = np.concatenate([q[row : row + 1], np.full((1, n), 99.0)])
+        found, along = np.zeros((2, 10, n))
+        count = gather(
+            index.handle,
+            PLAIN_WANTED,
+            targets[row],
+            given,
+            1,
+            lower,
+            upper,
+            kinds,
+            0.05,
+            0.1,
+            found,
+            along,
+            LANES,
+        )
+        layers += [found[:count], along[:count]]
+    here, _, there, there_along = layers
+    ahead, along = np.zeros((2, len(here), n))
+    told = np.zeros((len(here), 1 + 2 * n))
+    moments, leaps = np.arange(0.0, 8.0, 2.0), np.full(n, 0.5)
+    lead_on(index.handle, PLAIN_WANTED, targets, moments, leaps, one, here, ahead, told, along, LANES)
+    fault, sums, came = (
+        np.zeros(len(there), dtype=np.int64),
+        np.zeros(len(there)),
+        np.zeros(len(there), np.int64),
+    )
+    before = np.zeros(len(here), dtype=np.int64), np.arange(float(len(here)))
+    linked = here, ahead, told, along, there, there_along, lower, upper, kinds, kinds + 1
+    link(*linked, 0.1 * one, 0.4 * one, one, 6.0, np.zeros(0), *before, fault, sums, came)
+    return count, here, there, along, told, fault, sums, came
+
+
 def best_ways() -> Any:
     """The best way through layers, with copies, refused nodes, barred steps and costs of nodes; and a band of blocks."""
     rng, told, path = np.random.default_rng(2), np.zeros(6), np.zeros(6, dtype=np.int64)
@@ -342,6 +388,8 @@ def first_pass() -> Any:
 
 
 RUNS: list[tuple[Any, ...]] = [
+    (spare_layers, "panda", POSE),
+    (spare_layers, "elbow6", POINTING),
     *[(one, name) for name in ("planar2", "cylindrical3", "scara4", "elbow6")],
     *[(batch, name) for name in ("planar2", "scara4", "elbow6")],
     *[(near, name) for name in ("cylindrical3", "scara4", "ur5e")],
