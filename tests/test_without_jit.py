@@ -53,7 +53,7 @@ from kinseek.kernels.proof.exclusion import examine
 from kinseek.kernels.proof.neighbourhood import contractions
 from kinseek.kernels.route import PLAIN
 from kinseek.kernels.without_jit import Bounded, bounded, call_at, unbounded, view_at
-from kinseek.kinds import POINTING, POSE, Kind
+from kinseek.kinds import POINTING, POSE
 from kinseek.maps.search import ruled_out
 from kinseek.paths.certify import prove_rows
 from kinseek.proof import branch_and_bound, isolation
@@ -267,9 +267,10 @@ def many_poses(name: str) -> Any:
     return near, *followed, *steered
 
 
-def spare_layers(name: str, kind: Kind) -> Any:
+def spare_layers(name: str) -> Any:
     """Answers that leave joints to spare, followed to the next layer, spread there, and linked."""
     chain = kinseek.load(name).chain
+    kind = POSE if chain.dof == 7 else POINTING
     index, n = AtlasIndex(chain, kind, chain.arrays, 64), chain.dof
     middle = chain.lower + 0.4 * (chain.upper - chain.lower)
     q = middle + 0.02 * np.arange(4)[:, None] * np.linspace(1.0, -0.8, n)
@@ -388,8 +389,7 @@ def first_pass() -> Any:
 
 
 RUNS: list[tuple[Any, ...]] = [
-    (spare_layers, "panda", POSE),
-    (spare_layers, "elbow6", POINTING),
+    *[(spare_layers, name) for name in ("panda", "elbow6")],
     *[(one, name) for name in ("planar2", "cylindrical3", "scara4", "elbow6")],
     *[(batch, name) for name in ("planar2", "scara4", "elbow6")],
     *[(near, name) for name in ("cylindrical3", "scara4", "ur5e")],

@@ -416,7 +416,7 @@ class Arm(ForwardArm):
             velocity: Of the joints, one number or (n,), [rad/s] or [m/s]. The cost is then the time that the motion takes.
             weights: Of each joint in the cost, (n,).
             cost: In place of distance or time, a function from joint values, (k, n), to numbers, (k,), added up over all
-                poses.
+                poses; where joints are to spare the squared steps are added to it.
             valid: A function from joint values, (n,), to a bool, asked of the poses and of points between them.
             scene: What the arm may hit, see docs/collisions.md: poses are free in it, and so is the whole way from each to
                 the next, every joint moving straight, which is proved and not sampled. Where that cannot be, there is a
@@ -424,8 +424,7 @@ class Arm(ForwardArm):
             clearance: How far apart bodies of the scene have to be [m].
             prove: Try to prove of every step that one unbroken branch leads on inside the limits (`Path.certified`), of
                 missed poses that they are out of reach, and where answers are isolated that no continuous motion leads on.
-            threads: Threads that share the poses, where answers are isolated; every core unless given. The answer has the
-                same bits.
+            threads: Threads that share the poses; every core unless given. The answer has the same bits.
             progress: Show a progress bar.
 
         Returns:
