@@ -167,6 +167,29 @@ def test_bounds_are_bounds_and_the_nearest_is_the_nearest(file: Path) -> None:
     np.testing.assert_allclose(scene.distance(q), distances.min(axis=1), atol=1e-12)
 
 
+def test_a_cloud_is_looked_at_handful_by_handful() -> None:
+    arm = kinseek.load("ur5e")
+    scene = Scene.of(arm, capsules=0.05)
+    rng = np.random.default_rng(9)
+    cloud = rng.uniform(-1.2, 1.2, (700, 3))
+    cloud[:, 2] = np.abs(cloud[:, 2]) - 1.2 * (rng.uniform(size=700) < 0.5)
+    scene.add_points("cloud", cloud[np.linalg.norm(cloud, axis=1) > 0.7], 0.01)
+    engine, q = scene._asked, arm.sample(300, seed=3)
+    for clearance in (0.0, 0.02):
+        verdicts, doubts = engine._broad.sort_out(q, clearance, 1e-6)
+        exact = engine.exactly_free(q, clearance)
+        assert exact[verdicts == FREE].all()
+        assert not exact[verdicts == TOUCH].any()
+        assert doubts.shape == (300, len(engine.pairs))
+        assert (verdicts == FREE).sum() > 0.5 * exact.sum()
+        assert (scene.free(q, clearance) == exact).all()
+    distances = np.array([[near.distance for near in engine.near(one)] for one in q[:30]])
+    bounds = engine.bounds(q[:30])
+    assert bounds.shape == distances.shape
+    assert (bounds[bounds > 0] <= distances[bounds > 0] + 1e-5).all()
+    np.testing.assert_allclose(scene.distance(q[:30]), distances.min(axis=1), atol=1e-12)
+
+
 def test_joint_values_far_outside_are_left_to_coal() -> None:
     arm = kinseek.Arm.from_dh([[0.5, 0, 0, 0], [0.5, 0, 0, 0]], [-1e6, -1e6], [1e6, 1e6])
     scene = Scene.of(arm, capsules=0.05)

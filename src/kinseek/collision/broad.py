@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from kinseek.kernels.collision.gaps import DOUBT
 from kinseek.robots.chain import Frame, SerialChain
 
 from .shapes import GRAIN, Points
-from .spheres import COUNT, Cover, cover_of_many
+from .spheres import COUNT, Cover, cover_of_many, rough_cover
 
 if TYPE_CHECKING:
     from .engine import Solid
@@ -46,11 +46,23 @@ class Broad:
         """Put the covers of all parts where their joints carry them."""
         self.count = len(pairs)
         parts = [Member.of(solid) for solid in solids]
+        # A cloud is looked at handful by handful: what is free of all of them is free of the cloud.
+        pieces = [[i] for i in range(len(parts))]
+        for i, solid in enumerate(solids):
+            if isinstance(solid.shape, Points) and len(solid.shape.places) > COUNT:
+                some = _handfuls(solid)
+                pieces[i] = list(range(len(parts), len(parts) + len(some)))
+                parts += some
+        numbers = [n for n, (i, j) in enumerate(pairs) for _ in range(len(pieces[i]) * len(pieces[j]))]
+        pairs = [(a, b) for i, j in pairs for a in pieces[i] for b in pieces[j]]
+        pads = np.asarray(pads, dtype=np.float64)[numbers]
+        self._firsts = np.searchsorted(numbers, np.arange(self.count))
+        single = len(parts)
         meetings, order, groups = _meetings(parts, pairs)
         # A group of several parts is one more part: what is free of all that holds them is free of each.
         number = {group: len(parts) + n for n, group in enumerate(groups)}
         parts += [_together([parts[i] for i in group]) for group in groups]
-        number |= {(i,): i for i in range(len(solids))}
+        number |= {(i,): i for i in range(single)}
         within = [i if part.solid else -1 for i, part in enumerate(parts)]
         for i, solid in enumerate(solids):
             if not parts[i].solid and len(solid.shape.inner_corners):
@@ -63,7 +75,7 @@ class Broad:
         corner_at, corners = _table([part.corners for part in parts], 3)
         sizes = [np.abs(chain.fixed[:, :, 3]).sum(), np.abs(balls).max(initial=0.0)]
         self._rounding = _ROUNDING * max(1.0, *sizes)
-        pads = np.asarray(pads, dtype=np.float64)[order]
+        pads = pads[order]
         self._cell = Cell(
             chain.arrays_to(Frame(len(chain.leader), np.eye(4))),
             np.array([part.joint for part in parts], dtype=np.int64),
@@ -98,12 +110,14 @@ class Broad:
         Returns:
             `FREE`, `TOUCH` or `DOUBT` of `kernels.collision.gaps`, (k,), and the pairs in doubt, (k, pairs).
         """
-        verdicts, doubts = np.empty(len(q), dtype=np.int64), np.zeros((len(q), self.count), dtype=np.bool_)
+        verdicts, doubts = np.empty(len(q), dtype=np.int64), self._table_of(q, np.bool_)
         least = clearance + touch + self._rounding
         sort_out(self._cell, np.ascontiguousarray(q), clearance, least, _STEPS, LANES, verdicts, doubts)
         far = np.abs(q).max(axis=1) > FAR  # There the quick sine is not good to the last bits.
         if far.any():
             verdicts[far], doubts[far] = DOUBT, True
+        if doubts.shape[1] > self.count:
+            doubts = np.logical_or.reduceat(doubts, self._firsts, axis=1)
         return verdicts, doubts
 
     def bounds(self, q: Array, steps: int = 0) -> Array:
@@ -111,10 +125,30 @@ class Broad:
 
         With `steps` those that may be the nearest are looked at more closely.
         """
-        out = np.empty((len(q), self.count))
+        out = self._table_of(q, np.float64)
         bound_pairs(self._cell, np.ascontiguousarray(q), steps, LANES, out)
         out[np.abs(q).max(axis=1) > FAR] = -np.inf
-        return out
+        return np.minimum.reduceat(out, self._firsts, axis=1) if out.shape[1] > self.count else out
+
+    def _table_of(self, q: Array, kind: type) -> NDArray[Any]:
+        return np.zeros((len(q), len(self._cell.pair)), dtype=kind)
+
+
+def _handfuls(solid: Solid) -> list[Member]:
+    """The points of a cloud in neighbourhoods of at most `COUNT`."""
+    shape = solid.shape
+    assert isinstance(shape, Points)
+    left, found = [shape.places], []
+    while left:
+        points = left.pop()
+        if len(points) > COUNT:
+            along = points[:, np.argmax(np.ptp(points, axis=0))]
+            half = np.argpartition(along, len(points) // 2)
+            left += [points[half[: len(points) // 2]], points[half[len(points) // 2 :]]]
+            continue
+        thick = shape.thickness + GRAIN
+        found.append(Member.placed(solid.joint, solid.pose, rough_cover(points, thick), thick))
+    return found
 
 
 class Member(NamedTuple):

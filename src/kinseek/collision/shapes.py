@@ -386,7 +386,8 @@ class Points(Shape):
     """(k, 3) [m]"""
     radius: float
     """Of every point [m]."""
-    _places: Array = field(init=False, repr=False)
+    places: Array = field(init=False, repr=False)
+    """The cloud, read (k, 3) [m]."""
 
     def __post_init__(self) -> None:
         """Check it."""
@@ -403,7 +404,7 @@ class Points(Shape):
                 f"point {int(np.argmax(bad))}; leave them out: cloud[numpy.isfinite(cloud).all(axis=1)]"
             )
         object.__setattr__(self, "cloud", cloud)
-        object.__setattr__(self, "_places", cloud)
+        object.__setattr__(self, "places", cloud)
         object.__setattr__(self, "radius", length("radius", self.radius))
 
     @property
@@ -424,13 +425,13 @@ class Points(Shape):
     @cached_property
     def corners(self) -> Array:
         """The corners of the box around all points."""
-        ends = np.stack([self._places.min(axis=0), self._places.max(axis=0)])
+        ends = np.stack([self.places.min(axis=0), self.places.max(axis=0)])
         return np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
 
     def geometry(self) -> Any:
         """What coal takes."""
         grain = GRAIN * np.array([[1.0, 0.0, 0.0], [-0.5, 0.75, 0.25], [-0.5, -0.75, -0.25]])
-        vertices = (self._places[:, None] + grain).reshape(-1, 3)
+        vertices = (self.places[:, None] + grain).reshape(-1, 3)
         return triangles(vertices, np.arange(len(vertices)).reshape(-1, 3))
 
 

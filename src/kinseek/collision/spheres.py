@@ -79,6 +79,15 @@ def cover_of_many(points: Array, thickness: float) -> Cover:
     return cover._replace(inner=_padded(np.zeros((4, 0))), exact=False, solid=False)
 
 
+def rough_cover(points: Array, thickness: float) -> Cover:
+    """The same in a hurry: slices, and a box along the axes."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    core = np.eye(4)
+    core[:3, 3] = (low + high) / 2
+    none = _padded(np.zeros((4, 0)))
+    return Cover(_padded(slices(points, thickness)), none, core, (high - low) / 2, False, points, False)
+
+
 @dataclass(frozen=True, eq=False)
 class _Thick(Shape):
     """A hull of points, made thicker: what holds some shapes together."""
