@@ -151,11 +151,11 @@ def proofs(page: Page, options: Any) -> None:
     page.head("What the first pass tells, against coal")
     page.say(f"{done:,} random joint values of the same scene, each looked at by coal too.")
     page.table(
-        "told | >of all | >wrongly",
+        "told | >how many | >of all | >wrongly",
         [
-            ("free", f"{told[gaps.FREE] / done:.3%}", wrong[1]),
-            ("touching", f"{told[gaps.TOUCH] / done:.3%}", wrong[0]),
-            ("left to coal", f"{told[gaps.DOUBT] / done:.3%}", ""),
+            ("free", f"{told[gaps.FREE]:,}", f"{told[gaps.FREE] / done:.3%}", wrong[1]),
+            ("touching", f"{told[gaps.TOUCH]:,}", f"{told[gaps.TOUCH] / done:.3%}", wrong[0]),
+            ("left to coal", f"{told[gaps.DOUBT]:,}", f"{told[gaps.DOUBT] / done:.3%}", ""),
         ],
     )
 

@@ -200,27 +200,17 @@ def _meetings(
     Returns:
         Two groups, the first of their pairs and one past the last; the pairs in this order; the groups of several parts.
     """
-    gathered: dict[tuple[tuple[int, int], tuple[int, int]], list[int]] = {}
+    # What one joint carries is one side of a meeting, and so is each part that stands.
+    side_of = [(part.joint, -1 if part.joint else i) for i, part in enumerate(parts)]
+    gathered: dict[tuple[tuple[int, int], ...], list[int]] = {}
     for n, pair in enumerate(pairs):
-        one, other = sorted((parts[i].joint, -1 if parts[i].joint else i) for i in pair)
-        gathered.setdefault((one, other), []).append(n)
+        gathered.setdefault(tuple(sorted(side_of[i] for i in pair)), []).append(n)
     meetings: list[tuple[Group, Group, int, int]] = []
     order: list[int] = []
-    for (one, other), numbers in sorted(gathered.items()):
-        sides = [
-            tuple(
-                sorted(
-                    {
-                        i
-                        for n in numbers
-                        for i in pairs[n]
-                        if (parts[i].joint, -1 if parts[i].joint else i) == side
-                    }
-                )
-            )
-            for side in (one, other)
-        ]
-        meetings.append((sides[0], sides[1], len(order), len(order) + len(numbers)))
+    for sides, numbers in sorted(gathered.items()):
+        members = sorted({i for n in numbers for i in pairs[n]})
+        g, h = (tuple(i for i in members if side_of[i] == side) for side in sides)
+        meetings.append((g, h, len(order), len(order) + len(numbers)))
         order += numbers
     several = {group for meeting in meetings for group in meeting[:2] if len(group) > 1}
     return meetings, order, sorted(several)
