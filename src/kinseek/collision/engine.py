@@ -94,7 +94,7 @@ class Engine:
             [sum(solids[i].padding + solids[i].shape.excess for i in pair) for pair in pairs]
         ).reshape(-1)
         self._padded = np.array([sum(solids[i].padding for i in pair) for pair in pairs]).reshape(-1)
-        self._clearance, self._tree, self._lock = np.nan, None, RLock()
+        self._clearance, self._lock = np.nan, RLock()
         self._shells = [n for n, pair in enumerate(pairs) if any(_is_shell(solids[i]) for i in pair)]
 
     @cached_property
@@ -150,12 +150,8 @@ class Engine:
         return free
 
     def exactly_free(self, q: Array, clearance: float) -> Flags:
-        """The same by coal alone: its own tree of boxes around the parts sorts out what is far apart."""
+        """The same by coal alone, pair by pair: its tree of boxes misses meshes that are flat."""
         self.set_clearance(clearance)
-        if self._tree is None:
-            self._tree = self._pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
-                self._model, self._geometry, self._placed
-            )
         return np.array([self._is_free(one) for one in q], dtype=np.bool_)
 
     def bounds(self, q: Array) -> Array:
@@ -208,7 +204,7 @@ class Engine:
             return
         for request, larger in zip(self._placed.collisionRequests, self._larger, strict=True):
             request.security_margin = clearance + larger + TOUCH
-        self._clearance, self._tree = clearance, None
+        self._clearance = clearance
 
     def place(self, q: Array) -> None:
         """Bring all parts to where they are at q, (n,)."""
@@ -217,7 +213,8 @@ class Engine:
         )
 
     def _is_free(self, q: Array) -> bool:
-        if self._pin.computeCollisions(self._model, self._data, self._tree, self._physical(q), True):
+        self.place(q)
+        if self._pin.computeCollisions(self._geometry, self._placed, True):
             return False
         return not any(self._inside(n) for n in self._shells)
 

@@ -242,7 +242,10 @@ def _hull(corners: Array) -> Any:
     if len(corners) < 4 or np.linalg.matrix_rank(corners - corners.mean(axis=0), tol=1e-9) < 3:
         return None
     spatial = library("scipy.spatial")
-    return spatial.ConvexHull(corners)
+    try:
+        return spatial.ConvexHull(corners)
+    except spatial.QhullError:  # So thin that rounding decides: slices hold it too.
+        return None
 
 
 def _unique_planes(equations: Array) -> Array:
