@@ -57,7 +57,7 @@ class Row:
     lacking: list[int]
     """Targets where the witness has an answer that is lacking."""
     extra: list[str]
-    """Targets with an answer that the witness lacks, and the least singular value of the Jacobian at any of their answers."""
+    """Targets with an answer that the witness lacks, and the least singular value of the Jacobian at all their answers."""
     false: int
     """Answers that outside FK denies."""
     answers: float

@@ -11,12 +11,12 @@ from benchmarks.targets import plain_fk, random_joints, strict
 from numpy.typing import NDArray
 
 import kinseek
+from kinseek.kernels.structure.candidates import ROUNDING
 from kinseek.structure.axes import Axes, axes_of, meeting
-from kinseek.structure.structure import EXACT, NEARLY
+from kinseek.structure.structure import NEARLY
 
 Array = NDArray[np.float64]
 
-TURN = np.pi
 HALF = np.pi / 2
 FULL = np.full(6, np.pi)
 
@@ -89,7 +89,7 @@ def test_an_arm_says_its_structure(name: str, word: str) -> None:
     structure = kinseek.load(name).structure
     assert structure.word == word
     assert structure.exact == (word != "none")
-    assert (structure.deviation <= EXACT) == structure.exact
+    assert (structure.deviation <= ROUNDING) == structure.exact
     assert word in repr(structure)
     assert ("every answer comes in closed form" in structure.sentence) == (word != "none")
     assert ("answers are searched" in structure.sentence) == (word == "none")

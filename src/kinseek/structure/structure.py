@@ -13,10 +13,6 @@ from kinseek.transforms import inverse
 
 from .axes import Axes, axes_of, meeting, nearest_on, slant
 
-EXACT = 1e-9
-"""Deviation up to which an arm has its structure exactly: rounding of doubles in its description, and no more."""
-
-
 NEARLY = 0.005
 """Deviation up to which the closed form of the nearby arm gives starts that are worth it; see `Structure.deviation`."""
 
@@ -82,9 +78,9 @@ def structure_of(arrays: ChainArrays, size: float) -> Structure:
         near = "" if best is None else f"; nearest is {_words(best)[1]}, off by {best.deviation:.2g}"
         return _none(f"no axes meet or run parallel so that a closed form comes of it, to {NEARLY:g}{near}")
     word, what = _words(best)
-    exact = best.deviation <= EXACT
+    exact = best.deviation <= form.ROUNDING
     how = (
-        f"to {best.deviation:.1g}, which is rounding (at most {EXACT:g})"
+        f"to {best.deviation:.1g}, which is rounding (at most {form.ROUNDING:g})"
         if exact
         else f"nearly: off by {best.deviation:.2g} rad, lengths in parts of {size:.3g} m (at most {NEARLY:g})"
     )

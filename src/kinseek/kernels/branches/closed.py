@@ -18,6 +18,8 @@ from kinseek.kernels.structure.candidates import (
     KIND,
     LACK,
     NONE,
+    ROUNDING,
+    SIZE,
     WEAK,
     candidates,
     displacement,
@@ -29,13 +31,9 @@ LOOSE = 1e-5
 nothing."""
 
 
-ROUNDING = 1e-9
-"""Deviation up to which an arm has its structure exactly."""
-
-
-BESIDE = 1e-3
-"""A candidate is tried if it lies no farther beyond a limit [rad], and if no equation lacks more than that; farther where
-the arm is off its structure."""
+BESIDE, LACKING = 1e-3, 0.02
+"""A candidate is tried if it lies no farther beyond a limit [rad], and if no equation lacks more; farther where the arm is
+off its structure, and where the tolerances reach farther."""
 
 
 CLEAR = 1e-6
@@ -81,19 +79,21 @@ def closed_starts(
     """
     off = SPREAD * structure[DEVIATION]
     exact = structure[DEVIATION] <= ROUNDING
-    beside, many, sure, unsure = BESIDE + off, 0, 0, 0.0
+    far, beside = LACKING + off, BESIDE + off
+    slack = off + max(task.position_tolerance / structure[SIZE], task.orientation_tolerance)
+    many, sure, unsure = 0, 0, 0.0
     set_signs(work)
     displacement(structure, target, D)
-    candidates(structure, D, beside, work, w)
+    candidates(structure, D, far, work, w)
     for l in range(LANES):
         lack, weak, fold = work[LACK * LANES + l], work[WEAK * LANES + l], work[FOLD * LANES + l]
         again = work[AGAIN * LANES + l] > 0.0
         if weak < FREE + off or (not exact and (fold < off or (not again and 0.0 < lack <= beside))):
             unsure = 1.0
-        if again or lack > beside:
+        if again or lack > far:
             continue
-        # What an angle is off by: more where little decides it.
-        err = off / max(weak * math.sqrt(fold), FREE)
+        # What an angle may be off by: more where little decides it.
+        wide = slack / max(weak * math.sqrt(fold), FREE)
         inside, fits = True, True
         for i in range(len(task.lower)):
             row = len(task.lower) - 1 - i if structure[BACKWARD] > 0.0 else i
@@ -101,8 +101,8 @@ def closed_starts(
             if not turns_fully(task, i):
                 low, high = task.chain.lower[i], task.chain.upper[i]
                 value = nearest_copy(value, low, high, 0.5 * (low + high))
-                fits = fits and low - BESIDE - err <= value <= high + BESIDE + err
-                inside = inside and low + err < value < high - err
+                fits = fits and low - BESIDE - wide <= value <= high + BESIDE + wide
+                inside = inside and low + wide < value < high - wide
                 value = min(max(value, low), high)
             seeds[many, i] = value
         if fits:

@@ -49,6 +49,10 @@ NUMBERS = P4 + 3
 """Numbers of a structure."""
 
 
+ROUNDING = 1e-9
+"""Deviation up to which an arm has its structure exactly: rounding of doubles in its description, and no more."""
+
+
 LACK, WEAK, FOLD, AGAIN = range(6, 10)
 """Rows behind the six angles of a lane: by how much the worst of its equations has no answer, 0 where all have; how close
 any angle is to being left to choose, 0 where it is; how close any equation is to having one answer, less where it decides
