@@ -11,7 +11,9 @@ from benchmarks.targets import plain_fk, random_joints, strict
 from numpy.typing import NDArray
 
 import kinseek
+from kinseek.kernels.jit import exposed
 from kinseek.kernels.structure.candidates import ROUNDING
+from kinseek.kernels.structure.subproblems import angle, meet
 from kinseek.structure.axes import Axes, axes_of, meeting
 from kinseek.structure.structure import NEARLY
 
@@ -317,3 +319,38 @@ def test_a_batch_is_what_single_calls_are() -> None:
         few, (arm.branches(target, near=np.zeros(6), count=1) for target in targets), strict=True
     ):
         np.testing.assert_array_equal(one.q, first.q)
+
+
+# What closed forms are made of
+
+
+@pytest.mark.jit
+def test_the_angle_is_that_of_the_library() -> None:
+    measure: Any = exposed(angle)
+    rng = np.random.default_rng(1)
+    points = [
+        *rng.normal(size=(500, 2)),
+        *np.eye(2),
+        (0.0, -1.0),
+        (-1.0, 0.0),
+        (1.0, 1.0),
+        (-1.0, 1e-9),
+        (1e-9, -1.0),
+        (0.0, 0.0),
+    ]
+    for y, x in points:
+        assert abs(measure(y, x) - np.arctan2(y, x)) <= 1e-15
+
+
+@pytest.mark.jit
+def test_both_answers_of_an_equation_are_found_and_what_comes_closest_where_there_is_none() -> None:
+    solve: Any = exposed(meet)
+    for a, b, c in np.random.default_rng(2).uniform(-1.0, 1.0, (200, 3)):
+        turns = [solve(a, b, c, sign) for sign in (1.0, -1.0)]
+        for cosine, sine, rest, length in turns:
+            assert abs(cosine * cosine + sine * sine - 1.0) < 1e-13
+            assert length == pytest.approx(np.hypot(a, b))
+            assert (rest >= 0.0) == (abs(c) <= length)
+            best = c if rest >= 0.0 else np.copysign(length, c)
+            assert a * cosine + b * sine == pytest.approx(best, abs=1e-13)
+        assert (turns[0][2] > 0.0) == (abs(turns[0][1] - turns[1][1]) + abs(turns[0][0] - turns[1][0]) > 0.0)
