@@ -1,6 +1,6 @@
 """A weld seam inside a box: 300 poses of a torch along the edge at the back, and no link may touch a wall on the way.
 
-Run: python examples/16_seam_in_a_box.py [PICTURE]
+Run: python examples/17_seam_in_a_box.py [PICTURE]
 """
 
 import sys
@@ -63,4 +63,4 @@ for path, colour, i in ((plain, 1, 150), (free, 0, 20), (free, 0, 150), (free, 0
     plots.draw_line(axes, torch, color=plots.COLOURS[colour], linewidth=2)
 plots.same_scale(axes)
 plots.trim(figure, axes, "A seam at the back of a box")
-print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "16_seam_in_a_box.png"))
+print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "17_seam_in_a_box.png"))

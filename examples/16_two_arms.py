@@ -1,6 +1,6 @@
 """Two arms at one table: where the other one stands decides which way a Panda takes, and whether there is one.
 
-Run: python examples/15_two_arms.py [PICTURE]
+Run: python examples/16_two_arms.py [PICTURE]
 """
 
 import sys
@@ -64,4 +64,4 @@ for a, b in [(i, i | bit) for i in range(8) for bit in (1, 2, 4) if not i & bit]
     plots.draw_line(axes, box[[a, b]], color=plots.COLOURS[2], linewidth=1)
 plots.same_scale(axes)
 plots.trim(figure, axes, "The UR5e is in the way, and the elbow goes round")
-print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "15_two_arms.png"))
+print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "16_two_arms.png"))
