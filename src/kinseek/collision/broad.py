@@ -71,7 +71,7 @@ class Broad:
                 within.append(within[i])
         used = sorted({group for meeting in meetings for group in meeting[:2]})
         place = {group: n for n, group in enumerate(used)}
-        balls = np.array([_ball(part) for part in parts]).reshape(-1, 4)
+        balls = np.array([part.ball for part in parts]).reshape(-1, 4)
         corner_at, corners = _table([part.corners for part in parts], 3)
         sizes = [np.abs(chain.fixed[:, :, 3]).sum(), np.abs(balls).max(initial=0.0)]
         self._rounding = _ROUNDING * max(1.0, *sizes)
@@ -164,6 +164,8 @@ class Member(NamedTuple):
     solid: bool
     corners: Array
     """(3, k)"""
+    ball: Array
+    """Around all of it: x, y, z, radius, (4,)."""
 
     @classmethod
     def of(cls, solid: Solid) -> Self:
@@ -185,7 +187,8 @@ class Member(NamedTuple):
         outer, inner = (np.vstack([turn @ s[:3] + place, s[3:]]) for s in (cover.outer, cover.inner))
         corners = turn @ cover.corners.T + place
         core = (pose @ cover.core)[:3]
-        return cls(joint, outer, inner, core, cover.half, thick, cover.exact, cover.solid, corners)
+        ball = np.array([*(turn @ cover.ball[:3] + place[:, 0]), cover.ball[3] + thick + 1e-12])
+        return cls(joint, outer, inner, core, cover.half, thick, cover.exact, cover.solid, corners, ball)
 
 
 Group = tuple[int, ...]
@@ -221,16 +224,6 @@ def _together(parts: Sequence[Member]) -> Member:
     thick = max(part.thick for part in parts)
     cover = cover_of_many(np.concatenate([part.corners.T for part in parts]), thick)
     return Member.placed(parts[0].joint, np.eye(4), cover, thick)
-
-
-def _ball(part: Member) -> Array:
-    """A small ball around a part: x, y, z, radius; by the way of Badoiu and Clarkson (2003)."""
-    points = part.corners.T
-    centre = (points.min(axis=0) + points.max(axis=0)) / 2
-    for step in range(1, 100):
-        away = np.linalg.norm(points - centre, axis=1)
-        centre = centre + (points[np.argmax(away)] - centre) / (step + 1)
-    return np.array([*centre, np.linalg.norm(points - centre, axis=1).max() + part.thick + 1e-12])
 
 
 def _table(columns: Sequence[Array], rows: int) -> tuple[NDArray[np.int64], Array]:

@@ -50,6 +50,8 @@ class Cover(NamedTuple):
     """Points whose hull, made thicker, holds the shape, (k, 3)."""
     solid: bool
     """Is that thicker hull the very shape?"""
+    ball: Array
+    """A small sphere around the corners: x, y, z, radius, (4,)."""
 
 
 def cover_of(shape: Shape) -> Cover:
@@ -70,7 +72,7 @@ def cover_of(shape: Shape) -> Cover:
         outer[3] += shape.thickness
     inner = _balls_inside(shape)
     half = (high - low) / 2
-    return Cover(_padded(outer), _padded(inner), core, half, simple, corners, solid)
+    return Cover(_padded(outer), _padded(inner), core, half, simple, corners, solid, ball_around(corners))
 
 
 def cover_of_many(points: Array, thickness: float) -> Cover:
@@ -85,7 +87,17 @@ def rough_cover(points: Array, thickness: float) -> Cover:
     core = np.eye(4)
     core[:3, 3] = (low + high) / 2
     none = _padded(np.zeros((4, 0)))
-    return Cover(_padded(slices(points, thickness)), none, core, (high - low) / 2, False, points, False)
+    outer = _padded(slices(points, thickness))
+    return Cover(outer, none, core, (high - low) / 2, False, points, False, ball_around(points))
+
+
+def ball_around(points: Array) -> Array:
+    """A small sphere around points, (k, 3): x, y, z, radius; by the way of Badoiu and Clarkson (2003)."""
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2
+    for step in range(1, 100):
+        away = np.linalg.norm(points - centre, axis=1)
+        centre = centre + (points[np.argmax(away)] - centre) / (step + 1)
+    return np.array([*centre, np.linalg.norm(points - centre, axis=1).max()])
 
 
 @dataclass(frozen=True, eq=False)
