@@ -110,7 +110,9 @@ def test_windows_keep_the_turns_of_endless_joints(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(follow, "SAMPLED", 120)
     monkeypatch.setattr(follow, "AHEAD", 40)
     path = arm.follow(arm.fk(q), start=q[0]).require()
-    assert abs(path.q[-1, 0] - q[-1, 0]) < 3.0
+    # Another branch may stand elsewhere, but no turn is taken back where one window ends and the next begins.
+    assert np.abs(np.diff(path.q[:, 0])).max() <= 0.3
+    assert path.q[-1, 0] - q[0, 0] > 2 * np.pi
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ("benchmarks", "experiments", "docs")
-PARTS = {"__init__", "command", "environments", "page", "targets"}
+PARTS = {"__init__", "command", "environments", "outside", "page", "targets"}
 """Files of benchmarks/ that others import and nobody runs; those that begin with test_ are for pytest."""
 
 SCRIPTS = [

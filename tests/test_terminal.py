@@ -96,7 +96,7 @@ def test_a_pipe_gets_one_row_a_line() -> None:
     assert [line.split()[0] for line in lines] == ["name", *catalog_names()]
     lines = in_pipe("show", "ur5e").splitlines()
     assert [line.split()[0] for line in lines[2:8]] == list(kinseek.load("ur5e").joint_names)
-    assert [len(line.split()) for line in lines[2:8]] == [6] * 6
+    assert [len(line.split()) for line in lines[2:8]] == [7] * 6
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="other pipes")
