@@ -6,7 +6,8 @@ one call of ``computeCollisions`` a check, FK included. Verdicts are compared, a
 coal's. It needs a URDF with meshes, as the package example-robot-data has them; without one this part is left out.
 
 Answers: targets are the poses of random joint values that are free, so that each has a free answer. Capsules stand in for
-the links of bundled arms, in a shelf of five boards. Every answer is checked by hand, points along the capsules in NumPy.
+the links of bundled arms, in a shelf of five boards. Every answer is checked by hand, points along the capsules in NumPy,
+and by MuJoCo with the same shapes and pairs, itself against itself too.
 
 Motions: random motions between free joint values, until so many of them are called free. Of each of these MuJoCo looks at
 ten thousand points, with the same shapes and pairs, its own forward kinematics and its own collisions.
@@ -123,7 +124,10 @@ def checks(page: Page, options: Any) -> None:
     both = best(lambda: scene.free(q, threads=2))
     branches = best(lambda: scene.free(q[:8]), 200) * len(q)  # As long as a pose with eight branches takes.
     first = best(lambda: scene._asked._broad.sort_out(q, 0.0, TOUCH))
-    rows = [("pinocchio and coal by hand", bare), ("`scene.free(q)`, one by one", single)]
+    outside = Outside(scene, arm)
+    mujoco = best(lambda: outside.depths(few)) * len(q) / len(few)
+    rows = [("pinocchio and coal by hand", bare), ("MuJoCo, contacts of the same pairs", mujoco)]
+    rows += [("`scene.free(q)`, one by one", single)]
     rows += [("`scene.free(q)`, a batch, one thread", batch), ("`scene.free(q)`, a batch, two threads", both)]
     rows += [("the first pass alone", first), ("eight branches of a pose in one call, all of them", branches)]
     rows += [("`scene.distance(q)`", distance)]
@@ -213,7 +217,8 @@ def answers(page: Page, count: int) -> None:
         arm, scene = shelf(name)
         targets = arm.fk(free_joints(arm, scene, count))
         arm.ik(targets[0], scene=scene)
-        times, solved, first, wrong = [], 0, 0, 0
+        outside = Outside(scene, arm)
+        times, solved, first, wrong, touch = [], 0, 0, 0, 0
         for target in targets:
             began = time.perf_counter()
             solution = arm.ik(target, scene=scene)
@@ -221,6 +226,7 @@ def answers(page: Page, count: int) -> None:
             solved += solution.success
             first += solution.success and solution.blocked == 0
             wrong += solution.success and cuts_a_board(arm.chain, solution.q)
+            touch += solution.success and bool(outside.depths(solution.q[None])[0] > 0)
         rows.append(
             (
                 name,
@@ -228,6 +234,7 @@ def answers(page: Page, count: int) -> None:
                 solved,
                 first,
                 wrong,
+                touch,
                 f"{np.median(times) * 1e3:.2f}",
                 f"{max(times) * 1e3:.1f}",
             )
@@ -235,7 +242,7 @@ def answers(page: Page, count: int) -> None:
         print(*rows[-1], flush=True)
     page.head("Answers in a shelf")
     page.table(
-        "arm | >targets | >answered | >by the first branch | >that cut a board | >median ms | >longest ms",
+        "arm | >targets | >answered | >by the first branch | >cut a board | >touch, to MuJoCo | >median ms | >most ms",
         rows,
     )
 
