@@ -131,7 +131,9 @@ def restarts(arm: kinseek.Arm, seed: int, count: int = 1000) -> Callable[[Array]
         )
         found = arm.ik(goal, near=starts, threads=1)
         distinct: list[Array] = []
-        for q in found.q[found.success]:
+        # A joint without limits ends within half a turn of its start, which may be outside what is called its limits.
+        turned = np.where(arm.chain.endless, (found.q + np.pi) % (2 * np.pi) - np.pi, found.q)
+        for q in turned[found.success]:
             if not distinct or apart(q[None], np.array(distinct)).min() > SAME:
                 distinct.append(q)
         return np.array(distinct).reshape(-1, arm.dof)

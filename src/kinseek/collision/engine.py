@@ -29,7 +29,7 @@ TOUCH = 1e-6
 _LOOKS = 24
 """Planes tried between parts that may be the nearest."""
 
-_CHUNK = 4096
+_CHUNK = 512
 """Joint values that a thread takes at a time."""
 
 
