@@ -17,7 +17,6 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
@@ -27,6 +26,8 @@ from llvmlite import ir
 from numba.core import codegen, config, event, sigutils
 from numba.core.types import unliteral
 from numba.extending import intrinsic
+
+from kinseek.undisturbed import undisturbed
 
 from .kept_code import c_function, keep_code
 from .sources import source_digest
@@ -103,27 +104,6 @@ class Compiled:
 
 
 _one_thread = threading.Lock()
-
-
-def undisturbed(work: Callable[[], R]) -> R:
-    """Compile something, or read it from disk, where no signal handler runs: in a thread of its own.
-
-    Handlers run in the main thread, and may raise in the middle of what LLVM asks of Numba; LLVM goes on without the
-    answer, and the kernel has no machine code. So the main thread waits, hears Ctrl-C at once, and what was begun is
-    finished behind it.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        return work()
-    result = Future[R]()
-
-    def run() -> None:
-        try:
-            result.set_result(work())
-        except BaseException as error:
-            result.set_exception(error)
-
-    threading.Thread(target=run, name="kinseek compiles").start()
-    return result.result()
 
 
 @contextmanager

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,6 +35,7 @@ from kinseek.kernels.proof.progress import (
 )
 from kinseek.kernels.proof.search import enclose_boxes, exclude_boxes, isolate_boxes
 from kinseek.problem import Problem
+from kinseek.undisturbed import undisturbed
 
 from .reduce import error_question, question, start_boxes
 
@@ -100,6 +102,10 @@ class Watch:
     interrupted: bool = False
     cut: bool = False
     """Has the deadline ended anything early?"""
+
+    def interrupt(self) -> None:
+        """Make all come back, after Ctrl-C."""
+        self.interrupted = True
 
     @property
     def over(self) -> bool:
@@ -249,22 +255,22 @@ def _shared(
     if not len(search.left) or search.boxes >= budget or watch.over:
         return search
 
-    def one(boxes: Array) -> Search:
-        return _untouched(search, boxes) if watch.over else stretch(search, boxes, most)
+    def one(known: Search, most: int, boxes: Array) -> Search:
+        return _untouched(known, boxes) if watch.over else stretch(known, boxes, most)
 
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-        try:
-            while len(search.left) and not watch.over:
-                parts = min(hands, len(search.left))
-                most = min(PIECE, (budget - search.boxes) // parts)
+    def rounds() -> Search:
+        found = search
+        with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+            while len(found.left) and not watch.over:
+                parts = min(hands, len(found.left))
+                most = min(PIECE, (budget - found.boxes) // parts)
                 if most == 0:
                     break
-                dealt = [search.left[part::parts] for part in range(parts)]
-                search = settle(_together(search, list(pool.map(one, dealt))))
-        except BaseException:
-            watch.interrupted = True  # Leaving waits for the threads.
-            raise
-    return search
+                dealt = [found.left[part::parts] for part in range(parts)]
+                found = settle(_together(found, list(pool.map(partial(one, found, most), dealt))))
+        return found
+
+    return undisturbed(rounds, stop=watch.interrupt)
 
 
 def _untouched(search: Search, boxes: Array) -> Search:

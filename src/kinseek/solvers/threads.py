@@ -10,6 +10,7 @@ from queue import SimpleQueue
 
 from kinseek.deadline import Deadline
 from kinseek.errors import MissingExtra
+from kinseek.undisturbed import Aside
 
 GoOn = Callable[[], bool]
 """May another piece of work be begun?"""
@@ -44,9 +45,7 @@ def spread(
             work(begin, end, lambda: not deadline.passed)
             advance(end - begin)
         return
-    from concurrent.futures import (
-        ThreadPoolExecutor,
-    )  # It brings `logging` along, and one pose needs no threads.
+    from concurrent.futures import ThreadPoolExecutor  # Not above: it is slow to import.
 
     left, finished, stopped = iter(chunks), SimpleQueue[int](), threading.Event()
 
@@ -54,29 +53,30 @@ def spread(
         return not (stopped.is_set() or deadline.passed)
 
     def drain() -> None:
+        for begin in left:  # Each thread takes the next chunk that nobody has.
+            if not go_on():
+                return
+            end = min(begin + chunk, count)
+            work(begin, end, go_on)
+            finished.put(end - begin)
+
+    def share() -> None:
         try:
-            for begin in left:  # Each thread takes the next chunk that nobody has.
-                if not go_on():
-                    return
-                end = min(begin + chunk, count)
-                work(begin, end, go_on)
-                finished.put(end - begin)
+            with ThreadPoolExecutor(workers) as pool:
+                for future in [pool.submit(drain) for _ in range(workers)]:
+                    future.result()
         finally:
             finished.put(0)
 
-    pool = ThreadPoolExecutor(workers)
+    aside = Aside(share)
     try:
-        drains = [pool.submit(drain) for _ in range(workers)]
-        ended = 0
-        while ended < workers:
-            targets = finished.get()
-            ended += targets == 0
+        aside.begin()
+        while targets := finished.get():
             advance(targets)
-        for future in drains:
-            future.result()
     finally:
         stopped.set()
-        pool.shutdown(wait=True)
+        aside.wait()
+    aside.outcome()
 
 
 @contextmanager

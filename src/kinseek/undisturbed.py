@@ -1,0 +1,74 @@
+"""Work that no signal handler may break into, in a thread of its own, while the caller waits where Ctrl-C is heard.
+
+Handlers run in the main thread, between any two of its steps. Python's own conditions, futures and pools take steps in it
+while they wait: Ctrl-C in the midst of one leaves a lock released twice, and a RuntimeError in the place of the
+KeyboardInterrupt. So the main thread starts a thread and waits for it by calls into C only, which a handler ends cleanly.
+"""
+
+from __future__ import annotations
+
+import _thread
+import threading
+from collections.abc import Callable
+from queue import SimpleQueue
+from typing import Generic, TypeVar
+
+R = TypeVar("R")
+
+
+class Aside(Generic[R]):
+    """Something to be done in a thread of its own."""
+
+    def __init__(self, work: Callable[[], R]) -> None:
+        """Begin nothing yet."""
+        self._work, self._ended = work, SimpleQueue[None]()
+        self._results, self._errors = list[R](), list[BaseException]()
+        self._begun = self._done = False
+
+    def begin(self) -> None:
+        """Begin."""
+        # A `Thread` is waited for before Python ends, but to start one is to wait in steps: that is done aside, too.
+        _thread.start_new_thread(lambda: threading.Thread(target=self._run, name="kinseek").start(), ())
+        self._begun = True
+
+    def _run(self) -> None:
+        try:
+            self._results.append(self._work())
+        except BaseException as error:
+            self._errors.append(error)
+        finally:
+            self._done = True
+            self._ended.put(None)
+
+    def wait(self) -> None:
+        """Wait for the end. After a wait that Ctrl-C broke off, wait again."""
+        if self._begun and not self._done:
+            self._ended.get()
+
+    def outcome(self) -> R:
+        """What came of it: ask after the end."""
+        for error in self._errors:
+            raise error
+        return self._results[0]
+
+
+def undisturbed(work: Callable[[], R], stop: Callable[[], object] | None = None) -> R:
+    """Do some work where no signal handler runs.
+
+    Args:
+        work: What to do.
+        stop: Called where a handler raises, as after Ctrl-C, to make the work come to its end, which is then waited for;
+            None leaves it behind.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return work()
+    aside = Aside(work)
+    try:
+        aside.begin()
+        aside.wait()
+    except BaseException:  # A handler's: the work itself raises nothing here.
+        if stop is not None:
+            stop()
+            aside.wait()
+        raise
+    return aside.outcome()
