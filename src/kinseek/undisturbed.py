@@ -10,10 +10,21 @@ from __future__ import annotations
 import _thread
 import threading
 from collections.abc import Callable
-from queue import SimpleQueue
+from contextlib import suppress
+from queue import Empty, SimpleQueue
 from typing import Generic, TypeVar
 
 R = TypeVar("R")
+
+OFTEN = 0.1
+"""So often a thread that waits looks up [s]: a signal that comes just before it falls asleep does not wake it."""
+
+
+def told(queue: SimpleQueue[R]) -> R:
+    """Wait for the next thing that another thread puts there."""
+    while True:
+        with suppress(Empty):
+            return queue.get(timeout=OFTEN)
 
 
 class Aside(Generic[R]):
@@ -43,7 +54,7 @@ class Aside(Generic[R]):
     def wait(self) -> None:
         """Wait for the end. After a wait that Ctrl-C broke off, wait again."""
         if self._begun and not self._done:
-            self._ended.get()
+            told(self._ended)
 
     def outcome(self) -> R:
         """What came of it: ask after the end."""

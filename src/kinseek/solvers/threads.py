@@ -10,7 +10,7 @@ from queue import SimpleQueue
 
 from kinseek.deadline import Deadline
 from kinseek.errors import MissingExtra
-from kinseek.undisturbed import Aside
+from kinseek.undisturbed import Aside, told
 
 GoOn = Callable[[], bool]
 """May another piece of work be begun?"""
@@ -71,7 +71,7 @@ def spread(
     aside = Aside(share)
     try:
         aside.begin()
-        while targets := finished.get():
+        while targets := told(finished):
             advance(targets)
     finally:
         stopped.set()
