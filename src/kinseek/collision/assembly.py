@@ -1,0 +1,83 @@
+"""An engine made of a scene's bodies, and what it is asked about pairs of them at random joint values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from kinseek.robots.chain import SerialChain
+
+from .bodies import Body
+from .engine import Engine, Solid
+from .motion import Speeds
+from .pairs import Pair, key
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """The engine of a scene, and which parts are of which body."""
+
+    chain: SerialChain
+    engine: Engine
+    owners: list[tuple[str, str]]
+    """Of each pair of parts the names of the two bodies."""
+    numbers: dict[str, list[int]]
+    """Of each body the numbers of its parts."""
+
+    @cached_property
+    def speeds(self) -> Speeds:
+        """How fast bodies can move."""
+        return Speeds(self.chain, self.engine)
+
+    def stand(self, bodies: Iterable[Body]) -> None:
+        """Put bodies that stand in the base where they are now; nothing is built anew."""
+        with self.engine as engine:
+            engine.stand(
+                {
+                    number: body.frame.pose @ part.pose
+                    for body in bodies
+                    for number, part in zip(self.numbers.get(body.name, ()), body.parts, strict=False)
+                }
+            )
+
+
+def assemble(chain: SerialChain, bodies: Iterable[Body], pairs: Iterable[Pair]) -> Assembly:
+    """Make the engine of the pairs that count, with the bodies that are in one."""
+    solids: list[Solid] = []
+    numbers: dict[str, list[int]] = {}
+    counting = [pair for pair in pairs if pair.counts]
+    named = {name for pair in counting for name in (pair.a, pair.b)}
+    for body in (body for body in bodies if body.name in named):
+        numbers[body.name] = list(range(len(solids), len(solids) + len(body.parts)))
+        solids += [
+            Solid(body.frame.joints, part.shape, body.frame.pose @ part.pose, body.padding)
+            for part in body.parts
+        ]
+    counted = [
+        ((i, j), (pair.a, pair.b)) for pair in counting for i in numbers[pair.a] for j in numbers[pair.b]
+    ]
+    engine = Engine(chain, solids, [pair for pair, _ in counted])
+    return Assembly(chain, engine, [names for _, names in counted], numbers)
+
+
+def sampled(
+    chain: SerialChain, bodies: Iterable[Body], pairs: Iterable[Pair], samples: int, skip_never: bool
+) -> dict[tuple[str, str], str]:
+    """Which pairs touch at all of some random joint values, or, with `skip_never`, at none of them; with the reason."""
+    bodies, found = list(bodies), dict[tuple[str, str], str]()
+    q = np.random.default_rng(0).uniform(chain.lower, chain.upper, (samples, chain.dof))
+    for pair in pairs:
+        engine = assemble(chain, bodies, [pair]).engine
+        if skip_never:
+            count = samples - int(engine.exactly_free(q, 0.0).sum())
+        else:  # The first sample at which they are apart ends it.
+            count = next((i for i in range(samples) if engine.exactly_free(q[i : i + 1], 0.0)[0]), samples)
+            count = samples if count == samples else 1
+        if count == samples:
+            found[key(pair.a, pair.b)] = f"always: they touch at all of {samples:,} random joint values"
+        elif count == 0:
+            found[key(pair.a, pair.b)] = f"never: they touch at none of {samples:,} random joint values"
+    return found
