@@ -170,20 +170,40 @@ def read_bodies(
     for link in robot.findall("link"):
         if (name := link.get("name")) not in frames:
             continue
-        body = Body(name, frames[name], is_link=True)
-        for number, element in enumerate(link.findall("collision"), start=1):
-            try:
-                body.parts.append(Part(_shape(element, path, folders), origin_of(element)))
-            except (InvalidRobot, InvalidScene) as error:
-                message = f"link {name!r}, collision element {number}: {error}"
-                if missing == "skip" and element.find("geometry/mesh") is not None:
-                    notes.append(f"left out: {message}")
-                    continue
-                raise InvalidScene(f'{path}: {message} (meshes="skip" leaves such meshes out)') from error
-        if body.parts:
-            bodies.append(body)
+        parts = parts_of(link, path, folders, missing == "skip", notes)
+        if parts:
+            bodies.append(Body(name, frames[name], parts, is_link=True))
     solid = {body.name for body in bodies}
     return ArmBodies(bodies, _neighbours(robot, solid), notes, frames, robot.get("name") or "")
+
+
+def parts_of(
+    link: Any, path: Path, folders: Mapping[str, Path], skip: bool, notes: list[str], hull: bool = True
+) -> list[Part]:
+    """The collision elements of a link.
+
+    Args:
+        link: Of the file.
+        path: Where the file lies.
+        folders: Folders of packages by name.
+        skip: Leave meshes out that cannot be read, and note it?
+        notes: What was left out is added here.
+        hull: Take the convex hulls of meshes?
+
+    Raises:
+        InvalidScene: A mesh or another element that cannot be used.
+    """
+    parts = []
+    for number, element in enumerate(link.findall("collision"), start=1):
+        try:
+            parts.append(Part(_shape(element, path, folders, hull), origin_of(element)))
+        except (InvalidRobot, InvalidScene) as error:
+            message = f"link {link.get('name')!r}, collision element {number}: {error}"
+            if skip and element.find("geometry/mesh") is not None:
+                notes.append(f"left out: {message}")
+                continue
+            raise InvalidScene(f'{path}: {message} (meshes="skip" leaves such meshes out)') from error
+    return parts
 
 
 def capsules_along(chain: SerialChain, radius: float) -> ArmBodies:
@@ -235,7 +255,7 @@ def package_folders(meshes: Iterable[str | Path] | Mapping[str, str | Path]) -> 
     return found | {name: Path(folder).expanduser().resolve() for name, folder in named.items()}
 
 
-def _shape(element: Any, path: Path, folders: Mapping[str, Path]) -> Shape:
+def _shape(element: Any, path: Path, folders: Mapping[str, Path], hull: bool) -> Shape:
     geometry = element.find("geometry")
     shape = None if geometry is None else next(iter(geometry), None)
     if shape is None:
@@ -249,7 +269,7 @@ def _shape(element: Any, path: Path, folders: Mapping[str, Path]) -> Shape:
         return Cylinder(radius, span) if shape.tag == "cylinder" else Capsule(radius, span)
     if shape.tag == "mesh":
         name = shape.get("filename") or ""
-        mesh = Mesh.read(mesh_path(name, path, folders), numbers_of(shape.get("scale"), 3, 1.0))
+        mesh = Mesh.read(mesh_path(name, path, folders), numbers_of(shape.get("scale"), 3, 1.0), hull)
         mesh.geometry()  # Says now that there is no hull.
         return mesh
     raise InvalidScene(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +16,8 @@ from kinseek.problem import as_joints
 from kinseek.robots.chain import Frame, SerialChain
 
 from .assembly import Assembly, assemble, sampled
-from .bodies import ArmBodies, Body, Part
+from .bodies import ArmBodies, Body, Part, package_folders
+from .obstacles import obstacles
 from .others import OtherArm
 from .pairs import ATTACHED, Pair, key, pairs_of
 from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere, length_or_zero
@@ -114,10 +116,46 @@ class Contents:
             InvalidGoal: `pose` is none.
         """
         self._enter(Body(self._new(name), Frame(0, np.eye(4)), [_part(shape, pose)]))
-        if isinstance(shape, Mesh) and not shape.hull and not shape.closed:
-            self._notes.append(
-                f"{name!r} is an open mesh, a surface: what lies wholly behind it does not touch it"
-            )
+
+    def add_file(
+        self,
+        path: str | Path,
+        pose: Any = None,
+        *,
+        prefix: str = "",
+        meshes: Iterable[str | Path] | Mapping[str, str | Path] | Literal["skip"] = (),
+        trusted: bool = True,
+    ) -> tuple[str, ...]:
+        """Add all that stands in a file: its meshes count as those of `add_mesh` do.
+
+        Args:
+            path: A ``.urdf`` or ``.xacro`` file whose joints are all fixed: its links with collision elements, by their
+                names. Or a ``.scene`` file as MoveIt writes it: its objects by theirs, boxes, spheres, cylinders and meshes.
+            pose: Of the root link, or of MoveIt's planning frame, in the base of the arm, (4, 4), or an object that carries
+                one; the base itself unless given.
+            prefix: Put before every name, where a file is added twice.
+            meshes: Folders of packages, or ``"skip"``, as in `Scene.of`; those known of the arm are looked at, too.
+            trusted: May Python evaluate the expressions of a xacro file?
+
+        Returns:
+            Names of the new bodies. All are added, or none.
+
+        Raises:
+            InvalidScene: The file cannot be read, holds a joint that moves, a shape that is not known or none at all; a mesh
+                that is missing, empty or broken; a name that is taken.
+            InvalidGoal: `pose` is none.
+            MissingExtra: trimesh is not installed.
+        """
+        skip = isinstance(meshes, str) and meshes == "skip"
+        folders = {name: Path(folder) for name, folder in self._chain.packages.items()}
+        folders |= package_folders(() if skip else meshes)
+        found, notes = obstacles(Path(path).expanduser(), folders, skip, trusted)
+        base = np.eye(4) if pose is None else one_pose(pose, "pose")
+        names = tuple(self._new(f"{prefix}{body.name}") for body in found)
+        for name, body in zip(names, found, strict=True):
+            self._enter(replace(body, name=name, frame=Frame(0, base @ body.frame.pose)))
+        self._notes.extend(notes)
+        return names
 
     def attach(
         self,
@@ -308,6 +346,11 @@ class Contents:
     def _enter(self, body: Body) -> None:
         self._bodies[body.name] = body
         self._assembly = None
+        shapes = [part.shape for part in body.parts]
+        if any(isinstance(shape, Mesh) and not shape.hull and not shape.closed for shape in shapes):
+            self._notes.append(
+                f"{body.name!r} is an open mesh, a surface: what lies wholly behind it does not touch it"
+            )
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle and copy what it is made of; the engine is made anew."""

@@ -125,6 +125,32 @@ def _read(text: bytes, base: str | None, tip: str | None, where: str, name: str)
     )
 
 
+def fixed_links(text: bytes, where: str) -> dict[str, Array]:
+    """Poses of the links of a URDF in its root, (4, 4), lengths in [m]; no joint of it may move.
+
+    Raises:
+        InvalidRobot: It is no URDF, its links are no tree, or a joint moves.
+    """
+    robot = _parse(kinematic_part(root_element(text, where), "obstacles", where), where)
+    parents = _link_tree(robot, where)
+    above = {joint.child: joint for joint in robot.joints}
+    for joint in robot.joints:
+        if joint.type != "fixed":
+            raise InvalidRobot(
+                f"{where}: joint {joint.name!r} is {joint.type}, expected fixed: what stands here cannot move"
+            )
+    poses: dict[str, Array] = {}
+    for link in parents:
+        way = [link]
+        while way[-1] not in poses and (parent := parents[way[-1]]) is not None:
+            way.append(parent)
+        for name in reversed(way):
+            if name not in poses:
+                up = parents[name]
+                poses[name] = np.eye(4) if up is None else poses[up] @ _origin(above[name])
+    return poses
+
+
 def _parse(kinematics: Any, where: str) -> Any:
     from lxml import etree
     from urdf_parser_py.urdf import URDF

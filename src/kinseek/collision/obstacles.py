@@ -1,0 +1,188 @@
+"""Obstacles that stand in a file: a URDF whose joints are fixed, or the text that MoveIt writes of a planning scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.errors import InvalidGoal, InvalidRobot, InvalidScene
+from kinseek.poses import pose
+from kinseek.robots.chain import Frame
+from kinseek.robots.files import file_bytes
+from kinseek.robots.urdf import fixed_links
+from kinseek.robots.urdf_xml import expand_xacro, root_element
+
+from .bodies import Body, Part, parts_of
+from .shapes import Box, Cylinder, Mesh, Shape, Sphere
+
+Array = NDArray[np.float64]
+
+URDF, XACRO, MOVEIT = ".urdf", ".xacro", ".scene"
+
+
+def obstacles(
+    path: Path, folders: Mapping[str, Path], skip: bool, trusted: bool
+) -> tuple[list[Body], list[str]]:
+    """Read a file of obstacles.
+
+    Args:
+        path: A .urdf, .xacro or .scene file.
+        folders: Folders of packages by name.
+        skip: Leave meshes out that cannot be read?
+        trusted: May Python evaluate the expressions of a xacro file?
+
+    Returns:
+        Bodies with their poses in the root of the file, and notes of what was left out.
+
+    Raises:
+        InvalidScene: The file cannot be read, holds joints that move, or no shapes.
+    """
+    try:
+        if path.suffix.lower() == MOVEIT:
+            found, notes = _moveit(file_bytes(path), str(path)), list[str]()
+        elif path.suffix.lower() in (URDF, XACRO):
+            packages = {name: str(folder) for name, folder in folders.items()}
+            is_xacro = path.suffix.lower() == XACRO
+            text = expand_xacro(path, None, packages, trusted) if is_xacro else file_bytes(path)
+            found, notes = _urdf(text, path, folders, skip)
+        else:
+            raise InvalidScene(
+                f"{str(path)!r} is no file of obstacles; expected {URDF}, {XACRO}, or {MOVEIT} as MoveIt writes it. "
+                "A mesh is added with add_mesh, or named by a URDF"
+            )
+    except (InvalidRobot, InvalidScene) as error:
+        where = "" if str(path) in str(error) else f"{path}: "
+        raise InvalidScene(f"{where}{error}") from error
+    if not found:
+        what = "no objects" if path.suffix.lower() == MOVEIT else "no collision elements"
+        raise InvalidScene(f"{path}: nothing to hit: it has {what}")
+    return found, notes
+
+
+def _urdf(text: bytes, path: Path, folders: Mapping[str, Path], skip: bool) -> tuple[list[Body], list[str]]:
+    poses, bodies, notes = fixed_links(text, str(path)), list[Body](), list[str]()
+    for link in root_element(text, str(path)).findall("link"):
+        name = link.get("name")
+        parts = parts_of(link, path, folders, skip, notes, hull=False)
+        if parts:
+            bodies.append(Body(name, Frame(0, poses[name]), parts))
+    return bodies, notes
+
+
+class _Word(NamedTuple):
+    """A word of a file, or the whole name of an object."""
+
+    text: str
+    line: int
+
+
+class _Words:
+    """The words of a MoveIt scene, one after the other."""
+
+    def __init__(self, text: str, where: str) -> None:
+        self._where = where
+        lines = text.splitlines()
+        starts = [n for n, line in enumerate(lines) if line.startswith("*")]
+        # Who writes poses of objects, beside those of shapes, begins them in the line below the first name; else that
+        # holds a number of shapes (moveit_core, PlanningScene::loadGeometryFromStream).
+        below = lines[starts[0] + 1] if starts and starts[0] + 1 < len(lines) else ""
+        self.has_poses = len(below.split()) > 1
+        self._left = self._split(lines[1:])
+
+    @staticmethod
+    def _split(lines: list[str]) -> Iterator[_Word]:
+        for number, line in enumerate(lines, start=2):  # The first is the name of the scene.
+            if line.startswith("*"):
+                yield _Word("*", number)
+                yield _Word(line[1:].strip(), number)
+            else:
+                yield from (_Word(word, number) for word in line.split())
+
+    def take(self, what: str) -> _Word:
+        """Take the next word."""
+        word = next(self._left, None)
+        if word is None:
+            raise InvalidScene(f"{self._where}: the file ends where {what} was expected")
+        return word
+
+    def wrong(self, word: _Word, expected: str) -> InvalidScene:
+        """Say of a word that it is not what was expected."""
+        return InvalidScene(f"{self._where}: line {word.line}: expected {expected}, got {word.text!r}")
+
+    def numbers(self, count: int, what: str) -> list[float]:
+        """Take so many finite numbers."""
+        found = []
+        for _ in range(count):
+            word = self.take(what)
+            try:
+                found.append(float(word.text))
+            except ValueError:
+                raise self.wrong(word, f"a number of {what}") from None
+            if not np.isfinite(found[-1]):
+                raise self.wrong(word, f"a finite number of {what}")
+        return found
+
+    def count(self, what: str) -> int:
+        """Take a whole number of at least 0."""
+        word = self.take(what)
+        if not (word.text.isascii() and word.text.isdigit()):
+            raise self.wrong(word, f"the {what}")
+        return int(word.text)
+
+    def pose(self, what: str) -> Array:
+        """Take a position and a quaternion, real part last, (4, 4)."""
+        place, turn = self.numbers(3, f"the position of {what}"), self.numbers(4, f"the rotation of {what}")
+        try:
+            return np.asarray(pose(place, quat_xyzw=turn))
+        except InvalidGoal as error:
+            raise InvalidScene(f"{self._where}: the pose of {what}: {error}") from None
+
+
+def _moveit(content: bytes, where: str) -> list[Body]:
+    try:
+        words = _Words(content.decode("utf-8"), where)
+    except UnicodeDecodeError:
+        raise InvalidScene(f"{where} is no text") from None
+    bodies: dict[str, Body] = {}
+    while (word := words.take("* or a point at the end")).text != ".":
+        if word.text != "*":
+            raise words.wrong(word, "* and a name, or a point at the end")
+        name = words.take("a name")
+        if not name.text or name.text in bodies:
+            raise words.wrong(name, "a name that no other object has")
+        what = repr(name.text)
+        place = words.pose(what) if words.has_poses else np.eye(4)
+        body = Body(name.text, Frame(0, place))
+        for _ in range(words.count(f"number of shapes of {what}")):
+            shape = _shape(words, what)
+            body.parts.append(Part(shape, words.pose(f"a shape of {what}")))
+            words.numbers(4, f"the colour of {what}")
+        if words.has_poses:
+            for _ in range(words.count(f"number of subframes of {what}")):
+                words.take("the name of a subframe")
+                words.pose(f"a subframe of {what}")
+        if body.parts:
+            bodies[name.text] = body
+    return list(bodies.values())
+
+
+def _shape(words: _Words, what: str) -> Shape:
+    kind = words.take(f"a shape of {what}")
+    lengths = f"the size of {what}"
+    if kind.text == "box":
+        return Box(words.numbers(3, lengths))
+    if kind.text == "sphere":
+        return Sphere(words.numbers(1, lengths)[0])
+    if kind.text == "cylinder":
+        radius, length = words.numbers(2, lengths)
+        return Cylinder(radius, length)
+    if kind.text == "mesh":
+        vertices, faces = (words.count(f"number of {each} of {what}") for each in ("vertices", "triangles"))
+        points = np.array(words.numbers(3 * vertices, f"a vertex of {what}")).reshape(-1, 3)
+        corners = [words.count(f"corner of a triangle of {what}") for _ in range(3 * faces)]
+        return Mesh(points, np.array(corners, dtype=np.int64).reshape(-1, 3), hull=False, name=what)
+    raise words.wrong(kind, f"box, sphere, cylinder or mesh as a shape of {what}")

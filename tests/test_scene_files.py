@@ -1,0 +1,279 @@
+"""Obstacles from files: a URDF whose joints are fixed, and the text that MoveIt writes of a planning scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import kinseek
+from cells import TETRAHEDRON, box_mesh, write_obj
+from kinseek import InvalidScene, Scene
+
+pytest.importorskip("pinocchio")
+
+CELL = """<robot name="cell">
+  <link name="world"/>
+  <link name="table"><collision><geometry><box size="1 1.6 0.04"/></geometry></collision></link>
+  <link name="pole">
+    <collision><origin xyz="0 0 0.4"/><geometry><cylinder radius="0.03" length="0.8"/></geometry></collision>
+    <collision><origin xyz="0 0 0.9"/><geometry><sphere radius="0.05"/></geometry></collision>
+  </link>
+  <joint name="feet" type="fixed"><parent link="world"/><child link="table"/>
+    <origin xyz="0.55 0 -0.06" rpy="0 0 1.5707963267948966"/></joint>
+  <joint name="screw" type="fixed"><parent link="table"/><child link="pole"/><origin xyz="0.35 0.2 0.06"/></joint>
+</robot>"""
+
+MOVEIT = """the cell
+* table
+0.55 0 -0.06
+0 0 0.70710678118654752 0.70710678118654752
+1
+box
+1 1.6 0.04
+0 0 0
+0 0 0 1
+0 0 0 0
+0
+* the pole
+0.35 0.35 0
+0 0 0.70710678118654752 0.70710678118654752
+2
+cylinder
+0.03 0.8
+0 0 0.4
+0 0 0 1
+0.5 0.5 0.5 1
+sphere
+0.05
+0 0 0.9
+0 0 0 1
+0 0 0 0
+1
+top
+0 0 0.9
+0 0 0 1
+.
+"""
+
+OLD = """(noname)+
+* table
+1
+box
+1 1.6 0.04
+0.55 0 -0.06
+0 0 0.70710678118654752 0.70710678118654752
+0 0 0 0
+* the pole
+2
+cylinder
+0.03 0.8
+0.35 0.35 0.4
+0 0 0 1
+0 0 0 0
+sphere
+0.05
+0.35 0.35 0.9
+0 0 0 1
+0 0 0 0
+.
+"""
+
+
+@pytest.fixture(scope="module")
+def arm() -> kinseek.Arm:
+    return kinseek.load("ur5e")
+
+
+@pytest.fixture
+def scene(arm: kinseek.Arm) -> Scene:
+    return Scene.of(arm, capsules=0.05)
+
+
+@pytest.fixture
+def by_hand(arm: kinseek.Arm) -> Scene:
+    """The same cell, shape by shape."""
+    scene = Scene.of(arm, capsules=0.05)
+    scene.add_box("table", (1.6, 1.0, 0.04), kinseek.pose([0.55, 0, -0.06]))
+    scene.add_cylinder("pole", 0.03, 0.8, kinseek.pose([0.35, 0.35, 0.4]))
+    scene.add_sphere("ball", 0.05, kinseek.pose([0.35, 0.35, 0.9]))
+    return scene
+
+
+def written(folder: Path, name: str, text: str) -> Path:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "text", "pole"),
+    [("cell.urdf", CELL, "pole"), ("new.scene", MOVEIT, "the pole"), ("old.scene", OLD, "the pole")],
+)
+def test_a_file_holds_what_is_added_by_hand(
+    name: str, text: str, pole: str, tmp_path: Path, arm: kinseek.Arm, scene: Scene, by_hand: Scene
+) -> None:
+    assert scene.add_file(written(tmp_path, name, text)) == ("table", pole)
+    q = arm.sample(200, seed=1)
+    free = scene.free(q)
+    assert 0 < free.sum() < len(q)
+    np.testing.assert_array_equal(free, by_hand.free(q))
+    np.testing.assert_allclose(scene.distance(q[free]), by_hand.distance(q[free]), atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_pose_brings_all_of_it_along_and_a_prefix_lets_it_stand_twice(
+    tmp_path: Path, arm: kinseek.Arm, scene: Scene
+) -> None:
+    path, T = written(tmp_path, "cell.urdf", CELL), kinseek.pose([0.1, -0.2, 0.05], rpy=[0, 0, 0.7])
+    assert scene.add_file(path, T, prefix="left ") == ("left table", "left pole")
+    moved, q = Scene.of(arm, capsules=0.05), arm.sample(20, seed=3)
+    moved.add_box("table", (1.6, 1.0, 0.04), T @ kinseek.pose([0.55, 0, -0.06]))
+    moved.add_cylinder("pole", 0.03, 0.8, T @ kinseek.pose([0.35, 0.35, 0.4]))
+    moved.add_sphere("ball", 0.05, T @ kinseek.pose([0.35, 0.35, 0.9]))
+    near = moved.distance(q)
+    assert (near > 0).any()
+    np.testing.assert_allclose(scene.distance(q)[near > 0], near[near > 0], atol=1e-6)
+    assert scene.add_file(path) == ("table", "pole")
+
+
+@pytest.mark.slow
+def test_meshes_of_a_file_count_as_they_are(tmp_path: Path, scene: Scene) -> None:
+    write_obj(tmp_path / "part.obj", TETRAHEDRON, np.array([[0, 1, 2]]))
+    mesh = '<collision><geometry><mesh filename="part.obj"/></geometry></collision>'
+    text = f'<robot name="part"><link name="part">{mesh}</link></robot>'
+    scene.add_file(written(tmp_path, "part.urdf", text), kinseek.pose([2, 0, 0]))
+    assert any(note.startswith("'part' is an open mesh") for note in scene.notes)
+    scene.remove("part")
+    assert not any(note.startswith("'part'") for note in scene.notes)
+
+
+def test_meshes_of_a_scene_are_solid(tmp_path: Path, arm: kinseek.Arm, scene: Scene) -> None:
+    corners, faces = box_mesh((1.6, 1.0, 0.04))
+    numbers = [f"{len(corners)} {len(faces)}", *(" ".join(map(str, row)) for row in [*corners, *faces])]
+    lines = [
+        "cell",
+        "* table",
+        "0.55 0 -0.06",
+        "0 0 0 1",
+        "1",
+        "mesh",
+        *numbers,
+        "0 0 0",
+        "0 0 0 1",
+        "0 0 0 0",
+        "0",
+        ".",
+    ]
+    scene.add_file(written(tmp_path, "mesh.scene", "\n".join(lines)))
+    solid = Scene.of(arm, capsules=0.05)
+    solid.add_box("table", (1.6, 1.0, 0.04), kinseek.pose([0.55, 0, -0.06]))
+    q = arm.sample(100, seed=2)
+    np.testing.assert_array_equal(scene.free(q), solid.free(q))
+
+
+def test_a_mesh_that_is_missing_is_named_or_left_out(tmp_path: Path, scene: Scene) -> None:
+    text = CELL.replace('<sphere radius="0.05"/>', '<mesh filename="package://nowhere/ball.stl"/>')
+    path = written(tmp_path, "cell.urdf", text)
+    with pytest.raises(InvalidScene, match=r"link 'pole', collision element 2: .*nowhere"):
+        scene.add_file(path)
+    assert "table" not in scene.bodies
+    scene.add_file(path, meshes="skip")
+    assert any("nowhere" in note for note in scene.notes)
+
+
+def test_a_xacro_file_is_expanded(tmp_path: Path, scene: Scene) -> None:
+    text = CELL.replace('name="cell">', 'name="cell" xmlns:xacro="http://www.ros.org/wiki/xacro">')
+    path = written(tmp_path, "cell.urdf.xacro", text.replace('radius="0.03"', 'radius="${0.01 * 3}"'))
+    assert scene.add_file(path, trusted=False) == ("table", "pole")
+
+
+BAD: list[tuple[str, str, str]] = [
+    (
+        "cell.urdf",
+        CELL.replace('name="screw" type="fixed"', 'name="screw" type="revolute"'),
+        r"joint 'screw' is revolute",
+    ),
+    (
+        "cell.urdf",
+        CELL.replace('<child link="pole"/>', '<child link="stick"/>'),
+        "'stick', which does not exist",
+    ),
+    ("cell.urdf", CELL.replace("<box", "<cone"), r"geometry 'cone' is not known"),
+    (
+        "cell.urdf",
+        CELL.replace('size="1 1.6 0.04"', 'size="1 1.6"'),
+        r"collision element 1: expected 3 numbers",
+    ),
+    (
+        "cell.urdf",
+        '<robot name="no"><link name="a"/></robot>',
+        "nothing to hit: it has no collision elements",
+    ),
+    ("cell.urdf", "<robot", "broken XML"),
+    ("cell.stl", "solid", r"no file of obstacles; expected \.urdf, \.xacro, or \.scene"),
+    (
+        "cell.scene",
+        MOVEIT.replace("box", "cone"),
+        r"line 6: expected box, .* as a shape of 'table', got 'cone'",
+    ),
+    (
+        "cell.scene",
+        MOVEIT.replace("1 1.6 0.04", "1 1.6 NaN"),
+        "line 7: expected a finite number .* 'table', got 'NaN'",
+    ),
+    (
+        "cell.scene",
+        MOVEIT.replace("1 1.6 0.04", "1 1.6 -1"),
+        r"cell\.scene: size must be 3 lengths above 0 m",
+    ),
+    (
+        "cell.scene",
+        MOVEIT.replace("the pole", "table"),
+        r"line 12: expected a name that no other object has, got 'table'",
+    ),
+    ("cell.scene", MOVEIT.replace("\n.", ""), r"the file ends where \* or a point at the end was expected"),
+    (
+        "cell.scene",
+        MOVEIT.replace("0 0 0 0\n0\n*", "0 0 0\n0\n*"),
+        "line 12: expected the number of subframes of 'table', got '\\*'",
+    ),
+    (
+        "cell.scene",
+        MOVEIT.replace("0 0 0.9\n0 0 0 1", "0 0 0.9\n0 0 0 0"),
+        r"the pose of a shape of 'the pole'",
+    ),
+    ("cell.scene", "empty\n.\n", "nothing to hit: it has no objects"),
+    ("cell.scene", "", "the file ends where"),
+]
+
+
+@pytest.mark.parametrize(("name", "text", "told"), BAD, ids=range(len(BAD)))
+def test_what_cannot_be_read_is_said_and_nothing_is_added(
+    name: str, text: str, told: str, tmp_path: Path, scene: Scene
+) -> None:
+    path, before = written(tmp_path, name, text), scene.bodies
+    with pytest.raises(InvalidScene, match=told) as error:
+        scene.add_file(path)
+    assert name in str(error.value)
+    assert scene.bodies == before
+
+
+def test_a_file_that_is_not_there_and_a_name_that_is_taken(tmp_path: Path, scene: Scene) -> None:
+    with pytest.raises(InvalidScene, match="no file"):
+        scene.add_file(tmp_path / "cell.urdf")
+    path = written(tmp_path, "cell.urdf", CELL)
+    scene.add_sphere("pole", 0.1, kinseek.pose([2, 0, 0]))
+    with pytest.raises(InvalidScene, match="'pole' is a body of the scene already"):
+        scene.add_file(path)
+    assert "table" not in scene.bodies
+    with pytest.raises(kinseek.InvalidGoal):
+        scene.add_file(path, np.zeros(3), prefix="x")
+
+
+def test_binary_nonsense_is_no_text(tmp_path: Path, scene: Scene) -> None:
+    (tmp_path / "cell.scene").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InvalidScene, match="is no text"):
+        scene.add_file(tmp_path / "cell.scene")
