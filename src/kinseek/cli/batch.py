@@ -18,6 +18,7 @@ from . import report
 from .files import read_poses, writable, write_columns
 from .output import on_terminal
 from .question import Question
+from .scenes import contacts_column
 
 Columns = dict[str, NDArray[Any]]
 
@@ -53,18 +54,19 @@ def solve_file(
         reached, columns = found.counts > 0, _answers(question.arm, found)
     else:
         solution = question.answer(goal, progress=on_terminal())
-        reached, columns = np.asarray(solution.success), _answer(question.arm, solution)
+        reached, columns = np.asarray(solution.success), _answer(question, solution)
     seconds = time.perf_counter() - clock
     write_columns(place, columns, question.arm.joint_names)
     report.print_batch(question.arm, reached, str(out), seconds, as_json)
     return 0 if reached.all() else 1
 
 
-def _answer(arm: Arm, solution: Solution) -> Columns:
-    columns: Columns = dict(zip(arm.joint_names, solution.q.T, strict=True))
+def _answer(question: Question, solution: Solution) -> Columns:
+    columns: Columns = dict(zip(question.arm.joint_names, solution.q.T, strict=True))
     return beside(
         columns,
-        {
+        ({"contacts": contacts_column(solution)} if question.scene is not None else {})
+        | {
             "success": np.asarray(solution.success),
             "status": np.array([status.name for status in np.atleast_1d(solution.status)]),
             "position_error": np.asarray(solution.position_error),

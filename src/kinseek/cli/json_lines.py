@@ -87,12 +87,13 @@ def _read(line: bytes | str) -> dict[str, Any]:
 def _answer(
     question: Question, asked: dict[str, Any], number: int, deg: bool, every: bool, count: int | None
 ) -> tuple[dict[str, Any], bool]:
+    in_scene = question.scene is not None
     goal = question.asked.goal(_target(asked, number, question.asked.position_only, deg))
     if every:
         found = question.branches(goal, count)
-        return branches_facts(cast(Branches, found)), len(found) > 0
+        return branches_facts(cast(Branches, found), in_scene), len(found) > 0
     solution = question.answer(goal)
-    return answer_facts(solution), bool(solution.success)
+    return answer_facts(solution, in_scene), bool(solution.success)
 
 
 def _target(asked: dict[str, Any], number: int, position_only: bool, deg: bool) -> Any:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from kinseek.arm import Arm
 from kinseek.branches.order import Order
 from kinseek.branches.result import Branches, BranchesBatch
+from kinseek.collision import Scene
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.proof.certificate import Certificate, Verdict
@@ -31,6 +32,9 @@ class Question:
     prefer: str | None = None
     prove: bool = False
     trace: bool = False
+    scene: Scene | None = None
+    clearance: float = 0.0
+    """[m]"""
 
     def answer(self, goal: Goal, progress: bool = False) -> Solution:
         """Answer one goal, or a batch."""
@@ -41,11 +45,15 @@ class Question:
             prefer=cast("Order | None", self.prefer),
             prove=self.prove,
             trace=self.trace,
+            scene=self.scene,
+            clearance=self.clearance,
             progress=progress,
         )
 
-    def answer_with_proof(self, goal: Goal) -> tuple[Solution, Certificate]:
-        """Answer one goal, and keep what `prove` found out on the way."""
+    def answer_with_proof(self, goal: Goal) -> tuple[Solution, Certificate | None]:
+        """Answer one goal, and keep what `prove` found out on the way; in a scene it proves more than one thing."""
+        if self.scene is not None:
+            return self.answer(goal), None
         from kinseek.proof.branch_and_bound import prove, refuse_ranges
 
         refuse_ranges(goal)
@@ -64,4 +72,12 @@ class Question:
                 "--all finds every branch in a way of its own; it takes neither --solver nor --trace"
             )
         order: dict[str, Any] = {} if self.prefer is None else {"order": self.prefer}
-        return self.arm.branches(goal, near=self.near, count=count, prove=self.prove, **order)
+        return self.arm.branches(
+            goal,
+            near=self.near,
+            count=count,
+            prove=self.prove,
+            scene=self.scene,
+            clearance=self.clearance,
+            **order,
+        )

@@ -22,6 +22,12 @@ from kinseek.solution import Solution
 from kinseek.solvers import Solver
 from kinseek.transforms import quaternion
 
+from .scenes import (
+    branches_facts_of_scene,
+    branches_line_of_scene,
+    solution_facts_of_scene,
+    solution_lines_of_scene,
+)
 from .tables import sentence, table, terminal_width
 
 if TYPE_CHECKING:
@@ -157,10 +163,12 @@ def print_solution(
     seconds: float,
     as_json: bool,
     proof: Certificate | None = None,
+    in_scene: bool = False,
 ) -> None:
     """Print an answer and how good it is."""
     facts = solution_facts(arm, solution, search, seconds, proof)
     if as_json:
+        facts |= solution_facts_of_scene(solution) if in_scene else {}
         _print_json(facts | ({"trace": solution.trace.to_dict()} if solution.problem.trace else {}))
         return
     if solution.problem.trace:
@@ -174,6 +182,8 @@ def print_solution(
         rows.append((joint["name"], *_both(joint["kind"], joint["value"]), room))
     _print_table(("joint", ">rad or m", ">deg or mm", ">to the nearer limit"), rows)
     _print(f"{solution.status}")
+    for line in solution_lines_of_scene(solution) if in_scene else []:
+        _print(line)
     place = ("position", f"{solution.position_error:.3g} m", f"{goal.position_tolerance:g} m")
     turn = (
         ("orientation", "any", "any")
@@ -231,10 +241,10 @@ def solution_facts(
     }
 
 
-def answer_facts(solution: Solution) -> dict[str, Any]:
+def answer_facts(solution: Solution, in_scene: bool = False) -> dict[str, Any]:
     """What is said of an answer in a line of JSON."""
     turns = bool(solution.problem.goal.form.columns)
-    return {
+    facts = {
         "success": bool(solution.success),
         "status": solution.status.name,
         "q": solution.q.tolist(),
@@ -242,9 +252,10 @@ def answer_facts(solution: Solution) -> dict[str, Any]:
         "orientation_error": float(solution.orientation_error) if turns else None,
         "evaluations": int(solution.evaluations),
     }
+    return facts | (solution_facts_of_scene(solution) if in_scene else {})
 
 
-def branches_facts(found: Branches) -> dict[str, Any]:
+def branches_facts(found: Branches, in_scene: bool = False) -> dict[str, Any]:
     """All answers to a goal, as JSON takes them."""
     turns = bool(found.problem.goal.form.columns)
     answers = [
@@ -252,16 +263,15 @@ def branches_facts(found: Branches) -> dict[str, Any]:
         for q, place, turn in zip(found.q, found.position_error, found.orientation_error, strict=True)
     ]
     facts = {"complete": found.complete, "sampled": found.sampled, "evaluations": int(found.evaluations)}
-    return {"branches": answers, **facts}
+    return {"branches": answers, **facts, **(branches_facts_of_scene(found) if in_scene else {})}
 
 
-def print_branches(arm: Arm, found: Branches, seconds: float, as_json: bool) -> None:
+def print_branches(arm: Arm, found: Branches, seconds: float, as_json: bool, in_scene: bool = False) -> None:
     """Print every answer to a goal."""
     goal = found.problem.goal
     if as_json:
-        _print_json(
-            {**_arm_facts(arm), "goal": _goal_facts(goal), **branches_facts(found), "seconds": seconds}
-        )
+        facts = branches_facts(found, in_scene)
+        _print_json({**_arm_facts(arm), "goal": _goal_facts(goal), **facts, "seconds": seconds})
         return
     room = np.minimum(found.q - arm.lower, arm.upper - found.q)
     room[:, [kind == "continuous" for kind in arm.kinds]] = np.inf
@@ -272,6 +282,8 @@ def print_branches(arm: Arm, found: Branches, seconds: float, as_json: bool) -> 
     if rows:
         _print_answers(arm, rows)
     _print(_how_many(found))
+    if in_scene and found.rejected:
+        _print(branches_line_of_scene(found))
     if rows:
         worst = [f"position {found.position_error.max():.3g} m"]
         worst += [f"orientation {found.orientation_error.max():.3g} rad"] * bool(goal.form.columns)

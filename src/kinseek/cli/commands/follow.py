@@ -16,6 +16,7 @@ from kinseek.cli.goals import Asked
 from kinseek.cli.help import Command, option
 from kinseek.cli.options import ARM, GOAL, Chain, arm_argument, chain_options, complete_joints, json_option
 from kinseek.cli.output import on_terminal
+from kinseek.cli.scenes import Cell, scene_options
 from kinseek.cli.words import joint_values
 from kinseek.errors import InvalidProblem
 
@@ -38,6 +39,7 @@ _POSES, _OUT = "POSES", "OUT"
         "kinseek follow ur5e poses.csv q.csv",
         "kinseek follow ur5e poses.csv q.npy --free rz --max-step 0.2",
         "kinseek follow ur5e poses.csv q.csv --period 0.01",
+        "kinseek follow ur5e poses.csv q.csv --scene cell.urdf --capsules 0.05",
     ],
     more=[
         f"Columns of POSES, lengths in m, angles in rad: {VALID}.",
@@ -50,6 +52,7 @@ _POSES, _OUT = "POSES", "OUT"
 @click.argument("poses", metavar=_POSES, type=click.Path(path_type=Path))
 @click.argument("out", metavar=_OUT, type=click.Path(path_type=Path))
 @chain_options
+@scene_options
 @option("--position-only", is_flag=True, group=GOAL, help="Any orientation will do.")
 @option("--free", metavar="AXES", group=GOAL, help="Axes whose deviation does not matter, such as rz.")
 @option("--deg", is_flag=True, group=GOAL, help="Angles of the poses, --start and --end are in degrees.")
@@ -95,6 +98,7 @@ def command(
     poses: Path,
     out: Path,
     chain: Chain,
+    cell: Cell,
     position_only: bool,
     free: str | None,
     deg: bool,
@@ -115,6 +119,7 @@ def command(
     last = None if end is None else joint_values(loaded, end, "--end", deg)
     if period is not None and not 0 < period < np.inf:
         raise InvalidProblem(f"--period must be above 0 [s], got {period:g}")
+    scene = cell.of(loaded)
     clock = time.perf_counter()
     path = loaded.follow(
         goal,
@@ -124,6 +129,8 @@ def command(
         max_step=max_step,
         times=None if period is None else period * np.arange(len(goal.target)),
         prove=prove,
+        scene=scene,
+        clearance=cell.clearance,
         progress=on_terminal(),
     )
     seconds = time.perf_counter() - clock

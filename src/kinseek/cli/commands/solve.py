@@ -28,6 +28,7 @@ from kinseek.cli.options import (
     pose_options,
 )
 from kinseek.cli.question import Question
+from kinseek.cli.scenes import Cell, scene_options
 from kinseek.cli.searches import make_search, search_options, searches, searches_in_words
 from kinseek.cli.words import in_radians, joint_values, named_values
 from kinseek.errors import InvalidProblem
@@ -47,6 +48,7 @@ _MANY = "Many poses"
         "kinseek solve ur5e --at 0.4 0.2 0.3 --rpy 180 0 0 --deg --free z,rz --lock wrist_3_joint=0",
         "kinseek solve planar2 --at 0.3 0.4 0 --position-only --near joint1=0.2,joint2=1.5",
         "kinseek solve panda --at 0.4 0.1 0.5 --quat-wxyz 0 1 0 0 --prefer limits --json",
+        "kinseek solve ur5e --at 0.4 0.2 0.3 --rpy 180 0 0 --deg --scene cell.urdf --capsules 0.05 --clearance 0.01",
         "kinseek solve ur5e --batch poses.csv --out answers.csv",
         "kinseek solve ur5e --jsonl < poses.jsonl",
     ],
@@ -82,6 +84,7 @@ _MANY = "Many poses"
     group="The arm",
     help="Joints that stay where they are, rad or m; several apart by blanks or commas.",
 )
+@scene_options
 @option(
     "--near",
     metavar="Q...",
@@ -179,6 +182,7 @@ def command(
     deg: bool,
     chain: Chain,
     lock: tuple[str, ...],
+    cell: Cell,
     near: str | None,
     prefer: str | None,
     every: bool,
@@ -218,6 +222,8 @@ def command(
         prefer=prefer,
         prove=prove,
         trace=trace,
+        scene=cell.of(loaded),
+        clearance=cell.clearance,
     )
     if near is not None and prefer is not None:
         raise InvalidProblem("--near and --prefer both say which answer is the best; give one of them")
@@ -254,13 +260,15 @@ def _one(question: Question, goal: Goal, every: bool, count: int | None, as_json
     clock, proof = time.perf_counter(), None
     if every:
         found = question.branches(goal, count)
-        report.print_branches(question.arm, cast(Branches, found), time.perf_counter() - clock, as_json)
+        seconds = time.perf_counter() - clock
+        report.print_branches(
+            question.arm, cast(Branches, found), seconds, as_json, question.scene is not None
+        )
         return 0 if len(found) else 1
     if question.prove:
         solution, proof = question.answer_with_proof(goal)
     else:
         solution = question.answer(goal)
-    report.print_solution(
-        question.arm, solution, question.search, time.perf_counter() - clock, as_json, proof
-    )
+    seconds, in_scene = time.perf_counter() - clock, question.scene is not None
+    report.print_solution(question.arm, solution, question.search, seconds, as_json, proof, in_scene)
     return 0 if solution.success else 1

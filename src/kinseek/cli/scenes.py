@@ -1,0 +1,145 @@
+"""``--scene`` and what belongs to it: what the arm may hit, from files, and how it is told what it hit."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kinseek.arm import Arm
+from kinseek.branches.result import Branches
+from kinseek.collision import Scene
+from kinseek.errors import InvalidProblem
+from kinseek.solution import Solution
+
+from .help import option, together
+
+SELF, SKIP = "self", "skip"
+"""Words that stand in place of a file: nothing but the arm; and of a folder: leave meshes out that are not found."""
+
+GROUP = "What it may hit"
+
+_LISTED = 10
+"""Pairs in the way that people are told of."""
+
+
+class Cell(NamedTuple):
+    """What a command line says of what the arm may hit."""
+
+    scene: tuple[str, ...]
+    clearance: float
+    """[m]"""
+    srdf: str | None
+    capsules: float | None
+    """[m]"""
+    meshes: tuple[str, ...]
+    untrusted: bool
+    """Is a xacro file anybody's?"""
+
+    def of(self, arm: Arm) -> Scene | None:
+        """Make the scene of an arm; None where none is asked for.
+
+        Raises:
+            InvalidProblem: Options without --scene.
+            KinseekError: As `Scene.of` and `Scene.add_file`.
+        """
+        if not self.scene:
+            given = {"--clearance": self.clearance, "--srdf": self.srdf, "--capsules": self.capsules}
+            for name, value in (given | {"--meshes": self.meshes}).items():
+                if value:
+                    raise InvalidProblem(
+                        f"{name} says something of a scene; add --scene FILE, or --scene {SELF} for the arm alone"
+                    )
+            return None
+        meshes: Any = SKIP if self.meshes == (SKIP,) else self.meshes
+        scene = Scene.of(arm, meshes, self.srdf, capsules=self.capsules)
+        for name in self.scene:
+            if name != SELF:
+                scene.add_file(name, meshes=meshes, trusted=not self.untrusted)
+        return scene
+
+
+_scene_options = together(
+    option(
+        "--scene",
+        metavar="FILE",
+        multiple=True,
+        group=GROUP,
+        help="What stands around the arm, in the frame of its base: a .urdf or .xacro file whose joints are fixed, or a "
+        f".scene file as MoveIt writes it; once for each. {SELF}: the arm alone, which then hits nothing of itself.",
+    ),
+    option(
+        "--clearance",
+        metavar="M",
+        type=float,
+        default=0.0,
+        group=GROUP,
+        help="How far apart bodies have to be, m. Default: 0.",
+    ),
+    option("--srdf", metavar="FILE", group=GROUP, help="An SRDF file, whose disabled pairs may touch."),
+    option(
+        "--capsules",
+        metavar="M",
+        type=float,
+        group=GROUP,
+        help="Radius of capsules that stand in for the links of an arm whose file has no geometry, m.",
+    ),
+    option(
+        "--meshes",
+        metavar="FOLDER",
+        multiple=True,
+        group=GROUP,
+        help="Where the packages are that package:// addresses name; once for each. "
+        f"{SKIP}: leave meshes out that are not found.",
+    ),
+)
+
+
+def scene_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Declare the options of `Cell`; the command gets all of them as `cell`. It stands below `chain_options`."""
+
+    @functools.wraps(command)
+    def called(**options: Any) -> Any:
+        given = {name: options.pop(name) for name in Cell._fields if name != "untrusted"}
+        return command(cell=Cell(**given, untrusted=options["chain"].untrusted), **options)
+
+    return _scene_options(called)
+
+
+def solution_facts_of_scene(solution: Solution) -> dict[str, Any]:
+    """What is said of one answer in a scene, as JSON takes it: lengths in m."""
+    contacts = [{"a": each.a, "b": each.b, "depth": each.depth} for each in solution.contacts]
+    return {"blocked": int(solution.blocked), "contacts": contacts}
+
+
+def solution_lines_of_scene(solution: Solution) -> list[str]:
+    """The same for people."""
+    if solution.success and solution.blocked:
+        return [f"{_answers(int(solution.blocked))} before it hit something"]
+    lines = [f"{_answers(int(solution.blocked))} tried; in the way of that which hits the least:"]
+    lines += [f"- {contact}" for contact in solution.contacts[:_LISTED]]
+    lines += [f"- and {len(solution.contacts) - _LISTED} more"] * (len(solution.contacts) > _LISTED)
+    return lines if solution.contacts else []
+
+
+def branches_facts_of_scene(found: Branches) -> dict[str, Any]:
+    """What is said of all answers in a scene, as JSON takes it."""
+    return {"blocked": int(found.rejected), "proved_blocked": bool(found.proved_blocked)}
+
+
+def branches_line_of_scene(found: Branches) -> str:
+    """The same for people."""
+    if found.proved_blocked:
+        return "it is proved that the arm hits something in every answer"
+    return f"{_answers(int(found.rejected))} left out, which hit something"
+
+
+def contacts_column(solution: Solution) -> np.ndarray[Any, Any]:
+    """Of each pose of a batch what is in its way, in words, (N,)."""
+    return np.array(["; ".join(map(str, each)) for each in np.atleast_1d(solution.contacts)], dtype=str)
+
+
+def _answers(count: int) -> str:
+    return f"{count} answer{'s' if count != 1 else ''}"
