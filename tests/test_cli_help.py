@@ -50,7 +50,9 @@ def test_examples_run(
     if "--scene" in example:
         pytest.importorskip("pinocchio")
         box = '<collision><origin xyz="0.9 0 0"/><geometry><box size="0.1 1 1"/></geometry></collision>'
-        Path("cell.urdf").write_text(f'<robot name="cell"><link name="wall">{box}</link></robot>', encoding="utf-8")
+        Path("cell.urdf").write_text(
+            f'<robot name="cell"><link name="wall">{box}</link></robot>', encoding="utf-8"
+        )
     lines = '{"position": [0.4, 0.2, 0.3], "rpy": [3.1, 0, 0]}\n'
     if example.endswith(" < poses.jsonl"):
         monkeypatch.setattr(sys, "stdin", io.StringIO(lines))

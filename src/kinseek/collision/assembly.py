@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -61,6 +62,22 @@ def assemble(chain: SerialChain, bodies: Iterable[Body], pairs: Iterable[Pair]) 
     ]
     engine = Engine(chain, solids, [pair for pair, _ in counted])
     return Assembly(chain, engine, [names for _, names in counted], numbers)
+
+
+def digest(bodies: Iterable[Body], pairs: Iterable[Pair]) -> str:
+    """Of all that answers depend on: shapes, where they are, padding, and which pairs count."""
+    told = hashlib.sha256()
+    for body in bodies:
+        told.update(f"{body.name!r} {body.frame.joints} {body.padding!r}".encode())
+        for part in body.parts:
+            told.update(type(part.shape).__name__.encode())
+            told.update(np.ascontiguousarray(body.frame.pose @ part.pose).tobytes())
+            for item in fields(part.shape):
+                if item.name != "name":  # Of a mesh, for messages.
+                    told.update(np.ascontiguousarray(getattr(part.shape, item.name)).tobytes())
+    for pair in pairs:
+        told.update(f"{pair.a!r} {pair.b!r} {pair.counts}".encode())
+    return told.hexdigest()[:16]
 
 
 def sampled(

@@ -13,6 +13,7 @@ from kinseek.errors import InvalidProblem, InvalidScene, suggest
 from kinseek.problem import as_joints
 from kinseek.robots.mechanism import Mechanism
 
+from .assembly import digest
 from .bodies import arm_bodies, chain_of, package_folders
 from .contents import Contents
 from .engine import TOUCH, Engine, Near
@@ -266,6 +267,11 @@ class Scene(Contents):
             and np.array_equal(chain.leader, own.leader)
             and np.array_equal([chain.multiplier, chain.offset], [own.multiplier, own.offset])
         )
+
+    @property
+    def digest(self) -> str:
+        """Of all that its answers depend on beside the arm: shapes, where they stand, padding, and which pairs count."""
+        return digest(self._bodies.values(), self.pairs)
 
     @property
     def _asked(self) -> Engine:

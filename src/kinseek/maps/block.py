@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek.arm import Arm
+from kinseek.collision import Scene
 from kinseek.errors import InvalidMap
 from kinseek.goal import Goal
 from kinseek.kernels.sources import source_digest
 from kinseek.robots import SerialChain
 
-from .cells import cells_of_block
+from .cells import REACHED as TOUCHED
+from .cells import UNDECIDED, cells_of_block
 from .first_joint import FirstJoint, divided, turns
 from .grid import Grid, Rings, grid_of
 from .measures import REACHED, measured
@@ -70,6 +72,12 @@ class Work:
     version: str
     store: str | None
     """Folder that the block is written to; None: it is sent back."""
+    scene: Scene | None = None
+    """Answers have to be free in it; it makes the work larger by its meshes."""
+    clearance: float = 0.0
+    """In the scene [m]."""
+    cell: str | None = None
+    """Digest of the scene."""
 
     def part(self, index: Index) -> tuple[slice, ...]:
         """The cells of a block."""
@@ -91,6 +99,7 @@ class Desk:
         chain = deepcopy(work.chain)
         self.first: FirstJoint | None = divided(chain) if isinstance(self.grid, Rings) else None
         self.arm = Arm(chain if self.first is None else self.first.chain)
+        self.scene = deepcopy(work.scene)
 
 
 _desks: dict[str, Desk] = {}
@@ -99,7 +108,7 @@ _making = threading.Lock()
 
 def desk_of(work: Work) -> Desk:
     """The desk of this process for such work; the last few are kept."""
-    key = f"{work.arm} {sorted(work.grid.items())}"
+    key = f"{work.arm} {work.cell} {sorted(work.grid.items())}"
     with _making:
         if key not in _desks:
             while len(_desks) > 3:
@@ -121,14 +130,21 @@ def answered(work: Work, desk: Desk, poses: Array, part: Sequence[slice]) -> dic
         position, orientation = work.position_tolerance, work.orientation_tolerance
         return Goal.pose(T, position_tolerance=position, orientation_tolerance=orientation)
 
-    values = measured(desk.arm, poses, work.what, goal, int(desk.first is not None), work.patience)
+    free = int(desk.first is not None)
+    values = measured(desk.arm, poses, work.what, goal, free, work.patience, desk.scene, work.clearance)
     if desk.first is not None:
         found = values[REACHED].ravel() == 1
         begins, ends = turns(desk.first, desk.arm, poses.reshape(-1, 4, 4), found, goal)
         values["turn_from"], values["turn_to"] = (each.reshape(found.shape) for each in (begins, ends))
         values = {name: each.reshape(poses.shape[:-2]) for name, each in values.items()}
     if work.prove:
-        values |= cells_of_block(desk.arm, desk.grid, part, values[REACHED] == 1, work.depth, work.budget)
+        found = values[REACHED] == 1
+        cells = cells_of_block(desk.arm, desk.grid, part, found, work.depth, work.budget)
+        if (
+            desk.scene is not None
+        ):  # It takes poses away: empty stays empty, but who found the others did not ask it.
+            cells["cell"][(cells["cell"] == TOUCHED) & ~found] = UNDECIDED
+        values |= cells
     return values
 
 

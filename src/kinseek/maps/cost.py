@@ -75,7 +75,8 @@ def estimate(
         what: As in `reach`.
         seconds: How long to try.
         cores: That will work at once; those of this machine unless given.
-        options: Those of `reach` that say what is made: ``prove``, ``depth``, ``budget``, ``patience`` and tolerances.
+        options: Those of `reach` that say what is made: ``prove``, ``depth``, ``budget``, ``patience``, ``scene``,
+            ``clearance`` and tolerances.
 
     Raises:
         InvalidMap: As `reach`.

@@ -12,6 +12,8 @@ import numpy as np
 
 import kinseek
 from kinseek.arm import Arm
+from kinseek.collision import Scene
+from kinseek.collision.answers import judge_of
 from kinseek.errors import InvalidMap, MissingExtra, suggest
 from kinseek.tolerances import DEFAULT_TOLERANCE, TOLERANCES, check_tolerance
 
@@ -58,6 +60,10 @@ class Options(TypedDict, total=False):
     """[m], 1e-6."""
     orientation_tolerance: float
     """[rad], 1e-6."""
+    scene: Scene | None
+    """What the arm may hit: a pose is reached where an answer is found that is free in it. A `Grid` only."""
+    clearance: float
+    """How far apart bodies of the scene have to be [m]; 0."""
 
 
 DEFAULTS = Options(
@@ -68,6 +74,8 @@ DEFAULTS = Options(
     block=BLOCK,
     position_tolerance=DEFAULT_TOLERANCE,
     orientation_tolerance=DEFAULT_TOLERANCE,
+    scene=None,
+    clearance=0.0,
 )
 
 
@@ -106,14 +114,16 @@ def reach(
         client: A ``distributed.Client`` of a cluster; otherwise every core of this machine works.
         progress: Show a progress bar.
         options: What is made, and how exactly, see `Options`: ``prove``, ``depth``, ``budget``, ``patience``, ``block``,
-            ``position_tolerance`` and ``orientation_tolerance``.
+            ``position_tolerance``, ``orientation_tolerance``, ``scene`` and ``clearance``.
 
     Returns:
         A Dataset along the grid's dimensions and ``orientation``, with units and provenance; from a store it is read where
         it is used.
 
     Raises:
-        InvalidMap: A function as an arm, unknown measures, a store of another map, workers with another version.
+        InvalidMap: A function as an arm, unknown measures, a store of another map, workers with another version, rings in a
+            scene.
+        InvalidScene: A scene of another arm, or a clearance that is no length.
         MapInterrupted: Scheduler gone, disk full, or a block that workers do not survive: the same call goes on.
         MissingExtra: xarray, Dask or Zarr is not installed.
     """
@@ -170,6 +180,17 @@ def work_of(
         check_tolerance(name, given[name])
     if isinstance(grid, Rings):
         divided(arm.axes)
+    scene, clearance = given["scene"], given["clearance"]
+    if scene is None and clearance != 0.0:
+        raise InvalidMap(
+            f"a clearance is kept from what a scene holds: give scene=, got clearance={clearance!r}"
+        )
+    if scene is not None:
+        clearance = judge_of(scene, arm.mechanism, clearance, None).clearance
+        if isinstance(grid, Rings):
+            raise InvalidMap(
+                "Rings turn poses about the first axis, and what stands in a scene does not turn; take a Grid"
+            )
     chain, prove, patience = slim(arm.axes), bool(options["prove"]), options["patience"]
     return Work(
         chain=chain,
@@ -185,6 +206,9 @@ def work_of(
         budget=int(options["budget"]) if prove else 0,
         version=version(),
         store=store,
+        scene=scene,
+        clearance=clearance,
+        cell=None if scene is None else scene.digest,
     )
 
 
@@ -201,6 +225,10 @@ def _store_of(arm: Arm, grid: Grid | Rings, work: Work) -> Store:
             variables[BRANCHES][2]["comment"] = "limits of the first joint left out"
         if LIMITS in variables:
             variables[LIMITS][2]["comment"] = "of the joints after the first, each measured in half its range"
+    if work.cell is not None:
+        free = f"of answers that are free in the scene, bodies {work.clearance:g} m apart"
+        for _, _, told in variables.values():
+            told["comment"] = "; ".join(filter(None, (told.get("comment"), free)))
     if work.prove:
         variables["cell"] = ("int8", -1, dict(ATTRIBUTES["cell"]))
         variables["empty_share"] = ("float32", np.nan, dict(ATTRIBUTES["empty_share"]))
@@ -216,6 +244,8 @@ def _store_of(arm: Arm, grid: Grid | Rings, work: Work) -> Store:
         "prove": work.prove,
         "depth": work.depth,
         "budget": work.budget,
+        "scene": work.cell,
+        "clearance": work.clearance if work.cell is not None else None,
         "dims": list(grid.dims),
         "shape": list(grid.shape),
         "chunks": list(work.chunks),

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.branches.result import BranchesBatch
+from kinseek.collision import Scene
 from kinseek.errors import InvalidMap, suggest
 from kinseek.goal import Goal
 from kinseek.turns import shortest
 
-from .search import PATIENCE, reached
+from .search import PATIENCE, reached, reached_freely
 
 Array = NDArray[np.float64]
 
@@ -95,6 +96,8 @@ def measured(
     goal: Asked,
     free: int = 0,
     patience: int | None = PATIENCE,
+    scene: Scene | None = None,
+    clearance: float = 0.0,
 ) -> dict[str, Array]:
     """Answer a block of poses, (..., 4, 4), by one thread: of each measure an array (...).
 
@@ -105,9 +108,14 @@ def measured(
         goal: Says with which tolerances.
         free: So many first joints have no say in the distance from limits.
         patience: See `search.reached`.
+        scene: Answers have to be free in it.
+        clearance: So far apart bodies have to be in it [m].
     """
     flat = poses.reshape(-1, 4, 4)
-    found = reached(arm, goal(flat), patience)
+    if scene is None:
+        found = reached(arm, goal(flat), patience)
+    else:
+        found = reached_freely(arm, goal(flat), scene, clearance, patience)
     values = {name: np.full(len(flat), MEASURES[name].fill, MEASURES[name].dtype) for name in what}
     values[REACHED] = found.astype("int8")
     if len(values) > 1:
@@ -116,17 +124,26 @@ def measured(
         every = np.flatnonzero(found)
         for first in range(0, len(every), STEP):
             some = every[first : first + STEP]
-            _best(arm, goal(flat[some]), some, values, free)
+            _best(arm, goal(flat[some]), some, values, free, scene, clearance)
     return {name: each.reshape(poses.shape[:-2]) for name, each in values.items()}
 
 
-def _best(arm: Arm, goal: Goal, some: NDArray[np.int64], values: dict[str, Array], free: int) -> None:
+def _best(
+    arm: Arm,
+    goal: Goal,
+    some: NDArray[np.int64],
+    values: dict[str, Array],
+    free: int,
+    scene: Scene | None,
+    clearance: float,
+) -> None:
     """Write the measures of all answers to a goal, whose poses have these numbers, and an answer each."""
-    answers = cast(BranchesBatch, arm.branches(goal, threads=1))
+    answers = cast(BranchesBatch, arm.branches(goal, scene=scene, clearance=clearance, threads=1))
     counts, q = answers.counts, answers.q
     lacking = np.flatnonzero(counts == 0)  # `ik` found one that the search for all did not.
     if len(lacking):
-        q = np.insert(q, answers.offsets[lacking], arm.ik(goal.at(goal.target[lacking]), threads=1).q, axis=0)
+        single = arm.ik(goal.at(goal.target[lacking]), scene=scene, clearance=clearance, threads=1)
+        q = np.insert(q, answers.offsets[lacking], single.q, axis=0)
         counts = np.maximum(counts, 1)
     firsts = np.concatenate([[0], np.cumsum(counts)[:-1]])
     if BRANCHES in values:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
+from kinseek.collision import Scene
 from kinseek.goal import Goal
 from kinseek.kernels.arm.division import NONE
 from kinseek.kernels.atlas.batch import solve_many, solve_some
@@ -41,6 +42,29 @@ def reached(arm: Arm, goal: Goal, patience: int | None = PATIENCE) -> Flags:
     Returns:
         (k,): is there an answer inside the limits and within the tolerances, by plain forward kinematics? A no is no proof.
     """
+    return answers(arm, goal, patience)[0]
+
+
+def reached_freely(
+    arm: Arm, goal: Goal, scene: Scene, clearance: float, patience: int | None = PATIENCE
+) -> Flags:
+    """Say of many poses whether an answer is found that is free in a scene; see `reached`.
+
+    Most answers that are found first are free; where one is not, `Arm.ik` looks through the others.
+    """
+    free, q = answers(arm, goal, patience)
+    found = np.flatnonzero(free)
+    if len(found):
+        free[found] = scene.free(q[found], clearance, threads=1)
+    left = found[~free[found]]
+    if len(left):
+        asked = goal.at(goal.target[left])
+        free[left] = arm.ik(asked, scene=scene, clearance=clearance, threads=1).success
+    return free
+
+
+def answers(arm: Arm, goal: Goal, patience: int | None) -> tuple[Flags, Array]:
+    """Of many poses whether an answer is found, (k,), and joint values, (k, n), which are one where it is."""
     targets = goal.targets
     index, open_ = atlas_of(arm.chain, goal), np.flatnonzero(~ruled_out(arm, goal))
     results = np.full((len(targets), arm.dof + 4), np.inf)
@@ -51,7 +75,8 @@ def reached(arm: Arm, goal: Goal, patience: int | None = PATIENCE) -> Flags:
     results[open_] = asked
     errors = results[:, arm.dof :]
     near = errors[:, POSITION_ERROR] <= goal.position_tolerance
-    return np.asarray(near & (errors[:, ORIENTATION_ERROR] <= goal.orientation_tolerance))
+    met = np.asarray(near & (errors[:, ORIENTATION_ERROR] <= goal.orientation_tolerance))
+    return met, np.ascontiguousarray(results[:, : arm.dof])
 
 
 def ruled_out(arm: Arm, goal: Goal) -> Flags:

@@ -14,6 +14,7 @@ from kinseek.arm import Arm
 from kinseek.cli.help import Command, option
 from kinseek.cli.options import ARM, Chain, arm_argument, chain_options, json_option
 from kinseek.cli.output import complain, on_terminal
+from kinseek.cli.scenes import Cell, scene_options
 from kinseek.errors import InvalidMap
 from kinseek.maps import Grid, Rings, capability, estimate, orientations, reach, volume
 
@@ -27,6 +28,7 @@ _GRID, _WORK = "The grid", "The work"
     examples=[
         "kinseek map ur5e --step 0.5 --orientations 72 --store ur5e.zarr",
         "kinseek map ur5e --rings --step 0.05 --estimate",
+        "kinseek map ur5e --step 0.5 --orientations 12 --scene cell.urdf --capsules 0.05",
     ],
     more=[
         "What it takes is tried first, and told before the work begins. With --store it can be stopped at any time, and "
@@ -36,6 +38,7 @@ _GRID, _WORK = "The grid", "The work"
 )
 @arm_argument
 @chain_options
+@scene_options
 @option(
     "--step",
     metavar="M",
@@ -112,6 +115,7 @@ _GRID, _WORK = "The grid", "The work"
 def command(
     arm: str,
     chain: Chain,
+    cell: Cell,
     step: float | None,
     ranges: str | None,
     count: int,
@@ -137,6 +141,7 @@ def command(
         raise InvalidMap(f"--picture must end in .png, got {str(picture)!r}")
     words = tuple(what.replace(",", " ").split())
     options: dict[str, Any] = {"prove": prove, "depth": depth}
+    options |= {"scene": cell.of(loaded), "clearance": cell.clearance}
     client = _client(scheduler)
     cores = None if client is None else sum(client.nthreads().values()) or 1
     cost = estimate(loaded, grid, words, seconds=0.5, cores=cores, **options)
