@@ -15,6 +15,7 @@ import kinseek
 from kinseek import Goal, InvalidGoal, InvalidProblem, InvalidSolver, NotReached, PathInterrupted, PathStatus
 from kinseek.kernels.paths.band import solve_band
 from kinseek.kernels.paths.programme import COPIED, DISTANCE, STRAIGHT, best_way
+from kinseek.kernels.paths.trace import ENDED, JOINED, TAKEN, part_ways
 
 Array = NDArray[np.float64]
 
@@ -51,6 +52,33 @@ def test_made_paths_are_followed(name: str) -> None:
     assert np.abs(np.diff(path.q, axis=0)).max() <= 1.5 * np.abs(np.diff(q, axis=0)).max()
     assert (np.abs(np.diff(path.q, axis=0)).max(axis=0) == path.largest_step).all()
     assert path.deviation.distance < 0.02
+
+
+def test_a_branch_beside_a_singularity_is_not_left_for_its_neighbour() -> None:
+    # Two branches cross at pose 453, and come within 0.03 of each other: a step that lands on the other one is noticed.
+    arm = kinseek.load("mpx3500")
+    q = made(arm, 1000, 64, 4, 0.98)
+    largest = float(np.abs(np.diff(q, axis=0)).max())
+    part = q[416:482]
+    path = arm.follow(arm.fk(part), max_step=1.5 * largest).require()
+    assert path.largest_step.max() <= 1.5 * largest
+
+
+def test_branches_end_where_they_come_upon_others() -> None:
+    poses, turn = np.arange(6.0)[:, None], 2 * np.pi
+    rows = np.zeros((6, 6, 2))
+    # Known are one over all poses, and the end of one.
+    rows[:, 0], rows[:, 1] = [7.0 + turn, 4.0], 50.0
+    rows[:, 2], rows[:, 3], rows[:, 4] = np.hstack([poses, poses]), [3.0, 3.0], 50.0
+    rows[:, 5] = np.hstack([0 * poses + 7.0, poses])
+    spans, became = np.array([[0, 5], [5, 5], [0, 5], [0, 5], [0, 5], [0, 5]]), np.full(6, 9)
+    part_ways(rows, 2, 1, np.array([1, 0]), spans, became)
+    assert spans.tolist() == [[0, 5], [5, 5], [0, 5], [0, 2], [0, 4], [0, 3]]
+    assert became.tolist() == [9, 9, ENDED, TAKEN, JOINED, TAKEN]
+    rows[:, 2], spans = rows[:, 1], np.array([[0, 5], [0, 1], [0, 5]])
+    part_ways(rows[:, :3].copy(), 2, -1, np.array([1, 0]), spans, became[:3])
+    assert spans[2].tolist() == [2, 5]
+    assert became[2] == JOINED
 
 
 def brute(q: list[Array], longest: float) -> tuple[int, float]:

@@ -48,7 +48,7 @@ from kinseek.kernels.paths.programme import (
 )
 from kinseek.kernels.paths.servo import LOWER, NOW, REACH, UPPER, look_ahead, servo_step
 from kinseek.kernels.paths.settle import settle_many
-from kinseek.kernels.paths.trace import trace
+from kinseek.kernels.paths.trace import part_ways, trace
 from kinseek.kernels.proof.exclusion import examine
 from kinseek.kernels.proof.neighbourhood import contractions
 from kinseek.kernels.route import PLAIN
@@ -253,6 +253,10 @@ def many_poses(name: str) -> Any:
         rows[begin, :2] = q[begin]
         trace(index.handle, PLAIN_WANTED, targets, begin, end, 2, np.full(chain.dof, 0.5), rows, ends, LANES)
         followed += [rows[:, :2].copy(), ends.copy()]
+        spans, became = np.array([[1, count - 2], [0, count - 1]]), np.zeros(2, dtype=np.int64)
+        both = np.stack([rows[:, 0] + 1e-7, rows[:, 0]], axis=1)
+        part_ways(both, 1, 1 if end > begin else -1, np.arange(chain.dof) % 2, spans, became)
+        followed += [spans, became]
     state = np.zeros((7, chain.dof))
     state[LOWER], state[UPPER], state[REACH], state[NOW] = chain.lower, chain.upper, 0.03, q[0]
     memory = np.zeros(DESK.count.of(dof=chain.dof, joints=len(chain.leader)))

@@ -18,7 +18,7 @@ from kinseek.branches.index import BranchIndex, index_of
 from kinseek.branches.result import answers_of
 from kinseek.deadline import Deadline
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.paths.trace import trace
+from kinseek.kernels.paths.trace import JOINED, part_ways, trace
 from kinseek.problem import Problem
 from kinseek.solvers.atlas.index import wanted_of
 from kinseek.solvers.threads import GoOn, spread
@@ -26,6 +26,7 @@ from kinseek.solvers.threads import GoOn, spread
 from .joints import opened
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 EVERY = 32
 """Poses from one search for all branches to the next."""
@@ -90,7 +91,7 @@ class Follower:
         self.targets[:, :3], self.targets[:, 3, 3] = self.rows, 1.0
         self.longest = np.maximum(longest * 1.5, LEAPS)
         self.dof = problem.chain.dof
-        self._turns = wide.chain.periodic & wide.chain.turns
+        self._turns = (wide.chain.periodic & wide.chain.turns).astype(np.int64)
 
     def all_at(self, i: int) -> Array:
         """All branches at target i, (k, n)."""
@@ -108,48 +109,65 @@ class Follower:
 
     def follow(self, answers: Array, begin: int, end: int) -> list[Piece]:
         """Follow answers to target `begin`, (k, n), to target `end`, forward or backward."""
+        low = min(begin, end)
+        rows, spans = self._traced(answers, begin, end)
+        return [Piece(low + one, rows[one : last + 1, k]) for k, (one, last) in enumerate(spans.tolist())]
+
+    def _traced(self, answers: Array, begin: int, end: int) -> tuple[Array, Indices]:
+        """As `follow`: joint values, (rows, k, n), from the lower target on, and the first and last row of each, (k, 2)."""
         low, high = min(begin, end), max(begin, end)
-        pieces: list[Piece] = []
+        begin, end, targets = begin - low, end - low, self.rows[low : high + 1]
+        parts, spans = [], np.full((len(answers), 2), begin)
         for first in range(0, len(answers), LANES):
             some = answers[first : first + LANES]
-            q = np.zeros((high - low + 1, LANES, self.dof))
-            q[begin - low, : len(some)] = some
-            ends = np.zeros(LANES, dtype=np.int64)
-            trace(
-                self.index.fine.handle,
-                self.wanted,
-                self.rows[low : high + 1],
-                begin - low,
-                end - low,
-                len(some),
-                self.longest,
-                q,
-                ends,
-                LANES,
-            )
-            for k in range(len(some)):
-                one, other = sorted((begin - low, int(ends[k])))
-                pieces.append(Piece(low + one, q[one : other + 1, k]))
-        return pieces
+            q, ends = np.zeros((len(targets), LANES, self.dof)), np.zeros(LANES, dtype=np.int64)
+            q[begin, : len(some)] = some
+            handle = self.index.fine.handle
+            trace(handle, self.wanted, targets, begin, end, len(some), self.longest, q, ends, LANES)
+            parts.append(q[:, : len(some)])
+            spans[first : first + LANES, 0 if end < begin else 1] = ends[: len(some)]
+        return np.concatenate(parts, axis=1) if parts else np.zeros((len(targets), 0, self.dof)), spans
+
+    def extend(self, pieces: list[Piece], answers: Array, begin: int, end: int) -> set[int]:
+        """Follow answers that are not known yet from target to target, as far as they stay on their branches.
+
+        Args:
+            pieces: What is known; receives what is found.
+            answers: To target `begin`, (k, n).
+            begin: Where they are.
+            end: How far they are followed, forward or backward.
+
+        Returns:
+            Targets at which a branch was lost.
+        """
+        if not len(answers):
+            return set()
+        low, way, lost = min(begin, end), 1 if end >= begin else -1, set[int]()
+        rows, spans = self._traced(answers, begin, end)
+        known, known_spans = _table(pieces, low, max(begin, end), self.dof)
+        rows, spans = np.concatenate([known, rows], axis=1), np.concatenate([known_spans, spans])
+        became = np.zeros(len(spans), dtype=np.int64)
+        part_ways(rows, len(known_spans), way, self._turns, spans, became)
+        for k in range(len(known_spans), len(spans)):
+            one, last = spans[k].tolist()
+            pieces.append(Piece(low + one, rows[one : last + 1, k]))
+            ended = low + (last if way > 0 else one)
+            if ended != end and became[k] != JOINED:
+                lost.add(ended + way)
+        return lost
 
     def between(self, begin: int, end: int, at_begin: Array, at_end: Array) -> list[Piece]:
         """All branches from one target where all are known to the next, both included."""
-        pieces = self.follow(at_begin, begin, end)
-        lost = {p.first + len(p.q) for p in pieces if not p.covers(end)}
-        arrived = _answers(pieces, end, self.dof)
-        back = self.follow(self.unknown(at_end, arrived), end, begin)
-        lost |= {p.first - 1 for p in back if not p.covers(begin)}
-        pieces += back
+        pieces: list[Piece] = []
+        lost = self.extend(pieces, at_begin, begin, end)
+        lost |= self.extend(pieces, self.unknown(at_end, _answers(pieces, end, self.dof)), end, begin)
         done: set[int] = set()
         while lost - done:
             i = min(lost - done)
             done.add(i)
             fresh = self.unknown(self.all_at(i), _answers(pieces, i, self.dof))
-            ahead = self.follow(fresh, i, end) if i < end else []
-            behind = self.follow(fresh, i, begin) if i > begin else []
-            lost |= {p.first + len(p.q) for p in ahead if not p.covers(end)}
-            lost |= {p.first - 1 for p in behind if not p.covers(begin)}
-            pieces += ahead + behind
+            lost |= self.extend(pieces, fresh, i, end) if i < end else set()
+            lost |= self.extend(pieces, fresh, i, begin) if i > begin else set()
         return pieces
 
 
@@ -157,6 +175,18 @@ def _answers(pieces: list[Piece], i: int, dof: int) -> Array:
     """What pieces have for pose i, (k, n)."""
     rows = [p.q[i - p.first] for p in pieces if p.covers(i)]
     return np.array(rows).reshape(-1, dof)
+
+
+def _table(pieces: list[Piece], low: int, high: int, dof: int) -> tuple[Array, Indices]:
+    """What pieces have for targets low … high, (high - low + 1, k, n), and the first and the last of each, (k, 2)."""
+    there = [piece for piece in pieces if piece.first <= high and piece.first + len(piece.q) > low]
+    rows = np.zeros((high - low + 1, len(there), dof))
+    spans = np.zeros((len(there), 2), dtype=np.int64)
+    for k, piece in enumerate(there):
+        first, end = max(piece.first, low), min(piece.first + len(piece.q), high + 1)
+        rows[first - low : end - low, k] = piece.q[first - piece.first : end - piece.first]
+        spans[k] = first - low, end - 1 - low
+    return rows, spans
 
 
 def isolated_layers(

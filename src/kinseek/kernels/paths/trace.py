@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
@@ -10,12 +12,22 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import desk_size, make_desk
 from kinseek.kernels.atlas.task import HANDLE, WANTED, task_of
 from kinseek.kernels.entry import F64, I64
-from kinseek.kernels.jit import called, entry
+from kinseek.kernels.jit import called, entry, hidden
 
 from .settle import load_lane, settle
 
+TURN = 2.0 * math.pi
+
 STEPS = 12
 """Steps at most from where a branch is expected to be at the next pose."""
+
+MET = 1e-5
+"""Closer than this in every joint [rad or m] two rows are the same answer: branches that cross at a singularity are farther
+apart at the next pose, and rounding makes less of one there."""
+
+ENDED, JOINED, TAKEN = 0, 1, 2
+"""What became of a branch where it was followed no farther: it went on to the end or was lost; it came to the end of another
+piece of itself; it came to where another branch is that was there before, so that one of the two is lost."""
 
 
 @called
@@ -129,3 +141,49 @@ def trace(
         w: LANES.
     """
     trace_lanes(handle, wanted, targets, begin, end, many, longest, q, ends, w)
+
+
+@hidden
+def same(q: Array, other: Array, turns: Indices) -> bool:
+    """Are two rows of joint values, (n,), one answer?"""
+    for d in range(len(q)):
+        gap = q[d] - other[d]
+        if turns[d] != 0:
+            gap -= TURN * np.rint(gap * (1.0 / TURN))
+        if abs(gap) >= MET:
+            return False
+    return True
+
+
+@entry(
+    rows=F64["k", "m", "n"],
+    fresh=I64,
+    way=I64,
+    turns=I64["n"],
+    spans=I64["m", 2].out,
+    became=I64["m"].out,
+)
+def part_ways(rows: Array, fresh: int, way: int, turns: Indices, spans: Indices, became: Indices) -> None:
+    """End branches that `trace` followed where they come upon others: a step landed on the wrong branch there.
+
+    Args:
+        rows: Joint values of m branches at k targets, (k, m, n).
+        fresh: The first of those that were followed just now; the others are known, and keep their spans.
+        way: 1 where they were followed forward, -1 backward.
+        turns: Of which joints a full turn makes no difference, 1 or 0, (n,).
+        spans: The first and the last target for which each has joint values, (m, 2); of fresh ones without those for which
+            they are on another branch.
+        became: Receives what became of each, see `ENDED`, (m,).
+    """
+    for l in range(fresh, len(spans)):
+        begin, end = (spans[l, 0], spans[l, 1]) if way > 0 else (spans[l, 1], spans[l, 0])
+        became[l] = ENDED
+        for passed in range(1, abs(end - begin) + 1):
+            j = begin + way * passed
+            for b in range(l):
+                if spans[b, 0] <= j <= spans[b, 1] and same(rows[j, l], rows[j, b], turns):
+                    became[l] = TAKEN if spans[b, 0] <= j - way <= spans[b, 1] else JOINED
+                    break
+            if became[l] != ENDED:
+                spans[l, 1 if way > 0 else 0] = j - way
+                break
