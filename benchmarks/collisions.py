@@ -9,6 +9,8 @@ Answers: targets are the poses of random joint values that are free, so that eac
 the links of bundled arms, in a shelf of five boards. Every answer is checked by hand, points along the capsules in NumPy,
 and by MuJoCo with the same shapes and pairs, itself against itself too.
 
+Beside VAMP and PyRoki: see `benchmarks.scene_peers`; a peer that cannot be installed is said to be so.
+
 Motions: random motions between free joint values, until so many of them are called free. Of each of these MuJoCo looks at
 ten thousand points, with the same shapes and pairs, its own forward kinematics and its own collisions.
 
@@ -29,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
+from kinseek.collision import Box
 from kinseek.collision.engine import TOUCH
 from kinseek.kernels.collision import gaps
 from kinseek.robots.chain import SerialChain, joint_points
@@ -36,6 +39,7 @@ from kinseek.robots.chain import SerialChain, joint_points
 from .command import at_least_one, command, writes
 from .outside import Outside
 from .page import Page
+from .scene_peers import beside
 
 Array = NDArray[np.float64]
 
@@ -65,7 +69,14 @@ def best(work: Callable[[], Any], repeats: int = 3) -> float:
     return min(times)
 
 
-def by_hand(scene: kinseek.Scene, urdf: Path, arm: kinseek.Arm, folders: list[str], boxes: list[Any]) -> Any:
+def by_hand(
+    scene: kinseek.Scene,
+    urdf: Path,
+    arm: kinseek.Arm,
+    folders: list[str],
+    obstacles: list[Any],
+    joints: dict[str, float] | None = None,
+) -> Any:
     """A check of the same pairs as a user of pinocchio writes it: q -> free."""
     import coal
     import pinocchio as pin
@@ -78,9 +89,10 @@ def by_hand(scene: kinseek.Scene, urdf: Path, arm: kinseek.Arm, folders: list[st
             thing.geometry.buildConvexHull(True, "Qt")
             thing.geometry = thing.geometry.convex
     bodies = [model.frames[thing.parentFrame].name for thing in geometry.geometryObjects]
-    for number, (size, pose) in enumerate(boxes):
-        geometry.addGeometryObject(pin.GeometryObject(f"box{number}", 0, pin.SE3(pose), coal.Box(*size)))
-        bodies.append(f"box{number}")
+    added = [body for body in scene.bodies if body not in bodies]
+    for name, (shape, pose) in zip(added, obstacles, strict=True):
+        geometry.addGeometryObject(pin.GeometryObject(name, 0, pin.SE3(pose), shape.geometry()))
+        bodies.append(name)
     counted = {frozenset((pair.a, pair.b)) for pair in scene.pairs if pair.counts}
     for i, a in enumerate(bodies):
         for j in range(i + 1, len(bodies)):
@@ -93,6 +105,8 @@ def by_hand(scene: kinseek.Scene, urdf: Path, arm: kinseek.Arm, folders: list[st
             request.enable_cached_gjk_guess = False
     tree = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(model, geometry, placed)
     full, places = pin.neutral(model), [model.joints[model.getJointId(n)].idx_q for n in arm.joint_names]
+    for name, value in (joints or {}).items():
+        full[model.joints[model.getJointId(name)].idx_q] = value
 
     def free(q: Array) -> bool:
         full[places] = q
@@ -165,13 +179,13 @@ def proofs(page: Page, options: Any) -> None:
 
 
 def add_boxes(scene: kinseek.Scene) -> list[Any]:
-    """Twenty boxes around an arm: sizes and poses."""
+    """Twenty boxes around an arm, and their poses."""
     rng = np.random.default_rng(0)
     boxes = []
     for number in range(20):
         size, place = rng.uniform(0.05, 0.2, 3), rng.uniform(-1, 1, 3)
-        boxes.append((size, kinseek.pose(place, rpy=rng.uniform(-3, 3, 3))))
-        scene.add_box(f"box{number}", *boxes[-1])
+        boxes.append((Box(size), kinseek.pose(place, rpy=rng.uniform(-3, 3, 3))))
+        scene.add(f"box{number}", *boxes[-1])
     return boxes
 
 
@@ -277,6 +291,9 @@ def main() -> None:
     parser.add_argument("--urdf", type=Path, help="a file with collision meshes")
     parser.add_argument("--tip", help="its last link")
     parser.add_argument("--meshes", type=Path, nargs="*", default=[], help="folders of its packages")
+    parser.add_argument(
+        "--srdf", type=Path, help="pairs that do not count beside VAMP, which has some of its own"
+    )
     parser.add_argument("--checks", type=at_least_one, default=5000, help="joint values to check")
     parser.add_argument("--proofs", type=at_least_one, default=1_000_000, help="verdicts to compare")
     parser.add_argument("--targets", type=at_least_one, default=1000, help="targets an arm")
@@ -288,6 +305,7 @@ def main() -> None:
     if options.urdf:
         checks(page, options)
         proofs(page, options)
+        beside(page, options, by_hand, best)
     answers(page, options.targets)
     motions(page, options.motions, options.points)
     page.write(options.output)

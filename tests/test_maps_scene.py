@@ -59,7 +59,7 @@ def test_reached_is_what_has_a_free_answer(scene: Scene, free: Any) -> None:
 @pytest.mark.slow
 def test_a_scene_travels_as_over_a_wire(scene: Scene, free: Any) -> None:
     """What Dask sends comes back in memory that may not be written to."""
-    options = {**maps.make.DEFAULTS, "scene": scene, "clearance": 0.01}
+    options: Any = {**maps.make.DEFAULTS, "scene": scene, "clearance": 0.01}
     work = maps.make.work_of(ARM, GRID, ("reached", "branches"), store=None, **options)
     buffers: list[pickle.PickleBuffer] = []
     sent = pickle.dumps(work, protocol=5, buffer_callback=buffers.append)

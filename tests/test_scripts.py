@@ -15,7 +15,7 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ("benchmarks", "experiments", "docs")
-PARTS = {"__init__", "command", "environments", "outside", "page", "targets"}
+PARTS = {"__init__", "command", "environments", "outside", "page", "scene_peers", "targets"}
 """Files of benchmarks/ that others import and nobody runs; those that begin with test_ are for pytest."""
 
 SCRIPTS = [
@@ -28,7 +28,7 @@ SCRIPTS = [
     ROOT / "benchmarks" / "peers" / "__main__.py",
     ROOT / "experiments" / "__main__.py",
 ]
-AS_FILES = ("worker", "unreachable_worker", "path_worker", "servo_worker")
+AS_FILES = ("worker", "unreachable_worker", "path_worker", "scene_worker", "servo_worker")
 """Run from the environment of a peer."""
 
 scripts = pytest.mark.parametrize(

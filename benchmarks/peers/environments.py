@@ -28,6 +28,8 @@ ENVIRONMENTS = {
     "placo": ("placo",),
     "drake": ("drake",),
     "tesseract": ("tesseract-robotics", "numpy"),
+    "vamp": ("vamp-planner", "numpy"),
+    "pyroki": ("pyroki @ git+https://github.com/chungmin99/pyroki.git", "numpy"),
     "shared": ("pin", "EAIK", "ssik", "pytracik", "roboticstoolbox-python"),
 }
 """Wheels that share an environment; the others want one each."""

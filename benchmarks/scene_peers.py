@@ -1,0 +1,140 @@
+"""Scenes beside VAMP and PyRoki: the Panda with itself and twenty capsules, the one kind of obstacle that all of them know.
+
+Each peer has a model of its own, and is judged by coal on the hulls of the collision meshes: a *false alarm* is free to coal
+and touches to the peer, a *miss* touches to coal and is free to the peer. Either may come from another shape of the arm, not
+from an error of the peer; who uses it gets the verdict all the same. A part of `benchmarks.collisions`.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek.collision import Capsule
+
+from .page import Page
+from .peers.environments import ask, environment, releases
+
+Array = NDArray[np.float64]
+
+PEERS = {"VAMP": "vamp", "PyRoki": "pyroki"}
+"""And the name of the environment."""
+
+FINGERS = 0.04
+"""How far the fingers are open [m]."""
+
+SECONDS = 600
+"""For one peer."""
+
+
+def capsules(count: int = 20) -> list[tuple[Capsule, Array]]:
+    """Capsules around an arm, and their poses."""
+    rng, found = np.random.default_rng(1), []
+    for _ in range(count):
+        shape = Capsule(rng.uniform(0.03, 0.08), rng.uniform(0.05, 0.3))
+        found.append((shape, kinseek.pose(rng.uniform(-1, 1, 3), rpy=rng.uniform(-3, 3, 3))))
+    return found
+
+
+def told(scene: kinseek.Scene, arm: kinseek.Arm, options: Any, obstacles: Any, q: Array, path: Path) -> None:
+    """Write down what a peer may need to know."""
+    half = np.array([[0.0, 0.0, shape.length / 2] for shape, _ in obstacles])
+    turned = np.array([pose[:3, :3] @ side for (_, pose), side in zip(obstacles, half, strict=True)])
+    middles = np.array([pose[:3, 3] for _, pose in obstacles])
+    links = {body for body in scene.bodies if not body.startswith("capsule")}
+    ignored = [(pair.a, pair.b) for pair in scene.pairs if not pair.counts and {pair.a, pair.b} <= links]
+    np.savez(
+        path,
+        urdf=str(options.urdf.resolve()),
+        folder=str(options.meshes[0].resolve()) if options.meshes else "",
+        base=arm.base,
+        joints=np.array(arm.joint_names),
+        fingers=FINGERS,
+        begins=middles - turned,
+        ends=middles + turned,
+        radii=np.array([shape.radius for shape, _ in obstacles]),
+        ignored=np.array(ignored, dtype=str).reshape(-1, 2),
+        q=q,
+    )
+
+
+def beside(page: Page, options: Any, by_hand: Any, best: Any) -> None:
+    """Ask kinseek, coal by hand and the peers about the same joint values.
+
+    Args:
+        page: To write on.
+        options: Of `benchmarks.collisions`.
+        by_hand: Makes the check that a user of pinocchio writes.
+        best: Least time of some runs.
+    """
+    arm, obstacles = kinseek.load(options.urdf, tip=options.tip), capsules()
+    fingers = _fingers(options.urdf)
+    joints = {name: FINGERS for name, leads in fingers.items() if leads}
+    scene = kinseek.Scene.of(arm, meshes=options.meshes, srdf=options.srdf, joints=joints)
+    for number, (shape, pose) in enumerate(obstacles):
+        scene.add(f"capsule{number}", shape, pose)
+    q = arm.sample(options.checks, seed=5)
+    hand = by_hand(
+        scene,
+        options.urdf,
+        arm,
+        [str(folder) for folder in options.meshes],
+        obstacles,
+        dict.fromkeys(fingers, FINGERS),
+    )
+    truth = np.array([hand(each) for each in q])
+    few = q[: max(len(q) // 10, 1)]
+    rows = [
+        _row(
+            "pinocchio and coal by hand",
+            best(lambda: [hand(each) for each in few]) / len(few) * 1e6,
+            None,
+            truth,
+            truth,
+        ),
+        _row(
+            "kinseek, `scene.free(q)`",
+            best(lambda: [scene.free(each) for each in few]) / len(few) * 1e6,
+            best(lambda: scene.free(q, threads=1)) / len(q) * 1e6,
+            scene.free(q),
+            truth,
+        ),
+    ]
+    versions = {}
+    with tempfile.TemporaryDirectory() as folder:
+        told(scene, arm, options, obstacles, q, Path(folder) / "scene.npz")
+        for peer, place in PEERS.items():
+            python = environment(place)
+            found = "cannot be installed here" if python is None else ask(
+                "scene_worker.py", peer, python, Path(folder) / "scene.npz", SECONDS
+            )  # fmt: skip
+            if isinstance(found, str):
+                rows.append((peer, "–", "–", "–", "–", found))
+                continue
+            versions[peer] = str(found["version"])
+            times = float(found["single"]), float(found["batch"])
+            rows.append(_row(peer, times[0], None if peer == "VAMP" else times[1], found["free"], truth))
+    page.head(f"Beside VAMP and PyRoki: {arm.name} with itself and twenty capsules")
+    page.say(
+        f"{len(q):,} random joint values, {truth.mean():.0%} of them free to coal, one thread. {releases(versions)}"
+    )
+    page.table("who | >µs one by one | >µs of a batch | >false alarms | >misses | ", rows)
+
+
+def _row(who: str, single: float, batch: float | None, free: Any, truth: Any) -> tuple[str, ...]:
+    alarms, misses = (truth & ~free).mean(), (free & ~truth).mean()
+    times = [f"{single:.1f}", "–" if batch is None else f"{batch:.2f}"]
+    return (who, *times, f"{alarms:.2%}", f"{misses:.2%}", "")
+
+
+def _fingers(urdf: Path) -> dict[str, bool]:
+    """Joints of the file that slide, and whether they follow no other: pinocchio's reader takes all by themselves."""
+    from kinseek.robots.urdf_xml import root_element
+
+    joints = root_element(urdf.read_bytes(), str(urdf)).findall("joint")
+    return {j.get("name"): j.find("mimic") is None for j in joints if j.get("type") == "prismatic"}
