@@ -12,6 +12,7 @@ from cells import write_arm, write_stl
 from kinseek import InvalidScene, Scene
 from kinseek.collision import Mesh
 from kinseek.collision.simplify import simplified
+from kinseek.robots.meshes import mesh_parts
 
 pytest.importorskip("pinocchio")
 trimesh = pytest.importorskip("trimesh")
@@ -117,6 +118,25 @@ def test_too_many_triangles_are_refused_unless_it_is_said_what_to_do(
         scene.add_mesh("big", file, simplify=1e-6)  # Too little to help.
     scene.add_mesh("big", file, simplify=0.04)
     scene.add_mesh("hull", file, hull=True)
+
+
+def test_a_file_may_hold_more_than_a_page_would_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A scan of many triangles is read to be simplified; what the viewer draws has a lower bound."""
+    file = write_stl(tmp_path / "big.stl", *ball(0.15, 2))
+    monkeypatch.setattr("kinseek.robots.meshes.mesh_parts.__defaults__", (1000,))
+    with pytest.raises(kinseek.InvalidRobot, match="expected at most 1,000"):
+        mesh_parts(file)
+    assert len(Mesh.read(file).faces) == 320
+    monkeypatch.setattr("kinseek.collision.shapes.MOST_BYTES", 1000)
+    with pytest.raises(InvalidScene, match="expected at most 1,000"):
+        Mesh.read(file)
+
+
+def test_a_missing_package_is_asked_for_by_the_right_name(tmp_path: Path) -> None:
+    with pytest.raises(
+        InvalidScene, match=r"'thick_meshes' is with meshes=, or set .*leaves such meshes out"
+    ):
+        Scene.of(kinseek.load(write_arm(tmp_path), tip="tip"))
 
 
 def test_a_xacro_file_with_arguments_is_known_again(tmp_path: Path) -> None:

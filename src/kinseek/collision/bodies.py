@@ -269,7 +269,9 @@ def _shape(element: Any, path: Path, folders: Mapping[str, Path], hull: bool) ->
         return Cylinder(radius, span) if shape.tag == "cylinder" else Capsule(radius, span)
     if shape.tag == "mesh":
         name = shape.get("filename") or ""
-        mesh = Mesh.read(mesh_path(name, path, folders), numbers_of(shape.get("scale"), 3, 1.0), hull)
+        mesh = Mesh.read(
+            mesh_path(name, path, folders, "meshes="), numbers_of(shape.get("scale"), 3, 1.0), hull
+        )
         mesh.geometry()  # Says now that there is no hull.
         return mesh
     raise InvalidScene(

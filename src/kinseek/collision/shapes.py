@@ -29,6 +29,9 @@ GRAIN = 1e-5
 MOST_TRIANGLES = 1_000_000
 """Of one mesh."""
 
+MOST_BYTES = 2**30
+"""Of the file of one mesh: it may hold more triangles than are taken, and be simplified."""
+
 _SIDES = 16
 """Of the prism around a cylinder."""
 
@@ -277,7 +280,7 @@ class Mesh(Shape):
         from kinseek.robots.meshes import mesh_parts
 
         try:
-            parts = mesh_parts(Path(path).expanduser())
+            parts = mesh_parts(Path(path).expanduser(), MOST_BYTES)
         except InvalidRobot as error:
             raise InvalidScene(str(error)) from error
         factors = np.broadcast_to(np.asarray(scale, dtype=np.float64), (3,))

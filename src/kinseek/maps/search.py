@@ -7,10 +7,13 @@ each pose, eight poses at a time, as in any batch; what is left gets a limited n
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
+from kinseek.branches.result import BranchesBatch
 from kinseek.collision import Scene
 from kinseek.goal import Goal
 from kinseek.kernels.arm.division import NONE
@@ -50,13 +53,20 @@ def reached_freely(
 ) -> Flags:
     """Say of many poses whether an answer is found that is free in a scene; see `reached`.
 
-    Most answers that are found first are free; where one is not, `Arm.ik` looks through the others.
+    Most answers that are found first are free. Where one is not, all branches are asked in one call; and where none of these
+    is free, and they are a sample of endlessly many, `Arm.ik` looks through more of them.
     """
     free, q = answers(arm, goal, patience)
-    found = np.flatnonzero(free)
-    if len(found):
-        free[found] = scene.free(q[found], clearance, threads=1)
-    left = found[~free[found]]
+    left = np.flatnonzero(free)
+    if len(left):
+        free[left] = scene.free(q[left], clearance, threads=1)
+        left = left[~free[left]]
+    if len(left):
+        every = cast(BranchesBatch, arm.branches(goal.at(goal.target[left]), threads=1))
+        owners = np.repeat(np.arange(len(left)), every.counts)
+        free[left[owners[scene.free(every.q, clearance, threads=1)]]] = True
+        missed = np.flatnonzero(~free[left]).tolist()
+        left = left[[i for i in missed if not len(every[i]) or every[i].sampled]]
     if len(left):
         asked = goal.at(goal.target[left])
         free[left] = arm.ik(asked, scene=scene, clearance=clearance, threads=1).success

@@ -20,15 +20,15 @@ MOST_MESH = 64 * 2**20
 """Bytes of one mesh's file."""
 
 
-def mesh_parts(path: Path) -> list[Any]:
-    """The triangles of a mesh's file, a body each, in metres.
+def mesh_parts(path: Path, most: int = MOST_MESH) -> list[Any]:
+    """The triangles of a mesh's file, a body each, in metres; of at most so many bytes.
 
     Raises:
         InvalidRobot: The file cannot be read.
     """
     import trimesh
 
-    text = file_bytes(path, MOST_MESH)
+    text = file_bytes(path, most)
     try:
         scene = trimesh.load_scene(
             io.BytesIO(text),

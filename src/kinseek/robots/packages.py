@@ -10,13 +10,14 @@ from urllib.parse import unquote
 from kinseek.errors import InvalidRobot
 
 
-def mesh_path(name: str, robot: Path, packages: Mapping[str, str | Path]) -> Path:
+def mesh_path(name: str, robot: Path, packages: Mapping[str, str | Path], option: str = "packages=") -> Path:
     """Where a mesh is that a robot's file names.
 
     Args:
         name: A path, beside the robot's file if it is relative, or a ``file://``, ``package://`` or ``model://`` address.
         robot: The robot's file.
         packages: Folders of packages by name; others are looked for on the way up from the file, and where ROS keeps them.
+        option: Where the user can give more of them, for messages.
 
     Raises:
         InvalidRobot: Another kind of address, or a package that is nowhere.
@@ -33,7 +34,7 @@ def mesh_path(name: str, robot: Path, packages: Mapping[str, str | Path]) -> Pat
         if os.path.isfile(folder / inside):
             return folder / inside
     raise InvalidRobot(
-        f"{name!r} was not found: say where the package {package!r} is with packages=, or set ROS_PACKAGE_PATH"
+        f"{name!r} was not found: say where the package {package!r} is with {option}, or set ROS_PACKAGE_PATH"
     )
 
 
