@@ -64,6 +64,17 @@ def test_a_branch_beside_a_singularity_is_not_left_for_its_neighbour() -> None:
     assert path.largest_step.max() <= 1.5 * largest
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "seed"), [("rizon4", 38), ("gen3", 87)])
+def test_curves_of_answers_that_part_and_join_anew_between_two_poses_are_passed(name: str, seed: int) -> None:
+    # The one needs a layer at every pose there, the other a way around a place that a plan took for passable as well.
+    arm = kinseek.load(name)
+    q = made(arm, 1000, seed, 4, 0.98)
+    longest = 1.5 * float(np.abs(np.diff(q, axis=0)).max())
+    path = arm.follow(arm.fk(q), max_step=longest).require()
+    assert path.largest_step.max() <= longest
+
+
 def test_branches_end_where_they_come_upon_others() -> None:
     poses, turn = np.arange(6.0)[:, None], 2 * np.pi
     rows = np.zeros((6, 6, 2))

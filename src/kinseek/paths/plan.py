@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -63,11 +63,23 @@ LEAPS = 0.6
 CROWD = 1.2
 """Where there is no room for all answers at a layer, they are so many times as far apart at the next."""
 
+CLEAR = 0.3
+"""So near in every joint [rad or m] answers are beside one that is barred."""
+
 FORGET = 16
 """After so many layers it is looked what the best ways have in common."""
 
 UNBOUND = 1e6
 """Stands for a step without a bound."""
+
+
+class Barred(NamedTuple):
+    """Where a plan was tried, and broke: from answers beside this one no way leads on."""
+
+    pose: int
+    """Number of the pose."""
+    q: Array
+    """(n,)"""
 
 
 class Layer(NamedTuple):
@@ -136,13 +148,15 @@ def _before(came: Indices) -> Indices:
 class Planner:
     """Finds the best way through a path for one arm with joints to spare."""
 
-    def __init__(self, asked: Asked, effort: Effort) -> None:
+    def __init__(self, asked: Asked, effort: Effort, barred: Sequence[Barred] = ()) -> None:
         """Choose rows and layers.
 
         Args:
             asked: The path.
             effort: How finely it is planned.
+            barred: Where no way leads on.
         """
+        self.barred = barred
         problem = asked.problem
         self.asked, self.effort, self.problem, self.dof = asked, effort, problem, problem.chain.dof
         self.smoother, self.turning = smoother_of(asked), Turning(problem.chain)
@@ -251,6 +265,9 @@ class Planner:
             along,
             LANES,
         )
+        for pose, near in self.barred:
+            if self.rows[begin] <= pose < self.rows[end]:
+                told[(np.abs(self.turning.step(q - near)) < CLEAR).all(axis=1), 0] = np.inf
         valid = self.asked.valid
         if valid is not None and valid.scene is not None:
             # Layers are close: the straight way from one to the next stands for the branch. The path itself is judged later.

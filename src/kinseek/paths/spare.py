@@ -5,12 +5,13 @@ answers are sampled all over the self-motion. Each is followed with the least mo
 each layer answers beside them, along the self-motion, keep them well spread, and a few fresh samples join them. So the best
 way through all of them (see `kernels.paths.programme.link`) keeps to branches, and changes from one to another sideways, by
 little at a time. What it leaves of corners is smoothed away, on the poses of the plan first, then on all. Where a step is
-still too large, or hits something, that part of the path is planned again, more finely; if that does not help, all of it is.
+still too large, or hits something, that part of the path is planned again, more finely; if that does not help, all of it is,
+at last with a layer at every pose, and once more without the places where that plan broke.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +24,7 @@ from kinseek.solvers.threads import GoOn, spread
 
 from .asked import Asked
 from .joints import Turning
-from .plan import Effort, Planner, between_rows, gone_of, smoother_of
+from .plan import Barred, Effort, Planner, between_rows, gone_of, smoother_of
 from .smooth import Row, Smoother
 
 Array = NDArray[np.float64]
@@ -35,6 +36,13 @@ COARSE = Effort(0.25, 3, 100, 4, 200, 0.1)
 FINE = Effort(0.2, 2, 150, 4, 250, 0.08)
 EACH = Effort(0.0, 4, 150, 4, 400, 0.08)
 """All poses are rows: near a singularity what lies between two rows is not known well enough to fill it in."""
+
+STEP = Effort(0.0, 1, 150, 4, 400, 0.08)
+"""All poses are layers: from one to the next nothing lies that a way sideways could miss, such as a singularity at which
+curves of answers part, and join anew."""
+
+PLANS = ((COARSE, EACH), (FINE, EACH), (EACH, STEP), (STEP, STEP), (STEP, STEP))
+"""How a path is planned, and then its parts around breaks, until there are none."""
 
 AROUND = (3.0, 8.0)
 """Before and behind a break so much of the hand's way is planned anew."""
@@ -82,9 +90,12 @@ def _silent(done: int) -> None:
 def _open_way(asked: Asked, threads: int | None, advance: Advance) -> Array:
     """The best of a few plans, each made if those before it break, and parts of each planned anew around its breaks."""
     best: Array | None = None
-    for effort in (COARSE, FINE, EACH):
-        q = _planned(asked, effort, threads, advance if best is None else _silent)
-        q = _mended(asked, q, threads)
+    barred: list[Barred] = []
+    for effort, finer in PLANS:
+        q = _planned(asked, effort, threads, advance if best is None else _silent, barred)
+        if effort is STEP:
+            barred += [Barred(int(i), q[i]) for i in np.flatnonzero(_faulty(asked, q))]
+        q = _mended(asked, q, finer, threads)
         if best is None or _faults(asked, q) < _faults(asked, best):
             best = q
         if not _faults(asked, best)[0]:
@@ -93,8 +104,8 @@ def _open_way(asked: Asked, threads: int | None, advance: Advance) -> Array:
     return best
 
 
-def _mended(asked: Asked, q: Array, threads: int | None) -> Array:
-    """Parts of a path around its breaks planned anew and finely, where that mends them."""
+def _mended(asked: Asked, q: Array, effort: Effort, threads: int | None) -> Array:
+    """Parts of a path around its breaks planned anew, where that mends them."""
     gone = gone_of(asked.problem)
     for around in AROUND:
         windows = _around(asked, q, gone, around)
@@ -105,7 +116,7 @@ def _mended(asked: Asked, q: Array, threads: int | None) -> Array:
             first: int, end: int, go_on: GoOn, parts: list[Asked] = parts, made: list[Array] = made
         ) -> None:
             for k in range(first, end):
-                made[k] = _planned(parts[k], EACH, 1, _silent)
+                made[k] = _planned(parts[k], effort, 1, _silent)
 
         spread(plan, len(parts), 1, threads, Deadline())
         for (first, last), part, new in zip(windows, parts, made, strict=True):
@@ -163,8 +174,10 @@ def _faults(asked: Asked, q: Array) -> tuple[int, float]:
     return int(_faulty(asked, q).sum()), _cost(asked, q, np.ones((len(q) - 1, 1)))
 
 
-def _planned(asked: Asked, effort: Effort, threads: int | None, advance: Advance) -> Array:
-    planner = Planner(asked, effort)
+def _planned(
+    asked: Asked, effort: Effort, threads: int | None, advance: Advance, barred: Sequence[Barred] = ()
+) -> Array:
+    planner = Planner(asked, effort, barred)
     smoother, rows = planner.smoother, planner.rows
     if len(rows) == 1:
         only = planner.layer(0, planner.sample(0, effort.samples), np.zeros((0, planner.dof)))[0][:1]
