@@ -1,0 +1,44 @@
+"""kinseek. Its manual recommends no settings but the defaults: `arm.ik(T)`.
+
+https://github.com/kinseek/kinseek, docs/quickstart.md and docs/tolerances.md
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from benchmarks.field.protocol import Answer, Arm, Array
+
+NAME = "kinseek"
+PACKAGE = "kinseek"
+RECOMMENDED: dict[str, Any] = {}
+SWEEP: tuple[dict[str, Any], ...] = ()
+
+
+class _Solver:
+    def __init__(self, arm: Arm) -> None:
+        import kinseek
+
+        self._arm = kinseek.load(arm.urdf, base=arm.base, tip=arm.tip)
+        self._place = kinseek.Goal.position
+
+    def solve(self, T: Any, start: Any) -> Answer:
+        solution = self._arm.ik(T) if start is None else self._arm.ik(T, near=start)
+        return Answer(solution.q, bool(solution.success))
+
+    def position(self, place: Array, start: Array | None) -> Answer:
+        solution = self._arm.ik(self._place(place))
+        return Answer(solution.q, bool(solution.success))
+
+    def branches(self, T: Array) -> Sequence[Array]:
+        return list(self._arm.branches(T).q)
+
+    def batch(self, poses: Array) -> tuple[Array, Sequence[bool]]:
+        solution = self._arm.ik(poses, threads=1)
+        return solution.q, [bool(each) for each in solution.success]
+
+
+def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
+    """The bundled arms are the files themselves."""
+    return _Solver(arm)

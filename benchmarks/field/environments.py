@@ -1,0 +1,66 @@
+"""An environment for each solver, made of the requirements that stand beside its adapter, every version pinned."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from benchmarks.command import ROOT
+
+
+def digest(*parts: bytes | str) -> str:
+    """Of some texts or files, short."""
+    whole = hashlib.sha256()
+    for part in parts:
+        whole.update(part.encode() if isinstance(part, str) else part)
+        whole.update(b"\0")
+    return whole.hexdigest()[:16]
+
+
+def environment(adapter: Path, folder: Path) -> Path | str:
+    """Python of a solver's environment, made anew where its requirements have changed; or why there is none.
+
+    Args:
+        adapter: Its file; the requirements have the same name and end in .txt.
+        folder: Where environments are kept.
+    """
+    requirements = adapter.with_suffix(".txt")
+    if not requirements.is_file():
+        return f"no {requirements.name} beside {adapter.name}"
+    place = folder / adapter.stem
+    python = place / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    ready, wanted = place / "ready", digest(requirements.read_bytes())
+    if ready.is_file() and ready.read_text(encoding="ascii") == wanted:
+        return python
+    uv = [sys.executable, "-m", "uv"]
+    install = ["pip", "install", "--python", str(python), "--requirement", str(requirements)]
+    for command in (["venv", "--clear", "--python", sys.executable, str(place)], install):
+        try:
+            done = subprocess.run(
+                [*uv, "--quiet", *command],
+                capture_output=True,
+                text=True,
+                cwd=ROOT,
+                timeout=1800,
+                check=False,
+            )
+        except (subprocess.TimeoutExpired, OSError) as error:
+            return f"could not be installed: {error}"
+        if done.returncode:
+            lines = done.stderr.strip().splitlines() or [f"uv ended with {done.returncode}"]
+            return f"could not be installed: {lines[-1].strip()[:200]}"
+    ready.write_text(wanted, encoding="ascii")
+    return python
+
+
+def megabytes(python: Path) -> float:
+    """What an environment's packages take on disk, those that the solver stands on among them [MB]."""
+    told = [str(python), "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"]
+    folder = Path(subprocess.run(told, capture_output=True, text=True, check=True).stdout.strip())
+    return (
+        sum(path.stat().st_size for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
+        / 1e6
+    )

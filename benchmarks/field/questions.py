@@ -1,0 +1,222 @@
+"""What is asked: poses that the judge's forward kinematics gives, so that no solver's own arithmetic makes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+from zlib import crc32
+
+import numpy as np
+
+from .judge import Judge
+from .protocol import Array
+
+Rng = np.random.Generator
+
+
+class Asked(NamedTuple):
+    """Targets of one question to one arm."""
+
+    poses: Array
+    """(k, 4, 4)"""
+    starts: Array
+    """Where a solver is to begin, (k, n), or (0, n) where none is given."""
+    origins: Array
+    """Joint values that reach the poses, (k, n), which no solver sees; (0, n) where there are none."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """One question."""
+
+    name: str
+    title: str
+    what: str
+    """For who reads the page."""
+    count: int
+    """Targets an arm."""
+    seconds: float
+    """For all targets of an arm; what has not been asked by then is left out, and the page says how many."""
+    make: Callable[[Judge, int, Rng], Asked]
+    way: str = "solve"
+    """How the worker asks, see `benchmarks.field.worker`."""
+    tuned: bool = True
+    """Whether it is asked with the best settings of the sweep, too."""
+    few: bool = False
+    """Whether only a few arms are asked."""
+
+    def of(self, judge: Judge, seed: int, quick: bool) -> Asked:
+        """The targets for an arm; the same for the same seed."""
+        count = max(self.count // 5, 1) if quick else self.count
+        return self.make(
+            judge, count, np.random.default_rng([seed, crc32(f"{self.name} {judge.arm.name}".encode())])
+        )
+
+
+def reached(judge: Judge, origins: Array, starts: Array | None = None) -> Asked:
+    """The poses of joint values."""
+    none = np.zeros((0, origins.shape[1]))
+    return Asked(judge.fk(origins), none if starts is None else starts, origins)
+
+
+def uniform(judge: Judge, count: int, rng: Rng) -> Array:
+    """Joint values, uniform inside the limits, (count, n)."""
+    return rng.uniform(judge.arm.lower, judge.arm.upper, (count, len(judge.arm.lower)))
+
+
+def at_random(judge: Judge, count: int, rng: Rng) -> Asked:
+    """Anywhere."""
+    return reached(judge, uniform(judge, count, rng))
+
+
+def singular(judge: Judge, count: int, rng: Rng) -> Asked:
+    """Turns of 0 and ±π/2 in half the joints, then a thousandth of a radian aside; the most singular tenth of them."""
+    q = uniform(judge, 10 * count, rng)
+    turns = np.array([kind != "prismatic" for kind in judge.arm.kinds])
+    quarter = rng.choice([0.0, np.pi / 2, -np.pi / 2], q.shape)
+    chosen = turns & (rng.random(q.shape) < 0.5) & (quarter > judge.arm.lower) & (quarter < judge.arm.upper)
+    aside = rng.choice([0.0, 1e-3], q.shape)
+    q = np.clip(np.where(chosen, quarter + aside, q), judge.arm.lower, judge.arm.upper)
+    return reached(judge, q[np.argsort(judge.least_singular(q), kind="stable")[:count]])
+
+
+def at_limits(judge: Judge, count: int, rng: Rng) -> Asked:
+    """Half the joints at a limit exactly, one of them at least; joints without limits are anywhere."""
+    q = uniform(judge, count, rng)
+    limited = np.array([kind != "continuous" for kind in judge.arm.kinds])
+    at = limited & (rng.random(q.shape) < 0.5)
+    at[np.arange(count), rng.choice(np.flatnonzero(limited), count)] = True
+    ends = np.where(rng.random(q.shape) < 0.5, judge.arm.lower, judge.arm.upper)
+    return reached(judge, np.where(at, ends, q))
+
+
+def out_of_reach(judge: Judge, count: int, rng: Rng) -> Asked:
+    """Turned as a pose within reach is, and one and a half times as far from the base as all links in a row."""
+    poses = judge.fk(uniform(judge, count, rng))
+    ways = rng.normal(size=(count, 3))
+    poses[:, :3, 3] = 1.5 * judge.reach * ways / np.linalg.norm(ways, axis=1)[:, None]
+    none = np.zeros((0, len(judge.arm.lower)))
+    return Asked(poses, none, none)
+
+
+def from_a_start(judge: Judge, count: int, rng: Rng) -> Asked:
+    """A start inside the limits whose joints are each up to 0.1 rad (or m) from joint values that reach the pose."""
+    starts = uniform(judge, count, rng)
+    moved = np.clip(starts + rng.uniform(-0.1, 0.1, starts.shape), judge.arm.lower, judge.arm.upper)
+    return reached(judge, moved, starts)
+
+
+def _spoiled(pose: Callable[[Array], Any] | None, start: Callable[[Array], Array] | None = None) -> Any:
+    """One pose at random with something wrong about it, or about the start."""
+
+    def make(judge: Judge, count: int, rng: Rng) -> Asked:
+        asked = at_random(judge, 1, rng)
+        poses = asked.poses if pose is None else np.asarray(pose(asked.poses[0].copy()))[None]
+        starts = asked.starts if start is None else np.asarray(start(judge.arm.upper))[None]
+        return Asked(poses, starts, asked.origins[:0] if pose else asked.origins)
+
+    return make
+
+
+def _put(row: slice | int, column: slice | int, value: float) -> Callable[[Array], Array]:
+    def put(T: Array) -> Array:
+        T[row, column] = value
+        return T
+
+    return put
+
+
+def _mirrored(T: Array) -> Array:
+    T[:3, 0] *= -1.0
+    return T
+
+
+def _stretched(T: Array) -> Array:
+    T[:3, :3] *= 2.0
+    return T
+
+
+WRONG: dict[str, Any] = {
+    "NaN in the place": _spoiled(_put(0, 3, np.nan)),
+    "NaN in the turn": _spoiled(_put(0, 0, np.nan)),
+    "infinite place": _spoiled(_put(0, 3, np.inf)),
+    "turn of zeros": _spoiled(_put(slice(3), slice(3), 0.0)),
+    "turn stretched": _spoiled(_stretched),
+    "turn mirrored": _spoiled(_mirrored),
+    "3 x 3 array": _spoiled(lambda T: T[:3, :3]),
+    "start of NaN": _spoiled(None, lambda upper: np.full_like(upper, np.nan)),
+    "start outside": _spoiled(None, lambda upper: upper + 1.0),
+    "start too short": _spoiled(None, lambda upper: upper[:-1]),
+}
+"""Input that a program hands on when something went wrong before it."""
+
+
+def _once(name: str, title: str, what: str, count: int, seconds: float) -> Question:
+    """A question about random poses that a few arms are asked, with the recommended settings."""
+    return Question(name, title, what, count, seconds, at_random, name, tuned=False, few=True)
+
+
+QUESTIONS = (
+    Question("random", "Random poses", "joint values uniform inside the limits", 200, 1.0, at_random),
+    Question(
+        "singular",
+        "Near singularities",
+        "joints at 0 or ±π/2, or 1e-3 rad aside, the most singular tenth of them",
+        100,
+        0.4,
+        singular,
+    ),
+    Question("limits", "At limits", "half of the joints at a limit exactly", 100, 0.4, at_limits),
+    Question(
+        "unreachable",
+        "Out of reach",
+        "one and a half times as far off as all links in a row",
+        20,
+        0.4,
+        out_of_reach,
+    ),
+    Question(
+        "position", "Position only", "a place, no matter how it is turned", 100, 0.3, at_random, "position"
+    ),
+    Question(
+        "start",
+        "A given start",
+        "each joint within 0.1 rad (or m) of values that reach the pose",
+        100,
+        0.3,
+        from_a_start,
+        "start",
+    ),
+    Question(
+        "branches",
+        "Every answer",
+        "all joint values that reach a pose, of arms with six joints",
+        50,
+        0.5,
+        at_random,
+        "branches",
+        tuned=False,
+    ),
+    _once("batch", "Batches", "a thousand poses in one call, one thread", 1000, 2.0),
+    _once("twice", "The same again", "a second solver, the same poses: are the bits the same?", 25, 2.0),
+    _once("threads", "In four threads", "a solver a thread, the same poses: are the bits the same?", 25, 4.0),
+    _once(
+        "first", "The first answer", "from the start of Python to the first answer, in a new process", 5, 30.0
+    ),
+    *(
+        Question(f"wrong {case}", case, "what comes back", 1, 5.0, make, "wrong", tuned=False, few=True)
+        for case, make in WRONG.items()
+    ),
+)
+"""In the order in which they are asked and shown."""
+
+SWEEP = Question("sweep", "Sweep", "random poses, others than those that are measured", 100, 0.7, at_random)
+"""What settings are chosen by."""
+
+
+def fits(question: Question, judge: Judge, place: int, quick: bool) -> bool:
+    """Whether an arm, the so-and-so-many-th, is asked this; all answers are counted where they are finitely many."""
+    if question.name == "branches":
+        return len(judge.arm.joints) == 6
+    return not question.few or place < (1 if quick else 3)

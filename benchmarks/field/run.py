@@ -1,0 +1,315 @@
+"""One solver is asked, in processes of its own that are watched: one that dies or never ends is an answer like any other."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.command import ROOT
+
+from . import pieces
+from .environments import digest
+from .judge import Judge
+from .pieces import Piece
+from .protocol import Adapter
+from .questions import SWEEP, Question, fits
+
+FORMAT = "1"
+"""Another number, and everything is measured anew."""
+
+PATIENCE, LOADING = 10.0, 240.0
+"""After how long [s] beyond its time a question hangs; and what importing a solver and reading an arm may take more."""
+
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS", "XLA_NUM_THREADS"),
+    "1",
+)
+
+
+@dataclass(frozen=True)
+class Task:
+    """One question to one solver, with one set of settings, on one arm."""
+
+    piece: str
+    """File that is written."""
+    asked: str
+    """File of targets."""
+    label: str
+    """Of the settings."""
+    settings: dict[str, Any]
+    question: str
+    way: str
+    seconds: float
+    digest: str
+
+
+@dataclass(frozen=True)
+class Field:
+    """A measurement: where it is kept, and what every solver is asked the same."""
+
+    folder: Path
+    judges: Sequence[Judge]
+    questions: Sequence[Question]
+    seed: int = 0
+    quick: bool = False
+
+    def asked(self, judge: Judge, question: Question) -> Path:
+        """File of targets, made if it is not there."""
+        path = self.folder / "targets" / f"{judge.arm.name}-{question.name}.npz"
+        if not path.is_file():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            unfinished = path.with_suffix(".unfinished")
+            with unfinished.open("wb") as file:
+                np.savez(file, **question.of(judge, self.seed, self.quick)._asdict())
+            os.replace(unfinished, path)
+        return path
+
+
+def settings_of(adapter: Adapter) -> dict[str, dict[str, Any]]:
+    """Sets of settings by their labels."""
+    return {"recommended": adapter.RECOMMENDED} | {
+        f"sweep {i}": each for i, each in enumerate(adapter.SWEEP, 1)
+    }
+
+
+def task(
+    field: Field, adapter: Path, judge: Judge, question: Question, label: str, settings: dict[str, Any]
+) -> Task:
+    """Make one, with the digest of all that it is measured with."""
+    asked = field.asked(judge, question)
+    requirements = adapter.with_suffix(".txt")
+    known = digest(
+        *(FORMAT, adapter.read_bytes(), requirements.read_bytes() if requirements.is_file() else b""),
+        *(asked.read_bytes(), json.dumps(settings, sort_keys=True), question.way, str(question.seconds)),
+    )
+    path = field.folder / "pieces" / adapter.stem / label / judge.arm.name / f"{question.name}.npz"
+    return Task(str(path), str(asked), label, settings, question.name, question.way, question.seconds, known)
+
+
+def missing(tasks: Sequence[Task]) -> list[Task]:
+    """Those of which there is no piece, or one that was measured with something else."""
+    return [
+        each for each in tasks if not (found := pieces.load(Path(each.piece))) or found.digest != each.digest
+    ]
+
+
+def work(python: Path, adapter: Path, judge: Judge, tasks: Sequence[Task], folder: Path) -> Iterator[Task]:
+    """Have tasks done that are missing; gives back each that is done, in whatever way it ended."""
+    left = list(tasks)
+    current, job, log = (folder / name for name in ("current.json", "job.json", "log.txt"))
+    told = {
+        name: value.tolist() if isinstance(value, np.ndarray) else value
+        for name, value in asdict(judge.arm).items()
+    }
+    while left:
+        current.unlink(missing_ok=True)
+        described = {
+            "adapter": str(adapter),
+            "current": str(current),
+            "arm": told,
+            "tasks": [asdict(t) for t in left],
+        }
+        job.write_text(json.dumps(described), encoding="utf-8")
+        began = time.time()
+        reason = _watched(python, job, current, log)
+        before = len(left)
+        for each in finished(left):
+            _told_when(each, began)
+            left.remove(each)
+            yield each
+        if left and reason is None and len(left) == before:
+            reason = "ended without an answer"
+        if left and reason is not None:
+            stuck = _task_in(current, left)
+            pieces.save(Path(stuck.piece), Piece(reason, digest=stuck.digest, facts={"ended": False}))
+            left.remove(stuck)
+            yield stuck
+
+
+def finished(tasks: Sequence[Task]) -> list[Task]:
+    """Those that are done."""
+    absent = {each.piece for each in missing(tasks)}
+    return [each for each in tasks if each.piece not in absent]
+
+
+def _told_when(each: Task, began: float) -> None:
+    """The first answer's time counts from the start of the process."""
+    piece = pieces.load(Path(each.piece))
+    if each.way == "first" and piece is not None and "ended" in piece.facts:
+        piece.facts["seconds"] = piece.facts.pop("ended") - began
+        pieces.save(Path(each.piece), piece)
+
+
+def _task_in(current: Path, left: Sequence[Task]) -> Task:
+    if current.is_file():
+        piece = json.loads(current.read_text(encoding="utf-8"))["piece"]
+        return next((each for each in left if each.piece == piece), left[0])
+    return left[0]
+
+
+def _watched(python: Path, job: Path, current: Path, log: Path) -> str | None:
+    """Run a worker; why it did not end by itself, or None."""
+    path = [str(ROOT), os.environ.get("PYTHONPATH", "")]
+    with log.open("wb") as file:
+        process = subprocess.Popen(
+            [str(python), "-m", "benchmarks.field.worker", str(job)],
+            stdout=file,
+            stderr=file,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+            env=os.environ | ONE_THREAD | {"PYTHONPATH": os.pathsep.join(filter(None, path))},
+            cwd=ROOT,
+        )
+        seen, since = "", time.monotonic()
+        try:
+            while True:
+                try:
+                    code = process.wait(0.1)
+                    break
+                except subprocess.TimeoutExpired:
+                    now = time.monotonic()
+                told = current.read_text(encoding="utf-8") if current.is_file() else ""
+                if told != seen:
+                    seen, since = told, now
+                if now - since > (allowed := _allowed(seen)):
+                    return f"hangs: nothing for {allowed:.0f} s"
+        finally:
+            if process.poll() is None:
+                _kill(process)
+    if code == 0:
+        return None
+    if code < 0:
+        return f"crashes: {signal.Signals(-code).name}"
+    lines = [line for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    return f"ends with {code}: {lines[-1][:100] if lines else ''}"
+
+
+def _allowed(told: str) -> float:
+    """How long what a worker does may take [s]."""
+    try:
+        task = json.loads(told)
+    except ValueError:  # not begun, or just being written
+        return PATIENCE + LOADING
+    return PATIENCE + (3 * float(task["seconds"]) if task["loaded"] else LOADING)
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    if hasattr(os, "killpg"):
+        os.killpg(process.pid, signal.SIGKILL)
+    else:
+        process.kill()
+    process.wait()
+
+
+def tuned_on(field: Field) -> Sequence[Judge]:
+    """Arms of the sweep."""
+    return field.judges[: 1 if field.quick else 3]
+
+
+def planned(field: Field, module: Adapter) -> int:
+    """How many tasks there are for a solver, if another than the recommended settings do best."""
+    settings = len(settings_of(module))
+    sweep = len(tuned_on(field)) * settings if settings > 1 else 0
+    return sweep + sum(
+        1 + (question.tuned and settings > 1)
+        for place, judge in enumerate(field.judges)
+        for question in field.questions
+        if fits(question, judge, place, field.quick)
+    )
+
+
+def measure(
+    field: Field, adapter: Path, module: Adapter, python: Path, told: Callable[[str, int], None]
+) -> str:
+    """Ask one solver everything; returns the label of the settings that did best in the sweep.
+
+    Args:
+        field: The measurement.
+        adapter: File.
+        module: The same, imported.
+        python: Of its environment.
+        told: Called with what is being done and how many tasks of all are done since the last call.
+    """
+    settings, name, tuned = settings_of(module), module.NAME, tuned_on(field)
+    if len(settings) > 1:
+        for judge in tuned:
+            tasks = [task(field, adapter, judge, SWEEP, label, each) for label, each in settings.items()]
+            _do(field, python, adapter, judge, tasks, told, f"{name}, sweep on {judge.arm.name}")
+    best = chosen(field, adapter, tuned, settings)
+    labels = dict.fromkeys(("recommended", best))
+    for place, judge in enumerate(field.judges):
+        suited = [question for question in field.questions if fits(question, judge, place, field.quick)]
+        tasks = [
+            task(field, adapter, judge, question, label, settings[label])
+            for label in labels
+            for question in suited
+            if question.tuned or label == "recommended"
+        ]
+        alone = [each for each in tasks if each.way == "first"]
+        for each in alone:
+            _do(field, python, adapter, judge, [each], told, f"{name} on {judge.arm.name}")
+        _do(
+            field,
+            python,
+            adapter,
+            judge,
+            [each for each in tasks if each not in alone],
+            told,
+            f"{name} on {judge.arm.name}",
+        )
+    return best
+
+
+def _do(
+    field: Field,
+    python: Path,
+    adapter: Path,
+    judge: Judge,
+    tasks: list[Task],
+    told: Callable[[str, int], None],
+    what: str,
+) -> None:
+    absent = missing(tasks)
+    told(what, len(tasks) - len(absent))
+    for _ in work(python, adapter, judge, absent, field.folder):
+        told(what, 1)
+
+
+def chosen(field: Field, adapter: Path, judges: Sequence[Judge], settings: dict[str, dict[str, Any]]) -> str:
+    """The settings that solve most; of those within half a percent of that, the quickest."""
+    from .judge import STRICT, good
+
+    if len(settings) == 1:
+        return "recommended"
+    found = {}
+    for label, each in settings.items():
+        solved, times, asked = 0, [], 0
+        for judge in judges:
+            one = task(field, adapter, judge, SWEEP, label, each)
+            piece = pieces.load(Path(one.piece))
+            if piece is None or not len(piece.target):
+                continue
+            with np.load(one.asked) as targets:
+                solved += int(
+                    good(judge.judge(piece.q, targets["poses"][piece.target]), STRICT, STRICT).sum()
+                )
+            times.append(piece.times)
+            asked += len(piece.target)
+        if asked:
+            found[label] = solved / asked, float(np.concatenate(times).mean())
+    if not found:
+        return "recommended"
+    most = max(share for share, _ in found.values())
+    return min(
+        (label for label, (share, _) in found.items() if share >= most - 0.005),
+        key=lambda label: found[label][1],
+    )

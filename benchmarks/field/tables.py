@@ -1,0 +1,143 @@
+"""All pieces as two tables: every answer, judged, and what is known of every piece; and what the page makes of them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from . import pieces
+from .judge import LOOSE, LOOSE_TURN, SLACK, STRICT
+from .questions import QUESTIONS
+from .run import Field
+
+ANSWERS, PIECES = "answers.parquet", "pieces.parquet"
+
+
+def collect(field: Field) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Read and judge every piece; (answers, pieces), as they are written to Parquet."""
+    answers, known = [], []
+    judges = {judge.arm.name: judge for judge in field.judges}
+    wanted = {question.name: question for question in field.questions}
+    for path in sorted((field.folder / "pieces").glob("*/*/*/*.npz")):
+        solver, settings, arm, question = (*path.parts[-4:-1], path.stem)
+        piece = pieces.load(path)
+        if piece is None or arm not in judges or question not in wanted:
+            continue
+        place = {"solver": solver, "settings": settings, "arm": arm, "question": question}
+        with np.load(field.asked(judges[arm], wanted[question])) as asked:
+            poses, origins, starts = asked["poses"], asked["origins"], asked["starts"]
+        known.append(place | {"state": piece.state, "asked": len(poses)} | piece.facts)
+        if len(piece.target) and poses.shape[1:] == (4, 4) and np.isfinite(poses).all():
+            verdict = judges[arm].judge(piece.q, poses[piece.target])
+            rows = pd.DataFrame(verdict._asdict())
+            rows.insert(0, "target", piece.target)
+            rows["microseconds"] = piece.times
+            rows["claimed"] = pd.Series(piece.claimed).map({1: True, 0: False, -1: None}).astype("boolean")
+            rows["q"] = list(piece.q)
+            if len(starts) == len(poses) == len(origins):
+                rows["moved"] = np.abs(piece.q - starts[piece.target]).max(axis=1)
+                rows["needed"] = np.abs(origins - starts)[piece.target].max(axis=1)
+            answers.append(rows.assign(**place))
+    columns = ["solver", "settings", "arm", "question", "target", "microseconds", "claimed"]
+    every = pd.concat(answers, ignore_index=True) if answers else pd.DataFrame(columns=[*columns, "q"])
+    return every[[*columns, *(name for name in every if name not in columns)]], pd.DataFrame(known)
+
+
+def write(field: Field, answers: pd.DataFrame, known: pd.DataFrame) -> None:
+    """Both as Parquet."""
+    for name, table in ((ANSWERS, answers), (PIECES, known)):
+        table.to_parquet(field.folder / name, index=False)
+
+
+def solvers(folder: Path) -> dict[str, dict[str, Any]]:
+    """What is known of each solver, by the name of its adapter's file."""
+    paths = sorted((folder / "solvers").glob("*.json"))
+    return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in paths}
+
+
+def marked(answers: pd.DataFrame) -> pd.DataFrame:
+    """What each answer counts as."""
+    inside = answers["outside"] <= SLACK
+    position_only = answers["question"] == "position"
+    turn = answers["orientation_error"].where(~position_only, 0.0)
+    exact = inside & (answers["position_error"] <= STRICT) & (turn <= STRICT)
+    near = inside & (answers["position_error"] <= LOOSE) & (turn <= LOOSE_TURN)
+    believed = answers["position_error"].notna() & answers["claimed"].fillna(True)
+    return answers.assign(exact=exact, near=near, false=believed & ~near, believed=believed)
+
+
+def interval(successes: float, count: int) -> tuple[float, float]:
+    """95 % of a share, by Wilson 1927."""
+    if not count:
+        return float("nan"), float("nan")
+    z, share = 1.96, successes / count
+    middle = (share + z * z / (2 * count)) / (1 + z * z / count)
+    half = z / (1 + z * z / count) * np.sqrt(share * (1 - share) / count + z * z / (4 * count * count))
+    return max(middle - half, 0.0), min(middle + half, 1.0)
+
+
+def median_interval(values: Any) -> tuple[float, float]:
+    """95 % of a median, by the ranks that a binomial of one half gives."""
+    ranked = np.sort(np.asarray(values, dtype=float))
+    half = 0.98 * np.sqrt(len(ranked))
+    low, high = int(max(len(ranked) / 2 - half, 0)), int(min(len(ranked) / 2 + half, len(ranked) - 1))
+    return (float(ranked[low]), float(ranked[high])) if len(ranked) else (float("nan"), float("nan"))
+
+
+def summed(answers: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+    """Shares, times and what is false, of groups."""
+    rows = []
+    for key, group in answers.groupby(by, sort=False):
+        times = group["microseconds"].dropna()
+        low, high = interval(float(group["exact"].sum()), len(group))
+        quick, slow = median_interval(times)
+        rows.append(
+            dict(zip(by, key, strict=True))
+            | {"count": len(group), "arms": group["arm"].nunique()}
+            | {"exact": 100 * group["exact"].mean(), "exact_low": 100 * low, "exact_high": 100 * high}
+            | {"near": 100 * group["near"].mean(), "false": int(group["false"].sum())}
+            | {"median": times.median(), "median_low": quick, "median_high": slow, "mean": times.mean()}
+            | {"p99": times.quantile(0.99), "worst": times.max()}
+        )
+    return pd.DataFrame(rows)
+
+
+def distinct(answers: pd.DataFrame, periodic: dict[str, np.ndarray[Any, Any]]) -> pd.DataFrame:
+    """Of the answers to `branches`: how many right ones are distinct, of all that anybody found.
+
+    Args:
+        answers: Marked.
+        periodic: Of each arm, which joints turn: there values that differ by full turns are one answer, (n,).
+
+    Returns:
+        A row for each solver, arm and target: `found` and `known`.
+    """
+    rows = []
+    for (arm, target), group in answers[answers["question"] == "branches"].groupby(["arm", "target"]):
+        known: list[Any] = []
+        found: dict[str, set[int]] = {solver: set() for solver in group["solver"]}
+        for solver, q in group.loc[group["near"], ["solver", "q"]].itertuples(index=False):
+            found[solver].add(_number(known, np.asarray(q), periodic[arm]))
+        rows += [
+            {"solver": solver, "arm": arm, "target": target, "found": len(each), "known": len(known)}
+            for solver, each in found.items()
+        ]
+    return pd.DataFrame(rows, columns=["solver", "arm", "target", "found", "known"])
+
+
+def _number(known: list[Any], q: Any, turns: Any) -> int:
+    """Which of the known answers this is; a new one is added."""
+    for number, other in enumerate(known):
+        apart = q - other
+        apart = np.where(turns, (apart + np.pi) % (2 * np.pi) - np.pi, apart)
+        if np.abs(apart).max() < 1e-3:
+            return number
+    known.append(q)
+    return len(known) - 1
+
+
+TITLES = {question.name: question.title for question in QUESTIONS}
