@@ -4,6 +4,8 @@
     nox                     # all of it; a Python that is not there is left out
     nox -s tests-3.13       # one of them
     nox -s oldest newest audit
+    nox -s coverage         # shown, and as pages in build/coverage
+    nox -s nightly          # fuzz and soak, for hours
 
 Each has an environment of its own. The kernels are built anew in each, which takes a minute.
 """
@@ -15,11 +17,16 @@ import nox
 nox.options.default_venv_backend = "uv|virtualenv"
 nox.options.error_on_missing_interpreters = False
 nox.options.reuse_existing_virtualenvs = True
+nox.options.sessions = ("tests", "oldest", "newest", "audit")
 
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 OLDEST = ("numpy==1.26.*", "numba==0.61.*", "click==8.1.*", "rich==13.*", "scipy==1.12.*")
 """The least that pyproject.toml allows of what the kernels and the command line stand on."""
 TESTING = ("pytest>=8", "pytest-benchmark>=5", "pytest-xdist>=3.6", "hypothesis>=6.100", "scipy>=1.12")
+PLAIN = tuple(
+    f"tests/test_{name}.py" for name in ("without_jit", "dh", "catalog", "forward", "layout", "pointers")
+)
+"""Tests that run kernels as plain Python."""
 QUICK = ("-m", "not slow", "-n", "2", "--dist", "loadfile")
 
 
@@ -55,3 +62,34 @@ def audit(session: nox.Session) -> None:
     session.install(".[cli]", "pip-audit>=2.7")
     session.run("pip-audit", "--skip-editable", "--format", "cyclonedx-json", "--output", "sbom.json")
     session.run("pip-audit", "--skip-editable")
+
+
+@nox.session(python="3.11")
+def nightly(session: nox.Session) -> None:
+    """A hundred thousand fuzzed cases, others every day, then every call for ten minutes; hours in all."""
+    session.install("-e", ".[test]")
+    session.run("python", "-m", "tests.fuzz", *session.posargs)
+    session.run("python", "-m", "tests.soak")
+
+
+@nox.session(python="3.11")
+def coverage(session: nox.Session) -> None:
+    """Lines that the tests run: of the shell in the quick tests, of the kernels as plain Python. Shown, and as pages."""
+    session.install("-e", ".[test]")
+    measure = (
+        "python",
+        "-m",
+        "coverage",
+        "run",
+        "--parallel-mode",
+        "--source=src/kinseek",
+        "-m",
+        "pytest",
+        "-q",
+    )
+    session.run("python", "-m", "coverage", "erase")
+    session.run(*measure, *(session.posargs or ("-m", "not slow")), success_codes=[0, 1])
+    session.run(*measure, *PLAIN, env={"NUMBA_DISABLE_JIT": "1"})
+    session.run("python", "-m", "coverage", "combine")
+    session.run("python", "-m", "coverage", "html", "--fail-under=0", "--directory=build/coverage")
+    session.run("python", "-m", "coverage", "report", "--fail-under=0")

@@ -36,7 +36,15 @@ def environment(adapter: Path, folder: Path) -> Path | str:
     if ready.is_file() and ready.read_text(encoding="ascii") == wanted:
         return python
     uv = [sys.executable, "-m", "uv"]
-    install = ["pip", "install", "--python", str(python), "--requirement", str(requirements)]
+    install = [
+        "pip",
+        "install",
+        "--compile-bytecode",
+        "--python",
+        str(python),
+        "--requirement",
+        str(requirements),
+    ]
     for command in (["venv", "--clear", "--python", sys.executable, str(place)], install):
         try:
             done = subprocess.run(
@@ -50,8 +58,11 @@ def environment(adapter: Path, folder: Path) -> Path | str:
         except (subprocess.TimeoutExpired, OSError) as error:
             return f"could not be installed: {error}"
         if done.returncode:
-            lines = done.stderr.strip().splitlines() or [f"uv ended with {done.returncode}"]
-            return f"could not be installed: {lines[-1].strip()[:200]}"
+            why = (
+                " ".join(word for word in done.stderr.split() if word.isascii())
+                or f"uv ended with {done.returncode}"
+            )
+            return f"could not be installed: {why[:300]}"
     ready.write_text(wanted, encoding="ascii")
     return python
 

@@ -219,4 +219,4 @@ def fits(question: Question, judge: Judge, place: int, quick: bool) -> bool:
     """Whether an arm, the so-and-so-many-th, is asked this; all answers are counted where they are finitely many."""
     if question.name == "branches":
         return len(judge.arm.joints) == 6
-    return not question.few or place < (1 if quick else 3)
+    return not question.few or place < (2 if quick else 3)

@@ -158,7 +158,6 @@ def _task_in(current: Path, left: Sequence[Task]) -> Task:
 
 def _watched(python: Path, job: Path, current: Path, log: Path) -> str | None:
     """Run a worker; why it did not end by itself, or None."""
-    path = [str(ROOT), os.environ.get("PYTHONPATH", "")]
     with log.open("wb") as file:
         process = subprocess.Popen(
             [str(python), "-m", "benchmarks.field.worker", str(job)],
@@ -166,7 +165,7 @@ def _watched(python: Path, job: Path, current: Path, log: Path) -> str | None:
             stderr=file,
             stdin=subprocess.DEVNULL,
             start_new_session=True,
-            env=os.environ | ONE_THREAD | {"PYTHONPATH": os.pathsep.join(filter(None, path))},
+            env=_surroundings(),
             cwd=ROOT,
         )
         seen, since = "", time.monotonic()
@@ -191,6 +190,13 @@ def _watched(python: Path, job: Path, current: Path, log: Path) -> str | None:
         return f"crashes: {signal.Signals(-code).name}"
     lines = [line for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
     return f"ends with {code}: {lines[-1][:100] if lines else ''}"
+
+
+def _surroundings() -> dict[str, str]:
+    """One thread, and compiled modules kept, as for any user."""
+    path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH", ""))))
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return kept | ONE_THREAD | {"PYTHONPATH": path}
 
 
 def _allowed(told: str) -> float:

@@ -31,14 +31,14 @@ def collect(field: Field) -> tuple[pd.DataFrame, pd.DataFrame]:
         with np.load(field.asked(judges[arm], wanted[question])) as asked:
             poses, origins, starts = asked["poses"], asked["origins"], asked["starts"]
         known.append(place | {"state": piece.state, "asked": len(poses)} | piece.facts)
-        if len(piece.target) and poses.shape[1:] == (4, 4) and np.isfinite(poses).all():
+        if len(piece.target) and wanted[question].way != "wrong":
             verdict = judges[arm].judge(piece.q, poses[piece.target])
             rows = pd.DataFrame(verdict._asdict())
             rows.insert(0, "target", piece.target)
             rows["microseconds"] = piece.times
             rows["claimed"] = pd.Series(piece.claimed).map({1: True, 0: False, -1: None}).astype("boolean")
             rows["q"] = list(piece.q)
-            if len(starts) == len(poses) == len(origins):
+            if len(starts):
                 rows["moved"] = np.abs(piece.q - starts[piece.target]).max(axis=1)
                 rows["needed"] = np.abs(origins - starts)[piece.target].max(axis=1)
             answers.append(rows.assign(**place))

@@ -205,8 +205,11 @@ def wrong(work: Work) -> Piece:
     rows = Rows(len(work.arm.joints))
     try:
         answer = work.solver.solve(work.poses[0], begin)
-    except Exception as error:
-        return Piece(DONE, facts={"outcome": f"raises {type(error).__name__}"})
+    except (KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as error:  # such as a panic of Rust
+        past = "" if isinstance(error, Exception) else ", past `except Exception`"
+        return Piece(DONE, facts={"outcome": f"raises {type(error).__name__}{past}"})
     if answer.q is None or answer.claimed is False:
         return Piece(DONE, facts={"outcome": "says that it failed"})
     rows.add(0, answer, np.nan)
@@ -248,7 +251,7 @@ def _told(error: Exception) -> str:
 
 def main() -> None:
     """Do a job: questions in turn, each with its settings."""
-    limit_memory(16)
+    limit_memory(8)
     job = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
     module, arm, current = adapter(Path(job["adapter"])), _arm(job["arm"]), Path(job["current"])
     release = _release(module.PACKAGE)

@@ -473,7 +473,7 @@ def warm() -> None:
     arm.ik(target, prefer="limits")
 
 
-def run(seed: int, first: int, last: int) -> Iterator[Outcome]:
+def run(seed: int, first: int, last: int, only: tuple[str, ...] = tuple(CALLS)) -> Iterator[Outcome]:
     """Run cases first … last-1 in other processes; one that does not return ends its process and is a finding."""
     number = first
     while number < last:
@@ -485,7 +485,7 @@ def run(seed: int, first: int, last: int) -> Iterator[Outcome]:
             with os.fdopen(writer, "w") as out:
                 for each in range(number, min(number - number % PER_ARM + 40 * PER_ARM, last)):
                     signal.setitimer(signal.ITIMER_PROF, PATIENCE)  # Nobody handles it: it ends the process.
-                    outcome = case(seed, each, arms)
+                    outcome = case(seed, each, arms, only)
                     out.write(
                         "\t".join(str(value).replace("\n", " ").replace("\t", " ") for value in outcome)
                         + "\n"
@@ -507,11 +507,9 @@ def run(seed: int, first: int, last: int) -> Iterator[Outcome]:
             number += 1
 
 
-def main() -> int:
-    """Run, and say what was found."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def main(doc: str | None = __doc__, only: tuple[str, ...] = tuple(CALLS)) -> int:
+    """Run some calls, and say what was found."""
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--first", type=int, default=0)
@@ -520,12 +518,12 @@ def main() -> int:
     if given.show is not None:
         arm = an_arm(np.random.default_rng([given.seed, given.show // PER_ARM]))
         print(arm.mechanism)
-        print(case(given.seed, given.show, {}))
+        print(case(given.seed, given.show, {}, only))
         return 0
     warm()
     began, findings, seconds, refused = time.perf_counter(), 0, Counter[str](), 0
     calls = Counter[str]()
-    for outcome in run(given.seed, given.first, given.count):
+    for outcome in run(given.seed, given.first, given.count, only):
         calls[outcome.call] += 1
         refused += outcome.refused
         seconds[outcome.call] = max(seconds[outcome.call], outcome.seconds)  # type: ignore[assignment]

@@ -11,9 +11,8 @@ from benchmarks.field.protocol import Adapter
 HERE = Path(__file__).resolve().parent
 
 SOLVERS = (
-    "kinseek",
-    "pinocchio",
-    "ikpy",
+    *("kinseek", "eaik", "ssik", "robotics_toolbox", "trac_ik", "optik"),
+    *("pinocchio", "pink", "mink", "ikpy", "kdl"),
 )
 """In the order in which they are measured."""
 

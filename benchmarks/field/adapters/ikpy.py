@@ -1,7 +1,8 @@
 """ikpy, as its README has it: `inverse_kinematics_frame(T)` with all axes of the turn; it says nothing of success.
 
-https://github.com/Phylliade/ikpy. Without a start at the middle of the ranges. Its symbolic chain takes seconds to make.
-In the sweep numeric chains, and several starts, of which the best answer by ikpy's own forward kinematics is kept.
+https://github.com/Phylliade/ikpy. Without a start at the middle of the ranges. Its symbolic chain takes seconds to
+make. In the sweep numeric chains, and several starts, of which the best answer by ikpy's own forward kinematics is
+kept.
 """
 
 from __future__ import annotations

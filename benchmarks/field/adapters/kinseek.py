@@ -1,7 +1,4 @@
-"""kinseek. Its manual recommends no settings but the defaults: `arm.ik(T)`.
-
-https://github.com/kinseek/kinseek, docs/quickstart.md and docs/tolerances.md
-"""
+"""kinseek: its manual recommends no settings but the defaults, `arm.ik(T)` (docs/quickstart.md)."""
 
 from __future__ import annotations
 
