@@ -248,3 +248,25 @@ def test_intervals_hold_what_they_are_of() -> None:
     rng = np.random.default_rng(0)
     hits = [low <= 0.0 <= high for low, high in (median_interval(rng.normal(size=101)) for _ in range(400))]
     assert 0.92 < np.mean(hits) < 0.99
+
+
+@pytest.mark.slow
+def test_the_adapter_of_the_documentation_is_short_and_solves(tmp_path: Path) -> None:
+    pytest.importorskip("scipy")
+    pages = Path(__file__).parents[1] / "docs" / "field.md"
+    if not pages.is_file():
+        pytest.skip("the documentation is not part of what is tested here")
+    code = pages.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+    assert sum(bool(line.strip()) for line in code.splitlines()) <= 30
+    path = tmp_path / "mine.py"
+    path.write_text(code, encoding="utf-8")
+    random = next(each for each in QUESTIONS if each.name == "random")
+    field = Field(tmp_path / "out", [bundled("ur5e")], [replace(random, count=25, seconds=5.0)], quick=True)
+    field.folder.mkdir()
+    tasks = [
+        run.task(field, path, field.judges[0], field.questions[0], "recommended", adapter(path).RECOMMENDED)
+    ]
+    assert len(list(run.work(Path(sys.executable), path, field.judges[0], tasks, field.folder))) == 1
+    answers, _ = collect(field)
+    assert len(answers) == 5
+    assert marked(answers)["near"].any()
