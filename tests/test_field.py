@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 from benchmarks.field import pieces, run
 from benchmarks.field.adapters import SOLVERS, adapter, path_of
+from benchmarks.field.agree import apart
 from benchmarks.field.judge import ARMS, bundled, good
 from benchmarks.field.page import as_html, page
 from benchmarks.field.questions import QUESTIONS, SWEEP, WRONG, fits
@@ -270,3 +271,22 @@ def test_the_adapter_of_the_documentation_is_short_and_solves(tmp_path: Path) ->
     answers, _ = collect(field)
     assert len(answers) == 5
     assert marked(answers)["near"].any()
+
+
+def test_runs_agree_where_their_intervals_meet() -> None:
+    def run_of(share: float, median: float) -> pd.DataFrame:
+        rows = {"solver": "a", "settings": "best", "question": "random", "exact": share, "median": median}
+        ends = {
+            "exact_low": share - 1,
+            "exact_high": share + 1,
+            "median_low": median - 1,
+            "median_high": median + 1,
+        }
+        return pd.DataFrame([rows | ends])
+
+    assert apart([run_of(98.0, 10.0), run_of(99.0, 11.0), run_of(98.5, 10.5)]) == (
+        {"exact": 1, "median": 1},
+        [],
+    )
+    _, told = apart([run_of(90.0, 10.0), run_of(99.0, 10.0)])
+    assert told == ["exact of a · best · random: 90, 99"]
