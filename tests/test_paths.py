@@ -169,6 +169,18 @@ def test_answers_at_the_ends_of_a_range_of_whole_turns_stay_inside_the_nodes() -
     assert ((path >= 0) & (path < 4)).all()
 
 
+@pytest.mark.parametrize(("turns", "refused"), [(20, False), (200, True)])
+def test_limits_of_many_turns_on_many_joints_are_refused(turns: int, refused: bool) -> None:
+    ends = np.array([np.pi * turns, np.pi * turns, 1.0])
+    arm = kinseek.Arm.from_dh([[0.3, 0.0, 0.1, 0.0]] * 3, -ends, ends)
+    poses = arm.fk(np.linspace([0.1, 0.2, 0.3], [0.2, 0.3, 0.4], 3))
+    if not refused:
+        assert arm.follow(Goal.position(poses[:, :3, 3])).success
+        return
+    with pytest.raises(InvalidProblem, match=r"there 40,000 times; a path chooses among at most 20,000"):
+        arm.follow(Goal.position(poses[:, :3, 3]))
+
+
 def test_the_band_is_solved() -> None:
     rng = np.random.default_rng(0)
     count, n = 6, 3

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.errors import InvalidProblem
 from kinseek.kernels.paths.programme import COPIED, ENDLESS, ROOM, STRAIGHT
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.mechanism import CONTINUOUS, REVOLUTE
@@ -13,12 +16,19 @@ from kinseek.turns import TURN
 
 Array = NDArray[np.float64]
 
+MOST_COPIES = 20_000
+"""Copies of an answer at most: each is a node of every layer, and a million of them take minutes and gigabytes."""
+
 
 class Turning:
     """Of each joint of an arm: how it turns, and how many copies of a value its limits hold."""
 
     def __init__(self, chain: SerialChain) -> None:
-        """Look at the limits."""
+        """Look at the limits.
+
+        Raises:
+            InvalidProblem: They allow more than `MOST_COPIES` of an answer.
+        """
         self.lower, self.upper = chain.lower, chain.upper
         free = chain.periodic & chain.turns
         endless = chain.endless & free
@@ -29,8 +39,15 @@ class Turning:
         """Copies at most of each joint, (n,); one more exactly at the ends of a range of whole turns is left out."""
         self.units = np.concatenate([[1], np.cumprod(self.copies)[:-1]]).astype(np.int64)
         """What a turn of each joint counts in the number of a node, (n,)."""
-        self.total = int(np.prod(self.copies))
+        self.total = math.prod(self.copies.tolist())
         """Copies at most of an answer."""
+        if self.total > MOST_COPIES:
+            turned = zip(chain.joint_names, self.copies.tolist(), strict=True)
+            told = ", ".join(f"{joint!r} {count}" for joint, count in turned if count > 1)
+            raise InvalidProblem(
+                f"turned by the full turns that the limits of {chain.name!r} allow ({told}), each answer to a pose is "
+                f"there {self.total:,} times; a path chooses among at most {MOST_COPIES:,}: narrow the limits by with_limits"
+            )
         self.open_lower = np.where(endless, -np.inf, self.lower)
         """Limits where a joint without any has none, (n,)."""
         self.open_upper = np.where(endless, np.inf, self.upper)
