@@ -370,7 +370,8 @@ def _missing(made: Page, known: pd.DataFrame, about: dict[str, Any], names: dict
         why=lambda rows: rows["state"].str.replace(r"^\d+ of (\d+) in", r"fewer than \1 in", regex=True)
     )
     for (solver, why), rows in left.groupby(["solver", "why"], sort=False):
-        arms, asked = rows["arm"].nunique(), ", ".join(rows["question"].unique())
+        questions = ("wrong input" if name.startswith("wrong ") else name for name in rows["question"])
+        arms, asked = rows["arm"].nunique(), ", ".join(dict.fromkeys(questions))
         items.append(
             f"{names[str(solver)]}: {html.escape(str(why))} ({asked}; {arms} {'arm' if arms == 1 else 'arms'})."
         )

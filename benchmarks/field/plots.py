@@ -49,10 +49,15 @@ def exact_against_time(random: pd.DataFrame, names: dict[str, str]) -> str:
                 markerfacecolor=shade if filled else "white",
             )
             if filled:
-                axes.annotate(
-                    names[str(solver)], (row["median"], row["exact"]), (7, -12), textcoords="offset points"
-                )
-    axes.set(xscale="log", xlabel="median time of a call [µs]", ylabel="exact [%]", ylim=(-3, 104))
+                place = {"textcoords": "offset points", "rotation": 40, "fontsize": 9}
+                axes.annotate(names[str(solver)], (row["median"], row["exact"]), (2, 7), **place)
+    axes.set(
+        xscale="log",
+        xlabel="median time of a call [µs]",
+        ylabel="exact [%]",
+        ylim=(-3, 122),
+        yticks=range(0, 101, 20),
+    )
     axes.grid(alpha=0.3)
     return _svg(figure)
 
@@ -77,5 +82,5 @@ def times(answers: pd.DataFrame, names: dict[str, str]) -> str:
         xscale="log", yscale="log", xlabel="time of a call [µs]", ylabel="share of calls that take longer"
     )
     axes.grid(alpha=0.3, which="both")
-    axes.legend(fontsize=7, loc="lower left")
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
     return _svg(figure)

@@ -65,7 +65,7 @@ def _one(rows: pd.DataFrame) -> dict[str, Any]:
 
 
 def _of(some: list[str], every: list[str]) -> str:
-    return f"{len(some)} of {len(every)} arms ({', '.join(some)})"
+    return f"{len(some)} of {len(every)} {'arm' if len(every) == 1 else 'arms'} ({', '.join(some)})"
 
 
 def _lighter(facts: pd.DataFrame, names: dict[str, str]) -> list[str]:
