@@ -24,8 +24,9 @@ Range = tuple[float, float, float]
 MOST = 10**11
 """Cells of a grid."""
 
-BLOCK = 32_768
-"""Poses of a block, more or less: a tenth of a second to some seconds of one core."""
+BLOCK = 131_072
+"""Poses of a block, more or less: a fifth of a second to some seconds of one core. Dask and the store take some ten
+milliseconds for each, whatever its size."""
 
 _FITS = 1e-6
 """By how much of a cell a range may miss a whole number of cells: numbers such as 0.05 are rounded."""

@@ -52,10 +52,10 @@ class Options(TypedDict, total=False):
     budget: int
     """Boxes of joint values that one proof looks at, at most; 10,000."""
     patience: int | None
-    """FK evaluations for a pose that its first eight samples do not lead to; 1,000. None takes as many as `Arm.ik`, which
-    costs four times as much and finds hardly more (docs/maps.md)."""
-    block: int
-    """Poses of a block, about; a block is what is lost when a worker dies; 32,768."""
+    """FK evaluations for a pose that its first eight samples do not lead to, or of which the closed form is not sure; 1,000.
+    None takes as many as `Arm.ik`, and finds hardly more."""
+    block: int | None
+    """Poses of a block, about; a block is what is lost when a worker dies. None takes 131,072, and with ``prove`` 8,192."""
     position_tolerance: float
     """[m], 1e-6."""
     orientation_tolerance: float
@@ -66,12 +66,16 @@ class Options(TypedDict, total=False):
     """How far apart bodies of the scene have to be [m]; 0."""
 
 
+PROVED = 8192
+"""Cells of a block where whole cells are proved: some seconds to a minute of one core."""
+
+
 DEFAULTS = Options(
     prove=False,
     depth=2,
     budget=10_000,
     patience=PATIENCE,
-    block=BLOCK,
+    block=None,
     position_tolerance=DEFAULT_TOLERANCE,
     orientation_tolerance=DEFAULT_TOLERANCE,
     scene=None,
@@ -135,7 +139,7 @@ def reach(
         **options_of(options),
         store=None if store is None else str(Path(store).expanduser().resolve()),
     )
-    kept = _store_of(arm, grid, work)
+    kept = store_of(arm, grid, work)
     todo = kept.missing()
     run(work, todo, math.prod(kept.blocks), client, progress, kept.write)
     dataset: xarray.Dataset = kept.dataset()
@@ -172,7 +176,7 @@ def work_of(
     given: Mapping[str, Any] = options
     for name, least in (("depth", 0), ("budget", 1), ("block", 1), ("patience", 1)):
         value = given[name]
-        if name == "patience" and value is None:
+        if name in ("patience", "block") and value is None:
             continue
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
             raise InvalidMap(f"{name} must be a whole number of at least {least}, got {value!r}")
@@ -192,11 +196,12 @@ def work_of(
                 "Rings turn poses about the first axis, and what stands in a scene does not turn; take a Grid"
             )
     chain, prove, patience = slim(arm.axes), bool(options["prove"]), options["patience"]
+    block = options["block"] or (PROVED if prove else BLOCK)
     return Work(
         chain=chain,
         arm=digest(chain),
         grid=grid.description(),
-        chunks=grid.chunks(int(options["block"])),
+        chunks=grid.chunks(int(block)),
         what=checked(what),
         position_tolerance=float(options["position_tolerance"]),
         orientation_tolerance=float(options["orientation_tolerance"]),
@@ -212,7 +217,7 @@ def work_of(
     )
 
 
-def _store_of(arm: Arm, grid: Grid | Rings, work: Work) -> Store:
+def store_of(arm: Arm, grid: Grid | Rings, work: Work) -> Store:
     """The store that is there already, if it is of this map, or a new one."""
     variables: dict[str, tuple[str, float, dict[str, Any]]] = {
         name: (measure.dtype, measure.fill, dict(measure.attributes))
