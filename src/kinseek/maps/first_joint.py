@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
-from kinseek.branches.result import BranchesBatch
 from kinseek.errors import InvalidMap
 from kinseek.goal import Goal
 from kinseek.robots import SerialChain
 from kinseek.transforms import square
+
+from .measures import STEP, every_answer
 
 Array = NDArray[np.float64]
 
@@ -97,25 +98,33 @@ def turns(
     if first.whole or not found.any():
         return begins, ends
     gap = FULL - (first.upper - first.lower)
-    some = np.flatnonzero(found)
-    answers = cast(BranchesBatch, arm.branches(goal(poses[some]), threads=1))
-    single = arm.ik(goal(poses[some]), threads=1).q[:, 0]
-    for i, number in enumerate(some):
-        every = answers[i].q[:, 0] if len(answers[i]) else single[i : i + 1]
-        low, high = _left(first, every, gap)
-        if low < high:
-            start = np.mod(high + np.pi, FULL) - np.pi
-            begins[number], ends[number] = start, start + FULL - (high - low)
+    every = np.flatnonzero(found)
+    for begin in range(0, len(every), STEP):
+        some = every[begin : begin + STEP]
+        low, high = _left(first, gap, *every_answer(arm, goal(poses[some])))
+        start = np.mod(high + np.pi, FULL) - np.pi
+        some, start, left = some[low < high], start[low < high], (high - low)[low < high]
+        begins[some], ends[some] = start, start + FULL - left
     return begins, ends
 
 
-def _left(first: FirstJoint, q: Array, gap: float) -> tuple[float, float]:
-    """The arc of turns [rad] at which no answer with such a first joint, (m,), is inside the limits; none if low >= high."""
-    starts = first.upper - q if first.sign > 0 else q - first.lower
-    low, high = float(starts[0]), float(starts[0]) + gap
-    for start in starts[1:]:
-        near = start + FULL * np.round(((low + high) / 2 - (start + gap / 2)) / FULL)
-        low, high = max(low, near), min(high, near + gap)
-        if low >= high:
-            break
+def _left(
+    first: FirstJoint, gap: float, q: Array, firsts: NDArray[np.int64], counts: NDArray[np.int64]
+) -> tuple[Array, Array]:
+    """The arc of turns [rad] at which no answer to a pose is inside the first joint's limits, of each; none if low >= high.
+
+    Args:
+        first: What was divided out.
+        gap: That the limits leave [rad].
+        q: See `every_answer`.
+        firsts: See `every_answer`.
+        counts: See `every_answer`.
+    """
+    starts = first.upper - q[:, 0] if first.sign > 0 else q[:, 0] - first.lower
+    low, high = starts[firsts], starts[firsts] + gap
+    for k in range(1, int(counts.max())):
+        has = counts > k
+        start, middle = starts[firsts[has] + k], (low[has] + high[has]) / 2
+        near = start + FULL * np.round((middle - (start + gap / 2)) / FULL)
+        low[has], high[has] = np.maximum(low[has], near), np.minimum(high[has], near + gap)
     return low, high

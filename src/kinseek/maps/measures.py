@@ -137,7 +137,24 @@ def _best(
     scene: Scene | None,
     clearance: float,
 ) -> None:
-    """Write the measures of all answers to a goal, whose poses have these numbers, and an answer each."""
+    """Write the measures of all answers to a goal, whose poses have these numbers."""
+    q, firsts, counts = every_answer(arm, goal, scene, clearance)
+    if BRANCHES in values:
+        values[BRANCHES][some] = counts
+    if DEXTERITY in values:
+        values[DEXTERITY][some] = np.maximum.reduceat(arm.manipulability(q), firsts)
+    if LIMITS in values:
+        values[LIMITS][some] = np.maximum.reduceat(limit_distance(arm, q, free), firsts)
+
+
+def every_answer(
+    arm: Arm, goal: Goal, scene: Scene | None = None, clearance: float = 0.0
+) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    """All answers to a goal each of whose poses, k of them, is reached, free in a scene if there is one: one each, at least.
+
+    Returns:
+        Joint values, (m, n); of each pose, which of these is its first, (k,), and how many they are, (k,).
+    """
     answers = cast(BranchesBatch, arm.branches(goal, scene=scene, clearance=clearance, threads=1))
     counts, q = answers.counts, answers.q
     lacking = np.flatnonzero(counts == 0)  # `ik` found one that the search for all did not.
@@ -145,13 +162,7 @@ def _best(
         single = arm.ik(goal.at(goal.target[lacking]), scene=scene, clearance=clearance, threads=1)
         q = np.insert(q, answers.offsets[lacking], single.q, axis=0)
         counts = np.maximum(counts, 1)
-    firsts = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    if BRANCHES in values:
-        values[BRANCHES][some] = counts
-    if DEXTERITY in values:
-        values[DEXTERITY][some] = np.maximum.reduceat(arm.manipulability(q), firsts)
-    if LIMITS in values:
-        values[LIMITS][some] = np.maximum.reduceat(limit_distance(arm, q, free), firsts)
+    return q, np.cumsum(counts) - counts, counts
 
 
 def limit_distance(arm: Arm, q: Array, free: int = 0) -> Array:
