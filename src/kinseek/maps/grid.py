@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -228,11 +228,21 @@ def azimuths(T: Array) -> Array:
 
 
 def grid_of(description: dict[str, Any]) -> Grid | Rings:
-    """Make the grid that `Cells.description` tells of."""
+    """Make the grid that `Cells.description` tells of; the last few are kept.
+
+    Raises:
+        InvalidMap: Another version made its orientations.
+    """
+    return _grid_of(json.dumps(description))
+
+
+@lru_cache(maxsize=8)
+def _grid_of(text: str) -> Grid | Rings:
+    description = json.loads(text)
     turns = orientations(int(description["orientations"]))
     kind: Any = {"Grid": Grid, "Rings": Rings}[description["kind"]]
     grid: Grid | Rings = kind(*[tuple(description[name]) for name in kind.names], turns)
-    if json.dumps(grid.description()) != json.dumps(description):
+    if json.dumps(grid.description()) != text:
         raise InvalidMap(
             "the map's orientations are not those that this version of kinseek makes of their number"
         )

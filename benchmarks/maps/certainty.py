@@ -1,0 +1,120 @@
+"""What certainty costs: whole cells proved, on a part drawn from all of a map, and what the map of them would take."""
+
+from __future__ import annotations
+
+import time
+from typing import NamedTuple
+
+import numpy as np
+
+import kinseek
+from benchmarks.page import Page
+from kinseek import maps
+from kinseek.maps.block import Desk, answered
+from kinseek.maps.cells import EMPTY, REACHED
+
+from .cells import Array, cpu, rings_around, section, work_of
+
+BILLION = (0.05, 12_000)
+"""Rings of an arm as long as the UR5e [m, orientations] that stand for a billion cells of a `Grid`."""
+
+SIZES = ((0.1, 576), (0.05, 4608), BILLION)
+
+ROW = 12
+"""Cells of one place that are drawn together: neighbours in orientation, as in a block."""
+
+EFFORTS: tuple[dict[str, int], ...] = ({"depth": 0}, {"depth": 2})
+
+
+class Part(NamedTuple):
+    """Rows of cells that were judged."""
+
+    cost: Array
+    """CPU time [s] a cell, of each row."""
+    reached: Array
+    """Share of each row that is reached somewhere."""
+    empty: Array
+    undecided: Array
+
+
+def judged(arm: kinseek.Arm, rings: maps.Rings, options: dict[str, int], cells: int, seconds: float) -> Part:
+    """Judge rows of cells drawn from all of some rings, until there are so many, or for so long."""
+    work = work_of(arm, rings, None, prove=True, **options)
+    desk, rng, rows = Desk(work), np.random.default_rng(1), list[tuple[float, ...]]()
+    desk.arm.ik(np.eye(4))  # Builds the atlas.
+    until = time.process_time() + seconds
+    while len(rows) * ROW < cells and (len(rows) < 4 or time.process_time() < until):
+        place = [int(rng.integers(n)) for n in rings.shape[:-1]]
+        first = int(rng.integers(rings.shape[-1] - ROW + 1))
+        part = (*(slice(i, i + 1) for i in place), slice(first, first + ROW))
+        took, values = cpu(answered, work, desk, rings.poses(part), part)
+        shares = [float((values["cell"] == word).mean()) for word in (REACHED, EMPTY)]
+        rows.append((took / ROW, *shares, 1.0 - sum(shares)))
+    return Part(*np.array(rows).T)
+
+
+def mean(values: Array, digits: str, scale: float = 1.0) -> str:
+    """Mean of rows, and two standard errors of it."""
+    error = 2 * values.std(ddof=1) / np.sqrt(len(values)) * scale
+    return f"{format(values.mean() * scale, digits)} ± {format(error, digits)}"
+
+
+def measure(page: Page, arms: tuple[str, ...], cells: int, seconds: float) -> None:
+    """Write the section."""
+    with section(page, "What certainty costs"):
+        page.say(
+            f"Rings, the first joint divided out; rows of {ROW} cells drawn from all of them, at most {cells:,} cells",
+            f"and {seconds:.0f} s of one thread for each line. ± is two standard errors of the mean over rows. The last",
+            f"column is what the same takes for 10⁹ cells of a `Grid`; {BILLION[1]:,} orientations at",
+            f"{BILLION[0] * 100:.0f} cm are about as many.",
+        )
+        rows = []
+        for name in arms:
+            arm = kinseek.load(name)
+            for width, count in SIZES:
+                rings = rings_around(arm, width, count)
+                stand = rings.volume / width**3 * len(rings.orientations)
+                for options in EFFORTS:
+                    part = judged(arm, rings, options, cells, seconds)
+                    rows.append(
+                        [
+                            name,
+                            f"{width * 100:.0f} cm, {rings.orientations.covering_radius:.2f} rad",
+                            f"{options['depth']}",
+                            f"{len(part.cost) * ROW:,}",
+                            mean(part.cost, ".2f", 1e3),
+                            mean(part.reached, ".1f", 100),
+                            mean(part.empty, ".1f", 100),
+                            mean(part.undecided, ".1f", 100),
+                            f"{rings.size:,}",
+                            mean(part.cost, ".2g", rings.size / 3600),
+                            mean(part.cost, ".2g", rings.size / stand * 1e9 / 3600),
+                        ]
+                    )
+        page.table(
+            "arm | cells | depth | >judged | >ms a ring | >reached somewhere, % | >proved empty, % | >undecided, % | "
+            ">rings of all | >core-hours of all | >core-hours of 10⁹ cells",
+            rows,
+        )
+
+
+def asked(page: Page, poses: int) -> None:
+    """Write the section about questions to a finished map."""
+    arm = kinseek.load("ur5e")
+    with section(page, "What a question to a finished map costs"):
+        rows = []
+        for grid in (
+            rings_around(arm, 0.1, 576),
+            maps.Grid((0, 1, 0.1), (0, 1, 0.1), (0, 1, 0.1), maps.orientations(576)),
+        ):
+            made = maps.reach(arm, grid, block=grid.size)
+            T = arm.fk(arm.sample(poses, seed=6))
+            maps.at(made, T[:1])
+            many = min(cpu(maps.at, made, T)[0] for _ in range(3))
+            single, _ = cpu(lambda made=made, T=T: [maps.at(made, one) for one in T[:200]])
+            rows.append([type(grid).__name__, f"{many / poses * 1e6:.2f}", f"{single / 200 * 1e6:.0f}"])
+        page.say(
+            f"`maps.at` on a map of the UR5e in memory, {poses:,} poses at once (least of three) and one by one, CPU",
+            "time of one thread.",
+        )
+        page.table("map of | >µs a pose, all at once | >µs a pose, one by one", rows)

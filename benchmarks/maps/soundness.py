@@ -1,0 +1,155 @@
+"""Is anything reached in a cell that is called proved empty? Poses drawn inside such cells, and joint values of any."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+import kinseek
+from benchmarks.branches import eaik
+from benchmarks.page import Page
+from kinseek import maps
+from kinseek.branches.result import BranchesBatch
+from kinseek.maps.block import Desk, Work, answered
+from kinseek.maps.cells import EMPTY
+from kinseek.maps.orientations import about_z
+from kinseek.maps.search import reached, ruled_out
+
+from .cells import Array, Index, Numbers, drawn, inside, rings_around, section, work_of
+
+ARMS = {"ur5e": True, "irb120": True, "panda": False}
+"""And whether EAIK knows them."""
+
+EACH = 200
+"""Poses drawn in each cell."""
+
+SPARE = 5
+"""Of an arm with joints to spare, which takes longest and which EAIK does not know, so many times fewer are asked."""
+
+DEPTH = 1
+"""How often a cell is cut in half here."""
+
+SIZES = ((0.1, 576), (0.05, 4608))
+"""Widths of cells [m], and orientations."""
+
+
+def judge(work: Work, desk: Desk, cell: Index) -> int:
+    """What is known of one whole cell."""
+    part = tuple(slice(i, i + 1) for i in cell)
+    return int(answered(work, desk, desk.grid.poses(part), part)["cell"].item())
+
+
+def empty_cells(work: Work, desk: Desk, number: int) -> Numbers:
+    """Cells that are proved empty, (number, dimensions): half of them such that lengths alone do not tell it."""
+    kept: dict[bool, list[Any]] = {True: [], False: []}
+    for cells in batches(desk.grid):
+        goal = kinseek.Goal.pose(
+            np.concatenate([desk.grid.poses(one(cell)).reshape(1, 4, 4) for cell in cells])
+        )
+        for cell, far in zip(cells, ruled_out(desk.arm, goal), strict=True):
+            some = kept[bool(far)]
+            if len(some) < number // 2 and judge(work, desk, tuple(cell)) == EMPTY:
+                some.append(cell)
+        if all(len(some) >= number // 2 for some in kept.values()):
+            break
+    return np.array(kept[True] + kept[False])
+
+
+def batches(grid: maps.Grid | maps.Rings) -> Iterator[Numbers]:
+    """Cells drawn from all of a grid, some hundred at a time, at most so many that a search for them ends."""
+    for seed in range(500):
+        yield drawn(grid, 200, seed)
+
+
+def one(cell: Numbers) -> tuple[slice, ...]:
+    """A cell as a part of its grid."""
+    return tuple(slice(int(i), int(i) + 1) for i in cell)
+
+
+def measure(page: Page, poses: int, vectors: int) -> None:
+    """Write the section."""
+    with section(page, "Is anything reached in what is proved empty?"):
+        page.say(
+            f"{EACH} poses drawn in each of some rings of two sizes that are proved empty (`depth={DEPTH}`), turned",
+            "anywhere about the first axis; a coordinate in five lies at an edge of the cell. Half of the rings are",
+            "such that lengths and angles alone do not rule out their middle. As a check of the judges, the last",
+            "columns have poses that are reached, those of joint values drawn inside the limits.",
+        )
+        parts = 2 * sum(ARMS.values())
+        rows, landed = [], []
+        for name, known in ARMS.items():
+            arm = kinseek.load(name)
+            for width, count in SIZES:
+                share = parts if known else parts * SPARE
+                rows.append(_poses(arm, width, count, poses // share, known))
+                landed.append(_vectors(arm, width, count, vectors // share))
+        page.table(
+            "arm | cells | >cells proved | >poses | >found by `maps` | >by `ik` | >by `branches` | >by EAIK | "
+            ">of reached ones, `maps` | >EAIK",
+            rows,
+        )
+        page.say(
+            "And the other way round: joint values drawn inside the limits, the cell that the hand is then in, and",
+            "what is said of it. Cells whose middle is reached are reached without a proof; the others are judged.",
+        )
+        page.table(
+            "arm | cells | >joint vectors | >cells they land in | >middle not reached, so judged | >vectors in these | "
+            ">called empty",
+            landed,
+        )
+
+
+def _work(arm: kinseek.Arm, width: float, count: int) -> tuple[Work, Desk]:
+    work = work_of(arm, rings_around(arm, width, count), prove=True, depth=DEPTH)
+    return work, Desk(work)
+
+
+def _poses(arm: kinseek.Arm, width: float, count: int, poses: int, known: bool) -> list[str]:
+    work, desk = _work(arm, width, count)
+    cells, rng = empty_cells(work, desk, max(poses // EACH, 2)), np.random.default_rng(3)
+    turned = np.tile(np.eye(4), (len(cells) * EACH, 1, 1))
+    turned[:, :3, :3] = about_z(rng.uniform(-np.pi, np.pi, len(turned)))
+    T, reach = turned @ inside(desk.grid, np.repeat(cells, EACH, axis=0), rng), desk.arm
+    good = reach.fk(reach.sample(max(len(T) // 10, 1), seed=4))
+    theirs = _eaik(reach) if known else None
+    return [
+        arm.name,
+        f"{width * 100:.0f} cm, {count:,}",
+        f"{len(cells):,}",
+        f"{len(T):,}",
+        f"{reached(reach, kinseek.Goal.pose(T)).sum():,}",
+        f"{reach.ik(T, threads=1).success.sum():,}",
+        f"{(cast(BranchesBatch, reach.branches(T, threads=1)).counts > 0).sum():,}",
+        f"{theirs(T).sum():,}" if theirs else "–",
+        f"{reached(reach, kinseek.Goal.pose(good)).mean():.2%}",
+        f"{theirs(good).mean():.2%}" if theirs else "–",
+    ]
+
+
+def _eaik(arm: kinseek.Arm) -> Callable[[Array], NDArray[np.bool_]]:
+    """Says of poses, (k, 4, 4), to which of them EAIK has an answer inside the limits."""
+    solve = eaik(arm)
+    return lambda T: np.array([len(solve(pose)) > 0 for pose in T])
+
+
+def _vectors(arm: kinseek.Arm, width: float, count: int, vectors: int) -> list[str]:
+    work, desk = _work(arm, width, count)
+    grid, reach = desk.grid, desk.arm
+    cells = np.stack(grid.cells_of(reach.fk(reach.sample(vectors, seed=5))), axis=1)
+    cells = cells[(cells >= 0).all(axis=1)]
+    distinct, times = np.unique(cells, axis=0, return_counts=True)
+    T = np.concatenate([grid.poses(one(cell)).reshape(1, 4, 4) for cell in distinct])
+    unsure = np.flatnonzero(~reached(reach, kinseek.Goal.pose(T)))
+    empty = sum(judge(work, desk, tuple(distinct[i])) == EMPTY for i in unsure)
+    return [
+        arm.name,
+        f"{width * 100:.0f} cm, {count:,}",
+        f"{len(cells):,}",
+        f"{len(distinct):,}",
+        f"{len(unsure):,}",
+        f"{times[unsure].sum():,}",
+        f"{empty:,}",
+    ]
