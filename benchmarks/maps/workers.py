@@ -57,7 +57,7 @@ def bare(arm: kinseek.Arm, grid: maps.Grid, folder: Path, processes: int) -> Too
 
 
 @contextmanager
-def cluster(arm: kinseek.Arm, count: int) -> Iterator[Any]:
+def cluster(arm: kinseek.Arm, grid: maps.Grid, count: int) -> Iterator[Any]:
     """A client of so many workers, each a process that has the arm's atlas already."""
     import distributed
     from distributed.deploy.subprocess import SubprocessCluster
@@ -66,7 +66,7 @@ def cluster(arm: kinseek.Arm, count: int) -> Iterator[Any]:
     connect: Any = distributed.Client
     with SubprocessCluster(**options) as some, connect(some) as client:
         client.wait_for_workers(count)
-        maps.reach(arm, grid_around(arm, 0.2, 72), client=client, block=5000)
+        client.run(compute, work_of(arm, grid), (0,) * len(grid.shape))
         yield client
 
 
@@ -93,7 +93,7 @@ def measure(page: Page, rounds: int, width: float) -> None:
             for count, name in names.items():
                 with tempfile.TemporaryDirectory() as folder:
                     took.setdefault(f"{name} bare", []).append(bare(arm, grid, Path(folder), count))
-                with tempfile.TemporaryDirectory() as folder, cluster(arm, count) as client:
+                with tempfile.TemporaryDirectory() as folder, cluster(arm, grid, count) as client:
                     took.setdefault(f"{name} of Dask", []).append(
                         through_dask(arm, grid, Path(folder), client)
                     )
