@@ -3,13 +3,6 @@
 from __future__ import annotations
 
 import errno
-import json
-import os
-import shutil
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
@@ -19,7 +12,8 @@ import pytest
 
 import kinseek
 from kinseek import maps
-from kinseek.maps import block, run, store
+from kinseek.maps import block, run
+from map_files import files, marks
 
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
@@ -48,18 +42,6 @@ def _here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         run, "_require_same", lambda at, work, whole=run._require_same: at and whole(at, work)
     )
-
-
-def files(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
-def marks(folder: Path) -> dict[Path, tuple[int, int]]:
-    """Of the blocks that are done, when and as which file their marks and values were written."""
-    done = (folder / "blocks" / "done" / "c").rglob("*")
-    blocks = [path for path in done if path.is_file() and not path.name.endswith(".partial")]
-    values = [folder / "reached" / path.relative_to(folder / "blocks" / "done") for path in blocks]
-    return {path: (path.stat().st_mtime_ns, path.stat().st_ino) for path in [*blocks, *values]}
 
 
 def test_a_map_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -163,108 +145,3 @@ def test_a_client_that_is_gone(client: Any) -> None:
     gone.close()
     with pytest.raises(kinseek.InvalidMap, match="the client is closed"):
         maps.reach(ARM, GRID, client=gone, **SMALL)
-
-
-PROGRAM = """
-import json, sys
-import distributed, kinseek
-from kinseek import maps
-numbers, store, at = json.loads(sys.argv[1]), sys.argv[2], sys.argv[3]
-grid = maps.Grid(*numbers["ranges"], maps.orientations(numbers["orientations"]))
-with distributed.Client(scheduler_file=at) as client:
-    try:
-        maps.reach(kinseek.load("ur5e"), grid, numbers["what"], store=store, client=client, block=numbers["block"])
-    except kinseek.MapInterrupted as error:
-        print(error)
-        sys.exit(3)
-"""
-
-
-class Processes:
-    """A scheduler, workers and clients, each a process of its own."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.count = folder, 0
-        self.all: list[subprocess.Popen[str]] = []
-        (folder / "client.py").write_text(PROGRAM)
-
-    def start(self, *words: str) -> subprocess.Popen[str]:
-        environment = {**os.environ, "DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "3s"}
-        with (self.folder / f"log{len(self.all)}").open("w") as log:
-            process = subprocess.Popen(
-                [sys.executable, *words], stdout=log, stderr=log, text=True, env=environment
-            )
-        self.all.append(process)
-        return process
-
-    def cluster(self, workers: int) -> tuple[str, subprocess.Popen[str], list[subprocess.Popen[str]]]:
-        self.count += 1
-        at = str(self.folder / f"scheduler{self.count}.json")
-        common = ["--no-dashboard", "--scheduler-file", at]
-        scheduler = self.start("-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", "0", *common)
-        some = ["--nthreads", "1", "--no-nanny", "--death-timeout", "60"]
-        return at, scheduler, [self.start("-m", "dask", "worker", *some, *common) for _ in range(workers)]
-
-    def end(self) -> None:
-        for process in self.all:
-            if process.poll() is None:
-                process.kill()
-            process.wait()
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_nothing_is_lost_or_done_twice_when_processes_are_killed(tmp_path: Path) -> None:
-    """A worker is killed at 30 %, the scheduler at 60 %, a client at 80 %; the next client ends the work."""
-    numbers: dict[str, Any] = {
-        "ranges": [(-0.9, 0.9, 0.3), (-0.9, 0.9, 0.3), (-0.3, 0.9, 0.3)],
-        "orientations": 144,
-        "what": ["reached", "dexterity"],
-        "block": 144 * 2,
-    }
-    x, y, z = numbers["ranges"]
-    grid = maps.Grid(x, y, z, maps.orientations(numbers["orientations"]))
-    maps.reach(ARM, grid, numbers["what"], store=tmp_path / "calm.zarr", block=numbers["block"])
-    whole, place = len(marks(tmp_path / "calm.zarr")) // 2, tmp_path / "map.zarr"
-    assert whole == 72
-    processes = Processes(tmp_path)
-
-    def wait_for(share: float, client: subprocess.Popen[str]) -> dict[Path, tuple[int, int]]:
-        until = time.monotonic() + 120
-        while (len(now := marks(place)) / 2 if place.exists() else 0) < share * whole:
-            assert time.monotonic() < until, "the client stands still"
-            assert client.poll() is None, "the client has ended"
-            time.sleep(0.01)
-        return now
-
-    try:
-        at, scheduler, workers = processes.cluster(3)
-        second = processes.cluster(1)  # It starts while the first works.
-        words = (str(tmp_path / "client.py"), json.dumps(numbers), str(place))
-        client = processes.start(*words, at)
-        kept = wait_for(0.3, client)
-        workers[0].send_signal(signal.SIGKILL)
-        kept |= wait_for(0.6, client)
-        scheduler.send_signal(signal.SIGKILL)
-        assert client.wait(120) == 3, "the client says that the scheduler is gone"
-        for (
-            worker
-        ) in workers:  # They would go on with what they have; a block that both write has the same bits.
-            worker.kill()
-            worker.wait()
-        kept |= marks(place)
-        assert len(marks(place)) < 2 * whole, "nothing is left to be done"
-        client = processes.start(*words, second[0])
-        kept |= wait_for(0.8, client)
-        client.send_signal(signal.SIGKILL)
-        client.wait()
-        client = processes.start(*words, second[0])
-        assert client.wait(120) == 0
-    finally:
-        processes.end()
-    now = marks(place)
-    assert {path: now[path] for path in kept} == kept, "a block that was done has been written again"
-    assert (store.Store.at(str(place))._done[...] == 1).all()
-    calm, stormy = files(tmp_path / "calm.zarr"), files(place)
-    assert {name: each for name, each in stormy.items() if not name.endswith(".partial")} == calm
-    shutil.rmtree(tmp_path)
