@@ -142,6 +142,8 @@ def _spread(
         for future in running:
             index, values = future.result()
             del futures[index]
+            if isinstance(values, OSError):
+                raise values
             if values is not None:
                 written(index, values)
             done += 1
@@ -163,8 +165,11 @@ def _spread(
 
 
 def _numbered(work: Work, index: Index) -> tuple[Index, Any]:
-    """Do a block, and say which it was."""
-    return index, do(work, index)
+    """Do a block, and say which it was; a disk that is full comes back as what came of it."""
+    try:
+        return index, do(work, index)
+    except OSError as error:  # Raised there, it would fill the terminal with pages from each worker's log.
+        return index, error
 
 
 def _interrupted(why: str, done: int, blocks: int) -> MapInterrupted:
