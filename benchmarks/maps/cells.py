@@ -71,15 +71,6 @@ def drawn(grid: maps.Grid | maps.Rings, number: int, seed: int = 0) -> Numbers:
     return np.random.default_rng(seed).integers(grid.shape, size=(number, len(grid.shape)))
 
 
-def poses_of(grid: maps.Grid | maps.Rings, cells: Numbers) -> Array:
-    """Middles of cells, (k, 4, 4)."""
-    T = np.tile(np.eye(4), (len(cells), 1, 1))
-    T[:, :3, :3] = grid.orientations.matrices[cells[:, -1]]
-    for k, row in enumerate(rows_of(grid)):
-        T[:, row, 3] = grid.places[k][cells[:, k]]
-    return T
-
-
 def inside(grid: maps.Grid | maps.Rings, cells: Numbers, rng: np.random.Generator) -> Array:
     """A pose anywhere in each of these cells, (k, 4, 4); one coordinate in five lies at an end of its range."""
     turns, k = grid.orientations, len(cells)
@@ -97,14 +88,9 @@ def inside(grid: maps.Grid | maps.Rings, cells: Numbers, rng: np.random.Generato
             for n, i in enumerate(region.tolist())
         ]
     )
-    for number, row in enumerate(rows_of(grid)):
+    for number, row in enumerate(grid.rows):
         T[:, row, 3] = grid.places[number][cells[:, number]] + at[:, number] * grid.widths[number]
     return T
-
-
-def rows_of(grid: maps.Grid | maps.Rings) -> tuple[int, ...]:
-    """Which rows of a position the dimensions of a grid are."""
-    return (0, 2) if isinstance(grid, maps.Rings) else (0, 1, 2)
 
 
 def work_of(

@@ -18,7 +18,6 @@ from .cells import (
     cpu,
     drawn,
     grid_around,
-    poses_of,
     rings_around,
     section,
     whole,
@@ -77,7 +76,7 @@ def _plain(name: str, poses: int) -> tuple[list[str], float]:
     """A row, and what a pose costs [s]."""
     arm = kinseek.load(name)
     grid = grid_around(arm)
-    T = poses_of(grid, drawn(grid, poses))
+    T = grid.middles(drawn(grid, poses))
     in_blocks(arm, T[:2000])  # Builds the atlas.
     gate, closed = cpu(by_gate, arm, T)
     mixed, found = cpu(in_blocks, arm, T)

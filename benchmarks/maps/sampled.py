@@ -32,7 +32,6 @@ from .cells import (
     drawn,
     grid_around,
     half_of,
-    poses_of,
     rings_around,
     section,
     whole,
@@ -244,7 +243,7 @@ def _maps(arm: kinseek.Arm, half: float, seconds: float) -> Any:
         return grid_around(arm, width, count)
 
     trial = grid(WIDTH, COUNT)
-    some = poses_of(trial, drawn(trial, 3000))
+    some = trial.middles(drawn(trial, 3000))
     seeded(arm, some[:100])
     for title, make in (("kinseek, first joint divided out", rings), ("kinseek, plain", grid)):
         coarse = make(*LADDER[2])

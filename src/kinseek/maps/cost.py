@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 
@@ -17,8 +18,13 @@ from .grid import Grid, Rings
 from .make import options_of, work_of
 from .measures import MEASURES, REACHED
 
+Array = NDArray[np.float64]
+
 _ROW = 64
-"""Orientations of one place that are tried at a time."""
+"""Cells that are tried at a time where they are proved: neighbours, as in a block."""
+
+_MANY = 4096
+"""And where they are not: from anywhere, and so many that what a call takes, whatever its size, hardly counts."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +56,9 @@ class Estimate:
     def __str__(self) -> str:
         """One sentence."""
         cores = f"{self.cores} core{'s' * (self.cores > 1)}"
+        each = f"{self.seconds * 1e6:.3g} µs" if self.seconds < 1e-3 else f"{self.seconds * 1e3:.3g} ms"
         return (
-            f"{self.cells:,} cells at {self.seconds * 1e6:.3g} µs ±{self.error:.0%} ({self.tried} tried): about "
+            f"{self.cells:,} cells at {each} ±{self.error:.0%} ({self.tried} tried): about "
             f"{_time(self.duration)} on {cores}, {_size(self.memory)} before compression"
         )
 
@@ -83,22 +90,23 @@ def estimate(
     """
     work = work_of(arm, grid, what, **options_of(options), store=None)
     desk, rng, cost = desk_of(work), np.random.default_rng(0), list[float]()
-    row = min(_ROW, grid.shape[-1])
+    number = min(_ROW, grid.shape[-1]) if work.prove else _MANY
 
-    def part() -> tuple[slice, ...]:
+    def some() -> tuple[Array, tuple[slice, ...]]:
+        if not work.prove:  # Where they lie is of no account then.
+            return grid.middles(rng.integers(grid.shape, size=(number, len(grid.shape)))), ()
         place = [int(rng.integers(n)) for n in grid.shape[:-1]]
-        first = int(rng.integers(grid.shape[-1] - row + 1))
-        return (*(slice(i, i + 1) for i in place), slice(first, first + row))
+        first = int(rng.integers(grid.shape[-1] - number + 1))
+        part = (*(slice(i, i + 1) for i in place), slice(first, first + number))
+        return grid.poses(part), part
 
-    first = part()
-    answered(work, desk, grid.poses(first), first)  # Builds the atlas.
+    answered(work, desk, *some())  # Builds the atlas.
     until = time.perf_counter() + seconds
     while len(cost) < 8 or time.perf_counter() < until:
-        some = part()
-        poses = grid.poses(some)
+        poses, part = some()
         began = time.perf_counter()
-        answered(work, desk, poses, some)
-        cost.append((time.perf_counter() - began) / row)
+        answered(work, desk, poses, part)
+        cost.append((time.perf_counter() - began) / number)
     mean = float(np.mean(cost))
     each = sum(np.dtype(MEASURES[name].dtype).itemsize for name in work.what) + (5 if work.prove else 0)
     each += 16 if isinstance(grid, Rings) else 0
@@ -106,7 +114,7 @@ def estimate(
         cells=grid.size,
         seconds=mean,
         error=2 * float(np.std(cost)) / np.sqrt(len(cost)) / mean,
-        tried=len(cost) * row,
+        tried=len(cost) * number,
         cores=cores or os.cpu_count() or 1,
         memory=grid.size * each,
     )

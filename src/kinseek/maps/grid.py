@@ -37,6 +37,8 @@ class Cells:
 
     names: ClassVar[tuple[str, ...]]
     """Dimensions before that of orientations."""
+    rows: ClassVar[tuple[int, ...]]
+    """Coordinates of a pose's position that these are."""
     orientations: Orientations
 
     @cached_property
@@ -82,6 +84,18 @@ class Cells:
             left //= side
         return (*sides, turns)
 
+    def middles(self, cells: Indices) -> Array:
+        """Poses in the middles of some cells, wherever they are, (k, 4, 4), lengths in [m].
+
+        Args:
+            cells: Numbers of each along every dimension, (k, d).
+        """
+        T = np.tile(np.eye(4), (len(cells), 1, 1))
+        T[:, :3, :3] = self.orientations.matrices[cells[:, -1]]
+        for k, row in enumerate(self.rows):
+            T[:, row, 3] = self.places[k][cells[:, k]]
+        return T
+
     def description(self) -> dict[str, Any]:
         """What it is made of, as JSON has it."""
         ranges = {name: list(map(float, getattr(self, name))) for name in self.names}
@@ -119,6 +133,7 @@ class Grid(Cells):
     """
 
     names: ClassVar[tuple[str, ...]] = ("x", "y", "z")
+    rows: ClassVar[tuple[int, ...]] = (0, 1, 2)
     x: Range
     """From, to, and the width of a cell [m]; the cells fill the range."""
     y: Range
@@ -175,6 +190,7 @@ class Rings(Cells):
     """
 
     names: ClassVar[tuple[str, ...]] = ("radius", "height")
+    rows: ClassVar[tuple[int, ...]] = (0, 2)
     radius: Range
     """Distance from the first axis: from, to, and the width of a cell [m]."""
     height: Range
