@@ -33,7 +33,7 @@ def map_slice(
     *,
     orientation: int | None = None,
     ax: Any = None,
-    size: tuple[float, float] = (6.0, 5.0),
+    size: tuple[float, float] | None = None,
     **where: float,
 ) -> Any:
     """Draw a plane of a map: the share of orientations that is reached, or what is known of one orientation.
@@ -43,7 +43,7 @@ def map_slice(
         orientation: Number of one; without it the capability of all. Of a map with ``prove=True``, what is known of each
             cell.
         ax: Axes in a plane to draw on.
-        size: Of a new figure [inch].
+        size: Of a new figure [inch]; as wide as the plane asks for unless given.
         where: Of one dimension of a `Grid`, where the plane is: ``z=0.4`` [m]; the nearest cells are drawn. The middle of y
             unless given. `Rings` are a plane already.
 
@@ -69,12 +69,12 @@ def map_slice(
         raise InvalidUse(f"orientation must be from 0 to {grid.shape[-1] - 1}, got {orientation}")
     plane = dataset.sel(where, method="nearest") if where else dataset
     across, up = (name for name in grid.names if name not in where)
-    figure, axes = given_or_new(ax, size)
     extent = [
         (float(dataset[name][end]) + side * grid.widths[grid.names.index(name)] / 2)
         for name in (across, up)
         for end, side in ((0, -1), (-1, 1))
     ]
+    figure, axes = given_or_new(ax, size or _size(extent, 3.4 if orientation is None else 5.6))
     look = {"origin": "lower", "extent": extent, "interpolation": "nearest", "aspect": "equal"}
     if orientation is None:
         share = capability(plane.assign_attrs(dataset.attrs)).transpose(up, across)
@@ -155,12 +155,20 @@ def cloud(
     shown = share >= least
     if cut:
         azimuth = np.radians(view[1])
-        shown &= ~(
-            (x * np.cos(azimuth) + y * np.sin(azimuth) > 0) & (x * np.sin(azimuth) - y * np.cos(azimuth) < 0)
-        )
+        towards, aside = x * np.cos(azimuth) + y * np.sin(azimuth), x * np.sin(azimuth) - y * np.cos(azimuth)
+        shown &= towards < np.abs(aside)
     figure, axes = given_or_new_space(ax, size, view)
     dots = axes.scatter(
-        x[shown], y[shown], z[shown], c=share[shown], cmap=SHARES, vmin=0.0, vmax=1.0, s=14, alpha=0.9, lw=0
+        x[shown],
+        y[shown],
+        z[shown],
+        c=share[shown],
+        cmap=SHARES,
+        vmin=0.0,
+        vmax=1.0,
+        s=_dot(grid.shape[:3]),
+        lw=0,
+        depthshade=False,
     )
     figure.colorbar(dots, ax=axes, label="share of orientations reached", shrink=0.7, pad=0.12)
     same_scale(axes)
@@ -206,13 +214,13 @@ def volumes(
 
 
 @drawn
-def bases(ranked: Any, *, ax: Any = None, size: tuple[float, float] = (6.0, 4.6)) -> Any:
+def bases(ranked: Any, *, ax: Any = None, size: tuple[float, float] | None = None) -> Any:
     """Draw places for a base from above: how many poses each reaches, and the best.
 
     Args:
         ranked: What `kinseek.maps.best_base` gave.
         ax: Axes in a plane to draw on.
-        size: Of a new figure [inch].
+        size: Of a new figure [inch]; as wide as the places ask for unless given.
 
     Returns:
         The Matplotlib figure.
@@ -221,8 +229,9 @@ def bases(ranked: Any, *, ax: Any = None, size: tuple[float, float] = (6.0, 4.6)
         InvalidUse: Other axes.
         MissingExtra: Matplotlib is not installed.
     """
-    figure, axes = given_or_new(ax, size)
     places, reached = ranked["base"].values[:, :2, 3], ranked["reached"].values
+    (left, low), (right, high) = places.min(axis=0), places.max(axis=0)
+    figure, axes = given_or_new(ax, size or _size([left, right, low, high], 3.4))
     most = ranked.attrs["poses"]
     shown = axes.scatter(*places[::-1].T, c=reached[::-1], cmap=SHARES, vmin=0, vmax=most, s=40)
     figure.colorbar(shown, ax=axes, label=f"poses reached, of {most}", shrink=0.8)
@@ -231,6 +240,20 @@ def bases(ranked: Any, *, ax: Any = None, size: tuple[float, float] = (6.0, 4.6)
     axes.set_title(ranked.attrs["title"])
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.12))
     return figure
+
+
+def _dot(shape: tuple[int, ...]) -> float:
+    """Area of a dot [points²] that hides what lies behind it, where so many stand side by side in a usual figure."""
+    return float(np.clip(150.0 / max(shape), 2.0, 16.0) ** 2)
+
+
+def _size(extent: Sequence[float], least: float) -> tuple[float, float]:
+    """Width and height of a figure [inch] of a plane, from left, right, low, high, with room for a scale beside it."""
+    left, right, low, high = extent
+    wide = (right - left) / max(high - low, 1e-9)
+    if 4.0 * wide + 2.0 > 8.0:
+        return 8.0, max(2.6, 6.0 / wide + 1.6)
+    return max(least, 4.0 * wide + 2.0), 5.0
 
 
 def _name(dataset: Any) -> str:
