@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 import kinseek
 from kinseek import maps
-from kinseek.maps.cells import EMPTY, REACHED, UNDECIDED, judged, whole_cell
+from kinseek.maps.cell import whole_cell
+from kinseek.maps.cells import EMPTY, REACHED, UNDECIDED, judged
 from kinseek.maps.orientations import ball
 from kinseek.maps.search import reached, ruled_out
 
@@ -48,34 +49,54 @@ def test_orientations_are_as_even_as_their_number_allows() -> None:
         assert 1.0 < (radius - np.sin(radius)) / np.pi * len(grid) < 4.0
 
 
-def test_a_part_of_a_cell_lies_in_its_ball() -> None:
+@pytest.mark.parametrize("rolls", [False, True])
+def test_a_part_of_a_cell_lies_in_its_ball(rolls: bool) -> None:
     rng = np.random.default_rng(2)
     for index in ((0, 1, 1, 0), (2, 3, 0, 5), (3, 2, 2, 11)):
-        cell, frame = whole_cell(WIDE, index)
+        cell = whole_cell(WIDE, index, rolls)
         parts = [cell]
         for _ in range(5):
-            parts = [half for part in parts for half in part.halves(False, 0.3)]
+            parts = [half for part in parts for half in part.halves(0.3)]
         assert len(parts) == 32
         for part in rng.permutation(np.array(parts, dtype=object))[:8]:
-            T, half, angle = part.ball(frame, False)
-            low, high, begin, end = part.region
-            cos = rng.uniform(np.cos(high), np.cos(low), 300)
-            azimuth, arc = rng.uniform(begin, end, 300), rng.uniform(part.arc[0], part.arc[1], 300)
-            s = np.sqrt(1 - cos**2)
-            d = np.stack([s * np.cos(azimuth), s * np.sin(azimuth), cos], axis=1)
-            axis = np.cross(frame[:, 2], d)
-            axis *= (
-                np.arctan2(np.linalg.norm(axis, axis=1), d @ frame[:, 2]) / np.linalg.norm(axis, axis=1)
-            )[:, None]
-            R = (
-                Rotation.from_rotvec(axis).as_matrix()
-                @ frame
-                @ Rotation.from_rotvec(np.outer(arc, [0, 0, 1])).as_matrix()
+            T, half, angle = part.ball()
+            P = part.spread(300)
+            cells = np.stack(WIDE.cells_of(P), axis=1)
+            assert (cells[:, :3] == index[:3]).all()
+            arcs = WIDE.orientations.arcs
+            assert (
+                (cells[:, 3] // arcs == index[3] // arcs).all() if rolls else (cells[:, 3] == index[3]).all()
             )
-            assert (WIDE.orientations.nearest(R) == index[3]).all()
-            assert (angles(T[:3, :3], R) <= angle).all()
-            p = rng.uniform(part.box[:, 0], part.box[:, 1], (300, 3))
-            assert (np.linalg.norm(p - T[:3, 3], axis=1) <= half).all()
+            assert (np.linalg.norm(P[:, :3, 3] - T[:3, 3], axis=1) <= half).all()
+            if not rolls:
+                assert (angles(T[:3, :3], P[:, :3, :3]) <= angle).all()
+                continue
+            # Turned about their own z axes as well as can be.
+            back = np.swapaxes(P[:, :3, :3], -1, -2) @ T[:3, :3]
+            best = np.arctan2(back[:, 1, 0] - back[:, 0, 1], back[:, 0, 0] + back[:, 1, 1])
+            turned = P[:, :3, :3] @ Rotation.from_rotvec(np.outer(best, [0, 0, 1])).as_matrix()
+            assert (angles(T[:3, :3], turned) <= angle).all()
+            assert angles(T[:3, :3], turned).max() > 0.5 * angle
+
+
+def test_poses_all_over_a_cell_are_spread_evenly_and_the_nearest_of_them_is_found() -> None:
+    cell = whole_cell(WIDE, (2, 3, 0, 5))
+    P = cell.spread(4000)
+    share = (P[:, :3, 3] - cell.box[:, 0]) / (cell.box[:, 1] - cell.box[:, 0])
+    for axis in range(3):
+        assert np.abs(np.histogram(share[:, axis], 10, (0, 1))[0] - 400).max() < 20
+    assert (
+        abs((P[:, 2, 2] > np.cos(cell.region[:2]).mean()).mean() - 0.5) < 0.01
+    )  # Half of the region's area.
+    for T in P[::400]:
+        assert np.abs(cell.nearest(T) - T).max() < 5e-3  # A little inside.
+    far = kinseek.pose([5.0, -5.0, -5.0], rpy=[0.3, 1.0, -2.0])
+    near = cell.nearest(far)
+    assert tuple(int(i) for i in WIDE.cells_of(near)) == (2, 3, 0, 5)
+    assert (
+        np.linalg.norm(near[:3, 3] - far[:3, 3])
+        <= np.linalg.norm(P[:, :3, 3] - far[:3, 3], axis=1).min() + 2e-3
+    )
 
 
 def test_a_ball_of_swing_and_turn() -> None:

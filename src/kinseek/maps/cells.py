@@ -1,30 +1,40 @@
 """Whole cells judged: somewhere reached, proved empty, or undecided.
 
 A ball of poses that holds a cell is asked for as one goal, with the half diagonal and the half angle as tolerances: if no
-joint values meet these, the cell is empty, every pose of it. Else joint values are found that do, and where their pose lies
-in the cell, it is reached. Neither: the cell is cut in half and its halves are asked, down to some depth.
+joint values meet these, the cell is empty, every pose of it. Else joint values are led into the cell, from where the proof
+saw them, and poses all over the cell are asked. Neither: the cell is cut in half, and its halves, down to some depth.
+
+Where the last joint turns about the tip's z axis, a pose is reached if it is reached turned otherwise about that axis, as
+far as that joint's limits go. So all cells of one place and direction are judged as one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.goal import Goal
+from kinseek.kernels.arm.division import TURN
+from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.kernels.proof.progress import ENDED, FOUND
 from kinseek.problem import Problem
-from kinseek.proof.boxes import excluded
+from kinseek.proof.boxes import Search, excluded
+from kinseek.robots import SerialChain
+from kinseek.robots.geometry import divide, open_limits
+from kinseek.turns import holds_a_turn
 
-from .grid import Grid, Rings, azimuths
-from .orientations import about_z, ball, direction, farthest, shortest_turn, twist
+from .cell import Cell, whole_cell
+from .grid import Grid, Rings
 from .search import reached
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Index = tuple[int, ...]
 
 UNDECIDED, REACHED, EMPTY = 0, 1, 2
 
@@ -41,78 +51,22 @@ ATTRIBUTES: dict[str, dict[str, Any]] = {
 LEVER = 0.2
 """A turn counts, when a cell is cut, as the way of a point so far off, as a part of the arm's reach."""
 
-MARGIN = 1e-9
-"""By which a ball is wider than it need be, relative to it: rounding of its size stays far below."""
+ON_AXIS = 1e-4
+"""A last joint turns about the tip's z axis if that is no more off [m], and no more tilted [rad]. Balls are wider by it."""
 
+FIRST = 1000
+"""Boxes of a first proof: what most empty cells take. What it does not end is looked for an answer."""
 
-INSIDE = 1e-3
-"""How far inside a cell a pose is asked for that shall lie in it, as a part of its width: tolerances are smaller."""
+SAMPLES = 64
+"""Poses of a cell that are asked."""
 
-
-@dataclass(frozen=True)
-class Cell:
-    """A cell, or a part of one."""
-
-    box: Array
-    """From and to along each dimension of places [m], (d, 2)."""
-    region: Array
-    """Polar angle from and to, azimuth from and to [rad], (4,)."""
-    arc: tuple[float, float]
-    """Turns from and to [rad], counted from the frame of the whole cell."""
-
-    def halves(self, rings: bool, lever: float) -> tuple[Cell, Cell]:
-        """Cut where it is longest; both halves have the same volume."""
-        sides = self.box[:, 1] - self.box[:, 0]
-        polar, azimuth = self.region[1] - self.region[0], self.region[3] - self.region[2]
-        across = azimuth * np.sin(np.clip(np.pi / 2, self.region[0], self.region[1]))
-        lengths = np.array([*sides, lever * polar, lever * across, lever * (self.arc[1] - self.arc[0])])
-        longest, places = int(np.argmax(lengths)), len(sides)
-        if longest < places:
-            low, high = self.box[longest]
-            ring = rings and longest == 0  # The volume of a ring grows with the square of its radius.
-            middle = np.sqrt((low**2 + high**2) / 2) if ring else (low + high) / 2
-            below, above = self.box.copy(), self.box.copy()
-            below[longest, 1] = above[longest, 0] = middle
-            return Cell(below, self.region, self.arc), Cell(above, self.region, self.arc)
-        if longest == places + 2:
-            middle = (self.arc[0] + self.arc[1]) / 2
-            return (
-                Cell(self.box, self.region, (self.arc[0], middle)),
-                Cell(self.box, self.region, (middle, self.arc[1])),
-            )
-        below, above = self.region.copy(), self.region.copy()
-        if longest == places:
-            middle = np.arccos((np.cos(self.region[0]) + np.cos(self.region[1])) / 2)
-            below[1] = above[0] = middle
-        else:
-            below[3] = above[2] = (self.region[2] + self.region[3]) / 2
-        return Cell(self.box, below, self.arc), Cell(self.box, above, self.arc)
-
-    def ball(self, frame: Array, rings: bool) -> tuple[Array, float, float]:
-        """A pose, (4, 4), and how far off it any pose of the cell is at most, [m] and [rad].
-
-        A part of a cell has its own centre c' on the sphere. From c to d by way of c' is another turn than straight there,
-        by the area of the triangle c, c', d about d: 2 asin(tan(a/2) tan(b/2)) at most, a and b its sides at c'.
-        """
-        c, region = frame[:, 2], self.region[None]
-        centre = np.array([[self.region[:2].mean(), self.region[2:].mean()]])
-        if self.region[3] - self.region[2] > np.pi:  # A cap, or a whole collar.
-            centre[0, 0] = 0.0 if self.region[0] == 0.0 else np.pi
-        own = direction(*centre[0])
-        aside = 2.0 * np.arcsin(min(1.0, float(np.linalg.norm(own - c)) / 2))
-        reach = float(farthest(region, centre)[0])
-        area = 2.0 * np.arcsin(min(1.0, np.tan(aside / 2) * np.tan(min(reach, 3.14) / 2)))
-        T = np.eye(4)
-        T[:3, :3] = shortest_turn(c, own) @ frame @ about_z(sum(self.arc) / 2)
-        middles = self.box.mean(axis=1)
-        T[:3, 3] = (middles[0], 0.0, middles[1]) if rings else middles
-        angle = float(ball(reach, min(np.pi, (self.arc[1] - self.arc[0]) / 2 + area)))
-        half = float(np.linalg.norm(self.box[:, 1] - self.box[:, 0])) / 2
-        return T, half * (1.0 + MARGIN), min(angle * (1.0 + MARGIN), np.pi)
+STEPS, LONGEST, DAMPING = 30, 0.3, 1e-6
+"""Steps that lead joint values into a cell, the longest of one joint [rad] or [m], and their damping: where the arm is
+singular, beside a cell at the edge of reach, they are many and short."""
 
 
 def cells_of_block(
-    arm: Arm, grid: Grid | Rings, part: Sequence[slice], found: NDArray[np.bool_], depth: int, budget: int
+    arm: Arm, grid: Grid | Rings, part: Sequence[slice], found: Flags, depth: int, budget: int
 ) -> dict[str, Array]:
     """Judge the cells of a block.
 
@@ -127,12 +81,17 @@ def cells_of_block(
     Returns:
         What is known of each cell, and the share of it that is proved empty, both of the block's shape.
     """
-    known = np.where(found, REACHED, UNDECIDED).astype("int8")
-    empty = np.zeros(found.shape, dtype="float32")
-    firsts = [some.indices(n)[0] for some, n in zip(part, grid.shape, strict=True)]
-    for place in np.argwhere(~found):
-        index = tuple(int(i + first) for i, first in zip(place, firsts, strict=True))
-        known[tuple(place)], empty[tuple(place)] = judged(arm, grid, index, depth, budget)
+    judge = Judge(arm, grid, depth, budget)
+    known, empty = np.empty(found.shape, dtype="int8"), np.empty(found.shape, dtype="float32")
+    *firsts, first = [some.indices(n)[0] for some, n in zip(part, grid.shape, strict=True)]
+    numbers = first + np.arange(found.shape[-1])
+    regions = numbers // grid.orientations.arcs
+    for at in np.ndindex(found.shape[:-1]):
+        place = tuple(int(i + first) for i, first in zip(at, firsts, strict=True))
+        for region in np.unique(regions):
+            some = regions == region
+            told = judge.row(place, [int(i) for i in numbers[some]], found[at][some])
+            known[at][some], empty[at][some] = [each.known for each in told], [each.empty for each in told]
     return {"cell": known, "empty_share": empty}
 
 
@@ -140,68 +99,131 @@ def judged(
     arm: Arm, grid: Grid | Rings, index: tuple[int, ...], depth: int, budget: int
 ) -> tuple[int, float]:
     """Judge one cell whose middle is not reached: what is known of it, and the share that is proved empty."""
-    cell, frame = whole_cell(grid, index)
-    rings, lever = isinstance(grid, Rings), LEVER * arm.chain.reach
-    left, empty, open_ = [(cell, 0)], 0.0, False
-    while left:
-        part, level = left.pop()
-        T, position, angle = part.ball(frame, rings)
-        goal = Goal.pose(T, position_tolerance=position, orientation_tolerance=angle)
-        search = excluded(Problem(arm.mechanism, goal), budget, threads=1)
+    (told,) = Judge(arm, grid, depth, budget).row(index[:-1], index[-1:], np.array([False]))
+    return told.known, told.empty
+
+
+class Verdict(NamedTuple):
+    """What is known of a cell."""
+
+    known: int
+    """REACHED, EMPTY or UNDECIDED."""
+    empty: float
+    """Share of its volume that is proved empty."""
+    left: list[tuple[Cell, int]]
+    """Parts that are not proved empty, and how often they were cut in half; none of an empty cell."""
+
+
+class Judge:
+    """Judges cells of a grid."""
+
+    def __init__(self, arm: Arm, grid: Grid | Rings, depth: int, budget: int) -> None:
+        """Take an arm, how often a cell is cut in half, and boxes that one proof may look at."""
+        self.arm, self.grid, self.depth, self.budget = arm, grid, depth, budget
+        chain = arm.chain
+        off = float(np.hypot(*chain.fixed[-1][:2, 3])), float(np.hypot(*chain.fixed[-1][:2, 2]))
+        turns = divide(chain, Goal.pose(np.eye(4)).form).tail == TURN
+        self.rolls = turns and max(off) <= ON_AXIS
+        """Does the last joint turn about the tip's z axis?"""
+        self.off = (2.0 * off[0], np.pi * off[1]) if self.rolls else (0.0, 0.0)
+        """By how much such a turn misses, at most [m] and [rad]."""
+        self.free = self.rolls and bool(holds_a_turn(chain.lower[-1:], chain.upper[-1:])[0])
+        """And all around?"""
+        self.rolled: SerialChain = chain
+        if self.rolls:
+            self.rolled = chain.limited(
+                np.append(chain.lower[:-1], -np.pi),
+                np.append(chain.upper[:-1], np.pi),
+                (*chain.kinds[:-1], "continuous"),
+            )
+
+    def row(self, place: Index, numbers: Sequence[int], found: Flags) -> list[Verdict]:
+        """Judge cells of one place and direction.
+
+        Args:
+            place: Numbers of the place.
+            numbers: Of the orientations.
+            found: Of each, is its middle reached?
+        """
+        known, stack = Verdict(REACHED, 0.0, []), None
+        if found.all() or (self.free and found.any()):
+            return [known] * len(numbers)
+        if self.rolls:
+            stack = self.stack(place, numbers[0] // self.grid.orientations.arcs)
+            if self.free or stack.known != REACHED:
+                return [known if there else stack for there in found]
+        return [
+            known if there else self.cell((*place, number), stack)
+            for there, number in zip(found, numbers, strict=True)
+        ]
+
+    def stack(self, place: Index, region: int) -> Verdict:
+        """Judge all cells of one place and direction together, as if the last joint turned all around."""
+        cell = whole_cell(self.grid, (*place, region * self.grid.orientations.arcs), rolls=True)
+        return self._judged(self.rolled, cell, [(cell, 0)], (*place, region))
+
+    def cell(self, index: Index, stack: Verdict | None = None) -> Verdict:
+        """Judge one cell, or what its stack leaves of it, if that is known."""
+        cell = whole_cell(self.grid, index)
+        parts = [(cell, 0)]
+        if stack is not None and stack.left:
+            parts = [(replace(part, arc=cell.arc), level) for part, level in stack.left]
+        return self._judged(self.arm.chain, cell, parts, index)
+
+    def _judged(self, chain: SerialChain, cell: Cell, left: list[tuple[Cell, int]], index: Index) -> Verdict:
+        """Judge a cell of which some parts are left; of a stack the last number is that of the direction."""
+        empty, open_ = 1.0 - sum(0.5**level for _, level in left), list[tuple[Cell, int]]()
+        budget = min(FIRST, self.budget)
+        search = self._excluded(chain, cell, budget)
         if search.outcome == ENDED:
-            empty += 0.5**level
-        elif search.outcome == FOUND and (
-            holds(arm, grid, index, search.q) or reached_inside(arm, grid, cell, frame, search.q)
+            return Verdict(EMPTY, 1.0, [])
+        if (
+            self._entered(chain, cell, search.q, index)
+            or reached(self.arm, Goal.pose(cell.spread(SAMPLES))).any()
         ):
-            return REACHED, empty
-        elif level < depth:
-            left += [(half, level + 1) for half in part.halves(rings, lever)]
-        else:
-            open_ = True
-    return (UNDECIDED if open_ else EMPTY), empty
+            return Verdict(REACHED, empty, left)
+        while left:
+            part, level = left.pop()
+            search = self._excluded(chain, part, self.budget)
+            if search.outcome == ENDED:
+                empty += 0.5**level
+            elif search.outcome == FOUND and self._entered(chain, cell, search.q, index):
+                return Verdict(REACHED, empty, [*open_, *left, (part, level)])
+            elif level < self.depth:
+                left += [(half, level + 1) for half in part.halves(LEVER * chain.reach)]
+            else:
+                open_.append((part, level))
+        return Verdict(UNDECIDED, empty, open_) if open_ else Verdict(EMPTY, 1.0, [])
+
+    def _excluded(self, chain: SerialChain, part: Cell, budget: int) -> Search:
+        """Look for joint values whose pose is in a ball around a part of a cell, or prove that there are none."""
+        T, position, angle = part.ball()
+        if part.arc is None:
+            position, angle = position + self.off[0], min(angle + self.off[1], np.pi)
+        goal = Goal.pose(T, position_tolerance=position, orientation_tolerance=angle)
+        return excluded(Problem(chain, goal), budget, threads=1)
+
+    def _entered(self, chain: SerialChain, cell: Cell, q: Array, index: Index) -> bool:
+        """Do steps from joint values, (n,), lead to some whose pose lies in a cell?"""
+        weights = np.repeat([1.0, LEVER * chain.reach], 3)
+        low, high = open_limits(chain)
+        for _ in range(STEPS):
+            T = chain.forward(q[None])[0]
+            if self._lies_in(cell, T, index):
+                return True
+            near = cell.nearest(T)
+            miss = weights * np.append(near[:3, 3] - T[:3, 3], turn_vector(near[:3, :3] @ T[:3, :3].T))
+            J = weights[:, None] * jacobian_many(chain.arrays, q[None])[0]
+            step = J.T @ np.linalg.solve(J @ J.T + DAMPING * np.eye(6), miss)
+            q = np.clip(q + step * min(1.0, LONGEST / max(np.abs(step).max(), LONGEST)), low, high)
+        return False
+
+    def _lies_in(self, cell: Cell, T: Array, index: Index) -> bool:
+        """Does a pose, (4, 4), lie in a cell, or in a stack?"""
+        *place, number = (int(i) for i in self.grid.cells_of(T))
+        return (*place, number if cell.arc is not None else number // self.grid.orientations.arcs) == index
 
 
-def holds(arm: Arm, grid: Grid | Rings, index: tuple[int, ...], q: Array) -> bool:
-    """Does the pose of joint values, (n,), lie in a cell?"""
-    return tuple(int(i) for i in grid.cells_of(arm.fk(q))) == index
-
-
-def reached_inside(arm: Arm, grid: Grid | Rings, cell: Cell, frame: Array, q: Array) -> bool:
-    """Is the pose of the cell reached that is nearest to that of joint values, (n,), in each of its coordinates?"""
-    T = arm.fk(q)
-    place, R = T[:3, 3], T[:3, :3]
-    if isinstance(grid, Rings):
-        back = about_z(-azimuths(T))
-        place, R = np.array([np.hypot(place[0], place[1]), place[2]]), back @ R
-    (low, high), sides = cell.box.T, cell.box[:, 1] - cell.box[:, 0]
-    place = np.clip(place, low + INSIDE * sides, high - INSIDE * sides)
-    d, region = R[:, 2], cell.region
-    polar, azimuth = np.arctan2(np.hypot(d[0], d[1]), d[2]), np.arctan2(d[1], d[0])
-    middle = region[2:].mean()
-    azimuth = middle + np.mod(azimuth - middle + np.pi, 2 * np.pi) - np.pi
-    polar, azimuth = (_within(value, *ends) for value, ends in ((polar, region[:2]), (azimuth, region[2:])))
-    turn = _within(float(twist(frame[:, 2], frame, R)), *cell.arc)
-    T = np.eye(4)
-    T[:3, :3] = shortest_turn(frame[:, 2], direction(polar, azimuth)) @ frame @ about_z(turn)
-    T[:3, 3] = (place[0], 0.0, place[1]) if isinstance(grid, Rings) else place
-    return bool(reached(arm, Goal.pose(T[None]))[0])
-
-
-def _within(value: float, low: float, high: float) -> float:
-    """The nearest value of an interval, a little inside."""
-    return float(np.clip(value, low + INSIDE * (high - low), high - INSIDE * (high - low)))
-
-
-def whole_cell(grid: Grid | Rings, index: tuple[int, ...]) -> tuple[Cell, Array]:
-    """A cell, and the frame from which its turns are counted, (3, 3)."""
-    middles = np.array([each[i] for each, i in zip(grid.places, index, strict=False)])
-    half = np.array(grid.widths) / 2
-    turns = grid.orientations
-    region, arc = divmod(index[-1], turns.arcs)
-    start = 2 * arc * turns.half_arc - np.pi
-    cell = Cell(
-        np.stack([middles - half, middles + half], axis=1),
-        turns.regions[region],
-        (start, start + 2 * turns.half_arc),
-    )
-    return cell, turns.frames[region]
+def turn_vector(R: Array) -> Array:
+    """Axis times sine of the angle of a rotation, (3, 3) -> (3,)."""
+    return np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
