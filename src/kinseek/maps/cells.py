@@ -19,17 +19,16 @@ from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.goal import Goal
-from kinseek.kernels.arm.division import TURN
 from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.kernels.proof.progress import ENDED, FOUND
 from kinseek.problem import Problem
 from kinseek.proof.boxes import Search, excluded
 from kinseek.robots import SerialChain
-from kinseek.robots.geometry import divide, open_limits
-from kinseek.turns import holds_a_turn
+from kinseek.robots.geometry import open_limits
 
 from .cell import Cell, whole_cell
 from .grid import Grid, Rings
+from .last_joint import LastJoint, opened
 from .search import reached
 
 Array = NDArray[np.float64]
@@ -50,9 +49,6 @@ ATTRIBUTES: dict[str, dict[str, Any]] = {
 
 LEVER = 0.2
 """A turn counts, when a cell is cut, as the way of a point so far off, as a part of the arm's reach."""
-
-ON_AXIS = 1e-4
-"""A last joint turns about the tip's z axis if that is no more off [m], and no more tilted [rad]. Balls are wider by it."""
 
 FIRST = 1000
 """Boxes of a first proof: what most empty cells take. What it does not end is looked for an answer."""
@@ -120,22 +116,7 @@ class Judge:
     def __init__(self, arm: Arm, grid: Grid | Rings, depth: int, budget: int) -> None:
         """Take an arm, how often a cell is cut in half, and boxes that one proof may look at."""
         self.arm, self.grid, self.depth, self.budget = arm, grid, depth, budget
-        chain = arm.chain
-        off = float(np.hypot(*chain.fixed[-1][:2, 3])), float(np.hypot(*chain.fixed[-1][:2, 2]))
-        turns = divide(chain, Goal.pose(np.eye(4)).form).tail == TURN
-        self.rolls = turns and max(off) <= ON_AXIS
-        """Does the last joint turn about the tip's z axis?"""
-        self.off = (2.0 * off[0], np.pi * off[1]) if self.rolls else (0.0, 0.0)
-        """By how much such a turn misses, at most [m] and [rad]."""
-        self.free = self.rolls and bool(holds_a_turn(chain.lower[-1:], chain.upper[-1:])[0])
-        """And all around?"""
-        self.rolled: SerialChain = chain
-        if self.rolls:
-            self.rolled = chain.limited(
-                np.append(chain.lower[:-1], -np.pi),
-                np.append(chain.upper[:-1], np.pi),
-                (*chain.kinds[:-1], "continuous"),
-            )
+        self.last = LastJoint.of(arm.chain)
 
     def row(self, place: Index, numbers: Sequence[int], found: Flags) -> list[Verdict]:
         """Judge cells of one place and direction.
@@ -146,11 +127,12 @@ class Judge:
             found: Of each, is its middle reached?
         """
         known, stack = Verdict(REACHED, 0.0, []), None
-        if found.all() or (self.free and found.any()):
+        free = self.last is not None and self.last.free
+        if found.all() or (free and found.any()):
             return [known] * len(numbers)
-        if self.rolls:
+        if self.last is not None:
             stack = self.stack(place, numbers[0] // self.grid.orientations.arcs)
-            if self.free or stack.known != REACHED:
+            if free or stack.known != REACHED:
                 return [known if there else stack for there in found]
         return [
             known if there else self.cell((*place, number), stack)
@@ -160,7 +142,7 @@ class Judge:
     def stack(self, place: Index, region: int) -> Verdict:
         """Judge all cells of one place and direction together, as if the last joint turned all around."""
         cell = whole_cell(self.grid, (*place, region * self.grid.orientations.arcs), rolls=True)
-        return self._judged(self.rolled, cell, [(cell, 0)], (*place, region))
+        return self._judged(opened(self.arm.chain), cell, [(cell, 0)], (*place, region))
 
     def cell(self, index: Index, stack: Verdict | None = None) -> Verdict:
         """Judge one cell, or what its stack leaves of it, if that is known."""
@@ -198,8 +180,8 @@ class Judge:
     def _excluded(self, chain: SerialChain, part: Cell, budget: int) -> Search:
         """Look for joint values whose pose is in a ball around a part of a cell, or prove that there are none."""
         T, position, angle = part.ball()
-        if part.arc is None:
-            position, angle = position + self.off[0], min(angle + self.off[1], np.pi)
+        if part.arc is None and self.last is not None:
+            position, angle = position + self.last.position, min(angle + self.last.orientation, np.pi)
         goal = Goal.pose(T, position_tolerance=position, orientation_tolerance=angle)
         return excluded(Problem(chain, goal), budget, threads=1)
 

@@ -1,12 +1,14 @@
 """Reached or not, of many poses, and a cheap no.
 
 Who asks `arm.ik` for a pose that is out of reach gets the nearest one, which takes a hundred times as long as an answer.
-A map wants no nearest pose. So lengths and angles are asked first, the gate of a proof; then eight samples of the atlas for
-each pose, eight poses at a time, as in any batch; what is left gets a limited number of FK evaluations.
+A map wants no nearest pose. So lengths and angles are asked first, the gate of a proof; then the closed form, where the arm
+has one; then eight samples of the atlas for each pose, eight poses at a time, as in any batch; what is left gets a limited
+number of FK evaluations.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -20,6 +22,7 @@ from kinseek.kernels.arm.division import NONE
 from kinseek.kernels.atlas.batch import solve_many, solve_some
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR
+from kinseek.kernels.maps.many_closed import LEFT, YES, many_closed
 from kinseek.kernels.maps.many_gates import many_gates
 from kinseek.problem import Problem
 from kinseek.proof.reduce import LARGEST, question
@@ -27,11 +30,17 @@ from kinseek.robots.geometry import divide
 from kinseek.solvers.atlas.index import atlas_of, wanted_of
 from kinseek.transforms import inverse, square
 
+from .last_joint import LastJoint
+
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 PATIENCE = 1000
 """FK evaluations for a pose that its first eight samples do not lead to."""
+
+TURNED = 1e-12
+"""By so much tolerances are tighter [m] and [rad] where a pose stands for others that are turned about the tip's z axis:
+rounding of the hand's pose when the last joint makes that turn."""
 
 
 def reached(arm: Arm, goal: Goal, patience: int | None = PATIENCE) -> Flags:
@@ -45,7 +54,31 @@ def reached(arm: Arm, goal: Goal, patience: int | None = PATIENCE) -> Flags:
     Returns:
         (k,): is there an answer inside the limits and within the tolerances, by plain forward kinematics? A no is no proof.
     """
-    return answers(arm, goal, patience)[0]
+    last, targets = LastJoint.of(arm.chain), goal.targets
+    if last is None or not last.free:
+        return _reached(arm, goal, patience)
+    # Where the last joint turns all around, poses that differ by such a turn are one question; grids have them in a row.
+    firsts = np.append(True, (targets[1:, :, 2:] != targets[:-1, :, 2:]).any(axis=(1, 2)))[: len(targets)]
+    position = goal.position_tolerance - last.position - TURNED
+    orientation = goal.orientation_tolerance - last.orientation - TURNED
+    if firsts.all() or min(position, orientation) <= 0.0:
+        return _reached(arm, goal, patience)
+    tighter = replace(goal, position_tolerance=position, orientation_tolerance=orientation)
+    found = _reached(arm, tighter.at(goal.target[firsts]), patience)
+    return np.asarray(found[np.cumsum(firsts) - 1])
+
+
+def _reached(arm: Arm, goal: Goal, patience: int | None) -> Flags:
+    """See `reached`."""
+    targets = goal.targets
+    found, open_ = np.zeros(len(targets), dtype=bool), np.flatnonzero(~ruled_out(arm, goal))
+    told, asked = np.empty(len(open_), dtype=np.int64), np.ascontiguousarray(targets[open_])
+    index = atlas_of(arm.chain, goal)
+    many_closed(index.handle, wanted_of(goal), arm.structure.numbers, asked, told, LANES)
+    found[open_[told == YES]] = True
+    left = open_[told == LEFT]
+    found[left] = _searched(arm, goal, targets[left], patience)[0]
+    return found
 
 
 def reached_freely(
@@ -75,14 +108,20 @@ def reached_freely(
 
 def answers(arm: Arm, goal: Goal, patience: int | None) -> tuple[Flags, Array]:
     """Of many poses whether an answer is found, (k,), and joint values, (k, n), which are one where it is."""
-    targets = goal.targets
-    index, open_ = atlas_of(arm.chain, goal), np.flatnonzero(~ruled_out(arm, goal))
-    results = np.full((len(targets), arm.dof + 4), np.inf)
-    some, asked = np.ascontiguousarray(targets[open_]), results[open_]
-    left = np.empty(len(open_), dtype=np.int64)
-    count = solve_many(index.handle, wanted_of(goal), some, asked, left, 0, len(open_), LANES)
-    solve_some(index.handle, wanted_of(goal, patience), some, asked, left[:count].copy(), 0, count, LANES)
-    results[open_] = asked
+    found, open_ = np.zeros(len(goal.targets), dtype=bool), np.flatnonzero(~ruled_out(arm, goal))
+    q = np.full((len(found), arm.dof), np.inf)
+    found[open_], q[open_] = _searched(arm, goal, goal.targets[open_], patience)
+    return found, q
+
+
+def _searched(arm: Arm, goal: Goal, targets: Array, patience: int | None) -> tuple[Flags, Array]:
+    """The same of some targets, (k, 3, 4), with the tolerances of a goal: of those that nothing rules out."""
+    index, targets = atlas_of(arm.chain, goal), np.ascontiguousarray(targets)
+    results, left = np.full((len(targets), arm.dof + 4), np.inf), np.empty(len(targets), dtype=np.int64)
+    count = solve_many(index.handle, wanted_of(goal), targets, results, left, 0, len(targets), LANES)
+    solve_some(
+        index.handle, wanted_of(goal, patience), targets, results, left[:count].copy(), 0, count, LANES
+    )
     errors = results[:, arm.dof :]
     near = errors[:, POSITION_ERROR] <= goal.position_tolerance
     met = np.asarray(near & (errors[:, ORIENTATION_ERROR] <= goal.orientation_tolerance))

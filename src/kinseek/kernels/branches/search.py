@@ -30,8 +30,8 @@ from kinseek.kernels.atlas.task import EVALUATIONS, HANDLE, WANTED, Task, task_o
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import called, entry, hidden
 from kinseek.kernels.structure.candidates import NUMBERS, WORK
+from kinseek.kernels.structure.closed import SURE, TRIED, UNSURE, closed_starts, serves
 
-from .closed import SURE, TRIED, UNSURE, closed_starts, serves
 from .refine_all import (
     ANSWERS,
     CENTRE,

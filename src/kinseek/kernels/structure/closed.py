@@ -10,7 +10,8 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.seeds import turns_fully
 from kinseek.kernels.atlas.task import Task
 from kinseek.kernels.jit import hidden
-from kinseek.kernels.structure.candidates import (
+
+from .candidates import (
     AGAIN,
     BACKWARD,
     DEVIATION,

@@ -1,0 +1,68 @@
+"""Which of many poses does a closed form reach? For most of them it says yes or no, at the cost of its candidates."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kinseek.kernels.arm.forward import forward
+from kinseek.kernels.arm.pose_error import errors
+from kinseek.kernels.arrays import Array, GoalArrays, Indices
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.task import HANDLE, WANTED, task_of
+from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.jit import entry
+from kinseek.kernels.structure.candidates import NUMBERS, WORK
+from kinseek.kernels.structure.closed import TRIED, UNSURE, closed_starts, serves
+
+LEFT, NO, YES = range(3)
+"""What is told of a pose: it is left to a search; it has no candidate inside the limits or beside them; one of them is an
+answer."""
+
+
+@entry(
+    returns=I64,
+    handle=HANDLE,
+    wanted=F64[WANTED],
+    structure=F64[NUMBERS],
+    targets=F64["k", 3, 4],
+    told=I64["k"].out,
+    w=I64,
+)
+def many_closed(
+    handle: Indices, wanted: Array, structure: Array, targets: Array, told: Indices, w: int
+) -> int:
+    """Tell of poses whether a closed form reaches them.
+
+    Args:
+        handle: The task, see `task_of`.
+        wanted: See `task_of`.
+        structure: See `structure.candidates.KIND`, (NUMBERS,).
+        targets: Rigid transforms, (k, 3, 4), lengths in [m].
+        told: Receives LEFT, NO or YES, (k,).
+        w: LANES.
+
+    Returns:
+        How many are left.
+    """
+    task = task_of(handle, wanted)
+    dof = len(task.lower)
+    left = len(targets)
+    if not serves(task, structure):
+        for i in range(left):
+            told[i] = LEFT
+        return left
+    D, T, work = np.empty((3, 4)), np.empty((3, 4)), np.empty(WORK)
+    seeds, asked = np.empty((LANES, dof)), np.empty(3)
+    for i in range(len(targets)):
+        closed_starts(task, structure, targets[i], D, work, seeds, asked, w)
+        many = int(asked[TRIED])
+        told[i] = NO if many == 0 and asked[UNSURE] == 0.0 else LEFT
+        goal = GoalArrays(targets[i], task.position_weight, task.axis_weights)
+        for j in range(many):
+            forward(task.chain, seeds[j], T)
+            position, orientation = errors(T, goal)
+            if position <= task.position_tolerance and orientation <= task.orientation_tolerance:
+                told[i] = YES
+                break
+        left -= 1 if told[i] != LEFT else 0
+    return left
