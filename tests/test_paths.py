@@ -16,6 +16,8 @@ from kinseek import Goal, InvalidGoal, InvalidProblem, InvalidSolver, NotReached
 from kinseek.kernels.paths.band import solve_band
 from kinseek.kernels.paths.programme import COPIED, DISTANCE, STRAIGHT, best_way
 from kinseek.kernels.paths.trace import ENDED, JOINED, TAKEN, part_ways
+from kinseek.paths.layers import Follower, Loss
+from kinseek.problem import Problem
 
 Array = NDArray[np.float64]
 
@@ -62,6 +64,24 @@ def test_a_branch_beside_a_singularity_is_not_left_for_its_neighbour() -> None:
     part = q[416:482]
     path = arm.follow(arm.fk(part), max_step=1.5 * largest).require()
     assert path.largest_step.max() <= 1.5 * largest
+
+
+def test_pairs_of_branches_that_vanish_are_not_looked_for() -> None:
+    arm = kinseek.load("irb120")
+    follower = Follower(Problem(arm.chain, Goal.pose(arm.fk(made(arm, 3, 0)))), np.full(6, 0.3))
+
+    def lost(target: int, way: int, q: float, taken: bool = False) -> Loss:
+        return Loss(target, way, np.full(6, q), taken)
+
+    assert follower.vanish(1, [lost(1, 1, 0.0), lost(1, 1, 0.4)])
+    assert follower.vanish(1, [lost(1, 1, 0.0), lost(1, 1, 0.4 + 2 * np.pi), lost(5, -1, 0.0)])
+    assert follower.vanish(1, [lost(1, 1, q) for q in (0.0, 2.0, 1.8, 0.1)])
+    assert not follower.vanish(1, [lost(1, 1, 0.0)])
+    assert not follower.vanish(1, [lost(1, 1, 0.0), lost(1, 1, 1.5)])
+    assert not follower.vanish(1, [lost(1, 1, 0.0), lost(1, 1, 0.4), lost(1, 1, 0.5)])
+    assert not follower.vanish(1, [lost(1, 1, 0.0), lost(1, 1, 0.4, taken=True)])
+    assert not follower.vanish(1, [lost(1, 1, 0.0), lost(1, 1, 0.4), lost(0, -1, 0.2)])
+    assert not follower.vanish(1, [lost(1, 1, 0.0), lost(1, -1, 0.4)])
 
 
 @pytest.mark.slow

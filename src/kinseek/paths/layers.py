@@ -3,13 +3,15 @@
 Limits are opened to a whole turn, so that a branch that leaves the limits and comes back is still the same branch; without
 limits branches appear and vanish at singularities alone. At every `EVERY`-th pose all branches are found. From each of these
 poses all are followed forward to the next; what is found there and did not arrive is followed backward. Where a branch ends
-in between, all branches are found at the pose where it was lost, and those that nobody knows are followed both ways.
+in between, all branches are found at the pose where it was lost, and those that nobody knows are followed both ways; but
+where two end together, they met and vanished.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +20,11 @@ from kinseek.branches.index import BranchIndex, index_of
 from kinseek.branches.result import answers_of
 from kinseek.deadline import Deadline
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.paths.trace import JOINED, part_ways, trace
+from kinseek.kernels.paths.trace import JOINED, TAKEN, part_ways, trace
 from kinseek.problem import Problem
 from kinseek.solvers.atlas.index import wanted_of
 from kinseek.solvers.threads import GoOn, spread
+from kinseek.turns import shortest
 
 from .joints import opened
 
@@ -36,6 +39,10 @@ SAME = 1e-3
 
 LEAPS = 0.5
 """A branch may move a joint so far [rad or m] from pose to pose, or as far as the caller's largest step if that is more."""
+
+
+FOLD = 1.0
+"""Two branches that vanish between this pose and the next are closer than this in every joint [rad or m]."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +78,19 @@ class Piece:
     def covers(self, i: int) -> bool:
         """Does it have an answer to pose i?"""
         return self.first <= i < self.first + len(self.q)
+
+
+class Loss(NamedTuple):
+    """Where a branch could not be followed any farther."""
+
+    target: int
+    """The first target for which it has no answer."""
+    way: int
+    """1 if it was followed forward, -1 if backward."""
+    q: Array
+    """Its last answer, (n,)."""
+    taken: bool
+    """Did it come upon another branch?"""
 
 
 class Follower:
@@ -128,7 +148,7 @@ class Follower:
             spans[first : first + LANES, 0 if end < begin else 1] = ends[: len(some)]
         return np.concatenate(parts, axis=1) if parts else np.zeros((len(targets), 0, self.dof)), spans
 
-    def extend(self, pieces: list[Piece], answers: Array, begin: int, end: int) -> set[int]:
+    def extend(self, pieces: list[Piece], answers: Array, begin: int, end: int) -> list[Loss]:
         """Follow answers that are not known yet from target to target, as far as they stay on their branches.
 
         Args:
@@ -138,11 +158,11 @@ class Follower:
             end: How far they are followed, forward or backward.
 
         Returns:
-            Targets at which a branch was lost.
+            The branches that were lost on the way.
         """
         if not len(answers):
-            return set()
-        low, way, lost = min(begin, end), 1 if end >= begin else -1, set[int]()
+            return []
+        low, way, lost = min(begin, end), 1 if end >= begin else -1, list[Loss]()
         rows, spans = self._traced(answers, begin, end)
         known, known_spans = _table(pieces, low, max(begin, end), self.dof)
         rows, spans = np.concatenate([known, rows], axis=1), np.concatenate([known_spans, spans])
@@ -153,22 +173,44 @@ class Follower:
             pieces.append(Piece(low + one, rows[one : last + 1, k]))
             ended = low + (last if way > 0 else one)
             if ended != end and became[k] != JOINED:
-                lost.add(ended + way)
+                lost.append(Loss(ended + way, way, rows[ended - low, k], bool(became[k] == TAKEN)))
         return lost
 
     def between(self, begin: int, end: int, at_begin: Array, at_end: Array) -> list[Piece]:
         """All branches from one target where all are known to the next, both included."""
         pieces: list[Piece] = []
         lost = self.extend(pieces, at_begin, begin, end)
-        lost |= self.extend(pieces, self.unknown(at_end, _answers(pieces, end, self.dof)), end, begin)
+        lost += self.extend(pieces, self.unknown(at_end, _answers(pieces, end, self.dof)), end, begin)
         done: set[int] = set()
-        while lost - done:
-            i = min(lost - done)
+        while doubtful := {one.target for one in lost} - done:
+            i = min(doubtful)
             done.add(i)
+            if self.vanish(i, lost):
+                continue
             fresh = self.unknown(self.all_at(i), _answers(pieces, i, self.dof))
-            lost |= self.extend(pieces, fresh, i, end) if i < end else set()
-            lost |= self.extend(pieces, fresh, i, begin) if i > begin else set()
+            lost += self.extend(pieces, fresh, i, end) if i < end else []
+            lost += self.extend(pieces, fresh, i, begin) if i > begin else []
         return pieces
+
+    def vanish(self, i: int, lost: list[Loss]) -> bool:
+        """Is what was lost at a target pairs of branches that met and vanished, so that nothing goes on from them there?
+
+        Two that meet at a fold end together and close together, and none comes from the other side.
+        """
+        here = [one for one in lost if one.target == i]
+        other = -here[0].way
+        if any(one.taken for one in here) or any(
+            one.way == other and abs(one.target - i) <= 1 for one in lost
+        ):
+            return False
+        rows = np.array([one.q for one in here])
+        while len(rows) > 1:
+            gap = rows[1:] - rows[0]
+            gap = np.abs(np.where(self._turns, shortest(gap), gap)).max(axis=1)
+            if gap.min() >= FOLD:
+                return False
+            rows = np.delete(rows[1:], gap.argmin(), axis=0)
+        return not len(rows)
 
 
 def _answers(pieces: list[Piece], i: int, dof: int) -> Array:
