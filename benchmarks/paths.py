@@ -129,9 +129,10 @@ def memory_of(arm: kinseek.Arm) -> float:
     """What a pose adds to the most memory that Python and NumPy hold [bytes]."""
     peaks = []
     for count in (1000, 4000):
-        T = arm.fk(curve(arm, count, 0))
+        q = curve(arm, count, 0)
+        T, largest = arm.fk(q), float(np.abs(np.diff(q, axis=0)).max())
         tracemalloc.start()
-        arm.follow(T, threads=1)
+        arm.follow(T, max_step=WITHIN * largest, threads=1)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     return float(peaks[1] - peaks[0]) / 3000

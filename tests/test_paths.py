@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import pickle
+import tracemalloc
 from collections.abc import Iterator
 from typing import Any
 
@@ -64,6 +65,20 @@ def test_a_branch_beside_a_singularity_is_not_left_for_its_neighbour() -> None:
     part = q[416:482]
     path = arm.follow(arm.fk(part), max_step=1.5 * largest).require()
     assert path.largest_step.max() <= 1.5 * largest
+
+
+@pytest.mark.slow
+def test_memory_grows_by_two_kilobytes_a_pose_with_joints_to_spare() -> None:
+    arm, peaks = kinseek.load("panda"), []
+    for count in (1000, 3000):
+        q = made(arm, count, 0, 4, 0.98)
+        T, longest = arm.fk(q), 1.5 * float(np.abs(np.diff(q, axis=0)).max())
+        arm.follow(T[:40], max_step=longest, threads=1)  # What the arm needs once.
+        tracemalloc.start()
+        arm.follow(T, max_step=longest, threads=1).require()
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] - peaks[0] < 2000 * 2000
 
 
 def test_pairs_of_branches_that_vanish_are_not_looked_for() -> None:

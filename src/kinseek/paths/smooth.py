@@ -187,6 +187,7 @@ class Smoother:
         coupling = np.zeros_like(q)
         coupling[:-1] = heavy * self.weights**2 / row.spans
         blocks = np.matmul(np.swapaxes(J, 1, 2), J)
+        del J  # It is as large as the blocks, which are there twice below.
         blocks *= STIFF * heavy.max() * float((self.weights**2).mean())
         diagonal = np.arange(q.shape[1])
         beside = coupling.copy()
@@ -197,9 +198,9 @@ class Smoother:
         pull[1:] -= coupling[:-1] * steps
         held = np.repeat(row.fixed[:, None], q.shape[1], axis=1)
         move, firm = np.zeros_like(q), HELD * heavy.max() * self.weights**2
-        step = move
+        step, system = move, np.empty_like(blocks)
         for _ in range(ACTIVE):
-            system, step = blocks.copy(), np.where(held, firm * move, pull)
+            system[:], step = blocks, np.where(held, firm * move, pull)
             system[:, diagonal, diagonal] += np.where(held, firm, 0.0)
             solve_band(system, coupling, step)
             beyond = ~held & ((q + step < self.lower - 1e-9) | (q + step > self.upper + 1e-9))
