@@ -15,7 +15,8 @@ from kinseek.errors import InvalidMap, suggest
 from kinseek.goal import Goal
 from kinseek.turns import shortest
 
-from .search import PATIENCE, reached, reached_freely
+from .free import reached_freely
+from .search import PATIENCE, reached
 
 Array = NDArray[np.float64]
 

@@ -9,14 +9,11 @@ number of FK evaluations.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
-from kinseek.branches.result import BranchesBatch
-from kinseek.collision import Scene
 from kinseek.goal import Goal
 from kinseek.kernels.arm.division import NONE
 from kinseek.kernels.atlas.batch import solve_many, solve_some
@@ -70,62 +67,22 @@ def reached(arm: Arm, goal: Goal, patience: int | None = PATIENCE) -> Flags:
 
 def _reached(arm: Arm, goal: Goal, patience: int | None) -> Flags:
     """See `reached`."""
-    targets = goal.targets
+    targets, index, wanted = goal.targets, atlas_of(arm.chain, goal), wanted_of(goal)
     found, open_ = np.zeros(len(targets), dtype=bool), np.flatnonzero(~ruled_out(arm, goal))
-    told, asked = np.empty(len(open_), dtype=np.int64), np.ascontiguousarray(targets[open_])
-    index = atlas_of(arm.chain, goal)
-    many_closed(index.handle, wanted_of(goal), arm.structure.numbers, asked, told, LANES)
-    found[open_[told == YES]] = True
-    left = open_[told == LEFT]
-    found[left] = _searched(arm, goal, targets[left], patience)[0]
-    return found
-
-
-def reached_freely(
-    arm: Arm, goal: Goal, scene: Scene, clearance: float, patience: int | None = PATIENCE
-) -> Flags:
-    """Say of many poses whether an answer is found that is free in a scene; see `reached`.
-
-    Most answers that are found first are free. Where one is not, all branches are asked in one call; and where none of these
-    is free, and they are a sample of endlessly many, `Arm.ik` looks through more of them.
-    """
-    free, q = answers(arm, goal, patience)
-    left = np.flatnonzero(free)
-    if len(left):
-        free[left] = scene.free(q[left], clearance, threads=1)
-        left = left[~free[left]]
-    if len(left):
-        every = cast(BranchesBatch, arm.branches(goal.at(goal.target[left]), threads=1))
-        owners = np.repeat(np.arange(len(left)), every.counts)
-        free[left[owners[scene.free(every.q, clearance, threads=1)]]] = True
-        missed = np.flatnonzero(~free[left]).tolist()
-        left = left[[i for i in missed if not len(every[i]) or every[i].sampled]]
-    if len(left):
-        asked = goal.at(goal.target[left])
-        free[left] = arm.ik(asked, scene=scene, clearance=clearance, threads=1).success
-    return free
-
-
-def answers(arm: Arm, goal: Goal, patience: int | None) -> tuple[Flags, Array]:
-    """Of many poses whether an answer is found, (k,), and joint values, (k, n), which are one where it is."""
-    found, open_ = np.zeros(len(goal.targets), dtype=bool), np.flatnonzero(~ruled_out(arm, goal))
-    q = np.full((len(found), arm.dof), np.inf)
-    found[open_], q[open_] = _searched(arm, goal, goal.targets[open_], patience)
-    return found, q
-
-
-def _searched(arm: Arm, goal: Goal, targets: Array, patience: int | None) -> tuple[Flags, Array]:
-    """The same of some targets, (k, 3, 4), with the tolerances of a goal: of those that nothing rules out."""
-    index, targets = atlas_of(arm.chain, goal), np.ascontiguousarray(targets)
-    results, left = np.full((len(targets), arm.dof + 4), np.inf), np.empty(len(targets), dtype=np.int64)
-    count = solve_many(index.handle, wanted_of(goal), targets, results, left, 0, len(targets), LANES)
-    solve_some(
-        index.handle, wanted_of(goal, patience), targets, results, left[:count].copy(), 0, count, LANES
+    told = np.empty(len(open_), dtype=np.int64)
+    many_closed(
+        index.handle, wanted, arm.structure.numbers, np.ascontiguousarray(targets[open_]), told, LANES
     )
+    found[open_[told == YES]] = True
+    open_ = open_[told == LEFT]
+    some, left = np.ascontiguousarray(targets[open_]), np.empty(len(open_), dtype=np.int64)
+    results = np.full((len(open_), arm.dof + 4), np.inf)
+    count = solve_many(index.handle, wanted, some, results, left, 0, len(open_), LANES)
+    solve_some(index.handle, wanted_of(goal, patience), some, results, left[:count].copy(), 0, count, LANES)
     errors = results[:, arm.dof :]
     near = errors[:, POSITION_ERROR] <= goal.position_tolerance
-    met = np.asarray(near & (errors[:, ORIENTATION_ERROR] <= goal.orientation_tolerance))
-    return met, np.ascontiguousarray(results[:, : arm.dof])
+    found[open_] = near & (errors[:, ORIENTATION_ERROR] <= goal.orientation_tolerance)
+    return found
 
 
 def ruled_out(arm: Arm, goal: Goal) -> Flags:
