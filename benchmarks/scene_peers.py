@@ -123,6 +123,10 @@ def beside(page: Page, options: Any, by_hand: Any, best: Any) -> None:
     page.say(
         f"{len(q):,} random joint values, {truth.mean():.0%} of them free to coal, one thread. {releases(versions)}"
     )
+    page.say(
+        "VAMP takes one q a call from Python, and the environment with it; eight side by side are for its own planner.",
+        "PyRoki is a commit of its repository, compiled by JAX for one core of the processor; it is made for a GPU.",
+    )
     page.table("who | >µs one by one | >µs of a batch | >false alarms | >misses | ", rows)
 
 

@@ -130,7 +130,7 @@ def test_the_arm_alone(capsys: pytest.CaptureFixture[str]) -> None:
         (["--clearance", "0.01"], "add --scene FILE, or --scene self"),
         (["--capsules", "0.05"], "--capsules says something of a scene"),
         (["--srdf", "arm.srdf"], "--srdf says something of a scene"),
-        (["--scene", "cell.urdf"], "no geometry of arm 'ur5e' is known"),
+        (["--scene", "cell.urdf"], "capsules=0.05; on a command line --capsules 0.05"),
         ([*IN_CELL, "--clearance", "-1"], "clearance must be a length of at least 0 m, got -1.0"),
         (["--scene", "shelf.urdf", "--capsules", "0.05"], "no file 'shelf.urdf'"),
         ([*IN_CELL, "--scene", "cell.urdf"], "'table' is a body of the scene already"),

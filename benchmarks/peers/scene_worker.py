@@ -29,6 +29,8 @@ REPEATS = 3
 def vamp(scene: Any) -> Check:
     """Its spheres, eight joint values side by side; from Python it takes one at a time."""
     module = importlib.import_module("vamp")
+    if list(module.panda.joint_names()) != [str(name) for name in scene["joints"]]:
+        raise RuntimeError("its spheres are those of the Panda")
     environment = module.Environment()
     for begin, end, radius in zip(scene["begins"], scene["ends"], scene["radii"], strict=True):
         # By middle and Euler angles: its other way to make one, by two ends, ends the process in release 0.6.4.
@@ -116,7 +118,7 @@ def main() -> None:
     name, source, destination = arguments(__doc__, PEERS)
     scene = dict(np.load(source, allow_pickle=False))
     one, many = PEERS[name](scene)
-    q = scene["q"]
+    q = scene["q"].astype(np.float32)  # As both of them compute.
     few = q[: max(len(q) // 10, 1)]
     free = np.asarray(many(q))
     single, batch = seconds(lambda: [one(each) for each in few]), seconds(lambda: many(q))

@@ -6,12 +6,13 @@ import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import click
 import numpy as np
 
 from kinseek.arm import Arm
 from kinseek.branches.result import Branches
 from kinseek.collision import Scene
-from kinseek.errors import InvalidProblem
+from kinseek.errors import InvalidProblem, InvalidScene
 from kinseek.solution import Solution
 
 from .help import option, together
@@ -54,7 +55,12 @@ class Cell(NamedTuple):
                     )
             return None
         meshes: Any = SKIP if self.meshes == (SKIP,) else self.meshes
-        scene = Scene.of(arm, meshes, self.srdf, capsules=self.capsules)
+        try:
+            scene = Scene.of(arm, meshes, self.srdf, capsules=self.capsules)
+        except InvalidScene as error:
+            if "capsules=" not in str(error):
+                raise
+            raise InvalidScene(f"{error}; on a command line --capsules 0.05") from error
         for name in self.scene:
             if name != SELF:
                 scene.add_file(name, meshes=meshes, trusted=not self.untrusted)
@@ -65,6 +71,7 @@ _scene_options = together(
     option(
         "--scene",
         metavar="FILE",
+        type=click.Path(),
         multiple=True,
         group=GROUP,
         help="What stands around the arm, in the frame of its base: a .urdf or .xacro file whose joints are fixed, or a "
@@ -78,7 +85,13 @@ _scene_options = together(
         group=GROUP,
         help="How far apart bodies have to be, m. Default: 0.",
     ),
-    option("--srdf", metavar="FILE", group=GROUP, help="An SRDF file, whose disabled pairs may touch."),
+    option(
+        "--srdf",
+        metavar="FILE",
+        type=click.Path(),
+        group=GROUP,
+        help="An SRDF file, whose disabled pairs may touch.",
+    ),
     option(
         "--capsules",
         metavar="M",
@@ -89,6 +102,7 @@ _scene_options = together(
     option(
         "--meshes",
         metavar="FOLDER",
+        type=click.Path(),
         multiple=True,
         group=GROUP,
         help="Where the packages are that package:// addresses name; once for each. "
