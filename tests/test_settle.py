@@ -1,4 +1,4 @@
-"""Newton's method on the weighted error itself: its derivatives, its promises, and where it ends."""
+"""Newton's method on the weighted error itself, and on the squared one: its derivatives, its promises, and where it ends."""
 
 from __future__ import annotations
 
@@ -36,43 +36,50 @@ def far_goal(chain: SerialChain, rng: np.random.Generator, far: float = 1.0) -> 
     return Goal.pose(T, position_weight=rng.uniform(0.5, 3), orientation_weight=rng.uniform(0, 2))
 
 
+def squared_error(T: Array, goal: Goal) -> float:
+    """Half the squared distance, and ``1 - c·c_g`` of each column, weighted."""
+    asked = goal.arrays
+    gap, weights = T[:3] - asked.target, (*asked.axis_weights, asked.position_weight)
+    return float(0.5 * (gap**2).sum(axis=0) @ weights)
+
+
 @pytest.mark.slow
 @settings(max_examples=60)
-@given(chain=serial_chains(), seed=st.integers(0, 2**32 - 1))
-def test_derivatives_agree_with_differences(chain: SerialChain, seed: int) -> None:
+@given(chain=serial_chains(), seed=st.integers(0, 2**32 - 1), squared=st.booleans())
+def test_derivatives_agree_with_differences(chain: SerialChain, seed: int, squared: bool) -> None:
     rng = np.random.default_rng(seed)
     goal, q, n, m = far_goal(chain, rng), rng.uniform(-2, 2, chain.dof), chain.dof, len(chain.leader)
 
     def at(values: Array) -> tuple[Array, Array]:
         g, H = np.empty(n), np.empty((n, n))
         memory = np.empty((3, 4)), np.empty((m, 6)), np.empty((m, 3))
-        derivatives(chain.arrays, goal.arrays, values, *memory, g, H)
+        derivatives(chain.arrays, goal.arrays, squared, values, *memory, g, H)
         return g, np.tril(H) + np.tril(H, -1).T
 
     g, H = at(q)
     step, size = 1e-6, 1.0 + np.abs(H).max()
-    if np.linalg.norm(fk(chain, q)[:3, 3] - goal.target[:3, 3]) < 1e-2:
+    error = squared_error if squared else weighted_error
+    if not squared and np.linalg.norm(fk(chain, q)[:3, 3] - goal.target[:3, 3]) < 1e-2:
         return  # At the kink differences tell nothing.
     for i in range(n):
         ahead, behind = q + step * np.eye(n)[i], q - step * np.eye(n)[i]
-        slope = (weighted_error(fk(chain, ahead), goal) - weighted_error(fk(chain, behind), goal)) / (
-            2 * step
-        )
+        slope = (error(fk(chain, ahead), goal) - error(fk(chain, behind), goal)) / (2 * step)
         assert g[i] == pytest.approx(slope, abs=1e-6 * size)
         np.testing.assert_allclose(H[i], (at(ahead)[0] - at(behind)[0]) / (2 * step), atol=1e-4 * size)
 
 
 @pytest.mark.slow
 @settings(max_examples=60)
-@given(chain=serial_chains(), seed=st.integers(0, 2**32 - 1))
-def test_it_stays_inside_the_limits_and_is_never_worse(chain: SerialChain, seed: int) -> None:
+@given(chain=serial_chains(), seed=st.integers(0, 2**32 - 1), squared=st.booleans())
+def test_it_stays_inside_the_limits_and_is_never_worse(chain: SerialChain, seed: int, squared: bool) -> None:
     rng = np.random.default_rng(seed)
     goal, start = far_goal(chain, rng), rng.uniform(chain.lower, chain.upper)
     q = start.copy()
-    spent = settle(chain.arrays, goal.arrays, chain.lower, chain.upper, q)
-    assert 1 <= spent <= newton.STEPS + 1
+    spent = settle(chain.arrays, goal.arrays, squared, 0.0, chain.lower, chain.upper, q)
+    assert 1 <= spent <= (newton.VALLEY_STEPS if squared else newton.STEPS) + 1
     assert ((q >= chain.lower) & (q <= chain.upper)).all()
-    before, after = (weighted_error(fk(chain, each), goal) for each in (start, q))
+    error = squared_error if squared else weighted_error
+    before, after = (error(fk(chain, each), goal) for each in (start, q))
     assert after <= before + 1e-12
 
 
@@ -82,7 +89,7 @@ def test_out_of_reach_it_ends_at_a_minimum_as_another_method_does(name: str) -> 
     chain, rng = kinseek.load(name).chain, np.random.default_rng(2)
     for _ in range(10):
         goal, q = far_goal(chain, rng, 10.0), rng.uniform(chain.lower, chain.upper)
-        assert settle(chain.arrays, goal.arrays, chain.lower, chain.upper, q) <= newton.STEPS
+        assert settle(chain.arrays, goal.arrays, False, 0.0, chain.lower, chain.upper, q) <= newton.STEPS
         found = weighted_error(fk(chain, q), goal)
         limits = list(zip(chain.lower, chain.upper, strict=True))
         theirs = minimize(lambda each, goal=goal: weighted_error(fk(chain, each), goal), q, bounds=limits)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from kinseek.kernels.arm.division import nearest_copy
 from kinseek.kernels.arm.forward import forward
-from kinseek.kernels.arm.pose_error import weighted_error
+from kinseek.kernels.arm.pose_error import errors, weighted_error
 from kinseek.kernels.arm.range_error import range_weighted
-from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.arrays import Array, GoalArrays, Indices
 from kinseek.kernels.jit import hidden, routine, spliced, view
 from kinseek.kernels.pointers import call, part1, part2
 
@@ -27,11 +29,11 @@ from .descent import (
 from .lanes import LANES
 from .memory import DEEP, Desk, desk_size, make_desk
 from .newton import STEPS as NEWTON_STEPS
-from .newton import settle
+from .newton import VALLEY_STEPS, settle
 from .seeds import MORE, copy_joints, fill_from_lookup, load_seed, load_seed_row, load_target, look_up
 from .task import ENDING, WANTED, WEIGHT, Job, Task, handle_at, routine_at, task_of
 
-ENDGAME = 2 * (POLISH_STEPS + NEWTON_STEPS + 1) + (DEEP // LANES + 1) * (DEEP_STEPS + 1)
+ENDGAME = 2 * (POLISH_STEPS + NEWTON_STEPS + 1) + (DEEP // LANES + 1) * (DEEP_STEPS + 1) + VALLEY_STEPS + 1
 """FK evaluations that the search for the nearest pose takes at most, a lane."""
 
 
@@ -104,6 +106,8 @@ def ending_routine(
         if turn > 0:
             spent += look_around(job, task, desk, target, w)
         spent += polish(job, task, desk, target, w)
+    if lowest(desk.best_error) <= promise(task):
+        spent += follow_valleys(task, desk, target)
     return spent
 
 
@@ -176,13 +180,35 @@ def polish(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
         if desk.best_error[l] > worth:
             continue
         copy_joints(desk.best, l, desk.seed)
-        spent += settle(task.chain, goal, task.lower, task.upper, desk.seed)
+        spent += settle(task.chain, goal, False, 0.0, task.lower, task.upper, desk.seed)
         forward(task.chain, desk.seed, desk.spare)
         error = weighted_error(desk.spare, goal)
         if error < desk.best_error[l]:
             desk.best_error[l] = error
             for i in range(dof):
                 desk.best[l, i] = desk.seed[i]
+    return spent
+
+
+@hidden
+def follow_valleys(task: Task, desk: Desk, target: Array) -> int:
+    """Follow the valleys that the eight best lie in until one leads to an answer, the new best; return FK evaluations."""
+    weight, spent = 1.0 / (task.length * task.length), 0
+    goal, real = GoalArrays(target, weight, task.columns), goal_of(task, target)
+    # Half of the squares of both tolerances: what is less meets them.
+    least = 0.5 * min(weight * task.position_tolerance**2, task.orientation_tolerance**2)
+    for l in range(LANES):
+        if desk.best_error[l] == np.inf:
+            continue
+        copy_joints(desk.best, l, desk.seed)
+        spent += settle(task.chain, goal, True, least, task.lower, task.upper, desk.seed)
+        forward(task.chain, desk.seed, desk.spare)
+        position, orientation = errors(desk.spare, real)
+        if position <= task.position_tolerance and orientation <= task.orientation_tolerance:
+            desk.best_error[0] = 0.0
+            for i in range(len(desk.seed)):
+                desk.best[0, i] = desk.seed[i]
+            break
     return spent
 
 

@@ -1,10 +1,16 @@
-"""The last steps to the nearest pose of a goal that is out of reach: Newton's method on the weighted error itself.
+"""Where steps of Gauss and Newton crawl: Newton's method with the whole Hessian.
+
+Two errors are walked down: that of a goal that is out of reach, and a squared one along a valley that leads to an answer.
 
 ``E = K_P |p - p_g| + Σ K_c (1 - c·c_g)`` has large residuals where the goal is out of reach, so the steps of Gauss and
 Newton, which leave out their curvature, crawl. Here the Hessian is whole: for joints a ≤ b of a serial chain, a revolute,
 ``∂²p/∂q_a∂q_b = z_a × ∂p/∂q_b``, and likewise for every column c of the rotation (Erleben and Andrews 2019, Sec. 4). Joints
 that stand at a limit and are pushed outward are held (Bertsekas 1982); the Hessian is damped until it is positive and the
 step helps.
+
+An answer at a singularity, with joints at limits, lies at the end of a curved valley: along it the pose moves by t² only, so
+that what is left is t⁴. ``E = ½ K_P |p - p_g|² + Σ K_c (1 - c·c_g)`` is smooth there, and its Hessian knows the curve: steps
+go on where those of Gauss and Newton crawl.
 """
 
 from __future__ import annotations
@@ -14,7 +20,7 @@ import math
 import numpy as np
 
 from kinseek.kernels.arm.forward import advance, forward, identity
-from kinseek.kernels.arm.pose_error import weighted_error
+from kinseek.kernels.arm.pose_error import chordal_error, weighted_error
 from kinseek.kernels.arrays import Array, ChainArrays, Flags, GoalArrays
 from kinseek.kernels.jit import called, hidden
 
@@ -43,6 +49,9 @@ by (by trial)."""
 SMALL_DAMPING, HARDER = 1e-6, 8.0
 """The same where the Hessian is positive and the step did not help: less, for it was good as far as second order goes."""
 
+VALLEY_STEPS, VALLEY_DAMPING = 300, 1e-10
+"""Steps at most along a valley, and what it takes for either damping: along it the Hessian is all but singular."""
+
 EASIER, FORGET = 0.1, 1e-9
 """What damping is multiplied by after a step that helped, and below which part of the largest entry it is dropped."""
 
@@ -55,13 +64,22 @@ LONGEST = 0.5
 
 @hidden
 def derivatives(
-    chain: ChainArrays, goal: GoalArrays, q: Array, T: Array, axes: Array, moves: Array, g: Array, H: Array
+    chain: ChainArrays,
+    goal: GoalArrays,
+    squared: bool,
+    q: Array,
+    T: Array,
+    axes: Array,
+    moves: Array,
+    g: Array,
+    H: Array,
 ) -> None:
-    """Gradient, (n,), and lower triangle of the Hessian, (n, n), of the weighted error at q.
+    """Gradient, (n,), and lower triangle of the Hessian, (n, n), of the weighted or the squared error at q.
 
     Args:
         chain: The arm.
         goal: Target and weights.
+        squared: Is the distance of the position squared and halved?
         q: Joint values, (n,).
         T: Receives the pose of the tip, (3, 4).
         axes: Memory for axes and points on them, (m, 6).
@@ -83,7 +101,8 @@ def derivatives(
             H[i, j] = 0.0
     G, weights = goal.target, goal.axis_weights
     dx, dy, dz = T[0, 3] - G[0, 3], T[1, 3] - G[1, 3], T[2, 3] - G[2, 3]
-    far = math.sqrt(dx * dx + dy * dy + dz * dz + SMOOTH * SMOOTH)
+    far = 1.0 if squared else math.sqrt(dx * dx + dy * dy + dz * dz + SMOOTH * SMOOTH)
+    kink = 0.0 if squared else 1.0
     ux, uy, uz = dx / far, dy / far, dz / far
     # Σ K_c c × c_g, Σ K_c c·c_g, and Σ K_c c c_gᵀ.
     wx = wy = wz = total = 0.0
@@ -120,7 +139,7 @@ def derivatives(
         for a in range(b + 1):
             i = chain.leader[a]
             before = ux * moves[a, 0] + uy * moves[a, 1] + uz * moves[a, 2]
-            value = (moves[a, 0] * vx + moves[a, 1] * vy + moves[a, 2] * vz - before * along) / far
+            value = (moves[a, 0] * vx + moves[a, 1] * vy + moves[a, 2] * vz - kink * before * along) / far
             turn = 0.0
             if not chain.prismatic[a]:
                 value += axes[a, 0] * cx + axes[a, 1] * cy + axes[a, 2] * cz
@@ -165,13 +184,23 @@ def damped_step(H: Array, g: Array, held: Flags, damping: float, L: Array, step:
     return True
 
 
+@hidden
+def error_of(T: Array, goal: GoalArrays, squared: bool) -> float:
+    """The error that is walked down, of a pose."""
+    return 0.5 * chordal_error(T, goal) if squared else weighted_error(T, goal)
+
+
 @called
-def settle(chain: ChainArrays, goal: GoalArrays, lower: Array, upper: Array, q: Array) -> int:
-    """Walk from q, (n,), to the nearest minimum of the weighted error inside the limits; return FK evaluations.
+def settle(
+    chain: ChainArrays, goal: GoalArrays, squared: bool, least: float, lower: Array, upper: Array, q: Array
+) -> int:
+    """Walk from q, (n,), to the nearest minimum of an error inside the limits; return FK evaluations.
 
     Args:
         chain: The arm.
         goal: Target and weights.
+        squared: Which error, see `derivatives`.
+        least: No more steps where the error is as small as that.
         lower: Limits, (n,); none for a joint that turns fully.
         upper: Same.
         q: The start, replaced by the minimiser; never worse.
@@ -180,9 +209,12 @@ def settle(chain: ChainArrays, goal: GoalArrays, lower: Array, upper: Array, q: 
     T, axes, moves = np.empty((3, 4)), np.empty((joints, 6)), np.empty((joints, 3))
     g, step, trial = np.empty(n), np.empty(n), np.empty(n)
     H, L, held = np.empty((n, n)), np.empty((n, n)), np.empty(n, dtype=np.bool_)
-    derivatives(chain, goal, q, T, axes, moves, g, H)
-    error, spent, damping = weighted_error(T, goal), 1, 0.0
-    for _ in range(STEPS):
+    first, small = (VALLEY_DAMPING, VALLEY_DAMPING) if squared else (FIRST_DAMPING, SMALL_DAMPING)
+    derivatives(chain, goal, squared, q, T, axes, moves, g, H)
+    error, spent, damping = error_of(T, goal, squared), 1, 0.0
+    for _ in range(VALLEY_STEPS if squared else STEPS):
+        if error <= least:
+            break
         largest, steepest = 0.0, 0.0
         for i in range(n):
             held[i] = (q[i] <= lower[i] and g[i] > 0.0) or (q[i] >= upper[i] and g[i] < 0.0)
@@ -198,7 +230,7 @@ def settle(chain: ChainArrays, goal: GoalArrays, lower: Array, upper: Array, q: 
         while raised < RAISES and damping <= MOST * largest:
             if damped_step(H, g, held, damping, L, step):
                 break
-            damping = max(RAISE * damping, FIRST_DAMPING * largest)
+            damping = max(RAISE * damping, first * largest)
             raised += 1
         if raised == RAISES or damping > MOST * largest:
             break
@@ -209,18 +241,18 @@ def settle(chain: ChainArrays, goal: GoalArrays, lower: Array, upper: Array, q: 
             trial[i] = min(max(q[i] + step[i] * LONGEST / farthest, lower[i]), upper[i])
         forward(chain, trial, T)
         spent += 1
-        now = weighted_error(T, goal)
+        now = error_of(T, goal, squared)
         if now < error:
-            small = error - now <= ENOUGH * error
+            ends = error - now <= ENOUGH * error
             for i in range(n):
                 q[i] = trial[i]
-            if small:
+            if ends:
                 break
             damping *= EASIER
             if damping < FORGET * largest:
                 damping = 0.0
-            derivatives(chain, goal, q, T, axes, moves, g, H)
+            derivatives(chain, goal, squared, q, T, axes, moves, g, H)
             error = now
         else:
-            damping = max(HARDER * damping, SMALL_DAMPING * largest)
+            damping = max(HARDER * damping, small * largest)
     return spent
