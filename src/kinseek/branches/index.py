@@ -15,6 +15,7 @@ from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.branches.refine_all import ANSWER
 from kinseek.kernels.branches.search import ROWS, many_branches
+from kinseek.kernels.branches.seeding import fill_steps
 from kinseek.kernels.branches.twins import SHIFTS, SIGNS
 from kinseek.kinds import POSE, Kind
 from kinseek.problem import Problem
@@ -57,6 +58,11 @@ class BranchIndex:
         `refine_all.CENTRE`."""
         self.structure = structure_of(problem.arrays, arm_length(chain)) if kind is POSE else NO_STRUCTURE
         """What the geometry of the arm gives; nothing where the goal is less than a pose."""
+        self.steps: Array = np.zeros((0 if self.freedom else self.coarse.samples, 6, LANES))
+        """The first step of a start from each coarse sample, see `seeding.fill_steps`, (samples, 6, LANES); of none where
+        answers are sampled."""
+        if not self.freedom:
+            fill_steps(self.coarse.handle, self.steps, LANES)
         self.mirrors: Array = np.zeros((0, 3, chain.dof))
         """Every mirror image of the arm, see `twins.SIGNS`, (k, 3, n)."""
         if not self.freedom and chain.dof <= _MOST_MIRRORED:
@@ -67,9 +73,8 @@ class BranchIndex:
         most, number = (count, count) if self.freedom else (ROWS, 0)
         rows, found = np.empty((1, most + 1, view.shape[-1] + ANSWER)), np.empty(1, dtype=np.int64)
         handles, one = (self.coarse.handle, self.fine.handle), (target[None], view[None])
-        many_branches(
-            *handles, wanted, self.mirrors, self.structure.numbers, *one, number, 0, 1, rows, found, LANES
-        )
+        what = self.mirrors, self.structure.numbers, self.steps
+        many_branches(*handles, wanted, *what, *one, number, 0, 1, rows, found, LANES)
         return rows[0, : found[0]]
 
     def _mirrors(self, problem: Problem) -> Array:

@@ -19,6 +19,7 @@ from .targets import TARGETS
 CALLED = (
     "ks_write_poses",
     "ks_fill_atlas",
+    "ks_fill_steps",
     "ks_solve_plain",
     "ks_solve_plain_near",
     "ks_many_branches",

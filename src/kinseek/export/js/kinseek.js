@@ -123,6 +123,8 @@ class Arm {
     }
     this.fine = this.#atlas(data.samples.fine);
     this.coarse = data.samples.coarse === data.samples.fine ? this.fine : this.#atlas(data.samples.coarse);
+    this.steps = machine.room("f", [data.freedom ? 0 : data.samples.coarse, 6, machine.description.lanes]);
+    if (!data.freedom) machine.call("ks_fill_steps", { handle: this.coarse, steps: this.steps, w: machine.description.lanes });
     this.target = machine.room("f", [1, 4, 4]);
     this.q = machine.room("f", [this.dof]);
     this.near = machine.room("f", [this.dof]);
@@ -218,6 +220,7 @@ class Arm {
       wanted: this.arrays.plain,
       mirrors: this.arrays.mirrors,
       structure: this.arrays.structure,
+      steps: this.steps,
       targets: this.target,
       views: this.eye,
       number,

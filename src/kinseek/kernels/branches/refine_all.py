@@ -36,12 +36,12 @@ ANSWERS, SPENT, CONTINUUM = range(3)
 """Places in the row behind the answers: their number, FK evaluations, and 1 if they belong to a continuum."""
 
 
-EVALUATED, CONTINUA, WEAKEST = range(3)
-"""Places in the tally of a search: FK evaluations, answers on a continuum, and the least singular value of the scaled
-Jacobian at any answer."""
+EVALUATED, CONTINUA, WEAKEST, LATE = range(4)
+"""Places in the tally of a search: FK evaluations, answers on a continuum, the least singular value of the scaled
+Jacobian at any answer, and answers that only a late start led to."""
 
 
-TALLY = WEAKEST + 1
+TALLY = LATE + 1
 """Numbers of a tally."""
 
 
@@ -130,18 +130,37 @@ def match(
 
 
 @hidden
-def heads_for_known(lanes: Lanes, l: int, rates: Array, rows: Array, count: int) -> bool:
-    """Is lane l at a known answer, or did its last step bring it much closer to one?"""
+def head_for_known(lanes: Lanes, rates: Array, rows: Array, count: int, heading: Array, w: int) -> None:
+    """Which lanes are at one of the first `count` rows, or were brought much closer to one by their last step?
+
+    Writes 1 for these, else 0, into `heading`, (LANES,). All joints in one loop over the lanes, see `seeding.is_alike`; with
+    fewer than six the last counts more than once.
+    """
+    q, step, work, dof, turn = lanes.q, lanes.step, lanes.work, rows.shape[1], 2.0 * math.pi
+    b, c, d = min(1, dof - 1), min(2, dof - 1), min(3, dof - 1)
+    e, f = min(4, dof - 1), min(5, dof - 1)
+    ra, rb, rc, rd, re, rf = rates[0], rates[b], rates[c], rates[d], rates[e], rates[f]
+    for l in range(w):
+        heading[l] = 0.0
     for j in range(count):
-        now, before = 0.0, 0.0
-        for i in range(rows.shape[1]):
-            gap = joint_gap(lanes.q[i, l], rows[j, i], rates[i])
-            now += gap * gap
-            gap -= lanes.work[l] * lanes.step[i, l]
-            before += gap * gap
-        if now < NEAR * NEAR or (now < WITHIN_SIGHT * WITHIN_SIGHT and now < HEADING * HEADING * before):
-            return True
-    return False
+        xa, xb, xc, xd, xe, xf = rows[j, 0], rows[j, b], rows[j, c], rows[j, d], rows[j, e], rows[j, f]
+        for l in range(w):
+            ga, gb, gc = q[0, l] - xa, q[b, l] - xb, q[c, l] - xc
+            gd, ge, gf = q[d, l] - xd, q[e, l] - xe, q[f, l] - xf
+            ga -= turn * np.floor(ga * ra + 0.5)
+            gb -= turn * np.floor(gb * rb + 0.5)
+            gc -= turn * np.floor(gc * rc + 0.5)
+            gd -= turn * np.floor(gd * rd + 0.5)
+            ge -= turn * np.floor(ge * re + 0.5)
+            gf -= turn * np.floor(gf * rf + 0.5)
+            now = ga * ga + gb * gb + gc * gc + gd * gd + ge * ge + gf * gf
+            share = work[l]
+            ga, gb, gc = ga - share * step[0, l], gb - share * step[b, l], gc - share * step[c, l]
+            gd, ge, gf = gd - share * step[d, l], ge - share * step[e, l], gf - share * step[f, l]
+            before = ga * ga + gb * gb + gc * gc + gd * gd + ge * ge + gf * gf
+            # At a row, or within sight of it and much closer than before.
+            far = max(now - WITHIN_SIGHT * WITHIN_SIGHT, now - HEADING * HEADING * before)
+            heading[l] = 1.0 if min(now - NEAR * NEAR, far) < 0.0 else heading[l]
 
 
 @kernel
@@ -151,7 +170,7 @@ def refine_all(
     memory: Array,
     target: Array,
     seeds: Array,
-    first: int,
+    surely: int,
     last: int,
     rows: Array,
     left: Array,
@@ -161,7 +180,7 @@ def refine_all(
     tally: Array,
     w: int,
 ) -> int:
-    """Refine seeds first … last-1, a lane that is done taking the next; append new answers; return how many there are.
+    """Refine seeds 0 … last-1, a lane that is done taking the next; append new answers; return how many there are.
 
     Args:
         handle: The task, see `task_of`.
@@ -169,14 +188,14 @@ def refine_all(
         memory: The desk, its target and weights set.
         target: (4, 4), lengths in [m].
         seeds: Joint values to start from, (k, n).
-        first: First seed.
+        surely: From this seed on a new answer is late.
         last: One past the last seed.
         rows: Answers, (capacity, n).
         left: Their squared scaled errors, (capacity,).
         count: How many are known already.
         rates: See `joint_gap`, (n,).
         mode: SEEDED, SIBLING or SAMPLED.
-        tally: Its EVALUATED is increased by the FK evaluations spent, (TALLY,).
+        tally: Its EVALUATED is increased by the FK evaluations spent, its LATE by answers that are, (TALLY,).
         w: LANES.
     """
     task = task_of(handle, wanted)
@@ -184,24 +203,27 @@ def refine_all(
     desk = make_desk(memory, dof, len(task.chain.leader))
     goal, lanes = GoalArrays(target, task.position_weight, task.axis_weights), desk.lanes
     busy, made = np.zeros(LANES, dtype=np.int64), np.zeros(LANES, dtype=np.int64)
-    strikes, before, half = np.zeros(LANES, dtype=np.int64), np.zeros(LANES), np.zeros(dof)
-    number, active, most = first, 0, SIBLING_STEPS if mode == SIBLING else STEPS
+    strikes, own = np.zeros(LANES, dtype=np.int64), np.zeros(LANES, dtype=np.int64)
+    before, half, heading = np.zeros(LANES), np.zeros(dof), np.zeros(LANES)
+    number, active, most = 0, 0, SIBLING_STEPS if mode == SIBLING else STEPS
     exact = np.inf if mode == SAMPLED else EXACT
     for l in range(LANES):
         stand_still(lanes, l)
     # Every start has so many steps at most, and in one lane they would be made one after the other.
-    for _ in range((last - first) * (most + MORE_STEPS) + 1):
+    for _ in range(last * (most + MORE_STEPS) + 1):
         for l in range(LANES):
             if busy[l] == 0 and number < last:
                 for i in range(dof):
                     lanes.q[i, l] = seeds[number, i]
                 stand_still(lanes, l)
-                busy[l], made[l], strikes[l] = 1, 0, 0
+                busy[l], made[l], strikes[l], own[l] = 1, 0, 0, number
                 number += 1
                 active += 1
         if active == 0 or count == len(rows):
             break
         iterate(handle, wanted, memory, True, w)
+        if mode == SEEDED:
+            head_for_known(lanes, rates, rows, count, heading, w)
         for l in range(LANES):
             if busy[l] == 0:
                 continue
@@ -223,6 +245,7 @@ def refine_all(
                         j = count
                         count += 1
                         left[j] = np.inf
+                        tally[LATE] += 1.0 if own[l] >= surely else 0.0
                     if error < left[j]:
                         left[j] = error
                         for i in range(dof):
@@ -230,7 +253,7 @@ def refine_all(
             elif not done:
                 done = made[l] >= PATIENCE and strikes[l] >= STRIKES
                 if mode == SEEDED and made[l] > 1 and not done:
-                    done = heads_for_known(lanes, l, rates, rows, count)
+                    done = heading[l] > 0.0
             if done:
                 busy[l] = 0
                 active -= 1

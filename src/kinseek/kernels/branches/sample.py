@@ -72,7 +72,7 @@ def sample_branches(
     coordinates(desk.seen, task.division, desk.point)
     many = starts(task, desk, most, 0, distance, neighbour, seeds)
     count = refine_all(
-        handle, wanted, memory, target, seeds, 0, many, rows, left, 0, view[RATES], SAMPLED, tally, w
+        handle, wanted, memory, target, seeds, many, many, rows, left, 0, view[RATES], SAMPLED, tally, w
     )
     kept = 0
     for rounds in range(SAMPLE_ROUNDS + 1):
@@ -96,7 +96,20 @@ def sample_branches(
                 for i in range(dof):
                     seeds[k, i] = desk.seed[i]
         count = refine_all(
-            handle, wanted, memory, target, seeds, 0, many, rows, left, count, view[RATES], SAMPLED, tally, w
+            handle,
+            wanted,
+            memory,
+            target,
+            seeds,
+            many,
+            many,
+            rows,
+            left,
+            count,
+            view[RATES],
+            SAMPLED,
+            tally,
+            w,
         )
     result[kept, ANSWERS] = sorted_rows(task, desk, target, chosen, kept, view[CENTRE], view[SCALE], result)
     result[kept, SPENT], result[kept, CONTINUUM] = tally[EVALUATED], 1.0

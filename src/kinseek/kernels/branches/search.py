@@ -1,8 +1,8 @@
 """Every answer to a goal: many starts side by side, and from each answer found the way to its siblings.
 
-The starts are the nearest of a coarse atlas. Coarse is better here: of a thousand samples the nearest sixty lie all over
-the joint space, of sixteen thousand they crowd around the answers where the map is steep. Two kinds of siblings are found
-from an answer itself, at hardly any cost:
+The starts are the nearest of a coarse atlas, see `seeding`. Coarse is better here: of a thousand samples the nearest sixty
+lie all over the joint space, of sixteen thousand they crowd around the answers where the map is steep. Two kinds of
+siblings are found from an answer itself, at hardly any cost:
 
 - its *twin* across a singularity. Along the weakest direction v of the Jacobian, with u where it leads and σ how much,
   the pose moves by ``σ t + ½ t² u·H(v, v)`` to second order, which is zero again at ``t = -2 σ / u·H(v, v)``. Close to a
@@ -38,6 +38,7 @@ from .refine_all import (
     CONTINUA,
     CONTINUUM,
     EVALUATED,
+    LATE,
     RATES,
     SCALE,
     SEEDED,
@@ -47,21 +48,25 @@ from .refine_all import (
     WEAKEST,
     refine_all,
     sorted_rows,
-    starts,
 )
 from .sample import sample_branches
+from .seeding import BUCKETS, MOST_JOINTS, measure_samples, radius, sort_samples, spread_starts
 from .twins import WEAK, images, twins
 
-STARTS, MORE_STARTS, DEEP_STARTS = 80, 112, 448
-"""Samples tried for every goal, for one whose starts came to an end soon, and for one that may have more answers."""
+STARTS, DEEP_STARTS = 128, 512
+"""Samples looked at for every goal, and for one that may have more answers."""
 
 
-SOON = 320
-"""FK evaluations up to which more starts cost little."""
+SURELY = 0.6
+"""A new answer from a start behind this share of them casts doubt on the rest."""
 
 
-LATE = 0.6
-"""A new answer after this share of the starts casts doubt on the rest."""
+FIRST_ROOM = STARTS + STARTS // 10
+"""Samples looked at first, at most, see `seeding.radius`."""
+
+
+ROOM = (FIRST_ROOM + DEEP_STARTS + LANES - 1) // LANES * LANES
+"""Starts that are told apart, at most, LANES at a time."""
 
 
 ROWS = 64
@@ -84,6 +89,7 @@ def find_branches(
     wanted: Array,
     mirrors: Array,
     structure: Array,
+    steps: Array,
     target: Array,
     view: Array,
     result: Array,
@@ -97,6 +103,7 @@ def find_branches(
         wanted: See `task_of`.
         mirrors: Of each mirror image, see `twins.SIGNS`, (k, 3, n).
         structure: See `structure.candidates.KIND`, (NUMBERS,).
+        steps: See `seeding.fill_steps`, (samples of the coarse atlas, 6, LANES).
         target: (4, 4), lengths in [m].
         view: See `refine_all.CENTRE`, (3, n): answers come sorted by weighted distance.
         result: Receives joint values, position error [m], orientation error [rad] and squared distance of each answer, and
@@ -113,42 +120,45 @@ def find_branches(
     memory = np.zeros(desk_size(dof, joints))
     desk = make_desk(memory, dof, joints)
     rows, seeds = np.empty((ROWS, dof)), np.empty((DEEP_STARTS, dof))
-    distance, neighbour = np.empty(DEEP_STARTS), np.empty(DEEP_STARTS, dtype=np.int64)
     tally, image, left, asked = np.zeros(TALLY), np.empty(dof), np.empty(ROWS), np.empty(3)
     tally[WEAKEST] = np.inf
     start(task, desk, target)
-    count, told, rounds, begin, late, done = 0, 0, 0, STARTS, False, False
+    count, told, rounds, kept, done = 0, 0, 0, 0, False
     if serves(task, structure):
         closed_starts(task, structure, target, desk.spare, np.empty(WORK), seeds, asked, w)
         many = int(asked[TRIED])
         count = refine_all(
-            handle, wanted, memory, target, seeds, 0, many, rows, left, 0, view[RATES], SIBLING, tally, w
+            handle, wanted, memory, target, seeds, many, many, rows, left, 0, view[RATES], SIBLING, tally, w
         )
         # Nothing lacks where all that must be answers are, and none is left to choose.
         done = asked[UNSURE] == 0.0 and count >= asked[SURE] and (count > 0 or many == 0)
+    samples, room = (0, 0) if done else (len(steps), ROOM)
+    distance, near = np.empty(samples), np.empty(samples + 1, dtype=np.int64)
+    order, known = np.empty(samples + BUCKETS + 1, dtype=np.int64), np.empty((MOST_JOINTS + 1, room))
+    begin, end = 0.0, 0.0
     if not done:
         see(task, desk, target)
         coordinates(desk.seen, task.division, desk.point)
-    # Each pass tells of an answer at least, or goes on to the next of five kinds of starts.
-    for _ in range(ROWS + 5):
+        measure_samples(task.atlas.tree.points, desk.point, distance)
+    # Each pass tells of an answer at least, or goes on to the next of four kinds of starts.
+    for _ in range(ROWS + 4):
         if done or count >= ROWS:
             break
-        mode, first, middle = SEEDED, count, 0
+        mode, surely = SEEDED, DEEP_STARTS
         if told < count:
             last = min(count, told + LANES)
             many = twins(handle, wanted, memory, rows, told, last, seeds, tally, w)
             many = images(task, mirrors, view[RATES], rows, told, last, seeds, many, image)
             mode, told = SIBLING, last
-        elif rounds == 0:
-            many = starts(task, desk, STARTS, 0, distance, neighbour, seeds)
-            middle = int(LATE * many)
-            rounds = 1
-        elif rounds == 1 and (late or tally[WEAKEST] < WEAK or in_doubt(task, count)):
-            many = starts(task, desk, DEEP_STARTS, begin, distance, neighbour, seeds)
-            rounds = 2
-        elif rounds == 1 and begin == STARTS and tally[EVALUATED] < SOON:
-            many = starts(task, desk, MORE_STARTS, begin, distance, neighbour, seeds)
-            begin = MORE_STARTS
+        elif rounds == 0 or (
+            rounds == 1 and (tally[LATE] > 0.0 or tally[WEAKEST] < WEAK or in_doubt(task, count))
+        ):
+            most, limit = (STARTS, FIRST_ROOM) if rounds == 0 else (DEEP_STARTS, DEEP_STARTS)
+            begin, end = end, radius(distance, most)
+            found = sort_samples(distance, begin, end, limit, near, order)
+            many = spread_starts(task, desk, steps, order, found, view[RATES], known, kept, seeds, w)
+            surely = int(SURELY * many) if rounds == 0 else surely
+            kept, rounds = kept + many, rounds + 1
         elif rounds == 2 and count == 0:
             other = solve_pose(fine, wanted, target, w)
             tally[EVALUATED] += other[dof + EVALUATIONS]
@@ -158,16 +168,12 @@ def find_branches(
         else:
             break
         count = refine_all(
-            handle, wanted, memory, target, seeds, 0, middle, rows, left, count, view[RATES], mode, tally, w
-        )
-        first = count
-        count = refine_all(
             handle,
             wanted,
             memory,
             target,
             seeds,
-            middle,
+            surely,
             many,
             rows,
             left,
@@ -177,7 +183,6 @@ def find_branches(
             tally,
             w,
         )
-        late = late or (middle > 0 and count > first)
     result[count, ANSWERS] = sorted_rows(task, desk, target, rows, count, view[CENTRE], view[SCALE], result)
     endless = tally[CONTINUA] > 0.0 or count == ROWS
     result[count, SPENT], result[count, CONTINUUM] = tally[EVALUATED], 1.0 if endless else 0.0
@@ -191,6 +196,7 @@ def find_branches(
     wanted=F64[WANTED],
     mirrors=F64["*", 3, "n"],
     structure=F64[NUMBERS],
+    steps=F64["*", 6, LANES],
     targets=F64["k", 4, 4],
     views=F64["*", 3, "n"],
     number=I64,
@@ -206,6 +212,7 @@ def many_branches(
     wanted: Array,
     mirrors: Array,
     structure: Array,
+    steps: Array,
     targets: Array,
     views: Array,
     number: int,
@@ -223,6 +230,7 @@ def many_branches(
         wanted: See `task_of`.
         mirrors: See `find_branches`.
         structure: See `find_branches`.
+        steps: See `find_branches`; of no samples if `number` > 0.
         targets: Rigid transforms, (k, 4, 4), lengths in [m].
         views: One for all or one for each, (1 or k, 3, n).
         number: Answers wanted of a sample, else 0.
@@ -239,5 +247,5 @@ def many_branches(
             counts[t - begin] = sample_branches(fine, wanted, targets[t], view, number, result, w)
         else:
             counts[t - begin] = find_branches(
-                handle, fine, wanted, mirrors, structure, targets[t], view, result, w
+                handle, fine, wanted, mirrors, structure, steps, targets[t], view, result, w
             )
