@@ -552,10 +552,10 @@ def _require_scene(scene: Scene | None, clearance: float) -> None:
 
 
 def _is_plain(value: Any, shape: tuple[int, ...]) -> TypeGuard[Array]:
-    """Is it an array that a kernel can take as it is?"""
+    """Is it an array that a kernel can take as it is? One whose type is the same by another name goes the long way."""
     return (
         type(value) is np.ndarray
-        and value.dtype == _FLOAT
+        and value.dtype is _FLOAT
         and value.shape == shape
         and value.flags.c_contiguous
     )

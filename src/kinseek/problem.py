@@ -132,9 +132,9 @@ class Problem:
 class MadeWhenAsked:
     """The field `problem` of a result, made when it is first asked for: the fast ways of `Arm` leave it out.
 
-    They leave a `_question` instead: the arm, or the problem of another pose of a batch; a pose (4, 4); and what the answer
-    shall be near to, (n,), or None. A result that was given its problem never comes here, since what an object holds itself
-    goes first.
+    They leave a `_question` instead: the arm, or the problem of another pose of a batch; a pose (4, 4), or its bytes; and
+    what the answer shall be near to, (n,), or None. A result that was given its problem never comes here, since what an
+    object holds itself goes first.
     """
 
     def __get__(self, result: Any, owner: type) -> Problem:
@@ -147,6 +147,8 @@ class MadeWhenAsked:
         if question is None:
             raise AttributeError(f"{owner.__name__!r} has its problem in each object alone")
         arm, target, near = question
+        if isinstance(target, bytes):
+            target = np.frombuffer(target).reshape(4, 4).copy()
         if isinstance(arm, Problem):
             problem = replace(arm, goal=arm.goal.at(target), near=near)
         else:

@@ -57,6 +57,33 @@ _NO: Any = False
 _NONE: Any = 0
 
 
+class _Told:
+    """A field that stands in a kernel's report and is taken from it at the first look: most answers are asked for q alone.
+
+    It stands aside where an object holds the field itself, as `problem.MadeWhenAsked` does.
+    """
+
+    def __init__(self, place: int) -> None:
+        """Take the number at a place of the report, see `quick_solution`."""
+        self.place = place
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        """Remember what the field is called."""
+        self.name = name
+
+    def __get__(self, solution: Any, owner: type) -> Any:
+        """Take it from the report and leave it with the solution.
+
+        Raises:
+            AttributeError: Asked of the class; `dataclasses` takes that for a field without a default.
+        """
+        report = None if solution is None else solution.__dict__.get("_report")
+        if report is None:
+            raise AttributeError(f"{owner.__name__!r} has its {self.name} in each object alone")
+        value = solution.__dict__[self.name] = report[self.place]
+        return value
+
+
 @dataclass(frozen=True, eq=False)
 class Solution(Generic[Flag, Number, Count, State]):
     """The answer to one target, or to a batch of them; then every field has the batch's leading shape (...).
@@ -99,15 +126,21 @@ class Solution(Generic[Flag, Number, Count, State]):
 
     q: Array
     success: Flag
-    position_error: Number
-    orientation_error: Number
-    weighted_error: Number
-    evaluations: Count
-    nodes_created: Count
-    nodes_expanded: Count
     if TYPE_CHECKING:
+        position_error: Number
+        orientation_error: Number
+        weighted_error: Number
+        evaluations: Count
+        nodes_created: Count
+        nodes_expanded: Count
         problem: Problem
     else:
+        position_error: Number = _Told(0)
+        orientation_error: Number = _Told(1)
+        weighted_error: Number = _Told(2)
+        evaluations: Count = _Told(3)
+        nodes_created: Count = _Told(5)
+        nodes_expanded: Count = _Told(5)
         problem: Problem = MadeWhenAsked()
     proved_unreachable: Flag = _NO
     rejected: Count = _NONE
@@ -464,18 +497,8 @@ def quick_solution(
         report: Position error [m], orientation error [rad], weighted error, FK evaluations, success.
     """
     solution = object.__new__(Solution)
-    # The caller may write the next question into the same arrays.
-    question = chain, target.copy(), near if near is None else near.copy()
-    position_error, orientation_error, weighted_error, evaluations, success = report
-    solution.__dict__.update(
-        q=q,
-        success=success,
-        position_error=position_error,
-        orientation_error=orientation_error,
-        weighted_error=weighted_error,
-        evaluations=evaluations,
-        nodes_created=0,
-        nodes_expanded=0,
-        _question=question,
-    )
+    told = solution.__dict__
+    told["q"], told["success"], told["_report"] = q, report[4], (*report, 0)  # No nodes: it grows no tree.
+    # The caller may write the next question into the same arrays; bytes are copied faster than an array is.
+    told["_question"] = chain, target.tobytes(), None if near is None else near.copy()
     return solution
