@@ -122,7 +122,7 @@ def test_the_atlas_tells_every_round(robot: str, near: float | None) -> None:
 @pytest.mark.slow
 def test_a_round_of_the_atlas_begins_at_its_samples() -> None:
     # A solved round leads from its seed to its answer, and the seed is near the goal already.
-    arm = kinseek.load("ur5e")
+    arm = kinseek.load("jaco2_6")
     for pose in targets(arm, 10):
         trace = arm.ik(pose, trace=True).trace
         first = trace[1]

@@ -17,14 +17,12 @@ from kinseek.kernels.branches.refine_all import ANSWER
 from kinseek.kernels.branches.search import ROWS, many_branches
 from kinseek.kernels.branches.seeding import fill_steps
 from kinseek.kernels.branches.twins import SHIFTS, SIGNS
-from kinseek.kinds import POSE, Kind
+from kinseek.kinds import Kind
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
-from kinseek.robots.geometry import arm_length
 from kinseek.robots.sampling import weyl
 from kinseek.shelf import Shelf
 from kinseek.solvers.atlas.index import KEPT, AtlasIndex, atlas_of, wanted_of
-from kinseek.structure.structure import NO_STRUCTURE, structure_of
 from kinseek.turns import shortest
 
 from .result import answers_of
@@ -56,7 +54,7 @@ class BranchIndex:
         self.view: Array = np.array([middle, 1 / np.maximum(half, 1e-12), turning])
         """How `kernels.branches` shall see the answers: from the middle of every range, in halves of it, (3, n); see
         `refine_all.CENTRE`."""
-        self.structure = structure_of(problem.arrays, arm_length(chain)) if kind is POSE else NO_STRUCTURE
+        self.structure = self.fine.structure
         """What the geometry of the arm gives; nothing where the goal is less than a pose."""
         self.steps: Array = np.zeros((0 if self.freedom else self.coarse.samples, 6, LANES))
         """The first step of a start from each coarse sample, see `seeding.fill_steps`, (samples, 6, LANES); of none where

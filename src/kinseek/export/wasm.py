@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from kinseek.errors import InvalidExport, MissingExtra
-from kinseek.kernels.atlas.task import ENDING, ITERATE, SEARCH
+from kinseek.kernels.atlas.task import CLOSED, ENDING, ITERATE, SEARCH
 from kinseek.kernels.entry import ENTRIES
 
 from .compiling import compiled
@@ -27,7 +27,12 @@ CALLED = (
 )
 """Entries that JavaScript calls."""
 
-PLACES = {"ks_iterate_routine": ITERATE, "ks_search_routine": SEARCH, "ks_ending_routine": ENDING}
+PLACES = {
+    "ks_iterate_routine": ITERATE,
+    "ks_search_routine": SEARCH,
+    "ks_ending_routine": ENDING,
+    "ks_closed_routine": CLOSED,
+}
 """Routines that kernels call, and where their addresses stand in a task."""
 
 RUNTIME = Path(__file__).parent / "js" / "runtime.c"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -88,6 +88,21 @@ def structure_of(arrays: ChainArrays, size: float) -> Structure:
     return Structure(word, f"{what}, {how}; {gives}", best.deviation, exact, best.numbers)
 
 
+def with_tip(structure: Structure, arrays: ChainArrays) -> Structure:
+    """The structure of an arm whose tip stands elsewhere: its axes have the same."""
+    axes = axes_of(arrays)
+    if axes is None or structure.numbers[form.KIND] == form.NONE:
+        return structure
+    numbers = structure.numbers.copy()
+    numbers[form.HOME : form.HOME + 12] = _home(axes, bool(numbers[form.BACKWARD]))
+    return replace(structure, numbers=numbers)
+
+
+def _home(axes: Axes, backward: bool) -> Array:
+    """What the kernel takes of the pose of the tip, (12,)."""
+    return (axes.home[:3] if backward else inverse(axes.home[:3])).ravel()
+
+
 def _none(why: str) -> Structure:
     return Structure("none", f"{why}; answers are searched", np.inf, False, np.zeros(form.NUMBERS))
 
@@ -141,8 +156,7 @@ def _numbers(
     numbers[form.KIND], numbers[form.BACKWARD] = kind, backward
     numbers[form.DEVIATION], numbers[form.SIZE] = off, size
     numbers[form.SENSE : form.SENSE + 3] = senses
-    home = axes.home[:3] if backward else inverse(axes.home[:3])
-    numbers[form.HOME : form.HOME + 12] = home.ravel()
+    numbers[form.HOME : form.HOME + 12] = _home(axes, backward)
     vectors = {
         form.H1: axes.direction[0],
         form.P1: points[0],

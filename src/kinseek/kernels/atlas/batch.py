@@ -8,15 +8,15 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
 from kinseek.kernels.entry import F64, I64
-from kinseek.kernels.jit import entry, hidden
+from kinseek.kernels.jit import entry, hidden, view
 from kinseek.kernels.pointers import integer_part
 
 from .descent import FIRST_STEPS, iterate, reset_weights, within
 from .lanes import LANES, Lanes
 from .memory import Desk, desk_size, make_desk
-from .one_goal import finish, solve_pose
+from .one_goal import MIDMOST, closed_answer, closed_seed, conclude_answer, finish, solve_pose
 from .seeds import FIRST, load_seed, middle, scan, take_seed
-from .task import EVALUATIONS, HANDLE, WANTED, Job, Task, task_of
+from .task import CLOSED, EVALUATIONS, HANDLE, WANTED, Job, Task, routine_at, task_of
 
 
 class Queue(NamedTuple):
@@ -47,11 +47,19 @@ def stand_still(lanes: Lanes, l: int) -> None:
 
 
 @hidden
-def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int) -> bool:
+def next_seed(job: Job, task: Task, desk: Desk, queue: Queue, targets: Array, l: int, w: int) -> bool:
     """Put lane l at the next sample of its target that is worth a try; say whether there was one.
 
-    A second sample is seldom needed, so the scan is made again rather than remembered for every lane.
+    A second sample is seldom needed, so the scan is made again rather than remembered for every lane. An arm that nearly has
+    a closed form begins at its candidates instead, and at no sample.
     """
+    if routine_at(job.handle, CLOSED) != 0:
+        more = closed_seed(job, targets[queue.target[l]], queue.next[l], desk.seed, w) > 0
+        if more:
+            queue.next[l], queue.steps[l] = queue.next[l] + 1, 0
+            load_seed(desk.lanes, l, desk.seed)
+            stand_still(desk.lanes, l)
+        return more
     for r in range(3):
         for c in range(4):
             desk.spare[r, c] = targets[queue.target[l], r, c]
@@ -69,13 +77,15 @@ def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int) -> b
 
 
 @hidden
-def next_target(task: Task, desk: Desk, queue: Queue, targets: Array, number: int, l: int) -> bool:
+def next_target(
+    job: Job, task: Task, desk: Desk, queue: Queue, targets: Array, number: int, l: int, w: int
+) -> bool:
     """Give lane l a target and its nearest sample; say whether there is one that is worth a try."""
     queue.target[l], queue.next[l], queue.spent[l] = number, 0, 0
     for r in range(3):
         for c in range(4):
             desk.lanes.target[(4 * r + c) * LANES + l] = targets[number, r, c]
-    return next_seed(task, desk, queue, targets, l)
+    return next_seed(job, task, desk, queue, targets, l, w)
 
 
 @entry(
@@ -129,7 +139,12 @@ def solve_many(
         integer_part(at, 2 * LANES, LANES),
         integer_part(at, 3 * LANES, LANES),
     )
-    count = run_lanes(Job(handle, wanted, memory), task, desk, queue, targets, results, left, begin, end, w)
+    if routine_at(handle, CLOSED) != 0 and task.exact == 1:
+        count = run_closed(Job(handle, wanted, memory), task, targets, results, left, begin, end, w)
+    else:
+        count = run_lanes(
+            Job(handle, wanted, memory), task, desk, queue, targets, results, left, begin, end, w
+        )
     memory[0], numbers[0] = 0.0, 0  # Their last use, see `solve_pose`.
     return count
 
@@ -163,6 +178,31 @@ def solve_some(
         ):  # A row at once may fail in words, and the words need Python's own functions.
             results[some[k], j] = answer[j]
     return end - begin
+
+
+@view
+def run_closed(
+    job: Job,
+    task: Task,
+    targets: Array,
+    results: Array,
+    left: Indices,
+    begin: int,
+    end: int,
+    w: int,
+) -> int:
+    """Answer targets begin … end-1 in closed form, one after the other; put the others into `left`, return how many."""
+    leftover, dof = 0, len(task.lower)
+    for t in range(begin, end):
+        q, report = results[t, :dof], results[t, dof:]
+        tried = closed_answer(job.handle, job.wanted, job.memory, targets[t], task.budget, q, MIDMOST, q, w)
+        if tried > 0:
+            conclude_answer(job.handle, job.wanted, job.memory, targets[t], q, report)
+            report[EVALUATIONS] = tried
+        else:
+            left[leftover] = t
+            leftover += 1
+    return leftover
 
 
 @hidden
@@ -201,14 +241,14 @@ def run_lanes(
                     write_result(task, desk, queue, targets, results, l)
                 busy = not done
                 if busy and queue.steps[l] == FIRST_STEPS:
-                    busy = next_seed(task, desk, queue, targets, l)
+                    busy = next_seed(job, task, desk, queue, targets, l, w)
                     if not busy:
                         left[leftover] = queue.target[l]
                         leftover += 1
                 else:
                     queue.steps[l] += 1
             while not busy and number < end:
-                busy = next_target(task, desk, queue, targets, number, l)
+                busy = next_target(job, task, desk, queue, targets, number, l, w)
                 if not busy:
                     left[leftover] = number
                     leftover += 1

@@ -55,11 +55,11 @@ from .seeds import (
     scan,
 )
 from .task import (
+    CLOSED,
     ENDING,
     EVALUATIONS,
     HANDLE,
     ITERATE,
-    JUDGE,
     ORIENTATION_ERROR,
     POSITION_ERROR,
     SEARCH,
@@ -90,9 +90,47 @@ def solve_target(
 ) -> int:
     """Answer one target, (3, 4), within a budget; write q, (n,), and return the FK evaluations spent.
 
-    Returns -1 where it takes a routine that the task lacks yet, see `add_ending`, and there is no answer.
+    What geometry gives is not searched, see `structure.one_answer`. Returns -1 where it takes a routine that the task lacks
+    yet, see `add_ending`, and there is no answer.
     """
-    return search_near(handle, wanted, memory, target, budget, q, False, q, w)
+    tried = closed_answer(handle, wanted, memory, target, budget, q, MIDMOST, q, w)
+    if tried > 0:
+        return tried
+    spent = search_near(handle, wanted, memory, target, budget + tried, q, False, q, w)
+    return spent - tried if spent >= 0 else -1
+
+
+MIDMOST, NEAREST, SEED = range(3)
+"""What is asked of `structure.one_answer.closed_routine`: the answer nearest to the middle of the ranges, the one nearest to
+where the arm is, and from SEED on the first candidate, the second, and so on, as a start."""
+
+
+@view
+def closed_answer(
+    handle: Indices,
+    wanted: Array,
+    memory: Array,
+    target: Array,
+    budget: float,
+    near: Array,
+    asked: int,
+    q: Array,
+    w: int,
+) -> int:
+    """What `structure.one_answer.closed_routine` says; 0 where the arm has no closed form."""
+    tried = 0
+    if routine_at(handle, CLOSED) != 0 and budget >= (FIRST_STEPS + 1) * LANES:
+        at = (handle.ctypes.data, wanted.ctypes.data, memory.ctypes.data, target.ctypes.data)
+        tried = call(routine_at(handle, CLOSED), (*at, near.ctypes.data, asked, q.ctypes.data, w))
+    return tried
+
+
+@view
+def closed_seed(job: Job, target: Array, number: int, q: Array, w: int) -> int:
+    """Write candidate `number` into q, (n,), as a start; 0 where there are no more."""
+    at = (job.handle.ctypes.data, job.wanted.ctypes.data, job.memory.ctypes.data, target.ctypes.data)
+    found: int = call(routine_at(job.handle, CLOSED), (*at, q.ctypes.data, SEED + number, q.ctypes.data, w))
+    return found
 
 
 @view
@@ -245,9 +283,10 @@ def conclude_answer(
 def routines() -> Indices:
     """Addresses of the routines that every goal needs, for `task_arrays`; `add_ending` adds one that few do.
 
-    Those of goals with ranges are in `ranges.range_routines`.
+    Those of goals with ranges are in `ranges.range_routines`, that of an arm with a closed form is
+    `structure.one_answer.closed_routine`.
     """
-    addresses = np.zeros(JUDGE + 1, dtype=np.int64)
+    addresses = np.zeros(CLOSED + 1, dtype=np.int64)
     addresses[ITERATE], addresses[SEARCH] = iterate_routine.address, search_routine.address
     return addresses
 

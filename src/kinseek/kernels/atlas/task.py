@@ -37,13 +37,14 @@ POSITION_ERROR, ORIENTATION_ERROR, WEIGHTED_ERROR, EVALUATIONS = range(4)
 """Places in a report on joint values: [m], [rad], and the FK evaluations they took. Behind the joint values of an answer
 these four stand in the same order."""
 
-ITERATE, SEARCH, ENDING, STARTS, JUDGE = range(5)
+ITERATE, SEARCH, ENDING, STARTS, JUDGE, CLOSED = range(6)
 """Places of the routines among those of a task; 0 stands where one is not needed, or not yet: see `one_goal.routines`.
+CLOSED has its address where the arm has a closed form.
 
 A goal with ranges has other steps than a pose, and the same search: its task names other routines, see `with_ranges`."""
 
-HEAD, TAIL, COLUMNS, WIDTH, POSES = range(5)
-"""Places in the whole numbers of a task: those of the division, LANES, and `Task.poses`."""
+HEAD, TAIL, COLUMNS, WIDTH, POSES, EXACT = range(6)
+"""Places in the whole numbers of a task: those of the division, LANES, `Task.poses`, and `Task.exact`."""
 
 DIRECTION, RADIAN = range(2)
 """Places in the lengths of a task: what a direction counts as among the samples, and a radian while refining [m]."""
@@ -76,6 +77,10 @@ class Task(NamedTuple):
     """Most FK evaluations for one target."""
     axis_weights: Array
     """K_A of the x, y and z columns, (3,), see `GoalArrays`."""
+    structure: Array
+    """What the geometry of the arm gives, see `structure.candidates.KIND`."""
+    exact: int
+    """1 where the arm has that structure to rounding, else 0."""
 
 
 class TaskRows(NamedTuple):
@@ -87,14 +92,15 @@ class TaskRows(NamedTuple):
     upper: Array
     columns: Array
     numbers: Indices
-    """See `HEAD` and those beside it, (5,)."""
+    """See `HEAD` and those beside it, (6,)."""
     lengths: Array
     """See `DIRECTION` and `RADIAN`, (2,), [m]."""
     links: Array
     routines: Indices
-    """Addresses of what kernels call, see `ITERATE`, (5,)."""
+    """Addresses of what kernels call, see `ITERATE`, (6,)."""
     plain: Array
     """What is wanted of a plain pose, (WANTED,)."""
+    structure: Array
 
 
 ROWS = Rows(
@@ -126,6 +132,7 @@ ROWS = Rows(
     links="floats2",
     routines="integers",
     plain="floats1",
+    structure="floats1",
 )
 """The rows of a task's handle."""
 
@@ -146,15 +153,17 @@ def task_arrays(
     length: float,
     routines: Indices,
     wanted: Array,
+    structure: Array,
+    exact: bool,
 ) -> list[NDArray[Any]]:
     """The arrays of a task in the order in which `task_of` reads them; `wanted` is that of a plain pose."""
-    numbers, lengths = np.zeros(POSES + 1, dtype=np.int64), np.zeros(RADIAN + 1)
+    numbers, lengths = np.zeros(EXACT + 1, dtype=np.int64), np.zeros(RADIAN + 1)
     numbers[HEAD], numbers[TAIL], numbers[COLUMNS] = division.head, division.tail, division.columns
-    numbers[WIDTH] = LANES
+    numbers[WIDTH], numbers[EXACT] = LANES, exact
     lengths[DIRECTION], lengths[RADIAN] = division.length, length
     links = links_of(chain)
     return ROWS.arrays(
-        TaskRows(chain, atlas, lower, upper, columns, numbers, lengths, links, routines, wanted)
+        TaskRows(chain, atlas, lower, upper, columns, numbers, lengths, links, routines, wanted, structure)
     )
 
 
@@ -223,6 +232,8 @@ def task_of(handle: Indices, wanted: Array) -> Task:
         wanted[WEIGHT],
         wanted[BUDGET],
         part1(wanted.ctypes.data, AXES, 3),
+        rows.structure,
+        numbers[EXACT],
     )
 
 

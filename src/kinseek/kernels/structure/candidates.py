@@ -53,6 +53,28 @@ ROUNDING = 1e-9
 """Deviation up to which an arm has its structure exactly: rounding of doubles in its description, and no more."""
 
 
+LOOSE = 1e-5
+"""Tolerances [m] and [rad] up to which the closed form tells all: with looser ones answers are regions, of which it knows
+nothing."""
+
+
+LACKING, BESIDE = 0.02, 1e-3
+"""A candidate is tried if no equation lacks more, and if it lies no farther beyond a limit [rad]; farther where the arm is
+off its structure, and where the tolerances reach farther."""
+
+
+CLEAR = 1e-6
+"""Where every equation is farther from having one answer, its two answers are told apart."""
+
+
+FREE = 2e-4
+"""An angle is left to choose where less than this decides it: there answers are continua, within the tolerances."""
+
+
+SPREAD = 10.0
+"""An arm that is off its structure by so much has equations that are off by so many times as much."""
+
+
 LACK, WEAK, FOLD, AGAIN = range(6, 10)
 """Rows behind the six angles of a lane: by how much the worst of its equations has no answer, 0 where all have; how close
 any angle is to being left to choose, 0 where it is; how close any equation is to having one answer, less where it decides

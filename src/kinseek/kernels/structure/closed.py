@@ -14,40 +14,24 @@ from kinseek.kernels.jit import hidden
 from .candidates import (
     AGAIN,
     BACKWARD,
+    BESIDE,
+    CLEAR,
     DEVIATION,
     FOLD,
+    FREE,
     KIND,
     LACK,
+    LACKING,
+    LOOSE,
     NONE,
     ROUNDING,
     SIZE,
+    SPREAD,
     WEAK,
     candidates,
     displacement,
     set_signs,
 )
-
-LOOSE = 1e-5
-"""Tolerances [m] and [rad] up to which the closed form serves: with looser ones answers are regions, of which it knows
-nothing."""
-
-
-BESIDE, LACKING = 1e-3, 0.02
-"""A candidate is tried if it lies no farther beyond a limit [rad], and if no equation lacks more; farther where the arm is
-off its structure, and where the tolerances reach farther."""
-
-
-CLEAR = 1e-6
-"""Where every equation is farther from having one answer, its two answers are told apart."""
-
-
-FREE = 2e-4
-"""An angle is left to choose where less than this decides it: there answers are continua, within the tolerances."""
-
-
-SPREAD = 10.0
-"""An arm that is off its structure by so much has equations that are off by so many times as much."""
-
 
 TRIED, SURE, UNSURE = range(3)
 """Places in what is told of candidates: how many are tried, how many of these must be answers, and 1 where there may be

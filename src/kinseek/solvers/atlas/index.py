@@ -18,6 +18,7 @@ from kinseek.kernels.atlas.samples import build_atlas
 from kinseek.kernels.atlas.task import (
     AXES,
     BUDGET,
+    CLOSED,
     NUMBERS,
     ORIENTATION,
     POSITION,
@@ -27,12 +28,16 @@ from kinseek.kernels.atlas.task import (
     with_ranges,
 )
 from kinseek.kernels.pointers import handle_of
+from kinseek.kernels.structure.candidates import KIND
+from kinseek.kernels.structure.candidates import NONE as NO_CLOSED_FORM
+from kinseek.kernels.structure.one_answer import closed_routine
 from kinseek.kinds import POSE, Kind
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import RADIAN_PART, arm_length, divide, open_limits
 from kinseek.robots.sampling import middle_samples
 from kinseek.shelf import Shelf
+from kinseek.structure.structure import NO_STRUCTURE, Structure, structure_of, with_tip
 from kinseek.tolerances import DEFAULT_TOLERANCE
 from kinseek.transforms import inverse
 
@@ -67,9 +72,27 @@ class AtlasIndex:
             self.sorted = of_tip.sorted._replace(inverse_tip=tip)
         lower, upper = open_limits(chain)
         columns = (np.arange(3) < kind.columns).astype(float) * kind.column_weight
-        self._routines, length = routines(), arm_length(chain) / RADIAN_PART
+        self._routines, size = routines(), arm_length(chain)
+        self.structure: Structure = NO_STRUCTURE
+        """What the geometry of the arm gives; nothing where the goal is less than a pose."""
+        if kind is POSE:
+            self.structure = (
+                structure_of(arrays, size) if of_tip is None else with_tip(of_tip.structure, arrays)
+            )
+        if self.structure.numbers[KIND] != NO_CLOSED_FORM:
+            self._routines[CLOSED] = closed_routine.address
         self._arrays = task_arrays(
-            arrays, self.sorted, division, lower, upper, columns, length, self._routines, PLAIN
+            arrays,
+            self.sorted,
+            division,
+            lower,
+            upper,
+            columns,
+            size / RADIAN_PART,
+            self._routines,
+            PLAIN,
+            self.structure.numbers,
+            self.structure.exact,
         )
         self._addresses = handle_of(self._arrays)
         self._range_routines = np.zeros_like(self._routines)
