@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import kinseek
 from cells import TETRAHEDRON, box_mesh, write_obj
 from kinseek import InvalidScene, Scene
+from kinseek.collision.obstacles import obstacles
 
 pytest.importorskip("pinocchio")
 
@@ -277,3 +279,28 @@ def test_binary_nonsense_is_no_text(tmp_path: Path, scene: Scene) -> None:
     (tmp_path / "cell.scene").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InvalidScene, match="is no text"):
         scene.add_file(tmp_path / "cell.scene")
+
+
+@pytest.mark.slow
+def test_a_scene_that_is_cut_short_or_has_a_wrong_word_is_no_other_scene(tmp_path: Path) -> None:
+    """Each word becomes another; what is read then has as many shapes, or is refused in our words."""
+    path = tmp_path / "cell.scene"
+    whole = [
+        len(body.parts) for body in obstacles(written(tmp_path, "cell.scene", MOVEIT), {}, False, True)[0]
+    ]
+    for end in range(0, len(MOVEIT) - 2, 3):
+        path.write_text(MOVEIT[:end], encoding="utf-8")
+        with pytest.raises(InvalidScene):
+            obstacles(path, {}, False, True)
+    read = 0
+    for word in re.finditer(r"\S+", MOVEIT[len("the cell") :]):
+        begin, end = (place + len("the cell") for place in word.span())
+        for other in ("x", "-1", "1e999", "999999999", "*", ".", "nan", ""):
+            path.write_text(MOVEIT[:begin] + other + MOVEIT[end:], encoding="utf-8")
+            try:
+                found, _ = obstacles(path, {}, False, True)
+            except InvalidScene:
+                continue
+            read += 1
+            assert other == "." or [len(body.parts) for body in found] == whole
+    assert read > 50
