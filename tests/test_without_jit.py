@@ -394,9 +394,9 @@ def first_pass() -> Any:
 
 RUNS: list[tuple[Any, ...]] = [
     *[(spare_layers, name) for name in ("panda", "elbow6")],
-    *[(one, name) for name in ("planar2", "cylindrical3", "scara4", "elbow6")],
-    *[(batch, name) for name in ("planar2", "scara4", "elbow6")],
-    *[(near, name) for name in ("cylindrical3", "scara4", "ur5e")],
+    *[(one, name) for name in ("planar2", "cylindrical3", "scara4", "elbow6", "jaco2_6")],
+    *[(batch, name) for name in ("planar2", "scara4", "elbow6", "ur10e_calibrated")],
+    *[(near, name) for name in ("cylindrical3", "scara4", "ur5e", "ur10e_calibrated")],
     *[(out_of_reach, name) for name in ("planar2", "elbow6")],
     *[(gates, name) for name in ("cylindrical3", "elbow6")],
     (positions_and_directions, "elbow6"),

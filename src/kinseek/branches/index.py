@@ -47,8 +47,8 @@ class BranchIndex:
         chain, kind = problem.chain, problem.goal.form
         self.freedom = freedom(problem)
         """Joints that the goal leaves to choose: 0 for isolated answers, 1 for curves, and so on."""
-        self.coarse = AtlasIndex(chain, kind, problem.arrays, SAMPLES)
         self.fine = atlas_of(chain, problem.goal)
+        self.coarse = AtlasIndex(chain, kind, problem.arrays, SAMPLES, structure=self.fine.structure)
         middle, half = (chain.lower + chain.upper) / 2, (chain.upper - chain.lower) / 2
         turning = np.where(chain.periodic, 0.5 / np.pi, 0.0)
         self.view: Array = np.array([middle, 1 / np.maximum(half, 1e-12), turning])

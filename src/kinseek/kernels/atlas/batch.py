@@ -14,7 +14,7 @@ from kinseek.kernels.pointers import integer_part
 from .descent import FIRST_STEPS, iterate, reset_weights, within
 from .lanes import LANES, Lanes
 from .memory import Desk, desk_size, make_desk
-from .one_goal import MIDMOST, closed_answer, closed_seed, conclude_answer, finish, solve_pose
+from .one_goal import MIDMOST, closed_answer, closed_seed, finish, solve_pose
 from .seeds import FIRST, load_seed, middle, scan, take_seed
 from .task import CLOSED, EVALUATIONS, HANDLE, WANTED, Job, Task, routine_at, task_of
 
@@ -140,7 +140,7 @@ def solve_many(
         integer_part(at, 3 * LANES, LANES),
     )
     if routine_at(handle, CLOSED) != 0 and task.exact == 1:
-        count = run_closed(Job(handle, wanted, memory), task, targets, results, left, begin, end, w)
+        count = run_closed(Job(handle, wanted, memory), task, desk, targets, results, left, begin, end, w)
     else:
         count = run_lanes(
             Job(handle, wanted, memory), task, desk, queue, targets, results, left, begin, end, w
@@ -184,6 +184,7 @@ def solve_some(
 def run_closed(
     job: Job,
     task: Task,
+    desk: Desk,
     targets: Array,
     results: Array,
     left: Indices,
@@ -197,7 +198,9 @@ def run_closed(
         q, report = results[t, :dof], results[t, dof:]
         tried = closed_answer(job.handle, job.wanted, job.memory, targets[t], task.budget, q, MIDMOST, q, w)
         if tried > 0:
-            conclude_answer(job.handle, job.wanted, job.memory, targets[t], q, report)
+            # It is judged already, where the desk keeps bounds.
+            for k in range(EVALUATIONS):
+                report[k] = desk.bound[k]
             report[EVALUATIONS] = tried
         else:
             left[leftover] = t

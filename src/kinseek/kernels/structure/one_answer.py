@@ -67,7 +67,8 @@ def place(task: Task, near: Array, close: bool, work: Array, w: int) -> None:
         work: The candidates, see `candidates.LACK`, (WORK,).
         w: LANES.
     """
-    W, turn, dof, off = LANES, 2.0 * math.pi, len(task.lower), SPREAD * task.structure[DEVIATION]
+    W, dof, off = LANES, len(task.lower), SPREAD * task.structure[DEVIATION]
+    turn, rate = 2.0 * math.pi, 0.5 / math.pi
     for l in range(w):
         lost = work[AGAIN * W + l] > 0.0 or work[LACK * W + l] > LACKING + off
         work[COST * W + l] = np.inf if lost else 0.0
@@ -81,14 +82,14 @@ def place(task: Task, near: Array, close: bool, work: Array, w: int) -> None:
             low, high = centre - math.pi, centre + math.pi
         for l in range(w):
             value = work[row * W + l]
-            middlemost = value - turn * np.floor((value - low - half) / turn + 0.5)
-            value -= turn * np.floor((value - centre) / turn + 0.5)
+            middlemost = value - turn * np.floor((value - low - half) * rate + 0.5)
+            value -= turn * np.floor((value - centre) * rate + 0.5)
             # Of an angle whose range holds no full turn at most one copy fits, but at both limits of nearly a full turn.
             fits = full > 0.0 or low - EDGE <= value <= high + EDGE
             value = value if fits else middlemost
             value = low if low - EDGE <= value < low else high if high < value <= high + EDGE else value
-            value += full * turn * np.ceil(max(low - value, 0.0) / turn)
-            value -= full * turn * np.ceil(max(value - high, 0.0) / turn)
+            value += full * turn * np.ceil(max(low - value, 0.0) * rate)
+            value -= full * turn * np.ceil(max(value - high, 0.0) * rate)
             gap = scale * (value - near[i])
             beside = max(low - value, value - high) <= BESIDE + off
             work[row * W + l] = value
@@ -134,7 +135,7 @@ def take_candidate(task: Task, desk: Desk, q: Array) -> bool:
 @hidden
 def reaches(task: Task, desk: Desk, target: Array, near: Array, q: Array) -> bool:
     """Bring q, (n,), inside the limits; does it reach the target, (3, 4), by plain forward kinematics?"""
-    report = desk.bound  # Of a look-up.
+    report = desk.bound  # Memory of a look-up; `batch.run_closed` reads it too.
     finish(task, desk, goal_of(task, target), near, q, report)
     position, orientation = report[POSITION_ERROR], report[ORIENTATION_ERROR]
     reached: bool = position <= task.position_tolerance and orientation <= task.orientation_tolerance

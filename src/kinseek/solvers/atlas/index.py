@@ -55,10 +55,12 @@ class AtlasIndex:
         samples: int,
         of_tip: AtlasIndex | None = None,
         tool: Array | None = None,
+        structure: Structure | None = None,
     ) -> None:
         """Sample the middle joints and sort the samples; or share those of the tip's own atlas.
 
-        Where the whole pose of a tool is asked, that of the tip is known: the samples of one serve the other.
+        Where the whole pose of a tool is asked, that of the tip is known: the samples of one serve the other. The structure
+        is looked for unless it is given.
         """
         began = time.perf_counter()
         division = divide(chain, kind)
@@ -73,12 +75,12 @@ class AtlasIndex:
         lower, upper = open_limits(chain)
         columns = (np.arange(3) < kind.columns).astype(float) * kind.column_weight
         self._routines, size = routines(), arm_length(chain)
-        self.structure: Structure = NO_STRUCTURE
+        if structure is None and of_tip is not None:
+            structure = with_tip(of_tip.structure, arrays)
+        elif structure is None:
+            structure = structure_of(arrays, size) if kind is POSE else NO_STRUCTURE
+        self.structure = structure
         """What the geometry of the arm gives; nothing where the goal is less than a pose."""
-        if kind is POSE:
-            self.structure = (
-                structure_of(arrays, size) if of_tip is None else with_tip(of_tip.structure, arrays)
-            )
         if self.structure.numbers[KIND] != NO_CLOSED_FORM:
             self._routines[CLOSED] = closed_routine.address
         self._arrays = task_arrays(

@@ -1,0 +1,96 @@
+"""Where the time of one `arm.ik(T)` goes: Python, the door of the compiled code, the look-up, the steps, the judgement.
+
+    python -m benchmarks.one_pose
+    python -m benchmarks.one_pose panda --targets 5000
+
+Targets from joint values uniform inside the limits, each asked several times; of each the least counts, and of those the
+median is printed, in microseconds, less what the clock takes. The steps are a straight line through time against
+evaluations. An arm with a closed form is asked both ways: by it, and as if it had none.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+import kinseek
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.memory import LAYOUT
+from kinseek.kernels.atlas.one_goal import search_within, solve_plain
+from kinseek.kernels.atlas.task import CLOSED
+from kinseek.solvers.atlas.index import PLAIN, AtlasIndex
+
+from .command import arm_name, at_least_one, command
+from .targets import load, machine, plain_fk, random_joints
+
+Array = NDArray[np.float64]
+
+ARMS = ("ur5e", "puma560", "ur10e_calibrated", "jaco2_6", "panda", "iiwa14")
+REPEATS = 7
+
+
+def times(ask: Callable[[Array], object], targets: list[Array]) -> Array:
+    """The least time of each target [µs], (k,)."""
+    least = np.full(len(targets), np.inf)
+    for _ in range(REPEATS):
+        for i, target in enumerate(targets):
+            began = time.perf_counter_ns()
+            ask(target)
+            least[i] = min(least[i], time.perf_counter_ns() - began)
+    return least / 1e3
+
+
+def parts(arm: kinseek.Arm, targets: list[Array]) -> list[float]:
+    """Whole call, Python's share, door, look-up, one step, evaluations, and the rest; medians [µs]."""
+    index, q = arm.atlas, np.empty(arm.dof)
+    assert isinstance(index, AtlasIndex)
+    clock = float(np.median(times(lambda target: None, targets)))
+    nothing, upper = np.zeros((4, 4)), [np.ascontiguousarray(target[:3]) for target in targets]
+    memory = np.zeros(LAYOUT.count.of(dof=arm.dof, joints=len(arm.chain.leader)))
+    whole = times(arm.ik, targets) - clock
+    kernel = times(lambda target: solve_plain(index.address, target, q), targets) - clock
+    door = float(np.median(times(lambda target: solve_plain(index.address, nothing, q), targets))) - clock
+    look = times(lambda target: search_within(index.handle, PLAIN, memory, target, 0.0, q, LANES), upper)
+    counts = np.array([arm.ik(target).evaluations for target in targets]) / LANES
+    few = counts <= 11
+    step = np.polyfit(counts[few], kernel[few], 1)[0] if np.ptp(counts[few]) >= 1.0 else 0.0
+    look_up = float(np.median(look)) - clock - door if step else 0.0
+    median = float(np.median(kernel))
+    rest = median - door - look_up - step * float(np.median(counts))
+    shell = float(np.median(whole - kernel))
+    return [float(np.median(whole)), shell, door, look_up, step, float(np.median(counts)), rest]
+
+
+def main() -> None:
+    """Ask and print."""
+    parser = command(__file__, __doc__)
+    parser.add_argument("arms", nargs="*", type=arm_name, default=ARMS)
+    parser.add_argument("--targets", type=at_least_one, default=2000)
+    given = parser.parse_args()
+    print(f"{machine()}; load {load()}")
+    print(
+        f"{'arm':<28}{'whole':>8}{'Python':>8}{'door':>8}{'look-up':>8}{'a step':>8}{'steps':>8}{'rest':>8}"
+    )
+    for name in given.arms or ARMS:
+        arm = kinseek.load(name)
+        targets = [
+            np.ascontiguousarray(T) for T in plain_fk(arm.chain, random_joints(arm.chain, given.targets, 1))
+        ]
+        arm.ik(targets[0])
+        ways = (
+            [("closed form", True), ("atlas", False)] if arm.structure.word != "none" else [("atlas", False)]
+        )
+        for way, closed in ways:
+            routines = arm.atlas._routines
+            kept = int(routines[CLOSED])
+            routines[CLOSED] = kept if closed else 0
+            row = parts(arm, targets)
+            routines[CLOSED] = kept
+            print(f"{name + ', ' + way:<28}" + "".join(f"{value:8.2f}" for value in row), flush=True)
+
+
+if __name__ == "__main__":
+    main()
