@@ -11,9 +11,10 @@ from scipy.spatial.transform import Rotation
 import kinseek
 from kinseek import maps
 from kinseek.maps.cell import whole_cell
-from kinseek.maps.cells import EMPTY, REACHED, UNDECIDED, judged
+from kinseek.maps.cells import EMPTY, REACHED, UNDECIDED, Judge, judged
 from kinseek.maps.orientations import ball
 from kinseek.maps.search import reached, ruled_out
+from kinseek.maps.whole import around, whole_share
 
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
@@ -215,6 +216,104 @@ def test_what_is_proved_empty_holds_no_pose() -> None:
     assert verdicts.count(EMPTY) > 40
 
 
+def beside(T: np.ndarray, position: float, orientation: float, seed: int) -> np.ndarray:
+    """A pose in a ball around each of some, most of them at its rim."""
+    rng = np.random.default_rng(seed)
+    moved = T.copy()
+    way, axis = rng.normal(size=(2, len(T), 3))
+    far, angle = np.minimum(rng.uniform(0.0, 2.0, (2, len(T))), 1.0)
+    moved[:, :3, 3] += (position * far / np.linalg.norm(way, axis=1))[:, None] * way
+    turn = (orientation * angle / np.linalg.norm(axis, axis=1))[:, None] * axis
+    moved[:, :3, :3] = Rotation.from_rotvec(turn).as_matrix() @ T[:, :3, :3]
+    return moved
+
+
+@pytest.mark.parametrize("name", ["ur5e", "irb120", "panda"])
+def test_every_pose_of_a_ball_that_is_proved_is_reached(name: str) -> None:
+    arm = kinseek.load(name)
+    T = arm.fk(arm.sample(60, seed=8))
+    size, proved = np.ones(len(T)), np.zeros(len(T), dtype=bool)
+    for scale in (0.02, 0.005, 0.001):
+        held = around(arm, T, np.full(len(T), scale), np.full(len(T), 2.0 * scale))
+        size = np.where(held & ~proved, scale, size)
+        proved |= held
+    assert proved.sum() > 20
+    for seed in range(10):
+        for scale in np.unique(size[proved]):
+            inside = beside(T[proved & (size == scale)], scale, 2.0 * scale, seed)
+            assert reached(arm, kinseek.Goal.pose(inside), patience=None).all()
+
+
+def test_a_ball_that_reaches_beyond_the_arm_or_its_limits_is_never_proved() -> None:
+    q = UR5E.sample(40, seed=9)
+    q[:, 2] = np.linspace(-0.02, 0.02, len(q))  # A stretched elbow: the edge of reach.
+    assert not around(UR5E, UR5E.fk(q), np.full(40, 1e-3), np.full(40, 1e-3)).any()
+    arm = kinseek.load("irb120")
+    q = arm.sample(60, seed=10)
+    q[:, 1] = arm.upper[1] - 1e-4
+    T = arm.fk(q)
+    lone = np.array([len(each) == 1 for each in arm.branches(T)])
+    assert lone.sum() > 3
+    radii = np.full(int(lone.sum()), 1e-3)
+    assert not around(arm, T[lone], radii, radii).any()
+    assert around(arm, T[lone], radii * 1e-3, radii * 1e-3).any()
+
+
+@pytest.mark.slow
+def test_all_of_a_cell_that_is_proved_to_be_reached_is() -> None:
+    grid = maps.Grid((-1.0, 1.0, 0.02), (-1.0, 1.0, 0.02), (-1.0, 1.2, 0.02), maps.orientations(36864))
+    q = UR5E.sample(12, seed=11)
+    whole = 0
+    for number, index in enumerate(np.stack(grid.cells_of(UR5E.fk(q)), axis=1)):
+        cell = whole_cell(grid, tuple(int(i) for i in index), rolls=True)
+        share = whole_share(UR5E, cell, 5)
+        assert 0.0 <= share <= 1.0
+        inside = cell.spread(1000)
+        found = reached(UR5E, kinseek.Goal.pose(inside), patience=None)
+        assert found.mean() >= share - 0.05
+        whole += share == 1.0
+        assert share < 1.0 or found.all(), number
+    assert whole >= 3
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda"])
+def test_cells_that_differ_by_a_turn_of_the_last_joint_are_judged_as_one(name: str) -> None:
+    """A pose of the arm lies in a stack of cells: it is never empty, nor is the cell of the pose itself."""
+    arm = kinseek.load(name)
+    half = float(np.ceil(arm.chain.reach / 0.1) * 0.1)
+    grid = maps.Grid((-half, half, 0.05), (-half, half, 0.05), (-half, half, 0.05), maps.orientations(4608))
+    judge, arcs = Judge(arm, grid, 1, 300), grid.orientations.arcs
+    assert judge.last is not None
+    assert judge.last.free == (name == "ur5e")
+    for index in np.stack(grid.cells_of(arm.fk(arm.sample(12, seed=12))), axis=1):
+        place, number = tuple(int(i) for i in index[:-1]), int(index[-1])
+        first = number // arcs * arcs
+        told = judge.row(place, range(first, first + arcs), np.zeros(arcs, dtype=bool))
+        assert told[number - first].known != EMPTY
+        assert not judge.last.free or EMPTY not in [each.known for each in told]
+
+
+def test_poses_that_the_last_joint_turns_into_each_other_are_asked_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from kinseek.maps import search
+
+    grid = maps.Grid((-0.6, 0.6, 0.3), (-0.6, 0.6, 0.3), (-0.3, 0.6, 0.3), maps.orientations(288))
+    goal = kinseek.Goal.pose(grid.poses([slice(None)] * 4).reshape(-1, 4, 4))
+    once = reached(UR5E, goal)
+    asked = []
+    plain = search._reached
+    monkeypatch.setattr(
+        search,
+        "_reached",
+        lambda arm, goal, patience: asked.append(len(goal.targets)) or plain(arm, goal, patience),
+    )
+    assert (reached(UR5E, goal) == once).all()
+    assert sum(asked) == len(once) // grid.orientations.arcs
+    assert (plain(UR5E, goal, 1000) == once).all()
+    assert 0.2 < once.mean() < 0.9
+
+
 @pytest.mark.slow
 def test_a_proved_map_bounds_the_volume() -> None:
     arm = kinseek.load("irb120")
@@ -229,7 +328,7 @@ def test_a_proved_map_bounds_the_volume() -> None:
     assert len(found) > 300
     assert (found != EMPTY).all()
     poses, places = maps.volume(m), maps.volume(m, "positions")
-    assert 0.0 < poses.touched < poses.most < grid.volume
+    assert 0.0 <= poses.least < poses.touched < poses.most < grid.volume
     assert poses.touched < places.touched <= places.most <= grid.volume * (1 + 1e-12)
 
 

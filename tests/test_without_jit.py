@@ -33,6 +33,8 @@ from kinseek.collision.broad import Broad
 from kinseek.collision.engine import Solid
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import LAYOUT as DESK
+from kinseek.kernels.maps.many_closed import many_closed
+from kinseek.kernels.paths.around import answers_around
 from kinseek.kernels.paths.band import solve_band
 from kinseek.kernels.paths.grow import gather, lead_on
 from kinseek.kernels.paths.programme import (
@@ -55,7 +57,7 @@ from kinseek.kernels.route import PLAIN
 from kinseek.kernels.without_jit import Bounded, bounded, call_at, unbounded, view_at
 from kinseek.kinds import POINTING, POSE
 from kinseek.maps.search import ruled_out
-from kinseek.paths.certify import prove_rows
+from kinseek.paths.certify import numbers_of, prove_rows
 from kinseek.proof import branch_and_bound, isolation
 from kinseek.proof.boxes import enclosed, excluded
 from kinseek.proof.reduce import error_question, question
@@ -122,6 +124,27 @@ def gates(name: str) -> Any:
     arm = kinseek.load(name)
     T = np.concatenate([targets(arm, 3), away(arm)[None]])
     return ruled_out(arm, Goal.pose(T))
+
+
+def asked(name: str) -> Any:
+    arm = kinseek.load(name)
+    T, told = np.concatenate([targets(arm, 6), away(arm)[None]])[:, :3], np.empty(7, dtype=np.int64)
+    index = AtlasIndex(arm.chain, POSE, arm.chain.arrays, 64)
+    left = many_closed(
+        index.handle, PLAIN_WANTED, arm.structure.numbers, np.ascontiguousarray(T), told, LANES
+    )
+    return left, told
+
+
+def around(name: str) -> Any:
+    arm = kinseek.load(name)
+    q = np.random.default_rng(3).uniform(arm.lower, arm.upper, (4, arm.dof))
+    problem = Problem(arm.mechanism, Goal.pose(arm.fk(q)))
+    hold = np.ascontiguousarray(np.linalg.svd(arm.jacobian(q))[2][:, 6:])
+    position, held = np.array([1e-3, 1e-4, 1e-5, 0.5]), np.zeros(4, dtype=bool)
+    numbers = numbers_of(problem, q)
+    answers_around(arm.chain.arrays, problem.goal.targets, q, hold, position, 2.0 * position, numbers, held)
+    return held
 
 
 def positions_and_directions(name: str) -> Any:
@@ -399,6 +422,8 @@ RUNS: list[tuple[Any, ...]] = [
     *[(near, name) for name in ("cylindrical3", "scara4", "ur5e", "ur10e_calibrated")],
     *[(out_of_reach, name) for name in ("planar2", "elbow6")],
     *[(gates, name) for name in ("cylindrical3", "elbow6")],
+    *[(asked, name) for name in ("ur5e", "irb120", "panda")],
+    *[(around, name) for name in ("ur5e", "panda")],
     (positions_and_directions, "elbow6"),
     (box, "elbow6"),
     (plain_calls,),

@@ -29,6 +29,10 @@ STRIDES = 1.1127756842787055 ** -np.arange(1.0, 7.0)
 """Steps of an additive sequence that fills six dimensions evenly: powers of the root of x⁷ = x + 1 (Roberts 2018)."""
 
 
+LEVER = 0.2
+"""A turn counts, when a cell is cut, as the way of a point so far off, as a part of the arm's reach."""
+
+
 @dataclass(frozen=True)
 class Cell:
     """A cell, or a part of one."""

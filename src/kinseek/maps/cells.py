@@ -26,10 +26,11 @@ from kinseek.proof.boxes import Search, excluded
 from kinseek.robots import SerialChain
 from kinseek.robots.geometry import open_limits
 
-from .cell import Cell, whole_cell
+from .cell import LEVER, Cell, whole_cell
 from .grid import Grid, Rings
 from .last_joint import LastJoint, opened
 from .search import reached
+from .whole import whole_share
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -45,10 +46,13 @@ ATTRIBUTES: dict[str, dict[str, Any]] = {
         "units": "1",
     },
     "empty_share": {"long_name": "share of the cell's volume that is proved empty", "units": "1"},
+    "whole_share": {
+        "long_name": "share of the cell's volume that is proved to be reached, all of it",
+        "units": "1",
+    },
 }
 
-LEVER = 0.2
-"""A turn counts, when a cell is cut, as the way of a point so far off, as a part of the arm's reach."""
+SHARES = ("empty_share", "whole_share")
 
 FIRST = 1000
 """Boxes of a first proof: what most empty cells take. What it does not end is looked for an answer."""
@@ -75,10 +79,11 @@ def cells_of_block(
         budget: Boxes of joint values that one proof may look at.
 
     Returns:
-        What is known of each cell, and the share of it that is proved empty, both of the block's shape.
+        Of what `ATTRIBUTES` names an array of the block's shape.
     """
     judge = Judge(arm, grid, depth, budget)
-    known, empty = np.empty(found.shape, dtype="int8"), np.empty(found.shape, dtype="float32")
+    known = np.empty(found.shape, dtype="int8")
+    empty, whole = np.empty(found.shape, dtype="float32"), np.empty(found.shape, dtype="float32")
     *firsts, first = [some.indices(n)[0] for some, n in zip(part, grid.shape, strict=True)]
     numbers = first + np.arange(found.shape[-1])
     regions = numbers // grid.orientations.arcs
@@ -88,7 +93,8 @@ def cells_of_block(
             some = regions == region
             told = judge.row(place, [int(i) for i in numbers[some]], found[at][some])
             known[at][some], empty[at][some] = [each.known for each in told], [each.empty for each in told]
-    return {"cell": known, "empty_share": empty}
+            whole[at][some] = judge.whole(place, numbers[some], known[at][some] == REACHED)
+    return {"cell": known, "empty_share": empty, "whole_share": whole}
 
 
 def judged(
@@ -138,6 +144,16 @@ class Judge:
             known if there else self.cell((*place, number), stack)
             for there, number in zip(found, numbers, strict=True)
         ]
+
+    def whole(self, place: Index, numbers: NDArray[np.int64], touched: Flags) -> Array:
+        """Share of cells of one place and direction that is proved to be reached, all of it; 0 where none is touched."""
+        share = np.zeros(len(numbers))
+        free = self.last is not None and self.last.free
+        some = np.flatnonzero(touched)
+        for i in some[:1] if free else some:
+            cell = whole_cell(self.grid, (*place, int(numbers[i])), rolls=free)
+            share[some if free else i] = whole_share(self.arm, cell, self.depth)
+        return share
 
     def stack(self, place: Index, region: int) -> Verdict:
         """Judge all cells of one place and direction together, as if the last joint turned all around."""

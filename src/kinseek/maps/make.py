@@ -18,8 +18,8 @@ from kinseek.errors import InvalidMap, MissingExtra, suggest
 from kinseek.tolerances import DEFAULT_TOLERANCE, TOLERANCES, check_tolerance
 
 from .block import Work, digest, slim, version
-from .cells import ATTRIBUTES
-from .first_joint import divided
+from .cells import ATTRIBUTES, SHARES
+from .first_joint import FULL, divided
 from .grid import BLOCK, Grid, Rings
 from .measures import BRANCHES, LIMITS, MEASURES, REACHED, checked
 from .run import run
@@ -236,7 +236,8 @@ def store_of(arm: Arm, grid: Grid | Rings, work: Work) -> Store:
             told["comment"] = "; ".join(filter(None, (told.get("comment"), free)))
     if work.prove:
         variables["cell"] = ("int8", -1, dict(ATTRIBUTES["cell"]))
-        variables["empty_share"] = ("float32", np.nan, dict(ATTRIBUTES["empty_share"]))
+        for name in SHARES:
+            variables[name] = ("float32", np.nan, dict(ATTRIBUTES[name]))
     description: dict[str, Any] = {
         "arm": work.arm,
         "name": arm.name,
@@ -256,7 +257,9 @@ def store_of(arm: Arm, grid: Grid | Rings, work: Work) -> Store:
         "chunks": list(work.chunks),
     }
     if isinstance(grid, Rings):
-        description["first_frame"] = divided(work.chain).place.tolist()
+        first = divided(work.chain)
+        description["first_frame"] = first.place.tolist()
+        description["first_turns"] = min(1.0, (first.upper - first.lower) / FULL)
     description = json.loads(json.dumps(description))  # As it comes back from a store.
     path = None if work.store is None else Path(work.store)
     if path is not None and path.exists():

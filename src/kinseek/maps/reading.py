@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from kinseek.errors import InvalidMap
 from kinseek.transforms import inverse, square
 
-from .cells import EMPTY
+from .cells import EMPTY, SHARES
 from .cells import REACHED as TOUCHED
 from .first_joint import FULL
 from .grid import Grid, Rings, azimuths, grid_of
@@ -95,9 +95,7 @@ def expand(dataset: xarray.Dataset, grid: Grid) -> xarray.Dataset:
 
     told = described(dataset)
     dataset = dataset.load()
-    names = [
-        name for name in told["variables"] if name not in ("turn_from", "turn_to", "cell", "empty_share")
-    ]
+    names = [name for name in told["variables"] if name not in ("turn_from", "turn_to", "cell", *SHARES)]
     made = {name: np.empty(grid.shape, dataset[name].dtype) for name in names}
     for i in range(grid.shape[0]):
         part = (slice(i, i + 1), *[slice(None)] * 3)
@@ -132,8 +130,10 @@ def capability(dataset: xarray.Dataset) -> xarray.DataArray:
 
 
 class Volume(NamedTuple):
-    """How much an arm reaches, as far as a map with ``prove=True`` tells."""
+    """How much an arm reaches, as far as a map with ``prove=True`` tells: from `least` to `most`."""
 
+    least: float
+    """Of all that is proved to be reached: what is reached is no less than this."""
     touched: float
     """Of the cells in which a pose is reached. The arm need not reach all of these cells."""
     most: float
@@ -156,7 +156,7 @@ def volume(dataset: xarray.Dataset, what: str = "poses") -> Volume:
         raise InvalidMap(f"what must be 'poses' or 'positions', got {what!r}")
     if "cell" not in dataset:
         raise InvalidMap("a volume is bounded by proofs: maps.reach(..., prove=True) makes such a map")
-    known, empty = (dataset[name].transpose(*grid.dims).values for name in ("cell", "empty_share"))
+    known, empty, whole = (dataset[name].transpose(*grid.dims).values for name in ("cell", *SHARES))
     if (known < 0).any():
         raise InvalidMap("the map is not finished; the call of maps.reach that began it goes on with it")
     weights = np.full(known.shape[:-1], grid.volume / np.prod(known.shape[:-1]))
@@ -165,7 +165,13 @@ def volume(dataset: xarray.Dataset, what: str = "poses") -> Volume:
         weights = np.pi * (ends[:, 1:] ** 2 - ends[:, :1] ** 2) * grid.widths[1] * np.ones(known.shape[1])
     touched, left = known == TOUCHED, np.where(known == EMPTY, 0.0, 1.0 - empty)
     gather = np.mean if what == "poses" else np.max
+    if what == "positions":
+        whole = np.floor(whole)  # Of parts of cells it is not known whether their positions are the same.
+    # An answer serves all turns that take the first joint from one limit to the other.
+    if isinstance(grid, Rings):
+        whole = whole * described(dataset)["first_turns"]
     return Volume(
+        float((weights * gather(whole, axis=-1)).sum()),
         float((weights * gather(touched.astype(float), axis=-1)).sum()),
         float((weights * gather(left if what == "poses" else np.ceil(left), axis=-1)).sum()),
     )

@@ -98,7 +98,7 @@ def prove_rows(
     turning = Turning(problem.chain)
     lower, upper = (turning.open_lower, turning.open_upper) if limits is None else limits
     chain = problem.arrays._replace(lower=lower, upper=upper)
-    numbers = _numbers(problem, q)
+    numbers = numbers_of(problem, q)
 
     def some(first: int, last: int, _: GoOn) -> None:
         steps: Any = [each[first:last] for each in given]
@@ -150,7 +150,7 @@ def rims_of(problem: Problem, q: Array) -> Array:
     return np.asarray(RIM + MISSED * (errors[:, 0] + errors[:, 1]))
 
 
-def _numbers(problem: Problem, q: Array) -> Array:
+def numbers_of(problem: Problem, q: Array) -> Array:
     """What a radian counts as, and the margins for rounding of the farthest target."""
     goal = problem.goal
     farthest = int(np.argmax(np.linalg.norm(goal.targets[:, :, 3], axis=1)))

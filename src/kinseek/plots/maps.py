@@ -203,9 +203,10 @@ def volumes(
     bounds = np.array([volume(each, what) for each in datasets])[order]
     figure, axes = given_or_new(ax, size)
     x = widths[order] * 100
-    axes.fill_between(x, bounds[:, 0], bounds[:, 1], color=COLOURS[5], alpha=0.3, lw=0)
-    axes.plot(x, bounds[:, 1], "o-", color=COLOURS[0], label="all that is not proved empty")
-    axes.plot(x, bounds[:, 0], "o-", color=COLOURS[2], label="cells in which a pose is reached")
+    axes.fill_between(x, bounds[:, 0], bounds[:, 2], color=COLOURS[5], alpha=0.3, lw=0)
+    axes.plot(x, bounds[:, 2], "o-", color=COLOURS[0], label="all that is not proved empty")
+    axes.plot(x, bounds[:, 1], "o-", color=COLOURS[2], label="cells in which a pose is reached")
+    axes.plot(x, bounds[:, 0], "o-", color=COLOURS[1], label="all that is proved to be reached")
     unit = "m³ x share of orientations" if what == "poses" else "m³"
     axes.set(xlabel="width of a cell [cm]", ylabel=f"volume [{unit}]", ylim=(0.0, None))
     axes.set_title(f"{_name(datasets[0])}, {what}")

@@ -262,11 +262,8 @@ def middle_at(tube: Tube, i: int, tau: float) -> float:
 
 
 @hidden
-def find_tube(motion: Motion, middle: int, h: float, least: float) -> bool:
-    """Look for a tube around the desk's centre over s within h of it, no joint narrower than `least`; is there one?
-
-    It is in ``tube.half``, and ``tube.away`` is how far from its middle the branch is, at most.
-    """
+def aim_at_answer(motion: Motion) -> bool:
+    """Aim from the desk's centre, moved by one step to the answer beside it; is M good for a proof there?"""
     desk, tube = motion.desk, motion.tube
     n = len(tube.half)
     aim(motion)
@@ -286,8 +283,17 @@ def find_tube(motion: Motion, middle: int, h: float, least: float) -> bool:
             return False
     for i in range(n + 1):
         tube.c[i] = desk.c[i]
-    expand(motion, middle)
-    begin_tube(motion, middle, h)
+    return True
+
+
+@hidden
+def inflate(motion: Motion, middle: int, least: float) -> bool:
+    """Look for a tube, no joint narrower than `least`, from what was written of its middle; is there one?
+
+    It is in ``tube.half``, and ``tube.away`` is how far from its middle the branch is, at most.
+    """
+    tube = motion.tube
+    n = len(tube.half)
     for i in range(n):
         tube.half[i] = FIRST * tube.start[i] + least
     for _ in range(ROUNDS):
@@ -309,3 +315,16 @@ def find_tube(motion: Motion, middle: int, h: float, least: float) -> bool:
     for _ in range(NARROWING):
         contract(motion, middle, tube.away, tube.away)  # What is narrower by then serves already.
     return True
+
+
+@hidden
+def find_tube(motion: Motion, middle: int, h: float, least: float) -> bool:
+    """Look for a tube around the desk's centre over s within h of it, no joint narrower than `least`; is there one?
+
+    It is in ``tube.half``, and ``tube.away`` is how far from its middle the branch is, at most.
+    """
+    if not aim_at_answer(motion):
+        return False
+    expand(motion, middle)
+    begin_tube(motion, middle, h)
+    return inflate(motion, middle, least)

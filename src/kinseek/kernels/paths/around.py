@@ -1,0 +1,108 @@
+"""An answer for every pose of a ball: a tube that holds wherever its goal is moved, see `tube`.
+
+Let g be how far the goal's point and columns are moved, to first order, and e what is left of that, in the columns alone:
+``|e| ≤ θ²/√2`` for a turn by θ. Around an answer c to the ball's middle write x = c + t + δ with t = M g, so that of
+N(δ) = δ - M f(x) it is known, with v ≥ |t|,
+
+    |N(0)| ≤ a = |M f(c)| + |1 - MJ| v + ½ |M H| v v + |M| (rest(v) + |e|),
+
+and of its derivative what `tube` says. So where κ = a + C ρ < ρ there is one answer in |δ| ≤ ρ, for every g.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from kinseek.kernels.arrays import CHAIN, Array, ChainArrays, Flags
+from kinseek.kernels.entry import F64, FLAG
+from kinseek.kernels.jit import entry, hidden
+from kinseek.kernels.proof.taylor import rests
+
+from .motion import COUNT, MARGIN, MARGIN_A, Motion, lead, make_motion
+from .tube import TURNED, aim_at_answer, expand, inflate
+
+GOAL = 2
+"""The hand and its goal are compared behind the two joints that stand still: so no joint moves the goal, nor t with it."""
+
+
+@hidden
+def begin_around(motion: Motion, middle: int, position: float, angle: float) -> None:
+    """Write v, and a, for goals that are moved by so much at most [m] and turned by so much [rad]."""
+    form, desk, tube = motion.form, motion.desk, motion.tube
+    n = len(tube.half)
+    for i in range(n):
+        tube.wide[i] = tube.point[i] * position + tube.column[i] * math.sqrt(2.0) * angle
+    tube.wide[n] = 0.0
+    for k in range(len(form.leader)):
+        desk.half[k] = abs(form.multiplier[k]) * tube.wide[form.leader[k]]
+    _, _, three_p, three_c = rests(form, desk, desk.r, middle)
+    three_p += motion.numbers[MARGIN]
+    three_c += motion.numbers[MARGIN_A] + math.sqrt(0.5) * angle * angle
+    for row in range(n):
+        total = abs(tube.value[row]) + tube.point[row] * three_p + tube.column[row] * three_c
+        for i in range(n):
+            part = abs(tube.slope[row, i] - (1.0 if i == row else 0.0))
+            for j in range(n):
+                part += 0.5 * abs(tube.bend[row, i, j]) * tube.wide[j]
+            total += part * tube.wide[i]
+        for a in range(motion.hold.shape[0]):
+            total += abs(tube.across[row, a]) * motion.numbers[MARGIN]
+        tube.start[row] = total
+
+
+@entry(
+    chain=CHAIN,
+    targets=F64["k", 3, 4],
+    q=F64["k", "n"],
+    hold=F64["k", "*", "n"],
+    position=F64["k"],
+    orientation=F64["k"],
+    numbers=F64[COUNT],
+    held=FLAG["k"].out,
+)
+def answers_around(
+    chain: ChainArrays,
+    targets: Array,
+    q: Array,
+    hold: Array,
+    position: Array,
+    orientation: Array,
+    numbers: Array,
+    held: Flags,
+) -> None:
+    """Say whether every pose of a ball has an answer, inside the limits, near one to the ball's middle.
+
+    Args:
+        chain: The arm; infinite limits where a joint has none.
+        targets: Middles of the balls, (k, 3, 4), lengths in [m].
+        q: An answer to each, (k, n), [rad] or [m].
+        hold: With joints to spare, orthonormal directions in which they are held, (k, spare, n).
+        position: Radii of the balls, (k,), [m].
+        orientation: And by how much poses in them are turned at most, (k,), [rad].
+        numbers: See `motion.LENGTH`.
+        held: Receives whether all of a ball has answers, (k,).
+    """
+    if len(q) == 0:
+        return
+    n, still = len(chain.lower), np.zeros(3)
+    motion = make_motion(chain, 3, q[0], hold[0], numbers)
+    tube, middle = motion.tube, GOAL
+    for i in range(len(q)):
+        for j in range(n):
+            motion.begin[j] = motion.end[j] = motion.desk.c[j] = q[i, j]
+            for a in range(hold.shape[1]):
+                motion.hold[a, j] = hold[i, a, j]
+        motion.desk.c[n] = 0.0
+        lead(motion, chain, targets[i], still, still)
+        # A goal that is turned farther may be half a turn from the hand.
+        good = orientation[i] < TURNED and aim_at_answer(motion)
+        if good:
+            expand(motion, middle)
+            begin_around(motion, middle, position[i], orientation[i])
+            good = inflate(motion, middle, 0.0)
+        for j in range(n):
+            away = tube.wide[j] + tube.away[j]
+            good = good and chain.lower[j] < tube.c[j] - away and tube.c[j] + away < chain.upper[j]
+        held[i] = good

@@ -1,0 +1,86 @@
+"""How much of a cell is reached for certain, every pose of it.
+
+A ball of poses holds a part of the cell. Of an answer to its middle it can be proved that it moves along wherever the pose
+goes in the ball, inside the limits (`kernels.paths.around`). Where no answer does, the part is cut in half: it may be too
+large for the proof, or too near the edge of reach.
+"""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.arm import Arm
+from kinseek.branches.result import BranchesBatch
+from kinseek.goal import Goal
+from kinseek.kernels.paths.around import answers_around
+from kinseek.paths.certify import numbers_of
+from kinseek.problem import Problem
+from kinseek.robots.geometry import open_limits
+
+from .cell import LEVER, Cell
+from .last_joint import LastJoint
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+DEPTH = 8
+"""How often a cell is cut in half at most. Twice as often proves more of it, at sixteen times the cost."""
+
+
+def whole_share(arm: Arm, cell: Cell, depth: int) -> float:
+    """Share of a cell that is proved to be reached, all of it; the cell is cut in half so often, or `DEPTH` times."""
+    parts, share = [cell], 0.0
+    for level in range(min(depth, DEPTH) + 1):
+        balls = [part.ball() for part in parts]
+        last = LastJoint.of(arm.chain) if cell.arc is None else None
+        position = np.array([ball[1] for ball in balls]) + (0.0 if last is None else last.position)
+        orientation = np.array([ball[2] for ball in balls]) + (0.0 if last is None else last.orientation)
+        held = around(arm, np.array([ball[0] for ball in balls]), position, orientation)
+        share += 0.5**level * int(held.sum())
+        left = [part for part, good in zip(parts, held, strict=True) if not good]
+        parts = [half for part in left for half in part.halves(LEVER * arm.chain.reach)]
+        if not parts:
+            break
+    return share
+
+
+def around(arm: Arm, T: Array, position: Array, orientation: Array) -> Flags:
+    """Say of balls of poses whether every pose of them is proved to be reached.
+
+    Args:
+        arm: With axes.
+        T: Middles of the balls, (k, 4, 4), lengths in [m].
+        position: Radii, (k,), [m].
+        orientation: And by how much poses are turned at most, (k,), [rad].
+    """
+    held = np.zeros(len(T), dtype=bool)
+    spare = arm.dof - 6
+    if spare < 0:
+        return held  # With fewer joints no ball is reached.
+    whose, q = _answers(arm, T, spare)
+    if not len(q):
+        return held
+    goal = Goal.pose(T[whose])
+    hold = np.ascontiguousarray(np.linalg.svd(arm.jacobian(q))[2][:, 6:])
+    lower, upper = open_limits(arm.chain)
+    turning = upper > lower + 1e100
+    chain = arm.chain.arrays._replace(
+        lower=np.where(turning, -np.inf, lower), upper=np.where(turning, np.inf, upper)
+    )
+    good = np.zeros(len(q), dtype=bool)
+    numbers = numbers_of(Problem(arm.mechanism, goal), q)
+    answers_around(chain, goal.targets, q, hold, position[whose], orientation[whose], numbers, good)
+    held[whose[good]] = True
+    return held
+
+
+def _answers(arm: Arm, T: Array, spare: int) -> tuple[NDArray[np.int64], Array]:
+    """Answers to poses, and the number of the pose of each: all of them, or one each with joints to spare."""
+    if spare:
+        solution = arm.ik(T, threads=1)
+        return np.flatnonzero(solution.success), np.ascontiguousarray(solution.q[solution.success])
+    answers = cast(BranchesBatch, arm.branches(Goal.pose(T), threads=1))
+    return np.repeat(np.arange(len(T)), answers.counts), np.ascontiguousarray(answers.q)
