@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.field.protocol import Answer, Arm, Array, Refused
+from benchmarks.field.adapters.pinocchio import configuration, values_of
+from benchmarks.field.protocol import Answer, Arm, Refused
 
 NAME = "Pink"
 PACKAGE = "pin-pink"
@@ -55,7 +56,7 @@ class _Solver:
         self._tasks: list[Any] = [self._task]
         if settings["posture"]:
             posture = PostureTask(cost=settings["posture"])
-            posture.set_target(self._configuration(arm.middle))
+            posture.set_target(configuration(pin, self._model, arm.middle))
             self._tasks.append(posture)
         self._limits = (
             None if settings["velocity"] else [ConfigurationLimit(self._model, config_limit_gain=1.0)]
@@ -67,12 +68,12 @@ class _Solver:
         self._task.set_target(self._root * self._pin.SE3(T))
         met = False
         for _ in range(self._set["restarts"] + 1):
-            self._state.update(self._configuration(q))
+            self._state.update(configuration(self._pin, self._model, q))
             met = self._descend()
             if met:
                 break
             q = self._rng.uniform(self._arm.lower, self._arm.upper)
-        return Answer(self._values(self._state.q), met)
+        return Answer(values_of(self._model, self._state.q), met)
 
     def _descend(self) -> bool:
         dt = self._set["dt"]
@@ -86,19 +87,6 @@ class _Solver:
             moved = self._pin.integrate(self._model, self._state.q, v * dt)
             self._state.update(np.clip(moved, self._model.lowerPositionLimit, self._model.upperPositionLimit))
         return False
-
-    def _configuration(self, values: Array) -> Any:
-        """As pinocchio has it: a continuous joint is a cosine and a sine."""
-        q = self._pin.neutral(self._model)
-        for joint, value in zip(self._model.joints[1:], values, strict=True):
-            q[joint.idx_q : joint.idx_q + joint.nq] = (
-                [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
-            )
-        return q
-
-    def _values(self, q: Array) -> Array:
-        joints = self._model.joints[1:]
-        return np.array([q[j.idx_q] if j.nq == 1 else np.arctan2(q[j.idx_q + 1], q[j.idx_q]) for j in joints])
 
 
 def load(arm: Arm, settings: dict[str, Any]) -> _Solver:

@@ -43,7 +43,7 @@ class _Solver:
         q = self._arm.middle if start is None else np.asarray(start, dtype=float)
         target = self._root * self._pin.SE3(T)
         for _ in range(self._set["restarts"] + 1):
-            values, met = self._descend(target, self._configuration(q))
+            values, met = self._descend(target, configuration(self._pin, self._model, q))
             if met:
                 break
             q = self._rng.uniform(self._arm.lower, self._arm.upper)
@@ -56,33 +56,30 @@ class _Solver:
             error = data.oMf[self._tip].actInv(target)
             twist = pin.log6(error).vector
             if np.linalg.norm(twist) < self._set["tolerance"]:
-                return self._values(q), True
+                return values_of(self._model, q), True
             J = -pin.Jlog6(error.inverse()) @ pin.computeFrameJacobian(model, data, q, self._tip)
             v = -J.T @ np.linalg.solve(J @ J.T + self._set["damping"] * np.eye(6), twist)
             q = pin.integrate(model, q, v * self._set["part"])
             if self._set["clamp"]:
                 q = self._clamped(q)
-        return self._values(q), False
-
-    def _configuration(self, values: Array) -> Any:
-        """As pinocchio has it: a continuous joint is a cosine and a sine."""
-        q = self._pin.neutral(self._model)
-        for joint, value in zip(self._model.joints[1:], values, strict=True):
-            q[joint.idx_q : joint.idx_q + joint.nq] = (
-                [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
-            )
-        return q
-
-    def _values(self, q: Array) -> Array:
-        return np.array(
-            [
-                q[j.idx_q] if j.nq == 1 else np.arctan2(q[j.idx_q + 1], q[j.idx_q])
-                for j in self._model.joints[1:]
-            ]
-        )
+        return values_of(self._model, q), False
 
     def _clamped(self, q: Any) -> Any:
         return np.clip(q, self._model.lowerPositionLimit, self._model.upperPositionLimit)
+
+
+def configuration(pin: Any, model: Any, values: Array) -> Any:
+    """Joint values as pinocchio has them: of a continuous joint the cosine and the sine."""
+    q = pin.neutral(model)
+    for joint, value in zip(model.joints[1:], values, strict=True):
+        q[joint.idx_q : joint.idx_q + joint.nq] = [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
+    return q
+
+
+def values_of(model: Any, q: Any) -> Array:
+    """The way back."""
+    joints = model.joints[1:]
+    return np.array([q[j.idx_q] if j.nq == 1 else np.arctan2(q[j.idx_q + 1], q[j.idx_q]) for j in joints])
 
 
 def load(arm: Arm, settings: dict[str, Any]) -> _Solver:
