@@ -67,7 +67,7 @@ CLEAR = 0.3
 """So near in every joint [rad or m] answers are beside one that is barred."""
 
 FORGET = 16
-"""After so many layers it is looked what the best ways have in common."""
+"""After so many layers those nodes are forgotten through which no best way leads."""
 
 UNBOUND = 1e6
 """Stands for a step without a bound."""
@@ -108,35 +108,51 @@ class Place(NamedTuple):
     """Is it reached from the layer before without a break?"""
 
 
+class Kept(NamedTuple):
+    """Nodes of a layer that the best ways lead through."""
+
+    q: Array
+    """The answer of each, in the first turn, (m, n)."""
+    turns: Indices
+    """Of its joints, as one number, (m,)."""
+    came: Indices
+    """See `link`; the nodes are those kept of the layer before, (m,)."""
+
+
 class Ways:
-    """The best ways to all answers of the last layer. What they have in common is kept once, and the rest is forgotten."""
+    """The best ways to all answers of the last layer. Nodes that none of them leads through are forgotten now and then."""
 
     def __init__(self, total: int) -> None:
         """Begin; `total` is how many copies an answer has at most."""
-        self.total, self.common = total, list[Place]()
-        self.layers = list[tuple[Array, Indices]]()
+        self.total, self.layers = total, list[Kept]()
+        self._looked_at = 0
 
     def add(self, layer: Layer) -> None:
         """Go on by a layer."""
-        self.layers.append((layer.q, layer.came))
+        nodes = np.arange(len(layer.came))
+        self.layers.append(Kept(layer.q[nodes // self.total], nodes % self.total, layer.came))
         if len(self.layers) % FORGET == 0:
-            nodes = np.flatnonzero(layer.fault >= 0)
-            for k in range(len(self.layers) - 1, 0, -1):
-                nodes = np.unique(_before(self.layers[k][1][nodes]))
-                if len(nodes) == 1:
-                    self.common += self._back(self.layers[:k], int(nodes[0]))[:-1]
-                    del self.layers[: k - 1]
-                    break
+            self._forget(np.flatnonzero(layer.fault >= 0))
+
+    def _forget(self, nodes: Indices) -> None:
+        """Keep what leads to some nodes of the last layer; these keep their numbers."""
+        for k in range(len(self.layers) - 1, 0, -1):
+            behind = np.unique(_before(self.layers[k].came[nodes]))
+            here, before = self.layers[k], self.layers[k - 1]
+            if len(behind) == len(before.came) and k < self._looked_at:
+                break
+            place = np.searchsorted(behind, _before(here.came)).clip(0, len(behind) - 1)
+            self.layers[k] = here._replace(came=np.where(here.came >= 0, place, -2 - place))
+            self.layers[k - 1] = Kept(before.q[behind], before.turns[behind], before.came[behind])
+            nodes = np.arange(len(behind))
+        self._looked_at = len(self.layers)
 
     def to(self, node: int) -> list[Place]:
         """The best way to a node of the last layer, a place for each layer."""
-        return self.common + self._back(self.layers, node)
-
-    def _back(self, layers: list[tuple[Array, Indices]], node: int) -> list[Place]:
         places = []
-        for q, came in reversed(layers):
-            places.append(Place(q[node // self.total], node % self.total, bool(came[node] >= 0)))
-            node = int(_before(came[node]))
+        for layer in reversed(self.layers):
+            places.append(Place(layer.q[node], int(layer.turns[node]), bool(layer.came[node] >= 0)))
+            node = int(_before(layer.came[node]))
         return places[::-1]
 
 
