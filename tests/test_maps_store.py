@@ -1,8 +1,10 @@
-"""What a map's store survives: half a block, a full disk, another arm, another version, and processes that are killed."""
+"""What a map's store survives: half a block, a full disk, another arm, another version, a client that is gone."""
 
 from __future__ import annotations
 
 import errno
+import math
+import pickle
 from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
@@ -12,7 +14,8 @@ import pytest
 
 import kinseek
 from kinseek import maps
-from kinseek.maps import block, run
+from kinseek.maps import block, make, run, store
+from kinseek.maps.grid import BLOCK
 from map_files import files, marks
 
 pytest.importorskip("xarray")
@@ -102,6 +105,22 @@ def test_a_store_of_another_map_is_refused(tmp_path: Path) -> None:
     assert files(place) == before
 
 
+def test_a_store_of_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    maps.reach(ARM, GRID, store=tmp_path / "map.zarr", **SMALL)
+    monkeypatch.setattr("kinseek.maps.make.version", lambda: "9.9.9+feed")
+    with pytest.raises(kinseek.InvalidMap, match=r"version '.*' there, '9\.9\.9\+feed' asked"):
+        maps.reach(ARM, GRID, store=tmp_path / "map.zarr", **SMALL)
+
+
+def test_what_travels_is_small_and_blocks_are_as_large_as_they_may_be() -> None:
+    wide = maps.Grid((-1, 1, 0.05), (-1, 1, 0.05), (-1, 1, 0.05), maps.orientations(4608))
+    plain = make.work_of(ARM, wide, ("reached",), store=None, **make.DEFAULTS)
+    assert len(pickle.dumps(plain)) < 10_000
+    proved = make.work_of(ARM, wide, ("reached",), store=None, **make.options_of({"prove": True}))
+    for work, most in ((plain, BLOCK), (proved, make.PROVED)):
+        assert most / 2 < math.prod(work.chunks) <= most
+
+
 def test_a_folder_that_is_no_map_is_refused(tmp_path: Path) -> None:
     (tmp_path / "letters").mkdir()
     (tmp_path / "letters" / "a.txt").write_text("dear")
@@ -137,6 +156,24 @@ def test_workers_with_another_version_are_refused_by_name(
     monkeypatch.setattr("kinseek.maps.make.version", lambda: "9.9.9+feed")
     with pytest.raises(kinseek.InvalidMap, match=rf"9\.9\.9\+feed.*{address} has {kinseek.__version__}"):
         maps.reach(ARM, GRID, client=client, store=tmp_path / "map.zarr", **SMALL)
+
+
+@pytest.mark.slow
+def test_a_full_disk_on_a_worker_is_told_in_a_sentence(
+    client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    whole = maps.reach(ARM, GRID, client=client, **SMALL)
+
+    def full(*given: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as while_full:
+        while_full.setattr(store.Store, "write", full)
+        with pytest.raises(kinseek.MapInterrupted, match="No space left on device; 0 of"):
+            maps.reach(ARM, GRID, store=tmp_path / "map.zarr", client=client, **SMALL)
+    assert "Traceback" not in caplog.text
+    again = maps.reach(ARM, GRID, store=tmp_path / "map.zarr", client=client, **SMALL)
+    assert (again.reached.values == whole.reached.values).all()
 
 
 @pytest.mark.slow
