@@ -47,7 +47,7 @@ def main() -> None:
     parser.add_argument("--only", choices=full, help="one part of the page; all of it unless given")
     writes(parser, "--output", HERE / "maps.md", "the page")
     options = parser.parse_args()
-    began, page = time.perf_counter(), Page("Maps", "benchmarks.maps")
+    began, page = time.perf_counter(), Page("Maps", f"benchmarks.maps{' --quick' * options.quick}")
     for name, part in (quick if options.quick else full).items():
         if options.only in (None, name):
             part(page)
