@@ -4,7 +4,7 @@ Each section says how it measures, and the load of the machine while it did. Tim
 several processes are wall times too, and need a machine that does nothing else. EAIK judges, so it has to be installed
 (`pip install eaik`).
 
-    python -m benchmarks.maps                 # writes maps.md beside this folder; some fifteen minutes
+    python -m benchmarks.maps                 # writes maps.md beside this folder; some twenty minutes
     python -m benchmarks.maps --quick         # a minute or two of small numbers, printed and not written
     python -m benchmarks.maps --only sampled --output /dev/stdout
 """
@@ -30,9 +30,9 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="small numbers; nothing is written")
     full: dict[str, Callable[[Page], None]] = {
         "poses": lambda page: poses.measure(page, 1_000_000, rings=True),
-        "workers": lambda page: workers.measure(page, 3, 0.1),
+        "workers": lambda page: workers.measure(page, 2, 0.1),
         "soundness": lambda page: soundness.measure(page, 100_000, 100_000),
-        "sampled": lambda page: sampled.measure(page, 100_000, 60.0),
+        "sampled": lambda page: sampled.measure(page, 100_000, 40.0),
         "certainty": lambda page: certainty.measure(page, ("ur5e",), 12_000, 40.0),
         "asked": lambda page: certainty.asked(page, 1_000_000),
     }

@@ -59,7 +59,7 @@ class Estimate:
         each = f"{self.seconds * 1e6:.3g} µs" if self.seconds < 1e-3 else f"{self.seconds * 1e3:.3g} ms"
         return (
             f"{self.cells:,} cells at {each} ±{self.error:.0%} ({self.tried} tried): about "
-            f"{_time(self.duration)} on {cores}, {_size(self.memory)} before compression"
+            f"{_time(self.duration)} on {cores} once started, {_size(self.memory)} before compression"
         )
 
 
