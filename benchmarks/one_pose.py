@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +85,7 @@ def main() -> None:
             [("closed form", True), ("atlas", False)] if arm.structure.word != "none" else [("atlas", False)]
         )
         for way, closed in ways:
-            routines = arm.atlas._routines
+            routines = cast(AtlasIndex, arm.atlas)._routines
             kept = int(routines[CLOSED])
             routines[CLOSED] = kept if closed else 0
             row = parts(arm, targets)

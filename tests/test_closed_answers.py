@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek.branches.find import turned_copies
+from kinseek.branches.result import BranchesBatch
 from test_structure import LATE_THREE, SHOULDER, UR, changed, dh
 
 Array = NDArray[np.float64]
@@ -36,7 +37,8 @@ def test_the_answer_is_the_first_of_all_branches_and_no_search_is_made(name: str
     arm = kinseek.load(name)
     q = random_joints(arm.chain, 300, 1)
     targets = plain_fk(arm.chain, q)
-    batch, first = arm.ik(targets), [each.q[0] for each in arm.branches(targets)]
+    every = cast(BranchesBatch, arm.branches(targets))
+    batch, first = arm.ik(targets), [each.q[0] for each in every]
     assert strict(arm.chain, batch.q, targets).all()
     assert_inside(arm, batch)
     assert np.median(batch.evaluations) == 1

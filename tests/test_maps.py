@@ -301,13 +301,14 @@ def test_poses_that_the_last_joint_turns_into_each_other_are_asked_once(
     grid = maps.Grid((-0.6, 0.6, 0.3), (-0.6, 0.6, 0.3), (-0.3, 0.6, 0.3), maps.orientations(288))
     goal = kinseek.Goal.pose(grid.poses([slice(None)] * 4).reshape(-1, 4, 4))
     once = reached(UR5E, goal)
-    asked = []
+    asked = list[int]()
     plain = search._reached
-    monkeypatch.setattr(
-        search,
-        "_reached",
-        lambda arm, goal, patience: asked.append(len(goal.targets)) or plain(arm, goal, patience),
-    )
+
+    def counted(arm: kinseek.Arm, goal: kinseek.Goal, patience: int | None) -> np.ndarray:
+        asked.append(len(goal.targets))
+        return plain(arm, goal, patience)
+
+    monkeypatch.setattr(search, "_reached", counted)
     assert (reached(UR5E, goal) == once).all()
     assert sum(asked) == len(once) // grid.orientations.arcs
     assert (plain(UR5E, goal, 1000) == once).all()

@@ -49,7 +49,7 @@ def exact_against_time(random: pd.DataFrame, names: dict[str, str]) -> str:
                 markerfacecolor=shade if filled else "white",
             )
             if filled:
-                place = {"textcoords": "offset points", "rotation": 40, "fontsize": 9}
+                place: dict[str, Any] = {"textcoords": "offset points", "rotation": 40, "fontsize": 9}
                 axes.annotate(names[str(solver)], (row["median"], row["exact"]), (2, 7), **place)
     axes.set(
         xscale="log",

@@ -281,7 +281,7 @@ def complete_eight(task: Task, K: Array, G: Array, order: Indices, begin: int, e
 def answer(row: Array, K: Array, l: int, i: int) -> float:
     """How far joint i moves for what is left of the pose in a lane, by the table's numbers for a sample, (6, LANES)."""
     W = LANES
-    value = row[0, i] * K[l] + row[1, i] * K[W + l] + row[2, i] * K[2 * W + l]
+    value: float = row[0, i] * K[l] + row[1, i] * K[W + l] + row[2, i] * K[2 * W + l]
     value += row[3, i] * K[3 * W + l] + row[4, i] * K[4 * W + l] + row[5, i] * K[5 * W + l]
     return value
 

@@ -79,7 +79,7 @@ class AtlasIndex:
             structure = with_tip(of_tip.structure, arrays)
         elif structure is None:
             structure = structure_of(arrays, size) if kind is POSE else NO_STRUCTURE
-        self.structure = structure
+        self.structure: Structure = structure
         """What the geometry of the arm gives; nothing where the goal is less than a pose."""
         if self.structure.numbers[KIND] != NO_CLOSED_FORM:
             self._routines[CLOSED] = closed_routine.address
