@@ -26,6 +26,8 @@ SCRIPTS = [
     ),
     *(path for path in sorted((ROOT / "benchmarks" / "peers").glob("[!_]*.py")) if path.stem not in PARTS),
     ROOT / "benchmarks" / "peers" / "__main__.py",
+    ROOT / "benchmarks" / "field" / "__main__.py",
+    ROOT / "benchmarks" / "field" / "agree.py",
     ROOT / "experiments" / "__main__.py",
 ]
 AS_FILES = ("worker", "unreachable_worker", "path_worker", "scene_worker", "servo_worker")
