@@ -137,7 +137,11 @@ def run(field: Field, solvers: list[str], environments: Path, own: dict[str, Pat
             progress.update(all_of, description=what, advance=count)
 
         for path, python, solver in found:
+            end = progress.tasks[all_of].completed + planned(field, adapter(path))
             best = measure(field, path, adapter(path), python, advance)
+            progress.update(
+                all_of, completed=end
+            )  # what was planned for other settings, and recommended ones did best
             told(field, solver | {"best": best, "settings": settings(path, best)})
     console.print(f"measured in {(time.monotonic() - began) / 60:.1f} minutes", highlight=False)
 

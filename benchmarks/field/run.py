@@ -24,7 +24,7 @@ from .protocol import Adapter
 from .questions import SWEEP, Question, fits
 
 FORMAT = "1"
-"""Another number, and everything is measured anew."""
+"""Another number, and other targets are drawn and everything is measured anew."""
 
 PATIENCE, LOADING = 10.0, 240.0
 """After how long [s] beyond its time a question hangs; and what importing a solver and reading an arm may take more."""
@@ -46,7 +46,6 @@ class Task:
     label: str
     """Of the settings."""
     settings: dict[str, Any]
-    question: str
     way: str
     seconds: float
     digest: str
@@ -64,7 +63,7 @@ class Field:
 
     def asked(self, judge: Judge, question: Question) -> Path:
         """File of targets, made if it is not there."""
-        path = self.folder / "targets" / f"{judge.arm.name}-{question.name}.npz"
+        path = self.folder / f"targets-{FORMAT}" / f"{judge.arm.name}-{question.name}.npz"
         if not path.is_file():
             path.parent.mkdir(parents=True, exist_ok=True)
             unfinished = path.with_suffix(".unfinished")
@@ -92,7 +91,7 @@ def task(
         *(asked.read_bytes(), json.dumps(settings, sort_keys=True), question.way, str(question.seconds)),
     )
     path = field.folder / "pieces" / adapter.stem / label / judge.arm.name / f"{question.name}.npz"
-    return Task(str(path), str(asked), label, settings, question.name, question.way, question.seconds, known)
+    return Task(str(path), str(asked), label, settings, question.way, question.seconds, known)
 
 
 def missing(tasks: Sequence[Task]) -> list[Task]:
@@ -130,7 +129,7 @@ def work(python: Path, adapter: Path, judge: Judge, tasks: Sequence[Task], folde
             reason = "ended without an answer"
         if left and reason is not None:
             stuck = _task_in(current, left)
-            pieces.save(Path(stuck.piece), Piece(reason, digest=stuck.digest, facts={"ended": False}))
+            pieces.save(Path(stuck.piece), Piece(reason, digest=stuck.digest))
             left.remove(stuck)
             yield stuck
 
