@@ -131,8 +131,9 @@ class Ways:
         """Go on by a layer."""
         nodes = np.arange(len(layer.came))
         self.layers.append(Kept(layer.q[nodes // self.total], nodes % self.total, layer.came))
-        if len(self.layers) % FORGET == 0:
-            self._forget(np.flatnonzero(layer.fault >= 0))
+        nodes = np.flatnonzero(layer.fault >= 0)
+        if len(self.layers) % FORGET == 0 and len(nodes):
+            self._forget(nodes)
 
     def _forget(self, nodes: Indices) -> None:
         """Keep what leads to some nodes of the last layer; these keep their numbers."""
