@@ -64,7 +64,7 @@ def measure(page: Page, arms: tuple[str, ...], cells: int, seconds: float) -> No
     with section(page, "What certainty costs"):
         page.say(
             f"Rings, the first joint divided out; rows of {ROW} cells drawn from all of them, at most {cells:,} cells",
-            f"and {seconds:.0f} s of one thread for each line. ± is two standard errors of the mean over rows. The last",
+            f"and {seconds:g} s of one thread for each line. ± is two standard errors of the mean over rows. The last",
             f"column is what the same takes for 10⁹ cells of a `Grid`; {BILLION[1]:,} orientations at",
             f"{BILLION[0] * 100:.0f} cm are about as many.",
         )

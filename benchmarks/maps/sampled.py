@@ -208,7 +208,7 @@ def measure(page: Page, tests: int, seconds: float) -> None:
         ]
         page.say(
             f"{tests:,} random poses in the ball that holds all that the UR5e reaches. EAIK has an answer inside the",
-            f"limits to {truth.mean():.1%} of them. Each map has {seconds:.0f} s of one thread. Those that ask cell by",
+            f"limits to {truth.mean():.1%} of them. Each map has {seconds:g} s of one thread. Those that ask cell by",
             "cell take the finest grid of a list for which that is enough, by what a trial says; the sampled ones are",
             "filled until it is over, tables of several sizes. RM4D's table takes both the first and the last joint to",
             "turn all around, which a UR5e's do; our rings make use of the first alone, so they serve other arms too,",

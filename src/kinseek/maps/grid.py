@@ -24,8 +24,8 @@ Range = tuple[float, float, float]
 MOST = 10**11
 """Cells of a grid."""
 
-BLOCK = 131_072
-"""Poses of a block, more or less: a fifth of a second to some seconds of one core. Dask and the store take some ten
+BLOCK = 262_144
+"""Poses of a block, more or less: a third of a second to some seconds of one core. Dask and the store take some ten
 milliseconds for each, whatever its size."""
 
 _FITS = 1e-6
