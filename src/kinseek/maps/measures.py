@@ -149,14 +149,27 @@ def _best(
 
 
 def every_answer(
-    arm: Arm, goal: Goal, scene: Scene | None = None, clearance: float = 0.0
+    arm: Arm,
+    goal: Goal,
+    scene: Scene | None = None,
+    clearance: float = 0.0,
+    count: int | None = None,
 ) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
     """All answers to a goal each of whose poses, k of them, is reached, free in a scene if there is one: one each, at least.
+
+    Args:
+        arm: Has its atlas already, or builds it now.
+        goal: Poses, (k, 4, 4), and tolerances.
+        scene: They have to be free in it.
+        clearance: So far apart bodies have to be in it [m].
+        count: Of each pose, no more.
 
     Returns:
         Joint values, (m, n); of each pose, which of these is its first, (k,), and how many they are, (k,).
     """
-    answers = cast(BranchesBatch, arm.branches(goal, scene=scene, clearance=clearance, threads=1))
+    answers = cast(
+        BranchesBatch, arm.branches(goal, count=count, scene=scene, clearance=clearance, threads=1)
+    )
     counts, q = answers.counts, answers.q
     lacking = np.flatnonzero(counts == 0)  # `ik` found one that the search for all did not.
     if len(lacking):
