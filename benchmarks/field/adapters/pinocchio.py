@@ -1,6 +1,6 @@
 """The loop of pinocchio's manual: damped steps of a tenth, with neither limits nor restarts.
 
-https://docs.ros.org/en/rolling/p/pinocchio: its example of closed-loop inverse kinematics: eps 1e-4, 1000 steps of 0.1, damping 1e-12.
+https://docs.ros.org/en/rolling/p/pinocchio, closed-loop inverse kinematics: eps 1e-4, 1000 steps of 0.1, damping 1e-12.
 In the sweep whole steps, the limits kept by clamping, and random restarts.
 """
 
