@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +43,7 @@ def times(ask: Callable[[Array], object], targets: list[Array]) -> Array:
     return least / 1e3
 
 
-def parts(arm: kinseek.Arm, targets: list[Array]) -> list[float]:
+def parts(arm: kinseek.Arm, targets: list[Array], closed: bool) -> list[float]:
     """Whole call, Python's share, door, look-up, one step, evaluations, and the rest; medians [µs]."""
     index, q = arm.atlas, np.empty(arm.dof)
     assert isinstance(index, AtlasIndex)
@@ -58,7 +57,7 @@ def parts(arm: kinseek.Arm, targets: list[Array]) -> list[float]:
     counts = np.array([arm.ik(target).evaluations for target in targets]) / LANES
     few = counts <= 11
     step = np.polyfit(counts[few], kernel[few], 1)[0] if np.ptp(counts[few]) >= 1.0 else 0.0
-    look_up = float(np.median(look)) - clock - door if step else 0.0
+    look_up = 0.0 if closed else float(np.median(look)) - clock - door
     median = float(np.median(kernel))
     rest = median - door - look_up - step * float(np.median(counts))
     shell = float(np.median(whole - kernel))
@@ -85,10 +84,12 @@ def main() -> None:
             [("closed form", True), ("atlas", False)] if arm.structure.word != "none" else [("atlas", False)]
         )
         for way, closed in ways:
-            routines = cast(AtlasIndex, arm.atlas)._routines
+            index = arm.atlas
+            assert isinstance(index, AtlasIndex)
+            routines = index._routines
             kept = int(routines[CLOSED])
             routines[CLOSED] = kept if closed else 0
-            row = parts(arm, targets)
+            row = parts(arm, targets, closed)
             routines[CLOSED] = kept
             print(f"{name + ', ' + way:<28}" + "".join(f"{value:8.2f}" for value in row), flush=True)
 

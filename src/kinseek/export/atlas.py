@@ -54,7 +54,7 @@ def atlas_design(search: Atlas, problem: Problem, ram: int | None) -> Design:
         )
     entry = ENTRIES["ks_solve_plain"]
     places = {"iterate": ITERATE, "search": SEARCH, "ending": ENDING}
-    if index.structure.exact:
+    if index.structure.word != "none":
         places["closed"] = CLOSED
     routines = tuple(f"ks_{name}_routine" for name in places)
     lines = [
