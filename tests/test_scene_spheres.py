@@ -12,7 +12,7 @@ import kinseek
 from cells import FACES, TETRAHEDRON, write_arm
 from kinseek import Scene
 from kinseek.collision import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere
-from kinseek.collision.spheres import COUNT, cover_of_many, pieces_of
+from kinseek.collision.spheres import COUNT, FEW, cover_of_many, pieces_of
 from kinseek.kernels.collision.gaps import DOUBT, FREE, TOUCH
 
 pytest.importorskip("coal")
@@ -59,9 +59,10 @@ def inside(shape: Shape) -> np.ndarray:
 @pytest.mark.parametrize("shape", SHAPES, ids=name_of)
 def test_outer_spheres_and_core_hold_the_shape(shape: Shape) -> None:
     cover, points = shape.cover, inside(shape)
-    assert cover.outer.shape == (4, COUNT)
-    away = np.linalg.norm(points[:, None] - cover.outer[:3].T, axis=2) - cover.outer[3]
-    assert away.min(axis=1).max() <= 1e-12
+    assert (cover.rough.shape, cover.outer.shape) == ((4, FEW), (4, COUNT))
+    for spheres in (cover.rough, cover.outer):
+        away = np.linalg.norm(points[:, None] - spheres[:3].T, axis=2) - spheres[3]
+        assert away.min(axis=1).max() <= 1e-12
     local = (points - cover.core[:3, 3]) @ cover.core[:3, :3]
     beyond = np.linalg.norm(np.maximum(np.abs(local) - cover.half, 0), axis=1)
     assert beyond.max() <= shape.thickness + 1e-12

@@ -3,31 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.kernels.arm.forward import FAR
-from kinseek.kernels.collision.cell import LANES, Cell
+from kinseek.kernels.collision.cell import LANES, ROWS
 from kinseek.kernels.collision.first_pass import bound_pairs, sort_out
-from kinseek.kernels.collision.gaps import DOUBT
+from kinseek.kernels.pointers import handle_of
 from kinseek.robots.chain import Frame, SerialChain
 
+from .cells import NEVER_APART, Meeting, Member, make_cell
+from .charts import Carried, Chart, chart_of, charts_of
 from .shapes import GRAIN, Points
-from .spheres import COUNT, Cover, cover_of_many, rough_cover
+from .spheres import COUNT, rough_cover
 
 if TYPE_CHECKING:
     from .engine import Solid
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-_ROUNDING = 1e-9
-"""Of what bounds are worked out from, relative to the size of the scene, and at least so many [m]."""
+Verdicts = NDArray[np.int64]
 
 _STEPS = 16
 """Planes tried between two parts; what no plane parts and no point shows to touch is in doubt."""
+
+_NEAR = 1e-6
+"""Groups that may come nearer than this are looked at always, in the order in which joints carry them [m]."""
+
+_UNTOLD = np.zeros((0, 0), dtype=np.bool_)
+"""For the kernel: the pairs in doubt are not asked."""
 
 
 class Broad:
@@ -57,49 +64,52 @@ class Broad:
         pairs = [(a, b) for i, j in pairs for a in pieces[i] for b in pieces[j]]
         pads = np.asarray(pads, dtype=np.float64)[numbers]
         self._firsts = np.searchsorted(numbers, np.arange(self.count))
-        single = len(parts)
-        meetings, order, groups = _meetings(parts, pairs)
+        gathered = _gathered(parts, pairs)
         # A group of several parts is one more part: what is free of all that holds them is free of each.
-        number = {group: len(parts) + n for n, group in enumerate(groups)}
-        parts += [_together([parts[i] for i in group]) for group in groups]
-        number |= {(i,): i for i in range(single)}
+        number: dict[Group, int] = {(i,): i for i in range(len(parts))}
+        for group in sorted({group for each in gathered for group in each.groups} - number.keys()):
+            number[group] = len(parts)
+            one = _together(tuple(Carried.of(solids[i]) for i in group))
+            parts.append(one._replace(joint=parts[group[0]].joint))
         within = [i if part.solid else -1 for i, part in enumerate(parts)]
         for i, solid in enumerate(solids):
             if not parts[i].solid and len(solid.shape.inner_corners):
                 within[i] = len(parts)
                 parts.append(Member.inside(solid))
                 within.append(within[i])
-        used = sorted({group for meeting in meetings for group in meeting[:2]})
-        place = {group: n for n, group in enumerate(used)}
-        balls = np.array([part.ball for part in parts]).reshape(-1, 4)
-        corner_at, corners = _table([part.corners for part in parts], 3)
-        sizes = [np.abs(chain.fixed[:, :, 3]).sum(), np.abs(balls).max(initial=0.0)]
-        self._rounding = _ROUNDING * max(1.0, *sizes)
-        pads = pads[order]
-        self._cell = Cell(
+        charts = [_chart(chain, solids, each, pairs, pads) for each in gathered]
+        sides = [(number[each.groups[0]], number[each.groups[1]]) for each in gathered]
+        reach = _Reach(chain, parts)
+        apart = [
+            reach.apart(one, other) - float(pads[each.pairs].max())
+            for each, (one, other) in zip(gathered, sides, strict=True)
+        ]
+        # Those that are never near come last, so that a kernel may end before them.
+        rising = sorted(range(len(gathered)), key=lambda m: max(apart[m], _NEAR))
+        order = [n for m in rising for n in gathered[m].pairs]
+        ends = np.cumsum([len(gathered[m].pairs) for m in rising], dtype=np.int64)
+        cell = make_cell(
             chain.arrays_to(Frame(len(chain.leader), np.eye(4))),
-            np.array([part.joint for part in parts], dtype=np.int64),
-            np.array([part.outer for part in parts]).reshape(-1, 4, COUNT),
-            np.array([part.inner for part in parts]).reshape(-1, 4, COUNT),
-            np.array([part.core for part in parts]).reshape(-1, 3, 4),
-            np.array([part.half for part in parts]).reshape(-1, 3),
-            np.array([part.thick for part in parts], dtype=np.float64),
-            np.array([part.exact for part in parts], dtype=np.bool_),
-            np.array(within, dtype=np.int64),
-            corner_at,
-            corners,
-            balls,
-            np.array([[*pairs[n], n] for n in order], dtype=np.int64).reshape(-1, 3),
-            pads,
-            np.array([number[group] for group in used], dtype=np.int64),
-            np.array([[place[g], place[h], *span] for g, h, *span in meetings], dtype=np.int64).reshape(
-                -1, 4
-            ),
-            np.array([pads[first:last].max() for _, _, first, last in meetings], dtype=np.float64),
-            self._rounding,
+            parts,
+            within,
+            np.array([(*pairs[n], n) for n in order], dtype=np.int64),
+            pads[order],
+            [
+                Meeting(*sides[m], end - len(gathered[m].pairs), end)
+                for m, end in zip(rising, ends.tolist(), strict=True)
+            ],
+            np.array([apart[m] if apart[m] > _NEAR else NEVER_APART for m in rising], dtype=np.float64),
+            charts_of([charts[m] for m in rising]),
         )
+        self._pairs, self._rounding = len(pairs), float(cell.rounding[0])
+        self._arrays = ROWS.arrays(cell)
+        self._handle = handle_of(self._arrays)
 
-    def sort_out(self, q: Array, clearance: float, touch: float) -> tuple[NDArray[np.int64], Flags]:
+    def verdicts(self, q: Array, clearance: float, touch: float) -> tuple[Verdicts, int]:
+        """Sort joint values, (k, n), into free, touching and in doubt, and count the last; see `sort_out`."""
+        return self._ask(q, clearance, touch, _UNTOLD)
+
+    def sort_out(self, q: Array, clearance: float, touch: float) -> tuple[Verdicts, Flags]:
         """Sort joint values, (k, n), into free, touching and in doubt.
 
         Args:
@@ -110,15 +120,17 @@ class Broad:
         Returns:
             `FREE`, `TOUCH` or `DOUBT` of `kernels.collision.gaps`, (k,), and the pairs in doubt, (k, pairs).
         """
-        verdicts, doubts = np.empty(len(q), dtype=np.int64), self._table_of(q, np.bool_)
-        least = clearance + touch + self._rounding
-        sort_out(self._cell, np.ascontiguousarray(q), clearance, least, _STEPS, LANES, verdicts, doubts)
-        far = np.abs(q).max(axis=1) > FAR  # There the quick sine is not good to the last bits.
-        if far.any():
-            verdicts[far], doubts[far] = DOUBT, True
+        doubts = self._table_of(q, np.bool_)
+        verdicts, _ = self._ask(q, clearance, touch, doubts)
         if doubts.shape[1] > self.count:
             doubts = np.logical_or.reduceat(doubts, self._firsts, axis=1)
         return verdicts, doubts
+
+    def _ask(self, q: Array, clearance: float, touch: float, doubts: Flags) -> tuple[Verdicts, int]:
+        verdicts = np.empty(len(q), dtype=np.int64)
+        least = clearance + touch + self._rounding
+        q = np.ascontiguousarray(q)
+        return verdicts, sort_out(self._handle, q, clearance, least, _STEPS, LANES, verdicts, doubts)
 
     def bounds(self, q: Array, steps: int = 0) -> Array:
         """No pair is closer than this, (k, n) -> (k, pairs) [m]; where it is negative it says nothing.
@@ -126,12 +138,12 @@ class Broad:
         With `steps` those that may be the nearest are looked at more closely.
         """
         out = self._table_of(q, np.float64)
-        bound_pairs(self._cell, np.ascontiguousarray(q), steps, LANES, out)
+        bound_pairs(self._handle, np.ascontiguousarray(q), steps, LANES, out)
         out[np.abs(q).max(axis=1) > FAR] = -np.inf
         return np.minimum.reduceat(out, self._firsts, axis=1) if out.shape[1] > self.count else out
 
     def _table_of(self, q: Array, kind: type) -> NDArray[Any]:
-        return np.zeros((len(q), len(self._cell.pair)), dtype=kind)
+        return np.zeros((len(q), self._pairs), dtype=kind)
 
 
 def _handfuls(solid: Solid) -> list[Member]:
@@ -151,83 +163,90 @@ def _handfuls(solid: Solid) -> list[Member]:
     return found
 
 
-class Member(NamedTuple):
-    """A part, or several that one joint carries, in the frame of that joint; see `Cover`."""
-
-    joint: int
-    outer: Array
-    inner: Array
-    core: Array
-    half: Array
-    thick: float
-    exact: bool
-    solid: bool
-    corners: Array
-    """(3, k)"""
-    ball: Array
-    """Around all of it: x, y, z, radius, (4,)."""
-
-    @classmethod
-    def of(cls, solid: Solid) -> Self:
-        """Put the cover of a part where its joint carries it."""
-        # To coal a point of a cloud is a grain: it shall never touch what is said to be free.
-        thick = solid.shape.thickness + GRAIN * isinstance(solid.shape, Points)
-        return cls.placed(solid.joint, solid.pose, solid.shape.cover, thick)
-
-    @classmethod
-    def inside(cls, solid: Solid) -> Self:
-        """Put what is known to be in a part where its joint carries it."""
-        cover = cover_of_many(solid.shape.inner_corners, solid.shape.thickness)
-        return cls.placed(solid.joint, solid.pose, cover, solid.shape.thickness)._replace(solid=True)
-
-    @classmethod
-    def placed(cls, joint: int, pose: Array, cover: Cover, thick: float) -> Self:
-        """Put a cover somewhere."""
-        turn, place = pose[:3, :3], pose[:3, 3:]
-        outer, inner = (np.vstack([turn @ s[:3] + place, s[3:]]) for s in (cover.outer, cover.inner))
-        corners = turn @ cover.corners.T + place
-        core = (pose @ cover.core)[:3]
-        ball = np.array([*(turn @ cover.ball[:3] + place[:, 0]), cover.ball[3] + thick + 1e-12])
-        return cls(joint, outer, inner, core, cover.half, thick, cover.exact, cover.solid, corners, ball)
-
-
 Group = tuple[int, ...]
 """Numbers of the parts that are looked at together."""
 
 
-def _meetings(
-    parts: Sequence[Member], pairs: Sequence[tuple[int, int]]
-) -> tuple[list[tuple[Group, Group, int, int]], list[int], list[Group]]:
-    """Gather pairs whose parts the same two joints carry; what stands in the base stands alone.
+class _Gathered(NamedTuple):
+    """Pairs whose parts the same two joints carry."""
 
-    Returns:
-        Two groups, the first of their pairs and one past the last; the pairs in this order; the groups of several parts.
-    """
+    groups: tuple[Group, Group]
+    """That of the earlier joint first."""
+    pairs: list[int]
+
+
+def _gathered(parts: Sequence[Member], pairs: Sequence[tuple[int, int]]) -> list[_Gathered]:
+    """Gather pairs; what stands in the base stands alone."""
     # What one joint carries is one side of a meeting, and so is each part that stands.
     side_of = [(part.joint, -1 if part.joint else i) for i, part in enumerate(parts)]
     gathered: dict[tuple[tuple[int, int], ...], list[int]] = {}
     for n, pair in enumerate(pairs):
         gathered.setdefault(tuple(sorted(side_of[i] for i in pair)), []).append(n)
-    meetings: list[tuple[Group, Group, int, int]] = []
-    order: list[int] = []
+    meetings = []
     for sides, numbers in sorted(gathered.items()):
         members = sorted({i for n in numbers for i in pairs[n]})
-        g, h = (tuple(i for i in members if side_of[i] == side) for side in sides)
-        meetings.append((g, h, len(order), len(order) + len(numbers)))
-        order += numbers
-    several = {group for meeting in meetings for group in meeting[:2] if len(group) > 1}
-    return meetings, order, sorted(several)
+        one, other = (tuple(i for i in members if side_of[i] == side) for side in sides)
+        meetings.append(_Gathered((one, other), numbers))
+    return meetings
 
 
-def _together(parts: Sequence[Member]) -> Member:
+@lru_cache(maxsize=64)  # A scene that changes leaves the arm as it is.
+def _together(parts: tuple[Carried, ...]) -> Member:
     """What holds some parts that one joint carries."""
-    thick = max(part.thick for part in parts)
-    cover = cover_of_many(np.concatenate([part.corners.T for part in parts]), thick)
-    return Member.placed(parts[0].joint, np.eye(4), cover, thick)
+    return Member.together([part.member(0) for part in parts])
 
 
-def _table(columns: Sequence[Array], rows: int) -> tuple[NDArray[np.int64], Array]:
-    """Columns of all parts side by side, those of each repeated until loops are full, and where each begins."""
-    full = [one[:, np.arange(-(-one.shape[1] // COUNT) * COUNT) % max(one.shape[1], 1)] for one in columns]
-    at = np.cumsum([0, *(one.shape[1] for one in full)], dtype=np.int64)
-    return at, np.ascontiguousarray(np.concatenate([np.zeros((rows, 0)), *full], axis=1))
+def _chart(
+    chain: SerialChain,
+    solids: Sequence[Solid],
+    meeting: _Gathered,
+    pairs: Sequence[tuple[int, int]],
+    pads: Array,
+) -> Chart | None:
+    """The chart of two groups that the arm carries, with one or two turning joints between them."""
+    (one, other), numbers = meeting
+    if max(*one, *other) >= len(solids):
+        return None  # A handful of a cloud, which stands.
+    first, last = solids[one[0]].joint, solids[other[0]].joint
+    if first == 0 or last - first > 2 or chain.prismatic[first:last].any():
+        return None
+    multiplier, offset = chain.multiplier[first:last], chain.offset[first:last]
+    leader = chain.leader[first:last]
+    ends = np.sort(multiplier * np.stack([chain.lower[leader], chain.upper[leader]]) + offset, axis=0)
+    in_order = [pairs[n] if pairs[n][0] in one else pairs[n][::-1] for n in numbers]
+    return chart_of(
+        (first, last),
+        chain.fixed[first:last].tobytes(),
+        tuple(zip(*ends.tolist(), strict=True)),
+        tuple(Carried.of(solids[i]) for i in one),
+        tuple(Carried.of(solids[i]) for i in other),
+        tuple((one.index(i), other.index(j)) for i, j in in_order),
+        tuple(pads[numbers].tolist()),
+    )
+
+
+class _Reach:
+    """How far parts are apart at least at any q, by how far an arm reaches from the first joint between them."""
+
+    def __init__(self, chain: SerialChain, parts: Sequence[Member]) -> None:
+        lengths = np.linalg.norm(chain.fixed[:, :, 3], axis=1) * (1.0 + 1e-12)
+        self._along = [0.0, *np.cumsum(lengths).tolist()]
+        self._slides = [0, *np.cumsum(chain.prismatic).tolist()]
+        self._joints = [part.joint for part in parts]
+        self._far = [float(np.linalg.norm(part.ball[:3]) + part.ball[3]) for part in parts]
+        self._away = [_distance(part, chain.fixed[part.joint, :, 3]) for part in parts]
+
+    def apart(self, one: int, other: int) -> float:
+        """Of two parts, that of the earlier joint first [m]; `NEVER_APART` where a joint between them slides."""
+        first, last = self._joints[one], self._joints[other]
+        if self._slides[last] > self._slides[first]:
+            return NEVER_APART
+        links: float = self._along[last] - self._along[first + 1]
+        return self._away[one] - links - self._far[other]
+
+
+def _distance(part: Member, point: Array) -> float:
+    """So far from a part is a point in the frame of its joint at least [m]."""
+    local = np.abs(part.core[:, :3].T @ (point - part.core[:, 3])) - part.half
+    box = np.linalg.norm(np.maximum(local, 0.0)) - part.thick
+    return float(max(box, np.linalg.norm(point - part.ball[:3]) - part.ball[3]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -11,13 +12,12 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.deadline import Deadline
 from kinseek.kernels.collision.gaps import DOUBT, FREE
 from kinseek.robots.chain import SerialChain
-from kinseek.solvers.threads import GoOn, spread
 
 from .broad import Broad
 from .shapes import Mesh, Points, Shape, library
+from .share import share
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -29,8 +29,11 @@ TOUCH = 1e-6
 _LOOKS = 24
 """Planes tried between parts that may be the nearest."""
 
-_CHUNK = 512
-"""Joint values that a thread takes at a time."""
+_ALONE = 1024
+"""Joint values for which it is not worth while to start another thread."""
+
+_CHUNKS, _SHORTEST = 8, 256
+"""Into so many pieces for each thread a batch is cut, none of fewer joint values."""
 
 
 class Solid(NamedTuple):
@@ -125,28 +128,31 @@ class Engine:
         The first pass tells of most joint values; of the others coal is asked about the pairs in doubt. It waits by itself
         until nobody else asks coal.
         """
-        free = np.ones(len(q), dtype=np.bool_)
         if not self.pairs:
-            return free
-        if len(q) <= _CHUNK:
+            return np.ones(len(q), dtype=np.bool_)
+        workers = 1 if len(q) <= _ALONE else threads or os.cpu_count() or 1
+        if workers == 1:
             return self._free(q, clearance)
+        free, chunk = np.empty(len(q), dtype=np.bool_), max(len(q) // (_CHUNKS * workers), _SHORTEST)
 
-        def work(first: int, last: int, go_on: GoOn) -> None:
-            free[first:last] = self._free(q[first:last], clearance)
+        def work(first: int) -> None:
+            free[first : first + chunk] = self._free(q[first : first + chunk], clearance)
 
-        spread(work, len(q), _CHUNK, threads, Deadline(None))
+        share(work, range(0, len(q), chunk), workers)
         return free
 
     def _free(self, q: Array, clearance: float) -> Flags:
-        verdicts, doubts = self._broad.sort_out(q, clearance, TOUCH)
+        broad = self._broad
+        verdicts, in_doubt = broad.verdicts(q, clearance, TOUCH)
         free = np.asarray(verdicts == FREE)
-        left = np.flatnonzero(verdicts == DOUBT) if (verdicts == DOUBT).any() else ()
-        if len(left):
+        if in_doubt:
+            rows = np.flatnonzero(verdicts == DOUBT)
+            _, doubts = broad.sort_out(q[rows], clearance, TOUCH)
             with self:
                 self.set_clearance(clearance)
-                for k in left:
+                for k, pairs in zip(rows, doubts, strict=True):
                     self.place(q[k])
-                    free[k] = not any(self.touch(n) for n in np.flatnonzero(doubts[k]).tolist())
+                    free[k] = not any(self.touch(n) for n in np.flatnonzero(pairs).tolist())
         return free
 
     def exactly_free(self, q: Array, clearance: float) -> Flags:

@@ -20,8 +20,8 @@ from .shapes import Box, Capsule, Shape, Sphere, library
 
 Array = NDArray[np.float64]
 
-COUNT = 32
-"""Spheres of one part, outer and inner: as many as machine code takes in one turn of a loop."""
+FEW, COUNT = 8, 32
+"""Spheres of one part: few for a first look, and more, outer and inner; so many that lanes are full."""
 
 _CANDIDATES, _SAMPLES = 300, 800
 """Places of inner spheres that are tried, and points of the body by which they are chosen."""
@@ -36,8 +36,10 @@ _NONE = -1e30
 class Cover(NamedTuple):
     """What is known of a shape for sure, in its own frame, lengths in [m]."""
 
+    rough: Array
+    """Spheres that hold the shape together: x, y, z, radius, (4, FEW); some may be there twice."""
     outer: Array
-    """Spheres that hold the shape together: x, y, z, radius, (4, COUNT); some may be there twice."""
+    """More of them, which stand out less, (4, COUNT)."""
     inner: Array
     """Spheres inside the shape, likewise; those that are not there have a radius far below 0."""
     core: Array
@@ -65,14 +67,14 @@ def cover_of(shape: Shape) -> Cover:
     low, high = inside.min(axis=0), inside.max(axis=0)
     core[:3, 3] += core[:3, :3] @ ((low + high) / 2)
     if hull is None:
-        outer = slices(corners, shape.thickness)
+        rough, outer = (slices(corners, shape.thickness, most) for most in (FEW, COUNT))
     else:
-        planes = _unique_planes(hull.equations)
-        outer = np.array([ball for _, ball, _ in pieces_of(hull.points[hull.simplices], planes)]).T
-        outer[3] += shape.thickness
+        planes, surface = _unique_planes(hull.equations), hull.points[hull.simplices]
+        rough, outer = (_balls_around(surface, planes, shape.thickness, most) for most in (FEW, COUNT))
     inner = _balls_inside(shape)
     half = (high - low) / 2
-    return Cover(_padded(outer), _padded(inner), core, half, simple, corners, solid, ball_around(corners))
+    spheres = (_padded(rough, FEW), _padded(outer), _padded(inner))
+    return Cover(*spheres, core, half, simple, corners, solid, ball_around(corners))
 
 
 def cover_of_many(points: Array, thickness: float) -> Cover:
@@ -87,8 +89,8 @@ def rough_cover(points: Array, thickness: float) -> Cover:
     core = np.eye(4)
     core[:3, 3] = (low + high) / 2
     none = _padded(np.zeros((4, 0)))
-    outer = _padded(slices(points, thickness))
-    return Cover(outer, none, core, (high - low) / 2, False, points, False, ball_around(points))
+    rough, outer = (_padded(slices(points, thickness, most), most) for most in (FEW, COUNT))
+    return Cover(rough, outer, none, core, (high - low) / 2, False, points, False, ball_around(points))
 
 
 def ball_around(points: Array) -> Array:
@@ -141,7 +143,14 @@ def slices(corners: Array, thickness: float, most: int = COUNT) -> Array:
     return np.vstack([centres.T, np.full(count, radius + thickness)])
 
 
-def pieces_of(triangles: Array, planes: Array) -> list[tuple[float, Array, Array]]:
+def _balls_around(triangles: Array, planes: Array, thickness: float, most: int) -> Array:
+    """So many balls that hold a hull together, made thicker, x, y, z, radius, (4, most); see `pieces_of`."""
+    balls = np.array([ball for _, ball, _ in pieces_of(triangles, planes, most)]).T
+    balls[3] += thickness
+    return balls
+
+
+def pieces_of(triangles: Array, planes: Array, most: int = COUNT) -> list[tuple[float, Array, Array]]:
     """Cut the hull with this surface, (f, 3, 3), and these planes into pieces.
 
     Returns:
@@ -162,7 +171,7 @@ def pieces_of(triangles: Array, planes: Array) -> list[tuple[float, Array, Array
         return float(beyond[best]), np.array([*centres[best] + middle, radius]), piece
 
     pieces = [fit(triangles)]
-    while len(pieces) < COUNT:
+    while len(pieces) < most:
         piece = pieces.pop(max(range(len(pieces)), key=lambda i: pieces[i][0]))[2]
         points = piece.reshape(-1, 3)
         ways = []
@@ -265,8 +274,8 @@ def _unique_planes(equations: Array) -> Array:
     return np.ascontiguousarray(np.unique(equations.round(13), axis=0).T)
 
 
-def _padded(spheres: Array) -> Array:
+def _padded(spheres: Array, count: int = COUNT) -> Array:
     """So many spheres that lanes are full."""
     if not spheres.shape[1]:
-        return np.vstack([np.zeros((3, COUNT)), np.full(COUNT, _NONE)])
-    return np.ascontiguousarray(spheres[:, np.arange(COUNT) % spheres.shape[1]])
+        return np.vstack([np.zeros((3, count)), np.full(count, _NONE)])
+    return np.ascontiguousarray(spheres[:, np.arange(count) % spheres.shape[1]])

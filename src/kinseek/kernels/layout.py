@@ -207,6 +207,7 @@ _VIEWED = {
     "floats2": (np.dtype(np.float64), 2),
     "floats3": (np.dtype(np.float64), 3),
     "integers": (np.dtype(np.int64), 1),
+    "integers2": (np.dtype(np.int64), 2),
     "flags": (np.dtype(np.bool_), 1),
 }
 """Elements and dimensions of what the functions of `pointers` view."""

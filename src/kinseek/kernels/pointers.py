@@ -69,6 +69,13 @@ def integers(handle: Indices, k: int) -> Indices:
 
 
 @view
+def integers2(handle: Indices, k: int) -> Indices:
+    """View array k, two-dimensional, of integers."""
+    seen: Indices = carray(_integers(handle[ROW * k]), (handle[ROW * k + 1], handle[ROW * k + 2]))
+    return seen
+
+
+@view
 def flags(handle: Indices, k: int) -> NDArray[np.bool_]:
     """View array k, one-dimensional, of truth values."""
     seen: NDArray[np.bool_] = carray(_bools(handle[ROW * k]), (handle[ROW * k + 1],))

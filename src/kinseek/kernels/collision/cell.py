@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from kinseek.kernels.arm.trigonometry import sine_cosine
-from kinseek.kernels.arrays import CHAIN, Array, ChainArrays, Flags, Indices
-from kinseek.kernels.entry import F64, FLAG, I64, Bundle
+from kinseek.kernels.arrays import Array, ChainArrays, Flags, Indices
 from kinseek.kernels.jit import hidden, view
+from kinseek.kernels.layout import DOF, JOINTS, Layout, Rows, floats, named, plain, whole
 
-LANES = 8
-"""Joint values side by side, and corners and spheres of one shape: as many doubles as the widest vectors hold."""
+LANES, BLOCK = 8, 16
+"""Joint values side by side, as many doubles as the widest vectors hold; and corners of a part, in one turn of a loop."""
 
 
 class Cell(NamedTuple):
@@ -24,12 +22,14 @@ class Cell(NamedTuple):
     chain: ChainArrays
     joint: Indices
     """That carries each part, (part,)."""
+    rough: Array
+    """A few spheres that hold the part together, x, y, z, radius, (part, 4, LANES)."""
     outer: Array
-    """Spheres that hold the part together, x, y, z, radius, (part, 4, sphere)."""
+    """More of them, which stand out less, (part, 4, sphere)."""
     inner: Array
     """Spheres inside it, likewise."""
     core: Array
-    """Pose of a box that holds the part when made thicker, (part, 3, 4)."""
+    """Pose of a box that holds the part when made thicker, row-major (3, 4), (part, 12)."""
     half: Array
     """Half of its edges, (part, 3)."""
     thick: Array
@@ -39,9 +39,9 @@ class Cell(NamedTuple):
     within: Indices
     """The part whose thicker hull of corners lies in this one: itself, where it is nothing else; or -1, (part,)."""
     corner_at: Indices
-    """Corners of part p are ``corner_at[p] … corner_at[p + 1] - 1``, (part + 1,)."""
+    """Corners of part p are ``corner_at[p] … corner_at[p + 1] - 1``, a multiple of `BLOCK`, (part + 1,)."""
     corners: Array
-    """(3, corner)"""
+    """All x of a part, then all y, then all z, (3 · corner,)."""
     ball: Array
     """Around each part, x, y, z, radius, (part, 4)."""
     pair: Indices
@@ -51,49 +51,99 @@ class Cell(NamedTuple):
     group: Indices
     """The part that holds all of each group, (group,)."""
     meeting: Indices
-    """Two groups, the first of their pairs, and one past the last, (meeting, 4)."""
+    """Two groups, that of the earlier joint first, the first of their pairs, and one past the last, (meeting, 4)."""
     widest: Array
     """The greatest `pad` of a meeting, (meeting,)."""
-    rounding: float
-    """Every length is known at least that well."""
+    apart: Array
+    """Groups of a meeting are never closer than this at any q, in rising order, (meeting,)."""
+    chart_of: Indices
+    """Of each meeting, or -1, (meeting,)."""
+    chart: Array
+    """What is known of two groups wherever two joints are in a cell: above 0 a bound on how far they are apart, padding
+    taken off; below 0 they are in each other; 0 where nothing is known. Those of one chart follow one another, row-major."""
+    chart_axes: Indices
+    """The two joints, how many parts their turns are cut into, and the first cell, (chart, 5)."""
+    rounding: Array
+    """Every length is known at least that well, (1,)."""
 
 
-CELL = Bundle(
+ROWS = Rows(
     Cell,
-    chain=CHAIN,
-    joint=I64["part"],
-    outer=F64["part", 4, "sphere"],
-    inner=F64["part", 4, "sphere"],
-    core=F64["part", 3, 4],
-    half=F64["part", 3],
-    thick=F64["part"],
-    exact=FLAG["part"],
-    within=I64["part"],
-    corner_at=I64["part+1"],
-    corners=F64[3, "corner"],
-    ball=F64["part", 4],
-    pair=I64["pair", 3],
-    pad=F64["pair"],
-    group=I64["group"],
-    meeting=I64["meeting", 4],
-    widest=F64["meeting"],
-    rounding=F64,
+    chain=Rows(
+        ChainArrays,
+        fixed="floats3",
+        prismatic="flags",
+        leader="integers",
+        multiplier="floats1",
+        offset="floats1",
+        start="integers",
+        lower="floats1",
+        upper="floats1",
+    ),
+    joint="integers",
+    rough="floats3",
+    outer="floats3",
+    inner="floats3",
+    core="floats2",
+    half="floats2",
+    thick="floats1",
+    exact="flags",
+    within="integers",
+    corner_at="integers",
+    corners="floats1",
+    ball="floats2",
+    pair="integers2",
+    pad="floats1",
+    group="integers",
+    meeting="integers2",
+    widest="floats1",
+    apart="floats1",
+    chart_of="integers",
+    chart="floats1",
+    chart_axes="integers2",
+    rounding="floats1",
 )
+"""The rows of a cell's handle."""
+
+cell_of = ROWS.make
 
 
 class Here(NamedTuple):
-    """Where the parts are at one q, in the base; worked out for a part when it is first asked for."""
+    """Where the parts are: at eight q side by side, and at one of them; worked out for a part when it is first asked for.
 
+    Row r of lane l is element ``r · LANES + l`` of a flat array. Poses are row-major (3, 4).
+    """
+
+    lanes: Array
+    """The eight q, (n, LANES)."""
+    pose: Array
+    """Of the joint that is on, 12 rows."""
+    turn: Array
+    """Its sine, cosine and slide, 3 rows."""
     frames: Array
-    """Of the base and of all joints, (m + 1, 12), row-major (3, 4)."""
+    """Of the base and of all joints, 12 rows each, (m + 1, 12 · LANES)."""
+    balls: Array
+    """Middles of the balls of all groups, 3 rows each, (group, 3 · LANES)."""
+    gaps: Array
+    """Of two groups; positive where they are free of each other, (LANES,)."""
+    near: Indices
+    """Meetings of each lane that have to be looked at, (LANES, meeting)."""
+    counts: Indices
+    """How many these are, (LANES,)."""
+    hits: Indices
+    """1 where a chart tells that groups are in each other, (LANES,)."""
+    now: Indices
+    """The lane that is looked at, and how many were before it, (2,)."""
+    frame: Array
+    """Of the base and all joints at that q, (m + 1, 12)."""
+    framed: Indices
+    """Where `frame` was known last: a number of q as in `now`, (m + 1,)."""
     into: Array
     """From the base into the core's frame, (part, 12)."""
     middle: Array
     """Of the part's ball, (part, 3)."""
     known: Indices
-    """1 where a part's place is known, (part,)."""
-    along: Array
-    """Heights of the corners of one part, as many as the most that one has."""
+    """Where a part's place was known last, likewise, (part,)."""
     spot: Array
     """Numbers that a search hands on, (12,)."""
     simplex: Array
@@ -102,78 +152,157 @@ class Here(NamedTuple):
     """Of each corner in a mixture of them, (4,)."""
 
 
-@view
-def make_here(cell: Cell) -> Here:
-    """Memory for one q."""
-    parts, most = len(cell.joint), 0
-    for p in range(parts):
-        most = max(most, cell.corner_at[p + 1] - cell.corner_at[p])
-    return Here(
-        np.empty((len(cell.chain.leader) + 1, 12)),
-        np.empty((parts, 12)),
-        np.empty((parts, 3)),
-        np.zeros(parts, dtype=np.int64),
-        np.empty(most),
-        np.empty(12),
-        np.empty((4, 3)),
-        np.empty(4),
-    )
+MADE_FOR = ("dof", "joints", "parts", "groups", "meetings")
+PARTS, GROUPS, MEETINGS = (named(each) for each in MADE_FOR[2:])
+FRAMES = JOINTS + plain(1)
+
+LAYOUT = Layout(
+    Here,
+    MADE_FOR,
+    lanes=floats(DOF, LANES),
+    pose=floats(12 * LANES),
+    turn=floats(3 * LANES),
+    frames=floats(FRAMES, 12 * LANES),
+    balls=floats(GROUPS, 3 * LANES),
+    gaps=floats(LANES),
+    near=whole(LANES, MEETINGS),
+    counts=whole(LANES),
+    hits=whole(LANES),
+    now=whole(2),
+    frame=floats(FRAMES, 12),
+    framed=whole(FRAMES),
+    into=floats(PARTS, 12),
+    middle=floats(PARTS, 3),
+    known=whole(PARTS),
+    spot=floats(12),
+    simplex=floats(4, 3),
+    share=floats(4),
+)
+"""Where it stands in the memory of a call."""
+
+here_size, lay_here = LAYOUT.size, LAYOUT.make
+
+STANDS, UNKNOWN = -1, -2
+"""In `Here.known`: a part of the base is where it was; or nothing was worked out yet."""
 
 
 @hidden
-def lanes_frames(chain: ChainArrays, q: Array, frames: Array, w: int) -> None:
-    """Frames of the base and of all joints at eight q, (n, LANES), into `frames`, (m + 1, 12 · LANES), row after row."""
-    W = LANES
+def memory_for(cell: Cell) -> int:
+    """Numbers that `make_here` needs."""
+    size: int = here_size(
+        len(cell.chain.lower),
+        len(cell.chain.leader),
+        len(cell.joint),
+        len(cell.group),
+        len(cell.meeting),
+    )
+    return size
+
+
+@view
+def make_here(cell: Cell, memory: Array) -> Here:
+    """Lay it out in a memory; nothing is known yet but where the base is."""
+    here: Here = lay_here(
+        memory.ctypes.data,
+        len(cell.chain.lower),
+        len(cell.chain.leader),
+        len(cell.joint),
+        len(cell.group),
+        len(cell.meeting),
+    )
+    here.now[1] = 0
+    for p in range(len(cell.joint)):
+        here.known[p] = UNKNOWN
+    for k in range(len(here.framed)):
+        here.framed[k] = UNKNOWN
+    for r in range(12):
+        here.frame[0, r] = 1.0 if r % 5 == 0 else 0.0
+        for l in range(LANES):
+            here.frames[0, r * LANES + l] = here.frame[0, r]
+    return here
+
+
+@hidden
+def load_lanes(q: Array, first: int, lanes: Array) -> None:
+    """Eight q from row `first` on, (n, LANES); beyond the end the last one again."""
+    for l in range(LANES):
+        k = min(first + l, len(q) - 1)
+        for i in range(q.shape[1]):
+            lanes[i, l] = q[k, i]
+
+
+@hidden
+def lanes_frames(chain: ChainArrays, here: Here, w: int) -> None:
+    """Frames of all joints at the eight q.
+
+    One array is multiplied in place, and its elements stand constant distances apart: so LLVM makes vectors of the loops.
+    """
+    W, T, turn = LANES, here.pose, here.turn
     for r in range(12):
         for l in range(w):
-            frames[0, r * W + l] = 1.0 if r % 5 == 0 else 0.0
+            T[r * W + l] = 1.0 if r % 5 == 0 else 0.0
     for k in range(len(chain.leader)):
-        A, i, rate, at = chain.fixed[k], chain.leader[k], chain.multiplier[k], chain.offset[k]
+        A, q, rate, at = chain.fixed[k], here.lanes[chain.leader[k]], chain.multiplier[k], chain.offset[k]
         slides = 1.0 if chain.prismatic[k] else 0.0
-        T, S = frames[k], frames[k + 1]
+        a0, a1, a2, b0, b1, b2 = A[0, 0], A[0, 1], A[0, 2], A[1, 0], A[1, 1], A[1, 2]
+        c0, c1, c2, px, py, pz = A[2, 0], A[2, 1], A[2, 2], A[0, 3], A[1, 3], A[2, 3]
         for l in range(w):
-            value = rate * q[i, l] + at
-            s, c = sine_cosine((1.0 - slides) * value)
-            slide = slides * value
-            for r in range(3):
-                o = 4 * r * W + l
-                t0, t1, t2, t3 = T[o], T[o + W], T[o + 2 * W], T[o + 3 * W]
-                x = t0 * A[0, 0] + t1 * A[1, 0] + t2 * A[2, 0]
-                y = t0 * A[0, 1] + t1 * A[1, 1] + t2 * A[2, 1]
-                z = t0 * A[0, 2] + t1 * A[1, 2] + t2 * A[2, 2]
-                p = t0 * A[0, 3] + t1 * A[1, 3] + t2 * A[2, 3] + t3
-                S[o], S[o + W] = x * c + y * s, y * c - x * s
-                S[o + 2 * W], S[o + 3 * W] = z, p + z * slide
+            value = rate * q[l] + at
+            turn[l], turn[W + l] = sine_cosine((1.0 - slides) * value)
+            turn[2 * W + l] = slides * value
+        for r in range(3):
+            o = 4 * r * W
+            for l in range(w):
+                s, c, slide = turn[l], turn[W + l], turn[2 * W + l]
+                t0, t1, t2, t3 = T[o + l], T[o + W + l], T[o + 2 * W + l], T[o + 3 * W + l]
+                x, y, z = (
+                    t0 * a0 + t1 * b0 + t2 * c0,
+                    t0 * a1 + t1 * b1 + t2 * c1,
+                    t0 * a2 + t1 * b2 + t2 * c2,
+                )
+                T[o + l], T[o + W + l], T[o + 2 * W + l] = x * c + y * s, y * c - x * s, z
+                T[o + 3 * W + l] = t0 * px + t1 * py + t2 * pz + t3 + z * slide
+        S = here.frames[k + 1]
+        for r in range(12 * w):
+            S[r] = T[r]
 
 
 @hidden
-def enter(cell: Cell, here: Here, frames: Array, lane: int) -> None:
+def enter(here: Here, lane: int) -> None:
     """Go to the q of one lane; what stands stays known."""
-    for k in range(frames.shape[0]):
-        for r in range(12):
-            here.frames[k, r] = frames[k, r * LANES + lane]
-    for p in range(len(cell.joint)):
-        if cell.joint[p] > 0:
-            here.known[p] = 0
+    here.now[0], here.now[1] = lane, here.now[1] + 1
+
+
+@hidden
+def frame_of(here: Here, k: int) -> None:
+    """Work out ``here.frame[k]``, if it is not known."""
+    if k == 0 or here.framed[k] == here.now[1]:
+        return
+    here.framed[k] = here.now[1]
+    frames, frame, lane = here.frames[k], here.frame[k], here.now[0]
+    for r in range(12):
+        frame[r] = frames[r * LANES + lane]
 
 
 @hidden
 def place(cell: Cell, here: Here, p: int) -> None:
     """Work out where a part is, if that is not known."""
-    if here.known[p] == 1:
+    k = cell.joint[p]
+    if here.known[p] == STANDS or here.known[p] == here.now[1]:
         return
-    here.known[p] = 1
-    T, C, B, middle = here.frames[cell.joint[p]], cell.core[p], cell.ball[p], here.middle[p]
+    here.known[p] = here.now[1] if k > 0 else STANDS
+    frame_of(here, k)
+    T, C, B, middle = here.frame[k], cell.core[p], cell.ball[p], here.middle[p]
     for r in range(3):
         middle[r] = T[4 * r] * B[0] + T[4 * r + 1] * B[1] + T[4 * r + 2] * B[2] + T[4 * r + 3]
     # The core's frame in the base is T C; into it leads the transpose.
-    px = T[0] * C[0, 3] + T[1] * C[1, 3] + T[2] * C[2, 3] + T[3]
-    py = T[4] * C[0, 3] + T[5] * C[1, 3] + T[6] * C[2, 3] + T[7]
-    pz = T[8] * C[0, 3] + T[9] * C[1, 3] + T[10] * C[2, 3] + T[11]
+    px = T[0] * C[3] + T[1] * C[7] + T[2] * C[11] + T[3]
+    py = T[4] * C[3] + T[5] * C[7] + T[6] * C[11] + T[7]
+    pz = T[8] * C[3] + T[9] * C[7] + T[10] * C[11] + T[11]
+    into = here.into[p]
     for c in range(3):
-        x = T[0] * C[0, c] + T[1] * C[1, c] + T[2] * C[2, c]
-        y = T[4] * C[0, c] + T[5] * C[1, c] + T[6] * C[2, c]
-        z = T[8] * C[0, c] + T[9] * C[1, c] + T[10] * C[2, c]
-        into = here.into[p]
+        x = T[0] * C[c] + T[1] * C[4 + c] + T[2] * C[8 + c]
+        y = T[4] * C[c] + T[5] * C[4 + c] + T[6] * C[8 + c]
+        z = T[8] * C[c] + T[9] * C[4 + c] + T[10] * C[8 + c]
         into[4 * c], into[4 * c + 1], into[4 * c + 2] = x, y, z
         into[4 * c + 3] = -(x * px + y * py + z * pz)

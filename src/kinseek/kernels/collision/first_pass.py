@@ -1,52 +1,120 @@
-"""The first pass over joint values in a scene: balls around groups for eight q at a time, then pairs of parts, q by q."""
+"""The first pass over joint values in a scene: balls and boxes around groups for eight q at a time, then parts, q by q."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from kinseek.kernels.arm.forward import FAR
 from kinseek.kernels.arrays import Array, Flags, Indices
 from kinseek.kernels.entry import F64, FLAG, I64
 from kinseek.kernels.jit import entry, hidden
 
-from .cell import CELL, LANES, Cell, Here, enter, lanes_frames, make_here, place
-from .gaps import DOUBT, FREE, TOUCH, ball_gap, gap_below, is_clear, settle, straddle
+from .cell import (
+    LANES,
+    Cell,
+    Here,
+    cell_of,
+    enter,
+    frame_of,
+    lanes_frames,
+    load_lanes,
+    make_here,
+    memory_for,
+    place,
+)
+from .gaps import DOUBT, FREE, TOUCH, ball_gap, depth_below, gap_below, near_core, settle, straddle, way_into
+
+PART_OF_TURN = 0.5 / math.pi
 
 
 @hidden
-def load_lanes(q: Array, first: int, lanes: Array) -> None:
-    """Eight q from row `first` on, (n, LANES); beyond the end the last one again."""
-    for l in range(LANES):
-        k = min(first + l, len(q) - 1)
-        for i in range(q.shape[1]):
-            lanes[i, l] = q[k, i]
-
-
-@hidden
-def lanes_balls(cell: Cell, frames: Array, balls: Array, w: int) -> None:
-    """Middles of the balls of all groups, (group, 3 · LANES)."""
+def lanes_balls(cell: Cell, here: Here, moving: bool, w: int) -> None:
+    """Middles of the balls of all groups that move, or of all that stand, at the eight q."""
     W = LANES
     for g in range(len(cell.group)):
-        p, B = cell.group[g], balls[g]
-        T, x, y, z = frames[cell.joint[p]], cell.ball[p, 0], cell.ball[p, 1], cell.ball[p, 2]
+        p, B = cell.group[g], here.balls[g]
+        if (cell.joint[p] > 0) != moving:
+            continue
+        T, x, y, z = here.frames[cell.joint[p]], cell.ball[p, 0], cell.ball[p, 1], cell.ball[p, 2]
+        for r in range(3):
+            o = 4 * r * W
+            for l in range(w):
+                B[r * W + l] = T[o + l] * x + T[o + W + l] * y + T[o + 2 * W + l] * z + T[o + 3 * W + l]
+
+
+@hidden
+def lanes_near(cell: Cell, here: Here, least: float, w: int) -> None:
+    """Note for each of the eight q which meetings have to be looked at: whose groups the balls do not show to be free."""
+    W, gaps, counts = LANES, here.gaps, here.counts
+    for l in range(W):
+        counts[l], here.hits[l] = 0, 0
+    for m in range(len(cell.meeting)):
+        if cell.apart[m] > least:
+            break
+        G, H = here.balls[cell.meeting[m, 0]], here.balls[cell.meeting[m, 1]]
+        g, h = cell.group[cell.meeting[m, 0]], cell.group[cell.meeting[m, 1]]
+        reach = cell.ball[g, 3] + cell.ball[h, 3] + cell.widest[m] + least
+        square = reach * reach
+        some = 0
         for l in range(w):
-            B[l] = T[l] * x + T[W + l] * y + T[2 * W + l] * z + T[3 * W + l]
-            B[W + l] = T[4 * W + l] * x + T[5 * W + l] * y + T[6 * W + l] * z + T[7 * W + l]
-            B[2 * W + l] = T[8 * W + l] * x + T[9 * W + l] * y + T[10 * W + l] * z + T[11 * W + l]
+            dx, dy, dz = G[l] - H[l], G[W + l] - H[W + l], G[2 * W + l] - H[2 * W + l]
+            some += 1 if dx * dx + dy * dy + dz * dz <= square else 0
+        if some == 0:
+            continue
+        for l in range(w):
+            dx, dy, dz = G[l] - H[l], G[W + l] - H[W + l], G[2 * W + l] - H[2 * W + l]
+            gaps[l] = dx * dx + dy * dy + dz * dz - square
+        if cell.joint[g] == 0:  # What stands: its core is the same for all of them.
+            place(cell, here, g)
+            M, ex, ey, ez = here.into[g], cell.half[g, 0], cell.half[g, 1], cell.half[g, 2]
+            reach = cell.ball[h, 3] + cell.thick[g] + cell.widest[m] + least
+            square = reach * reach
+            m0, m1, m2, m3, m4, m5 = M[0], M[1], M[2], M[3], M[4], M[5]
+            m6, m7, m8, m9, m10, m11 = M[6], M[7], M[8], M[9], M[10], M[11]
+            for l in range(w):
+                x, y, z = H[l], H[W + l], H[2 * W + l]
+                dx = max(abs(m0 * x + m1 * y + m2 * z + m3) - ex, 0.0)
+                dy = max(abs(m4 * x + m5 * y + m6 * z + m7) - ey, 0.0)
+                dz = max(abs(m8 * x + m9 * y + m10 * z + m11) - ez, 0.0)
+                gaps[l] = max(gaps[l], dx * dx + dy * dy + dz * dz - square)
+        if cell.chart_of[m] >= 0:
+            look_up(cell, here, m, least, w)
+        for l in range(W):
+            here.near[l, counts[l]] = m
+            counts[l] += 1 if gaps[l] <= 0.0 else 0
+
+
+@hidden
+def look_up(cell: Cell, here: Here, m: int, least: float, w: int) -> None:
+    """Mark in `Here.gaps` where the chart of a meeting tells enough, and in `Here.hits` where it tells that groups touch."""
+    axes, chart, gaps, hits = cell.chart_axes[cell.chart_of[m]], cell.chart, here.gaps, here.hits
+    j, k, rows, columns, first = axes[0], axes[1], axes[2], axes[3], axes[4]
+    one, other = here.lanes[cell.chain.leader[j]], here.lanes[cell.chain.leader[k]]
+    for l in range(w):
+        u = (cell.chain.multiplier[j] * one[l] + cell.chain.offset[j]) * PART_OF_TURN
+        v = (cell.chain.multiplier[k] * other[l] + cell.chain.offset[k]) * PART_OF_TURN
+        row = min(int((u - np.floor(u)) * rows), rows - 1)
+        column = min(int((v - np.floor(v)) * columns), columns - 1)
+        bound = chart[first + row * columns + column]
+        gaps[l] = 1.0 if bound > least or bound < 0.0 else gaps[l]
+        hits[l] = 1 if bound < 0.0 else hits[l]
 
 
 @hidden
 def settle_meeting(
     cell: Cell, here: Here, m: int, clearance: float, least: float, steps: int, verdict: int, doubts: Flags
 ) -> int:
-    """The verdict, where some groups have been looked at and two more are; pairs in doubt are noted."""
+    """The verdict, where some groups have been looked at and two more are; pairs in doubt are noted, if that is asked."""
     g, h = cell.group[cell.meeting[m, 0]], cell.group[cell.meeting[m, 1]]
     first, last = cell.meeting[m, 2], cell.meeting[m, 3]
-    place(cell, here, g)
-    place(cell, here, h)
     if last - first > 1:
         # What is free of all that holds the parts is free of each.
-        most = least + cell.widest[m]
-        if is_clear(cell, here, g, h, most) or straddle(cell, here, g, h, most, -1e300, steps) == FREE:
+        place(cell, here, g)
+        frame_of(here, cell.joint[h])
+        way_into(cell, here, h, g)
+        if near_core(cell.rough[h], here.spot, cell.half[g], least + cell.widest[m] + cell.thick[g]) == 0:
             return verdict
     for n in range(first, last):
         a, b, pad = cell.pair[n, 0], cell.pair[n, 1], cell.pad[n]
@@ -54,97 +122,110 @@ def settle_meeting(
         place(cell, here, b)
         if ball_gap(cell, here, a, b) > least + pad:
             continue
-        found = settle(cell, here, a, b, least + pad, clearance + pad + cell.rounding, steps)
+        found = settle(cell, here, a, b, least + pad, clearance + pad + cell.rounding[0], steps)
         if found == TOUCH:
             return TOUCH
         if found == DOUBT:
             verdict = DOUBT
-            doubts[cell.pair[n, 2]] = True
+            if len(doubts) > 0:
+                doubts[cell.pair[n, 2]] = True
     return verdict
 
 
+@hidden
+def is_far(q: Array) -> bool:
+    """Is a joint value beyond those at which the quick sine is good to the last bits?"""
+    most = 0.0
+    for i in range(len(q)):
+        most = max(most, abs(q[i]))
+    return most > FAR
+
+
 @entry(
-    cell=CELL,
+    returns=I64,
+    handle=I64["*"],
     q=F64["k", "n"],
     clearance=F64,
     least=F64,
     steps=I64,
     w=I64,
     verdicts=I64["k"].out,
-    doubts=FLAG["k", "pair"].out,
+    doubts=FLAG["*", "*"].out,
 )
 def sort_out(
-    cell: Cell, q: Array, clearance: float, least: float, steps: int, w: int, verdicts: Indices, doubts: Flags
-) -> None:
+    handle: Indices,
+    q: Array,
+    clearance: float,
+    least: float,
+    steps: int,
+    w: int,
+    verdicts: Indices,
+    doubts: Flags,
+) -> int:
     """Sort joint values into those that are free for sure, those that touch for sure, and the others.
 
     Args:
-        cell: The scene.
+        handle: The scene, see `cell.ROWS`.
         q: (k, n) [rad] or [m]
         clearance: What is nearer than this, padding taken off, touches [m].
         least: What is farther apart than this is free [m].
         steps: How long to look for a plane between two parts, or for a point in both.
         w: `LANES`.
         verdicts: `FREE`, `TOUCH` or `DOUBT`, (k,).
-        doubts: Pairs that are in doubt, False before, (k, pair).
+        doubts: Pairs that are in doubt, False before, (k, pair); or (0, 0), and they are not told.
+
+    Returns:
+        How many are in doubt.
     """
-    chain, W = cell.chain, LANES
-    lanes, frames = np.empty((q.shape[1], W)), np.empty((len(chain.leader) + 1, 12 * W))
-    balls, gaps = np.empty((len(cell.group), 3 * W)), np.empty(W)
-    meetings = len(cell.meeting)
-    near, counts = np.empty((W, meetings), dtype=np.int64), np.empty(W, dtype=np.int64)
-    here = make_here(cell)
-    for first in range(0, len(q), W):
-        load_lanes(q, first, lanes)
-        lanes_frames(chain, lanes, frames, w)
-        lanes_balls(cell, frames, balls, w)
-        for l in range(W):
-            counts[l] = 0
-        for m in range(meetings):
-            g, h = cell.meeting[m, 0], cell.meeting[m, 1]
-            reach = cell.ball[cell.group[g], 3] + cell.ball[cell.group[h], 3] + cell.widest[m] + least
-            square, G, H = reach * reach, balls[g], balls[h]
-            some = 0
-            for l in range(w):
-                dx, dy, dz = G[l] - H[l], G[W + l] - H[W + l], G[2 * W + l] - H[2 * W + l]
-                gap = dx * dx + dy * dy + dz * dz - square
-                gaps[l] = gap
-                some += 1 if gap <= 0.0 else 0
-            if some > 0:
-                for l in range(W):
-                    if gaps[l] <= 0.0:
-                        near[l, counts[l]] = m
-                        counts[l] += 1
-        for l in range(min(W, len(q) - first)):
+    cell = cell_of(handle, 0)
+    memory = np.empty(memory_for(cell))
+    here = make_here(cell, memory)
+    nowhere = doubts[:0].ravel()
+    in_doubt = 0
+    lanes_balls(cell, here, False, w)
+    for first in range(0, len(q), LANES):
+        load_lanes(q, first, here.lanes)
+        lanes_frames(cell.chain, here, w)
+        lanes_balls(cell, here, True, w)
+        lanes_near(cell, here, least, w)
+        for l in range(min(LANES, len(q) - first)):
             k, verdict = first + l, FREE
-            if counts[l] > 0:
-                enter(cell, here, frames, l)
-            for each in range(counts[l]):
-                if verdict != TOUCH:
-                    m = near[l, each]
-                    verdict = settle_meeting(cell, here, m, clearance, least, steps, verdict, doubts[k])
+            told = doubts[k] if len(doubts) > 0 else nowhere
+            enter(here, l)
+            if is_far(q[k]):
+                verdict = DOUBT
+                told[:] = True
+            elif here.hits[l] == 1:
+                verdict = TOUCH
+            else:
+                for each in range(here.counts[l]):
+                    if verdict != TOUCH:
+                        m = here.near[l, each]
+                        verdict = settle_meeting(cell, here, m, clearance, least, steps, verdict, told)
             verdicts[k] = verdict
+            in_doubt += 1 if verdict == DOUBT else 0
+    return in_doubt
 
 
-@entry(cell=CELL, q=F64["k", "n"], steps=I64, w=I64, bounds=F64["k", "pair"].out)
-def bound_pairs(cell: Cell, q: Array, steps: int, w: int, bounds: Array) -> None:
+@entry(handle=I64["*"], q=F64["k", "n"], steps=I64, w=I64, bounds=F64["k", "*"].out)
+def bound_pairs(handle: Indices, q: Array, steps: int, w: int, bounds: Array) -> None:
     """Bounds from below on the distance of every pair, (k, pair) [m]; where one is below 0 it says nothing.
 
     Args:
-        cell: The scene.
+        handle: The scene, see `cell.ROWS`.
         q: (k, n) [rad] or [m]
         steps: How long to look for a better one where a pair may be the nearest of all; with 0 spheres alone tell.
         w: `LANES`.
         bounds: Is filled.
     """
-    chain, W = cell.chain, LANES
-    lanes, frames = np.empty((q.shape[1], W)), np.empty((len(chain.leader) + 1, 12 * W))
-    here = make_here(cell)
-    for first in range(0, len(q), W):
-        load_lanes(q, first, lanes)
-        lanes_frames(chain, lanes, frames, w)
-        for l in range(min(W, len(q) - first)):
-            enter(cell, here, frames, l)
+    cell = cell_of(handle, 0)
+    memory = np.empty(memory_for(cell))
+    here = make_here(cell, memory)
+    for first in range(0, len(q), LANES):
+        load_lanes(q, first, here.lanes)
+        lanes_frames(cell.chain, here, w)
+        for l in range(min(LANES, len(q) - first)):
+            enter(here, l)
             k, nearest = first + l, 1e300
             for m in range(len(cell.meeting)):
                 g, h = cell.group[cell.meeting[m, 0]], cell.group[cell.meeting[m, 1]]
@@ -163,4 +244,31 @@ def bound_pairs(cell: Cell, q: Array, steps: int, w: int, bounds: Array) -> None
                             bound = max(bound, here.spot[9])
                             if cell.within[a] == a and cell.within[b] == b:
                                 nearest = min(nearest, here.spot[10] - pad)
-                    bounds[k, cell.pair[n, 2]] = bound - pad - cell.rounding
+                    bounds[k, cell.pair[n, 2]] = bound - pad - cell.rounding[0]
+
+
+@entry(handle=I64["*"], q=F64["k", "n"], w=I64, depths=F64["k"].out)
+def bound_depths(handle: Indices, q: Array, w: int, depths: Array) -> None:
+    """So far at least the parts of one pair, at every q another perhaps, have to move to be free of each other, (k,) [m].
+
+    Args:
+        handle: The scene, see `cell.ROWS`.
+        q: (k, n) [rad] or [m]
+        w: `LANES`.
+        depths: Is filled; where one is below 0 it says nothing.
+    """
+    cell = cell_of(handle, 0)
+    memory = np.empty(memory_for(cell))
+    here = make_here(cell, memory)
+    for first in range(0, len(q), LANES):
+        load_lanes(q, first, here.lanes)
+        lanes_frames(cell.chain, here, w)
+        for l in range(min(LANES, len(q) - first)):
+            enter(here, l)
+            depth = -1e300
+            for n in range(len(cell.pair)):
+                a, b = cell.pair[n, 0], cell.pair[n, 1]
+                place(cell, here, a)
+                place(cell, here, b)
+                depth = max(depth, depth_below(cell, here, a, b))
+            depths[first + l] = depth - cell.rounding[0]

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import hidden
 
@@ -15,11 +17,17 @@ from .cell import Cell, Here, place
 
 FREE, TOUCH, DOUBT = 1, 0, 2
 
+HEIGHTS, NUMBERS = 2.0**40, 22
+"""Whole heights are below this, and behind them stand so many bits of a number."""
+
+WHOLE = 1.5 * 2.0**52
+"""Added to a number below 2^51 it leaves a whole one in the last bits."""
+
 
 @hidden
-def lead_over(here: Here, into: Array, T: Array) -> None:
-    """The way from a joint's frame T into a core's, (12,), into ``here.spot``."""
-    spot = here.spot
+def way_into(cell: Cell, here: Here, a: int, b: int) -> None:
+    """The way from the joint's frame that carries a into the core of b, (12,), into ``here.spot``; both are known."""
+    spot, into, T = here.spot, here.into[b], here.frame[cell.joint[a]]
     for r in range(0, 12, 4):
         i0, i1, i2, i3 = into[r], into[r + 1], into[r + 2], into[r + 3]
         for c in range(4):
@@ -67,21 +75,18 @@ def ball_gap(cell: Cell, here: Here, a: int, b: int) -> float:
 
 
 @hidden
-def is_clear(cell: Cell, here: Here, a: int, b: int, least: float) -> bool:
-    """Are two parts whose places are known farther apart than `least`, by the spheres of one and the core of the other?"""
-    lead_over(here, here.into[b], here.frames[cell.joint[a]])
-    if near_core(cell.outer[a], here.spot, cell.half[b], least + cell.thick[b]) == 0:
-        return True
-    lead_over(here, here.into[a], here.frames[cell.joint[b]])
-    return near_core(cell.outer[b], here.spot, cell.half[a], least + cell.thick[a]) == 0
+def clears_core(cell: Cell, here: Here, a: int, b: int, least: float) -> bool:
+    """Is a part farther than `least` from the core of another, by a few spheres around it? The places of both are known."""
+    way_into(cell, here, a, b)
+    return near_core(cell.rough[a], here.spot, cell.half[b], least + cell.thick[b]) == 0
 
 
 @hidden
 def gap_below(cell: Cell, here: Here, a: int, b: int) -> float:
     """No two points of two parts are closer than this, by the same."""
-    lead_over(here, here.into[b], here.frames[cell.joint[a]])
+    way_into(cell, here, a, b)
     one: float = gap_to_core(cell.outer[a], here.spot, cell.half[b]) - cell.thick[b]
-    lead_over(here, here.into[a], here.frames[cell.joint[b]])
+    way_into(cell, here, b, a)
     other: float = gap_to_core(cell.outer[b], here.spot, cell.half[a]) - cell.thick[a]
     return max(one, other)
 
@@ -89,8 +94,29 @@ def gap_below(cell: Cell, here: Here, a: int, b: int) -> float:
 @hidden
 def overlaps_core(cell: Cell, here: Here, a: int, b: int, touch: float) -> bool:
     """Is a sphere inside one part nearer than `touch` to the other, which is its core?"""
-    lead_over(here, here.into[b], here.frames[cell.joint[a]])
+    way_into(cell, here, a, b)
     return near_core(cell.inner[a], here.spot, cell.half[b], touch + cell.thick[b]) > 0
+
+
+@hidden
+def depth_below(cell: Cell, here: Here, a: int, b: int) -> float:
+    """So far at least two parts have to move to be free of each other, by spheres inside both; below 0 it says nothing."""
+    A, B, T, S = cell.inner[a], cell.inner[b], here.frame[cell.joint[a]], here.frame[cell.joint[b]]
+    depth = -1e300
+    for i in range(A.shape[1]):
+        ax, ay, az = A[0, i], A[1, i], A[2, i]
+        x = T[0] * ax + T[1] * ay + T[2] * az + T[3] - S[3]
+        y = T[4] * ax + T[5] * ay + T[6] * az + T[7] - S[7]
+        z = T[8] * ax + T[9] * ay + T[10] * az + T[11] - S[11]
+        u, v, t = (
+            S[0] * x + S[4] * y + S[8] * z,
+            S[1] * x + S[5] * y + S[9] * z,
+            S[2] * x + S[6] * y + S[10] * z,
+        )
+        for j in range(B.shape[1]):
+            dx, dy, dz = u - B[0, j], v - B[1, j], t - B[2, j]
+            depth = max(depth, A[3, i] + B[3, j] - math.sqrt(dx * dx + dy * dy + dz * dz))
+    return depth
 
 
 @hidden
@@ -110,22 +136,24 @@ def farthest(cell: Cell, here: Here, p: int, x: float, y: float, z: float, at: i
         for r in range(3):
             spot[at + r] = M[r] * u + M[4 + r] * v + M[8 + r] * t
         return
-    T, C, along = here.frames[cell.joint[p]], cell.corners, here.along
+    T, B = here.frame[cell.joint[p]], cell.ball[p]
     u = T[0] * x + T[4] * y + T[8] * z
     v = T[1] * x + T[5] * y + T[9] * z
     t = T[2] * x + T[6] * y + T[10] * z
-    first = cell.corner_at[p]
-    count = cell.corner_at[p + 1] - first
-    top = -1e300
+    # Heights as whole numbers below 2^40, the corner's number behind each: a loop without a branch finds the greatest. They
+    # are rounded by less than 1e-11 of the part's size, which is far less than the cell's rounding.
+    size = max(abs(B[0]), abs(B[1]), abs(B[2])) + B[3]
+    scale = HEIGHTS / (size * (abs(u) + abs(v) + abs(t)) + 1e-300)
+    u, v, t = scale * u, scale * v, scale * t
+    first, best = 3 * cell.corner_at[p], np.int64(-(1 << 63))
+    count = cell.corner_at[p + 1] - cell.corner_at[p]
+    X, Y = cell.corners[first : first + count], cell.corners[first + count : first + 2 * count]
+    Z = cell.corners[first + 2 * count : first + 3 * count]
     for s in range(count):
-        height = u * C[0, first + s] + v * C[1, first + s] + t * C[2, first + s]
-        along[s] = height
-        top = max(top, height)
-    i = count - 1
-    for s in range(count):
-        i = min(i, s if along[s] >= top else count)
-    i += first
-    cx, cy, cz = C[0, i], C[1, i], C[2, i]
+        height = np.float64(u * X[s] + v * Y[s] + t * Z[s] + WHOLE)
+        best = max(best, (height.view(np.int64) << NUMBERS) | s)
+    i = best & ((1 << NUMBERS) - 1)
+    cx, cy, cz = X[i], Y[i], Z[i]
     here.spot[at] = T[0] * cx + T[1] * cy + T[2] * cz + T[3]
     here.spot[at + 1] = T[4] * cx + T[5] * cy + T[6] * cz + T[7]
     here.spot[at + 2] = T[8] * cx + T[9] * cy + T[10] * cz + T[11]
@@ -224,6 +252,27 @@ def nearest_mixture(here: Here, count: int) -> int:
 
 
 @hidden
+def first_look(cell: Cell, here: Here, a: int, b: int) -> None:
+    """Where to look for a plane first, into ``here.spot[6:9]``: from b's core to the nearest of a few spheres around a."""
+    way_into(cell, here, a, b)
+    way, S, half, into, spot = here.spot, cell.rough[a], cell.half[b], here.into[b], here.spot
+    nearest, x, y, z = 1e300, 0.0, 0.0, 0.0
+    for s in range(S.shape[1]):
+        sx, sy, sz = S[0, s], S[1, s], S[2, s]
+        u = way[0] * sx + way[1] * sy + way[2] * sz + way[3]
+        v = way[4] * sx + way[5] * sy + way[6] * sz + way[7]
+        t = way[8] * sx + way[9] * sy + way[10] * sz + way[11]
+        u -= min(max(u, -half[0]), half[0])
+        v -= min(max(v, -half[1]), half[1])
+        t -= min(max(t, -half[2]), half[2])
+        gap = math.sqrt(u * u + v * v + t * t) - S[3, s]
+        if gap < nearest:
+            nearest, x, y, z = gap, u, v, t
+    for r in range(3):
+        spot[6 + r] = into[r] * x + into[4 + r] * y + into[8 + r] * z
+
+
+@hidden
 def straddle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float, steps: int) -> int:
     """Look for a plane between two parts, or for a point in both: each verdict is a proof, and there may be none.
 
@@ -245,8 +294,11 @@ def straddle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float,
         thicker, from below and above.
     """
     spot, S, thick = here.spot, here.simplex, cell.thick[a] + cell.thick[b]
-    p, s = here.middle[a], here.middle[b]
-    x, y, z = p[0] - s[0], p[1] - s[1], p[2] - s[2]
+    first_look(cell, here, a, b)
+    x, y, z = spot[6], spot[7], spot[8]
+    if x * x + y * y + z * z < 1e-18:
+        p, s = here.middle[a], here.middle[b]
+        x, y, z = p[0] - s[0], p[1] - s[1], p[2] - s[2]
     if x * x + y * y + z * z < 1e-18:
         x = 1.0
     below, above, count, verdict = -1e300, 1e300, 0, DOUBT
@@ -278,7 +330,9 @@ def straddle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float,
 @hidden
 def settle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float, steps: int) -> int:
     """Are two parts farther apart than `least`, nearer than `touch`, or in doubt? The places of both are known."""
-    if is_clear(cell, here, a, b, least):
+    if (not cell.exact[a] or cell.exact[b]) and clears_core(cell, here, a, b, least):
+        return FREE
+    if not cell.exact[b] and clears_core(cell, here, b, a, least):
         return FREE
     if cell.exact[b] and overlaps_core(cell, here, a, b, touch):
         return TOUCH

@@ -1,0 +1,185 @@
+"""Charts of two groups of parts: whether they are free of each other, by the one or two joints between them.
+
+How an arm's wrist lies to its forearm depends on two joints alone, so it is worked out once for all: full turns of both are
+cut into cells, and what is known of the middle of each, less what anything can move within the cell, holds all over the
+cell. Such groups are always close to each other; without a chart they would be looked at for every q.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.kernels.arrays import chain_arrays
+from kinseek.kernels.collision.cell import LANES, ROWS
+from kinseek.kernels.collision.first_pass import bound_depths, bound_pairs
+from kinseek.kernels.pointers import handle_of
+
+from .cells import NEVER_APART, Charts, Meeting, Member, make_cell
+from .shapes import Shape
+
+if TYPE_CHECKING:
+    from .engine import Solid
+
+Array = NDArray[np.float64]
+
+_FIRST, _LEVELS = 1024, 4
+"""Cells of a chart, a power of two, and how often they are cut again where they leave something open, into four each."""
+
+_STEPS = 24
+"""Planes tried between two parts."""
+
+_MARGIN = 1e-9
+"""Of an angle: what rounding may put into the next cell [rad]."""
+
+
+class Carried(NamedTuple):
+    """A part as one joint carries it, to know it again by."""
+
+    shape: Shape
+    pose: bytes
+    """In the frame of that joint, (4, 4) row by row."""
+
+    @classmethod
+    def of(cls, solid: Solid) -> Self:
+        """What is there of a part, wherever its joint stands in an arm."""
+        return cls(solid.shape, solid.pose.tobytes())
+
+    def member(self, joint: int) -> Member:
+        """Its cover, on such a joint."""
+        pose = np.frombuffer(self.pose).reshape(4, 4)
+        return Member.placed(joint, pose, self.shape.cover, self.shape.thickness)
+
+
+class Chart(NamedTuple):
+    """Of two groups."""
+
+    cells: Array
+    """See `Cell.chart`, (k,)."""
+    axes: tuple[int, ...]
+    """The two joints, or one twice, and how many parts their turns are cut into."""
+
+
+@lru_cache(maxsize=64)  # A scene that changes, or a part in it that moves, leaves the arm as it is.
+def chart_of(
+    joints: tuple[int, int],
+    links: bytes,
+    limits: tuple[tuple[float, float], ...],
+    parts: tuple[Carried, ...],
+    others: tuple[Carried, ...],
+    pairs: tuple[tuple[int, int], ...],
+    pads: tuple[float, ...],
+) -> Chart:
+    """Make the chart of two groups with one or two turning joints between them.
+
+    Args:
+        joints: Which carry the two groups, from 1 on.
+        links: From the frame that carries the first group to the first joint, and from that to the second, (1 or 2, 3, 4).
+        limits: Of the joints between [rad]; nothing is worked out outside.
+        parts: Of the first group.
+        others: Of the second.
+        pairs: Numbers of the two parts of each pair that counts.
+        pads: How much closer each pair is than its parts [m].
+    """
+    ways = np.frombuffer(links).reshape(-1, 3, 4)
+    turning = len(ways)
+    members = [*(part.member(0) for part in parts), *(part.member(turning) for part in others)]
+    endless = np.full(turning, np.inf)
+    chain = chain_arrays(
+        np.concatenate([ways, np.eye(4)[None, :3]]),
+        np.zeros(turning, dtype=np.bool_),
+        np.arange(turning),
+        np.ones(turning),
+        np.zeros(turning),
+        -endless,
+        endless,
+    )
+    numbered = np.array([(i, len(parts) + j, n) for n, (i, j) in enumerate(pairs)], dtype=np.int64)
+    cell = make_cell(
+        chain,
+        members,
+        [i if member.solid else -1 for i, member in enumerate(members)],
+        numbered,
+        np.array(pads),
+        [Meeting(i, j, n, n + 1) for i, j, n in numbered.tolist()],
+        np.full(len(pairs), NEVER_APART),
+        charts_of([None] * len(pairs)),
+    )
+    arrays = ROWS.arrays(cell)
+    handle, moves = handle_of(arrays), _moves(ways, members[: len(parts)], members[len(parts) :])
+    rows, columns = _counts(moves, _FIRST)
+    cells = np.zeros((rows, columns))
+    for level in range(_LEVELS):
+        if level > 0:  # What holds all over a cell holds all over its parts.
+            again = (1, 4) if turning == 1 else (2, 2)
+            cells = cells.repeat(again[0], axis=0).repeat(again[1], axis=1)
+        counts = cells.shape
+        inside = [_inside(count, limit) for count, limit in zip(counts[2 - turning :], limits, strict=True)]
+        asked = np.zeros(counts, dtype=np.bool_)
+        asked[np.ix_(*([0], *inside)[-2:])] = True
+        where = np.argwhere(asked & (cells == 0))
+        if not len(where):
+            break
+        angles = ((where + 0.5) * (2 * np.pi / np.array(counts)))[:, 2 - turning :]
+        q = np.ascontiguousarray(angles)
+        bounds, depths = np.empty((len(q), len(pairs))), np.empty(len(q))
+        bound_pairs(handle, q, _STEPS, LANES, bounds)
+        bound_depths(handle, q, LANES, depths)
+        moved = sum(move * (np.pi / count + _MARGIN) for move, count in zip(moves, counts, strict=True))
+        free, deep = bounds.min(axis=1) - moved, depths - moved
+        cells[tuple(where.T)] = np.where(free > 0, free, np.minimum(-deep, 0.0))
+    return Chart(cells.ravel(), (joints[0], joints[1] - 1, *cells.shape))
+
+
+def charts_of(charts: Sequence[Chart | None]) -> Charts:
+    """Those of some meetings as kernels take them."""
+    some = [chart for chart in charts if chart is not None]
+    firsts = np.cumsum([0, *(len(chart.cells) for chart in some)])
+    numbers = np.cumsum([chart is not None for chart in charts], dtype=np.int64) - 1
+    axes = [(*chart.axes, first) for chart, first in zip(some, firsts, strict=False)]
+    return Charts(
+        np.where([chart is None for chart in charts], -1, numbers).astype(np.int64),
+        np.concatenate([np.zeros(0), *(chart.cells for chart in some)]),
+        np.array(axes, dtype=np.int64).reshape(-1, 5),
+    )
+
+
+def _inside(count: int, limits: tuple[float, float]) -> NDArray[np.int64]:
+    """Which of so many parts of a turn have a share of what is inside limits [rad]."""
+    low, high = (limit * count / (2 * np.pi) for limit in limits)
+    if not high - low < count:
+        return np.arange(count)
+    return np.unique(np.arange(np.floor(low), np.floor(high) + 1) % count).astype(np.int64)
+
+
+def _moves(links: Array, parts: Sequence[Member], others: Sequence[Member]) -> tuple[float, float]:
+    """How far a point of one group moves at most, as the other sees it, for each radian of two joints [m]."""
+    one, thick = _corners(parts)
+    two, thicker = _corners(others)
+    last = float(np.hypot(two[0], two[1]).max()) + thicker
+    reach = float(np.linalg.norm(two, axis=0).max()) + thicker
+    off = one - links[0, :, 3:]
+    first = float(np.linalg.norm(np.cross(links[0, :, 2], off.T), axis=1).max()) + thick
+    if len(links) == 1:
+        return 0.0, min(first, last)
+    along = float(np.linalg.norm(links[1, :, 3]))
+    back = float(np.linalg.norm(off, axis=0).max()) + thick + along
+    return min(first, along + reach), min(back, last)
+
+
+def _counts(moves: tuple[float, float], size: int) -> tuple[int, int]:
+    """Into how many parts to cut the turns of two joints, so that little moves within a cell."""
+    tried = [2**k for k in range(size.bit_length())]
+    return min(
+        ((count, size // count) for count in tried),
+        key=lambda two: sum(move / count for move, count in zip(moves, two, strict=True)),
+    )
+
+
+def _corners(parts: Sequence[Member]) -> tuple[Array, float]:
+    """All corners, (3, k), and how much thicker they are at most."""
+    return np.concatenate([part.corners for part in parts], axis=1), max(part.thick for part in parts)

@@ -1,0 +1,100 @@
+"""What is known of parts by the joints between them alone: charts, and how far an arm reaches."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+import kinseek
+from kinseek import Scene
+from kinseek.collision.charts import _inside
+from kinseek.collision.engine import Engine
+from kinseek.collision.share import share
+from kinseek.kernels.collision.cell import ROWS
+
+pytest.importorskip("coal")
+
+
+def column(engine: Engine, name: str) -> np.ndarray:
+    """An array of the cell that the first pass goes by."""
+    return np.asarray(engine._broad._arrays[ROWS.first[name]])
+
+
+def engine_of(arm: kinseek.Arm) -> Engine:
+    """The arm, with capsules along its links, and some boxes."""
+    scene = Scene.of(arm, capsules=0.05)
+
+    rng = np.random.default_rng(2)
+    for number in range(8):
+        place = rng.uniform(-0.9, 0.9, 3)
+        scene.add_box(
+            f"box{number}", rng.uniform(0.05, 0.3, 3), kinseek.pose(place, rpy=rng.uniform(-3, 3, 3))
+        )
+    return scene._asked
+
+
+@pytest.mark.slow
+def test_what_charts_tell_is_so() -> None:
+    links = [[0.4, 0, 0, 0.2], [0.3, 0, 0, 0.4], [0.35, 0.1, 0, 0.1], [0.3, 0, 0, 0.8]]
+    arm = kinseek.Arm.from_dh(links, [-3] * 4, [3] * 4)
+    engine = engine_of(arm)
+    meetings, pairs, charts = (column(engine, each) for each in ("meeting", "pair", "chart_of"))
+    cells, axes, chain = column(engine, "chart"), column(engine, "chart_axes"), arm.chain
+    assert (charts >= 0).any()
+    q = np.concatenate([arm.sample(150, seed=3), np.random.default_rng(4).uniform(-9, 9, (150, arm.dof))])
+    distances = np.array([[near.distance for near in engine.near(one)] for one in q])
+    turns = (chain.multiplier * q[:, chain.leader] + chain.offset) / (2 * np.pi)
+    told = {"free": 0, "touch": 0, "open": 0}
+    for m in np.flatnonzero(charts >= 0):
+        j, k, rows, columns, first = axes[charts[m]]
+        row, column_ = (
+            ((turns[:, joint] % 1) * count).astype(int) for joint, count in ((j, rows), (k, columns))
+        )
+        known = cells[first + row * columns + column_]
+        nearest = distances[:, pairs[meetings[m, 2] : meetings[m, 3], 2]].min(axis=1)
+        assert (nearest[known > 0] >= known[known > 0] - 2e-6).all()
+        assert (nearest[known < 0] <= 1e-6).all()
+        told["free"] += int((known > 0).sum())
+        told["touch"] += int((known < 0).sum())
+        told["open"] += int((known[:150] == 0).sum())
+    assert min(told["free"], told["touch"]) > 20
+    assert told["open"] < 0.3 * 150 * (charts >= 0).sum()
+
+
+@pytest.mark.slow
+def test_what_is_out_of_reach_is_never_near() -> None:
+    arm = kinseek.load("panda")
+    engine = engine_of(arm)
+    meetings, pairs, apart = (column(engine, each) for each in ("meeting", "pair", "apart"))
+    assert (np.diff(apart) >= 0).all()
+    far = np.flatnonzero(apart > 0)
+    assert 5 < len(far) < len(apart)
+    q = np.random.default_rng(5).uniform(-4, 4, (200, arm.dof))
+    distances = np.array([[near.distance for near in engine.near(one)] for one in q])
+    for m in far:
+        assert distances[:, pairs[meetings[m, 2] : meetings[m, 3], 2]].min() >= apart[m] - 2e-6
+
+
+def test_parts_of_a_turn_that_are_inside_limits() -> None:
+    assert _inside(8, (-0.1, 0.9)).tolist() == [0, 1, 7]
+    assert _inside(8, (3.0, 3.3)).tolist() == [3, 4]
+    assert _inside(4, (-np.inf, np.inf)).tolist() == [0, 1, 2, 3]
+    assert _inside(4, (-3.0, 3.0)).tolist() == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_every_piece_is_done_once_and_what_fails_is_raised(threads: int) -> None:
+    done: list[int] = []
+    share(done.append, range(50), threads)
+    assert sorted(done) == list(range(50))
+
+    def fail(piece: int) -> None:
+        if piece == 7:
+            raise ValueError("seven")
+
+    before = threading.active_count()
+    with pytest.raises(ValueError, match="seven"):
+        share(fail, range(50), threads)
+    assert threading.active_count() == before
