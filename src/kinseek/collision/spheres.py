@@ -9,6 +9,7 @@ Balls in the body are as large as the planes of its sides allow.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -68,9 +69,14 @@ def cover_of(shape: Shape) -> Cover:
     core[:3, 3] += core[:3, :3] @ ((low + high) / 2)
     if hull is None:
         rough, outer = (slices(corners, shape.thickness, most) for most in (FEW, COUNT))
+    elif isinstance(shape, Box):
+        rough, outer = (_balls_around_cells(np.asarray(shape.size) / 2, most) for most in (FEW, COUNT))
     else:
         planes, surface = _unique_planes(hull.equations), hull.points[hull.simplices]
-        rough, outer = (_balls_around(surface, planes, shape.thickness, most) for most in (FEW, COUNT))
+        few = pieces_of(surface, planes, FEW)
+        more = pieces_of(surface, planes, COUNT, few)
+        rough, outer = (np.array([ball for _, ball, _ in pieces]).T for pieces in (few, more))
+        rough[3], outer[3] = rough[3] + shape.thickness, outer[3] + shape.thickness
     inner = _balls_inside(shape)
     half = (high - low) / 2
     spheres = (_padded(rough, FEW), _padded(outer), _padded(inner))
@@ -143,15 +149,29 @@ def slices(corners: Array, thickness: float, most: int = COUNT) -> Array:
     return np.vstack([centres.T, np.full(count, radius + thickness)])
 
 
-def _balls_around(triangles: Array, planes: Array, thickness: float, most: int) -> Array:
-    """So many balls that hold a hull together, made thicker, x, y, z, radius, (4, most); see `pieces_of`."""
-    balls = np.array([ball for _, ball, _ in pieces_of(triangles, planes, most)]).T
-    balls[3] += thickness
-    return balls
+def _balls_around_cells(half: Array, most: int) -> Array:
+    """Balls around equal cells of a box about the origin, x, y, z, radius, (4, at most `most`)."""
+    counts = [
+        (i, j, k)
+        for i in range(1, most + 1)
+        for j in range(1, most // i + 1)
+        for k in range(1, most // (i * j) + 1)
+    ]
+    best = np.array(min(counts, key=lambda count: float(np.linalg.norm(half / count))))
+    places = [
+        -size + size * (2 * np.arange(count) + 1) / count for size, count in zip(half, best, strict=True)
+    ]
+    centres = np.array(np.meshgrid(*places, indexing="ij")).reshape(3, -1)
+    return np.vstack([centres, np.full(centres.shape[1], np.linalg.norm(half / best) + 1e-12)])
 
 
-def pieces_of(triangles: Array, planes: Array, most: int = COUNT) -> list[tuple[float, Array, Array]]:
-    """Cut the hull with this surface, (f, 3, 3), and these planes into pieces.
+def pieces_of(
+    triangles: Array,
+    planes: Array,
+    most: int = COUNT,
+    begun: Sequence[tuple[float, Array, Array]] = (),
+) -> list[tuple[float, Array, Array]]:
+    """Cut the hull with this surface, (f, 3, 3), and these planes into so many pieces, or those that it is cut into already.
 
     Returns:
         Of each how far its ball stands out of the hull [m], the ball, x, y, z, radius, (4,), and its surface, (f, 3, 3).
@@ -170,7 +190,7 @@ def pieces_of(triangles: Array, planes: Array, most: int = COUNT) -> list[tuple[
         radius = float(np.linalg.norm(points - centres[best], axis=1).max()) + 1e-12
         return float(beyond[best]), np.array([*centres[best] + middle, radius]), piece
 
-    pieces = [fit(triangles)]
+    pieces = list(begun) or [fit(triangles)]
     while len(pieces) < most:
         piece = pieces.pop(max(range(len(pieces)), key=lambda i: pieces[i][0]))[2]
         points = piece.reshape(-1, 3)
