@@ -208,7 +208,7 @@ def _chart(
     if max(*one, *other) >= len(solids):
         return None  # A handful of a cloud, which stands.
     first, last = solids[one[0]].joint, solids[other[0]].joint
-    if first == 0 or last - first > 2 or chain.prismatic[first:last].any():
+    if first == 0 or not 1 <= last - first <= 2 or chain.prismatic[first:last].any():
         return None
     multiplier, offset = chain.multiplier[first:last], chain.offset[first:last]
     leader = chain.leader[first:last]
@@ -237,9 +237,9 @@ class _Reach:
         self._away = [_distance(part, chain.fixed[part.joint, :, 3]) for part in parts]
 
     def apart(self, one: int, other: int) -> float:
-        """Of two parts, that of the earlier joint first [m]; `NEVER_APART` where a joint between them slides."""
+        """Of two parts, that of the earlier joint first [m]; `NEVER_APART` where a joint between slides, or none is."""
         first, last = self._joints[one], self._joints[other]
-        if self._slides[last] > self._slides[first]:
+        if last == first or self._slides[last] > self._slides[first]:
             return NEVER_APART
         links: float = self._along[last] - self._along[first + 1]
         return self._away[one] - links - self._far[other]

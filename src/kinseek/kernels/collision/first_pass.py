@@ -180,7 +180,7 @@ def sort_out(
     cell = cell_of(handle, 0)
     memory = np.empty(memory_for(cell))
     here = make_here(cell, memory)
-    nowhere = doubts[:0].ravel()
+    nowhere = np.empty(0, dtype=np.bool_)
     in_doubt = 0
     lanes_balls(cell, here, False, w)
     for first in range(0, len(q), LANES):
