@@ -26,6 +26,13 @@ from .cell import (
 )
 from .gaps import DOUBT, FREE, TOUCH, ball_gap, depth_below, gap_below, near_core, settle, straddle, way_into
 
+
+@hidden
+def keep(memory: Array) -> None:
+    """Use a memory for the last time: views by address do not hold it, and Numba gives back what is not used any more."""
+    memory[0] = 0.0
+
+
 PART_OF_TURN = 0.5 / math.pi
 
 
@@ -204,6 +211,7 @@ def sort_out(
                         verdict = settle_meeting(cell, here, m, clearance, least, steps, verdict, told)
             verdicts[k] = verdict
             in_doubt += 1 if verdict == DOUBT else 0
+    keep(memory)
     return in_doubt
 
 
@@ -245,6 +253,7 @@ def bound_pairs(handle: Indices, q: Array, steps: int, w: int, bounds: Array) ->
                             if cell.within[a] == a and cell.within[b] == b:
                                 nearest = min(nearest, here.spot[10] - pad)
                     bounds[k, cell.pair[n, 2]] = bound - pad - cell.rounding[0]
+    keep(memory)
 
 
 @entry(handle=I64["*"], q=F64["k", "n"], w=I64, depths=F64["k"].out)
@@ -272,3 +281,4 @@ def bound_depths(handle: Indices, q: Array, w: int, depths: Array) -> None:
                 place(cell, here, b)
                 depth = max(depth, depth_below(cell, here, a, b))
             depths[first + l] = depth - cell.rounding[0]
+    keep(memory)
