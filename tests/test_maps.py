@@ -245,9 +245,17 @@ def test_every_pose_of_a_ball_that_is_proved_is_reached(name: str) -> None:
 
 
 def test_a_ball_that_reaches_beyond_the_arm_or_its_limits_is_never_proved() -> None:
-    q = UR5E.sample(40, seed=9)
-    q[:, 2] = np.linspace(-0.02, 0.02, len(q))  # A stretched elbow: the edge of reach.
-    assert not around(UR5E, UR5E.fk(q), np.full(40, 1e-3), np.full(40, 1e-3)).any()
+    q = UR5E.sample(60, seed=9)
+    q[:, 2] = np.linspace(-0.02, 0.02, len(q))  # A stretched elbow: often the edge of reach.
+    T = UR5E.fk(q)
+    held = around(UR5E, T, np.full(len(q), 1e-3), np.full(len(q), 1e-3))
+    balls = [
+        reached(UR5E, kinseek.Goal.pose(beside(T, 1e-3, 1e-3, seed)), patience=None) for seed in range(30)
+    ]
+    beyond = ~np.all(balls, axis=0)
+    assert beyond.sum() > 5
+    assert held.sum() > 5
+    assert not (held & beyond).any()
     arm = kinseek.load("irb120")
     q = arm.sample(60, seed=10)
     q[:, 1] = arm.upper[1] - 1e-4
@@ -261,12 +269,12 @@ def test_a_ball_that_reaches_beyond_the_arm_or_its_limits_is_never_proved() -> N
 
 @pytest.mark.slow
 def test_all_of_a_cell_that_is_proved_to_be_reached_is() -> None:
-    grid = maps.Grid((-1.0, 1.0, 0.02), (-1.0, 1.0, 0.02), (-1.0, 1.2, 0.02), maps.orientations(36864))
-    q = UR5E.sample(12, seed=11)
+    grid = maps.Grid((0.1, 0.7, 0.02), (-0.3, 0.3, 0.02), (0.0, 0.6, 0.02), maps.orientations(500_000))
+    cells = np.stack(grid.cells_of(UR5E.fk(UR5E.sample(400, seed=11))), axis=1)
     whole = 0
-    for number, index in enumerate(np.stack(grid.cells_of(UR5E.fk(q)), axis=1)):
+    for number, index in enumerate(cells[(cells >= 0).all(axis=1)][:12]):
         cell = whole_cell(grid, tuple(int(i) for i in index), rolls=True)
-        share = whole_share(UR5E, cell, 5)
+        share = whole_share(UR5E, cell, 4)
         assert 0.0 <= share <= 1.0
         inside = cell.spread(1000)
         found = reached(UR5E, kinseek.Goal.pose(inside), patience=None)
@@ -298,7 +306,7 @@ def test_poses_that_the_last_joint_turns_into_each_other_are_asked_once(
 ) -> None:
     from kinseek.maps import search
 
-    grid = maps.Grid((-0.6, 0.6, 0.3), (-0.6, 0.6, 0.3), (-0.3, 0.6, 0.3), maps.orientations(288))
+    grid = maps.Grid((-1.0, 1.0, 0.5), (-1.0, 1.0, 0.5), (-0.9, 1.1, 0.5), maps.orientations(288))
     goal = kinseek.Goal.pose(grid.poses([slice(None)] * 4).reshape(-1, 4, 4))
     once = reached(UR5E, goal)
     asked = list[int]()
