@@ -198,15 +198,15 @@ class Arm(ForwardArm):
         if plain and (axes := self._axes) is not None and _is_plain(goal, (4, 4)):
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform. It also
             # gives up on the first that is out of reach: what that takes is compiled on the other way.
-            q, address = np.empty(axes.dof), (self._index or self._atlas_along(axes)).address
+            q, index = np.empty(axes.dof), self._index or self._atlas_along(axes)
             if near is None:
-                report = solve_plain(address, goal, q)
+                report = solve_plain(index.address, goal, q)
                 if report[3] >= 0:
                     if not report[4]:
                         warn_of_distance(hypot(*goal[:3, 3]), axes.reach, 2)
                     return quick_solution(axes, goal, None, q, report)
             elif _is_plain(near, q.shape):
-                report = solve_plain_near(address, goal, near, q)
+                report = solve_plain_near(index.near_address, goal, near, q)
                 if report[3] >= 0:
                     if not report[4]:
                         warn_of_distance(hypot(*goal[:3, 3]), axes.reach, 2)
