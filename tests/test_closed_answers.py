@@ -206,3 +206,12 @@ def test_joints_without_end_come_within_half_a_turn_of_where_the_arm_is() -> Non
     alone = arm.ik(targets)
     assert strict(arm.chain, alone.q, targets).all()
     assert (np.abs(alone.q) <= np.pi + 1e-9).all()
+
+
+@pytest.mark.parametrize("name", [*CLOSED, "piper", "lite6", "ur10e_calibrated"])
+def test_where_the_arm_is_is_the_nearest_at_singularities_and_limits_too(name: str) -> None:
+    arm = kinseek.load(name)
+    q = singular_joints(arm.chain, 300, 1)
+    found = arm.ik(plain_fk(arm.chain, q), near=q)
+    assert found.success.all()
+    np.testing.assert_allclose(found.q, q, atol=1e-3)

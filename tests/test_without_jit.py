@@ -419,7 +419,7 @@ RUNS: list[tuple[Any, ...]] = [
     *[(spare_layers, name) for name in ("panda", "elbow6")],
     *[(one, name) for name in ("planar2", "cylindrical3", "scara4", "elbow6", "jaco2_6")],
     *[(batch, name) for name in ("planar2", "scara4", "elbow6", "ur10e_calibrated")],
-    *[(near, name) for name in ("cylindrical3", "scara4", "ur5e", "ur10e_calibrated")],
+    *[(near, name) for name in ("cylindrical3", "scara4", "ur5e")],
     *[(out_of_reach, name) for name in ("planar2", "elbow6")],
     *[(gates, name) for name in ("cylindrical3", "elbow6")],
     *[(asked, name) for name in ("ur5e", "irb120", "panda")],

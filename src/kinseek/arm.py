@@ -206,7 +206,7 @@ class Arm(ForwardArm):
                         warn_of_distance(hypot(*goal[:3, 3]), axes.reach, 2)
                     return quick_solution(axes, goal, None, q, report)
             elif _is_plain(near, q.shape):
-                report = solve_plain_near(index.near_address, goal, near, q)
+                report = solve_plain_near(index.address, goal, near, q)
                 if report[3] >= 0:
                     if not report[4]:
                         warn_of_distance(hypot(*goal[:3, 3]), axes.reach, 2)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.atlas.descent import FIRST_STEPS, descend_lanes, goal_of, keep_closest, start
+from kinseek.kernels.atlas.descent import FIRST_STEPS, descend_lanes, goal_of, start
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import Desk, desk_size, make_desk
 from kinseek.kernels.atlas.one_goal import MIDMOST, NEAREST, SEED, finish
@@ -50,9 +50,8 @@ COST = MIDDLE
 then."""
 
 
-EDGE, SEAM = 1e-7, 1e-3
-"""Beyond a limit by no more than EDGE [rad] is at it: rounding shall not turn a joint once round. What is refined is rounded
-more; where it comes closer than SEAM to that, it is not known which side of the limit it is on."""
+EDGE = 1e-7
+"""Beyond a limit by no more than that [rad] is at it: rounding shall not turn a joint once round."""
 
 
 @hidden
@@ -111,8 +110,7 @@ def order_candidates(task: Task, desk: Desk, target: Array, near: Array, close: 
     candidates(task.structure, desk.spare, LACKING + off, work, w)
     sure = max(task.position_tolerance, task.orientation_tolerance) <= LOOSE
     for l in range(LANES):
-        single = work[FOLD * LANES + l] < max(CLEAR, off)
-        sure = sure and work[WEAK * LANES + l] >= FREE + off and not single
+        sure = sure and work[WEAK * LANES + l] >= FREE and work[FOLD * LANES + l] >= CLEAR
     place(task, near, close, work, w)
     return sure
 
@@ -160,41 +158,22 @@ def as_start(task: Task, desk: Desk, number: int, q: Array) -> int:
 
 
 @hidden
-def at_seam(task: Task, rows: Array, row: int) -> bool:
-    """Is a joint of a row, (k, n), that turns fully as good as at a limit, but for whole turns?"""
-    near, turn = False, 2.0 * math.pi
-    for i in range(rows.shape[1]):
-        if turns_fully(task, i) and not math.isinf(task.lower[i]):
-            below, above = rows[row, i] - task.chain.lower[i], rows[row, i] - task.chain.upper[i]
-            below, above = below - turn * np.rint(below / turn), above - turn * np.rint(above / turn)
-            near = near or min(abs(below), abs(above)) < SEAM
-    return near
-
-
-@hidden
-def refined(
-    job: Job, task: Task, desk: Desk, target: Array, near: Array, close: bool, sure: bool, q: Array, w: int
-) -> int:
+def refined(job: Job, task: Task, desk: Desk, target: Array, q: Array, w: int) -> int:
     """Refine all candidates side by side; see `closed_routine`."""
     start(task, desk, target)
-    candidates_left = 0
+    many = 0
     for l in range(LANES):
         desk.state[l] = 2
         if take_candidate(task, desk, q):
             limit(task, q)
             load_seed(desk.lanes, l, q)
-            desk.state[l], candidates_left = 0, candidates_left + 1
-    if candidates_left == 0:
+            desk.state[l], many = 0, many + 1
+    if many == 0:
         return 0
-    lane, made = descend_lanes(job, task, desk, FIRST_STEPS, close, w)
+    lane, made = descend_lanes(job, task, desk, FIRST_STEPS, False, w)
     spent = (made + 1) * LANES
     if lane < 0:
         return -spent
-    if close:
-        for l in range(LANES):
-            sure = sure and desk.state[l] != 0 and not (desk.state[l] == 1 and at_seam(task, desk.found, l))
-        keep_closest(task, desk, near, np.inf, q)
-        return spent if sure else -spent
     copy_joints(desk.found, lane, q)
     return spent
 
@@ -212,7 +191,7 @@ def closed_routine(
 ) -> int:
     """Answer one target, (3, 4), by the candidate that comes first of those that reach it; write q, (n,).
 
-    Where the arm has its structure only nearly, the candidates are refined side by side.
+    Where the arm has its structure only nearly, the candidates are refined side by side, and the nearest is not told.
 
     Args:
         handle_address: As `one_goal.search_routine`.
@@ -234,7 +213,8 @@ def closed_routine(
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = part1(memory_address, 0, desk_size(dof, joints))
     target, q, near = part2(target_address, 0, 3, 4), part1(q_address, 0, dof), part1(near_address, 0, dof)
-    if task.structure[KIND] == NONE:
+    # Of a nearby arm the closed form may lack an answer at a limit, and with it the nearest.
+    if task.structure[KIND] == NONE or (asked == NEAREST and task.exact == 0):
         return 0
     desk = make_desk(memory, dof, joints)
     if asked != NEAREST:
@@ -244,7 +224,7 @@ def closed_routine(
     if asked >= SEED:
         return as_start(task, desk, asked - SEED, q)
     if task.exact == 0:
-        return refined(Job(handle, wanted, memory), task, desk, target, near, asked == NEAREST, sure, q, w)
+        return refined(Job(handle, wanted, memory), task, desk, target, q, w)
     for tried in range(1, LANES + 1):
         if not take_candidate(task, desk, q):
             return 1 - tried

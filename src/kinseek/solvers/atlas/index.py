@@ -22,7 +22,6 @@ from kinseek.kernels.atlas.task import (
     NUMBERS,
     ORIENTATION,
     POSITION,
-    ROUTINES,
     WANTED,
     WEIGHT,
     task_arrays,
@@ -98,20 +97,11 @@ class AtlasIndex:
             self.structure.exact,
         )
         self._addresses = handle_of(self._arrays)
-        self._near_routines, self._near_addresses = self._routines, self._addresses
-        if not self.structure.exact and self._routines[CLOSED]:
-            # The closed form of the nearby arm gives starts; that none is lacking at a limit it does not know.
-            self._near_routines = routines()
-            self._near_arrays = list(self._arrays)
-            self._near_arrays[ROUTINES] = self._near_routines
-            self._near_addresses = handle_of(self._near_arrays)
         self._range_routines = np.zeros_like(self._routines)
         self._range_arrays = with_ranges(self._arrays, POSES, self._range_routines)
         self._range_addresses = handle_of(self._range_arrays)
         self.address: int = self._addresses.ctypes.data
         """Address of the handle, for the kernels that may do with the routines that every goal needs."""
-        self.near_address: int = self._near_addresses.ctypes.data
-        """As `address`, for the answer nearest to where the arm is."""
         self.numbers: Indices = self._arrays[NUMBERS]
         """See `kernels.atlas.task.TaskRows.numbers`."""
         self.samples = len(self.sorted.middle)
@@ -126,12 +116,6 @@ class AtlasIndex:
         """Addresses of the arrays, for kernels, and of every routine they may call."""
         add_ending(self._routines)  # The very array that kernels read, for it is contiguous.
         return self._addresses
-
-    @cached_property
-    def near_handle(self) -> Indices:
-        """As `handle`, for the answer nearest to where the arm is."""
-        add_ending(self._near_routines)
-        return self._near_addresses
 
     @cached_property
     def range_handle(self) -> Indices:

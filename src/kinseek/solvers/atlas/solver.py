@@ -114,7 +114,7 @@ class Atlas:
                     if not go_on():
                         return
                     last = min(first + _PIECE, end)
-                    solve_many_near(index.near_handle, wanted, targets, near, results, first, last, LANES)
+                    solve_many_near(index.handle, wanted, targets, near, results, first, last, LANES)
                     done[first:last] = True
 
             self.spread(from_starts, len(targets), deadline)
