@@ -123,7 +123,7 @@ def find_branches(
     tally, image, left, asked = np.zeros(TALLY), np.empty(dof), np.empty(ROWS), np.empty(3)
     tally[WEAKEST] = np.inf
     start(task, desk, target)
-    count, told, rounds, kept, done = 0, 0, 0, 0, False
+    count, told, rounds, kept, done, unsure = 0, 0, 0, 0, False, False
     if serves(task, structure):
         closed_starts(task, structure, target, desk.spare, np.empty(WORK), seeds, asked, w)
         many = int(asked[TRIED])
@@ -131,7 +131,8 @@ def find_branches(
             handle, wanted, memory, target, seeds, many, many, rows, left, 0, view[RATES], SIBLING, tally, w
         )
         # Nothing lacks where all that must be answers are, and none is left to choose.
-        done = asked[UNSURE] == 0.0 and count >= asked[SURE] and (count > 0 or many == 0)
+        unsure = asked[UNSURE] > 0.0
+        done = not unsure and count >= asked[SURE] and (count > 0 or many == 0)
     samples, room = (0, 0) if done else (len(steps), ROOM)
     distance, near = np.empty(samples), np.empty(samples + 1, dtype=np.int64)
     order, known = np.empty(samples + BUCKETS + 1, dtype=np.int64), np.empty((MOST_JOINTS + 1, room))
@@ -151,7 +152,7 @@ def find_branches(
             many = images(task, mirrors, view[RATES], rows, told, last, seeds, many, image)
             mode, told = SIBLING, last
         elif rounds == 0 or (
-            rounds == 1 and (tally[LATE] > 0.0 or tally[WEAKEST] < WEAK or in_doubt(task, count))
+            rounds == 1 and (unsure or tally[LATE] > 0.0 or tally[WEAKEST] < WEAK or in_doubt(task, count))
         ):
             most, limit = (STARTS, FIRST_ROOM) if rounds == 0 else (DEEP_STARTS, DEEP_STARTS)
             begin, end = end, radius(distance, most)
