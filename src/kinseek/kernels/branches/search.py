@@ -157,7 +157,8 @@ def find_branches(
             most, limit = (STARTS, FIRST_ROOM) if rounds == 0 else (DEEP_STARTS, DEEP_STARTS)
             begin, end = end, radius(distance, most)
             found = sort_samples(distance, begin, end, limit, near, order)
-            many = spread_starts(task, desk, steps, order, found, view[RATES], known, kept, seeds, w)
+            thin = rounds == 0 or not (unsure or tally[WEAKEST] < WEAK)
+            many = spread_starts(task, desk, steps, order, found, view[RATES], thin, known, kept, seeds, w)
             surely = int(SURELY * many) if rounds == 0 else surely
             kept, rounds = kept + many, rounds + 1
         elif rounds == 2 and count == 0:

@@ -343,6 +343,7 @@ def spread_starts(
     order: Indices,
     found: int,
     rates: Array,
+    thin: bool,
     known: Array,
     kept: int,
     seeds: Array,
@@ -357,6 +358,7 @@ def spread_starts(
         order: See `sort_samples`.
         found: How many samples there are in it.
         rates: See `refine_all.joint_gap`, (n,).
+        thin: Are those alike left out? Not beside a singularity, where answers lie close together.
         known: Those kept so far, see `is_alike`; receives the new ones.
         kept: How many were kept so far.
         seeds: Receives the new starts, (at least found, n).
@@ -369,7 +371,7 @@ def spread_starts(
             if K[BEYOND * LANES + lane] > MARGIN:
                 continue
             step_ahead(task, K, lane, order[begin + lane], steps, desk.bound, q)
-            if is_alike(known, kept + many, rates, q):
+            if thin and is_alike(known, kept + many, rates, q):
                 continue
             at = kept + many
             if at % LANES == 0:
