@@ -13,6 +13,14 @@ ROOT = Path(__file__).resolve().parent
 KERNELS = ROOT / "src" / "kinseek" / "kernels"
 
 
+def _levels() -> list[int] | None:
+    """Levels of the processor that a wheel is for, None for all."""
+    asked = os.environ.get("KINSEEK_LEVELS", "").split()
+    if not all(word.isdecimal() for word in asked):
+        raise ValueError(f"KINSEEK_LEVELS must be numbers such as '2 3', got {' '.join(asked)!r}")
+    return sorted({int(word) for word in asked}) or None
+
+
 class CompiledKernels(BuildHookInterface):  # type: ignore[misc,type-arg,unused-ignore]
     """Puts the library of kernels beside their sources, and so into the wheel."""
 
@@ -27,7 +35,8 @@ class CompiledKernels(BuildHookInterface):  # type: ignore[misc,type-arg,unused-
             return self._without(build_data, "KINSEEK_BUILD=never")
         try:
             native = runpy.run_path(str(ROOT / "native" / "build.py"))
-            library = native["build"](KERNELS, native["this_level"]() if version == "editable" else None)
+            levels = native["this_level"]() if version == "editable" else _levels()
+            library = native["build"](KERNELS, levels)
         except Exception as error:
             if wanted == "always":
                 raise

@@ -27,6 +27,7 @@ SCRIPTS = [
     *(path for path in sorted((ROOT / "benchmarks" / "peers").glob("[!_]*.py")) if path.stem not in PARTS),
     ROOT / "benchmarks" / "peers" / "__main__.py",
     ROOT / "benchmarks" / "field" / "__main__.py",
+    ROOT / "benchmarks" / "maps" / "__main__.py",
     ROOT / "benchmarks" / "field" / "agree.py",
     ROOT / "experiments" / "__main__.py",
 ]

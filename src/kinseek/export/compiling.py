@@ -64,6 +64,7 @@ def compiled(
         "relocation": target.relocation,
         "abi": target.abi,
         "optimised": optimised,
+        "file": name,
     }
     with tempfile.TemporaryDirectory(prefix="kinseek-export-") as place:
         work = Path(place)

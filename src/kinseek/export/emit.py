@@ -125,7 +125,7 @@ def _with_wrapper(one: Any) -> tuple[list[bytes], Any]:
 
 
 def _written(module: Any, host: tuple[str, str], job: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Optimise for the target, and write the object file, the assembly of the processor and that of LLVM."""
+    """Optimise for the target, and write the object file, and the assembly of the processor or of LLVM if that is wanted."""
     import llvmlite.binding as llvm
 
     llvm.initialize_all_targets()
@@ -153,8 +153,11 @@ def _written(module: Any, host: tuple[str, str], job: dict[str, Any], folder: Pa
     module.verify()
     data = machine.emit_object(module)
     (folder / "kernels.o").write_bytes(data)
-    (folder / "kernels.s").write_text(machine.emit_assembly(module), encoding="utf-8")
-    (folder / "kernels.ll").write_text(str(module), encoding="utf-8")
+    # The others as they are asked for: to write machine code a second time takes as long as the first.
+    if job["file"] == "kernels.s":
+        (folder / "kernels.s").write_text(machine.emit_assembly(module), encoding="utf-8")
+    if job["file"] == "kernels.ll":
+        (folder / "kernels.ll").write_text(str(module), encoding="utf-8")
     asked = [each.name for each in [*module.functions, *module.global_variables] if each.is_declaration]
     # Names in WebAssembly do not end where LLVM takes them to; those of code and data do.
     sections = [
