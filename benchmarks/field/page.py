@@ -13,6 +13,7 @@ from benchmarks.page import Page
 
 from . import plots
 from .judge import LOOSE, LOOSE_TURN, STRICT
+from .pieces import DONE
 from .questions import QUESTIONS, WRONG
 from .run import Field
 from .tables import TITLES, collect, distinct, marked, solvers, summed
@@ -307,7 +308,8 @@ def _wrong(made: Page, known: pd.DataFrame, names: dict[str, str]) -> None:
     )
     cells = []
     for solver, group in rows.groupby("solver", sort=False):
-        by = group.drop_duplicates("question").set_index("question")
+        answered = group.sort_values("state", key=lambda states: states != DONE, kind="stable")
+        by = answered.drop_duplicates("question").set_index("question")
         cells.append((names[str(solver)], *(_outcome(by, f"wrong {case}") for case in WRONG)))
     made.table(f"solver | {' | '.join(WRONG)}", cells)
 
@@ -364,9 +366,9 @@ def _missing(made: Page, known: pd.DataFrame, about: dict[str, Any], names: dict
     items = [
         f"**{names[solver]}**: {html.escape(each['state'])}."
         for solver, each in about.items()
-        if each["state"] != "done"
+        if each["state"] != DONE
     ]
-    left = known[known["state"] != "done"].assign(
+    left = known[known["state"] != DONE].assign(
         why=lambda rows: rows["state"].str.replace(r"^\d+ of (\d+) in", r"fewer than \1 in", regex=True)
     )
     for (solver, why), rows in left.groupby(["solver", "why"], sort=False):
