@@ -11,16 +11,12 @@ from __future__ import annotations
 
 import argparse
 import datetime
-import os
 import subprocess
 import sys
 import time
 
 SHARES = {"files": 0.5, "calls": 0.2, "motions": 0.05, "proofs": 0.25}
 """Of all cases."""
-
-SURROUNDINGS = {"proofs": {"KINSEEK_JIT": "1"}}
-"""Proofs are looked at from inside, through kernels that are no entries of the library: Numba compiles them, in minutes."""
 
 MOMENTS = 5
 """At which each call is interrupted."""
@@ -46,12 +42,8 @@ def main() -> int:
     given = parser.parse_args()
     failed, began = [], time.perf_counter()
     for name, *options in commands(given.count, given.seed):
-        set_first = "".join(f"{key}={value} " for key, value in SURROUNDINGS.get(name, {}).items())
-        print(f"+ {set_first}python -m tests.fuzz.{name} {' '.join(options)}", flush=True)
-        surroundings = os.environ | SURROUNDINGS.get(name, {})
-        done = subprocess.run(
-            [sys.executable, "-m", f"tests.fuzz.{name}", *options], env=surroundings, check=False
-        )
+        print(f"+ python -m tests.fuzz.{name} {' '.join(options)}", flush=True)
+        done = subprocess.run([sys.executable, "-m", f"tests.fuzz.{name}", *options], check=False)
         if done.returncode:
             failed.append(name)
     minutes = (time.perf_counter() - began) / 60
