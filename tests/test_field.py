@@ -207,6 +207,8 @@ def test_what_changed_is_measured_anew(tmp_path: Path) -> None:
     one = run.task(field, path, judge, question, "recommended", {"off": 0.5})
     pieces.save(Path(one.piece), pieces.Piece(pieces.DONE, digest=one.digest))
     assert run.missing([one]) == []
+    answers, known = collect(field)
+    assert "not measured" in page(field, marked(answers), known).text, "a page without any answer"
     other = run.task(field, path, judge, question, "recommended", {"off": 0.0})
     assert run.missing([other]) == [other]
     a_solver(tmp_path, "T = T")

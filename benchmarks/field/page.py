@@ -97,6 +97,8 @@ def share(row: Any) -> str:
 
 
 def _overview(made: Page, answers: pd.DataFrame, names: dict[str, str], facts: pd.DataFrame) -> None:
+    if answers.empty:
+        return
     made.head("In short")
     whole = summed(answers, ["solver", "settings", "question"])
     rows = []

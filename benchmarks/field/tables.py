@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from . import pieces
-from .judge import LOOSE, LOOSE_TURN, SLACK, STRICT
+from .judge import LOOSE, LOOSE_TURN, SLACK, STRICT, Verdict
 from .questions import QUESTIONS
 from .run import Field
 
@@ -42,8 +42,18 @@ def collect(field: Field) -> tuple[pd.DataFrame, pd.DataFrame]:
                 rows["moved"] = np.abs(piece.q - starts[piece.target]).max(axis=1)
                 rows["needed"] = np.abs(origins - starts)[piece.target].max(axis=1)
             answers.append(rows.assign(**place))
-    columns = ["solver", "settings", "arm", "question", "target", "microseconds", "claimed"]
-    every = pd.concat(answers, ignore_index=True) if answers else pd.DataFrame(columns=[*columns, "q"])
+    columns = [
+        "solver",
+        "settings",
+        "arm",
+        "question",
+        "target",
+        "microseconds",
+        "claimed",
+        *Verdict._fields,
+        "q",
+    ]
+    every = pd.concat(answers, ignore_index=True) if answers else pd.DataFrame(columns=columns)
     return every[[*columns, *(name for name in every if name not in columns)]], pd.DataFrame(known)
 
 
