@@ -33,7 +33,7 @@ def main() -> None:
         "workers": lambda page: workers.measure(page, 2, 0.1),
         "soundness": lambda page: soundness.measure(page, 100_000, 100_000),
         "sampled": lambda page: sampled.measure(page, 100_000, 40.0),
-        "certainty": lambda page: certainty.measure(page, ("ur5e",), 12_000, 40.0),
+        "certainty": lambda page: certainty.measure(page, ("ur5e",), 60_000, 25.0),
         "asked": lambda page: certainty.asked(page, 1_000_000),
     }
     quick: dict[str, Callable[[Page], None]] = {

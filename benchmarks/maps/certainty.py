@@ -20,10 +20,7 @@ BILLION = (0.05, 12_000)
 
 SIZES = ((0.1, 576), (0.05, 4608), BILLION)
 
-ROW = 12
-"""Cells of one place that are drawn together: neighbours in orientation, as in a block."""
-
-EFFORTS: tuple[dict[str, int], ...] = ({"depth": 0}, {"depth": 2})
+EFFORTS: tuple[dict[str, int], ...] = ({"depth": 0}, {"depth": 4}, {"depth": 12})
 
 
 class Part(NamedTuple):
@@ -38,18 +35,21 @@ class Part(NamedTuple):
 
 
 def judged(arm: kinseek.Arm, rings: maps.Rings, options: dict[str, int], cells: int, seconds: float) -> Part:
-    """Judge rows of cells drawn from all of some rings, until there are so many, or for so long."""
+    """Judge rows of cells drawn from all of some rings, until there are so many, or for so long.
+
+    A row has all cells of one place and direction, which are judged together, as in a block.
+    """
     work = work_of(arm, rings, None, prove=True, **options)
     desk, rng, rows = Desk(work), np.random.default_rng(1), list[tuple[float, ...]]()
     desk.arm.ik(np.eye(4))  # Builds the atlas.
-    until = time.process_time() + seconds
-    while len(rows) * ROW < cells and (len(rows) < 4 or time.process_time() < until):
+    until, row = time.process_time() + seconds, rings.orientations.arcs
+    while len(rows) * row < cells and (len(rows) < 4 or time.process_time() < until):
         place = [int(rng.integers(n)) for n in rings.shape[:-1]]
-        first = int(rng.integers(rings.shape[-1] - ROW + 1))
-        part = (*(slice(i, i + 1) for i in place), slice(first, first + ROW))
+        first = row * int(rng.integers(rings.shape[-1] // row))
+        part = (*(slice(i, i + 1) for i in place), slice(first, first + row))
         took, values = cpu(answered, work, desk, rings.poses(part), part)
         shares = [float((values["cell"] == word).mean()) for word in (REACHED, EMPTY)]
-        rows.append((took / ROW, *shares, 1.0 - sum(shares)))
+        rows.append((took / row, *shares, 1.0 - sum(shares)))
     return Part(*np.array(rows).T)
 
 
@@ -63,10 +63,10 @@ def measure(page: Page, arms: tuple[str, ...], cells: int, seconds: float) -> No
     """Write the section."""
     with section(page, "What certainty costs"):
         page.say(
-            f"Rings, the first joint divided out; rows of {ROW} cells drawn from all of them, at most {cells:,} cells",
-            f"and {seconds:g} s of one thread for each line. ± is two standard errors of the mean over rows. The last",
-            f"column is what the same takes for 10⁹ cells of a `Grid`; {BILLION[1]:,} orientations at",
-            f"{BILLION[0] * 100:.0f} cm are about as many.",
+            "Rings, the first joint divided out. Rows are drawn from all of them, each all cells of one place and",
+            f"direction, {cells:,} cells at most and {seconds:g} s of one thread for each line. ± is two standard errors of",
+            "the mean over rows. The last column is what the same takes for 10⁹ cells of a `Grid`;",
+            f"{BILLION[1]:,} orientations at {BILLION[0] * 100:.0f} cm are about as many.",
         )
         rows = []
         for name in arms:
@@ -81,7 +81,7 @@ def measure(page: Page, arms: tuple[str, ...], cells: int, seconds: float) -> No
                             name,
                             f"{width * 100:.0f} cm, {rings.orientations.covering_radius:.2f} rad",
                             f"{options['depth']}",
-                            f"{len(part.cost) * ROW:,}",
+                            f"{len(part.cost) * rings.orientations.arcs:,}",
                             mean(part.cost, ".2f", 1e3),
                             mean(part.reached, ".1f", 100),
                             mean(part.empty, ".1f", 100),

@@ -26,7 +26,15 @@ from kinseek.kernels.atlas.memory import desk_size, make_desk
 from kinseek.kernels.atlas.one_goal import solve_pose
 from kinseek.kernels.atlas.samples import coordinates
 from kinseek.kernels.atlas.seeds import see, turns_fully
-from kinseek.kernels.atlas.task import EVALUATIONS, HANDLE, WANTED, Task, task_of
+from kinseek.kernels.atlas.task import (
+    EVALUATIONS,
+    HANDLE,
+    ORIENTATION_ERROR,
+    POSITION_ERROR,
+    WANTED,
+    Task,
+    task_of,
+)
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import called, entry, hidden
 from kinseek.kernels.structure.candidates import NUMBERS, WORK
@@ -123,7 +131,7 @@ def find_branches(
     tally, image, left, asked = np.zeros(TALLY), np.empty(dof), np.empty(ROWS), np.empty(3)
     tally[WEAKEST] = np.inf
     start(task, desk, target)
-    count, told, rounds, kept, done, unsure = 0, 0, 0, 0, False, False
+    count, told, rounds, kept, done, unsure, reached = 0, 0, 0, 0, False, False, False
     if serves(task, structure):
         closed_starts(task, structure, target, desk.spare, np.empty(WORK), seeds, asked, w)
         many = int(asked[TRIED])
@@ -167,6 +175,8 @@ def find_branches(
             for i in range(dof):
                 seeds[0, i] = other[i]
             mode, many, rounds = SIBLING, 1, 3
+            reached = other[dof + POSITION_ERROR] <= task.position_tolerance
+            reached = reached and other[dof + ORIENTATION_ERROR] <= task.orientation_tolerance
         else:
             break
         count = refine_all(
@@ -185,6 +195,12 @@ def find_branches(
             tally,
             w,
         )
+        if (
+            reached and count == 0
+        ):  # At the edge of reach steps may lead away from an answer that is not exact.
+            for i in range(dof):
+                rows[0, i] = seeds[0, i]
+            count, reached = 1, False
     result[count, ANSWERS] = sorted_rows(task, desk, target, rows, count, view[CENTRE], view[SCALE], result)
     endless = tally[CONTINUA] > 0.0 or count == ROWS
     result[count, SPENT], result[count, CONTINUUM] = tally[EVALUATED], 1.0 if endless else 0.0
