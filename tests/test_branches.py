@@ -442,3 +442,32 @@ def test_an_answer_at_a_limit_counts() -> None:
     q = np.array([0.3, 0.4, arm.upper[2], 0.7, 0.8, 0.2])
     found = one(arm.branches(arm.fk(q)))
     assert apart(q[None], found.q).min() < 1e-5
+
+
+@pytest.mark.parametrize("name", ["puma560", "ur5e", "irb120", "kr6r900", "jaco2_6"])
+def test_there_is_a_branch_wherever_ik_finds_an_answer_just_out_of_reach(name: str) -> None:
+    """Poses pushed out by less than the tolerance where the elbow is straight: no answer to them is exact."""
+    arm = kinseek.load(name)
+    targets = []
+    for q in arm.sample(40, seed=11):
+        elbow = np.tile(q, (200, 1))
+        elbow[:, 2] = np.linspace(arm.lower[2], arm.upper[2], 200)
+        sizes = np.linalg.det(arm.jacobian(elbow))
+        turns = np.flatnonzero(sizes[1:] * sizes[:-1] < 0.0)
+        if not len(turns):
+            continue
+        low, high = elbow[turns[0]], elbow[turns[0] + 1]
+        for _ in range(60):
+            middle = (low + high) / 2
+            same = np.linalg.det(arm.jacobian(middle)) * np.linalg.det(arm.jacobian(low)) > 0.0
+            low, high = (middle, high) if same else (low, middle)
+        outwards = np.linalg.svd(arm.jacobian(low))[0][:3, -1]
+        for way in (-9e-7, 9e-7):
+            target = arm.fk(low)
+            target[:3, 3] += way * outwards
+            targets.append(target)
+    found = some(arm.branches(np.array(targets)))
+    solved = arm.ik(np.array(targets)).success
+    assert len(targets) > 10
+    assert solved.sum() > len(targets) / 2
+    assert (found.counts[solved] > 0).all()

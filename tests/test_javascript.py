@@ -61,7 +61,7 @@ def answers(parts: Path, asked: dict[str, Any], tmp_path_factory: pytest.TempPat
         for name, one in asked.items()
     }
     file.write_text(json.dumps(flat))
-    node = Path(__file__).with_name("web_answers.mjs")
+    node = Path(__file__).with_name("javascript.mjs")
     done = subprocess.run(
         ["node", node, parts, file], capture_output=True, text=True, timeout=300, check=False
     )

@@ -1,4 +1,4 @@
-// node web_answers.mjs FOLDER ASKED.json: what the kernels of a folder that `to_wasm` wrote answer to goals, as JSON.
+// node javascript.mjs FOLDER ASKED.json: what the kernels of a folder that `to_wasm` wrote answer to goals, as JSON.
 import { readFile } from "node:fs/promises";
 import { pathToFileURL } from "node:url";
 
