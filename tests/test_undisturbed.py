@@ -21,6 +21,15 @@ def test_it_raises_what_the_work_raises() -> None:
         undisturbed(lambda: 1 // 0)
 
 
+def test_who_waits_hears_that_there_are_no_more_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    def start(thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", start)
+    with pytest.raises(RuntimeError, match="can't start"):
+        undisturbed(lambda: 1)
+
+
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timers that interrupt")
 def test_an_interrupt_stops_the_work_and_waits_for_its_end() -> None:
     stopped, ended = threading.Event(), threading.Event()

@@ -30,17 +30,32 @@ def told(queue: SimpleQueue[R]) -> R:
 class Aside(Generic[R]):
     """Something to be done in a thread of its own."""
 
-    def __init__(self, work: Callable[[], R]) -> None:
-        """Begin nothing yet."""
-        self._work, self._ended = work, SimpleQueue[None]()
-        self._results, self._errors = list[R](), list[BaseException]()
+    def __init__(
+        self, work: Callable[[], R], ended: Callable[[], object] = lambda: None, kept: bool = False
+    ) -> None:
+        """Begin nothing yet.
+
+        Args:
+            work: What to do.
+            ended: Called there at the end.
+            kept: Python waits for it before it ends itself. To begin takes several times as long.
+        """
+        self._work, self._told, self._kept = work, ended, kept
+        self._ended, self._results, self._errors = SimpleQueue[None](), list[R](), list[BaseException]()
         self._begun = self._done = False
 
     def begin(self) -> None:
         """Begin."""
-        # A `Thread` is waited for before Python ends, but to start one is to wait in steps: that is done aside, too.
-        _thread.start_new_thread(lambda: threading.Thread(target=self._run, name="kinseek").start(), ())
+        _thread.start_new_thread(self._keep if self._kept else self._run, ())
         self._begun = True
+
+    def _keep(self) -> None:
+        """Begin in a `Thread`, which Python waits for: to start one is to wait in steps, so that is done aside, too."""
+        try:
+            threading.Thread(target=self._run, name="kinseek").start()
+        except BaseException as error:  # There may be no more threads: who waits shall hear of it.
+            self._errors.append(error)
+            self._end()
 
     def _run(self) -> None:
         try:
@@ -48,8 +63,12 @@ class Aside(Generic[R]):
         except BaseException as error:
             self._errors.append(error)
         finally:
-            self._done = True
-            self._ended.put(None)
+            self._end()
+
+    def _end(self) -> None:
+        self._done = True
+        self._ended.put(None)
+        self._told()
 
     def wait(self) -> None:
         """Wait for the end. After a wait that Ctrl-C broke off, wait again."""
@@ -71,9 +90,9 @@ def undisturbed(work: Callable[[], R], stop: Callable[[], object] | None = None)
         stop: Called where a handler raises, as after Ctrl-C, to make the work come to its end, which is then waited for;
             None leaves it behind.
     """
-    if threading.current_thread() is not threading.main_thread():
+    if threading.get_ident() != threading.main_thread().ident:
         return work()
-    aside = Aside(work)
+    aside = Aside(work, kept=stop is None)
     try:
         aside.begin()
         aside.wait()

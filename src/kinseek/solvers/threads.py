@@ -45,8 +45,6 @@ def spread(
             work(begin, end, lambda: not deadline.passed)
             advance(end - begin)
         return
-    from concurrent.futures import ThreadPoolExecutor  # Not above: it is slow to import.
-
     left, finished, stopped = iter(chunks), SimpleQueue[int](), threading.Event()
 
     def go_on() -> bool:
@@ -60,23 +58,21 @@ def spread(
             work(begin, end, go_on)
             finished.put(end - begin)
 
-    def share() -> None:
-        try:
-            with ThreadPoolExecutor(workers) as pool:
-                for future in [pool.submit(drain) for _ in range(workers)]:
-                    future.result()
-        finally:
-            finished.put(0)
-
-    aside = Aside(share)
+    crew = [Aside(drain, lambda: finished.put(0)) for _ in range(workers)]
     try:
-        aside.begin()
-        while targets := told(finished):
+        for each in crew:
+            each.begin()
+        ended = 0
+        while ended < workers:
+            targets = told(finished)
+            ended += targets == 0
             advance(targets)
     finally:
         stopped.set()
-        aside.wait()
-    aside.outcome()
+        for each in crew:
+            each.wait()
+    for each in crew:
+        each.outcome()
 
 
 @contextmanager
