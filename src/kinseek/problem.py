@@ -174,9 +174,8 @@ def as_joints(arm: Mechanism, q: object, name: str = "q") -> Array:
             f"{name} must have shape ({arm.dof},) or (..., {arm.dof}), got {joints.shape}. "
             f"Joints: {', '.join(arm.joint_names)}"
         )
-    if (
-        np.vdot(joints, joints) <= LARGEST**2
-    ):  # One look tells of most that all are finite, and none too large.
+    # One look tells of most that all are finite, and none too large.
+    if np.vdot(joints, joints) <= LARGEST**2:
         return joints
     if not np.isfinite(joints).all():
         bad = np.argwhere(~np.isfinite(joints))[0]
