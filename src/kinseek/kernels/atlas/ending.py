@@ -33,7 +33,16 @@ from .newton import VALLEY_STEPS, settle
 from .seeds import MORE, copy_joints, fill_from_lookup, load_seed, load_seed_row, load_target, look_up
 from .task import ENDING, WANTED, WEIGHT, Job, Task, handle_at, routine_at, task_of
 
-ENDGAME = 2 * (POLISH_STEPS + NEWTON_STEPS + 1) + (DEEP // LANES + 1) * (DEEP_STEPS + 1) + VALLEY_STEPS + 1
+BALANCES, BEARABLE, SMALL = 8, 10.0, 1e-30
+"""How often the two tolerances are weighed against each other at most, the multiple of one where it is vain, and what is
+divided by at least."""
+
+
+ENDGAME = (
+    2 * (POLISH_STEPS + NEWTON_STEPS + 1)
+    + (DEEP // LANES + 1) * (DEEP_STEPS + 1)
+    + BALANCES * (VALLEY_STEPS + 1)
+)
 """FK evaluations that the search for the nearest pose takes at most, a lane."""
 
 
@@ -192,23 +201,39 @@ def polish(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
 
 @hidden
 def follow_valleys(task: Task, desk: Desk, target: Array) -> int:
-    """Follow the valleys that the eight best lie in until one leads to an answer, the new best; return FK evaluations."""
-    weight, spent = 1.0 / (task.length * task.length), 0
-    goal, real = GoalArrays(target, weight, task.columns), goal_of(task, target)
-    # Half of the squares of both tolerances: what is less meets them.
-    least = 0.5 * min(weight * task.position_tolerance**2, task.orientation_tolerance**2)
+    """Follow the valleys that the eight best lie in until one leads to an answer, the new best; return FK evaluations.
+
+    What is nearest by the weights may miss one tolerance where an answer beside it meets both: here squares are walked down,
+    in which each tolerance counts as one. Where their least sum still misses one, that one counts for more.
+    """
+    goal, spent = goal_of(task, target), 0
+    near, level = task.position_tolerance, task.orientation_tolerance
+    both = near > 0.0 and level > 0.0
+    # The half sum of the squares of what meets both tolerances, both counted in radians.
+    least = 0.5 * level * level if both else 0.0
     for l in range(LANES):
         if desk.best_error[l] == np.inf:
             continue
+        weight = 0.0
+        if task.position_weight > 0.0:
+            weight = (level / near) ** 2 if both else 1.0 / (task.length * task.length)
         copy_joints(desk.best, l, desk.seed)
-        spent += settle(task.chain, goal, True, least, task.lower, task.upper, desk.seed)
-        forward(task.chain, desk.seed, desk.spare)
-        position, orientation = errors(desk.spare, real)
-        if position <= task.position_tolerance and orientation <= task.orientation_tolerance:
-            desk.best_error[0] = 0.0
-            for i in range(len(desk.seed)):
-                desk.best[0, i] = desk.seed[i]
-            break
+        for _ in range(BALANCES):
+            squares = GoalArrays(target, weight, task.columns)
+            spent += settle(task.chain, squares, True, least, task.lower, task.upper, desk.seed)
+            forward(task.chain, desk.seed, desk.spare)
+            position, orientation = errors(desk.spare, goal)
+            if position <= near and orientation <= level:
+                desk.best_error[0] = 0.0
+                for i in range(len(desk.seed)):
+                    desk.best[0, i] = desk.seed[i]
+                return spent
+            # From where one is missed by far, or both are, a balance of them leads to no answer.
+            one = (position <= near) != (orientation <= level)
+            if not (both and one and max(position / near, orientation / level) < BEARABLE):
+                break
+            weight *= position * level / max(orientation * near, SMALL)
+            least = 0.0
     return spent
 
 
