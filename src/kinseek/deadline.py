@@ -8,6 +8,9 @@ from numbers import Real
 
 from .errors import InvalidProblem
 
+MOST = 1e300
+"""[s] Longer than this is without end."""
+
 
 class Deadline:
     """A moment after which no further chunk of work is begun.
@@ -25,11 +28,12 @@ class Deadline:
         if time_limit is None:
             self.end = math.inf
             return
-        if isinstance(time_limit, bool) or not isinstance(time_limit, Real) or not float(time_limit) > 0.0:
+        if isinstance(time_limit, bool) or not isinstance(time_limit, Real) or not time_limit > 0:
             raise InvalidProblem(
                 f"time_limit must be a number of seconds above 0, or None, got {time_limit!r}"
             )
-        self.end = time.monotonic() + float(time_limit)
+        # A whole number may be larger than any float.
+        self.end = time.monotonic() + float(time_limit) if time_limit <= MOST else math.inf
 
     @property
     def passed(self) -> bool:

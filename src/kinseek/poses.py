@@ -251,7 +251,7 @@ def _matrix_of(target: Any) -> Array:
             target = [_matrix_of(each) for each in target]
     try:
         return np.array(target, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InvalidGoal(
             f"a pose must be a (..., 4, 4) array or an object with .homogeneous, .A or .as_matrix(), "
             f"got {type(target).__name__}: {error}"

@@ -167,7 +167,7 @@ def as_joints(arm: Mechanism, q: object, name: str = "q") -> Array:
         q = in_order(q, arm.joint_names, name, InvalidProblem)
     try:
         joints = np.array(q, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InvalidProblem(f"{name} must be numbers of shape (..., {arm.dof}): {error}") from error
     if joints.ndim == 0 or joints.shape[-1] != arm.dof:
         raise InvalidProblem(

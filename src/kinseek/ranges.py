@@ -81,7 +81,7 @@ def check_ranges(ranges: object) -> Ranges:
     """
     try:
         table = np.array(ranges, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         table = np.zeros(0)
     if table.shape != (6, 2):
         raise InvalidGoal(f"ranges must be six pairs, of {', '.join(AXES)}, got {ranges!r}")
@@ -102,7 +102,7 @@ def unit(axis: int) -> tuple[float, float, float]:
 def _range(axis: str, pair: object) -> tuple[float, float]:
     try:
         low, high = (float(end) for end in pair)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidGoal(f"box[{axis!r}] must be a pair (lower, upper), got {pair!r}") from None
     if math.isnan(low) or math.isnan(high) or low > high or low == math.inf or high == -math.inf:
         raise InvalidGoal(f"box[{axis!r}] must have lower <= upper, got ({low}, {high})")

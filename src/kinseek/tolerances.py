@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from numbers import Real
 from typing import Any, TypedDict
-
-import numpy as np
 
 from .errors import InvalidGoal
 from .kernels.arm.pose_error import HEAVIEST, LARGEST, LIGHTEST
@@ -31,30 +30,30 @@ class GoalOptions(TypedDict, total=False):
     base: Any
 
 
-def check_tolerance(name: str, value: object) -> None:
+def check_tolerance(name: str, value: float) -> None:
     """Refuse what is no tolerance.
 
     Raises:
         InvalidGoal: Negative, not finite, or so large that it says nothing.
     """
-    if not (isinstance(value, Real) and np.isfinite(float(value)) and float(value) >= 0):
+    if not (isinstance(value, Real) and 0 <= value < math.inf):
         raise InvalidGoal(f"{name} must be a finite number >= 0, got {value!r}")
-    if float(value) > LARGEST:
+    if value > LARGEST:
         raise InvalidGoal(
             f"{name} must be at most {LARGEST:g}, got {value!r}: nothing that is reached lies that far off. Where "
             f"the position or the orientation does not matter, Goal.pose(..., free=...) or Goal.position say so"
         )
 
 
-def check_weight(name: str, value: object) -> None:
+def check_weight(name: str, value: float) -> None:
     """Refuse what is no weight.
 
     Raises:
         InvalidGoal: Not positive, not finite, or too small or too large to compute with.
     """
-    if not (isinstance(value, Real) and np.isfinite(float(value)) and float(value) > 0):
+    if not (isinstance(value, Real) and 0 < value < math.inf):
         raise InvalidGoal(f"{name} must be a finite number > 0, got {value!r}")
-    if not LIGHTEST <= float(value) <= HEAVIEST:
+    if not LIGHTEST <= value <= HEAVIEST:
         raise InvalidGoal(
             f"{name} must lie between {LIGHTEST:g} and {HEAVIEST:g}, got {value!r}: searches multiply weighted "
             f"errors, and beyond that doubles end"

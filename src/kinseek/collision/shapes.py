@@ -243,7 +243,7 @@ class Mesh(Shape):
         try:
             vertices = np.array(self.vertices, dtype=np.float64).reshape(-1, 3)
             faces = np.array(self.faces, dtype=np.int64).reshape(-1, 3)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise InvalidScene(f"{self.name}: expected vertices (k, 3) and faces (f, 3): {error}") from None
         if not len(faces) or not len(vertices):
             raise InvalidScene(f"{self.name} is empty: it holds no triangles")
@@ -396,7 +396,7 @@ class Points(Shape):
         """Check it."""
         try:
             cloud = np.array(self.cloud, dtype=np.float64)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise InvalidScene(f"a cloud must be numbers, (k, 3): {error}") from None
         if cloud.ndim != 2 or cloud.shape[1] != 3 or not len(cloud):
             raise InvalidScene(f"a cloud must have shape (k, 3) with k at least 1, got {cloud.shape}")
@@ -479,7 +479,7 @@ def lengths(name: str, values: Any, count: int) -> Array:
     """
     try:
         found = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         found = np.array([np.nan])
     if found.shape != (count,) or not np.isfinite(found).all() or not (found > 0).all():
         what = "a length" if count == 1 else f"{count} lengths"

@@ -268,7 +268,7 @@ def _grid_of(text: str) -> Grid | Rings:
 def _range(name: str, given: Any) -> Range:
     try:
         low, high, step = (float(each) for each in given)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidMap(f"{name} must be (from, to, step) [m], got {given!r}") from None
     if not np.isfinite([low, high, step]).all() or step <= 0.0 or high <= low:
         raise InvalidMap(

@@ -174,7 +174,10 @@ def read(
     longest = positive(arm, "max_step", max_step, "rad or m")[None]
     speed = None if velocity is None else positive(arm, "velocity", velocity, "rad/s or m/s")
     if times is not None:
-        moments = np.asarray(times, dtype=np.float64)
+        try:
+            moments = np.asarray(times, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise InvalidProblem(f"times must be numbers [s], one a pose: {error}") from None
         if moments.shape != (count,) or not np.isfinite(moments).all():
             raise InvalidProblem(
                 f"times must be {count} finite numbers [s], one a pose, got shape {moments.shape}"
@@ -235,7 +238,7 @@ def positive(arm: Mechanism, name: str, value: ArrayLike, unit: str) -> Array:
     """
     try:
         numbers = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (arm.dof,)))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidProblem(
             f"{name} must be a number or {arm.dof} of them [{unit}], got {value!r:.80}"
         ) from None

@@ -105,7 +105,7 @@ class Tracker:
         """Stand at joint values; see `Arm.track`."""
         if arm.axes is None:
             raise InvalidProblem(f"{arm.name!r} is a function: a tracker works along axes, and it has none")
-        if isinstance(period, bool) or not isinstance(period, int | float) or not 0 < period < np.inf:
+        if isinstance(period, bool) or not isinstance(period, int | float) or not 0 < period < 1e300:
             raise InvalidProblem(f"period must be a number of seconds above 0, got {period!r}")
         start = as_joints(arm, q0, "q0")
         if start.shape != (arm.dof,):

@@ -68,7 +68,7 @@ class SeparateChains(DivideAndConquer):
         super().__post_init__()
         try:
             fine = not isinstance(self.again, bool) and float(self.again) >= 0
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             fine = False
         if not fine:
             raise InvalidSolver(f"again must be a distance in metres of at least 0, got {self.again!r}")

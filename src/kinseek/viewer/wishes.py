@@ -119,7 +119,7 @@ def read_wishes(text: str | None, begin: Wishes) -> Wishes:
         if target.shape != (4, 4) or q.shape != begin.q.shape or not np.isfinite(q).all():
             return begin
         wishes = begin.but(target=target, q=q, free=tuple(map(str, values["free"])))
-    except (ValueError, TypeError, KeyError, KinseekError):
+    except (ValueError, TypeError, OverflowError, KeyError, KinseekError):
         return begin
     flags = ("follow", "ghosts", "samples", "reach", "boxes", "meshes", "dark")
     wishes = wishes.but(**{name: bool(values[name]) for name in flags if name in values})
@@ -138,7 +138,7 @@ def _camera(value: Any) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
     """Two points, or nothing."""
     try:
         eye, at = (tuple(float(each) for each in point) for point in value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return None
     sound = len(eye) == len(at) == 3 and all(map(math.isfinite, eye + at)) and math.dist(eye, at) > 1e-6
     return (eye, at) if sound else None
