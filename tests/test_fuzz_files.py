@@ -7,7 +7,9 @@ from collections import Counter
 
 import pytest
 
-from fuzz.files import MUTATIONS, Case, case, findings, judge, seeds, write
+from fuzz.files import case, findings, seeds
+from fuzz.mutations import OF_OTHERS, OF_XML
+from fuzz.readers import READERS
 
 pytestmark = pytest.mark.slow
 
@@ -32,21 +34,15 @@ def test_a_case_is_always_the_same_file() -> None:
     assert len({case(i, 3, from_).text for i in range(40)}) > 20
 
 
-@pytest.mark.parametrize("suffix", [".urdf", ".xacro", ".xml"])
-def test_sound_files_load(suffix: str, tmp_path_factory: pytest.TempPathFactory) -> None:
-    if suffix == ".xml":
-        pytest.importorskip("mujoco")
-    sound = next(seed for seed in seeds() if seed.suffix == suffix)
-    beside = case(0, 0, [sound]).beside
-    assert (
-        judge(write(tmp_path_factory.mktemp("sound"), Case("case" + suffix, sound.text, beside))) == "loaded"
-    )
-
-
 def test_every_mutation_changes_some_file() -> None:
     from random import Random
 
-    texts = [seed.text for seed in seeds()]
-    for mutate in MUTATIONS:
-        random = Random(0)
-        assert any(mutate(random, text) != text for text in texts[:5] * 4), mutate.__name__
+    from_ = seeds()
+    assert set(from_) == set(READERS)
+    for mutations, texts in (
+        (OF_XML, from_[".urdf"][:5] * 4),
+        (OF_OTHERS, from_[".dh.json"] + from_[".csv"]),
+    ):
+        for mutate in mutations:
+            random = Random(0)
+            assert any(mutate(random, text) != text for text in texts), mutate.__name__
