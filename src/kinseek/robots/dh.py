@@ -133,21 +133,21 @@ def _table(rows: Sequence[Row] | Array) -> Array:
         raise InvalidRobot(f"the DH table must be rows of 4 numbers, one row a joint, got {rows!r:.80}")
     listed = []
     for i, row in enumerate(given):
+        numbers: object = row
         if isinstance(row, Mapping):
             if set(row) != set(_COLUMNS):
                 raise InvalidRobot(
-                    f"DH row {i}: expected the names {', '.join(_COLUMNS)}, got {', '.join(row)}"
+                    f"DH row {i}: expected the names {', '.join(_COLUMNS)}, got {', '.join(map(str, row))}"
                 )
-            listed.append([row[column] for column in _COLUMNS])
-        else:
-            listed.append(list(np.atleast_1d(row)))
-        if len(listed[-1]) != len(_COLUMNS):
-            raise InvalidRobot(
-                f"DH row {i}: {len(listed[-1])} values, expected 4: {', '.join(_COLUMNS)} in [m] and [rad]"
-            )
+            numbers = [row[column] for column in _COLUMNS]
+        values = np.atleast_1d(_numbers(numbers, f"DH row {i}"))
+        if values.shape != (len(_COLUMNS),):
+            got = f"{len(values)} values" if values.ndim == 1 else f"an array of shape {values.shape}"
+            raise InvalidRobot(f"DH row {i}: {got}, expected 4: {', '.join(_COLUMNS)} in [m] and [rad]")
+        listed.append(values)
     if not listed:
         raise InvalidRobot("the DH table is empty, expected one row per joint")
-    table = _numbers(listed, "DH table")
+    table = np.array(listed)
     if not np.isfinite(table).all():
         raise InvalidRobot(
             f"DH row {int(np.argmin(np.isfinite(table).all(axis=1)))}: contains NaN or infinity"
