@@ -17,7 +17,7 @@ from benchmarks.field.adapters import SOLVERS, adapter, path_of
 from benchmarks.field.agree import apart
 from benchmarks.field.judge import ARMS, bundled, good
 from benchmarks.field.page import as_html, page
-from benchmarks.field.questions import QUESTIONS, SWEEP, WRONG, fits
+from benchmarks.field.questions import QUESTIONS, SIZES, SWEEP, WRONG, fits
 from benchmarks.field.run import Field, measure
 from benchmarks.field.tables import collect, distinct, interval, marked, median_interval, write
 
@@ -60,6 +60,10 @@ def load(arm, settings):
 '''
 
 
+QUICK = SIZES["quick"]
+PINNED = r"[A-Za-z0-9_.\[\]-]+(==[0-9a-z.+]+| @ git\+https://\S+@[0-9a-f]{40})"
+
+
 def a_solver(folder: Path, solve: str = "pass") -> Path:
     path = folder / "plane.py"
     path.write_text(SOLVER.format(log=str(folder / "log.txt"), solve=solve), encoding="utf-8")
@@ -68,7 +72,7 @@ def a_solver(folder: Path, solve: str = "pass") -> Path:
 
 def a_field(folder: Path, *names: str) -> Field:
     asked = [each for each in QUESTIONS if each.name in names]
-    return Field(folder / "out", [bundled("planar2")], asked, quick=True)
+    return Field(folder / "out", [bundled("planar2")], asked, size=QUICK)
 
 
 def measured(field: Field, path: Path) -> str:
@@ -116,18 +120,21 @@ def test_thirty_arms_and_what_they_are_asked() -> None:
     assert len(ARMS) == len(set(ARMS)) == 30
     judge = bundled("ur5e")
     for question in (*QUESTIONS, SWEEP):
-        one, other = (question.of(judge, seed, quick=True) for seed in (0, 0))
+        one, other = (question.of(judge, seed, QUICK) for seed in (0, 0))
         np.testing.assert_array_equal(one.poses, other.poses)
-        assert len(one.poses) == max(question.count // 5, 1)
+        assert len(one.poses) == max(int(question.count * 0.2), 1)
         if len(one.origins):
             assert ((one.origins >= judge.arm.lower) & (one.origins <= judge.arm.upper)).all()
-    far = next(each for each in QUESTIONS if each.name == "unreachable").of(judge, 0, quick=True)
+    far = next(each for each in QUESTIONS if each.name == "unreachable").of(judge, 0, QUICK)
     assert (np.linalg.norm(far.poses[:, :3, 3], axis=1) > judge.reach).all()
-    limits = next(each for each in QUESTIONS if each.name == "limits").of(judge, 0, quick=True).origins
+    limits = next(each for each in QUESTIONS if each.name == "limits").of(judge, 0, QUICK).origins
     assert ((limits == judge.arm.lower) | (limits == judge.arm.upper)).any(axis=1).all()
     assert len(WRONG) == sum(each.name.startswith("wrong ") for each in QUESTIONS)
     every_answer = next(each for each in QUESTIONS if each.name == "branches")
-    assert [fits(every_answer, bundled(name), 0, quick=False) for name in ("ur5e", "panda")] == [True, False]
+    assert [fits(every_answer, bundled(name), 0, SIZES["full"]) for name in ("ur5e", "panda")] == [
+        True,
+        False,
+    ]
 
 
 @pytest.mark.parametrize("name", SOLVERS)
@@ -140,9 +147,7 @@ def test_adapters_keep_to_their_protocol(name: str) -> None:
     json.dumps([module.RECOMMENDED, *module.SWEEP])
     lines = path.with_suffix(".txt").read_text(encoding="utf-8").splitlines()
     pinned = [line for line in lines if line and not line.startswith(("#", "--"))]
-    assert all(line == "." or re.fullmatch(r"[A-Za-z0-9_.\[\]-]+==[0-9a-z.+]+", line) for line in pinned), (
-        pinned
-    )
+    assert all(line == "." or re.fullmatch(PINNED, line) for line in pinned), pinned
 
 
 def test_what_is_no_adapter_is_refused(tmp_path: Path) -> None:
@@ -264,12 +269,12 @@ def test_the_adapter_of_the_documentation_is_short_and_solves(tmp_path: Path) ->
     path = tmp_path / "mine.py"
     path.write_text(code, encoding="utf-8")
     random = next(each for each in QUESTIONS if each.name == "random")
-    field = Field(tmp_path / "out", [bundled("ur5e")], [replace(random, count=25, seconds=5.0)], quick=True)
+    field = Field(tmp_path / "out", [bundled("ur5e")], [replace(random, count=25, seconds=5.0)], size=QUICK)
     field.folder.mkdir()
     tasks = [
         run.task(field, path, field.judges[0], field.questions[0], "recommended", adapter(path).RECOMMENDED)
     ]
-    assert len(list(run.work(Path(sys.executable), path, field.judges[0], tasks, field.folder))) == 1
+    assert len(list(run.work(Path(sys.executable), path, field.judges, tasks, field.folder))) == 1
     answers, _ = collect(field)
     assert len(answers) == 5
     assert marked(answers)["near"].any()
@@ -292,3 +297,25 @@ def test_runs_agree_where_their_intervals_meet() -> None:
     )
     _, told = apart([run_of(90.0, 10.0), run_of(99.0, 10.0)])
     assert told == ["exact of a · best · random: 90, 99"]
+
+
+def test_time_is_spent_where_shares_vary_and_never_less_than_a_part() -> None:
+    known, even, unknown = (
+        run.noise(each) for each in (run.Swept(300, 300, 1.0), run.Swept(50, 100, 1.0), None)
+    )
+    assert known == run.LEAST < even == unknown == 1.0
+    assert run.noise(run.Swept(0, 300, 1.0)) == known
+    slow_and_sure, quick = run.Swept(300, 300, 1e4), run.Swept(299, 300, 10.0)
+    assert run.chosen({"recommended": slow_and_sure, "sweep 1": quick}) == "sweep 1", (
+        "within half a percent, the quicker"
+    )
+    assert run.chosen({}) == "recommended"
+
+
+def test_what_is_installed_from_the_repository_is_made_anew_when_its_sources_change(tmp_path: Path) -> None:
+    from benchmarks.field.environments import required
+
+    (tmp_path / "a.txt").write_text("numpy==2.4.6\n", encoding="utf-8")
+    (tmp_path / "b.txt").write_text(".\nnumpy==2.4.6\n", encoding="utf-8")
+    assert required(tmp_path / "none.py") == ""
+    assert len({required(tmp_path / name) for name in ("a.py", "b.py")}) == 2

@@ -2,6 +2,7 @@
 
     pip install -e '.[field]'
     python -m benchmarks.field --quick                        # three minutes, once the environments are there
+    python -m benchmarks.field --half                         # half an hour: all arms, half of the targets
     python -m benchmarks.field                                # an hour
     python -m benchmarks.field --solvers kinseek ikpy --arms panda ur5e --questions random limits
     python -m benchmarks.field --solvers kinseek ./mine.py    # an adapter of your own, mine.txt beside it
@@ -24,7 +25,7 @@ from benchmarks.command import ROOT, arm_name, command, writes
 from .adapters import SOLVERS, adapter, path_of
 from .environments import environment, megabytes
 from .judge import ARMS, bundled
-from .questions import QUESTIONS
+from .questions import QUESTIONS, SIZES
 from .run import Field, measure, planned
 
 
@@ -49,9 +50,16 @@ def main() -> None:
     """Measure, and write it down."""
     names = [each.name for each in QUESTIONS]
     parser = command(__file__, __doc__)
-    parser.add_argument(
-        "--quick", action="store_true", help="fewer arms and targets; kept apart from the full run"
-    )
+    sizes = parser.add_mutually_exclusive_group()
+    sizes.set_defaults(size="full")
+    for name, what in (("quick", "two arms and a fifth of the targets"), ("half", "half of the targets")):
+        sizes.add_argument(
+            f"--{name}",
+            dest="size",
+            action="store_const",
+            const=name,
+            help=f"{what}; kept apart from the full run",
+        )
     parser.add_argument(
         "--solvers", nargs="+", type=solver_name, default=SOLVERS, help="names, or adapters' files"
     )
@@ -79,12 +87,13 @@ def main() -> None:
     options = parser.parse_args()
     from .page import write
 
+    size = SIZES[options.size]
     base: Path = options.folder.resolve()
-    folder = base / f"{'quick' if options.quick else 'full'}-{options.seed}"
+    folder = base / f"{options.size}-{options.seed}"
     folder.mkdir(parents=True, exist_ok=True)
-    judges = [bundled(name) for name in options.arms or ARMS[: 2 if options.quick else None]]
+    judges = [bundled(name) for name in options.arms or ARMS[: size.arms]]
     asked = [each for each in QUESTIONS if options.questions is None or each.name in options.questions]
-    field = Field(folder, judges, asked, options.seed, options.quick)
+    field = Field(folder, judges, asked, options.seed, size)
     if not options.page:
         run(field, options.solvers, base / "environments", dict(options.python))
     write(field)

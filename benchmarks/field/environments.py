@@ -6,6 +6,7 @@ import hashlib
 import os
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 from benchmarks.command import ROOT
@@ -20,6 +21,21 @@ def digest(*parts: bytes | str) -> str:
     return whole.hexdigest()[:16]
 
 
+@cache
+def required(adapter: Path) -> str:
+    """Digest of what a solver is installed from: its requirements, and where this repository is one, what is built of it."""
+    requirements = adapter.with_suffix(".txt")
+    if not requirements.is_file():
+        return ""
+    text = requirements.read_bytes()
+    own = [path for path in sorted(ROOT.glob("src/**/*.py")) if HERE in text.split()]
+    return digest(text, *(path.read_bytes() for path in own))
+
+
+HERE = b"."
+"""This repository, in a file of requirements."""
+
+
 def environment(adapter: Path, folder: Path) -> Path | str:
     """Python of a solver's environment, made anew where its requirements have changed; or why there is none.
 
@@ -32,7 +48,7 @@ def environment(adapter: Path, folder: Path) -> Path | str:
         return f"no {requirements.name} beside {adapter.name}"
     place = folder / adapter.stem
     python = place / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    ready, wanted = place / "ready", digest(requirements.read_bytes())
+    ready, wanted = place / "ready", required(adapter)
     if ready.is_file() and ready.read_text(encoding="ascii") == wanted:
         return python
     uv = [sys.executable, "-m", "uv"]
@@ -40,6 +56,8 @@ def environment(adapter: Path, folder: Path) -> Path | str:
         "pip",
         "install",
         "--compile-bytecode",
+        "--refresh-package",
+        "kinseek",
         "--python",
         str(python),
         "--requirement",

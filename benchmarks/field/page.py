@@ -53,7 +53,9 @@ def page(field: Field, answers: pd.DataFrame, known: pd.DataFrame) -> Page:
         for solver, settings in answers[["solver", "settings"]].itertuples(index=False)
     ]
     facts = light(known, about)
-    made = Page("Inverse kinematics, measured", "benchmarks.field" + " --quick" * field.quick)
+    made = Page(
+        "Inverse kinematics, measured", f"benchmarks.field --{field.size.name}".removesuffix(" --full")
+    )
     arms = known["arm"].nunique()
     made.say(
         f"{len(names)} solvers, {arms} {'arm' if arms == 1 else 'arms'}, seed {field.seed}. kinseek's authors make this "
@@ -144,6 +146,8 @@ def _read(made: Page) -> None:
             "**Recommended**: what its maintainers' manual says, named in its adapter. **Best**: what did best in a "
             "small sweep on other targets of the first arms: most exact answers, and of those within half a percent of "
             "that the quickest.",
+            "How long a slow solver is asked is in proportion to how much its share varied in the sweep: what solves all or "
+            "nothing is asked less. The intervals tell what is left of chance.",
             "Times are wall time of one call as made from Python, one thread, in a process that does nothing else. The "
             "median's interval stands in brackets. Who wants a start and is given none begins in the middle of the ranges.",
             "Arms that a solver refuses do not count against it in shares; **arms** says how many it took.",

@@ -27,6 +27,33 @@ class Asked(NamedTuple):
 
 
 @dataclass(frozen=True)
+class Size:
+    """How much of it all is measured."""
+
+    name: str
+    arms: int
+    """The first of the thirty."""
+    targets: float = 1.0
+    """Of each question's count."""
+    time: float = 1.0
+    """Of each question's seconds, where the targets do not end before; what is asked of few arms has all of them."""
+    few: int = 3
+    """Arms that questions for a few are asked on."""
+    swept: int = 3
+    """Arms on which settings are chosen."""
+
+
+SIZES = {
+    each.name: each
+    for each in (
+        Size("quick", 2, targets=0.2, few=2, swept=1),
+        Size("half", 30, targets=0.5, time=0.4, swept=2),
+        Size("full", 30),
+    )
+}
+
+
+@dataclass(frozen=True)
 class Question:
     """One question."""
 
@@ -46,9 +73,9 @@ class Question:
     few: bool = False
     """Whether only a few arms are asked."""
 
-    def of(self, judge: Judge, seed: int, quick: bool) -> Asked:
+    def of(self, judge: Judge, seed: int, size: Size) -> Asked:
         """The targets for an arm; the same for the same seed."""
-        count = max(self.count // 5, 1) if quick else self.count
+        count = max(int(self.count * size.targets), 1)
         return self.make(
             judge, count, np.random.default_rng([seed, crc32(f"{self.name} {judge.arm.name}".encode())])
         )
@@ -215,8 +242,8 @@ SWEEP = Question("sweep", "Sweep", "random poses, others than those that are mea
 """What settings are chosen by."""
 
 
-def fits(question: Question, judge: Judge, place: int, quick: bool) -> bool:
+def fits(question: Question, judge: Judge, place: int, size: Size) -> bool:
     """Whether an arm, the so-and-so-many-th, is asked this; all answers are counted where they are finitely many."""
     if question.name == "branches":
         return len(judge.arm.joints) == 6
-    return not question.few or place < (2 if quick else 3)
+    return not question.few or place < size.few

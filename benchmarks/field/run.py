@@ -10,24 +10,27 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from benchmarks.command import ROOT
 
 from . import pieces
-from .environments import digest
+from .environments import digest, required
 from .judge import Judge
 from .pieces import Piece
-from .protocol import Adapter
-from .questions import SWEEP, Question, fits
+from .protocol import Adapter, Arm
+from .questions import SIZES, SWEEP, Question, Size, fits
 
 FORMAT = "1"
 """Another number, and other targets are drawn and everything is measured anew."""
 
 PATIENCE, LOADING = 10.0, 240.0
 """After how long [s] beyond its time a question hangs; and what importing a solver and reading an arm may take more."""
+
+TOGETHER = 5
+"""Arms of which one process is asked: some libraries take seconds to import."""
 
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS", "XLA_NUM_THREADS"),
@@ -41,6 +44,8 @@ class Task:
 
     piece: str
     """File that is written."""
+    arm: str
+    """Name."""
     asked: str
     """File of targets."""
     label: str
@@ -59,7 +64,7 @@ class Field:
     judges: Sequence[Judge]
     questions: Sequence[Question]
     seed: int = 0
-    quick: bool = False
+    size: Size = SIZES["full"]
 
     def asked(self, judge: Judge, question: Question) -> Path:
         """File of targets, made if it is not there."""
@@ -68,7 +73,7 @@ class Field:
             path.parent.mkdir(parents=True, exist_ok=True)
             unfinished = path.with_suffix(".unfinished")
             with unfinished.open("wb") as file:
-                np.savez(file, **question.of(judge, self.seed, self.quick)._asdict())
+                np.savez(file, **question.of(judge, self.seed, self.size)._asdict())
             os.replace(unfinished, path)
         return path
 
@@ -81,17 +86,23 @@ def settings_of(adapter: Adapter) -> dict[str, dict[str, Any]]:
 
 
 def task(
-    field: Field, adapter: Path, judge: Judge, question: Question, label: str, settings: dict[str, Any]
+    field: Field,
+    adapter: Path,
+    judge: Judge,
+    question: Question,
+    label: str,
+    settings: dict[str, Any],
+    part: float = 1.0,
 ) -> Task:
-    """Make one, with the digest of all that it is measured with."""
+    """Make one, with the digest of all that it is measured with; `part` of the question's seconds."""
     asked = field.asked(judge, question)
-    requirements = adapter.with_suffix(".txt")
+    seconds = question.seconds * (field.size.time * part if question.tuned else 1.0)
     known = digest(
-        *(FORMAT, adapter.read_bytes(), requirements.read_bytes() if requirements.is_file() else b""),
-        *(asked.read_bytes(), json.dumps(settings, sort_keys=True), question.way, str(question.seconds)),
+        *(FORMAT, adapter.read_bytes(), required(adapter)),
+        *(asked.read_bytes(), json.dumps(settings, sort_keys=True), question.way, f"{seconds:g}"),
     )
     path = field.folder / "pieces" / adapter.stem / label / judge.arm.name / f"{question.name}.npz"
-    return Task(str(path), str(asked), label, settings, question.way, question.seconds, known)
+    return Task(str(path), judge.arm.name, str(asked), label, settings, question.way, seconds, known)
 
 
 def missing(tasks: Sequence[Task]) -> list[Task]:
@@ -101,20 +112,19 @@ def missing(tasks: Sequence[Task]) -> list[Task]:
     ]
 
 
-def work(python: Path, adapter: Path, judge: Judge, tasks: Sequence[Task], folder: Path) -> Iterator[Task]:
-    """Have tasks done that are missing; gives back each that is done, in whatever way it ended."""
+def work(
+    python: Path, adapter: Path, judges: Sequence[Judge], tasks: Sequence[Task], folder: Path
+) -> Iterator[Task]:
+    """Have tasks done that are missing, on arms of these judges; gives back each that is done, in whatever way it ended."""
     left = list(tasks)
     current, job, log = (folder / name for name in ("current.json", "job.json", "log.txt"))
-    told = {
-        name: value.tolist() if isinstance(value, np.ndarray) else value
-        for name, value in asdict(judge.arm).items()
-    }
+    arms = {judge.arm.name: _told(judge.arm) for judge in judges}
     while left:
         current.unlink(missing_ok=True)
         described = {
             "adapter": str(adapter),
             "current": str(current),
-            "arm": told,
+            "arms": arms,
             "tasks": [asdict(t) for t in left],
         }
         job.write_text(json.dumps(described), encoding="utf-8")
@@ -132,6 +142,14 @@ def work(python: Path, adapter: Path, judge: Judge, tasks: Sequence[Task], folde
             pieces.save(Path(stuck.piece), Piece(reason, digest=stuck.digest))
             left.remove(stuck)
             yield stuck
+
+
+def _told(arm: Arm) -> dict[str, Any]:
+    """An arm, as JSON takes it."""
+    return {
+        name: value.tolist() if isinstance(value, np.ndarray) else value
+        for name, value in asdict(arm).items()
+    }
 
 
 def finished(tasks: Sequence[Task]) -> list[Task]:
@@ -217,7 +235,7 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 
 def tuned_on(field: Field) -> Sequence[Judge]:
     """Arms of the sweep."""
-    return field.judges[: 1 if field.quick else 3]
+    return field.judges[: field.size.swept]
 
 
 def planned(field: Field, module: Adapter) -> int:
@@ -228,7 +246,7 @@ def planned(field: Field, module: Adapter) -> int:
         1 + (question.tuned and settings > 1)
         for place, judge in enumerate(field.judges)
         for question in field.questions
-        if fits(question, judge, place, field.quick)
+        if fits(question, judge, place, field.size)
     )
 
 
@@ -248,29 +266,26 @@ def measure(
     if len(settings) > 1:
         for judge in tuned:
             tasks = [task(field, adapter, judge, SWEEP, label, each) for label, each in settings.items()]
-            _do(field, python, adapter, judge, tasks, told, f"{name}, sweep on {judge.arm.name}")
-    best = chosen(field, adapter, tuned, settings)
+            _do(field, python, adapter, [judge], tasks, told, f"{name}, sweep on {judge.arm.name}")
+    found = swept(field, adapter, tuned, settings)
+    best = chosen(found)
     labels = dict.fromkeys(("recommended", best))
-    for place, judge in enumerate(field.judges):
-        suited = [question for question in field.questions if fits(question, judge, place, field.quick)]
-        tasks = [
-            task(field, adapter, judge, question, label, settings[label])
-            for label in labels
-            for question in suited
-            if question.tuned or label == "recommended"
-        ]
-        alone = [each for each in tasks if each.way == "first"]
-        for each in alone:
-            _do(field, python, adapter, judge, [each], told, f"{name} on {judge.arm.name}")
-        _do(
-            field,
-            python,
-            adapter,
-            judge,
-            [each for each in tasks if each not in alone],
-            told,
-            f"{name} on {judge.arm.name}",
-        )
+    every = [
+        task(field, adapter, judge, question, label, settings[label], noise(found.get(label)))
+        for place, judge in enumerate(field.judges)
+        for label in labels
+        for question in field.questions
+        if fits(question, judge, place, field.size) and (question.tuned or label == "recommended")
+    ]
+    for judge in field.judges:
+        for each in every:
+            if each.way == "first" and each.arm == judge.arm.name:
+                _do(field, python, adapter, [judge], [each], told, f"{name} on {judge.arm.name}")
+    for begin in range(0, len(field.judges), TOGETHER):
+        judges = field.judges[begin : begin + TOGETHER]
+        arms = [judge.arm.name for judge in judges]
+        tasks = [each for each in every if each.way != "first" and each.arm in arms]
+        _do(field, python, adapter, judges, tasks, told, f"{name} on {', '.join(arms)}")
     return best
 
 
@@ -278,43 +293,70 @@ def _do(
     field: Field,
     python: Path,
     adapter: Path,
-    judge: Judge,
+    judges: Sequence[Judge],
     tasks: list[Task],
     told: Callable[[str, int], None],
     what: str,
 ) -> None:
     absent = missing(tasks)
     told(what, len(tasks) - len(absent))
-    for _ in work(python, adapter, judge, absent, field.folder):
+    for _ in work(python, adapter, judges, absent, field.folder):
         told(what, 1)
 
 
-def chosen(field: Field, adapter: Path, judges: Sequence[Judge], settings: dict[str, dict[str, Any]]) -> str:
-    """The settings that solve most; of those within half a percent of that, the quickest."""
+class Swept(NamedTuple):
+    """What came of one set of settings in the sweep."""
+
+    solved: int
+    asked: int
+    mean: float
+    """Of a call [µs]."""
+
+
+def swept(
+    field: Field, adapter: Path, judges: Sequence[Judge], settings: dict[str, dict[str, Any]]
+) -> dict[str, Swept]:
+    """What came of each set of settings that answered at all; of a single one nothing, for there is nothing to choose."""
     from .judge import STRICT, good
 
-    if len(settings) == 1:
-        return "recommended"
-    found = {}
-    for label, each in settings.items():
-        solved, times, asked = 0, [], 0
+    found: dict[str, Swept] = {}
+    for label, each in settings.items() if len(settings) > 1 else ():
+        solved, asked, times = 0, 0, []
         for judge in judges:
             one = task(field, adapter, judge, SWEEP, label, each)
             piece = pieces.load(Path(one.piece))
             if piece is None or not len(piece.target):
                 continue
             with np.load(one.asked) as targets:
-                solved += int(
-                    good(judge.judge(piece.q, targets["poses"][piece.target]), STRICT, STRICT).sum()
-                )
+                verdict = judge.judge(piece.q, targets["poses"][piece.target])
+            solved += int(good(verdict, STRICT, STRICT).sum())
             times.append(piece.times)
             asked += len(piece.target)
         if asked:
-            found[label] = solved / asked, float(np.concatenate(times).mean())
+            found[label] = Swept(solved, asked, float(np.concatenate(times).mean()))
+    return found
+
+
+def chosen(found: dict[str, Swept]) -> str:
+    """The settings that solve most; of those within half a percent of that, the quickest."""
     if not found:
         return "recommended"
-    most = max(share for share, _ in found.values())
-    return min(
-        (label for label, (share, _) in found.items() if share >= most - 0.005),
-        key=lambda label: found[label][1],
-    )
+    most = max(each.solved / each.asked for each in found.values())
+    near = (label for label, each in found.items() if each.solved / each.asked >= most - 0.005)
+    return min(near, key=lambda label: found[label].mean)
+
+
+def noise(found: Swept | None) -> float:
+    """What part of a question's time is spent: in proportion to how much a share varies, by the sweep.
+
+    A share of all or of nothing is known from few targets; one of a half needs most. The sweep has other targets than what
+    is measured by it, so that when to stop does not depend on what comes out.
+    """
+    if found is None:
+        return 1.0
+    share = (found.solved + 2) / (found.asked + 4)  # Agresti and Coull 1998: never quite all or nothing.
+    return max(round(2.0 * float(np.sqrt(share * (1.0 - share))), 1), LEAST)
+
+
+LEAST = 0.4
+"""Part of the time that is spent however sure the share is: times vary, too."""

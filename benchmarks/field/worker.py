@@ -1,4 +1,4 @@
-"""One solver on one arm, in the solver's own environment: does what a job says, and writes a piece for every question.
+"""One solver on some arms, in the solver's own environment: does what a job says, and writes a piece for every question.
 
     python -m benchmarks.field.worker JOB.json
 
@@ -253,11 +253,17 @@ def main() -> None:
     """Do a job: questions in turn, each with its settings."""
     limit_memory(8)
     job = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
-    module, arm, current = adapter(Path(job["adapter"])), _arm(job["arm"]), Path(job["current"])
+    module, current = adapter(Path(job["adapter"])), Path(job["current"])
+    arms = {name: _arm(told) for name, told in job["arms"].items()}
     release = _release(module.PACKAGE)
     loaded: dict[str, Solver | str] = {}
+    at: Arm | None = None
     for task in job["tasks"]:
-        make, label = partial(module.load, arm, task["settings"]), task["label"]
+        arm, label = arms[task["arm"]], task["label"]
+        make = partial(module.load, arm, task["settings"])
+        if arm is not at:
+            at = arm
+            loaded.clear()
         before = time.perf_counter()
         current.write_text(json.dumps(task | {"loaded": label in loaded}), encoding="utf-8")
         if label not in loaded:

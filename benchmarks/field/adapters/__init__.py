@@ -12,7 +12,7 @@ HERE = Path(__file__).resolve().parent
 
 SOLVERS = (
     *("kinseek", "eaik", "ssik", "robotics_toolbox", "trac_ik", "optik"),
-    *("pinocchio", "pink", "mink", "drake", "ikpy", "kdl"),
+    *("pinocchio", "pink", "mink", "drake", "ikpy", "kdl", "pyroki"),
 )
 """In the order in which they are measured."""
 
