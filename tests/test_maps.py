@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 import kinseek
 from kinseek import maps
 from kinseek.maps.cell import whole_cell
-from kinseek.maps.cells import EMPTY, REACHED, UNDECIDED, Judge, judged
+from kinseek.maps.cells import EMPTY, REACHED, UNDECIDED, Judge
 from kinseek.maps.orientations import ball
 from kinseek.maps.search import reached, ruled_out
 from kinseek.maps.whole import around, whole_share
@@ -198,6 +198,13 @@ def test_rings_expand_to_a_grid() -> None:
     assert (wide.reached.values == 1)[middle].mean() > 0.85
 
 
+def known_of(judge: Judge, index: np.ndarray) -> int:
+    """What is known of a cell whose middle is not reached."""
+    *place, number = map(int, index)
+    (told,) = judge.row(tuple(place), (number,), np.array([False]))
+    return told.known
+
+
 def test_what_is_proved_empty_holds_no_pose() -> None:
     """Cells that a pose of the arm lies in, stretched out and at limits too, are never called empty."""
     grid = maps.Grid((-1.2, 1.2, 0.05), (-1.2, 1.2, 0.05), (-1.2, 1.5, 0.05), maps.orientations(4608))
@@ -205,15 +212,28 @@ def test_what_is_proved_empty_holds_no_pose() -> None:
     q[::3, 2] = 0.0  # The elbow: the edge of reach.
     q[1::5] = np.where(np.random.default_rng(1).random(q[1::5].shape) < 0.5, UR5E.lower, UR5E.upper)
     cells = np.stack(grid.cells_of(UR5E.fk(q)), axis=1)
-    known = [
-        judged(UR5E, grid, tuple(int(i) for i in index), 0, 300)[0]
-        for index in cells[(cells >= 0).all(axis=1)]
-    ]
+    judge = Judge(UR5E, grid, 0, 300)
+    known = [known_of(judge, index) for index in cells[(cells >= 0).all(axis=1)]]
     assert len(known) > 120
     assert EMPTY not in known
     others = np.random.default_rng(2).integers(grid.shape, size=(150, 4))
-    verdicts = [judged(UR5E, grid, tuple(int(i) for i in index), 0, 300)[0] for index in others]
+    verdicts = [known_of(judge, index) for index in others]
     assert verdicts.count(EMPTY) > 40
+
+
+def test_what_is_reached_within_tolerances_is_not_proved_empty() -> None:
+    """Poses that a stretched arm misses by 15 cm: their cells are empty, and not so where 16 cm count as reached."""
+    grid = maps.Grid((-1.2, 1.2, 0.02), (-1.2, 1.2, 0.02), (-1.2, 1.2, 0.02), maps.orientations(40_000))
+    wide = kinseek.Goal.pose(np.eye(4), position_tolerance=0.16, orientation_tolerance=0.01)
+    q = UR5E.sample(12, seed=1)
+    q[:, 2:4] = 0.0
+    T = UR5E.fk(q)
+    way = T[:, :3, 3] - [0.0, 0.0, 0.1625]  # From the shoulder.
+    T[:, :3, 3] += 0.15 * way / np.linalg.norm(way, axis=1, keepdims=True)
+    cells = np.stack(grid.cells_of(T), axis=1)
+    exact = [known_of(Judge(UR5E, grid, 0, 3000), index) for index in cells]
+    assert exact.count(EMPTY) > 3
+    assert EMPTY not in [known_of(Judge(UR5E, grid, 0, 3000, wide), index) for index in cells]
 
 
 def beside(T: np.ndarray, position: float, orientation: float, seed: int) -> np.ndarray:

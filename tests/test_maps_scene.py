@@ -83,6 +83,19 @@ def test_whole_cells_in_a_scene(scene: Scene) -> None:
     assert maps.volume(there).touched < maps.volume(bare).touched
 
 
+def test_nothing_is_proved_to_be_reached_wholly_in_a_scene(scene: Scene) -> None:
+    """That every pose of a ball has an answer is proved, and not that one of them is free."""
+    fine = maps.Grid((0.1, 0.7, 0.02), (-0.3, 0.3, 0.02), (0.0, 0.6, 0.02), maps.orientations(500_000))
+    part = tuple(slice(i, i + 1) for i in (19, 1, 17, 362_185))
+    told = []
+    for options in ({}, {"scene": scene}, {"scene": scene, "clearance": 0.01}):
+        asked = maps.make.options_of({"prove": True, "depth": 4, **options})
+        work = maps.make.work_of(ARM, fine, ("reached",), store=None, **asked)
+        told.append(block.answered(work, block.desk_of(work), fine.poses(part), part))
+    assert [float(values["whole_share"].item()) for values in told] == [1.0, 0.0, 0.0]
+    assert told[0]["cell"].item() == REACHED
+
+
 def test_a_store_of_another_scene_is_refused(scene: Scene, tmp_path: Path) -> None:
     tiny = maps.Grid((0.3, 0.6, 0.3), (0.0, 0.3, 0.3), (0.2, 0.5, 0.3), maps.orientations(2))
     place = tmp_path / "map.zarr"

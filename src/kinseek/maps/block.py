@@ -22,7 +22,7 @@ from kinseek.kernels.sources import source_digest
 from kinseek.robots import SerialChain
 
 from .cells import REACHED as TOUCHED
-from .cells import UNDECIDED, cells_of_block
+from .cells import UNDECIDED, Judge, cells_of_block
 from .first_joint import FirstJoint, divided, turns
 from .grid import Grid, Rings, grid_of
 from .measures import REACHED, measured
@@ -141,10 +141,10 @@ def answered(work: Work, desk: Desk, poses: Array, part: Sequence[slice]) -> dic
         values = {name: each.reshape(poses.shape[:-2]) for name, each in values.items()}
     if work.prove:
         found = values[REACHED] == 1
-        cells = cells_of_block(desk.arm, desk.grid, part, found, work.depth, work.budget)
-        if (
-            desk.scene is not None
-        ):  # It takes poses away: empty stays empty, but who found the others did not ask it.
+        judge = Judge(desk.arm, desk.grid, work.depth, work.budget, goal(np.eye(4)))
+        cells = cells_of_block(judge, part, found, wholly=desk.scene is None)
+        # A scene takes poses away: what is empty stays so, but what else is known of a cell is known without it.
+        if desk.scene is not None:
             cells["cell"][(cells["cell"] == TOUCHED) & ~found] = UNDECIDED
         values |= cells
     return values

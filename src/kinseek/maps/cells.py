@@ -28,7 +28,7 @@ from kinseek.robots.geometry import open_limits
 
 from .cell import LEVER, Cell, whole_cell
 from .grid import Grid, Rings
-from .last_joint import LastJoint, opened
+from .last_joint import LastJoint, opened, wide_ball
 from .search import reached
 from .whole import whole_share
 
@@ -66,24 +66,22 @@ singular, beside a cell at the edge of reach, they are many and short."""
 
 
 def cells_of_block(
-    arm: Arm, grid: Grid | Rings, part: Sequence[slice], found: Flags, depth: int, budget: int
+    judge: Judge, part: Sequence[slice], found: Flags, wholly: bool = True
 ) -> dict[str, Array]:
     """Judge the cells of a block.
 
     Args:
-        arm: Of which the grid speaks.
-        grid: Whose cells they are.
+        judge: Of the grid.
         part: Which cells, of each dimension.
         found: Where the middle of a cell is reached, of the block's shape.
-        depth: How often a cell is cut in half.
-        budget: Boxes of joint values that one proof may look at.
+        wholly: Also prove how much of each cell is reached? Else nothing is proved of that.
 
     Returns:
         Of what `ATTRIBUTES` names an array of the block's shape.
     """
-    judge = Judge(arm, grid, depth, budget)
+    grid = judge.grid
     known = np.empty(found.shape, dtype="int8")
-    empty, whole = np.empty(found.shape, dtype="float32"), np.empty(found.shape, dtype="float32")
+    empty, whole = np.empty(found.shape, dtype="float32"), np.zeros(found.shape, dtype="float32")
     *firsts, first = [some.indices(n)[0] for some, n in zip(part, grid.shape, strict=True)]
     numbers = first + np.arange(found.shape[-1])
     regions = numbers // grid.orientations.arcs
@@ -93,16 +91,9 @@ def cells_of_block(
             some = regions == region
             told = judge.row(place, [int(i) for i in numbers[some]], found[at][some])
             known[at][some], empty[at][some] = [each.known for each in told], [each.empty for each in told]
-            whole[at][some] = judge.whole(place, numbers[some], known[at][some] == REACHED)
+            if wholly:
+                whole[at][some] = judge.whole(place, numbers[some], known[at][some] == REACHED)
     return {"cell": known, "empty_share": empty, "whole_share": whole}
-
-
-def judged(
-    arm: Arm, grid: Grid | Rings, index: tuple[int, ...], depth: int, budget: int
-) -> tuple[int, float]:
-    """Judge one cell whose middle is not reached: what is known of it, and the share that is proved empty."""
-    (told,) = Judge(arm, grid, depth, budget).row(index[:-1], index[-1:], np.array([False]))
-    return told.known, told.empty
 
 
 class Verdict(NamedTuple):
@@ -119,10 +110,23 @@ class Verdict(NamedTuple):
 class Judge:
     """Judges cells of a grid."""
 
-    def __init__(self, arm: Arm, grid: Grid | Rings, depth: int, budget: int) -> None:
-        """Take an arm, how often a cell is cut in half, and boxes that one proof may look at."""
+    def __init__(
+        self, arm: Arm, grid: Grid | Rings, depth: int, budget: int, goal: Goal | None = None
+    ) -> None:
+        """Take what judges.
+
+        Args:
+            arm: Of which the grid speaks.
+            grid: Whose cells they are.
+            depth: How often a cell is cut in half.
+            budget: Boxes of joint values that one proof may look at.
+            goal: Any pose, with the tolerances within which a pose counts as reached; those of `Goal.pose` unless given.
+        """
         self.arm, self.grid, self.depth, self.budget = arm, grid, depth, budget
+        self.goal = Goal.pose(np.eye(4)) if goal is None else goal
         self.last = LastJoint.of(arm.chain)
+        self.free = self.last is not None and self.last.free
+        """Does the last joint turn all around? Then all cells of one place and direction are one question."""
 
     def row(self, place: Index, numbers: Sequence[int], found: Flags) -> list[Verdict]:
         """Judge cells of one place and direction.
@@ -133,12 +137,11 @@ class Judge:
             found: Of each, is its middle reached?
         """
         known, stack = Verdict(REACHED, 0.0, []), None
-        free = self.last is not None and self.last.free
-        if found.all() or (free and found.any()):
+        if found.all() or (self.free and found.any()):
             return [known] * len(numbers)
         if self.last is not None:
             stack = self.stack(place, numbers[0] // self.grid.orientations.arcs)
-            if free or stack.known != REACHED:
+            if self.free or stack.known != REACHED:
                 return [known if there else stack for there in found]
         return [
             known if there else self.cell((*place, number), stack)
@@ -148,11 +151,10 @@ class Judge:
     def whole(self, place: Index, numbers: NDArray[np.int64], touched: Flags) -> Array:
         """Share of cells of one place and direction that is proved to be reached, all of it; 0 where none is touched."""
         share = np.zeros(len(numbers))
-        free = self.last is not None and self.last.free
         some = np.flatnonzero(touched)
-        for i in some[:1] if free else some:
-            cell = whole_cell(self.grid, (*place, int(numbers[i])), rolls=free)
-            share[some if free else i] = whole_share(self.arm, cell, self.depth)
+        for i in some[:1] if self.free else some:
+            cell = whole_cell(self.grid, (*place, int(numbers[i])), rolls=self.free)
+            share[some if self.free else i] = whole_share(self.arm, cell, self.depth)
         return share
 
     def stack(self, place: Index, region: int) -> Verdict:
@@ -195,10 +197,9 @@ class Judge:
 
     def _excluded(self, chain: SerialChain, part: Cell, budget: int) -> Search:
         """Look for joint values whose pose is in a ball around a part of a cell, or prove that there are none."""
-        T, position, angle = part.ball()
-        if part.arc is None and self.last is not None:
-            position, angle = position + self.last.position, min(angle + self.last.orientation, np.pi)
-        goal = Goal.pose(T, position_tolerance=position, orientation_tolerance=angle)
+        T, position, angle = wide_ball(part, self.last)
+        position, angle = position + self.goal.position_tolerance, angle + self.goal.orientation_tolerance
+        goal = Goal.pose(T, position_tolerance=position, orientation_tolerance=min(angle, np.pi))
         return excluded(Problem(chain, goal), budget, threads=1)
 
     def _entered(self, chain: SerialChain, cell: Cell, q: Array, index: Index) -> bool:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from kinseek.arm import Arm
 
 from .block import answered, desk_of
+from .cells import SHARES
 from .grid import Grid, Rings
 from .make import options_of, work_of
 from .measures import MEASURES, REACHED
@@ -108,7 +109,9 @@ def estimate(
         answered(work, desk, poses, part)
         cost.append((time.perf_counter() - began) / number)
     mean = float(np.mean(cost))
-    each = sum(np.dtype(MEASURES[name].dtype).itemsize for name in work.what) + (9 if work.prove else 0)
+    each = sum(np.dtype(MEASURES[name].dtype).itemsize for name in work.what) + (
+        1 + 4 * len(SHARES) if work.prove else 0
+    )
     each += 16 if isinstance(grid, Rings) else 0
     return Estimate(
         cells=grid.size,

@@ -5,12 +5,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinseek.kernels.arm.division import TURN
 from kinseek.kinds import POSE
 from kinseek.robots import SerialChain
 from kinseek.robots.geometry import divide
 from kinseek.turns import holds_a_turn
+
+from .cell import Cell
+
+Array = NDArray[np.float64]
 
 ON_AXIS = 1e-4
 """A last joint turns about the tip's z axis if that is no more off [m], and no more tilted [rad]. What is asked of all turns
@@ -36,6 +41,19 @@ class LastJoint(NamedTuple):
             return None
         free = bool(holds_a_turn(chain.lower[-1:], chain.upper[-1:])[0])
         return cls(free, 2.0 * off, np.pi * tilt)
+
+
+def wide_ball(part: Cell, last: LastJoint | None) -> tuple[Array, float, float]:
+    """A ball that holds a part of a cell, see `Cell.ball`; of a stack it allows for what the last joint misses.
+
+    Args:
+        part: Of a cell, or of all cells of one place and direction.
+        last: The last joint of the arm.
+    """
+    T, position, angle = part.ball()
+    if part.arc is None and last is not None:
+        position, angle = position + last.position, angle + last.orientation
+    return T, position, angle
 
 
 def opened(chain: SerialChain) -> SerialChain:

@@ -21,7 +21,7 @@ from kinseek.problem import Problem
 from kinseek.robots.geometry import open_limits
 
 from .cell import LEVER, Cell
-from .last_joint import LastJoint
+from .last_joint import LastJoint, wide_ball
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -32,13 +32,10 @@ DEPTH = 8
 
 def whole_share(arm: Arm, cell: Cell, depth: int) -> float:
     """Share of a cell that is proved to be reached, all of it; the cell is cut in half so often, or `DEPTH` times."""
-    parts, share = [cell], 0.0
+    parts, share, last = [cell], 0.0, LastJoint.of(arm.chain)
     for level in range(min(depth, DEPTH) + 1):
-        balls = [part.ball() for part in parts]
-        last = LastJoint.of(arm.chain) if cell.arc is None else None
-        position = np.array([ball[1] for ball in balls]) + (0.0 if last is None else last.position)
-        orientation = np.array([ball[2] for ball in balls]) + (0.0 if last is None else last.orientation)
-        held = around(arm, np.array([ball[0] for ball in balls]), position, orientation)
+        T, position, orientation = zip(*(wide_ball(part, last) for part in parts), strict=True)
+        held = around(arm, np.array(T), np.array(position), np.array(orientation))
         share += 0.5**level * int(held.sum())
         left = [part for part, good in zip(parts, held, strict=True) if not good]
         parts = [half for part in left for half in part.halves(LEVER * arm.chain.reach)]
