@@ -200,8 +200,12 @@ def excluded(
     trust: float = 1.0,
     threads: int | None = None,
     watch: Watch | None = None,
+    begin: Array | None = None,
 ) -> Search:
     """Look in every box for joint values within both tolerances.
+
+    `begin` are boxes that hold all such joint values, as another search has left them, see `Search.left`; the whole range of
+    the joints unless given.
 
     What a stretch of boxes leaves over is shared out, a box to a thread, round after round. What becomes of a box depends on
     nothing but itself, and the results are read in order: so the verdict, the witness and the count are the same for any
@@ -219,7 +223,8 @@ def excluded(
         largest = float(left[:, left.shape[1] // 2 :].max(initial=stuck))
         return run.search(STOPPED if len(left) or stuck > 0.0 else ENDED, largest, left)
 
-    search = stretch(None, start_boxes(problem.chain, roll.present), min(budget, PIECE))
+    boxes = start_boxes(problem.chain, roll.present) if begin is None else begin
+    search = stretch(None, boxes, min(budget, PIECE))
     return _shared(search, stretch, budget, sys.maxsize, threads, watch)
 
 
