@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from kinseek.arm import Arm
 from kinseek.goal import Goal
 from kinseek.kernels.arm.jacobian import jacobian_many
-from kinseek.kernels.proof.progress import ENDED, FOUND
+from kinseek.kernels.proof.progress import ENDED, FOUND, STOPPED
 from kinseek.problem import Problem
 from kinseek.proof.boxes import Search, excluded
 from kinseek.robots import SerialChain
@@ -29,7 +29,7 @@ from kinseek.robots.geometry import open_limits
 from .cell import LEVER, Cell, whole_cell
 from .grid import Grid, Rings
 from .last_joint import LastJoint, opened, wide_ball
-from .search import reached
+from .search import beyond, reached
 from .whole import whole_share
 
 Array = NDArray[np.float64]
@@ -59,6 +59,9 @@ FIRST = 1000
 
 SAMPLES = 64
 """Poses of a cell that are asked."""
+
+OFTEN = 4
+"""Turns of the last joint that are looked at for each cell that it could bring the hand into."""
 
 STEPS, LONGEST, DAMPING = 30, 0.3, 1e-6
 """Steps that lead joint values into a cell, the longest of one joint [rad] or [m], and their damping: where the arm is
@@ -96,6 +99,20 @@ def cells_of_block(
     return {"cell": known, "empty_share": empty, "whole_share": whole}
 
 
+NOTHING = Search(ENDED, 0, 0.0, np.zeros(0), np.inf, np.inf, np.zeros((0, 0)), 0.0, np.inf)
+"""A proof that took no boxes."""
+
+
+class Part(NamedTuple):
+    """A part of a cell that is not proved empty."""
+
+    cell: Cell
+    level: int
+    """How often it was cut in half."""
+    boxes: Array | None = None
+    """Boxes that hold all joint values whose pose lies in it, as a proof about a larger part has left them, (k, 2 dof)."""
+
+
 class Verdict(NamedTuple):
     """What is known of a cell."""
 
@@ -103,8 +120,10 @@ class Verdict(NamedTuple):
     """REACHED, EMPTY or UNDECIDED."""
     empty: float
     """Share of its volume that is proved empty."""
-    left: list[tuple[Cell, int]]
-    """Parts that are not proved empty, and how often they were cut in half; none of an empty cell."""
+    left: list[Part]
+    """Those that are not proved empty; none of an empty cell."""
+    q: Array | None = None
+    """(n,), joint values whose pose lies in the cell, where some are known."""
 
 
 class Judge:
@@ -143,6 +162,7 @@ class Judge:
             stack = self.stack(place, numbers[0] // self.grid.orientations.arcs)
             if self.free or stack.known != REACHED:
                 return [known if there else stack for there in found]
+            found = found | self._turned(stack.q, place, numbers)
         return [
             known if there else self.cell((*place, number), stack)
             for there, number in zip(found, numbers, strict=True)
@@ -160,67 +180,96 @@ class Judge:
     def stack(self, place: Index, region: int) -> Verdict:
         """Judge all cells of one place and direction together, as if the last joint turned all around."""
         cell = whole_cell(self.grid, (*place, region * self.grid.orientations.arcs), rolls=True)
-        return self._judged(opened(self.arm.chain), cell, [(cell, 0)], (*place, region))
+        return self._judged(opened(self.arm.chain), cell, [Part(cell, 0)], (*place, region))
 
     def cell(self, index: Index, stack: Verdict | None = None) -> Verdict:
         """Judge one cell, or what its stack leaves of it, if that is known."""
         cell = whole_cell(self.grid, index)
-        parts = [(cell, 0)]
+        parts = [Part(cell, 0)]
         if stack is not None and stack.left:
-            parts = [(replace(part, arc=cell.arc), level) for part, level in stack.left]
+            parts = [each._replace(cell=replace(each.cell, arc=cell.arc)) for each in stack.left]
         return self._judged(self.arm.chain, cell, parts, index)
 
-    def _judged(self, chain: SerialChain, cell: Cell, left: list[tuple[Cell, int]], index: Index) -> Verdict:
+    def _judged(self, chain: SerialChain, cell: Cell, left: list[Part], index: Index) -> Verdict:
         """Judge a cell of which some parts are left; of a stack the last number is that of the direction."""
-        empty, open_ = 1.0 - sum(0.5**level for _, level in left), list[tuple[Cell, int]]()
-        budget = min(FIRST, self.budget)
-        search = self._excluded(chain, cell, budget)
-        if search.outcome == ENDED:
+        empty, open_ = 1.0 - sum(0.5**part.level for part in left), list[Part]()
+        whole = self._excluded(chain, Part(cell, 0), min(FIRST, self.budget))
+        if whole.outcome == ENDED:
             return Verdict(EMPTY, 1.0, [])
-        if (
-            self._entered(chain, cell, search.q, index)
-            or reached(self.arm, Goal.pose(cell.spread(SAMPLES))).any()
-        ):
-            return Verdict(REACHED, empty, left)
+        q = self._entered(chain, cell, whole.q, index)
+        q = self._sampled(cell) if q is None else q
+        if q is not None:
+            return Verdict(REACHED, empty, left, q)
+        left = [part if part.boxes is not None else part._replace(boxes=_inherited(whole)) for part in left]
         while left:
-            part, level = left.pop()
+            part = left.pop()
             search = self._excluded(chain, part, self.budget)
             if search.outcome == ENDED:
-                empty += 0.5**level
-            elif search.outcome == FOUND and self._entered(chain, cell, search.q, index):
-                return Verdict(REACHED, empty, [*open_, *left, (part, level)])
-            elif level < self.depth:
-                left += [(half, level + 1) for half in part.halves(LEVER * chain.reach)]
+                empty += 0.5**part.level
+                continue
+            if search.outcome == FOUND:
+                q = self._entered(chain, cell, search.q, index)
+                if q is not None:
+                    return Verdict(REACHED, empty, [*open_, *left, part], q)
+            if part.level < self.depth:
+                boxes, halves = _inherited(search), part.cell.halves(LEVER * chain.reach)
+                left += [
+                    Part(half, part.level + 1, part.boxes if boxes is None else boxes) for half in halves
+                ]
             else:
-                open_.append((part, level))
+                open_.append(part)
         return Verdict(UNDECIDED, empty, open_) if open_ else Verdict(EMPTY, 1.0, [])
 
-    def _excluded(self, chain: SerialChain, part: Cell, budget: int) -> Search:
+    def _excluded(self, chain: SerialChain, part: Part, budget: int) -> Search:
         """Look for joint values whose pose is in a ball around a part of a cell, or prove that there are none."""
-        T, position, angle = wide_ball(part, self.last)
+        T, position, angle = wide_ball(part.cell, self.last)
         position, angle = position + self.goal.position_tolerance, angle + self.goal.orientation_tolerance
         goal = Goal.pose(T, position_tolerance=position, orientation_tolerance=min(angle, np.pi))
-        return excluded(Problem(chain, goal), budget, threads=1)
+        if beyond(self.arm, goal.targets, goal)[0]:
+            return NOTHING
+        return excluded(Problem(chain, goal), budget, threads=1, begin=part.boxes)
 
-    def _entered(self, chain: SerialChain, cell: Cell, q: Array, index: Index) -> bool:
-        """Do steps from joint values, (n,), lead to some whose pose lies in a cell?"""
+    def _sampled(self, cell: Cell) -> Array | None:
+        """Joint values, (n,), to one of some poses all over a cell; None if no answer to any is found."""
+        T = cell.spread(SAMPLES)
+        found = reached(self.arm, Goal.pose(T))
+        return self.arm.ik(T[int(np.argmax(found))], threads=1).q if found.any() else None
+
+    def _turned(self, q: Array | None, place: Index, numbers: Sequence[int]) -> Flags:
+        """Which cells of one place and direction does the hand come through when the last joint turns all it can?"""
+        if q is None:
+            return np.zeros(len(numbers), dtype=bool)
+        turned = np.tile(q, (OFTEN * self.grid.orientations.arcs, 1))
+        turned[:, -1] = np.linspace(self.arm.lower[-1], self.arm.upper[-1], len(turned))
+        *places, number = self.grid.cells_of(self.arm.fk(turned))
+        return np.isin(
+            numbers, number[np.all([at == i for at, i in zip(places, place, strict=True)], axis=0)]
+        )
+
+    def _entered(self, chain: SerialChain, cell: Cell, q: Array, index: Index) -> Array | None:
+        """Joint values, (n,), whose pose lies in a cell, where steps from others, (n,), lead to some."""
         weights = np.repeat([1.0, LEVER * chain.reach], 3)
         low, high = open_limits(chain)
         for _ in range(STEPS):
             T = chain.forward(q[None])[0]
             if self._lies_in(cell, T, index):
-                return True
+                return q
             near = cell.nearest(T)
             miss = weights * np.append(near[:3, 3] - T[:3, 3], turn_vector(near[:3, :3] @ T[:3, :3].T))
             J = weights[:, None] * jacobian_many(chain.arrays, q[None])[0]
             step = J.T @ np.linalg.solve(J @ J.T + DAMPING * np.eye(6), miss)
             q = np.clip(q + step * min(1.0, LONGEST / max(np.abs(step).max(), LONGEST)), low, high)
-        return False
+        return None
 
     def _lies_in(self, cell: Cell, T: Array, index: Index) -> bool:
         """Does a pose, (4, 4), lie in a cell, or in a stack?"""
         *place, number = (int(i) for i in self.grid.cells_of(T))
         return (*place, number if cell.arc is not None else number // self.grid.orientations.arcs) == index
+
+
+def _inherited(search: Search) -> Array | None:
+    """The boxes that a proof about a part has left for its halves; None where these are not all."""
+    return search.left if search.outcome == STOPPED and search.stuck == 0.0 else None
 
 
 def turn_vector(R: Array) -> Array:

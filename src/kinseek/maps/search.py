@@ -2,8 +2,8 @@
 
 Who asks `arm.ik` for a pose that is out of reach gets the nearest one, which takes a hundred times as long as an answer.
 A map wants no nearest pose. So lengths and angles are asked first, the gate of a proof; then the closed form, where the arm
-has one; then eight samples of the atlas for each pose, eight poses at a time, as in any batch; what is left gets a limited
-number of FK evaluations.
+has one; then where the hand wants the wrist; then eight samples of the atlas for each pose, eight poses at a time, as in any
+batch; what is left gets a limited number of FK evaluations.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from kinseek.solvers.atlas.index import atlas_of, wanted_of
 from kinseek.transforms import inverse, square
 
 from .last_joint import LastJoint
+from .wrist import circles
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -75,6 +76,7 @@ def _reached(arm: Arm, goal: Goal, patience: int | None) -> Flags:
     )
     found[open_[told == YES]] = True
     open_ = open_[told == LEFT]
+    open_ = open_[~beyond(arm, targets[open_], goal)]
     some, left = np.ascontiguousarray(targets[open_]), np.empty(len(open_), dtype=np.int64)
     results = np.full((len(open_), arm.dof + 4), np.inf)
     count = solve_many(index.handle, wanted, some, results, left, 0, len(open_), LANES)
@@ -83,6 +85,15 @@ def _reached(arm: Arm, goal: Goal, patience: int | None) -> Flags:
     near = errors[:, POSITION_ERROR] <= goal.position_tolerance
     found[open_] = near & (errors[:, ORIENTATION_ERROR] <= goal.orientation_tolerance)
     return found
+
+
+def beyond(arm: Arm, targets: Array, goal: Goal) -> Flags:
+    """Say of poses, (k, 3, 4), which of them the circle of `wrist` proves out of reach, (k,)."""
+    out = np.zeros(len(targets), dtype=bool)
+    if len(targets):
+        for circle in circles(arm.chain):
+            out |= circle.beyond(targets, goal.position_tolerance, goal.orientation_tolerance)
+    return out
 
 
 def ruled_out(arm: Arm, goal: Goal) -> Flags:
