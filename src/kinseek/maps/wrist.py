@@ -1,9 +1,9 @@
-"""A cheap no: the hand asks for a point of the last axis but one on a circle, and no point of that is as near as the arm is long.
+"""A cheap no: seen from the hand, a point of the last axis but one lies on a circle, and the arm may be too short for all of it.
 
-Turns about the last axis leave a circle to any point of the axis before it, seen from the hand. And the way from the first
-axis to that point is no longer than one from axis to axis, whatever the joints are: turns about an axis leave the distance of
-its points to those of the next as they are. The gate of a proof goes on to the last axis by one more such step, as if it could
-lie along the others; where it is across, as of a Panda's wrist, the circle tells more.
+Turns about the last axis leave that circle. And the way from the first axis to that point is no longer than one from axis to
+axis, whatever the joints are: turns about an axis leave the distances of its points to those of the next as they are. The gate
+of a proof goes on to the last axis by one more such step, as if it could lie along the others; where it lies across, as a
+Panda's does, the circle tells more.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ _kept: Shelf[SerialChain, None, list[Circle]] = Shelf()
 
 
 def circles(chain: SerialChain) -> list[Circle]:
-    """What the hand says of points of the last axis but one: nothing of an arm that slides, or has fewer than three joints."""
+    """What the hand says of points of the last axis but one: nothing of an arm that slides, or has not three joints."""
     return _kept.of(chain).get(None, lambda: _circles(chain))
 
 
