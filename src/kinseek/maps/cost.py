@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,7 +17,7 @@ from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 
-from .block import answered, desk_of
+from .block import Desk, answered
 from .cells import SHARES
 from .grid import Grid, Rings
 from .make import options_of, work_of
@@ -41,6 +45,8 @@ class Estimate:
     """Cells."""
     cores: int
     """That work at once."""
+    start: float
+    """Seconds until they do: processes are started, and the arm's atlas is built in each."""
     memory: int
     """Of all values before they are compressed [bytes]; what a store takes is much less."""
 
@@ -51,8 +57,8 @@ class Estimate:
 
     @property
     def duration(self) -> float:
-        """Seconds, if all cores are free."""
-        return self.cells * self.seconds / self.cores
+        """Seconds, if all cores are free, with the start."""
+        return self.start + self.cells * self.seconds / self.cores
 
     def __str__(self) -> str:
         """One sentence."""
@@ -60,7 +66,8 @@ class Estimate:
         each = f"{self.seconds * 1e6:.3g} µs" if self.seconds < 1e-3 else f"{self.seconds * 1e3:.3g} ms"
         return (
             f"{self.cells:,} cells at {each} ±{self.error:.0%} ({self.tried} tried): about "
-            f"{_time(self.duration)} on {cores} once started, {_size(self.memory)} before compression"
+            f"{_time(self.duration)} on {cores}, {_time(self.start)} of it to start; "
+            f"{_size(self.memory)} before compression"
         )
 
 
@@ -75,14 +82,13 @@ def estimate(
 ) -> Estimate:
     """Say what a map will take, by trying cells drawn from all of it, on one core of this machine.
 
-    The time to start processes, and the arm's atlas in each, is not in it: some seconds.
-
     Args:
         arm: As in `reach`.
         grid: As in `reach`.
         what: As in `reach`.
         seconds: How long to try.
-        cores: That will work at once; those of this machine unless given.
+        cores: Of a cluster that is there already; otherwise processes are started on those of this machine, which is tried
+            too, once.
         options: Those of `reach` that say what is made: ``prove``, ``depth``, ``budget``, ``patience``, ``scene``,
             ``clearance`` and tolerances.
 
@@ -90,7 +96,7 @@ def estimate(
         InvalidMap: As `reach`.
     """
     work = work_of(arm, grid, what, **options_of(options), store=None)
-    desk, rng, cost = desk_of(work), np.random.default_rng(0), list[float]()
+    desk, rng, cost = Desk(work), np.random.default_rng(0), list[float]()
     number = min(_ROW, grid.shape[-1]) if work.prove else _MANY
 
     def some() -> tuple[Array, tuple[slice, ...]]:
@@ -101,7 +107,11 @@ def estimate(
         part = (*(slice(i, i + 1) for i in place), slice(first, first + number))
         return grid.poses(part), part
 
+    began = time.perf_counter()
     answered(work, desk, *some())  # Builds the atlas.
+    start = time.perf_counter() - began
+    if cores is None and math.prod(-(-n // m) for n, m in zip(grid.shape, work.chunks, strict=True)) > 1:
+        start += _processes()
     until = time.perf_counter() + seconds
     while len(cost) < 8 or time.perf_counter() < until:
         poses, part = some()
@@ -119,8 +129,17 @@ def estimate(
         error=2 * float(np.std(cost)) / np.sqrt(len(cost)) / mean,
         tried=len(cost) * number,
         cores=cores or os.cpu_count() or 1,
+        start=start,
         memory=grid.size * each,
     )
+
+
+@lru_cache(maxsize=1)
+def _processes() -> float:
+    """Seconds to start processes: a scheduler, then a nanny a core, then its worker, and what that imports; to end them."""
+    began = time.perf_counter()
+    subprocess.run([sys.executable, "-c", "import distributed, kinseek.maps.run"], check=True)
+    return 4 * (time.perf_counter() - began)
 
 
 def _time(seconds: float) -> str:

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import islice
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from kinseek.errors import InvalidMap, MapInterrupted
@@ -22,6 +23,20 @@ Written = Callable[[Index, Mapping[str, Any]], None]
 
 AHEAD = 4
 """Blocks for each thread of the cluster that are handed out before any is done: enough that none waits for the client."""
+
+
+WATCH = """
+import os, threading, time
+
+def watch():
+    while os.getppid() == {parent} and os.path.exists({place!r}):
+        time.sleep(0.2)
+    os._exit(1)
+
+threading.Thread(target=watch, daemon=True).start()
+"""
+"""What a scheduler or a nanny runs first: it ends when the process that has started it does, even by ``kill -9``, and when
+that has no more need of it, even if Ctrl-C came before anything knew of it. A worker ends with its nanny."""
 
 
 def run(
@@ -80,13 +95,29 @@ def _local_client(blocks: int) -> Iterator[Client]:
     connect: Any = distributed.Client
     options: dict[str, Any] = {"n_workers": min(os.cpu_count() or 1, blocks), "threads_per_worker": 1}
     options["dashboard_address"] = ":0"  # Any free port: another cluster may have the usual one.
-    with config.set({"logging.distributed": "error"}):
+    quiet = config.set({"logging.distributed": "error"}), _told_to_all("DASK_LOGGING__DISTRIBUTED", "error")
+    with quiet[0], quiet[1], TemporaryDirectory(prefix="kinseek-") as place:
         if sys.platform == "win32":
             from distributed import LocalCluster as Cluster
         else:
             from distributed.deploy.subprocess import SubprocessCluster as Cluster
+
+            watch = WATCH.format(parent=os.getpid(), place=place)
+            options |= {"scheduler_kwargs": {"preload": [watch]}, "worker_kwargs": {"preload_nanny": [watch]}}
         with Cluster(**options) as cluster, connect(cluster) as client:
             yield client
+
+
+@contextmanager
+def _told_to_all(name: str, value: str) -> Iterator[None]:
+    """A variable of the environment, which processes that are started hand on; one that is there already stays as it is."""
+    here = name in os.environ
+    os.environ.setdefault(name, value)
+    try:
+        yield
+    finally:
+        if not here:
+            os.environ.pop(name, None)
 
 
 def _require_same(client: Client, work: Work) -> None:

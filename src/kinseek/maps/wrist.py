@@ -1,9 +1,9 @@
-"""A cheap no: seen from the hand, a point of the last axis but one lies on a circle, and the arm may be too short for all of it.
+"""A cheap no: the hand asks for a point of the last axis but one on some circle, and the arm is too short for all of that.
 
-Turns about the last axis leave that circle. And the way from the first axis to that point is no longer than one from axis to
-axis, whatever the joints are: turns about an axis leave the distances of its points to those of the next as they are. The gate
-of a proof goes on to the last axis by one more such step, as if it could lie along the others; where it lies across, as a
-Panda's does, the circle tells more.
+Turns about the last axis leave that circle. And the way from the first axis to that point is no longer than one from axis
+to axis, whatever the joints are: turns about an axis leave the distances of its points to those of the next as they are.
+The gate of a proof goes on to the last axis by one more such step, as if it could lie along the others; where it lies
+across, as a Panda's does, the circle tells more.
 """
 
 from __future__ import annotations

@@ -1,0 +1,86 @@
+"""A map's own processes end with the one that has started them, whatever ends that, and whenever."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import uuid
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("xarray")
+pytest.importorskip("zarr")
+pytest.importorskip("distributed")
+psutil = pytest.importorskip("psutil")
+
+PROGRAM = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # A job in the background begins without it.
+import distributed.deploy.subprocess
+import kinseek
+from kinseek import maps
+arm, grid = kinseek.load("ur5e"), maps.Grid((-1, 1, 0.1), (-1, 1, 0.1), (-1, 1, 0.1), maps.orientations(2304))
+print("begins", flush=True)
+try:
+    maps.reach(arm, grid, ("reached", "branches"), block=2304 * 8)
+except KeyboardInterrupt:
+    print("stopped", flush=True)
+    sys.stdin.read()  # As somebody at a prompt, who goes on with something else.
+"""
+
+MARK = "KINSEEK_TEST_OF_MAPS"
+"""Of the environment, which processes hand on to theirs."""
+
+
+def marked(mark: str) -> Iterator[int]:
+    for process in psutil.process_iter():
+        try:
+            if process.environ().get(MARK) == mark and process.status() != psutil.STATUS_ZOMBIE:
+                yield process.pid
+        except (psutil.Error, OSError):
+            continue
+
+
+def wait_for(mark: str, enough: int, most: int) -> list[int]:
+    """Wait until there are so many processes with a mark."""
+    until = time.monotonic() + 60
+    while not enough <= len(there := list(marked(mark))) <= most and time.monotonic() < until:
+        time.sleep(0.05)
+    return there
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+@pytest.mark.parametrize(
+    ("ended_by", "processes"),
+    [(signal.SIGINT, 2), (signal.SIGKILL, 4)],
+    ids=["Ctrl-C as the scheduler starts", "kill as the workers start"],
+)
+def test_no_process_is_left(ended_by: signal.Signals, processes: int) -> None:
+    mark = uuid.uuid4().hex
+    program = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM],
+        env={**os.environ, MARK: mark},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    assert program.stdout is not None
+    try:
+        assert program.stdout.readline() == "begins\n"
+        assert len(wait_for(mark, processes, 100)) >= processes
+        program.send_signal(ended_by)  # To it alone: a terminal would tell the others, too.
+        left = 0
+        if ended_by == signal.SIGINT:
+            assert program.stdout.readline() == "stopped\n"
+            left = 1
+        assert len(wait_for(mark, 0, left)) <= left
+    finally:
+        for pid in marked(mark):
+            os.kill(pid, signal.SIGKILL)
+        program.communicate()
