@@ -38,6 +38,7 @@ from kinseek.problem import Problem
 from kinseek.undisturbed import undisturbed
 
 from .reduce import error_question, question, start_boxes
+from .wrist import without_wrist
 
 SPREAD = 2.5
 """Boxes that turn the hand by less [rad] are looked at to second order. By trial on four arms of six joints: with twice as
@@ -56,6 +57,14 @@ PIECE = 8192
 """Boxes that one thread examines at a stretch: some tens of milliseconds. After them the threads share anew; with twice as
 much they wait for each other longer, with half as much Python deals out more often. It is part of the answer: bounds hang
 on who knew what."""
+
+
+FIRST = 1024
+"""Boxes after which a proof takes the wrist off the arm, where it has one, and asks what is left: a millisecond, in which most
+goals of six joints are decided."""
+
+SHARE = 0.5
+"""Part of the budget that this may take: what it leaves open is asked of the whole arm."""
 
 
 HANDS = 16
@@ -209,7 +218,7 @@ def excluded(
 
     What a stretch of boxes leaves over is shared out, a box to a thread, round after round. What becomes of a box depends on
     nothing but itself, and the results are read in order: so the verdict, the witness and the count are the same for any
-    number of threads.
+    number of threads. Where a first look decides nothing, the same is asked of the arm without its wrist in between.
     """
     watch, asked = watch or Watch(), question(problem, trust)
     tuning, roll = tuning_of(problem, OFTEN, STEPS), asked[2]
@@ -224,7 +233,17 @@ def excluded(
         return run.search(STOPPED if len(left) or stuck > 0.0 else ENDED, largest, left)
 
     boxes = start_boxes(problem.chain, roll.present) if begin is None else begin
-    search = stretch(None, boxes, min(budget, PIECE))
+    search = stretch(None, boxes, min(budget, FIRST))
+    if not len(search.left) or search.boxes >= budget or watch.over:
+        return search
+    easier = without_wrist(problem) if begin is None else None
+    if easier is not None:
+        most = int(SHARE * (budget - search.boxes))
+        rest = excluded(easier, most, trust, threads, watch)
+        search = search._replace(boxes=search.boxes + rest.boxes)
+        if rest.outcome == ENDED:
+            return search._replace(outcome=ENDED, largest=0.0, left=search.left[:0], stuck=0.0, floor=np.inf)
+    search = _together(search, [stretch(search, search.left, min(budget - search.boxes, PIECE))])
     return _shared(search, stretch, budget, sys.maxsize, threads, watch)
 
 
