@@ -60,8 +60,8 @@ on who knew what."""
 
 
 FIRST = 1024
-"""Boxes after which a proof takes the wrist off the arm, where it has one, and asks what is left: a millisecond, in which most
-goals of six joints are decided."""
+"""Boxes after which a proof takes the wrist off the arm, where it has one, and asks what is left: a millisecond, in which
+most goals of six joints are decided."""
 
 SHARE = 0.5
 """Part of the budget that this may take: what it leaves open is asked of the whole arm."""

@@ -33,6 +33,11 @@ reach past its limits by what is lacking to π, 2.7e-6 rad; that lets more in, a
 every joint of more than 180°, which then has no limits."""
 
 
+WIDE = 0.3
+"""Half angle [rad] from which on a cone of directions is looked at by its edge, and compared by angles: below it a ball is
+hardly larger than the cone. It decides what is tried, not what is proved."""
+
+
 @hidden
 def arc(rc: float, zc: float, rg: float, zg: float, rho: float) -> float:
     """How far a turn about z may miss, [rad], to bring a point at radius rc, height zc within `rho` of one at rg, zg.
@@ -81,6 +86,22 @@ def least_error(wanted: Wanted, far: float, tilt: float, b: float) -> float:
         sigma = min(max(sigma, min(K_P * b / K_A, far / b)), 2.0)
     error: float = K_P * max(far - b * sigma, 0.0) + 0.5 * K_A * sigma * sigma
     return error
+
+
+@hidden
+def wide(form: Form, wanted: Wanted) -> bool:
+    """Do the tolerances let the hand's one axis that counts lie in a wide cone about the goal's?"""
+    return form.columns == 1 and wanted.angle > WIDE
+
+
+@hidden
+def lean_beyond(wanted: Wanted, turn: float) -> float:
+    """How far an axis that a box turns by a chord of `turn` may be from the goal's at its centre, as a chord.
+
+    Angles add up, chords do not: with a wide cone they add up to much less.
+    """
+    angle = wanted.angle + wanted.margin_a + 2.0 * math.asin(min(0.5 * turn, 1.0))
+    return 2.0 * math.sin(0.5 * min(angle, math.pi)) + wanted.margin_a
 
 
 @hidden
@@ -140,7 +161,10 @@ def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
         tilt = 0.0
     if ceiling < 0.0:
         rho += wanted.position
-        sigma += wanted.chord if form.columns < 3 else wanted.chord / math.sqrt(2.0)
+        if wide(form, wanted):
+            sigma = lean_beyond(wanted, sigma)
+        else:
+            sigma += wanted.chord if form.columns < 3 else wanted.chord / math.sqrt(2.0)
         if far > rho or tilt > sigma:
             return False
     else:

@@ -7,7 +7,7 @@ import numpy as np
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import hidden, kernel
 
-from .bounds import first_order
+from .bounds import first_order, wide
 from .box import (
     BELOW,
     MISS_POINT,
@@ -22,6 +22,7 @@ from .box import (
     volume,
     widths,
 )
+from .cone import separate_cone
 from .form import separate, underestimate
 from .last_joint import Roll, cut_twist, roll_fits, twist_cost
 from .progress import AGAIN, GONE, OPEN, Tuning
@@ -48,6 +49,8 @@ def exclude_box(form: Form, wanted: Wanted, roll: Roll, desk: Desk, tuning: Tuni
     spread, before = turned(form, desk, len(form.leader)), volume(desk)
     if spread < tuning.spread:
         if not separate(form, wanted, desk, tuning.passes):
+            return GONE, spread
+        if wide(form, wanted) and not separate_cone(form, wanted, desk, tuning.passes):
             return GONE, spread
         if roll.present and not roll_fits(form, wanted, roll, desk):
             return GONE, spread
@@ -90,6 +93,8 @@ def examine(form: Form, wanted: Wanted, roll: Roll, boxes: Array, ceiling: float
                 extra = twist_cost(form, wanted, roll, desk, ceiling)
             if ceiling < 0.0:
                 kept = separate(form, wanted, desk, passes)
+                if kept and wide(form, wanted):
+                    kept = separate_cone(form, wanted, desk, passes)
             else:
                 kept = extra <= ceiling and underestimate(form, wanted, desk, ceiling - extra)
             desk.found[BELOW] += extra

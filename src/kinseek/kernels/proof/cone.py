@@ -1,0 +1,90 @@
+"""Where the hand's axis may lie anywhere in a wide cone about the goal's: the form that looks at the cone's edge.
+
+The ball about the tip of the goal's axis in which `form.separate` looks holds the cone, and much more. Of an axis a and the
+goal's g the cone says ``a·g ≥ cos τ``, one number that is linear in a; so the form is one of the hand's point and of that
+number. It is found as there, by steps that the box holds back, of which the number counts as long as the step leaves it
+short. As the goal's axis must stand still, all joints move the hand: rests are larger than seen from halfway, and
+boxes that both forms are tried on are half as many as with this one alone.
+"""
+
+from __future__ import annotations
+
+import math
+
+from kinseek.kernels.jit import hidden, spliced
+
+from .box import TINY, Desk, Form, Wanted, place, turn_goal, widths
+from .form import ROUND, Rests, cut_box, size_of_point, weigh
+from .taylor import differentiate, downhill, normal_matrix, rests, solve, step_miss
+
+
+@hidden
+def steepness(form: Form, desk: Desk) -> None:
+    """Write how fast each variable takes the hand's axis away from the goal's, as ``-a·g``, into ``desk.v``."""
+    goal = desk.goal
+    for i in range(len(desk.c)):
+        desk.v[i] = 0.0
+    for k in range(len(form.leader)):
+        slope = 0.0
+        for r in range(3):
+            slope += goal[r, 0] * desk.slopes[k, 0, r]
+        desk.v[form.leader[k]] -= form.multiplier[k] * slope
+
+
+@spliced
+def separate_cone(form: Form, wanted: Wanted, desk: Desk, passes: int) -> bool:
+    """Look for a form that lies between the box and the goal's point and cone; cut the box; is anything left?
+
+    For every w ≥ 0 and every y ``y·(p - p_g) + w (cos τ - a·g)`` is at most ``|y|`` times the tolerance where both are met.
+    """
+    place(form, desk)  # What came before may have cut the box.
+    turn_goal(form, wanted, desk)
+    widths(form, desk)
+    differentiate(form, desk, 0, 1)
+    two_p, two_c, three_p, three_c = rests(form, desk, desk.r, 0)
+    rest = Rests(0, two_p, two_c, three_p, three_c, three_p)
+    T, goal, dof = desk.T, desk.goal, len(desk.c)
+    edge = math.cos(min(wanted.angle, math.pi))
+    short = edge - (T[0, 0] * goal[0, 0] + T[1, 0] * goal[1, 0] + T[2, 0] * goal[2, 0])
+    # As a form of the axis less the goal's: it is -w g·(a - g) then, which the cone leaves at most w (1 - cos τ).
+    slack_p, slack_c = wanted.position + wanted.margin, 1.0 - edge + wanted.margin_a
+    weight_p = 1.0 / ((two_p * 0.5 + slack_p) * (two_p * 0.5 + slack_p))
+    sharp = 1.0 / ((two_c * 0.5 + wanted.margin_a) * (two_c * 0.5 + wanted.margin_a))
+    weight_c = sharp if short > 0.0 else 0.0
+    for i in range(dof):
+        desk.D[i] = 1.0 / (desk.h[i] * desk.h[i])
+    for attempt in range(passes):
+        normal_matrix(form, desk, weight_p, 0.0, 0)
+        downhill(form, desk, weight_p, 0.0, 0)
+        steepness(form, desk)
+        for i in range(dof):
+            desk.delta[i] -= weight_c * short * desk.v[i]
+            for j in range(i + 1):
+                desk.N[i, j] += weight_c * desk.v[i] * desk.v[j]
+        solve(desk.N, desk.D, desk.delta)
+        step_miss(form, desk, 0)
+        beyond = short
+        for i in range(dof):
+            beyond += desk.v[i] * desk.delta[i]
+        size_c = weight_c * max(beyond, 0.0)
+        for r in range(3):
+            desk.y[r, 3] *= weight_p
+            desk.y[r, 0] = -size_c * goal[r, 0]
+        surplus = weigh(form, wanted, desk, rest, slack_p, slack_c)
+        if surplus > 0.0:
+            return False
+        if attempt + 1 == passes:
+            cut_box(desk, -surplus)
+            break
+        # Weights as in `separate`: those that make the ellipsoid touch the box where this form touched it.
+        size_p = size_of_point(desk)
+        total = TINY + size_p * slack_p
+        for i in range(dof):
+            total += abs(desk.g[i]) * desk.h[i]
+        for i in range(dof):
+            desk.D[i] = (abs(desk.g[i]) + ROUND * total / desk.h[i]) / desk.h[i]
+        weight_p = (size_p + TINY) / (slack_p + three_p)
+        weight_c = size_c / (wanted.margin_a + three_c)
+        if size_c == 0.0 and beyond > 0.0:
+            weight_c = sharp
+    return True
