@@ -444,12 +444,10 @@ def test_an_answer_at_a_limit_counts() -> None:
     assert apart(q[None], found.q).min() < 1e-5
 
 
-@pytest.mark.parametrize("name", ["puma560", "ur5e", "irb120", "kr6r900", "jaco2_6"])
-def test_there_is_a_branch_wherever_ik_finds_an_answer_just_out_of_reach(name: str) -> None:
-    """Poses pushed out by less than the tolerance where the elbow is straight: no answer to them is exact."""
-    arm = kinseek.load(name)
+def just_beside_the_edge(arm: kinseek.Arm, count: int) -> Array:
+    """Poses pushed out and in by less than the tolerance where the elbow is straight, (k, 4, 4)."""
     targets = []
-    for q in arm.sample(40, seed=11):
+    for q in arm.sample(count, seed=11):
         elbow = np.tile(q, (200, 1))
         elbow[:, 2] = np.linspace(arm.lower[2], arm.upper[2], 200)
         sizes = np.linalg.det(arm.jacobian(elbow))
@@ -466,8 +464,25 @@ def test_there_is_a_branch_wherever_ik_finds_an_answer_just_out_of_reach(name: s
             target = arm.fk(low)
             target[:3, 3] += way * outwards
             targets.append(target)
-    found = some(arm.branches(np.array(targets)))
-    solved = arm.ik(np.array(targets)).success
+    return np.array(targets)
+
+
+@pytest.mark.parametrize("name", ["puma560", "ur5e", "irb120", "kr6r900", "jaco2_6"])
+def test_there_is_a_branch_wherever_ik_finds_an_answer_just_out_of_reach(name: str) -> None:
+    """To half of the poses no answer is exact."""
+    arm = kinseek.load(name)
+    targets = just_beside_the_edge(arm, 40)
+    found, solved = some(arm.branches(targets)), arm.ik(targets).success
     assert len(targets) > 10
     assert solved.sum() > len(targets) / 2
     assert (found.counts[solved] > 0).all()
+
+
+@pytest.mark.parametrize("name", ["puma560", "jaco2_6"])
+def test_a_proof_keeps_every_answer_at_the_edge_of_reach(name: str) -> None:
+    """There two answers stand so close together that the proof does not tell them apart."""
+    arm = kinseek.load(name)
+    for target in just_beside_the_edge(arm, 3):
+        found, proved = one(arm.branches(target)), one(arm.branches(target, prove=True))
+        assert len(proved) >= len(found)
+        assert (apart(found.q, proved.q).min(axis=1, initial=np.inf) < 1e-9).all()
