@@ -5,6 +5,8 @@ limits. Arms without one are held against 1,000 random restarts of a Levenberg-M
 Answers count only if plain NumPy forward kinematics finds them within 1e-6 m and 1e-6 rad and inside the limits. Two
 are the same if no joint differs by 1e-3 rad modulo 2π. Times are wall times of single calls from Python.
 
+ssik is timed in an environment of its own, see `benchmarks.peers`, which is made at the first run.
+
     python -m benchmarks.branches                 # writes branches.md beside this file; EAIK where installed
     python -m benchmarks.branches ur5e jaco2_6 --targets 1000
 """
@@ -12,6 +14,7 @@ are the same if no joint differs by 1e-3 rad modulo 2π. Times are wall times of
 from __future__ import annotations
 
 import importlib
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -30,6 +33,7 @@ from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
 
 from .command import arm_name, at_least_one, command, writes
 from .page import Page
+from .peers.environments import PEERS, ask, environment, write_arm
 from .targets import plain_fk, random_joints, strict
 
 Array = NDArray[np.float64]
@@ -72,6 +76,10 @@ class Row:
     """Least of the medians of a fifth of the calls each [µs]: what the machine does when nobody disturbs it."""
     witness_median: float
     """[µs], of EAIK from Python with its answers filtered by the limits; NaN where there is none."""
+    ssik_median: float
+    """[µs], of ssik from Python asked for all answers inside the limits; NaN where there is none."""
+    ssik_fewer: int
+    """Targets to which ssik has fewer answers."""
     index: float
     """Time to build what only branches need [ms]."""
     structure: str
@@ -117,6 +125,21 @@ def eaik(arm: kinseek.Arm) -> Callable[[Array], Array]:
         return np.asarray(q[inside & ~np.asarray(found.is_LS, dtype=bool)].clip(lower, upper))
 
     return solve
+
+
+def ssik(name: str, arm: kinseek.Arm, targets: Array) -> tuple[Array, Array] | None:
+    """How many answers ssik has to each target, and its times [µs]; None where it cannot be had."""
+    python = environment(PEERS["ssik"][0])
+    if python is None:
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / "arm.npz"
+        write_arm(name, arm, targets, source)
+        found = ask("branches_worker.py", "ssik", python, source, 900)
+    if isinstance(found, str):
+        print(f"  {name}, ssik: {found}")
+        return None
+    return found["said"], found["times"]
 
 
 def restarts(arm: kinseek.Arm, seed: int, count: int = 1000) -> Callable[[Array], Array]:
@@ -175,6 +198,7 @@ def measure(name: str, count: int, seed: int) -> Row:
     began = time.perf_counter_ns()
     arm.branches(targets, threads=1)
     batch = (time.perf_counter_ns() - began) / 1e3 / count
+    beside = ssik(name, arm, targets) if name in CLOSED else None
     lacking: list[int] = []
     extra: list[str] = []
     for i, target in enumerate(targets if witness else []):
@@ -209,6 +233,8 @@ def measure(name: str, count: int, seed: int) -> Row:
         p99=float(np.percentile(times, 99)),
         fastest=min(float(np.median(part)) for part in np.array_split(times, 5)),
         witness_median=float(np.median(theirs)) if label == "EAIK" else np.nan,
+        ssik_median=np.nan if beside is None else float(np.median(beside[1])),
+        ssik_fewer=0 if beside is None else int((beside[0] < numbers).sum()),
         index=float(np.median(builds)),
         structure=arm.structure.word,
         searched=searched,
@@ -224,21 +250,23 @@ def page(rows: list[Row]) -> Page:
         "the limits that is lacking; extra: targets at which the witness lacks one. Judged by plain NumPy FK to 1e-6 m and",
         "1e-6 rad. Times: `arm.branches(T)` from Python, wall time; best fifth: the least median of five parts of the run.",
         "Batch: of a pose in a batch of all, on one thread. Searched: targets for which a closed form was not enough.",
-        "EAIK's time includes the filter by limits.",
+        "EAIK's time includes the filter by limits; ssik's is that of the module it builds for an arm, asked for all answers",
+        "inside the limits without copies by full turns.",
     )
     cells = []
     for row in (row for row in rows if row.arm not in REDUNDANT):
         share = np.floor(1e5 * (row.targets - len(row.lacking)) / row.targets) / 1e3
         complete = f"{share:.3f}" if row.witness in ("EAIK", "1,000 restarts") else "–"
         other = "–" if np.isnan(row.witness_median) else f"{row.witness_median:.1f}"
+        ssik = "–" if np.isnan(row.ssik_median) else f"{row.ssik_median:.1f}"
         found = row.arm, row.structure, row.witness, f"{row.targets:,}", complete, len(row.extra), row.false
         share = f"{100 * row.searched / row.targets:.2f}"
         cells.append(
-            (*found, f"{row.answers:.2f}", share, *times(row), other, f"{row.batch:.1f}", f"{row.index:.1f}")
+            (*found, f"{row.answers:.2f}", share, *times(row), other, ssik, f"{row.batch:.1f}", f"{row.index:.1f}")
         )
     page.table(
         "arm | structure | witness | >targets | >complete % | >extra | >false | >answers, mean | >searched % | >median µs | "
-        ">best fifth µs | >p99 µs | >EAIK µs | >batch µs | >index ms",
+        ">best fifth µs | >p99 µs | >EAIK µs | >ssik µs | >batch µs | >index ms",
         cells,
     )
     if spare := [row for row in rows if row.arm in REDUNDANT]:
@@ -280,7 +308,7 @@ def main() -> None:
             f"{name:18s} {row.witness}: lacking {len(row.lacking)}, extra {len(row.extra)} of {row.targets}, "
             f"{row.false} false, {row.searched} searched; "
             f"{row.answers:.2f} answers, {row.fewest} at least; {row.median:.1f} µs, best fifth {row.fastest:.1f}, "
-            f"p99 {row.p99:.1f}; EAIK {row.witness_median:.1f}; batch {row.batch:.1f}; "
+            f"p99 {row.p99:.1f}; EAIK {row.witness_median:.1f}; ssik {row.ssik_median:.1f}, fewer at {row.ssik_fewer}; batch {row.batch:.1f}; "
             f"index {row.index:.1f} ms",
             flush=True,
         )

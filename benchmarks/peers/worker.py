@@ -63,8 +63,8 @@ def eaik(arm: Any) -> Solve:
     return solve
 
 
-def ssik(arm: Any) -> Solve:
-    """The artifact that ``ssik build`` writes for an arm, asked for one answer."""
+def ssik_artifact(arm: Any) -> Any:
+    """The module that ``ssik build`` writes for an arm."""
     folder = Path(str(arm["folder"]))
     path = folder / f"{arm['name']}_ssik.py"
     if len(arm["lower"]) != 6:
@@ -81,6 +81,12 @@ def ssik(arm: Any) -> Solve:
     artifact = importlib.util.module_from_spec(specification)
     sys.modules[path.stem] = artifact
     specification.loader.exec_module(artifact)
+    return artifact
+
+
+def ssik(arm: Any) -> Solve:
+    """The artifact that ``ssik build`` writes for an arm, asked for one answer."""
+    artifact = ssik_artifact(arm)
 
     def solve(T: Any) -> Any:
         found = artifact.solve(T, max_solutions=1, enumerate_windings=False)
