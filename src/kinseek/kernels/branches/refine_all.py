@@ -136,7 +136,7 @@ def head_for_known(lanes: Lanes, rates: Array, rows: Array, count: int, heading:
     Writes 1 for these, else 0, into `heading`, (LANES,). All joints in one loop over the lanes, see `seeding.is_alike`; with
     fewer than six the last counts more than once.
     """
-    q, step, work, dof, turn = lanes.q, lanes.step, lanes.work, rows.shape[1], 2.0 * math.pi
+    q, step, work, dof = lanes.q, lanes.step, lanes.work, rows.shape[1]
     b, c, d = min(1, dof - 1), min(2, dof - 1), min(3, dof - 1)
     e, f = min(4, dof - 1), min(5, dof - 1)
     ra, rb, rc, rd, re, rf = rates[0], rates[b], rates[c], rates[d], rates[e], rates[f]
@@ -145,14 +145,8 @@ def head_for_known(lanes: Lanes, rates: Array, rows: Array, count: int, heading:
     for j in range(count):
         xa, xb, xc, xd, xe, xf = rows[j, 0], rows[j, b], rows[j, c], rows[j, d], rows[j, e], rows[j, f]
         for l in range(w):
-            ga, gb, gc = q[0, l] - xa, q[b, l] - xb, q[c, l] - xc
-            gd, ge, gf = q[d, l] - xd, q[e, l] - xe, q[f, l] - xf
-            ga -= turn * np.floor(ga * ra + 0.5)
-            gb -= turn * np.floor(gb * rb + 0.5)
-            gc -= turn * np.floor(gc * rc + 0.5)
-            gd -= turn * np.floor(gd * rd + 0.5)
-            ge -= turn * np.floor(ge * re + 0.5)
-            gf -= turn * np.floor(gf * rf + 0.5)
+            ga, gb, gc = joint_gap(q[0, l], xa, ra), joint_gap(q[b, l], xb, rb), joint_gap(q[c, l], xc, rc)
+            gd, ge, gf = joint_gap(q[d, l], xd, rd), joint_gap(q[e, l], xe, re), joint_gap(q[f, l], xf, rf)
             now = ga * ga + gb * gb + gc * gc + gd * gd + ge * ge + gf * gf
             share = work[l]
             ga, gb, gc = ga - share * step[0, l], gb - share * step[b, l], gc - share * step[c, l]
@@ -266,15 +260,14 @@ def starts(
     task: Task,
     desk: Desk,
     most: int,
-    begin: int,
     distance: Array,
     neighbour: Indices,
     seeds: Array,
 ) -> int:
-    """Complete the samples from number `begin` to number `most` into seeds, nearest first; return how many."""
+    """Complete the `most` nearest samples into seeds, nearest first; return how many."""
     found = nearest(task.atlas.tree, desk.point, most, distance, neighbour, desk.stack, desk.bound)
     lower, upper, many = task.chain.lower, task.chain.upper, 0
-    for k in range(begin, found):
+    for k in range(found):
         if complete_seed(task.atlas, task.division, desk.seen, neighbour[k], lower, upper, MARGIN, desk.seed):
             for i in range(len(desk.seed)):
                 seeds[many, i] = desk.seed[i]

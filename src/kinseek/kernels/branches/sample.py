@@ -70,7 +70,7 @@ def sample_branches(
     start(task, desk, target)
     see(task, desk, target)
     coordinates(desk.seen, task.division, desk.point)
-    many = starts(task, desk, most, 0, distance, neighbour, seeds)
+    many = starts(task, desk, most, distance, neighbour, seeds)
     count = refine_all(
         handle, wanted, memory, target, seeds, many, many, rows, left, 0, view[RATES], SAMPLED, tally, w
     )
