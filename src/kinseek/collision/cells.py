@@ -84,6 +84,7 @@ class Charts(NamedTuple):
 
     chart_of: NDArray[np.int64]
     chart: Array
+    below: NDArray[np.int64]
     chart_axes: NDArray[np.int64]
 
 

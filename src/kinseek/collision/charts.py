@@ -26,9 +26,11 @@ if TYPE_CHECKING:
     from .engine import Solid
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
-_FIRST, _LEVELS = 1024, 4
-"""Cells of a chart, a power of two, and how often they are cut again where they leave something open, into four each."""
+_FIRST, _LEVELS, _FINER = 1024, 4, 2
+"""Cells of a chart, a power of two; on how many levels all of them are cut into four each, while some leave something
+open; and on how many more those that do."""
 
 _STEPS = 24
 """Planes tried between two parts."""
@@ -60,6 +62,8 @@ class Chart(NamedTuple):
 
     cells: Array
     """See `Cell.chart`, (k,)."""
+    below: NDArray[np.int64]
+    """See `Cell.below`, (k,)."""
     axes: tuple[int, ...]
     """The two joints, or one twice, and how many parts their turns are cut into."""
 
@@ -111,28 +115,54 @@ def chart_of(
     )
     arrays = ROWS.arrays(cell)
     handle, moves = handle_of(arrays), _moves(ways, members[: len(parts)], members[len(parts) :])
-    rows, columns = _counts(moves, _FIRST)
-    cells = np.zeros((rows, columns))
-    for level in range(_LEVELS):
-        if level > 0:  # What holds all over a cell holds all over its parts.
-            again = (1, 4) if turning == 1 else (2, 2)
-            cells = cells.repeat(again[0], axis=0).repeat(again[1], axis=1)
-        counts = cells.shape
-        inside = [_inside(count, limit) for count, limit in zip(counts[2 - turning :], limits, strict=True)]
-        asked = np.zeros(counts, dtype=np.bool_)
-        asked[np.ix_(*([0], *inside)[-2:])] = True
-        where = np.argwhere(asked & (cells == 0))
-        if not len(where):
-            break
+    again = (1, 4) if turning == 1 else (2, 2)
+
+    def told(where: NDArray[np.int64], counts: tuple[int, int]) -> Array:
+        """What is known all over some cells, by row and column."""
         angles = ((where + 0.5) * (2 * np.pi / np.array(counts)))[:, 2 - turning :]
         q = np.ascontiguousarray(angles)
         bounds, depths = np.empty((len(q), len(pairs))), np.empty(len(q))
         bound_pairs(handle, q, _STEPS, LANES, bounds)
-        bound_depths(handle, q, LANES, depths)
+        bound_depths(handle, q, bounds, LANES, depths)
         moved = sum(move * (np.pi / count + _MARGIN) for move, count in zip(moves, counts, strict=True))
         free, deep = bounds.min(axis=1) - moved, depths - moved
-        cells[tuple(where.T)] = np.where(free > 0, free, np.minimum(-deep, 0.0))
-    return Chart(cells.ravel(), (joints[0], joints[1] - 1, *cells.shape))
+        return np.where(free > 0, free, np.minimum(-deep, 0.0))
+
+    def within_limits(counts: tuple[int, int]) -> Flags:
+        """Which cells have a share of what is inside limits."""
+        inside = [_inside(count, limit) for count, limit in zip(counts[2 - turning :], limits, strict=True)]
+        asked = np.zeros(counts, dtype=np.bool_)
+        asked[np.ix_(*([0], *inside)[-2:])] = True
+        return asked
+
+    counts = _counts(moves, _FIRST)
+    grid = np.zeros(counts)
+    for level in range(_LEVELS):
+        if level > 0:  # What holds all over a cell holds all over its parts.
+            grid = grid.repeat(again[0], axis=0).repeat(again[1], axis=1)
+            counts = (counts[0] * again[0], counts[1] * again[1])
+        where = np.argwhere(within_limits(counts) & (grid == 0))
+        if not len(where):
+            break
+        grid[tuple(where.T)] = told(where, counts)
+    cells, below = grid.ravel(), np.zeros(grid.size, dtype=np.int64)
+    where = np.argwhere(within_limits(counts) & (grid == 0))
+    places, top = where @ np.array([counts[1], 1]), counts
+    for _ in range(_FINER):
+        if not len(where):
+            break
+        below[places] = len(cells) + 4 * np.arange(len(where))
+        places = len(cells) + np.arange(4 * len(where))
+        parts_of = np.argwhere(np.ones(again))
+        where = (where[:, None] * again + parts_of).reshape(-1, 2)
+        counts = (counts[0] * again[0], counts[1] * again[1])
+        asked = within_limits(counts)[tuple(where.T)]
+        values = np.zeros(len(where))
+        values[asked] = told(where[asked], counts)
+        cells, below = np.concatenate([cells, values]), np.concatenate([below, np.zeros_like(places)])
+        left = asked & (values == 0)
+        where, places = where[left], places[left]
+    return Chart(cells, below, (joints[0], joints[1] - 1, *top))
 
 
 def charts_of(charts: Sequence[Chart | None]) -> Charts:
@@ -144,6 +174,7 @@ def charts_of(charts: Sequence[Chart | None]) -> Charts:
     return Charts(
         np.where([chart is None for chart in charts], -1, numbers).astype(np.int64),
         np.concatenate([np.zeros(0), *(chart.cells for chart in some)]),
+        np.concatenate([np.zeros(0, dtype=np.int64), *(chart.below for chart in some)]),
         np.array(axes, dtype=np.int64).reshape(-1, 5),
     )
 

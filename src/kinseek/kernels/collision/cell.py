@@ -61,8 +61,10 @@ class Cell(NamedTuple):
     chart: Array
     """What is known of two groups wherever two joints are in a cell: above 0 a bound on how far they are apart, padding
     taken off; below 0 they are in each other; 0 where nothing is known. Those of one chart follow one another, row-major."""
+    below: Indices
+    """Where the four parts of each of these cells begin, counted from the first cell of the chart; 0: it is not cut."""
     chart_axes: Indices
-    """The two joints, how many parts their turns are cut into, and the first cell, (chart, 5)."""
+    """The two joints, or one twice, how many parts their turns are cut into, and the first cell, (chart, 5)."""
     rounding: Array
     """Every length is known at least that well, (1,)."""
 
@@ -100,6 +102,7 @@ ROWS = Rows(
     apart="floats1",
     chart_of="integers",
     chart="floats1",
+    below="integers",
     chart_axes="integers2",
     rounding="floats1",
 )
@@ -140,10 +143,12 @@ class Here(NamedTuple):
     """Where `frame` was known last: a number of q as in `now`, (m + 1,)."""
     into: Array
     """From the base into the core's frame, (part, 12)."""
+    known: Indices
+    """Where that was known last, likewise, (part,)."""
     middle: Array
     """Of the part's ball, (part, 3)."""
-    known: Indices
-    """Where a part's place was known last, likewise, (part,)."""
+    centred: Indices
+    """Where that was known last, likewise, (part,)."""
     spot: Array
     """Numbers that a search hands on, (12,)."""
     simplex: Array
@@ -172,8 +177,9 @@ LAYOUT = Layout(
     frame=floats(FRAMES, 12),
     framed=whole(FRAMES),
     into=floats(PARTS, 12),
-    middle=floats(PARTS, 3),
     known=whole(PARTS),
+    middle=floats(PARTS, 3),
+    centred=whole(PARTS),
     spot=floats(12),
     simplex=floats(4, 3),
     share=floats(4),
@@ -183,7 +189,7 @@ LAYOUT = Layout(
 here_size, lay_here = LAYOUT.size, LAYOUT.make
 
 STANDS, UNKNOWN = -1, -2
-"""In `Here.known`: a part of the base is where it was; or nothing was worked out yet."""
+"""In `Here.known` and `Here.centred`: a part of the base is where it was; or nothing was worked out yet."""
 
 
 @hidden
@@ -212,7 +218,7 @@ def make_here(cell: Cell, memory: Array) -> Here:
     )
     here.now[1] = 0
     for p in range(len(cell.joint)):
-        here.known[p] = UNKNOWN
+        here.known[p] = here.centred[p] = UNKNOWN
     for k in range(len(here.framed)):
         here.framed[k] = UNKNOWN
     for r in range(12):
@@ -285,17 +291,28 @@ def frame_of(here: Here, k: int) -> None:
 
 
 @hidden
+def centre(cell: Cell, here: Here, p: int) -> None:
+    """Work out where the middle of a part's ball is, if that is not known."""
+    k = cell.joint[p]
+    if here.centred[p] == STANDS or here.centred[p] == here.now[1]:
+        return
+    here.centred[p] = here.now[1] if k > 0 else STANDS
+    frame_of(here, k)
+    T, B, middle = here.frame[k], cell.ball[p], here.middle[p]
+    for r in range(3):
+        middle[r] = T[4 * r] * B[0] + T[4 * r + 1] * B[1] + T[4 * r + 2] * B[2] + T[4 * r + 3]
+
+
+@hidden
 def place(cell: Cell, here: Here, p: int) -> None:
-    """Work out where a part is, if that is not known."""
+    """Work out the way into a part's core, and its joint's frame, if that is not known."""
     k = cell.joint[p]
     if here.known[p] == STANDS or here.known[p] == here.now[1]:
         return
     here.known[p] = here.now[1] if k > 0 else STANDS
     frame_of(here, k)
-    T, C, B, middle = here.frame[k], cell.core[p], cell.ball[p], here.middle[p]
-    for r in range(3):
-        middle[r] = T[4 * r] * B[0] + T[4 * r + 1] * B[1] + T[4 * r + 2] * B[2] + T[4 * r + 3]
     # The core's frame in the base is T C; into it leads the transpose.
+    T, C = here.frame[k], cell.core[p]
     px = T[0] * C[3] + T[1] * C[7] + T[2] * C[11] + T[3]
     py = T[4] * C[3] + T[5] * C[7] + T[6] * C[11] + T[7]
     pz = T[8] * C[3] + T[9] * C[7] + T[10] * C[11] + T[11]

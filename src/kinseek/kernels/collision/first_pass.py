@@ -17,7 +17,6 @@ from .cell import (
     Here,
     cell_of,
     enter,
-    frame_of,
     lanes_frames,
     load_lanes,
     make_here,
@@ -110,24 +109,52 @@ def look_up(cell: Cell, here: Here, m: int, least: float, w: int) -> None:
 
 
 @hidden
+def look_closer(cell: Cell, here: Here, m: int) -> float:
+    """What the chart of a meeting tells of the q that is looked at, down to the smallest part of its cell."""
+    axes, chart, below, l = cell.chart_axes[cell.chart_of[m]], cell.chart, cell.below, here.now[0]
+    j, k, rows, columns, first = axes[0], axes[1], axes[2], axes[3], axes[4]
+    one, other = here.lanes[cell.chain.leader[j], l], here.lanes[cell.chain.leader[k], l]
+    u = (cell.chain.multiplier[j] * one + cell.chain.offset[j]) * PART_OF_TURN
+    v = (cell.chain.multiplier[k] * other + cell.chain.offset[k]) * PART_OF_TURN
+    u, v = (u - np.floor(u)) * rows, (v - np.floor(v)) * columns
+    row, column = min(int(u), rows - 1), min(int(v), columns - 1)
+    at = first + row * columns + column
+    while below[at] > 0:
+        # What is left of a cell, in parts of it: one joint's is cut into four, two joints' into two by two.
+        u, v = u - row, v - column
+        if j == k:
+            u, v = 0.0, 4.0 * v
+            row, column = 0, min(int(v), 3)
+            at = first + below[at] + column
+        else:
+            u, v = 2.0 * u, 2.0 * v
+            row, column = min(int(u), 1), min(int(v), 1)
+            at = first + below[at] + 2 * row + column
+    bound: float = chart[at]
+    return bound
+
+
+@hidden
 def settle_meeting(
     cell: Cell, here: Here, m: int, clearance: float, least: float, steps: int, verdict: int, doubts: Flags
 ) -> int:
     """The verdict, where some groups have been looked at and two more are; pairs in doubt are noted, if that is asked."""
+    if cell.chart_of[m] >= 0:
+        bound = look_closer(cell, here, m)
+        if bound > least:
+            return verdict
+        if bound < 0.0:
+            return TOUCH
     g, h = cell.group[cell.meeting[m, 0]], cell.group[cell.meeting[m, 1]]
     first, last = cell.meeting[m, 2], cell.meeting[m, 3]
     if last - first > 1:
         # What is free of all that holds the parts is free of each.
-        place(cell, here, g)
-        frame_of(here, cell.joint[h])
         way_into(cell, here, h, g)
         if near_core(cell.rough[h], here.spot, cell.half[g], least + cell.widest[m] + cell.thick[g]) == 0:
             return verdict
     for n in range(first, last):
         a, b, pad = cell.pair[n, 0], cell.pair[n, 1], cell.pad[n]
-        place(cell, here, a)
-        place(cell, here, b)
-        if ball_gap(cell, here, a, b) > least + pad:
+        if last - first > 1 and ball_gap(cell, here, a, b) > least + pad:
             continue
         found = settle(cell, here, a, b, least + pad, clearance + pad + cell.rounding[0], steps)
         if found == TOUCH:
@@ -237,15 +264,11 @@ def bound_pairs(handle: Indices, q: Array, steps: int, w: int, bounds: Array) ->
             k, nearest = first + l, 1e300
             for m in range(len(cell.meeting)):
                 g, h = cell.group[cell.meeting[m, 0]], cell.group[cell.meeting[m, 1]]
-                place(cell, here, g)
-                place(cell, here, h)
                 apart = ball_gap(cell, here, g, h)
                 for n in range(cell.meeting[m, 2], cell.meeting[m, 3]):
                     a, b, pad = cell.pair[n, 0], cell.pair[n, 1], cell.pad[n]
                     bound = apart
                     if steps == 0 or apart - pad < nearest:
-                        place(cell, here, a)
-                        place(cell, here, b)
                         bound = max(bound, gap_below(cell, here, a, b))
                         if steps > 0 and bound - pad < nearest:
                             straddle(cell, here, a, b, 1e300, -1e300, steps)
@@ -256,13 +279,14 @@ def bound_pairs(handle: Indices, q: Array, steps: int, w: int, bounds: Array) ->
     keep(memory)
 
 
-@entry(handle=I64["*"], q=F64["k", "n"], w=I64, depths=F64["k"].out)
-def bound_depths(handle: Indices, q: Array, w: int, depths: Array) -> None:
+@entry(handle=I64["*"], q=F64["k", "n"], bounds=F64["k", "*"], w=I64, depths=F64["k"].out)
+def bound_depths(handle: Indices, q: Array, bounds: Array, w: int, depths: Array) -> None:
     """So far at least the parts of one pair, at every q another perhaps, have to move to be free of each other, (k,) [m].
 
     Args:
         handle: The scene, see `cell.ROWS`.
         q: (k, n) [rad] or [m]
+        bounds: Of `bound_pairs`; what they show to be apart is not looked at.
         w: `LANES`.
         depths: Is filled; where one is below 0 it says nothing.
     """
@@ -276,9 +300,7 @@ def bound_depths(handle: Indices, q: Array, w: int, depths: Array) -> None:
             enter(here, l)
             depth = -1e300
             for n in range(len(cell.pair)):
-                a, b = cell.pair[n, 0], cell.pair[n, 1]
-                place(cell, here, a)
-                place(cell, here, b)
-                depth = max(depth, depth_below(cell, here, a, b))
+                if bounds[first + l, cell.pair[n, 2]] <= 0.0:
+                    depth = max(depth, depth_below(cell, here, cell.pair[n, 0], cell.pair[n, 1]))
             depths[first + l] = depth - cell.rounding[0]
     keep(memory)

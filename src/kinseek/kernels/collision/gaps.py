@@ -13,7 +13,7 @@ import numpy as np
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import hidden
 
-from .cell import Cell, Here, place
+from .cell import Cell, Here, centre, frame_of, place
 
 FREE, TOUCH, DOUBT = 1, 0, 2
 
@@ -26,7 +26,9 @@ WHOLE = 1.5 * 2.0**52
 
 @hidden
 def way_into(cell: Cell, here: Here, a: int, b: int) -> None:
-    """The way from the joint's frame that carries a into the core of b, (12,), into ``here.spot``; both are known."""
+    """The way from the joint's frame that carries a into the core of b, (12,), into ``here.spot``."""
+    frame_of(here, cell.joint[a])
+    place(cell, here, b)
     spot, into, T = here.spot, here.into[b], here.frame[cell.joint[a]]
     for r in range(0, 12, 4):
         i0, i1, i2, i3 = into[r], into[r + 1], into[r + 2], into[r + 3]
@@ -67,18 +69,13 @@ def gap_to_core(spheres: Array, way: Array, half: Array) -> float:
 
 @hidden
 def ball_gap(cell: Cell, here: Here, a: int, b: int) -> float:
-    """Distance of the balls around two parts whose places are known."""
+    """Distance of the balls around two parts."""
+    centre(cell, here, a)
+    centre(cell, here, b)
     p, s = here.middle[a], here.middle[b]
     dx, dy, dz = p[0] - s[0], p[1] - s[1], p[2] - s[2]
     gap: float = math.sqrt(dx * dx + dy * dy + dz * dz) - cell.ball[a, 3] - cell.ball[b, 3]
     return gap
-
-
-@hidden
-def clears_core(cell: Cell, here: Here, a: int, b: int, least: float) -> bool:
-    """Is a part farther than `least` from the core of another, by a few spheres around it? The places of both are known."""
-    way_into(cell, here, a, b)
-    return near_core(cell.rough[a], here.spot, cell.half[b], least + cell.thick[b]) == 0
 
 
 @hidden
@@ -92,15 +89,10 @@ def gap_below(cell: Cell, here: Here, a: int, b: int) -> float:
 
 
 @hidden
-def overlaps_core(cell: Cell, here: Here, a: int, b: int, touch: float) -> bool:
-    """Is a sphere inside one part nearer than `touch` to the other, which is its core?"""
-    way_into(cell, here, a, b)
-    return near_core(cell.inner[a], here.spot, cell.half[b], touch + cell.thick[b]) > 0
-
-
-@hidden
 def depth_below(cell: Cell, here: Here, a: int, b: int) -> float:
     """So far at least two parts have to move to be free of each other, by spheres inside both; below 0 it says nothing."""
+    frame_of(here, cell.joint[a])
+    frame_of(here, cell.joint[b])
     A, B, T, S = cell.inner[a], cell.inner[b], here.frame[cell.joint[a]], here.frame[cell.joint[b]]
     depth = -1e300
     for i in range(A.shape[1]):
@@ -282,7 +274,7 @@ def straddle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float,
 
     Args:
         cell: The scene.
-        here: Where its parts are; the places of both are known.
+        here: Where its parts are.
         a: One part.
         b: The other.
         least: They are free of each other when they are farther apart than this.
@@ -295,8 +287,11 @@ def straddle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float,
     """
     spot, S, thick = here.spot, here.simplex, cell.thick[a] + cell.thick[b]
     first_look(cell, here, a, b)
+    place(cell, here, a)  # As `first_look` does with b.
     x, y, z = spot[6], spot[7], spot[8]
     if x * x + y * y + z * z < 1e-18:
+        centre(cell, here, a)
+        centre(cell, here, b)
         p, s = here.middle[a], here.middle[b]
         x, y, z = p[0] - s[0], p[1] - s[1], p[2] - s[2]
     if x * x + y * y + z * z < 1e-18:
@@ -329,20 +324,23 @@ def straddle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float,
 
 @hidden
 def settle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float, steps: int) -> int:
-    """Are two parts farther apart than `least`, nearer than `touch`, or in doubt? The places of both are known."""
-    if (not cell.exact[a] or cell.exact[b]) and clears_core(cell, here, a, b, least):
-        return FREE
-    if not cell.exact[b] and clears_core(cell, here, b, a, least):
-        return FREE
-    if cell.exact[b] and overlaps_core(cell, here, a, b, touch):
-        return TOUCH
-    if cell.exact[a] and overlaps_core(cell, here, b, a, touch):
-        return TOUCH
+    """Are two parts farther apart than `least`, nearer than `touch`, or in doubt?"""
+    # A few spheres around one part and the core of the other; spheres inside it, where the core is the very part.
+    if cell.exact[b] or not cell.exact[a]:
+        way_into(cell, here, a, b)
+        if near_core(cell.rough[a], here.spot, cell.half[b], least + cell.thick[b]) == 0:
+            return FREE
+        if cell.exact[b] and near_core(cell.inner[a], here.spot, cell.half[b], touch + cell.thick[b]) > 0:
+            return TOUCH
+    if cell.exact[a] or not cell.exact[b]:
+        way_into(cell, here, b, a)
+        if near_core(cell.rough[b], here.spot, cell.half[a], least + cell.thick[a]) == 0:
+            return FREE
+        if cell.exact[a] and near_core(cell.inner[b], here.spot, cell.half[a], touch + cell.thick[a]) > 0:
+            return TOUCH
     i, j = cell.within[a], cell.within[b]
     same = i == a and j == b
     found = straddle(cell, here, a, b, least, touch if same else -1e300, steps)
     if found == DOUBT and not same and i >= 0 and j >= 0:
-        place(cell, here, i)
-        place(cell, here, j)
         found = straddle(cell, here, i, j, 1e300, touch, steps)
     return found
