@@ -84,8 +84,9 @@ class Broad:
             reach.apart(one, other) - float(pads[each.pairs].max())
             for each, (one, other) in zip(gathered, sides, strict=True)
         ]
+        inside = [max(far, chart.apart if chart else far) for far, chart in zip(apart, charts, strict=True)]
         # Those that are never near come last, so that a kernel may end before them.
-        rising = sorted(range(len(gathered)), key=lambda m: max(apart[m], _NEAR))
+        rising = sorted(range(len(gathered)), key=lambda m: max(inside[m], _NEAR))
         order = [n for m in rising for n in gathered[m].pairs]
         ends = np.cumsum([len(gathered[m].pairs) for m in rising], dtype=np.int64)
         cell = make_cell(
@@ -98,7 +99,8 @@ class Broad:
                 Meeting(*sides[m], end - len(gathered[m].pairs), end)
                 for m, end in zip(rising, ends.tolist(), strict=True)
             ],
-            np.array([apart[m] if apart[m] > _NEAR else NEVER_APART for m in rising], dtype=np.float64),
+            _beyond([apart[m] for m in rising]),
+            _beyond([inside[m] for m in rising]),
             charts_of([charts[m] for m in rising]),
         )
         self._pairs, self._rounding = len(pairs), float(cell.rounding[0])
@@ -223,6 +225,11 @@ def _chart(
         tuple((one.index(i), other.index(j)) for i, j in in_order),
         tuple(pads[numbers].tolist()),
     )
+
+
+def _beyond(apart: Sequence[float]) -> Array:
+    """Bounds that are worth to be known."""
+    return np.array([bound if bound > _NEAR else NEVER_APART for bound in apart], dtype=np.float64)
 
 
 class _Reach:

@@ -109,6 +109,7 @@ def make_cell(
     pads: Array,
     meetings: Sequence[Meeting],
     apart: Array,
+    apart_inside: Array,
     charts: Charts,
 ) -> Cell:
     """Put together what kernels know of a scene; see the fields of `Cell`."""
@@ -138,6 +139,7 @@ def make_cell(
         meeting=np.array(spans, dtype=np.int64).reshape(-1, 4),
         widest=np.array([pads[each.first : each.last].max() for each in meetings], dtype=np.float64),
         apart=apart,
+        apart_inside=apart_inside,
         **charts._asdict(),
         rounding=np.array([_ROUNDING * size]),
     )

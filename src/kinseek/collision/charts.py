@@ -66,6 +66,8 @@ class Chart(NamedTuple):
     """See `Cell.below`, (k,)."""
     axes: tuple[int, ...]
     """The two joints, or one twice, and how many parts their turns are cut into."""
+    apart: float
+    """The groups are never closer than this inside the limits [m]; `NEVER_APART` where that is not known."""
 
 
 @lru_cache(maxsize=64)  # A scene that changes, or a part in it that moves, leaves the arm as it is.
@@ -110,7 +112,7 @@ def chart_of(
         numbered,
         np.array(pads),
         [Meeting(i, j, n, n + 1) for i, j, n in numbered.tolist()],
-        np.full(len(pairs), NEVER_APART),
+        *np.full((2, len(pairs)), NEVER_APART),
         charts_of([None] * len(pairs)),
     )
     arrays = ROWS.arrays(cell)
@@ -130,9 +132,9 @@ def chart_of(
 
     def within_limits(counts: tuple[int, int]) -> Flags:
         """Which cells have a share of what is inside limits."""
-        inside = [_inside(count, limit) for count, limit in zip(counts[2 - turning :], limits, strict=True)]
+        along = [_inside(count, limit) for count, limit in zip(counts[2 - turning :], limits, strict=True)]
         asked = np.zeros(counts, dtype=np.bool_)
-        asked[np.ix_(*([0], *inside)[-2:])] = True
+        asked[np.ix_(*([0], *along)[-2:])] = True
         return asked
 
     counts = _counts(moves, _FIRST)
@@ -146,7 +148,9 @@ def chart_of(
             break
         grid[tuple(where.T)] = told(where, counts)
     cells, below = grid.ravel(), np.zeros(grid.size, dtype=np.int64)
-    where = np.argwhere(within_limits(counts) & (grid == 0))
+    inside = within_limits(counts)
+    apart = float(grid[inside].min()) if (grid[inside] > 0).all() else NEVER_APART
+    where = np.argwhere(inside & (grid == 0))
     places, top = where @ np.array([counts[1], 1]), counts
     for _ in range(_FINER):
         if not len(where):
@@ -162,7 +166,7 @@ def chart_of(
         cells, below = np.concatenate([cells, values]), np.concatenate([below, np.zeros_like(places)])
         left = asked & (values == 0)
         where, places = where[left], places[left]
-    return Chart(cells, below, (joints[0], joints[1] - 1, *top))
+    return Chart(cells, below, (joints[0], joints[1] - 1, *top), apart)
 
 
 def charts_of(charts: Sequence[Chart | None]) -> Charts:

@@ -55,7 +55,9 @@ class Cell(NamedTuple):
     widest: Array
     """The greatest `pad` of a meeting, (meeting,)."""
     apart: Array
-    """Groups of a meeting are never closer than this at any q, in rising order, (meeting,)."""
+    """Groups of a meeting are never closer than this at any q, (meeting,)."""
+    apart_inside: Array
+    """The same of q inside the limits, in rising order, (meeting,)."""
     chart_of: Indices
     """Of each meeting, or -1, (meeting,)."""
     chart: Array
@@ -100,6 +102,7 @@ ROWS = Rows(
     meeting="integers2",
     widest="floats1",
     apart="floats1",
+    apart_inside="floats1",
     chart_of="integers",
     chart="floats1",
     below="integers",
@@ -135,6 +138,8 @@ class Here(NamedTuple):
     """How many these are, (LANES,)."""
     hits: Indices
     """1 where a chart tells that groups are in each other, (LANES,)."""
+    left: Indices
+    """Pairs that spheres and boxes leave to be decided, (pair,)."""
     now: Indices
     """The lane that is looked at, and how many were before it, (2,)."""
     frame: Array
@@ -157,8 +162,8 @@ class Here(NamedTuple):
     """Of each corner in a mixture of them, (4,)."""
 
 
-MADE_FOR = ("dof", "joints", "parts", "groups", "meetings")
-PARTS, GROUPS, MEETINGS = (named(each) for each in MADE_FOR[2:])
+MADE_FOR = ("dof", "joints", "parts", "groups", "meetings", "pairs")
+PARTS, GROUPS, MEETINGS, PAIRS = (named(each) for each in MADE_FOR[2:])
 FRAMES = JOINTS + plain(1)
 
 LAYOUT = Layout(
@@ -173,6 +178,7 @@ LAYOUT = Layout(
     near=whole(LANES, MEETINGS),
     counts=whole(LANES),
     hits=whole(LANES),
+    left=whole(PAIRS),
     now=whole(2),
     frame=floats(FRAMES, 12),
     framed=whole(FRAMES),
@@ -201,6 +207,7 @@ def memory_for(cell: Cell) -> int:
         len(cell.joint),
         len(cell.group),
         len(cell.meeting),
+        len(cell.pair),
     )
     return size
 
@@ -215,6 +222,7 @@ def make_here(cell: Cell, memory: Array) -> Here:
         len(cell.joint),
         len(cell.group),
         len(cell.meeting),
+        len(cell.pair),
     )
     here.now[1] = 0
     for p in range(len(cell.joint)):

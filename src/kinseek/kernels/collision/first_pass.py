@@ -23,7 +23,19 @@ from .cell import (
     memory_for,
     place,
 )
-from .gaps import DOUBT, FREE, TOUCH, ball_gap, depth_below, gap_below, near_core, settle, straddle, way_into
+from .gaps import (
+    DOUBT,
+    FREE,
+    TOUCH,
+    ball_gap,
+    depth_below,
+    gap_below,
+    glance,
+    near_core,
+    settle,
+    straddle,
+    way_into,
+)
 
 
 @hidden
@@ -51,14 +63,28 @@ def lanes_balls(cell: Cell, here: Here, moving: bool, w: int) -> None:
 
 
 @hidden
+def lanes_inside(cell: Cell, here: Here, w: int) -> bool:
+    """Are all of the eight q inside the limits?"""
+    outside = 0
+    for i in range(len(cell.chain.lower)):
+        q, low, high = here.lanes[i], cell.chain.lower[i], cell.chain.upper[i]
+        for l in range(w):
+            outside += 1 if q[l] < low or q[l] > high else 0
+    return outside == 0
+
+
+@hidden
 def lanes_near(cell: Cell, here: Here, least: float, w: int) -> None:
     """Note for each of the eight q which meetings have to be looked at: whose groups the balls do not show to be free."""
+    inside = lanes_inside(cell, here, w)
     W, gaps, counts = LANES, here.gaps, here.counts
     for l in range(W):
         counts[l], here.hits[l] = 0, 0
     for m in range(len(cell.meeting)):
-        if cell.apart[m] > least:
+        if inside and cell.apart_inside[m] > least:
             break
+        if cell.apart[m] > least:
+            continue
         G, H = here.balls[cell.meeting[m, 0]], here.balls[cell.meeting[m, 1]]
         g, h = cell.group[cell.meeting[m, 0]], cell.group[cell.meeting[m, 1]]
         reach = cell.ball[g, 3] + cell.ball[h, 3] + cell.widest[m] + least
@@ -135,27 +161,43 @@ def look_closer(cell: Cell, here: Here, m: int) -> float:
 
 
 @hidden
-def settle_meeting(
-    cell: Cell, here: Here, m: int, clearance: float, least: float, steps: int, verdict: int, doubts: Flags
-) -> int:
-    """The verdict, where some groups have been looked at and two more are; pairs in doubt are noted, if that is asked."""
+def glance_at_meeting(cell: Cell, here: Here, m: int, clearance: float, least: float, left: int) -> int:
+    """Add pairs of two groups that are left to be decided to so many others, and count all; -1 where some touch."""
     if cell.chart_of[m] >= 0:
         bound = look_closer(cell, here, m)
         if bound > least:
-            return verdict
+            return left
         if bound < 0.0:
-            return TOUCH
+            return -1
     g, h = cell.group[cell.meeting[m, 0]], cell.group[cell.meeting[m, 1]]
     first, last = cell.meeting[m, 2], cell.meeting[m, 3]
     if last - first > 1:
         # What is free of all that holds the parts is free of each.
         way_into(cell, here, h, g)
         if near_core(cell.rough[h], here.spot, cell.half[g], least + cell.widest[m] + cell.thick[g]) == 0:
-            return verdict
+            return left
     for n in range(first, last):
         a, b, pad = cell.pair[n, 0], cell.pair[n, 1], cell.pad[n]
         if last - first > 1 and ball_gap(cell, here, a, b) > least + pad:
             continue
+        found = glance(cell, here, a, b, least + pad, clearance + pad + cell.rounding[0])
+        if found == TOUCH:
+            return -1
+        if found == DOUBT:
+            here.left[left] = n
+            left += 1
+    return left
+
+
+@hidden
+def settle_left(
+    cell: Cell, here: Here, left: int, clearance: float, least: float, steps: int, doubts: Flags
+) -> int:
+    """The verdict on so many pairs, where all others are free; those in doubt are noted, if that is asked."""
+    verdict = FREE
+    for each in range(left):
+        n = here.left[each]
+        a, b, pad = cell.pair[n, 0], cell.pair[n, 1], cell.pad[n]
         found = settle(cell, here, a, b, least + pad, clearance + pad + cell.rounding[0], steps)
         if found == TOUCH:
             return TOUCH
@@ -232,10 +274,12 @@ def sort_out(
             elif here.hits[l] == 1:
                 verdict = TOUCH
             else:
+                # What is cheap goes first: where spheres show that two parts touch, nothing has to be decided.
+                left = 0
                 for each in range(here.counts[l]):
-                    if verdict != TOUCH:
-                        m = here.near[l, each]
-                        verdict = settle_meeting(cell, here, m, clearance, least, steps, verdict, told)
+                    if left >= 0:
+                        left = glance_at_meeting(cell, here, here.near[l, each], clearance, least, left)
+                verdict = TOUCH if left < 0 else settle_left(cell, here, left, clearance, least, steps, told)
             verdicts[k] = verdict
             in_doubt += 1 if verdict == DOUBT else 0
     keep(memory)

@@ -323,8 +323,8 @@ def straddle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float,
 
 
 @hidden
-def settle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float, steps: int) -> int:
-    """Are two parts farther apart than `least`, nearer than `touch`, or in doubt?"""
+def glance(cell: Cell, here: Here, a: int, b: int, least: float, touch: float) -> int:
+    """Are two parts farther apart than `least`, nearer than `touch`, or in doubt, by spheres and cores alone?"""
     # A few spheres around one part and the core of the other; spheres inside it, where the core is the very part.
     if cell.exact[b] or not cell.exact[a]:
         way_into(cell, here, a, b)
@@ -338,6 +338,12 @@ def settle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float, s
             return FREE
         if cell.exact[a] and near_core(cell.inner[b], here.spot, cell.half[a], touch + cell.thick[a]) > 0:
             return TOUCH
+    return DOUBT
+
+
+@hidden
+def settle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float, steps: int) -> int:
+    """The same by planes between them, or points in both."""
     i, j = cell.within[a], cell.within[b]
     same = i == a and j == b
     found = straddle(cell, here, a, b, least, touch if same else -1e300, steps)
