@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .entry import F64, FLAG, I64, Bundle
+from .layout import Rows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -46,6 +47,20 @@ CHAIN = Bundle(
     lower=F64["n"],
     upper=F64["n"],
 )
+"""A chain that Python hands to a kernel."""
+
+CHAIN_ROWS = Rows(
+    ChainArrays,
+    fixed="floats3",
+    prismatic="flags",
+    leader="integers",
+    multiplier="floats1",
+    offset="floats1",
+    start="integers",
+    lower="floats1",
+    upper="floats1",
+)
+"""A chain that stands in the handle of something else."""
 
 
 def chain_arrays(

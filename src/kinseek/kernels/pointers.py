@@ -7,14 +7,16 @@ plain views of them.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Array, Indices
 from .jit import COMPILES, view
 from .without_jit import call_at, pointer_at, view_at
+
+if TYPE_CHECKING:  # Rows of a chain are declared beside its arrays, and made of what stands here.
+    from .arrays import Array, Indices
 
 ROW = 4
 """Numbers a row of a handle holds: address and three dimensions."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from kinseek.kernels.arm.division import Division
 from kinseek.kernels.arm.links import links_of
-from kinseek.kernels.arrays import Array, ChainArrays, Indices
+from kinseek.kernels.arrays import CHAIN_ROWS, Array, ChainArrays, Indices
 from kinseek.kernels.entry import I64
 from kinseek.kernels.jit import view
 from kinseek.kernels.layout import Rows
@@ -105,17 +105,7 @@ class TaskRows(NamedTuple):
 
 ROWS = Rows(
     TaskRows,
-    chain=Rows(
-        ChainArrays,
-        fixed="floats3",
-        prismatic="flags",
-        leader="integers",
-        multiplier="floats1",
-        offset="floats1",
-        start="integers",
-        lower="floats1",
-        upper="floats1",
-    ),
+    chain=CHAIN_ROWS,
     atlas=Rows(
         Atlas,
         tree=Rows(Tree, points="floats3", axis="integers", split="floats1", beside="integers"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from kinseek.kernels.arm.trigonometry import sine_cosine
-from kinseek.kernels.arrays import Array, ChainArrays, Flags, Indices
+from kinseek.kernels.arrays import CHAIN_ROWS, Array, ChainArrays, Flags, Indices
 from kinseek.kernels.jit import hidden, view
 from kinseek.kernels.layout import DOF, JOINTS, Layout, Rows, floats, named, plain, whole
 
@@ -73,17 +73,7 @@ class Cell(NamedTuple):
 
 ROWS = Rows(
     Cell,
-    chain=Rows(
-        ChainArrays,
-        fixed="floats3",
-        prismatic="flags",
-        leader="integers",
-        multiplier="floats1",
-        offset="floats1",
-        start="integers",
-        lower="floats1",
-        upper="floats1",
-    ),
+    chain=CHAIN_ROWS,
     joint="integers",
     rough="floats3",
     outer="floats3",
