@@ -80,7 +80,6 @@ WORDS = {
     "ur5e": "three parallel axes",
     "ur10e": "three parallel axes",
     "jaco2_6": "none",
-    "panda": "none",
     "scara4": "none",
     "irb5400": "none",
 }

@@ -417,8 +417,8 @@ def first_pass() -> Any:
 
 RUNS: list[tuple[Any, ...]] = [
     *[(spare_layers, name) for name in ("panda", "elbow6")],
-    *[(one, name) for name in ("planar2", "cylindrical3", "scara4", "elbow6", "jaco2_6")],
-    *[(batch, name) for name in ("planar2", "scara4", "elbow6", "ur10e_calibrated")],
+    *[(one, name) for name in ("planar2", "cylindrical3", "scara4", "elbow6", "jaco2_6", "ur10e_rail")],
+    *[(batch, name) for name in ("planar2", "scara4", "elbow6", "ur10e_calibrated", "gen3")],
     *[(near, name) for name in ("cylindrical3", "scara4", "ur5e")],
     *[(out_of_reach, name) for name in ("planar2", "elbow6")],
     *[(gates, name) for name in ("cylindrical3", "elbow6")],

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinseek.kernels.arrays import Array, ChainArrays
 
@@ -16,30 +17,39 @@ class Axes(NamedTuple):
     """Of each axis at q = 0, unit vectors, (n, 3); a joint turns about it by the right hand."""
     point: Array
     """On each axis, (n, 3), [m]."""
+    slides: NDArray[np.bool_]
+    """Does the joint slide along its axis, (n,)?"""
     home: Array
     """T₀, the pose of the tip at q = 0, (4, 4), lengths in [m]."""
 
     def backwards(self) -> Axes:
         """The arm from its tip to its base: the inverse of what the axes make together is made by these."""
-        return Axes(-self.direction[::-1], self.point[::-1], self.home)
+        return Axes(-self.direction[::-1], self.point[::-1], self.slides[::-1], self.home)
+
+    def behind(self, joints: int) -> Axes:
+        """What is behind some joints at the front."""
+        return Axes(self.direction[joints:], self.point[joints:], self.slides[joints:], self.home)
 
 
 def axes_of(arrays: ChainArrays) -> Axes | None:
-    """The axes of an arm of joints that turn, each by a variable of its own and as far; None for any other arm."""
+    """The axes of an arm of joints that move each by a variable of its own and as far; None for any other arm."""
     joints = len(arrays.leader)
     plain = (arrays.leader == np.arange(joints)).all() and len(arrays.lower) == joints
-    if not plain or arrays.prismatic.any() or (np.abs(arrays.multiplier) != 1.0).any():
+    if not plain or (np.abs(arrays.multiplier) != 1.0).any():
         return None
     frame, directions, points = np.eye(4), [], []
     for k in range(joints):
         frame = frame @ np.vstack([arrays.fixed[k], [0.0, 0.0, 0.0, 1.0]])
         directions.append(frame[:3, 2] * arrays.multiplier[k])
         points.append(frame[:3, 3].copy())
-        cosine, sine = np.cos(arrays.offset[k]), np.sin(arrays.offset[k])
-        turn = np.array([[cosine, -sine, 0, 0], [sine, cosine, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-        frame = frame @ turn
+        slides = arrays.prismatic[k]
+        angle, along = (0.0, arrays.offset[k]) if slides else (arrays.offset[k], 0.0)
+        cosine, sine = np.cos(angle), np.sin(angle)
+        frame = frame @ np.array(
+            [[cosine, -sine, 0, 0], [sine, cosine, 0, 0], [0, 0, 1, along], [0, 0, 0, 1]]
+        )
     home = frame @ np.vstack([arrays.fixed[joints], [0.0, 0.0, 0.0, 1.0]])
-    return Axes(np.array(directions), np.array(points), home)
+    return Axes(np.array(directions), np.array(points), arrays.prismatic.astype(bool), home)
 
 
 def meeting(direction: Array, point: Array) -> tuple[Array, float]:

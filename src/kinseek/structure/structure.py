@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -30,7 +31,7 @@ class Structure:
     """What the axes of an arm have to do with each other."""
 
     word: str
-    """``"spherical wrist"``, ``"spherical shoulder"``, ``"three parallel axes"`` or ``"none"``."""
+    """``"spherical wrist"``, ``"spherical shoulder"``, ``"three parallel axes"``, ``"one joint given"`` or ``"none"``."""
     sentence: str
     """What it is, how exactly, and what comes of it."""
     deviation: float
@@ -54,6 +55,15 @@ class _Found:
     deviation: float
     numbers: Array
 
+    @property
+    def exact(self) -> bool:
+        """Is the deviation no more than rounding?"""
+        return self.deviation <= form.ROUNDING
+
+
+DECIDED = 6
+"""Joints that a closed form decides."""
+
 
 def structure_of(arrays: ChainArrays, size: float) -> Structure:
     """Find the structure of an arm.
@@ -64,28 +74,38 @@ def structure_of(arrays: ChainArrays, size: float) -> Structure:
     """
     axes = axes_of(arrays)
     if axes is None:
-        return _none("a joint slides, or one variable moves several joints or moves one by another angle")
-    if len(axes.direction) != 6:
-        return _none(f"closed forms are for 6 joints that turn, and the arm has {len(axes.direction)}")
+        return _none("one variable moves several joints, or moves one by another angle")
+    spare = len(axes.direction) - DECIDED
+    if spare not in (0, 1):
+        return _none(f"closed forms are for 6 joints, or 7, and the arm has {len(axes.direction)}")
     found = [
         one
         for backward in (False, True)
-        for find in (_wrist, _three)
-        if (one := find(axes.backwards() if backward else axes, backward, size)) is not None
+        for find in (_wrist, _three, _meeting)
+        if (one := _found(find, axes.backwards() if backward else axes, backward, spare, size)) is not None
     ]
-    best = min(found, key=lambda one: one.deviation, default=None)
+    best = min(
+        found,
+        key=lambda one: (not one.exact, one.exact and one.kind == form.MEETING, one.deviation),
+        default=None,
+    )
     if best is None or best.deviation > NEARLY:
         near = "" if best is None else f"; nearest is {_words(best)[1]}, off by {best.deviation:.2g}"
         return _none(f"no axes meet or run parallel so that a closed form comes of it, to {NEARLY:g}{near}")
     word, what = _words(best)
-    exact = best.deviation <= form.ROUNDING
     how = (
         f"to {best.deviation:.1g}, which is rounding (at most {form.ROUNDING:g})"
-        if exact
+        if best.exact
         else f"nearly: off by {best.deviation:.2g} rad, lengths in parts of {size:.3g} m (at most {NEARLY:g})"
     )
-    gives = "every answer comes in closed form" if exact else "the closed form of the nearby arm gives starts"
-    return Structure(word, f"{what}, {how}; {gives}", best.deviation, exact, best.numbers)
+    gives = (
+        "every answer comes in closed form"
+        if best.exact
+        else "the closed form of the nearby arm gives starts"
+    )
+    if spare:
+        gives = "the other joints come in closed form for each of its values, of which some are tried"
+    return Structure(word, f"{what}, {how}; {gives}", best.deviation, best.exact, best.numbers)
 
 
 def with_tip(structure: Structure, arrays: ChainArrays) -> Structure:
@@ -108,12 +128,46 @@ def _none(why: str) -> Structure:
 
 
 def _words(found: _Found) -> tuple[str, str]:
-    if found.kind == form.PARALLEL:
-        three, meet = ("3, 4 and 5", "1 and 2") if found.backward else ("2, 3 and 4", "5 and 6")
-        return "three parallel axes", f"axes {three} are parallel and axes {meet} meet"
+    spare = 1 if found.numbers[form.SWEPT] else 0
+    joints = [spare + 1 + i for i in range(DECIDED)]
     if found.backward:
-        return "spherical shoulder", "axes 1, 2 and 3 meet in a point and axes 4 and 5 are parallel"
-    return "spherical wrist", "axes 4, 5 and 6 meet in a point and axes 2 and 3 are parallel"
+        joints = [DECIDED - i for i in range(DECIDED)]
+    given = ("joint 7 given, " if found.backward else "joint 1 given, ") if spare else ""
+    a, b, c = sorted(joints[3:])
+    if found.kind == form.PARALLEL:
+        word, what = (
+            "three parallel axes",
+            f"axes {_listed(joints[1:4])} are parallel and axes {_listed(joints[4:])} meet",
+        )
+    else:
+        word = "spherical shoulder" if found.backward else "spherical wrist"
+        others = (
+            f"{_listed(joints[1:3])} are parallel"
+            if found.kind == form.WRIST
+            else f"{_listed(joints[:2])} meet"
+        )
+        what = f"axes {a}, {b} and {c} meet in a point and axes {others}"
+    return ("one joint given" if spare else word), given + what
+
+
+def _listed(joints: list[int]) -> str:
+    """Joints in order, in words."""
+    *first, last = sorted(joints)
+    return f"{', '.join(map(str, first))} and {last}"
+
+
+def _found(
+    find: Callable[[Axes, bool, float], _Found | None], axes: Axes, backward: bool, spare: int, size: float
+) -> _Found | None:
+    """A structure behind so many joints in front, with what the kernel takes of these."""
+    rest = axes.behind(spare)
+    found = None if rest.slides.any() else find(rest, backward, size)
+    if found is not None and spare:
+        numbers = found.numbers
+        numbers[form.SWEPT], numbers[form.SLIDES] = 1.0, axes.slides[0]
+        numbers[form.HS : form.HS + 3], numbers[form.PS : form.PS + 3] = axes.direction[0], axes.point[0]
+        numbers[form.AS : form.AS + 3] = _across(axes.direction[0])
+    return found
 
 
 def _wrist(axes: Axes, backward: bool, size: float) -> _Found | None:
@@ -121,8 +175,9 @@ def _wrist(axes: Axes, backward: bool, size: float) -> _Found | None:
     h = axes.direction
     x, apart = meeting(h[3:], axes.point[3:])
     off = max(apart / size, slant(h[1:3]))
-    bent = min(_bend(h[0], h[1]), _bend(h[3], h[4]), _bend(h[4], h[5]))
-    return _numbers(form.WRIST, axes, backward, size, off, bent, x, 2)
+    if not (np.isfinite(off) and _bent(h, (0, 1), (3, 4), (4, 5))):
+        return None
+    return _parallel(form.WRIST, axes, backward, size, off, x, 2)
 
 
 def _three(axes: Axes, backward: bool, size: float) -> _Found | None:
@@ -130,20 +185,41 @@ def _three(axes: Axes, backward: bool, size: float) -> _Found | None:
     h = axes.direction
     x, apart = meeting(h[4:], axes.point[4:])
     off = max(apart / size, slant(h[1:4]), slant(h[[2, 3]]))
-    bent = min(_bend(h[0], h[1]), _bend(h[3], h[4]), _bend(h[4], h[5]))
-    return _numbers(form.PARALLEL, axes, backward, size, off, bent, x, 3)
+    if not (np.isfinite(off) and _bent(h, (0, 1), (3, 4), (4, 5))):
+        return None
+    return _parallel(form.PARALLEL, axes, backward, size, off, x, 3)
+
+
+def _meeting(axes: Axes, backward: bool, size: float) -> _Found | None:
+    """Axes 4, 5 and 6 meet, axes 1 and 2 meet."""
+    h = axes.direction
+    x, apart = meeting(h[3:], axes.point[3:])
+    start, aside = meeting(h[:2], axes.point[:2])
+    off = max(apart, aside) / size
+    if not (np.isfinite(off) and _bent(h, (0, 1), (3, 4), (4, 5))):
+        return None
+    elbow = axes.point[2]
+    if min(np.linalg.norm(np.cross(h[2], end - elbow)) for end in (start, x)) < SHORT * size:
+        return None
+    numbers = _numbers(form.MEETING, axes, backward, size, off, x)
+    numbers[form.H2 : form.H2 + 3], numbers[form.H3 : form.H3 + 3] = h[1], h[2]
+    numbers[form.P1 : form.P1 + 3] = start
+    return _Found(form.MEETING, backward, off, numbers)
+
+
+def _bent(h: Array, *pairs: tuple[int, int]) -> bool:
+    """Is none of some pairs of axes parallel, or nearly?"""
+    return min(_bend(h[a], h[b]) for a, b in pairs) >= BENT
 
 
 def _bend(a: Array, b: Array) -> float:
     return float(np.linalg.norm(np.cross(a, b)))
 
 
-def _numbers(
-    kind: int, axes: Axes, backward: bool, size: float, off: float, bent: float, x: Array, parallel: int
+def _parallel(
+    kind: int, axes: Axes, backward: bool, size: float, off: float, x: Array, parallel: int
 ) -> _Found | None:
-    """Write down what the kernel takes; None where a link is too short or axes that must not be are parallel."""
-    if not np.isfinite(off) or bent < BENT:
-        return None
+    """A structure whose axes from the second on are parallel; None where a link between these is too short."""
     senses = np.sign(axes.direction[1:4] @ axes.direction[1])
     h = (senses[:parallel, None] * axes.direction[1 : 1 + parallel]).sum(axis=0)
     h /= np.linalg.norm(h)
@@ -152,16 +228,22 @@ def _numbers(
     links = [b - a for a, b in pairwise(corners)]
     if min(np.linalg.norm(link - h * (h @ link)) for link in links) < SHORT * size:
         return None
+    numbers = _numbers(kind, axes, backward, size, off, x)
+    numbers[form.SENSE : form.SENSE + 3] = senses
+    numbers[form.H : form.H + 3], numbers[form.E : form.E + 3] = h, _across(h)
+    return _Found(kind, backward, off, numbers)
+
+
+def _numbers(kind: int, axes: Axes, backward: bool, size: float, off: float, x: Array) -> Array:
+    """Write down what the kernel takes of every kind."""
+    points = nearest_on(axes.direction, axes.point, x)
     numbers = np.zeros(form.NUMBERS)
     numbers[form.KIND], numbers[form.BACKWARD] = kind, backward
     numbers[form.DEVIATION], numbers[form.SIZE] = off, size
-    numbers[form.SENSE : form.SENSE + 3] = senses
     numbers[form.HOME : form.HOME + 12] = _home(axes, backward)
     vectors = {
         form.H1: axes.direction[0],
         form.P1: points[0],
-        form.H: h,
-        form.E: _across(h),
         form.X: x,
         form.H4: axes.direction[3],
         form.H5: axes.direction[4],
@@ -173,7 +255,7 @@ def _numbers(
     }
     for place, vector in vectors.items():
         numbers[place : place + 3] = vector
-    return _Found(kind, backward, off, numbers)
+    return numbers
 
 
 def _across(h: Array) -> Array:

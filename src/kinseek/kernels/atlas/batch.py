@@ -14,7 +14,7 @@ from kinseek.kernels.pointers import integer_part
 from .descent import FIRST_STEPS, iterate, reset_weights, within
 from .lanes import LANES, Lanes
 from .memory import Desk, desk_size, make_desk
-from .one_goal import MIDMOST, closed_answer, closed_seed, finish, solve_pose
+from .one_goal import MIDMOST, closed_answer, finish, solve_pose
 from .seeds import FIRST, load_seed, middle, scan, take_seed
 from .task import CLOSED, EVALUATIONS, HANDLE, WANTED, Job, Task, routine_at, task_of
 
@@ -47,19 +47,11 @@ def stand_still(lanes: Lanes, l: int) -> None:
 
 
 @hidden
-def next_seed(job: Job, task: Task, desk: Desk, queue: Queue, targets: Array, l: int, w: int) -> bool:
+def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int) -> bool:
     """Put lane l at the next sample of its target that is worth a try; say whether there was one.
 
-    A second sample is seldom needed, so the scan is made again rather than remembered for every lane. An arm that nearly has
-    a closed form begins at its candidates instead, and at no sample.
+    A second sample is seldom needed, so the scan is made again rather than remembered for every lane.
     """
-    if routine_at(job.handle, CLOSED) != 0:
-        more = closed_seed(job, targets[queue.target[l]], queue.next[l], desk.seed, w) > 0
-        if more:
-            queue.next[l], queue.steps[l] = queue.next[l] + 1, 0
-            load_seed(desk.lanes, l, desk.seed)
-            stand_still(desk.lanes, l)
-        return more
     for r in range(3):
         for c in range(4):
             desk.spare[r, c] = targets[queue.target[l], r, c]
@@ -78,14 +70,15 @@ def next_seed(job: Job, task: Task, desk: Desk, queue: Queue, targets: Array, l:
 
 @hidden
 def next_target(
-    job: Job, task: Task, desk: Desk, queue: Queue, targets: Array, number: int, l: int, w: int
+    task: Task, desk: Desk, queue: Queue, targets: Array, results: Array, number: int, l: int
 ) -> bool:
     """Give lane l a target and its nearest sample; say whether there is one that is worth a try."""
-    queue.target[l], queue.next[l], queue.spent[l] = number, 0, 0
+    queue.target[l], queue.next[l] = number, 0
+    queue.spent[l] = int(results[number, len(task.lower) + EVALUATIONS])
     for r in range(3):
         for c in range(4):
             desk.lanes.target[(4 * r + c) * LANES + l] = targets[number, r, c]
-    return next_seed(job, task, desk, queue, targets, l, w)
+    return next_seed(task, desk, queue, targets, l)
 
 
 @entry(
@@ -139,12 +132,14 @@ def solve_many(
         integer_part(at, 2 * LANES, LANES),
         integer_part(at, 3 * LANES, LANES),
     )
-    if routine_at(handle, CLOSED) != 0 and task.exact == 1:
-        count = run_closed(Job(handle, wanted, memory), task, desk, targets, results, left, begin, end, w)
+    count, job = 0, Job(handle, wanted, memory)
+    if routine_at(handle, CLOSED) != 0:
+        count = run_closed(job, task, desk, targets, results, left, begin, end, w)
     else:
-        count = run_lanes(
-            Job(handle, wanted, memory), task, desk, queue, targets, results, left, begin, end, w
-        )
+        for i in range(begin, end):
+            left[count], results[i, dof + EVALUATIONS] = i, 0.0
+            count += 1
+    count = run_lanes(job, task, desk, queue, targets, results, left, count, w)
     memory[0], numbers[0] = 0.0, 0  # Their last use, see `solve_pose`.
     return count
 
@@ -192,7 +187,10 @@ def run_closed(
     end: int,
     w: int,
 ) -> int:
-    """Answer targets begin … end-1 in closed form, one after the other; put the others into `left`, return how many."""
+    """Answer targets begin … end-1 in closed form, one after the other; put the others into `left`, return how many.
+
+    Of these the evaluations spent so far stand in `results`.
+    """
     leftover, dof = 0, len(task.lower)
     for t in range(begin, end):
         q, report = results[t, :dof], results[t, dof:]
@@ -203,7 +201,7 @@ def run_closed(
                 report[k] = desk.bound[k]
             report[EVALUATIONS] = tried
         else:
-            left[leftover] = t
+            left[leftover], report[EVALUATIONS] = t, -tried
             leftover += 1
     return leftover
 
@@ -217,18 +215,17 @@ def run_lanes(
     targets: Array,
     results: Array,
     left: Indices,
-    begin: int,
-    end: int,
+    count: int,
     w: int,
 ) -> int:
-    """Work the queue off; put the numbers of the targets left over into `left`, and return how many they are."""
+    """Work the queue off, `count` targets whose numbers are in `left`; put those left over there, and return how many."""
     lanes = desk.lanes
     reset_weights(task, desk)
-    leftover, number, active = 0, begin, LANES
+    leftover, number, active = 0, 0, LANES
     for l in range(LANES):
         queue.target[l] = -1
     # Every target has so many steps at most, and with all targets in one lane they would be made one after the other.
-    for turn in range(1 + (end - begin) * FIRST * (FIRST_STEPS + 1)):
+    for turn in range(1 + count * FIRST * (FIRST_STEPS + 1)):
         if active == 0:
             break
         if turn > 0:
@@ -244,18 +241,20 @@ def run_lanes(
                     write_result(task, desk, queue, targets, results, l)
                 busy = not done
                 if busy and queue.steps[l] == FIRST_STEPS:
-                    busy = next_seed(job, task, desk, queue, targets, l, w)
+                    busy = next_seed(task, desk, queue, targets, l)
                     if not busy:
                         left[leftover] = queue.target[l]
                         leftover += 1
                 else:
                     queue.steps[l] += 1
-            while not busy and number < end:
-                busy = next_target(job, task, desk, queue, targets, number, l, w)
-                if not busy:
-                    left[leftover] = number
-                    leftover += 1
+            while not busy and number < count:
+                # Those left over are written behind where the next is read.
+                target = left[number]
                 number += 1
+                busy = next_target(task, desk, queue, targets, results, target, l)
+                if not busy:
+                    left[leftover] = target
+                    leftover += 1
             if not busy:
                 queue.target[l] = -2
                 active -= 1

@@ -100,9 +100,9 @@ def solve_target(
     return spent - tried if spent >= 0 else -1
 
 
-MIDMOST, NEAREST, SEED = range(3)
-"""What is asked of `structure.one_answer.closed_routine`: the answer nearest to the middle of the ranges, the one nearest to
-where the arm is, and from SEED on the first candidate, the second, and so on, as a start."""
+MIDMOST, NEAREST = range(2)
+"""What is asked of `structure.one_answer.closed_routine`: the answer nearest to the middle of the ranges, or the one nearest
+to where the arm is."""
 
 
 @view
@@ -123,14 +123,6 @@ def closed_answer(
         at = (handle.ctypes.data, wanted.ctypes.data, memory.ctypes.data, target.ctypes.data)
         tried = call(routine_at(handle, CLOSED), (*at, near.ctypes.data, asked, q.ctypes.data, w))
     return tried
-
-
-@view
-def closed_seed(job: Job, target: Array, number: int, q: Array, w: int) -> int:
-    """Write candidate `number` into q, (n,), as a start; 0 where there are no more."""
-    at = (job.handle.ctypes.data, job.wanted.ctypes.data, job.memory.ctypes.data, target.ctypes.data)
-    found: int = call(routine_at(job.handle, CLOSED), (*at, q.ctypes.data, SEED + number, q.ctypes.data, w))
-    return found
 
 
 @view

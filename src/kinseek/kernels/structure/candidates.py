@@ -11,6 +11,9 @@ is what x has, for turns about h leave it, and that decides q₁. Then there is 
 - A wrist whose three axes meet in x (Pieper 1968): the triangle decides q₂ and q₃, and the orientation that is left
   decides the wrist.
 - Axis 4 parallel as well, axes 5 and 6 meet in x: the orientation of h decides q₅ and q₆, the triangle the rest.
+
+Where such a wrist stands behind axes 1 and 2 that meet, its distance from where they do decides q₃, and the direction q₂
+and q₁. An arm with a seventh joint in front has all this for each value of that joint, see `front`.
 """
 
 from __future__ import annotations
@@ -23,8 +26,9 @@ from kinseek.kernels.jit import hidden
 
 from .subproblems import angle, cross, dot, meet, spin, turned
 
-NONE, WRIST, PARALLEL = range(3)
-"""Kinds: no closed form, a spherical wrist behind two parallel axes, three parallel axes before two that meet."""
+NONE, WRIST, PARALLEL, MEETING = range(4)
+"""Kinds: no closed form, a spherical wrist behind two parallel axes, three parallel axes before two that meet, a spherical
+wrist behind an axis behind two that meet."""
 
 
 KIND, BACKWARD, DEVIATION, SIZE = range(4)
@@ -45,7 +49,27 @@ H1, P1, H, E, X, H4, H5, H6, A6, P2, P3, P4 = range(HOME + 12, HOME + 12 + 3 * 1
 the point x; and a point on each of the first axes."""
 
 
-NUMBERS = P4 + 3
+H2, H3 = H, E
+"""Of `MEETING`, directions of axes 2 and 3; P1 is then where axes 1 and 2 meet."""
+
+
+SWEPT, SLIDES = P4 + 3, P4 + 4
+"""How many values are tried of a joint in front of the structure, 0 if there is none; and 1 if that joint slides."""
+
+
+HS, PS, AS = range(P4 + 5, P4 + 5 + 3 * 3, 3)
+"""Where vectors of that joint begin: its direction, a point on it, and one across it."""
+
+
+LEADS = AS + 3
+"""From here on what is tried of it, see `front`: how far it leads [rad] or [m]."""
+
+
+VALUES = 8
+"""How many these are at most."""
+
+
+NUMBERS = LEADS + VALUES
 """Numbers of a structure."""
 
 
@@ -89,6 +113,10 @@ ROWS = 16
 """Rows of numbers that the lanes work on."""
 
 
+GIVEN = AXIS
+"""Row of the value of a joint in front, when the candidates are there."""
+
+
 SIGNS = ROWS
 """From this row on the signs of the lanes, three rows."""
 
@@ -128,8 +156,17 @@ def displacement(structure: Array, target: Array, D: Array) -> None:
 
 
 @hidden
+def row_of(structure: Array, i: int, dof: int) -> int:
+    """Row of joint i among the candidates of an arm with so many."""
+    place = dof - 1 - i if structure[BACKWARD] > 0.0 else i
+    if structure[SWEPT] > 0.0:
+        place = place - 1 if place > 0 else GIVEN
+    return place
+
+
+@hidden
 def candidates(structure: Array, D: Array, far: float, work: Array, w: int) -> None:
-    """Write the angles of eight candidates and what is told of them into work; its signs are set.
+    """Write the angles of eight candidates and what is told of them into work.
 
     The angles of an arm that is taken backwards come from its last joint to its first.
 
@@ -140,8 +177,12 @@ def candidates(structure: Array, D: Array, far: float, work: Array, w: int) -> N
         work: See `LACK`, (WORK,).
         w: LANES.
     """
+    set_signs(work)
     if structure[KIND] == WRIST:
         parallel_pair(structure, D, far, work, w)
+        wrist(structure, far, work, w)
+    elif structure[KIND] == MEETING:
+        meeting_pair(structure, D, far, work, w)
         wrist(structure, far, work, w)
     else:
         parallel_three(structure, D, far, work, w)
@@ -203,6 +244,64 @@ def parallel_pair(structure: Array, D: Array, far: float, work: Array, w: int) -
         again1 = rest1 <= 0.0 and one < 0.0
         again3 = rest3 <= 0.0 and two < 0.0
         work[AGAIN * W + l] = 1.0 if again1 or again3 else 0.0
+
+
+@hidden
+def meeting_pair(structure: Array, D: Array, far: float, work: Array, w: int) -> None:
+    """Decide the first three joints of which the first two meet, by where the wrist is."""
+    W, S, size = LANES, structure, 1.0 / structure[SIZE]
+    ax, ay, az, bx, by, bz = S[H1], S[H1 + 1], S[H1 + 2], S[H2], S[H2 + 1], S[H2 + 2]
+    hx, hy, hz, px, py, pz = S[H3], S[H3 + 1], S[H3 + 2], S[P1], S[P1 + 1], S[P1 + 2]
+    xx, xy, xz = S[X], S[X + 1], S[X + 2]
+    ux = dot(D[0, 0], D[0, 1], D[0, 2], xx, xy, xz) + D[0, 3] - px
+    uy = dot(D[1, 0], D[1, 1], D[1, 2], xx, xy, xz) + D[1, 3] - py
+    uz = dot(D[2, 0], D[2, 1], D[2, 2], xx, xy, xz) + D[2, 3] - pz
+    # |m + E₃ r| = |u|, as a cos + b sin + rest: from where axes 1 and 2 meet to axis 3, and from there to x.
+    mx, my, mz = S[P3] - px, S[P3 + 1] - py, S[P3 + 2] - pz
+    rx, ry, rz = xx - S[P3], xy - S[P3 + 1], xz - S[P3 + 2]
+    along = dot(hx, hy, hz, mx, my, mz) * dot(hx, hy, hz, rx, ry, rz)
+    a = dot(mx, my, mz, rx, ry, rz) - along
+    nx, ny, nz = cross(hx, hy, hz, rx, ry, rz)
+    b = dot(mx, my, mz, nx, ny, nz)
+    square = dot(ux, uy, uz, ux, uy, uz)
+    c = 0.5 * (square - dot(mx, my, mz, mx, my, mz) - dot(rx, ry, rz, rx, ry, rz)) - along
+    # axis 1 · E₂ v is what u has along axis 1.
+    between = dot(ax, ay, az, bx, by, bz)
+    kx, ky, kz = cross(ax, ay, az, bx, by, bz)
+    height = dot(ax, ay, az, ux, uy, uz)
+    zx, zy, zz = rotated(D, S, H6)
+    ex, ey, ez = rotated(D, S, A6)
+    for l in range(w):
+        one, two = work[SIGNS * W + l], work[(SIGNS + 1) * W + l]
+        c3, s3, rest3, _ = meet(a, b, c, two)
+        vx, vy, vz = turned(hx, hy, hz, c3, s3, rx, ry, rz)
+        vx, vy, vz = vx + mx, vy + my, vz + mz
+        level = dot(bx, by, bz, vx, vy, vz) * between
+        c2, s2, rest2, length2 = meet(
+            dot(ax, ay, az, vx, vy, vz) - level, dot(kx, ky, kz, vx, vy, vz), height - level, one
+        )
+        vx, vy, vz = turned(bx, by, bz, c2, s2, vx, vy, vz)
+        nx, ny, nz = cross(vx, vy, vz, ux, uy, uz)
+        flat = dot(vx, vy, vz, ux, uy, uz) - dot(ax, ay, az, vx, vy, vz) * height
+        c1, s1, length1 = spin(flat, dot(ax, ay, az, nx, ny, nz))
+        work[l], work[W + l], work[2 * W + l] = angle(s1, c1), angle(s2, c2), angle(s3, c3)
+        qx, qy, qz = turned(ax, ay, az, c1, -s1, zx, zy, zz)
+        qx, qy, qz = turned(bx, by, bz, c2, -s2, qx, qy, qz)
+        qx, qy, qz = turned(hx, hy, hz, c3, -s3, qx, qy, qz)
+        work[MIDDLE * W + l], work[(MIDDLE + 1) * W + l], work[(MIDDLE + 2) * W + l] = qx, qy, qz
+        qx, qy, qz = turned(ax, ay, az, c1, -s1, ex, ey, ez)
+        qx, qy, qz = turned(bx, by, bz, c2, -s2, qx, qy, qz)
+        qx, qy, qz = turned(hx, hy, hz, c3, -s3, qx, qy, qz)
+        work[AXIS * W + l], work[(AXIS + 1) * W + l], work[(AXIS + 2) * W + l] = qx, qy, qz
+        weak1, weak2, fold2, fold3 = math.sqrt(length1) * size, length2 * size, abs(rest2), abs(rest3)
+        fold2 = fold2 if rest3 > -far else 1.0
+        weak2 = weak2 if rest3 > -far else 1.0
+        weak1 = weak1 if min(rest2, rest3) > -far else 1.0
+        work[LACK * W + l] = max(-rest2, -rest3, 0.0)
+        work[WEAK * W + l], work[FOLD * W + l] = min(weak1, weak2), min(fold2 * min(weak2, 1.0), fold3)
+        again2 = rest2 <= 0.0 and one < 0.0
+        again3 = rest3 <= 0.0 and two < 0.0
+        work[AGAIN * W + l] = 1.0 if again2 or again3 else 0.0
 
 
 @hidden

@@ -13,7 +13,6 @@ from kinseek.kernels.jit import hidden
 
 from .candidates import (
     AGAIN,
-    BACKWARD,
     BESIDE,
     CLEAR,
     DEVIATION,
@@ -27,10 +26,11 @@ from .candidates import (
     ROUNDING,
     SIZE,
     SPREAD,
+    SWEPT,
     WEAK,
     candidates,
     displacement,
-    set_signs,
+    row_of,
 )
 
 TRIED, SURE, UNSURE = range(3)
@@ -40,9 +40,9 @@ others than they lead to."""
 
 @hidden
 def serves(task: Task, structure: Array) -> bool:
-    """Has the arm a closed form, and are the tolerances such that it tells all?"""
+    """Has the arm a closed form of all its joints, and are the tolerances such that it tells all?"""
     tight = max(task.position_tolerance, task.orientation_tolerance) <= LOOSE
-    has: bool = structure[KIND] != NONE and tight
+    has: bool = structure[KIND] != NONE and structure[SWEPT] == 0.0 and tight
     return has
 
 
@@ -67,7 +67,6 @@ def closed_starts(
     far, beside = LACKING + off, BESIDE + off
     slack = off + max(task.position_tolerance / structure[SIZE], task.orientation_tolerance)
     many, sure, unsure = 0, 0, 0.0
-    set_signs(work)
     displacement(structure, target, D)
     candidates(structure, D, far, work, w)
     for l in range(LANES):
@@ -81,8 +80,7 @@ def closed_starts(
         wide = slack / max(weak * math.sqrt(fold), FREE)
         inside, fits = True, True
         for i in range(len(task.lower)):
-            row = len(task.lower) - 1 - i if structure[BACKWARD] > 0.0 else i
-            value = work[row * LANES + l]
+            value = work[row_of(structure, i, len(task.lower)) * LANES + l]
             if not turns_fully(task, i):
                 low, high = task.chain.lower[i], task.chain.upper[i]
                 value = nearest_copy(value, low, high, 0.5 * (low + high))

@@ -37,6 +37,7 @@ from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import RADIAN_PART, arm_length, divide, open_limits
 from kinseek.robots.sampling import middle_samples
 from kinseek.shelf import Shelf
+from kinseek.structure.leads import choose_leads
 from kinseek.structure.structure import NO_STRUCTURE, Structure, structure_of, with_tip
 from kinseek.tolerances import DEFAULT_TOLERANCE
 from kinseek.transforms import inverse
@@ -75,6 +76,7 @@ class AtlasIndex:
         lower, upper = open_limits(chain)
         columns = (np.arange(3) < kind.columns).astype(float) * kind.column_weight
         self._routines, size = routines(), arm_length(chain)
+        known = structure is not None or of_tip is not None
         if structure is None and of_tip is not None:
             structure = with_tip(of_tip.structure, arrays)
         elif structure is None:
@@ -97,6 +99,8 @@ class AtlasIndex:
             self.structure.exact,
         )
         self._addresses = handle_of(self._arrays)
+        if not known:
+            choose_leads(self.structure, self._addresses, size, samples)
         self._range_routines = np.zeros_like(self._routines)
         self._range_arrays = with_ranges(self._arrays, POSES, self._range_routines)
         self._range_addresses = handle_of(self._range_arrays)

@@ -1,0 +1,47 @@
+"""Which values of a joint in front serve: what is asked once, when an arm is loaded; see `front`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kinseek.kernels.arm.forward import forward
+from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.atlas.memory import desk_size, make_desk
+from kinseek.kernels.atlas.seeds import middle, restart
+from kinseek.kernels.atlas.task import HANDLE, plain_wanted, task_of
+from kinseek.kernels.entry import F64, I64
+from kinseek.kernels.jit import entry
+
+from .candidates import displacement
+from .choice import order_candidates, take_candidate
+from .front import direction, given_value
+
+
+@entry(handle=HANDLE, leads=F64["m"], told=I64["k", "m"].out, w=I64)
+def try_leads(handle: Indices, leads: Array, told: Indices, w: int) -> None:
+    """Find out which leads of the joint in front serve which poses, made of joint values spread over the limits.
+
+    Args:
+        handle: The task, see `task_of`.
+        leads: (m,), [rad] or [m].
+        told: Receives 1 where a lead leaves a candidate inside the limits, else 0, of each pose, (k, m).
+        w: LANES.
+    """
+    task = task_of(handle, plain_wanted(handle))
+    dof, joints = len(task.lower), len(task.chain.leader)
+    memory = np.zeros(desk_size(dof, joints))
+    desk = make_desk(memory, dof, joints)
+    near, target, q = desk.seed, desk.seen, np.empty(dof)
+    middle(task, near)
+    for t in range(len(told)):
+        restart(task, t, q)
+        forward(task.chain, q, target)
+        displacement(task.structure, target, desk.between)
+        ahead = direction(task.structure, desk.between)
+        for k in range(len(leads)):
+            value, inside = given_value(task, ahead + leads[k], near)
+            told[t, k] = 0
+            if inside:
+                order_candidates(task, desk, value, near, False, w)
+                told[t, k] = 1 if take_candidate(task, desk, q) >= 0 else 0
+    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
