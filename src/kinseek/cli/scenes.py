@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import click
 import numpy as np
@@ -21,6 +21,14 @@ SELF, SKIP = "self", "skip"
 """Words that stand in place of a file: nothing but the arm; and of a folder: leave meshes out that are not found."""
 
 GROUP = "What it may hit"
+
+_OPTIONS = {
+    "capsules=": "--capsules 0.05",
+    "meshes=": "--meshes FOLDER",
+    'missing="skip"': f"--meshes {SKIP}",
+    "prefix=": "name the bodies of one of the files otherwise",
+}
+"""What a message says of Python, and how it is said here."""
 
 _LISTED = 10
 """Pairs in the way that people are told of."""
@@ -54,16 +62,18 @@ class Cell(NamedTuple):
                         f"{name} says something of a scene; add --scene FILE, or --scene {SELF} for the arm alone"
                     )
             return None
-        meshes: Any = SKIP if self.meshes == (SKIP,) else self.meshes
+        folders = [folder for folder in self.meshes if folder != SKIP]
+        missing: Literal["error", "skip"] = "skip" if SKIP in self.meshes else "error"
         try:
-            scene = Scene.of(arm, meshes, self.srdf, capsules=self.capsules)
+            scene = Scene.of(arm, folders, self.srdf, capsules=self.capsules, missing=missing)
+            for name in self.scene:
+                if name != SELF:
+                    scene.add_file(name, meshes=folders, missing=missing, trusted=not self.untrusted)
         except InvalidScene as error:
-            if "capsules=" not in str(error):
+            said = [option for word, option in _OPTIONS.items() if word in str(error)]
+            if not said:
                 raise
-            raise InvalidScene(f"{error}; on a command line --capsules 0.05") from error
-        for name in self.scene:
-            if name != SELF:
-                scene.add_file(name, meshes=meshes, trusted=not self.untrusted)
+            raise InvalidScene(f"{error}; on a command line {', '.join(said)}") from error
         return scene
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,7 +92,7 @@ def arm_bodies(
     capsules: float | None,
     urdf: str | Path | None,
     joints: Mapping[str, float],
-    missing: Literal["error", "skip"],
+    skip: bool,
 ) -> ArmBodies:
     """The bodies of an arm: those of its file, or capsules where it has none; see `Scene.of`.
 
@@ -101,7 +101,7 @@ def arm_bodies(
     """
     file = described(chain, urdf)
     known = {name: Path(folder).expanduser().resolve() for name, folder in chain.packages.items()}
-    found = None if file is None else read_bodies(chain, *file, {**known, **folders}, missing, joints)
+    found = None if file is None else read_bodies(chain, *file, {**known, **folders}, skip, joints)
     if found is not None and found.bodies:
         if capsules is not None:
             raise InvalidScene(
@@ -146,7 +146,7 @@ def read_bodies(
     text: bytes,
     path: Path,
     folders: Mapping[str, Path],
-    missing: Literal["error", "skip"],
+    skip: bool,
     joints: Mapping[str, float],
 ) -> ArmBodies:
     """Read the collision elements of all links of a URDF.
@@ -156,7 +156,7 @@ def read_bodies(
         text: The URDF.
         path: Where it lies.
         folders: Folders of packages by name.
-        missing: What to do about a mesh that cannot be read.
+        skip: Leave meshes out that cannot be read, and note it?
         joints: Values of joints that are not the arm's, [rad] or [m].
 
     Raises:
@@ -170,7 +170,7 @@ def read_bodies(
     for link in robot.findall("link"):
         if (name := link.get("name")) not in frames:
             continue
-        parts = parts_of(link, path, folders, missing == "skip", notes)
+        parts = parts_of(link, path, folders, skip, notes)
         if parts:
             bodies.append(Body(name, frames[name], parts, is_link=True))
     solid = {body.name for body in bodies}
@@ -199,10 +199,11 @@ def parts_of(
             parts.append(Part(_shape(element, path, folders, hull), origin_of(element)))
         except (InvalidRobot, InvalidScene) as error:
             message = f"link {link.get('name')!r}, collision element {number}: {error}"
-            if skip and element.find("geometry/mesh") is not None:
-                notes.append(f"left out: {message}")
-                continue
-            raise InvalidScene(f'{path}: {message} (meshes="skip" leaves such meshes out)') from error
+            if not isinstance(error, _Unreadable):
+                raise InvalidScene(f"{path}: {message}") from error
+            if not skip:
+                raise InvalidScene(f'{path}: {message} (missing="skip" leaves such meshes out)') from error
+            notes.append(f"left out: {message}")
     return parts
 
 
@@ -255,6 +256,10 @@ def package_folders(meshes: Iterable[str | Path] | Mapping[str, str | Path]) -> 
     return found | {name: Path(folder).expanduser().resolve() for name, folder in named.items()}
 
 
+class _Unreadable(InvalidScene):
+    """A mesh that may be left out: what else is wrong in a file has to be mended."""
+
+
 def _shape(element: Any, path: Path, folders: Mapping[str, Path], hull: bool) -> Shape:
     geometry = element.find("geometry")
     shape = None if geometry is None else next(iter(geometry), None)
@@ -269,10 +274,12 @@ def _shape(element: Any, path: Path, folders: Mapping[str, Path], hull: bool) ->
         return Cylinder(radius, span) if shape.tag == "cylinder" else Capsule(radius, span)
     if shape.tag == "mesh":
         name = shape.get("filename") or ""
-        mesh = Mesh.read(
-            mesh_path(name, path, folders, "meshes="), numbers_of(shape.get("scale"), 3, 1.0), hull
-        )
-        mesh.geometry()  # Says now that there is no hull.
+        scale = numbers_of(shape.get("scale"), 3, 1.0)
+        try:
+            mesh = Mesh.read(mesh_path(name, path, folders, "meshes="), scale, hull)
+            mesh.geometry()  # Says now that there is no hull.
+        except (InvalidRobot, InvalidScene) as error:
+            raise _Unreadable(str(error)) from error
         return mesh
     raise InvalidScene(
         f"geometry {shape.tag!r} is not known; expected box, sphere, cylinder, capsule or mesh"

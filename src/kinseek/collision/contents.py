@@ -124,6 +124,7 @@ class Contents:
         *,
         prefix: str = "",
         meshes: Iterable[str | Path] | Mapping[str, str | Path] | Literal["skip"] = (),
+        missing: Literal["error", "skip"] = "error",
         trusted: bool = True,
     ) -> tuple[str, ...]:
         """Add all that stands in a file: its meshes count as those of `add_mesh` do.
@@ -135,6 +136,7 @@ class Contents:
                 one; the base itself unless given.
             prefix: Put before every name, where a file is added twice.
             meshes: Folders of packages, or ``"skip"``, as in `Scene.of`; those known of the arm are looked at, too.
+            missing: What to do about a mesh that cannot be read, as in `Scene.of`.
             trusted: May Python evaluate the expressions of a xacro file?
 
         Returns:
@@ -146,12 +148,17 @@ class Contents:
             InvalidGoal: `pose` is none.
             MissingExtra: trimesh is not installed.
         """
-        skip = isinstance(meshes, str) and meshes == "skip"
+        meshes, skip = read_missing(meshes, missing)
         folders = {name: Path(folder) for name, folder in self._chain.packages.items()}
-        folders |= package_folders(() if skip else meshes)
+        folders |= package_folders(meshes)
         found, notes = obstacles(Path(path).expanduser(), folders, skip, trusted)
         base = np.eye(4) if pose is None else one_pose(pose, "pose")
-        names = tuple(self._new(f"{prefix}{body.name}") for body in found)
+        try:
+            names = tuple(self._new(f"{prefix}{body.name}") for body in found)
+        except InvalidScene as error:
+            raise InvalidScene(
+                f'{path}: {error}; prefix= puts something before the names of a file: prefix="left "'
+            ) from None
         for name, body in zip(names, found, strict=True):
             self._enter(replace(body, name=name, frame=Frame(0, base @ body.frame.pose)))
         self._notes.extend(notes)
@@ -372,6 +379,18 @@ class Contents:
             f"Scene({self._chain.name!r}, {links} links, {len(self._bodies) - links} other bodies, "
             f"{counted} of {len(pairs)} pairs count){notes}"
         )
+
+
+def read_missing(meshes: Any, missing: str) -> tuple[Any, bool]:
+    """Folders of packages, and whether meshes are left out that cannot be read.
+
+    Raises:
+        InvalidScene: `missing` is neither word for it.
+    """
+    if missing not in ("error", "skip"):
+        raise InvalidScene(suggest(str(missing), ("error", "skip"), "value of missing"))
+    alone = isinstance(meshes, str) and meshes == "skip"
+    return () if alone else meshes, alone or missing == "skip"
 
 
 def one_q(chain: SerialChain, q: Any) -> Array:

@@ -59,7 +59,7 @@ def obstacles(
         raise InvalidScene(f"{where}{error}") from error
     if not found:
         what = "no objects" if path.suffix.lower() == MOVEIT else "no collision elements"
-        raise InvalidScene(f"{path}: nothing to hit: it has {what}")
+        raise InvalidScene(f"{path}: nothing to hit: {'; '.join(notes) or f'it has {what}'}")
     return found, notes
 
 
@@ -171,6 +171,13 @@ def _moveit(content: bytes, where: str) -> list[Body]:
 
 
 def _shape(words: _Words, what: str) -> Shape:
+    try:
+        return _read_shape(words, what)
+    except InvalidScene as error:
+        raise InvalidScene(str(error) if what in str(error) else f"{what}: {error}") from None
+
+
+def _read_shape(words: _Words, what: str) -> Shape:
     kind = words.take(f"a shape of {what}")
     lengths = f"the size of {what}"
     if kind.text == "box":

@@ -15,7 +15,7 @@ from kinseek.robots.mechanism import Mechanism
 
 from .assembly import digest
 from .bodies import arm_bodies, chain_of, package_folders
-from .contents import Contents
+from .contents import Contents, read_missing
 from .engine import TOUCH, Engine, Near
 from .motion import FINEST, stops, surely_hits
 from .pairs import NEIGHBOURS, Contact, disabled_by, key
@@ -86,18 +86,15 @@ class Scene(Contents):
         """
         library("pinocchio")
         chain = chain_of(arm)
-        for name, value in (("missing", missing), ("never", never)):
-            choices = {"missing": ("error", "skip"), "never": ("check", "skip")}[name]
-            if value not in choices:
-                raise InvalidScene(suggest(str(value), choices, f"value of {name}"))
+        meshes, skip = read_missing(meshes, missing)
+        if never not in ("check", "skip"):
+            raise InvalidScene(suggest(str(never), ("check", "skip"), "value of never"))
         if isinstance(samples, bool) or not isinstance(samples, int) or samples < 1:
             raise InvalidScene(f"samples must be a whole number of at least 1, got {samples!r}")
-        if isinstance(meshes, str) and meshes == "skip":
-            meshes, missing = (), "skip"
         padding = length_or_zero("padding", padding)
         if not isinstance(joints, Mapping | None):
             raise InvalidScene(f"joints must be a mapping from names to values, got {joints!r:.80}")
-        found = arm_bodies(chain, package_folders(meshes), capsules, urdf, dict(joints or {}), missing)
+        found = arm_bodies(chain, package_folders(meshes), capsules, urdf, dict(joints or {}), skip)
         for body in found.bodies:
             body.padding = padding
         left_out = {key(a, b): NEIGHBOURS for a, b in found.neighbours}

@@ -1,4 +1,8 @@
-"""Short work shared by threads: what takes a millisecond shall not wait a quarter of one for a pool to stand."""
+"""Short work shared by threads: what takes a millisecond shall not wait a tenth of one for helpers.
+
+`solvers.threads.spread` also shows progress, keeps a deadline and hears Ctrl-C while others work; it takes some 60 µs more a
+call, which is a quarter of what two threads need for the smallest batch that is shared.
+"""
 
 from __future__ import annotations
 

@@ -24,6 +24,7 @@ class PathStatus(Enum):
 
     CONTINUOUS = "Continuous: one motion reaches every pose, and no joint jumps."
     BROKEN = "Broken: every pose is reached, and the arm must be placed anew between some of them."
+    BLOCKED = "Blocked: every answer found to some poses hits something, or valid refuses it; there the path goes on all the same."
     UNREACHABLE = "Unreachable: some poses are missed; there the path holds the nearest pose found."
 
     def __str__(self) -> str:
@@ -97,8 +98,17 @@ class Path:
     def status(self) -> PathStatus:
         """How the path came out."""
         if not self.reached.all():
-            return PathStatus.UNREACHABLE
+            return PathStatus.UNREACHABLE if self._far[~self.reached].any() else PathStatus.BLOCKED
         return PathStatus.BROKEN if len(self.breaks) else PathStatus.CONTINUOUS
+
+    @property
+    def _far(self) -> NDArray[np.bool_]:
+        """Which poses the hand is farther from than the tolerances, (N,)."""
+        goal = self.problem.goal
+        there = (self.position_error <= goal.position_tolerance) & (
+            self.orientation_error <= goal.orientation_tolerance
+        )
+        return np.asarray(~there)
 
     @property
     def certified(self) -> bool:

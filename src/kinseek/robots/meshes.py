@@ -71,5 +71,5 @@ def numbers_of(text: str | None, count: int, default: float | None = None) -> Ar
     except ValueError:
         values = np.array([np.nan])
     if len(values) != count or not np.isfinite(values).all():
-        raise InvalidRobot(f"expected {count} number{'s' if count > 1 else ''}, got {text!r}")
+        raise InvalidRobot(f"expected {count} finite number{'s' if count > 1 else ''}, got {text!r}")
     return values
