@@ -23,6 +23,10 @@ CELL = """<robot name="cell">
   <joint name="feet" type="fixed"><parent link="world"/><child link="table"/><origin xyz="0.55 0 -0.06"/></joint>
 </robot>"""
 
+PART = """<robot name="part">
+  <link name="part"><collision><geometry><mesh filename="none.stl"/></geometry></collision></link>
+</robot>"""
+
 ABOVE = ["--at", "0.52", "-0.2", "0.3", "--rpy", "0", "90", "0", "--deg"]
 INSIDE = ["--at", "0.52", "-0.2", "-0.06", "--rpy", "0", "90", "0", "--deg"]
 IN_CELL = ["--scene", "cell.urdf", "--capsules", "0.05"]
@@ -32,6 +36,7 @@ IN_CELL = ["--scene", "cell.urdf", "--capsules", "0.05"]
 def _cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("cell.urdf").write_text(CELL, encoding="utf-8")
+    Path("part.urdf").write_text(PART, encoding="utf-8")
 
 
 def scene() -> kinseek.Scene:
@@ -112,6 +117,7 @@ def test_a_path_says_what_is_in_the_way(capsys: pytest.CaptureFixture[str]) -> N
     assert run(["follow", "ur5e", "down.npy", "q.npy", *IN_CELL, "--json"]) == 1
     told = json.loads(capsys.readouterr().out)
     assert told["not_reached"]
+    assert told["status"] == "BLOCKED"
     assert any("are blocked" in why and "table" in why for why in told["why"])
     np.save("down.npy", np.array(down[:20]))
     assert run(["follow", "ur5e", "down.npy", "q.npy", *IN_CELL, "--clearance", "0.005"]) == 0
@@ -133,7 +139,12 @@ def test_the_arm_alone(capsys: pytest.CaptureFixture[str]) -> None:
         (["--scene", "cell.urdf"], "capsules=0.05; on a command line --capsules 0.05"),
         ([*IN_CELL, "--clearance", "-1"], "clearance must be a length of at least 0 m, got -1.0"),
         (["--scene", "shelf.urdf", "--capsules", "0.05"], "no file 'shelf.urdf'"),
-        ([*IN_CELL, "--scene", "cell.urdf"], "'table' is a body of the scene already"),
+        ([*IN_CELL, "--scene", "cell.urdf"], "cell.urdf: 'table' is a body of the scene already"),
+        ([*IN_CELL, "--scene", "part.urdf"], "leaves such meshes out); on a command line --meshes skip"),
+        (
+            [*IN_CELL, "--scene", "part.urdf", "--meshes", "skip", "--meshes", "."],
+            "nothing to hit: left out: link 'part'",
+        ),
         ([*IN_CELL, "--meshes", "nowhere"], "meshes: no folder 'nowhere'"),
         ([*IN_CELL, "--srdf", "nothing.srdf"], "no file 'nothing.srdf'"),
         ([*IN_CELL, "--solver", "atlas"], "scene choose among all branches; they take no solver"),

@@ -42,17 +42,26 @@ def test_what_charts_tell_is_so() -> None:
     engine = engine_of(arm)
     meetings, pairs, charts = (column(engine, each) for each in ("meeting", "pair", "chart_of"))
     cells, axes, chain = column(engine, "chart"), column(engine, "chart_axes"), arm.chain
+    below = column(engine, "below")
     assert (charts >= 0).any()
     q = np.concatenate([arm.sample(150, seed=3), np.random.default_rng(4).uniform(-9, 9, (150, arm.dof))])
     distances = np.array([[near.distance for near in engine.near(one)] for one in q])
     turns = (chain.multiplier * q[:, chain.leader] + chain.offset) / (2 * np.pi)
-    told = {"free": 0, "touch": 0, "open": 0}
+    told = {"free": 0, "touch": 0, "open": 0, "closer": 0}
     for m in np.flatnonzero(charts >= 0):
         j, k, rows, columns, first = axes[charts[m]]
         row, column_ = (
             ((turns[:, joint] % 1) * count).astype(int) for joint, count in ((j, rows), (k, columns))
         )
-        known = cells[first + row * columns + column_]
+        known, coarse = cells[first + row * columns + column_], cells[first + row * columns + column_] == 0
+        for i in np.flatnonzero(coarse):
+            at, level, turn = first + row[i] * columns + column_[i], 1, turns[i] % 1
+            while below[at]:
+                level *= 4 if j == k else 2
+                one, other = (int(turn[joint] * count * level) for joint, count in ((j, rows), (k, columns)))
+                at = first + below[at] + (other % 4 if j == k else one % 2 * 2 + other % 2)
+            known[i] = cells[at]
+            told["closer"] += known[i] != 0
         nearest = distances[:, pairs[meetings[m, 2] : meetings[m, 3], 2]].min(axis=1)
         assert (nearest[known > 0] >= known[known > 0] - 2e-6).all()
         assert (nearest[known < 0] <= 1e-6).all()
@@ -60,6 +69,7 @@ def test_what_charts_tell_is_so() -> None:
         told["touch"] += int((known < 0).sum())
         told["open"] += int((known[:150] == 0).sum())
     assert min(told["free"], told["touch"]) > 20
+    assert told["closer"] > 0
     assert told["open"] < 0.3 * 150 * (charts >= 0).sum()
 
 
@@ -68,13 +78,20 @@ def test_what_is_out_of_reach_is_never_near() -> None:
     arm = kinseek.load("panda")
     engine = engine_of(arm)
     meetings, pairs, apart = (column(engine, each) for each in ("meeting", "pair", "apart"))
-    assert (np.diff(apart) >= 0).all()
+    inside = column(engine, "apart_inside")
+    assert (np.diff(inside) >= 0).all()
+    assert (inside >= apart).all()
     far = np.flatnonzero(apart > 0)
     assert 5 < len(far) < len(apart)
     q = np.random.default_rng(5).uniform(-4, 4, (200, arm.dof))
     distances = np.array([[near.distance for near in engine.near(one)] for one in q])
     for m in far:
         assert distances[:, pairs[meetings[m, 2] : meetings[m, 3], 2]].min() >= apart[m] - 2e-6
+    only_inside = np.flatnonzero((inside > 0) & (apart < 0))
+    assert len(only_inside)
+    near = np.array([[near.distance for near in engine.near(one)] for one in arm.sample(200, seed=6)])
+    for m in only_inside:
+        assert near[:, pairs[meetings[m, 2] : meetings[m, 3], 2]].min() >= inside[m] - 2e-6
 
 
 def test_parts_of_a_turn_that_are_inside_limits() -> None:

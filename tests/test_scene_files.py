@@ -186,6 +186,24 @@ def test_a_mesh_that_is_missing_is_named_or_left_out(tmp_path: Path, scene: Scen
     assert any("nowhere" in note for note in scene.notes)
 
 
+def test_only_of_a_mesh_it_is_said_that_it_may_be_left_out(tmp_path: Path, scene: Scene) -> None:
+    ball = '<sphere radius="0.05"/>'
+    broken = written(tmp_path, "cell.urdf", CELL.replace(ball, '<mesh filename="none.stl"/>'))
+    with pytest.raises(InvalidScene, match=r'missing="skip" leaves such meshes out'):
+        scene.add_file(broken)
+    with pytest.raises(InvalidScene, match="value of missing"):
+        scene.add_file(broken, missing="leave")  # type: ignore[arg-type]
+    for wrong in ('<sphere radius="nan"/>', '<mesh filename="none.stl" scale="1 nan 1"/>'):
+        path = written(tmp_path, "wrong.urdf", CELL.replace(ball, wrong))
+        for missing in ("error", "skip"):
+            with pytest.raises(InvalidScene, match=r"expected \d finite numbers?, got '[^']*nan[^']*'$"):
+                scene.add_file(path, missing=missing)  # type: ignore[arg-type]
+    geometry = '<geometry><mesh filename="none.stl"/></geometry>'
+    alone = f'<robot name="a"><link name="a"><collision>{geometry}</collision></link></robot>'
+    with pytest.raises(InvalidScene, match=r"nothing to hit: left out: link 'a'"):
+        scene.add_file(written(tmp_path, "alone.urdf", alone), missing="skip")
+
+
 def test_a_xacro_file_is_expanded(tmp_path: Path, scene: Scene) -> None:
     text = CELL.replace('name="cell">', 'name="cell" xmlns:xacro="http://www.ros.org/wiki/xacro">')
     path = written(tmp_path, "cell.urdf.xacro", text.replace('radius="0.03"', 'radius="${0.01 * 3}"'))
@@ -207,7 +225,7 @@ BAD: list[tuple[str, str, str]] = [
     (
         "cell.urdf",
         CELL.replace('size="1 1.6 0.04"', 'size="1 1.6"'),
-        r"collision element 1: expected 3 numbers",
+        r"collision element 1: expected 3 finite numbers",
     ),
     (
         "cell.urdf",
@@ -229,7 +247,7 @@ BAD: list[tuple[str, str, str]] = [
     (
         "cell.scene",
         MOVEIT.replace("1 1.6 0.04", "1 1.6 -1"),
-        r"cell\.scene: size must be 3 lengths above 0 m",
+        r"cell\.scene: 'table': size must be 3 lengths above 0 m",
     ),
     (
         "cell.scene",
@@ -268,7 +286,7 @@ def test_a_file_that_is_not_there_and_a_name_that_is_taken(tmp_path: Path, scene
         scene.add_file(tmp_path / "cell.urdf")
     path = written(tmp_path, "cell.urdf", CELL)
     scene.add_sphere("pole", 0.1, kinseek.pose([2, 0, 0]))
-    with pytest.raises(InvalidScene, match="'pole' is a body of the scene already"):
+    with pytest.raises(InvalidScene, match=r"cell\.urdf: 'pole' is a body of the scene already.*prefix="):
         scene.add_file(path)
     assert "table" not in scene.bodies
     with pytest.raises(kinseek.InvalidGoal):

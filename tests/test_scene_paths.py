@@ -60,7 +60,7 @@ def test_what_is_in_the_way_is_named(ur5e: kinseek.Arm, table: Scene) -> None:
     path = ur5e.follow(T, scene=table)
     free = np.array([table.free(ur5e.branches(pose).q).any() for pose in T])
     assert 5 < (~free).sum() < 40
-    assert path.status is PathStatus.UNREACHABLE
+    assert path.status is PathStatus.BLOCKED
     assert np.array_equal(path.reached, free)
     assert table.free(path.q[path.reached]).all()
     missed = np.flatnonzero(~free)
@@ -184,7 +184,7 @@ def test_spare_joints_go_around_what_the_plain_path_hits() -> None:
     assert path.largest_step.max() < 0.1
     scene.add_box("crate", (0.1, 0.1, 0.3), kinseek.pose([0.5, 0.1, 0.4]))
     blocked = arm.follow(T, scene=scene)
-    assert blocked.status is PathStatus.UNREACHABLE
+    assert blocked.status is PathStatus.BLOCKED
     assert "crate" in blocked.why[0]
     assert scene.free(blocked.q[blocked.reached]).all()
 
