@@ -87,11 +87,24 @@ def test_what_is_out_of_reach_is_never_near() -> None:
     distances = np.array([[near.distance for near in engine.near(one)] for one in q])
     for m in far:
         assert distances[:, pairs[meetings[m, 2] : meetings[m, 3], 2]].min() >= apart[m] - 2e-6
-    only_inside = np.flatnonzero((inside > 0) & (apart < 0))
+
+
+@pytest.mark.slow
+def test_what_limits_keep_apart_is_never_near_inside_them() -> None:
+    links = [[0.4, 0, 0, 0.2], [0.3, 0, 0, 0.4], [0.35, 0.1, 0, 0.1], [0.3, 0, 0, 0.8]]
+    arm = kinseek.Arm.from_dh(links, [-0.5] * 4, [0.5] * 4)
+    engine = engine_of(arm)
+    meetings, pairs, apart = (column(engine, each) for each in ("meeting", "pair", "apart"))
+    inside = column(engine, "apart_inside")
+    only_inside = np.flatnonzero((inside > 0) & (apart <= 0))
     assert len(only_inside)
-    near = np.array([[near.distance for near in engine.near(one)] for one in arm.sample(200, seed=6)])
+    q = np.concatenate([arm.sample(200, seed=6), np.random.default_rng(7).uniform(-4, 4, (200, arm.dof))])
+    near = np.array([[near.distance for near in engine.near(one)] for one in q])
     for m in only_inside:
-        assert near[:, pairs[meetings[m, 2] : meetings[m, 3], 2]].min() >= inside[m] - 2e-6
+        nearest = near[:, pairs[meetings[m, 2] : meetings[m, 3], 2]].min(axis=1)
+        assert nearest[:200].min() >= inside[m] - 2e-6
+    # Beyond the limits nothing is taken for granted.
+    assert (engine.free(q, 0.0) == engine.exactly_free(q, 0.0)).all()
 
 
 def test_parts_of_a_turn_that_are_inside_limits() -> None:
