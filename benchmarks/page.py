@@ -52,6 +52,11 @@ class Page:
         self._parts.append("\n".join([f"- {item}" for item in each]) or none)
 
     @property
+    def body(self) -> str:
+        """All that follows its head."""
+        return "\n\n".join(self._parts[2:])
+
+    @property
     def text(self) -> str:
         """All of it."""
         return "\n\n".join(self._parts) + "\n"

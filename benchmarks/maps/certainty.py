@@ -18,9 +18,10 @@ from .cells import Array, cpu, rings_around, section, work_of
 BILLION = (0.05, 12_000)
 """Rings of an arm as long as the UR5e [m, orientations] that stand for a billion cells of a `Grid`."""
 
-SIZES = ((0.1, 576), (0.05, 4608), BILLION)
+SIZES = {"ur5e": ((0.1, 576), (0.05, 4608), BILLION), "panda": (BILLION,)}
+"""Of each arm."""
 
-EFFORTS: tuple[dict[str, int], ...] = ({"depth": 0}, {"depth": 4}, {"depth": 12})
+DEPTHS = (0, 2, 4, 12)
 
 
 class Part(NamedTuple):
@@ -34,16 +35,16 @@ class Part(NamedTuple):
     undecided: Array
 
 
-def judged(arm: kinseek.Arm, rings: maps.Rings, options: dict[str, int], cells: int, seconds: float) -> Part:
-    """Judge rows of cells drawn from all of some rings, until there are so many, or for so long.
+def judged(arm: kinseek.Arm, rings: maps.Rings, depth: int, seconds: float) -> Part:
+    """Judge rows of cells drawn from all of some rings, for so long.
 
     A row has all cells of one place and direction, which are judged together, as in a block.
     """
-    work = work_of(arm, rings, None, prove=True, **options)
+    work = work_of(arm, rings, None, prove=True, depth=depth)
     desk, rng, rows = Desk(work), np.random.default_rng(1), list[tuple[float, ...]]()
     desk.arm.ik(np.eye(4))  # Builds the atlas.
     until, row = time.process_time() + seconds, rings.orientations.arcs
-    while len(rows) * row < cells and (len(rows) < 4 or time.process_time() < until):
+    while len(rows) < 4 or time.process_time() < until:
         place = [int(rng.integers(n)) for n in rings.shape[:-1]]
         first = row * int(rng.integers(rings.shape[-1] // row))
         part = (*(slice(i, i + 1) for i in place), slice(first, first + row))
@@ -59,28 +60,28 @@ def mean(values: Array, digits: str, scale: float = 1.0) -> str:
     return f"{format(values.mean() * scale, digits)} ± {format(error, digits)}"
 
 
-def measure(page: Page, arms: tuple[str, ...], cells: int, seconds: float) -> None:
+def measure(page: Page, seconds: float) -> None:
     """Write the section."""
     with section(page, "What certainty costs"):
         page.say(
             "Rings, the first joint divided out. Rows are drawn from all of them, each all cells of one place and",
-            f"direction, {cells:,} cells at most and {seconds:g} s of one thread for each line. ± is two standard errors of",
-            "the mean over rows. The last column is what the same takes for 10⁹ cells of a `Grid`;",
+            f"direction, for {seconds:g} s of one thread for each line. ± is two standard errors of the mean over rows. The",
+            "last column is what the same takes for 10⁹ cells of a `Grid`;",
             f"{BILLION[1]:,} orientations at {BILLION[0] * 100:.0f} cm are about as many.",
         )
         rows = []
-        for name in arms:
+        for name, sizes in SIZES.items():
             arm = kinseek.load(name)
-            for width, count in SIZES:
+            for width, count in sizes:
                 rings = rings_around(arm, width, count)
                 stand = rings.volume / width**3 * len(rings.orientations)
-                for options in EFFORTS:
-                    part = judged(arm, rings, options, cells, seconds)
+                for depth in DEPTHS:
+                    part = judged(arm, rings, depth, seconds)
                     rows.append(
                         [
                             name,
                             f"{width * 100:.0f} cm, {rings.orientations.covering_radius:.2f} rad",
-                            f"{options['depth']}",
+                            f"{depth}",
                             f"{len(part.cost) * rings.orientations.arcs:,}",
                             mean(part.cost, ".2f", 1e3),
                             mean(part.reached, ".1f", 100),

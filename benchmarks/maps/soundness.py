@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from typing import Any, cast
 
 import numpy as np
@@ -76,16 +78,17 @@ def measure(page: Page, poses: int, vectors: int) -> None:
             f"{EACH} poses drawn in each of some rings of two sizes that are proved empty (`depth={DEPTH}`), turned",
             "anywhere about the first axis; a coordinate in five lies at an edge of the cell. Half of the rings are",
             "such that lengths and angles alone do not rule out their middle. As a check of the judges, the last",
-            "columns have poses that are reached, those of joint values drawn inside the limits.",
+            "columns have poses that are reached, those of joint values drawn inside the limits. By two processes.",
         )
         parts = 2 * sum(ARMS.values())
-        rows, landed = [], []
-        for name, known in ARMS.items():
-            arm = kinseek.load(name)
-            for width, count in SIZES:
-                share = parts if known else parts * SPARE
-                rows.append(_poses(arm, width, count, poses // share, known))
-                landed.append(_vectors(arm, width, count, vectors // share))
+        asked = [
+            (name, *size, poses // share, vectors // share)
+            for name, known in ARMS.items()
+            for size in SIZES
+            for share in [parts if known else parts * SPARE]
+        ]
+        with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+            rows, landed = zip(*pool.map(_both, asked), strict=True)
         page.table(
             "arm | cells | >cells proved | >poses | >found by `maps` | >by `ik` | >by `branches` | >by EAIK | "
             ">of reached ones, `maps` | >EAIK",
@@ -100,6 +103,13 @@ def measure(page: Page, poses: int, vectors: int) -> None:
             ">called empty",
             landed,
         )
+
+
+def _both(asked: tuple[str, float, int, int, int]) -> tuple[list[str], list[str]]:
+    """A row of each table."""
+    name, width, count, poses, vectors = asked
+    arm = kinseek.load(name)
+    return _poses(arm, width, count, poses, ARMS[name]), _vectors(arm, width, count, vectors)
 
 
 def _work(arm: kinseek.Arm, width: float, count: int) -> tuple[Work, Desk]:
