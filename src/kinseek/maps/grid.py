@@ -24,7 +24,7 @@ Range = tuple[float, float, float]
 MOST = 10**11
 """Cells of a grid."""
 
-BLOCK = 262_144
+BLOCK = 524_288
 """Poses of a block, more or less: a third of a second to some seconds of one core. Dask and the store take some ten
 milliseconds for each, whatever its size."""
 

@@ -55,7 +55,7 @@ class Options(TypedDict, total=False):
     """FK evaluations for a pose that its first eight samples do not lead to, or of which the closed form is not sure; 1,000.
     None takes as many as `Arm.ik`, and finds hardly more."""
     block: int | None
-    """Poses of a block, about; a block is what is lost when a worker dies. None takes 262,144, and with ``prove`` 8,192."""
+    """Poses of a block, about; a block is what is lost when a worker dies. None takes 524,288, and with ``prove`` 8,192."""
     position_tolerance: float
     """[m], 1e-6."""
     orientation_tolerance: float
@@ -67,7 +67,7 @@ class Options(TypedDict, total=False):
 
 
 PROVED = 8192
-"""Cells of a block where whole cells are proved: some seconds to a minute of one core."""
+"""Cells of a block where whole cells are proved: some seconds of one core."""
 
 
 DEFAULTS = Options(
