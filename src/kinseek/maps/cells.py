@@ -211,11 +211,11 @@ class Judge:
                 q = self._entered(chain, cell, search.q, index)
                 if q is not None:
                     return Verdict(REACHED, empty, [*open_, *left, part], q)
+            boxes = _inherited(search)
+            part = part if boxes is None else part._replace(boxes=boxes)
             if part.level < self.depth:
-                boxes, halves = _inherited(search), part.cell.halves(LEVER * chain.reach)
-                left += [
-                    Part(half, part.level + 1, part.boxes if boxes is None else boxes) for half in halves
-                ]
+                halves = part.cell.halves(LEVER * chain.reach)
+                left += [Part(half, part.level + 1, part.boxes) for half in halves]
             else:
                 open_.append(part)
         return Verdict(UNDECIDED, empty, open_) if open_ else Verdict(EMPTY, 1.0, [])

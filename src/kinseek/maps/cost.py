@@ -119,9 +119,8 @@ def estimate(
         answered(work, desk, poses, part)
         cost.append((time.perf_counter() - began) / number)
     mean = float(np.mean(cost))
-    each = sum(np.dtype(MEASURES[name].dtype).itemsize for name in work.what) + (
-        1 + 4 * len(SHARES) if work.prove else 0
-    )
+    each = sum(np.dtype(MEASURES[name].dtype).itemsize for name in work.what)
+    each += 1 + 4 * len(SHARES) if work.prove else 0
     each += 16 if isinstance(grid, Rings) else 0
     return Estimate(
         cells=grid.size,

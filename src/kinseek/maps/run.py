@@ -29,14 +29,18 @@ WATCH = """
 import os, threading, time
 
 def watch():
-    while os.getppid() == {parent} and os.path.exists({place!r}):
-        time.sleep(0.2)
-    os._exit(1)
+    try:
+        while os.getppid() == {parent}:
+            os.utime({place!r})
+            time.sleep(0.2)
+    finally:
+        os._exit(1)
 
 threading.Thread(target=watch, daemon=True).start()
 """
 """What a scheduler or a nanny runs first: it ends when the process that has started it does, even by ``kill -9``, and when
-that has no more need of it, even if Ctrl-C came before anything knew of it. A worker ends with its nanny."""
+that folder is gone, so that Ctrl-C ends what nothing knows of yet. A worker ends with its nanny. To touch the folder keeps
+it from those who clean up what is old."""
 
 
 def run(
@@ -95,8 +99,11 @@ def _local_client(blocks: int) -> Iterator[Client]:
     connect: Any = distributed.Client
     options: dict[str, Any] = {"n_workers": min(os.cpu_count() or 1, blocks), "threads_per_worker": 1}
     options["dashboard_address"] = ":0"  # Any free port: another cluster may have the usual one.
-    quiet = config.set({"logging.distributed": "error"}), _told_to_all("DASK_LOGGING__DISTRIBUTED", "error")
-    with quiet[0], quiet[1], TemporaryDirectory(prefix="kinseek-") as place:
+    with (
+        config.set({"logging.distributed": "error"}),
+        _told_to_all("DASK_LOGGING__DISTRIBUTED", "error"),
+        TemporaryDirectory(prefix="kinseek-") as place,
+    ):
         if sys.platform == "win32":
             from distributed import LocalCluster as Cluster
         else:
