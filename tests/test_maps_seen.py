@@ -122,3 +122,16 @@ def test_misuse_of_pictures_is_told(drawn: dict[str, Any]) -> None:
         plots.map_slice(maps.capability(drawn["grid"]))
     with pytest.raises(kinseek.InvalidUse, match="at least one map"):
         plots.volumes([])
+
+
+def test_the_estimate_has_the_start_of_processes_in_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    from kinseek.maps import cost
+
+    monkeypatch.setattr(cost, "_processes", lambda: 1000.0)
+    arm = kinseek.load("ur5e")
+    grid = maps.Grid((-1.0, 1.0, 0.5), (-1.0, 1.0, 0.5), (-0.5, 1.0, 0.5), maps.orientations(12))
+    one, many = (maps.estimate(arm, grid, seconds=0.0, block=block) for block in (grid.size, grid.size // 4))
+    cluster = maps.estimate(arm, grid, seconds=0.0, block=grid.size // 4, cores=2)
+    assert max(one.start, cluster.start) < 500.0 < 1000.0 <= many.start
+    assert many.duration >= many.start > 0.0
+    assert "16.7 min" in str(many)
