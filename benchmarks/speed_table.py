@@ -1,6 +1,6 @@
-"""The speed table of the README, made from peers.md.
+"""The speed table of the README, made from field.md where that is kept, else from peers.md.
 
-python -m benchmarks.speed_table           # after python -m benchmarks.peers
+python -m benchmarks.speed_table           # after python -m benchmarks.field --half --keep, or python -m benchmarks.peers
 """
 
 from __future__ import annotations
@@ -8,15 +8,16 @@ from __future__ import annotations
 from .command import ROOT, command, writes
 
 README = ROOT / "README.md"
-PEERS = ROOT / "benchmarks" / "peers.md"
+PAGES = ROOT / "benchmarks" / "field.md", ROOT / "benchmarks" / "peers.md"
+SOURCE = next((page for page in PAGES if page.is_file()), PAGES[-1])
 BEGIN, END = "<!-- speed table: python -m benchmarks.speed_table -->\n", "<!-- end -->\n"
 
 
-def table(peers: str) -> str:
-    """Medians [µs] of every arm and library, and how many near-singular targets each solves, from the text of peers.md."""
+def table(page: str) -> str:
+    """Medians [µs] of every arm and library, and how many near-singular targets each solves, from the text of a page."""
     medians: dict[str, dict[str, str]] = {}
     shares: dict[str, list[float]] = {}
-    for row in peers.splitlines():
+    for row in page.splitlines():
         cells = [cell.strip(" *") for cell in row.strip("|").split("|")]
         if len(cells) != 8 or cells[0] in ("arm", "---"):
             continue
@@ -36,10 +37,10 @@ def table(peers: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def updated(readme: str, peers: str) -> str:
+def updated(readme: str, page: str) -> str:
     """The README with its table made anew."""
     before, rest = readme.split(BEGIN)
-    return before + BEGIN + table(peers) + END + rest.split(END, 1)[1]
+    return before + BEGIN + table(page) + END + rest.split(END, 1)[1]
 
 
 def main() -> None:
@@ -47,7 +48,7 @@ def main() -> None:
     parser = command(__file__, __doc__)
     writes(parser, "--output", README, "where the README with its new table goes")
     output = parser.parse_args().output
-    text = updated(README.read_text(encoding="utf-8"), PEERS.read_text(encoding="utf-8"))
+    text = updated(README.read_text(encoding="utf-8"), SOURCE.read_text(encoding="utf-8"))
     output.write_text(text, encoding="utf-8")
     print(f"wrote {output}")
 

@@ -319,3 +319,34 @@ def test_what_is_installed_from_the_repository_is_made_anew_when_its_sources_cha
     (tmp_path / "b.txt").write_text(".\nnumpy==2.4.6\n", encoding="utf-8")
     assert required(tmp_path / "none.py") == ""
     assert len({required(tmp_path / name) for name in ("a.py", "b.py")}) == 2
+
+
+def test_the_page_in_short_is_what_the_speed_table_reads() -> None:
+    from benchmarks.field.summary import summary
+    from benchmarks.speed_table import table
+
+    def rows(solver: str, question: str, microseconds: float) -> list[dict[str, object]]:
+        return [
+            {
+                "solver": solver,
+                "settings": "best",
+                "arm": "panda",
+                "question": question,
+                "microseconds": microseconds + i,
+                "exact": True,
+                "near": True,
+                "false": False,
+            }
+            for i in range(-5, 6)
+        ]
+
+    answers = pd.DataFrame(
+        [*rows("one", "random", 8.0), *rows("one", "singular", 9.0), *rows("two", "random", 20.0)]
+    )
+    text = summary(
+        "some", answers, {"one": "One", "two": "Two", "three": "Three"}, ["**Two** is smaller."]
+    ).text
+    assert "- **Two** is smaller." in text
+    assert "| One | 1 | 100.0 (74.1–100.0) | 100.0 (74.1–100.0) | – | 8.0 | 0 |" in text
+    assert "| panda | Three | – | – | – | – | – | – |" in text
+    assert table(text).splitlines()[2] == "| One | 8.0 | 100.0 – 100.0 % |"

@@ -27,6 +27,7 @@ from .environments import environment, megabytes
 from .judge import ARMS, bundled
 from .questions import QUESTIONS, SIZES
 from .run import Field, measure, planned
+from .summary import PAGE
 
 
 def solver_name(text: str) -> str:
@@ -83,6 +84,11 @@ def main() -> None:
         metavar="SOLVER=PATH",
         help="a Python that has a solver, for one that is worked on; then nothing is pinned",
     )
+    parser.add_argument(
+        "--keep",
+        action="store_true",
+        help=f"write {PAGE.relative_to(ROOT)} too, of which the README's table is made",
+    )
     writes(parser, "--folder", ROOT / "build" / "field", "where environments, pieces, tables and the page go")
     options = parser.parse_args()
     from .page import write
@@ -96,7 +102,7 @@ def main() -> None:
     field = Field(folder, judges, asked, options.seed, size)
     if not options.page:
         run(field, options.solvers, base / "environments", dict(options.python))
-    write(field)
+    write(field, PAGE if options.keep else None)
 
 
 def run(field: Field, solvers: list[str], environments: Path, own: dict[str, Path]) -> None:

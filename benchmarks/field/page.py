@@ -16,6 +16,7 @@ from .judge import LOOSE, LOOSE_TURN, STRICT
 from .pieces import DONE
 from .questions import QUESTIONS, WRONG
 from .run import Field
+from .summary import summary
 from .tables import TITLES, collect, distinct, marked, solvers, summed
 from .tables import write as write_tables
 from .wins import wins
@@ -25,20 +26,30 @@ NONE = "–"
 EACH = ("random", "singular", "limits", "position", "start")
 
 
-def write(field: Field) -> None:
-    """The tables and the page, of the pieces that are there."""
+def write(field: Field, kept: Path | None = None) -> None:
+    """The tables and the page, of the pieces that are there; and in short where it is kept, if that is given."""
     answers, known = collect(field)
     if known.empty:
         raise SystemExit(f"nothing measured yet in {field.folder}")
     write_tables(field, answers, known)
-    text = page(field, marked(answers), known).text
+    answers = marked(answers)
+    text = page(field, answers, known).text
     place = field.folder / "index.html"
     place.write_text(as_html(text), encoding="utf-8")
     print(f"wrote {place}")
+    if kept is not None:
+        shown, names, facts = told(field, answers, known)
+        summary(_made_by(field), shown, names, wins(shown, facts, names)).write(kept)
 
 
-def page(field: Field, answers: pd.DataFrame, known: pd.DataFrame) -> Page:
-    """All of it, as Markdown."""
+def _made_by(field: Field) -> str:
+    return f"benchmarks.field --{field.size.name}".removesuffix(" --full")
+
+
+def told(
+    field: Field, answers: pd.DataFrame, known: pd.DataFrame
+) -> tuple[pd.DataFrame, dict[str, str], pd.DataFrame]:
+    """Answers with the two settings that are shown, by their names on the page; names of solvers; and what they weigh."""
     about = solvers(field.folder)
     names = {solver: str(each["name"]) for solver, each in about.items()}
     names |= {solver: solver for solver in known["solver"].unique() if solver not in names}
@@ -52,10 +63,14 @@ def page(field: Field, answers: pd.DataFrame, known: pd.DataFrame) -> Page:
         else "best"
         for solver, settings in answers[["solver", "settings"]].itertuples(index=False)
     ]
-    facts = light(known, about)
-    made = Page(
-        "Inverse kinematics, measured", f"benchmarks.field --{field.size.name}".removesuffix(" --full")
-    )
+    return answers, names, light(known, about)
+
+
+def page(field: Field, answers: pd.DataFrame, known: pd.DataFrame) -> Page:
+    """All of it, as Markdown."""
+    about = solvers(field.folder)
+    answers, names, facts = told(field, answers, known)
+    made = Page("Inverse kinematics, measured", _made_by(field))
     arms = known["arm"].nunique()
     made.say(
         f"{len(names)} solvers, {arms} {'arm' if arms == 1 else 'arms'}, seed {field.seed}. kinseek's authors make this "

@@ -123,8 +123,10 @@ def a_goal(path: Path) -> None:
     given = _object(path, (), (*GOALS, *OPTIONS))
     for kind, make in GOALS.items():
         if kind in given:
-            first, others = given[kind], {name: value for name, value in given.items() if name not in GOALS}
-            goal = make(*first, **others) if kind == "pointing" else make(first, **others)
+            first = given[kind] if kind == "pointing" else [given[kind]]
+            if not isinstance(first, list) or len(first) != (2 if kind == "pointing" else 1):
+                raise InvalidRobot("a direction needs a place")
+            goal = make(*first, **{name: value for name, value in given.items() if name not in GOALS})
             _rigid(goal.target)
             return
     raise InvalidRobot("no goal")
