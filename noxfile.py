@@ -5,7 +5,8 @@
     nox -s tests-3.13       # one of them
     nox -s oldest newest audit
     nox -s coverage         # shown, and as pages in build/coverage
-    nox -s nightly          # fuzz and soak, for hours
+    nox -s nightly          # fuzz and soak, for an hour
+    nox -s nightly -- --count 1000
 
 Each has an environment of its own. The kernels are built anew in each, which takes a minute.
 """
@@ -66,10 +67,10 @@ def audit(session: nox.Session) -> None:
 
 @nox.session(python="3.11")
 def nightly(session: nox.Session) -> None:
-    """A hundred thousand fuzzed cases, others every day, then every call for ten minutes; hours in all."""
+    """A hundred thousand fuzzed cases, others every day, then every call for ten minutes; less if arguments say so."""
     session.install("-e", ".[test]")
     session.run("python", "-m", "tests.fuzz", *session.posargs)
-    session.run("python", "-m", "tests.soak")
+    session.run("python", "-m", "tests.soak", *(["30"] if session.posargs else []))
 
 
 @nox.session(python="3.11")
