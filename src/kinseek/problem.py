@@ -157,6 +157,10 @@ class MadeWhenAsked:
         return problem
 
 
+FEW = 8192
+"""Numbers that BLAS multiplies on one thread: OpenBLAS shares the work of more than 10,000."""
+
+
 def as_joints(arm: Mechanism, q: object, name: str = "q") -> Array:
     """Read joint values, (..., n), [rad] or [m], or by name, as `robots.named.in_order` takes them.
 
@@ -174,8 +178,11 @@ def as_joints(arm: Mechanism, q: object, name: str = "q") -> Array:
             f"{name} must have shape ({arm.dof},) or (..., {arm.dof}), got {joints.shape}. "
             f"Joints: {', '.join(arm.joint_names)}"
         )
-    # One look tells of most that all are finite, and none too large.
-    if np.vdot(joints, joints) <= LARGEST**2:
+    # One look tells of most that all are finite, and none too large. Of long ones BLAS would ask other threads, which costs
+    # microseconds, and tens of milliseconds where other work is running.
+    few = joints.size <= FEW
+    squares = np.vdot(joints, joints) if few else np.einsum("i,i->", joints.ravel(), joints.ravel())
+    if squares <= LARGEST**2:
         return joints
     if not np.isfinite(joints).all():
         bad = np.argwhere(~np.isfinite(joints))[0]
