@@ -8,6 +8,7 @@ starts at once of which the best is kept, as its own benchmark does (benchmark/i
 from __future__ import annotations
 
 import os
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -25,29 +26,15 @@ os.environ["JAX_PLATFORMS"] = "cpu"
 
 class _Solver:
     def __init__(self, arm: Arm, settings: dict[str, Any]) -> None:
-        import jax
-        import yourdfpy
-        from pyroki import Robot
-
-        self._arm, self._set, self._jax = arm, settings, jax
-        with self._bits():
-            urdf = yourdfpy.URDF.load(arm.urdf, load_meshes=False)
-            self._robot = robot = Robot.from_urdf(urdf)
-            names = list(robot.joints.actuated_names)
-            self._places = [names.index(name) for name in arm.joints]
-            if len(names) != len(arm.joints):
-                raise Refused(f"reads {len(names)} joints of {len(arm.joints)}")
-            rng = np.random.default_rng(0)
-            others = rng.uniform(arm.lower, arm.upper, (settings["starts"] - 1, len(names)))
-            self._starts = self._theirs(np.vstack([arm.middle, others]))
-            tip, base = robot.links.names.index(arm.tip), robot.links.names.index(arm.base)
-            still = np.asarray(robot.forward_kinematics(self._starts[0])[base])
-            if np.abs(still - [1, 0, 0, 0, 0, 0, 0]).max() > 1e-6:
-                raise Refused("the base is not the root of its file")
-            self._search = jax.jit(_search(robot, tip))
-
-    def _bits(self) -> Any:
-        return self._jax.enable_x64(self._set["bits"] == 64)
+        self._bits = settings["bits"]
+        joints, self._search = _compiled(arm.urdf, arm.base, arm.tip, self._bits)
+        if len(joints) != len(arm.joints):
+            raise Refused(f"reads {len(joints)} joints of {len(arm.joints)}")
+        self._places = [joints.index(name) for name in arm.joints]
+        others = np.random.default_rng(0).uniform(
+            arm.lower, arm.upper, (settings["starts"] - 1, len(arm.joints))
+        )
+        self._starts = self._theirs(np.vstack([arm.middle, others]))
 
     def _theirs(self, q: Any) -> Any:
         moved = np.empty(np.shape(q))
@@ -58,9 +45,35 @@ class _Solver:
         starts = self._starts
         if start is not None:
             starts = np.concatenate([self._theirs(np.asarray(start, dtype=float))[None], starts[1:]])
-        with self._bits():
+        with _precision(self._bits):
             q = np.asarray(self._search(np.asarray(T, dtype=float), starts), dtype=float)
         return Answer(q[self._places], None)
+
+
+def _precision(bits: int) -> Any:
+    import jax
+
+    return jax.enable_x64(bits == 64)
+
+
+@lru_cache(maxsize=4)
+def _compiled(urdf: str, base: str, tip: str, bits: int) -> tuple[list[str], Any]:
+    """Names of joints, and the search, compiled when it is first called, which takes seconds, and then kept as JAX does."""
+    import jax
+    import yourdfpy
+    from pyroki import Robot
+
+    with _precision(bits):
+        robot = Robot.from_urdf(yourdfpy.URDF.load(urdf, load_meshes=False))
+        names = robot.links.names
+        if (
+            np.abs(
+                robot.forward_kinematics(np.zeros(robot.joints.num_actuated_joints))[names.index(base), 1:]
+            ).max()
+            > 1e-6
+        ):
+            raise Refused("the base is not the root of its file")
+        return list(robot.joints.actuated_names), jax.jit(_search(robot, names.index(tip)))
 
 
 def _search(robot: Any, tip: int) -> Any:
