@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.branches.index import BranchIndex, index_of
+from kinseek.branches.index import BranchIndex, freedom, index_of
 from kinseek.branches.order import cost_of
 from kinseek.branches.result import answers_of
 from kinseek.deadline import Deadline
@@ -26,6 +26,7 @@ from kinseek.solvers.threads import GoOn, spread
 from .asked import Asked
 from .between import apart
 from .joints import Turning
+from .sheets import folds_of, mirrored
 from .smooth import Smoother
 
 Array = NDArray[np.float64]
@@ -191,6 +192,8 @@ class Planner:
         self.longest = np.where(np.isinf(longest), UNBOUND, longest)
         self.sideways = np.where(np.isinf(asked.longest.max(axis=0)), UNBOUND, SIDEWAYS)
         self.apart = effort.apart
+        self.folds = folds_of(problem.chain) if freedom(problem) > 1 else []
+        """Where answers lie on two sheets. With one joint to spare both lie on curves, which are followed through them."""
 
     def sample(self, i: int, count: int) -> Array:
         """Answers to pose i, well spread, (k, n)."""
@@ -222,6 +225,12 @@ class Planner:
         nearest = Atlas(threads=1).solve(Problem(self.problem.mechanism, goal)).q
         return turning.first_turn(nearest[None]), np.zeros((1, self.dof))
 
+    def twins(self, k: int, arrived: Array) -> Array:
+        """Answers at a layer that lie beyond a fold, of those that arrive there, (k, n)."""
+        q = mirrored(arrived, self.folds)
+        targets = np.repeat(self.row_targets[self.keys[k]][None], len(q), axis=0)
+        return q[self.smoother.settle(q, targets)] if len(q) else q
+
     def clipped(self, q: Array) -> Array:
         """Answers in the first turn, inside the limits to the last bit."""
         return np.clip(q, self.turning.open_lower, self.turning.open_upper)
@@ -241,7 +250,8 @@ class Planner:
             elif led is None:
                 q, along = self.layer(k, fresh[k], none)
             else:
-                q, along = self.layer(k, led[0][np.isfinite(led[1][:, 0])], fresh[k])
+                arrived = led[0][np.isfinite(led[1][:, 0])]
+                q, along = self.layer(k, np.concatenate([self.twins(k, arrived), arrived]), fresh[k])
             poses = int(self.rows[end] - self.rows[begin])
             before = self.linked(before, q, along, led, poses, only)
             ways.add(before)
