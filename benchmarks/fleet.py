@@ -7,6 +7,7 @@ runs. Every miss is listed by name.
 
     python -m benchmarks.fleet                 # writes fleet.md and fleet_misses.csv beside this file
     python -m benchmarks.fleet panda ur5e --random 10000
+    python -m benchmarks.fleet --seeds 5       # near-singular targets alone, of so many seeds; prints, and writes nothing
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import csv
 import statistics
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -163,6 +165,29 @@ def measure(name: str, random: int, singular: int, seed: int) -> tuple[Row, list
     return row, random_misses + singular_misses
 
 
+def near_singular(names: Sequence[str], count: int, seeds: int) -> list[Miss]:
+    """Solve near-singular targets of several seeds, and list those that are not reached."""
+    misses = []
+    for name in names:
+        arm, began = fleet_arm(name), time.perf_counter()
+        for seed in range(seeds):
+            misses += misses_of(name, arm, "singular", seed, singular_joints(arm.chain, count, seed))
+        missed = [miss for miss in misses if miss.arm == name]
+        print(
+            f"{name:18s} missed {len(missed)} of {seeds * count:,}  {time.perf_counter() - began:.1f} s",
+            flush=True,
+        )
+    return misses
+
+
+def told(miss: Miss) -> str:
+    """A miss in one line."""
+    return (
+        f"{miss.arm}, {miss.kind}, seed {miss.seed}, number {miss.index}: {miss.position_error:.1e} m, "
+        f"{miss.orientation_error:.1e} rad; made from q = {np.array2string(miss.q, precision=6, max_line_width=200)}"
+    )
+
+
 def percent(solved: int, count: int) -> str:
     """Percent to three digits; 100.000 only if it is all of them."""
     return f"{np.floor(1e5 * solved / count) / 1e3:.3f}"
@@ -200,11 +225,7 @@ def page(rows: list[Row], misses: list[Miss]) -> Page:
     page.head("Aimed at, and met")
     page.table("what | aimed at | worst arm | met by", verdicts(rows))
     page.head(f"Misses: {len(misses)}")
-    page.items(
-        f"{miss.arm}, {miss.kind}, seed {miss.seed}, number {miss.index}: {miss.position_error:.1e} m, "
-        f"{miss.orientation_error:.1e} rad; made from q = {np.array2string(miss.q, precision=6, max_line_width=200)}"
-        for miss in misses
-    )
+    page.items(map(told, misses))
     return page
 
 
@@ -266,10 +287,18 @@ def main() -> None:
     parser.add_argument("--random", type=at_least_one, default=100_000, help="random targets an arm")
     parser.add_argument("--singular", type=at_least_one, default=5_000, help="near-singular targets an arm")
     parser.add_argument("--seed", type=int, default=0, help="seed of the targets")
+    parser.add_argument(
+        "--seeds", type=at_least_one, help="near-singular targets of so many seeds, and nothing else"
+    )
     writes(parser, "--output", HERE / "fleet.md", "page to write, and beside it the CSV of the misses")
     options = parser.parse_args()
+    names = options.arms or fleet_names()
+    if options.seeds:
+        missing = near_singular(names, options.singular, options.seeds)
+        print("\n".join([*map(told, missing), f"{len(missing)} misses"]))
+        return
     rows, misses = [], []
-    for name in options.arms or fleet_names():
+    for name in names:
         row, missed = measure(name, options.random, options.singular, options.seed)
         rows.append(row)
         misses += missed
