@@ -97,6 +97,23 @@ def reachable_lost(chain: SerialChain, rng: np.random.Generator, trust: float = 
     goal = goal_near(
         fk(chain, q), rng, edge * place, edge * angle, position_tolerance=place, orientation_tolerance=angle
     )
+    return boxes_that_lose(chain, goal, q, rng, trust)
+
+
+def cone_lost(chain: SerialChain, rng: np.random.Generator, trust: float = 1.0) -> int:
+    """Ask for a point and a wide cone of directions, with a joint vector at the edge of both; count boxes that lose it."""
+    q = awkward_joints(chain, rng)
+    T, (axis, shift, other) = fk(chain, q), rng.normal(size=(3, 3))
+    place, angle = 10.0 ** rng.uniform(-6, -2), rng.uniform(0.31, np.pi)
+    edge = 0.999999 * rng.integers(0, 2)
+    across = np.cross(T[:3, :3] @ axis, other)
+    direction = Rotation.from_rotvec(edge * angle * across / np.linalg.norm(across)).apply(T[:3, :3] @ axis)
+    point = T[:3, 3] + edge * place * shift / np.linalg.norm(shift)
+    tolerances: Any = {"position_tolerance": place, "orientation_tolerance": angle}
+    return boxes_that_lose(chain, Goal.pointing(point, direction, tuple(axis), **tolerances), q, rng, trust)
+
+
+def boxes_that_lose(chain: SerialChain, goal: Goal, q: Array, rng: np.random.Generator, trust: float) -> int:
     form, wanted, roll = question(Problem(chain, goal), trust)
     boxes, inside = boxes_around(chain, q, start_boxes(chain, roll.present)[0], rng)
     return lost(form, examine(form, wanted, roll, boxes, -1.0, 2), inside)
@@ -121,6 +138,7 @@ def test_no_box_loses_what_it_holds(name: str) -> None:
     """Two million joint vectors over all arms, each in a box."""
     chain, rng = kinseek.load(name).chain, np.random.default_rng(0)
     assert sum(reachable_lost(chain, rng) for _ in range(500)) == 0
+    assert sum(cone_lost(chain, rng) for _ in range(300)) == 0
     assert sum(nearest_lost(chain, rng) for _ in range(500)) == 0
 
 
@@ -131,6 +149,7 @@ def test_no_box_loses_what_it_holds(name: str) -> None:
 def test_no_box_loses_what_it_holds_on_any_chain(chain: SerialChain, seed: int) -> None:
     rng = np.random.default_rng(seed)
     assert sum(reachable_lost(chain, rng) for _ in range(3)) == 0
+    assert sum(cone_lost(chain, rng) for _ in range(3)) == 0
     assert sum(nearest_lost(chain, rng) for _ in range(3)) == 0
 
 
@@ -140,6 +159,7 @@ def test_no_box_loses_what_it_holds_on_any_chain(chain: SerialChain, seed: int) 
 def test_bounds_one_percent_too_small_are_caught(name: str) -> None:
     chain, rng = kinseek.load(name).chain, np.random.default_rng(0)
     assert sum(reachable_lost(chain, rng, trust=0.99) for _ in range(100)) > 0
+    assert sum(cone_lost(chain, rng, trust=0.99) for _ in range(100)) > 0
     assert sum(nearest_lost(chain, rng, trust=0.99) for _ in range(100)) > 0
 
 
