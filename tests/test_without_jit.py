@@ -200,6 +200,9 @@ def beside(arm: kinseek.Arm, kind: str) -> Problem:
         "pose": Goal.pose(T),
         "position": Goal.position(T[:3, 3]),
         "pointing": Goal.pointing(T[:3, 3], T[:3, 2], (0.0, 0.0, 1.0)),
+        "cone": Goal.pointing(
+            T[:3, 3], -T[:3, 2], (0.0, 0.0, 1.0), position_tolerance=0.3, orientation_tolerance=1.2
+        ),
     }[kind]
     return Problem(arm.chain, goal)
 
@@ -437,6 +440,7 @@ RUNS: list[tuple[Any, ...]] = [
     (bounds, kinseek.load("elbow6"), "pose", 12),
     (bounds, kinseek.load("cylindrical3"), "pose", 40),
     (bounds, kinseek.load("cylindrical3"), "pointing", 40),
+    (bounds, kinseek.load("elbow6"), "cone", 12),
     (bounds, TWO, "pose", 60),
     (reachable_proof,),
     (isolated, SLIDES, 100),
