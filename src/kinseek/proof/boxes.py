@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kinseek.deadline import Deadline
+from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.proof.box import Form, Wanted
 from kinseek.kernels.proof.enclosure import Heap
@@ -38,6 +39,7 @@ from kinseek.problem import Problem
 from kinseek.undisturbed import undisturbed
 
 from .reduce import error_question, question, start_boxes
+from .shoulder import bounded_by_ball
 from .wrist import without_wrist
 
 SPREAD = 2.5
@@ -368,7 +370,12 @@ def enclosed(
         return settled._replace(left=settled.left[np.argsort(settled.left[:, -1], kind="stable")])
 
     start = Search(STOPPED, 0, 0.0, np.ascontiguousarray(q), 0.0, np.inf, np.empty((0, 0)), 0.0, np.inf)
-    search = stretch(start, np.c_[start_boxes(chain, roll.present), 0.0], min(budget, PIECE))
+    error = float(judge(problem.arrays, start.q[None], problem.goal.targets, problem.goal.arrays)[0, 2])
+    ball = bounded_by_ball(problem, (1.0 - gap) * error, budget, trust, lambda: watch.over)
+    if ball.lower >= (1.0 - gap) * error:
+        return start._replace(outcome=ENDED, boxes=ball.boxes, lower=ball.lower, upper=error)
+    search = stretch(start, np.c_[start_boxes(chain, roll.present), ball.lower], min(budget - ball.boxes, PIECE))
+    search = search._replace(boxes=search.boxes + ball.boxes)
     if not len(search.left) or search.boxes >= budget or watch.over:
         return search
     off = max(math.pi - (roll.upper - roll.lower) / 2, 0.0)

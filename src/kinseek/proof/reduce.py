@@ -80,12 +80,7 @@ def error_question(
     fixed, target, head, tail = _divided(problem)
     off_axis = float(np.hypot(*fixed[-1, :2, 3]))
     if tail and off_axis < ON_AXIS and not (whole or _last_is_held(chain, q)):
-        cut, axis = _cut(fixed, target, float(fixed[-1, 2, 3]))
-        wanted = _wanted(problem, axis, 1, trust)
-        wanted = wanted._replace(margin=wanted.margin + 2.0 * off_axis)
-        back = float(fixed[-1, 2, 3]) - _foot(fixed, chain)
-        if abs(back) < arm_length(chain):
-            wanted = wanted._replace(back=back)
+        cut, wanted = _without_last(problem, fixed, target, trust)
         along = [bool(np.hypot(*np.delete(fixed[-1, 2, :3], i)) < ROUNDING) for i in range(3)]
         aligned, sideways = along[2], along[0] or along[1]
         if sideways:  # The other column that counts lies across the axis: its place in the plane of x and y.
@@ -107,6 +102,32 @@ def error_question(
             offset=float(np.linalg.norm(fixed[-1, :, 3] - [0.0, 0.0, foot])),
         )
     return _form(chain, fixed, head, columns, int(tail), foot), wanted, Roll(False, 0.0, 0.0, 0.0)
+
+
+def question_without_last(problem: Problem, trust: float = 1.0) -> tuple[Form, Wanted]:
+    """A question whose least weighted error is no larger, of one direction at most: the last joint may turn anyhow.
+
+    That takes a last joint with the tip on its axis. Where there is none, or only one direction or none counts, it is the
+    question itself.
+    """
+    fixed, target, head, tail = _divided(problem)
+    columns = problem.goal.paper_columns
+    if tail and float(np.hypot(*fixed[-1, :2, 3])) < ON_AXIS:
+        fixed, wanted = _without_last(problem, fixed, target, trust)
+        columns = 1
+    else:
+        wanted = _wanted(problem, target, columns, trust)
+    return _form(problem.chain, fixed, head, columns, 0, 0.0), wanted
+
+
+def _without_last(problem: Problem, fixed: Array, target: Array, trust: float) -> tuple[Array, Wanted]:
+    """Leave out a last joint that the tip is on the axis of: transforms, and what is wanted of the axis."""
+    tip, chain = fixed[-1], problem.chain
+    cut, axis = _cut(fixed, target, float(tip[2, 3]))
+    wanted = _wanted(problem, axis, 1, trust)
+    wanted = wanted._replace(margin=wanted.margin + 2.0 * float(np.hypot(*tip[:2, 3])))
+    back = float(tip[2, 3]) - _foot(fixed, chain)
+    return cut, wanted._replace(back=back) if abs(back) < arm_length(chain) else wanted
 
 
 def _last_is_held(chain: SerialChain, q: Array) -> bool:

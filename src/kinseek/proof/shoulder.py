@@ -1,0 +1,165 @@
+"""The nearest pose of an arm on a ball joint: a lower bound of the error that boxes of fewer joints give."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from kinseek.kernels.arm.division import TURN
+from kinseek.kernels.arrays import Array
+from kinseek.kernels.proof.box import Form, Wanted
+from kinseek.kernels.proof.enclosure import Heap
+from kinseek.kernels.proof.gate import CROSSED
+from kinseek.kernels.proof.progress import (
+    CEILING,
+    COUNT,
+    COUNTS,
+    ENDED,
+    FIGURES,
+    FLOOR,
+    FULL,
+    SEEN,
+    STOPPED,
+    UPPER,
+    USED,
+)
+from kinseek.kernels.proof.shoulder import Shoulder, enclose_ball
+from kinseek.problem import Problem
+
+from .reduce import ON_AXIS, question_without_last, start_boxes
+
+FEWEST = 7
+"""Joints of an arm: with fewer it has none to spare, and the ball does what the arm cannot."""
+
+MOST = 5
+"""Joints behind the ball: of more the sums of products are long."""
+
+WORK = 5_000_000
+"""Boxes times products in each of their sums: a tenth of a second. By trial: nine of ten goals that it decides take a tenth."""
+
+PIECE = 2_000_000
+"""The same, after which the kernel comes back to be asked to go on."""
+
+
+class Bounded(NamedTuple):
+    """What the ball tells."""
+
+    lower: float
+    """Lower bound on the weighted error."""
+    boxes: int
+
+
+def bounded_by_ball(
+    problem: Problem, ceiling: float, budget: int, trust: float = 1.0, over: Callable[[], bool] = lambda: False
+) -> Bounded:
+    """Bound the least weighted error from below by that of the arm on a ball joint, until the bound is `ceiling` at best.
+
+    It is 0 for arms that have no joint to spare, or whose first joints are no plain turns.
+
+    Args:
+        problem: One target.
+        ceiling: No better bound is needed.
+        budget: Boxes at most.
+        trust: 1; tests shrink all bounds by it.
+        over: Says when to stop.
+    """
+    if problem.chain.dof < FEWEST:
+        return Bounded(0.0, 0)
+    found = shoulder_of(problem, *question_without_last(problem, trust))
+    if found is None:
+        return Bounded(0.0, 0)
+    shoulder, first = found
+    terms = len(shoulder.square)
+    start = start_boxes(problem.chain, False)[0].reshape(2, -1)
+    count = round(math.log(terms, 3))
+    boxes = np.zeros((1024, 2 * count + 1))
+    boxes[0, :-1] = start[:, first : first + count].ravel()
+    heap = Heap(np.zeros(len(boxes)), np.zeros(len(boxes), dtype=np.int64))
+    counts, figures = np.zeros(COUNTS, dtype=np.int64), np.zeros(FIGURES)
+    counts[COUNT] = counts[USED] = 1
+    figures[UPPER], figures[CEILING] = np.inf, ceiling
+    outcome, most = STOPPED, min(budget, WORK // terms)
+    while outcome != ENDED and counts[SEEN] < most and not over():
+        until = min(int(counts[SEEN]) + PIECE // terms, most)
+        outcome = enclose_ball(shoulder, boxes, heap, counts, figures, until)
+        if outcome == FULL:
+            boxes = np.concatenate([boxes, np.zeros_like(boxes)])
+            heap = Heap(*(np.concatenate([each, np.zeros_like(each)]) for each in heap))
+    return Bounded(min(float(figures[FLOOR]), ceiling), int(counts[SEEN]))
+
+
+def shoulder_of(problem: Problem, form: Form, wanted: Wanted) -> tuple[Shoulder, int] | None:
+    """Put an arm on a ball joint on its first axis; None where that tells nothing.
+
+    Where the second axis meets the first, the ball stands there and takes the place of both.
+
+    Returns:
+        The arm on its ball; the first joint behind it.
+    """
+    joints = len(form.leader)
+    plain = np.array_equal(form.leader, np.arange(joints)) and not form.prismatic.any()
+    plain = plain and bool((form.multiplier == 1.0).all() and (form.offset == 0.0).all())
+    if not plain or form.head != TURN or form.columns > 1 or problem.chain.dof < FEWEST:
+        return None
+    axis, point = form.fixed[1, :, 2], form.fixed[1, :, 3]
+    across = float(axis[:2] @ axis[:2])
+    along = -float(axis[:2] @ point[:2]) / across if across > CROSSED else 0.0
+    nearest = point + along * axis
+    apart = math.hypot(nearest[0], nearest[1])
+    meet = apart < ON_AXIS
+    first = 2 if meet else 1
+    if joints - first > MOST:
+        return None
+    ball = np.array([0.0, 0.0, along if meet else nearest[2]])
+    square, across_terms = _invariants(form.fixed[first:], ball)
+    g, b = wanted.target[:, 3] - [0.0, 0.0, nearest[2]], wanted.target[:, 0]
+    far = float(np.linalg.norm(g))
+    ahead = float(b @ g) / far if far > 0.0 else 1.0
+    aside = float(np.linalg.norm(np.cross(g, b))) / far if far > 0.0 else 0.0
+    size = wanted.margin / wanted.margin_a + abs(along)
+    shoulder = Shoulder(
+        square=square,
+        along=across_terms,
+        far=far,
+        ahead=ahead,
+        aside=aside,
+        weight_p=wanted.weight_p,
+        weight_a=wanted.weight_a,
+        size=size,
+        margin=wanted.margin_a * size + 2.0 * apart * meet,
+        margin_a=wanted.margin_a,
+        trust=wanted.trust,
+    )
+    return shoulder, first
+
+
+def _invariants(fixed: Array, ball: Array) -> tuple[Array, Array]:
+    """``|p|²`` and ``p·a`` as sums of products of ``1, cos q, sin q``, (3ⁿ,) each: from their values at three angles a joint.
+
+    Args:
+        fixed: Transforms of the joints behind the ball, and of the tip, (n+1, 3, 4).
+        ball: Where the ball is, (3,) [m].
+    """
+    n = len(fixed) - 1
+    angles = (0.0, 2.0 * math.pi / 3.0, -2.0 * math.pi / 3.0)
+    values = np.empty((2, 3**n))
+    for index, q in enumerate(product(angles, repeat=n)):
+        p, a = fixed[-1, :, 3], fixed[-1, :, 0]
+        for k in range(n - 1, -1, -1):
+            cosine, sine = math.cos(q[k]), math.sin(q[k])
+            turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+            R = fixed[k, :, :3] @ turn
+            p, a = R @ p + fixed[k, :, 3], R @ a
+        p = p - ball
+        values[0, index], values[1, index] = p @ p, p @ a
+    root = math.sqrt(3.0)
+    to_terms = np.array([[1.0, 1.0, 1.0], [2.0, -1.0, -1.0], [0.0, root, -root]]) / 3.0
+    grid = values.reshape(2, *[3] * n)
+    for i in range(n):
+        grid = np.moveaxis(np.tensordot(to_terms, grid, axes=(1, i + 1)), 0, i + 1)
+    terms = np.ascontiguousarray(grid.reshape(2, -1))
+    return np.ascontiguousarray(terms[0]), np.ascontiguousarray(terms[1])
