@@ -1,4 +1,4 @@
-"""The bound of an arm whose first joints are taken for a ball: never above an error that the arm has, and good enough to close gaps."""
+"""The bound of an arm on a ball joint: never above an error that the arm has, and good enough to close gaps."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from reference import fk, weighted_error
 Array = NDArray[np.float64]
 
 SPARE = ("panda", "iiwa14", "iiwa14_srs", "gen3", "xarm7", "rizon4", "baxter_left", "pr2_left", "yumi_left")
-"""Arms of seven turns: axes of the shoulder that meet, nearly meet, and do not; tips with the last axis along z, x and -z."""
+"""Arms of seven turns, whose first axes meet, nearly meet, or do not; with the last axis along z, x or -z of the tip."""
 
 
 BOUND = exposed(bound_ball)
@@ -84,7 +84,8 @@ def lost(chain: SerialChain, rng: np.random.Generator, trust: float = 1.0) -> in
         bound, middle = BOUND(
             shoulder, error * (1 + 10 ** rng.uniform(-9, 0)), inner - off * h, h + 1e-15, terms, ranges, share
         )
-        assert np.isfinite(bound) and middle >= 0.0
+        assert np.isfinite(bound)
+        assert middle >= 0.0
         count += bound > error + 1e-11 * (1 + goal.position_weight + goal.orientation_weight)
     return count
 

@@ -374,7 +374,9 @@ def enclosed(
     ball = bounded_by_ball(problem, (1.0 - gap) * error, budget, trust, lambda: watch.over)
     if ball.lower >= (1.0 - gap) * error:
         return start._replace(outcome=ENDED, boxes=ball.boxes, lower=ball.lower, upper=error)
-    search = stretch(start, np.c_[start_boxes(chain, roll.present), ball.lower], min(budget - ball.boxes, PIECE))
+    search = stretch(
+        start, np.c_[start_boxes(chain, roll.present), ball.lower], min(budget - ball.boxes, PIECE)
+    )
     search = search._replace(boxes=search.boxes + ball.boxes)
     if not len(search.left) or search.boxes >= budget or watch.over:
         return search

@@ -39,7 +39,7 @@ MOST = 5
 """Joints behind the ball: of more the sums of products are long."""
 
 WORK = 5_000_000
-"""Boxes times products in each of their sums: a tenth of a second. By trial: nine of ten goals that it decides take a tenth."""
+"""Boxes times products in each of their sums: a tenth of a second. Most goals that it decides take a tenth of that."""
 
 PIECE = 2_000_000
 """The same, after which the kernel comes back to be asked to go on."""
@@ -54,7 +54,11 @@ class Bounded(NamedTuple):
 
 
 def bounded_by_ball(
-    problem: Problem, ceiling: float, budget: int, trust: float = 1.0, over: Callable[[], bool] = lambda: False
+    problem: Problem,
+    ceiling: float,
+    budget: int,
+    trust: float = 1.0,
+    over: Callable[[], bool] = lambda: False,
 ) -> Bounded:
     """Bound the least weighted error from below by that of the arm on a ball joint, until the bound is `ceiling` at best.
 
@@ -120,7 +124,7 @@ def shoulder_of(problem: Problem, form: Form, wanted: Wanted) -> tuple[Shoulder,
     far = float(np.linalg.norm(g))
     ahead = float(b @ g) / far if far > 0.0 else 1.0
     aside = float(np.linalg.norm(np.cross(g, b))) / far if far > 0.0 else 0.0
-    size = wanted.margin / wanted.margin_a + abs(along)
+    size = 1.0 + float(np.linalg.norm(form.fixed[1:, :, 3], axis=1).sum()) + far + abs(float(ball[2]))
     shoulder = Shoulder(
         square=square,
         along=across_terms,
@@ -130,7 +134,7 @@ def shoulder_of(problem: Problem, form: Form, wanted: Wanted) -> tuple[Shoulder,
         weight_p=wanted.weight_p,
         weight_a=wanted.weight_a,
         size=size,
-        margin=wanted.margin_a * size + 2.0 * apart * meet,
+        margin=wanted.margin + wanted.margin_a * size + 2.0 * apart * meet,
         margin_a=wanted.margin_a,
         trust=wanted.trust,
     )
@@ -138,7 +142,7 @@ def shoulder_of(problem: Problem, form: Form, wanted: Wanted) -> tuple[Shoulder,
 
 
 def _invariants(fixed: Array, ball: Array) -> tuple[Array, Array]:
-    """``|p|²`` and ``p·a`` as sums of products of ``1, cos q, sin q``, (3ⁿ,) each: from their values at three angles a joint.
+    """``|p|²`` and ``p·a`` as sums of products of ``1, cos q, sin q``, (3ⁿ,) each, from values at three angles a joint.
 
     Args:
         fixed: Transforms of the joints behind the ball, and of the tip, (n+1, 3, 4).

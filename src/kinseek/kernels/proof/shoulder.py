@@ -6,18 +6,19 @@ joints is in the way: then the others make up for what two joints cannot. A near
 the arm's self-motion, along which boxes of joint values line up; here most of that curve is divided out.
 
 Let p be the tip as seen from the ball, a the column of the hand that counts, g and b what is wanted. How the ball turns
-does not matter to ``s = |p|²`` and ``u = p·a``, and these two are all that counts: wherever the ball brings the tip to, z, and
-the column, α, ``s = |z|²`` and ``u = z·α``. So for any multipliers λ and μ (Lagrange's dual; Rockafellar 1970, §28)::
+does not matter to ``s = |p|²`` and ``u = p·a``, and these two are all that counts: wherever the ball brings the tip, to z,
+and the column, to α, ``s = |z|²`` and ``u = z·α``. So for any multipliers λ and μ (Lagrange's dual; Rockafellar 1970, §28)::
 
     E ≥ λ s + μ u + least over z, |α| = 1 of  K_P |z - g| + K_A (1 - α·b) - λ |z|² - μ z·α.
 
-The least over α leaves ``-|K_A b + μ z|``, which is at least ``-(|K_A b + μ z|² + m²)/(2 m)`` for any m > 0: then all but the first
-term is a polynomial in z, as bent one way as another, and the least over all z with ``|z - g| ≤ ceiling / K_P`` is known. So a bound
-is a few products; any multipliers give one, and those that say how the error grows with s and u mostly give the error itself.
+The least over α leaves ``-|K_A b + μ z|``, which is at least ``-(|K_A b + μ z|² + m²)/(2 m)`` for any m > 0. Then all but
+the first term is a polynomial in z, as bent one way as another, and the least over all z with ``|z - g| ≤ ceiling / K_P`` is
+known. So a bound is a few products; any multipliers give one, and those that say how the error grows with s and u mostly
+give the error itself.
 
-Both s and u are of first degree in the cosine and the sine of every joint. So with ``1 - cos δ`` and ``sin δ`` about the middle
-of a box they are sums of products whose ranges are known: exact along each joint alone, of second order where two joints
-meet.
+Both s and u are of first degree in the cosine and the sine of every joint. So with ``1 - cos δ`` and ``sin δ`` about the
+middle of a box they are sums of products whose ranges are known: exact along each joint alone, of second order where two
+joints meet.
 """
 
 from __future__ import annotations
@@ -48,11 +49,11 @@ CLOSE = 0.995
 """Multipliers that tell such a part of the error at the middle of a box are good enough."""
 
 AMPLE = 1.1
-"""And so are those that tell so many times what is asked for."""
+"""And so are those that tell so many times what is asked for. By trial: with 1 some goals take a hundred times the boxes."""
 
 FLAT = 1e-6
-"""Keeps multipliers from being larger than such a part of a length allows, where p and a are parallel or the ball is at the tip
-or the tip at its goal: bounds are as good without."""
+"""Part of the length of arm and goal that no denominator of a multiplier falls below: where p and a are parallel, the tip is
+at the ball or at its goal. Any multipliers give a bound; larger ones would give a poor one."""
 
 OF_PRODUCTS = 1e-13
 """Rounding of s, u and what is made of them, relative to the terms that are added: a thousand last digits, for sums of some
@@ -202,7 +203,10 @@ def best_turn(shoulder: Shoulder, far: float, angle: float) -> float:
 def dual_value(
     shoulder: Shoulder, reach: float, s: float, u: float, by_s: float, by_u: float, m: float
 ) -> float:
-    """A lower bound of the error where ``|p|²`` is s and ``p·a`` is u, or of `reach` [m] times K_P: for any multipliers, m > 0."""
+    """A lower bound of the error where ``|p|²`` is s and ``p·a`` is u, if the tip is within `reach` [m] of its goal.
+
+    Any multipliers give one, and any m > 0.
+    """
     K_P, K_A, g, ahead = shoulder.weight_p, shoulder.weight_a, shoulder.far, shoulder.ahead
     bent = by_s + 0.5 * by_u * by_u / m
     pull = K_A * by_u / m
@@ -245,7 +249,7 @@ def bound_ball(
     tilt = angle + turn - math.atan2(shoulder.aside, shoulder.ahead)
     error = K_P * miss + K_A * (1.0 - math.cos(tilt))
     # Multipliers: how the error grows with s and u; then better ones, where these leave much open.
-    reach = ceiling / K_P
+    reach = ceiling / K_P + shoulder.margin
     torque, small = K_A * math.sin(tilt), FLAT * size
     by_u = -torque / max(flat, small)
     by_s = torque * u / (2.0 * max(flat, small) * max(s, small * small))
@@ -271,7 +275,7 @@ def bound_ball(
     for t in range(len(ranges)):
         terms[2, t] = -by_s * terms[0, t] - by_u * terms[1, t]
     bound -= shoulder.trust * most_above(terms[2], h, ranges, share)
-    bound -= K_P * shoulder.margin + K_A * shoulder.margin_a
+    bound -= K_P * shoulder.margin + 2.0 * K_A * shoulder.margin_a
     parts = K_A + abs(by_u) * size
     bound -= OF_PRODUCTS * ((abs(by_s) * size + 2.0 * abs(by_u) + K_P) * size + parts * parts / m + m)
     return bound, error
