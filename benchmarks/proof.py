@@ -9,6 +9,7 @@ to 1e-2, and the search of boxes, without the atlas' help, must not call one unr
 
     python -m benchmarks.proof                       # every arm of the catalog
     python -m benchmarks.proof ur5e panda --goals 300 --gap 0.01
+    python -m benchmarks.proof panda iiwa14 gen3 xarm7 --goals 160 --gap 0.01 --seconds 2
     python -m benchmarks.proof --sound 3000
     python -m benchmarks.proof ur5e puma560 --branches 1000
 
@@ -28,6 +29,7 @@ from scipy.spatial.transform import Rotation
 
 import kinseek
 from kinseek import Goal, Problem
+from kinseek.deadline import Deadline
 from kinseek.kernels.proof.progress import ENDED, FOUND
 from kinseek.proof.boxes import excluded
 from kinseek.proof.branch_and_bound import prove
@@ -68,7 +70,9 @@ def unreachable(arm: kinseek.Arm, count: int, seed: int = 0) -> list[tuple[Probl
     return found
 
 
-def measure(arm: kinseek.Arm, count: int, gap: float | None, budget: int, seed: int) -> str:
+def measure(
+    arm: kinseek.Arm, count: int, gap: float | None, budget: int, seed: int, seconds: float | None = None
+) -> str:
     """One row of the table."""
     problems = unreachable(arm, count, seed)
     if not problems:
@@ -77,7 +81,9 @@ def measure(arm: kinseek.Arm, count: int, gap: float | None, budget: int, seed: 
     spent, seen, proved = [], [], 0
     for problem, answer in problems:
         start = time.process_time()
-        certificate = prove(problem, gap=gap, answer=answer, budget=budget, threads=1)
+        certificate = prove(
+            problem, gap=gap, answer=answer, budget=budget, threads=1, deadline=Deadline(seconds)
+        )
         spent.append(1e3 * (time.process_time() - start))
         seen.append(certificate.boxes)
         done = certificate.verdict.name == "UNREACHABLE" if gap is None else certificate.gap <= gap * 1.001
@@ -151,6 +157,7 @@ def main() -> None:
     parser.add_argument("--goals", type=at_least_one, default=300, help="goals an arm to choose from")
     parser.add_argument("--gap", type=float, help="enclose the nearest pose to this share of its error")
     parser.add_argument("--budget", type=at_least_one, default=5_000_000, help="boxes a goal")
+    parser.add_argument("--seconds", type=float, help="time a goal; none by default")
     parser.add_argument(
         "--sound", type=at_least_one, metavar="N", help="goals in reach an arm, none to be called unreachable"
     )
@@ -189,7 +196,10 @@ def main() -> None:
     )
     for name in names:
         print(
-            measure(kinseek.load(name), options.goals, options.gap, options.budget, options.seed), flush=True
+            measure(
+                kinseek.load(name), options.goals, options.gap, options.budget, options.seed, options.seconds
+            ),
+            flush=True,
         )
 
 

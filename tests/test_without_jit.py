@@ -61,6 +61,7 @@ from kinseek.paths.certify import numbers_of, prove_rows
 from kinseek.proof import branch_and_bound, isolation
 from kinseek.proof.boxes import enclosed, excluded
 from kinseek.proof.reduce import error_question, question
+from kinseek.proof.shoulder import bounded_by_ball
 from kinseek.solvers.atlas.index import PLAIN as PLAIN_WANTED
 from kinseek.solvers.atlas.index import AtlasIndex
 
@@ -212,6 +213,14 @@ def proof(arm: kinseek.Arm, kind: str, gap: float | None, budget: int) -> Any:
     known = SMALL.solve(replace(problem, budget=200))
     found = branch_and_bound.prove(problem, gap=gap, budget=budget, threads=1, answer=known)
     return found.verdict.name, found.boxes, found.lower_bound, found.upper_bound
+
+
+def on_a_ball(name: str) -> Any:
+    """The bound of an arm on a ball joint, far out: all boxes below what is asked for are cut, whatever the order."""
+    arm = kinseek.load(name)
+    T = arm.fk((arm.lower + arm.upper) / 2)
+    T[:3, 3] *= 2.5 / np.linalg.norm(T[:3, 3])
+    return tuple(bounded_by_ball(Problem(arm.chain, Goal.pose(T)), 1.0, 400))
 
 
 def bounds(arm: kinseek.Arm, kind: str, budget: int) -> Any:
@@ -433,6 +442,7 @@ RUNS: list[tuple[Any, ...]] = [
     *[(branches, name) for name in ("planar2", "elbow6", "ur5e")],
     (free_branches,),
     *[(all_branches, arm) for arm in (TWO, SLIDES)],
+    *[(on_a_ball, name) for name in ("panda", "iiwa14")],
     (proof, SLIDES, "pose", None, 30),
     (proof, TWO, "pose", 0.05, 100),
     (proof, SLIDES, "position", 0.2, 60),
