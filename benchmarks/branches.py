@@ -9,6 +9,8 @@ ssik is timed in an environment of its own, see `benchmarks.peers`, which is mad
 
     python -m benchmarks.branches                 # writes branches.md beside this file; EAIK where installed
     python -m benchmarks.branches ur5e jaco2_6 --targets 1000
+    python -m benchmarks.branches jaco2_6 irb5400 mpx3500 --targets 2500 --output random.md
+    python -m benchmarks.branches jaco2_6 irb5400 mpx3500 --targets 1300 --singular --output singular.md
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
 from .command import arm_name, at_least_one, command, writes
 from .page import Page
 from .peers.environments import PEERS, ask, environment, write_arm
-from .targets import plain_fk, random_joints, strict
+from .targets import plain_fk, random_joints, singular_joints, strict
 
 Array = NDArray[np.float64]
 
@@ -42,6 +44,7 @@ HERE = Path(__file__).resolve().parent
 
 CLOSED = ("ur5e", "ur10e", "puma560", "irb120", "kr6r900")
 OPEN = ("jaco2_6", "irb5400", "mpx3500", "ur10e_calibrated")
+ONE_JOINT = ("jaco2_6", "irb5400", "mpx3500")
 REDUNDANT = ("panda", "iiwa14", "gen3")
 
 SAME = 1e-3
@@ -49,6 +52,10 @@ SAME = 1e-3
 
 SEARCHED = 40
 """FK evaluations that no closed form needs: eight candidates, a step or four each."""
+
+
+SWEPT = 120
+"""Those that no search of one joint needs: twelve answers at most, a step or four each, and twins of them."""
 
 
 @dataclass(frozen=True)
@@ -164,10 +171,11 @@ def restarts(arm: kinseek.Arm, seed: int, count: int = 1000) -> Callable[[Array]
     return solve
 
 
-def measure(name: str, count: int, seed: int) -> Row:
-    """Measure one arm against its witness."""
+def measure(name: str, count: int, seed: int, singular: bool = False) -> Row:
+    """Measure one arm against its witness, with targets anywhere or near singularities and limits."""
     arm = kinseek.load(name)
-    targets = plain_fk(arm.chain, random_joints(arm.chain, count, seed))
+    joints = singular_joints if singular else random_joints
+    targets = plain_fk(arm.chain, joints(arm.chain, count, seed))
     for target in targets[:50]:
         arm.branches(target)  # Whatever compiles or loads does so before the clock runs.
     witness: Callable[[Array], Array] | None = None
@@ -181,7 +189,8 @@ def measure(name: str, count: int, seed: int) -> Row:
         witness, label = restarts(arm, seed + 1), "1,000 restarts"
     times, theirs, numbers = np.empty(count), np.full(count, np.nan), np.empty(count, dtype=int)
     found: list[Array] = []
-    sampled = searched = false = 0
+    endless = np.zeros(count, dtype=bool)
+    searched = false = 0
     for i, target in enumerate(targets):
         began = time.perf_counter_ns()
         branches = arm.branches(target)
@@ -193,8 +202,8 @@ def measure(name: str, count: int, seed: int) -> Row:
             false += int((~good).sum())
         found.append(branches.q[good])
         numbers[i] = len(found[-1])
-        sampled += int(branches.sampled)
-        searched += int(branches.evaluations > SEARCHED)
+        endless[i] = branches.sampled
+        searched += int(branches.evaluations > (SWEPT if name in ONE_JOINT else SEARCHED))
     began = time.perf_counter_ns()
     arm.branches(targets, threads=1)
     batch = (time.perf_counter_ns() - began) / 1e3 / count
@@ -202,6 +211,8 @@ def measure(name: str, count: int, seed: int) -> Row:
     lacking: list[int] = []
     extra: list[str] = []
     for i, target in enumerate(targets if witness else []):
+        if endless[i]:
+            continue  # Of a continuum there are samples, here and there.
         began = time.perf_counter_ns()
         other = witness(target) if witness else np.zeros((0, arm.dof))
         theirs[i] = (time.perf_counter_ns() - began) / 1e3
@@ -228,7 +239,7 @@ def measure(name: str, count: int, seed: int) -> Row:
         false=false,
         answers=float(numbers.mean()),
         fewest=int(numbers.min()),
-        sampled=sampled,
+        sampled=int(endless.sum()),
         median=float(np.median(times)),
         p99=float(np.percentile(times, 99)),
         fastest=min(float(np.median(part)) for part in np.array_split(times, 5)),
@@ -242,16 +253,18 @@ def measure(name: str, count: int, seed: int) -> Row:
     )
 
 
-def page(rows: list[Row]) -> Page:
+def page(rows: list[Row], singular: bool = False) -> Page:
     """The page."""
+    where = "near singularities and limits" if singular else "uniform inside the limits"
     page = Page("Every branch", "benchmarks.branches")
     page.say(
-        "Targets from joint values uniform inside the limits. Complete: targets at which the witness has no answer inside",
+        f"Targets from joint values {where}. Complete: targets at which the witness has no answer inside",
         "the limits that is lacking; extra: targets at which the witness lacks one. Judged by plain NumPy FK to 1e-6 m and",
         "1e-6 rad. Times: `arm.branches(T)` from Python, wall time; best fifth: the least median of five parts of the run.",
-        "Batch: of a pose in a batch of all, on one thread. Searched: targets for which a closed form was not enough.",
-        "EAIK's time includes the filter by limits; ssik's is that of the module it builds for an arm, asked for all answers",
-        "inside the limits without copies by full turns.",
+        "Batch: of a pose in a batch of all, on one thread. Searched: targets for which a closed form, or the search",
+        "of one joint, was not enough.",
+        "EAIK's time includes the filter by limits; ssik's is that of the module it builds for an arm, asked for all",
+        "answers inside the limits without copies by full turns.",
     )
     cells = []
     for row in (row for row in rows if row.arm not in REDUNDANT):
@@ -262,7 +275,16 @@ def page(rows: list[Row]) -> Page:
         found = row.arm, row.structure, row.witness, f"{row.targets:,}", complete, len(row.extra), row.false
         share = f"{100 * row.searched / row.targets:.2f}"
         cells.append(
-            (*found, f"{row.answers:.2f}", share, *times(row), other, ssik, f"{row.batch:.1f}", f"{row.index:.1f}")
+            (
+                *found,
+                f"{row.answers:.2f}",
+                share,
+                *times(row),
+                other,
+                ssik,
+                f"{row.batch:.1f}",
+                f"{row.index:.1f}",
+            )
         )
     page.table(
         "arm | structure | witness | >targets | >complete % | >extra | >false | >answers, mean | >searched % | >median µs | "
@@ -297,22 +319,30 @@ def main() -> None:
     parser.add_argument(
         "--targets", type=at_least_one, help="targets an arm; 20,000 with a closed form, else 1,000"
     )
+    parser.add_argument(
+        "--singular",
+        action="store_true",
+        help="targets near singularities and limits; write another page of them",
+    )
     parser.add_argument("--seed", type=int, default=0, help="seed of the targets")
     writes(parser, "--output", HERE / "branches.md", "page to write")
     options = parser.parse_args()
     rows = []
     for name in options.arms or (*CLOSED, *OPEN, *REDUNDANT):
-        row = measure(name, options.targets or (20_000 if name in CLOSED else 1000), options.seed)
+        row = measure(
+            name, options.targets or (20_000 if name in CLOSED else 1000), options.seed, options.singular
+        )
         rows.append(row)
         print(
             f"{name:18s} {row.witness}: lacking {len(row.lacking)}, extra {len(row.extra)} of {row.targets}, "
             f"{row.false} false, {row.searched} searched; "
             f"{row.answers:.2f} answers, {row.fewest} at least; {row.median:.1f} µs, best fifth {row.fastest:.1f}, "
-            f"p99 {row.p99:.1f}; EAIK {row.witness_median:.1f}; ssik {row.ssik_median:.1f}, fewer at {row.ssik_fewer}; batch {row.batch:.1f}; "
+            f"p99 {row.p99:.1f}; EAIK {row.witness_median:.1f}; ssik {row.ssik_median:.1f}, "
+            f"fewer at {row.ssik_fewer}; batch {row.batch:.1f}; "
             f"index {row.index:.1f} ms",
             flush=True,
         )
-    page(rows).write(options.output)
+    page(rows, options.singular).write(options.output)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks.branches import restarts
 from benchmarks.targets import plain_fk, random_joints, singular_joints, strict
 from numpy.typing import NDArray
 
@@ -149,6 +150,62 @@ def test_no_restart_finds_what_is_lacking(name: str) -> None:
         found = arm.ik(np.broadcast_to(target, (250, 4, 4)), near=starts)
         assert_true(arm, mine, target)
         assert (apart(found.q[found.success], mine.q).min(axis=1) < 1e-3).all()
+
+
+MISSED = {
+    "ur5e": (1937,),
+    "ur10e": (34, 1937),
+    "puma560": (1937, 4015, 8861),
+    "irb120": (3823,),
+    "jaco2_6": (568, 870),
+    "irb5400": (34,),
+    "mpx3500": (122,),
+    "ur10e_calibrated": (12, 34, 88, 480, 569, 776),
+}
+"""Targets of `benchmarks.branches` at which kinseek or a witness once lacked an answer, most beside two singularities."""
+
+
+@pytest.mark.parametrize("name", MISSED)
+def test_what_was_missed_once_is_found(name: str) -> None:
+    arm = kinseek.load(name)
+    joints = random_joints(arm.chain, max(MISSED[name]) + 1, 0)[list(MISSED[name])]
+    solve = restarts(arm, 1)
+    for q, target in zip(joints, plain_fk(arm.chain, joints), strict=True):
+        found = one(arm.branches(target))
+        assert_true(arm, found, target)
+        witnesses = np.concatenate([q[None], solve(target)])
+        assert (apart(witnesses, found.q).min(axis=1, initial=np.inf) < 1e-3).all()
+
+
+@pytest.mark.parametrize("name", ["jaco2_6", "irb5400", "mpx3500"])
+def test_where_one_joint_is_searched_answers_are_few_steps_away(name: str) -> None:
+    """Nothing is looked up where the search of one joint leaves nothing open, which is nearly everywhere."""
+    arm = kinseek.load(name)
+    targets = plain_fk(arm.chain, random_joints(arm.chain, 300, 24))
+    found = some(arm.branches(targets))
+    few = [branches.evaluations <= 6 * len(branches) + 24 for branches in found]
+    assert np.mean(few) > 0.97
+    loose = some(arm.branches(Goal.pose(targets[:40], position_tolerance=1e-4, orientation_tolerance=1e-4)))
+    for exact, searched in zip(found[:40], loose, strict=True):
+        assert searched.evaluations > exact.evaluations
+        near = apart(exact.q, searched.q).min(axis=1)
+        assert (
+            near < 0.05
+        ).all()  # Tolerances that loose are searched as other arms are, and nothing else is found.
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_joint_searched_between_narrow_limits(turned: bool) -> None:
+    """The answer that made the pose is found wherever it is between the limits, at either end as well."""
+    arm = kinseek.load("jaco2_6")
+    lower, upper = arm.lower.copy(), arm.upper.copy()
+    lower[3], upper[3] = (2.0, 4.0) if turned else (-0.4, 0.9)
+    narrow = arm.with_limits(lower, upper)
+    joints = random_joints(narrow.chain, 60, 25)
+    joints[:20, 3], joints[20:40, 3] = lower[3], upper[3]
+    for q, target in zip(joints, plain_fk(narrow.chain, joints), strict=True):
+        found = one(narrow.branches(target))
+        assert apart(q[None], found.q).min(initial=np.inf) < 1e-5
 
 
 @pytest.mark.parametrize("name", ["ur5e", "ur10e_calibrated"])

@@ -439,7 +439,7 @@ RUNS: list[tuple[Any, ...]] = [
     (positions_and_directions, "elbow6"),
     (box, "elbow6"),
     (plain_calls,),
-    *[(branches, name) for name in ("planar2", "elbow6", "ur5e")],
+    *[(branches, name) for name in ("planar2", "elbow6", "ur5e", "jaco2_6")],
     (free_branches,),
     *[(all_branches, arm) for arm in (TWO, SLIDES)],
     (on_a_ball, "panda", 1.3),

@@ -116,6 +116,7 @@ def _search(
                 wanted,
                 index.mirrors,
                 index.structure.numbers,
+                *index.joint,
                 index.steps,
                 targets,
                 views,

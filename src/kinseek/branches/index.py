@@ -17,14 +17,17 @@ from kinseek.kernels.branches.refine_all import ANSWER
 from kinseek.kernels.branches.search import ROWS, many_branches
 from kinseek.kernels.branches.seeding import fill_steps
 from kinseek.kernels.branches.twins import SHIFTS, SIGNS
-from kinseek.kinds import Kind
+from kinseek.kernels.structure.candidates import KIND, NONE
+from kinseek.kinds import POSE, Kind
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
+from kinseek.robots.geometry import arm_length
 from kinseek.robots.sampling import weyl
 from kinseek.shelf import Shelf
 from kinseek.solvers.atlas.index import KEPT, AtlasIndex, atlas_of, wanted_of
 from kinseek.turns import shortest
 
+from .one_joint import NOTHING, one_joint_of
 from .result import answers_of
 
 SAMPLES = 1024
@@ -56,6 +59,10 @@ class BranchIndex:
         `refine_all.CENTRE`."""
         self.structure = self.fine.structure
         """What the geometry of the arm gives; nothing where the goal is less than a pose."""
+        self.joint = NOTHING
+        """What one joint of the arm moves, where its answers are found by searching that joint."""
+        if kind is POSE and not self.freedom and self.structure.numbers[KIND] == NONE:
+            self.joint = one_joint_of(problem.arrays, arm_length(chain))
         self.steps: Array = np.zeros((0 if self.freedom else self.coarse.samples, 6, LANES))
         """The first step of a start from each coarse sample, see `seeding.fill_steps`, (samples, 6, LANES); of none where
         answers are sampled."""
@@ -71,7 +78,7 @@ class BranchIndex:
         most, number = (count, count) if self.freedom else (ROWS, 0)
         rows, found = np.empty((1, most + 1, view.shape[-1] + ANSWER)), np.empty(1, dtype=np.int64)
         handles, one = (self.coarse.handle, self.fine.handle), (target[None], view[None])
-        what = self.mirrors, self.structure.numbers, self.steps
+        what = self.mirrors, self.structure.numbers, *self.joint, self.steps
         many_branches(*handles, wanted, *what, *one, number, 0, 1, rows, found, LANES)
         return rows[0, : found[0]]
 

@@ -140,6 +140,7 @@ def _arm_as_data(arm: Arm) -> dict[str, Any]:
     division = Division(numbers[HEAD], numbers[TAIL], numbers[COLUMNS], lengths[DIRECTION])
     arrays = {name: each for name, each in task.items() if name not in (*_MADE, "routines")}
     arrays |= {"view": index.view, "mirrors": index.mirrors, "structure": index.structure.numbers}
+    arrays |= {"joint": index.joint.numbers, "table": index.joint.table}
     return {
         "name": arm.name,
         "joint_names": list(arm.joint_names),

@@ -220,6 +220,8 @@ class Arm {
       wanted: this.arrays.plain,
       mirrors: this.arrays.mirrors,
       structure: this.arrays.structure,
+      joint: this.arrays.joint,
+      table: this.arrays.table,
       steps: this.steps,
       targets: this.target,
       views: this.eye,

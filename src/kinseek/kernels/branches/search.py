@@ -1,5 +1,8 @@
 """Every answer to a goal: many starts side by side, and from each answer found the way to its siblings.
 
+An arm with a closed form, or of which one joint can be searched, has its starts from there, see `structure.closed` and
+`one_joint`; what is said here is for what these leave open, and for other arms.
+
 The starts are the nearest of a coarse atlas, see `seeding`. Coarse is better here: of a thousand samples the nearest sixty
 lie all over the joint space, of sixteen thousand they crowd around the answers where the map is steep. Two kinds of
 siblings are found from an answer itself, at hardly any cost:
@@ -37,9 +40,10 @@ from kinseek.kernels.atlas.task import (
 )
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import called, entry, hidden
-from kinseek.kernels.structure.candidates import NUMBERS, WORK
+from kinseek.kernels.structure.candidates import LOOSE, NUMBERS, WORK
 from kinseek.kernels.structure.closed import SURE, TRIED, UNSURE, closed_starts, serves
 
+from . import one_joint, watched
 from .refine_all import (
     ANSWERS,
     CENTRE,
@@ -81,6 +85,10 @@ ROWS = 64
 """Answers kept at most. Six joints have sixteen isolated ones at most (Primrose 1986): more is a continuum."""
 
 
+SETTLED = -1
+"""Of the rounds of starts: none is needed, but for twins."""
+
+
 @hidden
 def in_doubt(task: Task, count: int) -> bool:
     """Is the number of answers suspicious: none, or odd where no joint has limits?"""
@@ -97,6 +105,8 @@ def find_branches(
     wanted: Array,
     mirrors: Array,
     structure: Array,
+    joint: Array,
+    table: Array,
     steps: Array,
     target: Array,
     view: Array,
@@ -111,6 +121,8 @@ def find_branches(
         wanted: See `task_of`.
         mirrors: Of each mirror image, see `twins.SIGNS`, (k, 3, n).
         structure: See `structure.candidates.KIND`, (NUMBERS,).
+        joint: Of an arm of which one joint is searched, see `watched.BEGIN`, (watched.NUMBERS,).
+        table: See `one_joint.HEIGHT`, (PLACES, SAMPLES); of no samples for other arms.
         steps: See `seeding.fill_steps`, (samples of the coarse atlas, 6, LANES).
         target: (4, 4), lengths in [m].
         view: See `refine_all.CENTRE`, (3, n): answers come sorted by weighted distance.
@@ -129,6 +141,7 @@ def find_branches(
     desk = make_desk(memory, dof, joints)
     rows, seeds = np.empty((ROWS, dof)), np.empty((DEEP_STARTS, dof))
     tally, image, left, asked = np.zeros(TALLY), np.empty(dof), np.empty(ROWS), np.empty(3)
+    starts_told = np.zeros(3, dtype=np.int64)
     tally[WEAKEST] = np.inf
     start(task, desk, target)
     count, told, rounds, kept, done, unsure, reached = 0, 0, 0, 0, False, False, False
@@ -141,6 +154,15 @@ def find_branches(
         # Nothing lacks where all that must be answers are, and none is left to choose.
         unsure = asked[UNSURE] > 0.0
         done = not unsure and count >= asked[SURE] and (count > 0 or many == 0)
+    elif table.shape[1] > 0 and max(task.position_tolerance, task.orientation_tolerance) <= LOOSE:
+        one_joint.searched_starts(handle, wanted, joint, table, target, seeds, starts_told, w)
+        many = starts_told[one_joint.MANY]
+        count = refine_all(
+            handle, wanted, memory, target, seeds, many, many, rows, left, 0, view[RATES], SIBLING, tally, w
+        )
+        unsure = starts_told[one_joint.UNSURE] > 0 or count == 0
+        done = not unsure and count == many and starts_told[one_joint.TWINS] == 0
+        rounds = 0 if unsure else SETTLED
     samples, room = (0, 0) if done else (len(steps), ROOM)
     distance, near = np.empty(samples), np.empty(samples + 1, dtype=np.int64)
     order, known = np.empty(samples + BUCKETS + 1, dtype=np.int64), np.empty((MOST_JOINTS + 1, room))
@@ -159,6 +181,7 @@ def find_branches(
             many = twins(handle, wanted, memory, rows, told, last, seeds, tally, w)
             many = images(task, mirrors, view[RATES], rows, told, last, seeds, many, image)
             mode, told = SIBLING, last
+            rounds = 0 if rounds == SETTLED and tally[CONTINUA] > 0.0 else rounds
         elif rounds == 0 or (
             rounds == 1 and (unsure or tally[LATE] > 0.0 or tally[WEAKEST] < WEAK or in_doubt(task, count))
         ):
@@ -195,9 +218,8 @@ def find_branches(
             tally,
             w,
         )
-        if (
-            reached and count == 0
-        ):  # At the edge of reach steps may lead away from an answer that is not exact.
+        # At the edge of reach steps may lead away from an answer that is not exact.
+        if reached and count == 0:
             for i in range(dof):
                 rows[0, i] = seeds[0, i]
             count, reached = 1, False
@@ -214,6 +236,8 @@ def find_branches(
     wanted=F64[WANTED],
     mirrors=F64["*", 3, "n"],
     structure=F64[NUMBERS],
+    joint=F64[watched.NUMBERS],
+    table=F64[watched.PLACES, "*"],
     steps=F64["*", 6, LANES],
     targets=F64["k", 4, 4],
     views=F64["*", 3, "n"],
@@ -230,6 +254,8 @@ def many_branches(
     wanted: Array,
     mirrors: Array,
     structure: Array,
+    joint: Array,
+    table: Array,
     steps: Array,
     targets: Array,
     views: Array,
@@ -248,6 +274,8 @@ def many_branches(
         wanted: See `task_of`.
         mirrors: See `find_branches`.
         structure: See `find_branches`.
+        joint: See `find_branches`.
+        table: See `find_branches`.
         steps: See `find_branches`; of no samples if `number` > 0.
         targets: Rigid transforms, (k, 4, 4), lengths in [m].
         views: One for all or one for each, (1 or k, 3, n).
@@ -265,5 +293,5 @@ def many_branches(
             counts[t - begin] = sample_branches(fine, wanted, targets[t], view, number, result, w)
         else:
             counts[t - begin] = find_branches(
-                handle, fine, wanted, mirrors, structure, steps, targets[t], view, result, w
+                handle, fine, wanted, mirrors, structure, joint, table, steps, targets[t], view, result, w
             )

@@ -1,0 +1,185 @@
+"""What an arm needs whose answers are found by searching one joint: tables of what that joint moves.
+
+Axes 2 and 3 are parallel, and the joint that is searched tells where joints 1, 2 and 3 have to take a point of the wrist:
+they follow in closed form (Elias and Wen 2022). So do the two joints that are left, but for one number: the angle between
+their axes. Where that is what it must be there are answers. Two kinds of wrists are so:
+
+- Axes 5 and 6 meet: the point is where they do, and joint 4 is searched.
+- Joint 5 turns two axes or more so that axis 6 meets axis 4 wherever it stands, as in hollow wrists of painting robots,
+  where the second turns back as far as the first: the point is where these meet, and joint 5 is searched.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from kinseek.kernels.arrays import Array, ChainArrays
+from kinseek.kernels.branches import watched as search
+from kinseek.kernels.structure import candidates as form
+from kinseek.structure.axes import meeting, nearest_on, slant
+from kinseek.transforms import inverse
+
+NEARLY = 1e-3
+"""Deviation up to which an arm is taken to be so [rad], lengths in parts of its size."""
+
+
+BENT = 0.1
+"""Sine of the least angle between axes that must not be parallel."""
+
+
+BESIDE = 0.12
+"""The joint is searched so far beyond its limits, or beyond half a turn [rad]: what is watched is seen on both sides of an
+answer there."""
+
+
+DRAWN = 1e-3
+"""How strongly points of axes that nearly coincide are drawn to the middle of the wrist: there nothing else tells them."""
+
+
+class OneJoint(NamedTuple):
+    """What `kernels.branches.one_joint` takes of an arm."""
+
+    numbers: Array
+    """See `kernels.branches.watched.BEGIN`, (NUMBERS,)."""
+    table: Array
+    """See `kernels.branches.watched.HEIGHT`, (PLACES, SAMPLES); of no samples for an arm that is not so."""
+
+
+NOTHING = OneJoint(np.zeros(search.NUMBERS), np.zeros((search.PLACES, 0)))
+"""What any other arm has."""
+
+
+class _Turns(NamedTuple):
+    """An arm as a product of turns: the axes of its physical joints where all stand at 0, (m, 3), and the tip, (4, 4)."""
+
+    direction: Array
+    point: Array
+    home: Array
+
+
+def one_joint_of(arrays: ChainArrays, size: float) -> OneJoint:
+    """Tables of an arm of which one joint can be searched.
+
+    Args:
+        arrays: The arm, its tip where goals speak of.
+        size: Length that deviations are measured by [m].
+    """
+    leader, joints = arrays.leader, len(arrays.leader)
+    fits = len(arrays.lower) == 6 and (leader == np.sort(leader)).all() and not arrays.prismatic.any()
+    alone = np.flatnonzero(leader != 4)
+    if not fits or len(alone) != 5 or (np.abs(arrays.multiplier[alone]) != 1.0).any():
+        return NOTHING
+    turns = _turns(arrays)
+    h, p = turns.direction, turns.point
+    if _bend(h[0], h[1]) < BENT:
+        return NOTHING
+    coupled = joints > 6
+    searched, other = (4, 3) if coupled else (3, 4)
+    middle = (arrays.lower[searched] + arrays.upper[searched]) / 2
+    half = min((arrays.upper[searched] - arrays.lower[searched]) / 2, np.pi) + BESIDE
+    samples = np.linspace(middle - half, middle + half, search.SAMPLES)
+    moved = np.array([_moved(arrays, turns, searched, value) for value in samples])
+    R = moved[:, :3, :3]
+    if coupled:
+        far, near, apart = _meetings(turns, moved)
+        first, second = np.tile(h[3], (len(R), 1)), np.einsum("kji,j->ki", R, h[3])
+    else:
+        x, apart = meeting(h[4:], p[4:])
+        far, near = R @ x + moved[:, :3, 3], np.tile(x, (len(R), 1))
+        first, second = R @ h[4], np.tile(h[4], (len(R), 1))
+    off = max(apart / size, slant(h[1:3]))
+    if not off <= NEARLY or (not coupled and _bend(h[4], h[5]) < BENT):
+        return NOTHING
+    axis = R @ h[-1]
+    senses = np.sign(h[1:3] @ h[1])
+    parallel = senses @ h[1:3] / np.linalg.norm(senses @ h[1:3])
+    across = np.cross(parallel, np.eye(3)[np.abs(parallel).argmin()])
+    across /= np.linalg.norm(across)
+    basis = np.array([parallel, across, np.cross(parallel, across)])
+    numbers = np.zeros(search.NUMBERS)
+    numbers[form.DEVIATION], numbers[form.SIZE], numbers[form.SENSE : form.SENSE + 2] = off, size, senses
+    numbers[form.HOME : form.HOME + 12] = inverse(turns.home[:3]).ravel()
+    vectors = {
+        form.H1: h[0],
+        form.P1: p[0],
+        form.H: parallel,
+        form.E: across,
+        form.P2: p[1],
+        form.P3: p[2],
+        form.H6: h[-1],
+    }
+    for place, vector in vectors.items():
+        numbers[place : place + 3] = vector
+    numbers[search.BEGIN], numbers[search.APART] = samples[0], samples[1] - samples[0]
+    numbers[search.SEARCHED], numbers[search.OTHER] = searched, other
+    height, cosine = (far - p[0]) @ parallel, (first * axis).sum(axis=1)
+    columns = [
+        height[:, None],
+        (far - p[2]) @ basis[1:].T,
+        cosine[:, None],
+        first @ basis.T,
+        near,
+        axis,
+        second,
+    ]
+    return OneJoint(numbers, np.concatenate(columns, axis=1).T.copy())
+
+
+def _meetings(turns: _Turns, moved: Array) -> tuple[Array, Array, float]:
+    """Where axis 4 meets axis 6, moved by the joint between them, (k, 4, 4).
+
+    Returns:
+        The points as axis 4 has them, and as axis 6 has them at q = 0, (k, 3) each; how far apart they are at most [m].
+    """
+    h, p = turns.direction[[3, -1]], turns.point
+    middle = (meeting(turns.direction[3:5], p[3:5])[0] + meeting(turns.direction[-2:], p[-2:])[0]) / 2
+    a, b = nearest_on(h, p[[3, -1]], middle)
+    far, near, apart = [], [], 0.0
+    for M in moved:
+        ways = np.array([h[0], -M[:3, :3] @ h[1]]).T
+        gap = M[:3, :3] @ b + M[:3, 3] - a
+        s, t = np.linalg.solve(ways.T @ ways + DRAWN**2 * np.eye(2), ways.T @ gap)
+        far.append(a + s * h[0])
+        near.append(b + t * h[1])
+        apart = max(apart, float(np.linalg.norm(gap - ways @ (s, t))))
+    return np.array(far), np.array(near), apart
+
+
+def _turns(arrays: ChainArrays) -> _Turns:
+    """As `structure.axes.axes_of`, for joints that move together as well."""
+    frame, directions, points = np.eye(4), [], []
+    for k in range(len(arrays.leader)):
+        frame = frame @ _whole(arrays.fixed[k])
+        directions.append(frame[:3, 2] * (1.0 if arrays.leader[k] == 4 else arrays.multiplier[k]))
+        points.append(frame[:3, 3].copy())
+        frame = frame @ _turn(np.array([0.0, 0.0, 1.0]), np.zeros(3), arrays.offset[k])
+    return _Turns(np.array(directions), np.array(points), frame @ _whole(arrays.fixed[-1]))
+
+
+def _moved(arrays: ChainArrays, turns: _Turns, variable: int, value: float) -> Array:
+    """What a variable does by all joints that it moves, (4, 4)."""
+    T = np.eye(4)
+    for k in np.flatnonzero(arrays.leader == variable):
+        rate = arrays.multiplier[k] if variable == 4 else 1.0
+        T = T @ _turn(turns.direction[k], turns.point[k], rate * value)
+    return T
+
+
+def _turn(axis: Array, point: Array, angle: float) -> Array:
+    """A turn about an axis, (4, 4) (Rodrigues 1840)."""
+    x, y, z = axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    T = np.eye(4)
+    T[:3, :3] += np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K
+    T[:3, 3] = point - T[:3, :3] @ point
+    return T
+
+
+def _whole(fixed: Array) -> Array:
+    return np.vstack([fixed, [0.0, 0.0, 0.0, 1.0]])
+
+
+def _bend(a: Array, b: Array) -> float:
+    return float(np.linalg.norm(np.cross(a, b)))
