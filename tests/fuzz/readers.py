@@ -120,27 +120,29 @@ def some_lines(path: Path) -> None:
 
 def a_goal(path: Path) -> None:
     """The arguments of a goal, as JSON: what is to be met under its kind, all others by their names."""
-    given = _object(path, (), (*GOALS, *OPTIONS))
-    for kind, make in GOALS.items():
+    given = _object(path, (), (*GOALS, *OPTIONS, *RANGES, "tool_axis"))
+    for kind, (make, own) in GOALS.items():
         if kind in given:
             first = given[kind] if kind == "pointing" else [given[kind]]
             if not isinstance(first, list) or len(first) != (2 if kind == "pointing" else 1):
                 raise InvalidRobot("a direction needs a place")
-            goal = make(*first, **{name: value for name, value in given.items() if name not in GOALS})
+            goal = make(*first, **{name: value for name, value in given.items() if name in (*own, *OPTIONS)})
             _rigid(goal.target)
             return
     raise InvalidRobot("no goal")
 
 
-GOALS: dict[str, Callable[..., Goal]] = {
-    "pose": Goal.pose,
-    "position": Goal.position,
-    "pointing": Goal.pointing,
-}
+RANGES = ("free", "box", "frame")
 OPTIONS = (
-    *("free", "box", "frame", "tool", "base", "tool_axis"),
+    *("tool", "base"),
     *("position_tolerance", "orientation_tolerance", "position_weight", "orientation_weight"),
 )
+GOALS: dict[str, tuple[Callable[..., Goal], tuple[str, ...]]] = {
+    "pose": (Goal.pose, RANGES),
+    "position": (Goal.position, ()),
+    "pointing": (Goal.pointing, ("free", "box", "tool_axis")),
+}
+"""What makes each kind, and which names it takes beside those of all."""
 
 
 def _object(path: Path, needed: tuple[str, ...], known: tuple[str, ...]) -> dict[str, Any]:
