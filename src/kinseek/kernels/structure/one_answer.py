@@ -60,7 +60,7 @@ def closed_routine(
         middle(task, desk.seed)
         near = desk.seed
     displacement(S, target, desk.between)
-    ahead = direction(S, desk.between)
+    ahead = direction(S, desk.between) if values > 0 else 0.0
     for k in range(max(values, 1)):
         if judged + LANES * (1 + CORRECTIONS) > MOST:
             break
