@@ -112,7 +112,8 @@ def chart_of(
         numbered,
         np.array(pads),
         [Meeting(i, j, n, n + 1) for i, j, n in numbered.tolist()],
-        *np.full((2, len(pairs)), NEVER_APART),
+        np.full(len(pairs), NEVER_APART),
+        np.full(len(pairs), NEVER_APART),
         charts_of([None] * len(pairs)),
     )
     arrays = ROWS.arrays(cell)
