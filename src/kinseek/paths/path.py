@@ -24,7 +24,7 @@ class PathStatus(Enum):
 
     CONTINUOUS = "Continuous: one motion reaches every pose, and no joint jumps."
     BROKEN = "Broken: every pose is reached, and the arm must be placed anew between some of them."
-    BLOCKED = "Blocked: every answer found to some poses hits something, or valid refuses it; there the path goes on all the same."
+    BLOCKED = "Blocked: every answer found to some poses hits something, or valid refuses it; the path goes on through them."
     UNREACHABLE = "Unreachable: some poses are missed; there the path holds the nearest pose found."
 
     def __str__(self) -> str:
