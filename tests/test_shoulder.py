@@ -110,6 +110,7 @@ def poses_of(arm: kinseek.Arm, count: int, rng: np.random.Generator) -> list[Arr
     return [shifted(arm.fk(rng.uniform(arm.lower, arm.upper)), rng) for _ in range(count)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["panda", "gen3", "baxter_left"])
 def test_no_sample_is_nearer_than_the_bound(name: str) -> None:
     arm, rng = kinseek.load(name), np.random.default_rng(1)
@@ -120,9 +121,10 @@ def test_no_sample_is_nearer_than_the_bound(name: str) -> None:
         least = judge(problem.arrays, q, targets, problem.goal.arrays)[:, 2].min()
         bounded = bounded_by_ball(problem, 2.0 * least, 20_000)
         assert 0.0 <= bounded.lower <= least
-        assert 0 < bounded.boxes <= 20_001
+        assert 0 < bounded.boxes <= 20_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "least"), [("panda", 11), ("iiwa14", 11), ("gen3", 11), ("xarm7", 11)])
 def test_the_gap_closes_where_the_arm_is_too_short(name: str, least: int) -> None:
     arm, rng, closed = kinseek.load(name), np.random.default_rng(2), 0
@@ -149,4 +151,4 @@ def test_it_stops_when_told_and_what_it_says_holds() -> None:
     assert bounded_by_ball(problem, 1.0, 1000, over=lambda: True) == (0.0, 0)
     some, more = (bounded_by_ball(problem, 100.0, budget) for budget in (60, 4000))
     assert 0.0 <= some.lower <= more.lower
-    assert some.boxes <= 61
+    assert some.boxes <= 60

@@ -86,7 +86,7 @@ def bounded_by_ball(
     counts, figures = np.zeros(COUNTS, dtype=np.int64), np.zeros(FIGURES)
     counts[COUNT] = counts[USED] = 1
     figures[UPPER], figures[CEILING] = np.inf, ceiling
-    outcome, most = STOPPED, min(budget, WORK // terms)
+    outcome, most = STOPPED, min(budget, WORK // terms) // 2 * 2  # Both halves of a box are looked at.
     while outcome != ENDED and counts[SEEN] < most and not over():
         until = min(int(counts[SEEN]) + PIECE // terms, most)
         outcome = enclose_ball(shoulder, boxes, heap, counts, figures, until)
