@@ -91,6 +91,7 @@ def wristed(draw: st.DrawFn) -> SerialChain:
     return serial_chain(joints, draw(poses()), name="wristed", base="base", tip="tip")
 
 
+@pytest.mark.slow
 @given(chain=wristed(), seed=st.integers(0, 2**32 - 1))
 def test_any_wrist_keeps_what_reaches(chain: SerialChain, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -99,6 +100,7 @@ def test_any_wrist_keeps_what_reaches(chain: SerialChain, seed: int) -> None:
     assert not any(missed(chain, awkward_joints(chain, rng), rng) for _ in range(5))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WRISTS)
 def test_the_cone_is_no_wider_than_the_middle_joint_makes_it(name: str) -> None:
     """Its edge is where the middle joint's range ends or the axes are farthest apart: some joint value comes near it."""
@@ -147,6 +149,7 @@ def test_ten_joints_are_proved() -> None:
         assert found.boxes < 200_000
 
 
+@pytest.mark.slow
 def test_few_boxes_need_no_such_question() -> None:
     """What a first look decides is decided as ever; beyond it boxes of both questions count."""
     arm = kinseek.load("gen3")
