@@ -68,7 +68,8 @@ def test_only_a_whole_pose_has_such_a_question() -> None:
 @st.composite
 def wristed(draw: st.DrawFn) -> SerialChain:
     """A random arm of turns whose last three axes meet, or all but meet, at any angles."""
-    joints, axis = [], np.array([0.0, 0.0, 1.0])
+    joints: list[Joint] = []
+    axis = np.array([0.0, 0.0, 1.0])
 
     def add(origin: Array) -> None:
         lower = draw(st.floats(-4, 2))
@@ -112,7 +113,7 @@ def test_the_cone_is_no_wider_than_the_middle_joint_makes_it(name: str) -> None:
         lower[-2], upper[-2] = ends
         narrow = replace(chain, lower=lower, upper=upper)
         q = np.tile(rng.uniform(lower, upper), (2001, 1))
-        q[:, -2] = np.linspace(*ends, 2001)
+        q[:, -2] = np.linspace(ends[0], ends[1], 2001)
         goal = Goal.pose(narrow.forward(q[:1])[0], position_tolerance=0.0, orientation_tolerance=0.0)
         easier = question_without_wrist(Problem(narrow, goal))
         # As the middle joint turns, the last axis leans; as seen from the goal, the first axis does.
