@@ -54,3 +54,11 @@ def test_what_another_file_holds_gets_nowhere(tmp_path: Path) -> None:
         )
         chain = read(tmp_path / name)
         assert "secret" not in repr(chain)
+
+
+def test_a_corner_that_no_whole_number_of_a_processor_holds_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("coal")
+    text = (CORPUS / "room.scene").read_text(encoding="utf-8")
+    assert "\n0 2 3\n" in text
+    (tmp_path / "case.scene").write_text(text.replace("\n0 2 3\n", f"\n0 2 {'9' * 30}\n"), encoding="utf-8")
+    assert judge(tmp_path / "case.scene") == "refused"

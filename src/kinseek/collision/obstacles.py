@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 
 URDF, XACRO, MOVEIT = ".urdf", ".xacro", ".scene"
 
+DIGITS = 9
+"""Of a whole number in a file: more of anything is no description."""
+
 
 def obstacles(
     path: Path, folders: Mapping[str, Path], skip: bool, trusted: bool
@@ -129,7 +132,7 @@ class _Words:
     def count(self, what: str) -> int:
         """Take a whole number of at least 0."""
         word = self.take(what)
-        if not (word.text.isascii() and word.text.isdigit()):
+        if not (word.text.isascii() and word.text.isdigit() and len(word.text) <= DIGITS):
             raise self.wrong(word, f"the {what}")
         return int(word.text)
 
