@@ -197,7 +197,7 @@ def test_only_of_a_mesh_it_is_said_that_it_may_be_left_out(tmp_path: Path, scene
         path = written(tmp_path, "wrong.urdf", CELL.replace(ball, wrong))
         for missing in ("error", "skip"):
             with pytest.raises(InvalidScene, match=r"expected \d finite numbers?, got '[^']*nan[^']*'$"):
-                scene.add_file(path, missing=missing)  # type: ignore[arg-type]
+                scene.add_file(path, missing=missing)
     geometry = '<geometry><mesh filename="none.stl"/></geometry>'
     alone = f'<robot name="a"><link name="a"><collision>{geometry}</collision></link></robot>'
     with pytest.raises(InvalidScene, match=r"nothing to hit: left out: link 'a'"):

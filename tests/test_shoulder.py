@@ -19,6 +19,7 @@ from kinseek.proof.certificate import Verdict
 from kinseek.proof.reduce import question_without_last
 from kinseek.proof.shoulder import bounded_by_ball, shoulder_of
 from kinseek.robots.chain import SerialChain
+from kinseek.tolerances import GoalOptions
 from reference import fk, weighted_error
 
 Array = NDArray[np.float64]
@@ -31,7 +32,10 @@ BOUND = exposed(bound_ball)
 
 
 def kinds_of_goal(T: Array, rng: np.random.Generator) -> Goal:
-    weights = {"position_weight": 10 ** rng.uniform(-1, 1), "orientation_weight": 10 ** rng.uniform(-1, 1)}
+    weights: GoalOptions = {
+        "position_weight": 10 ** rng.uniform(-1, 1),
+        "orientation_weight": 10 ** rng.uniform(-1, 1),
+    }
     kind = rng.integers(0, 4)
     if kind == 0:
         return Goal.position(T[:3, 3])

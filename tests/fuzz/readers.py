@@ -91,7 +91,7 @@ def some_obstacles(path: Path) -> None:
 @cache
 def _bodies() -> ArmBodies:
     chain = read_urdf(CORPUS / "every_joint.urdf")
-    return arm_bodies(chain, {}, None, None, {}, missing="skip")
+    return arm_bodies(chain, {}, None, None, {}, skip=True)
 
 
 def some_pairs(path: Path) -> None:

@@ -121,15 +121,17 @@ def prove_complete(
 ) -> tuple[Array, bool]:
     """What `Arm.branches` asks for: its answers and those it lacks, (k, n), and whether these are proved to be all.
 
-    The call is ``q, complete = prove_complete(Problem(chain, goal), q)``. Every answer given comes back: at the edge of reach two
-    of them may be too close together to be told apart by a proof.
+    The call is ``q, complete = prove_complete(Problem(chain, goal), q)``. Every answer given comes back: at the edge of reach
+    two of them may be too close together to be told apart by a proof.
 
     Raises:
         InvalidProblem: As `isolate`.
     """
     isolation = isolate(problem, answers, budget=budget, deadline=deadline)
     found = isolation.q[isolation.given < 0]
-    return np.concatenate([np.asarray(answers, dtype=float).reshape(-1, problem.chain.dof), found]), isolation.complete
+    return np.concatenate(
+        [np.asarray(answers, dtype=float).reshape(-1, problem.chain.dof), found]
+    ), isolation.complete
 
 
 def _checked(problem: Problem, answers: ArrayLike | None) -> Array:
