@@ -121,8 +121,8 @@ def prove_complete(
 ) -> tuple[Array, bool]:
     """What `Arm.branches` asks for: its answers and those it lacks, (k, n), and whether these are proved to be all.
 
-    The call is ``q, complete = prove_complete(Problem(chain, goal), q)``. Every answer given comes back: at the edge of reach
-    two of them may be too close together to be told apart by a proof.
+    The call is ``q, complete = prove_complete(Problem(chain, goal), q)``. Every answer given comes back: at the edge of
+    reach two of them may be too close together to be told apart by a proof.
 
     Raises:
         InvalidProblem: As `isolate`.
