@@ -31,7 +31,7 @@ SCRIPTS = [
     ROOT / "benchmarks" / "field" / "agree.py",
     ROOT / "experiments" / "__main__.py",
 ]
-AS_FILES = ("worker", "unreachable_worker", "path_worker", "scene_worker", "servo_worker")
+AS_FILES = ("worker", "branches_worker", "unreachable_worker", "path_worker", "scene_worker", "servo_worker")
 """Run from the environment of a peer."""
 
 scripts = pytest.mark.parametrize(

@@ -89,7 +89,7 @@ def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
     # Where no round fits into the budget, the answer is not even the best sample.
     none = not seeds or found.evaluations == 0
     best = found.q if none else within_limits(problem.chain, seeds[int(np.argmin(errors))])
-    recorder.add("look-up", best, 0, memory=held, spacing=_spacing(index, problem))
+    recorder.add("look-up", best, spent, memory=held, spacing=_spacing(index, problem))
     while spent < found.evaluations:
         seeds = _seeds(index, problem, wanted, spent)
         for room in ROOMS if restarts < RESTARTS else ():
