@@ -243,7 +243,7 @@ def measure(name: str, count: int, seed: int, singular: bool = False) -> Row:
         median=float(np.median(times)),
         p99=float(np.percentile(times, 99)),
         fastest=min(float(np.median(part)) for part in np.array_split(times, 5)),
-        witness_median=float(np.median(theirs)) if label == "EAIK" else np.nan,
+        witness_median=float(np.nanmedian(theirs)) if label == "EAIK" else np.nan,
         ssik_median=np.nan if beside is None else float(np.median(beside[1])),
         ssik_fewer=0 if beside is None else int((beside[0] < numbers).sum()),
         index=float(np.median(builds)),
