@@ -84,3 +84,11 @@ def given_value(task: Task, value: float, near: Array) -> tuple[float, bool]:
             low, high = near[i] - math.pi, near[i] + math.pi
         value = nearest_copy(value, low, high, near[i])
     return value, low <= value <= high
+
+
+@hidden
+def end_value(task: Task, which: int) -> tuple[float, bool]:
+    """The lower end of the range of the joint in front, or the upper (0 or 1); say whether it has one."""
+    i = front(task.structure, len(task.lower))
+    value = task.lower[i] if which == 0 else task.upper[i]
+    return value, not math.isinf(value)

@@ -13,7 +13,7 @@ from kinseek.kernels.pointers import part1, part2
 
 from .candidates import KIND, LEADS, NONE, SWEPT, displacement
 from .choice import CORRECTIONS, first_that_reaches, order_candidates
-from .front import direction, given_value
+from .front import direction, end_value, given_value
 
 MOST = (FIRST_STEPS + 1) * LANES
 """Candidates judged at most: what one round of the search takes."""
@@ -61,11 +61,14 @@ def closed_routine(
         near = desk.seed
     displacement(S, target, desk.between)
     ahead = direction(S, desk.between) if values > 0 else 0.0
-    for k in range(max(values, 1)):
+    # Last come the ends of its range: where few answers are left, they often stand there.
+    for k in range(values + 2 if values > 0 else 1):
         if judged + LANES * (1 + CORRECTIONS) > MOST:
             break
         if values > 0:
-            value, inside = given_value(task, ahead + S[LEADS + k], near)
+            value, inside = (
+                end_value(task, k - values) if k >= values else given_value(task, ahead + S[LEADS + k], near)
+            )
             if not inside:
                 continue
         sure = order_candidates(task, desk, value, near, close, w)
