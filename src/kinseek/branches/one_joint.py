@@ -19,7 +19,7 @@ from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.branches import watched as search
 from kinseek.kernels.structure import candidates as form
 from kinseek.structure.axes import meeting, nearest_on, slant
-from kinseek.transforms import inverse
+from kinseek.transforms import inverse, rotation, square, transform
 
 NEARLY = 1e-3
 """Deviation up to which an arm is taken to be so [rad], lengths in parts of its size."""
@@ -151,11 +151,11 @@ def _turns(arrays: ChainArrays) -> _Turns:
     """As `structure.axes.axes_of`, for joints that move together as well."""
     frame, directions, points = np.eye(4), [], []
     for k in range(len(arrays.leader)):
-        frame = frame @ _whole(arrays.fixed[k])
+        frame = frame @ square(arrays.fixed[k])
         directions.append(frame[:3, 2] * (1.0 if arrays.leader[k] == 4 else arrays.multiplier[k]))
         points.append(frame[:3, 3].copy())
         frame = frame @ _turn(np.array([0.0, 0.0, 1.0]), np.zeros(3), arrays.offset[k])
-    return _Turns(np.array(directions), np.array(points), frame @ _whole(arrays.fixed[-1]))
+    return _Turns(np.array(directions), np.array(points), frame @ square(arrays.fixed[-1]))
 
 
 def _moved(arrays: ChainArrays, turns: _Turns, variable: int, value: float) -> Array:
@@ -168,17 +168,9 @@ def _moved(arrays: ChainArrays, turns: _Turns, variable: int, value: float) -> A
 
 
 def _turn(axis: Array, point: Array, angle: float) -> Array:
-    """A turn about an axis, (4, 4) (Rodrigues 1840)."""
-    x, y, z = axis
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    T = np.eye(4)
-    T[:3, :3] += np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K
-    T[:3, 3] = point - T[:3, :3] @ point
-    return T
-
-
-def _whole(fixed: Array) -> Array:
-    return np.vstack([fixed, [0.0, 0.0, 0.0, 1.0]])
+    """A turn about an axis, (4, 4)."""
+    R = rotation(axis, angle)
+    return transform(R, point - R @ point)
 
 
 def _bend(a: Array, b: Array) -> float:

@@ -17,6 +17,8 @@ import numpy as np
 from kinseek.kernels.arrays import Array
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length
+from kinseek.structure.axes import lean
+from kinseek.transforms import rotation
 
 ONE_LINE = 1e-3
 """Axes fall together where they are no farther apart than this part of the arm's length, and lean no more than this
@@ -44,13 +46,10 @@ def folds_of(chain: SerialChain) -> list[Fold]:
         if chain.prismatic[k - 1 : k + 2].any() or not alone[i]:
             continue
         before, after = chain.fixed[k], chain.fixed[k + 1]
-        x, y = after[0, 2], after[1, 2]
-        # Along the axis before, the one behind has a part a cos v + b sin v + c.
-        a, b = before[2, 0] * x + before[2, 1] * y, before[2, 1] * x - before[2, 0] * y
+        a, b, _ = lean(before, after)
         top = math.atan2(b, a)
         for v in (top, top + math.pi):
-            cosine, sine = math.cos(v), math.sin(v)
-            turn = before[:, :3] @ np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+            turn = before[:, :3] @ rotation(np.array([0.0, 0.0, 1.0]), v)
             leaning = float(np.hypot(*(turn @ after[:, 2])[:2]))
             apart = float(np.hypot(*(turn @ after[:, 3] + before[:, 3])[:2]))
             value = (v - float(chain.offset[k])) / float(chain.multiplier[k])

@@ -29,6 +29,7 @@ from kinseek.kernels.proof.progress import (
 )
 from kinseek.kernels.proof.shoulder import Shoulder, enclose_ball
 from kinseek.problem import Problem
+from kinseek.transforms import rotation
 
 from .reduce import ON_AXIS, question_without_last, start_boxes
 
@@ -149,14 +150,15 @@ def _invariants(fixed: Array, ball: Array) -> tuple[Array, Array]:
         ball: Where the ball is, (3,) [m].
     """
     n = len(fixed) - 1
-    angles = (0.0, 2.0 * math.pi / 3.0, -2.0 * math.pi / 3.0)
+    turns = [
+        rotation(np.array([0.0, 0.0, 1.0]), angle)
+        for angle in (0.0, 2.0 * math.pi / 3.0, -2.0 * math.pi / 3.0)
+    ]
     values = np.empty((2, 3**n))
-    for index, q in enumerate(product(angles, repeat=n)):
+    for index, turned in enumerate(product(turns, repeat=n)):
         p, a = fixed[-1, :, 3], fixed[-1, :, 0]
         for k in range(n - 1, -1, -1):
-            cosine, sine = math.cos(q[k]), math.sin(q[k])
-            turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-            R = fixed[k, :, :3] @ turn
+            R = fixed[k, :, :3] @ turned[k]
             p, a = R @ p + fixed[k, :, 3], R @ a
         p = p - ball
         values[0, index], values[1, index] = p @ p, p @ a

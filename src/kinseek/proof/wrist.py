@@ -20,7 +20,7 @@ from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array
 from kinseek.problem import Problem
 from kinseek.robots.geometry import arm_length
-from kinseek.structure.axes import meeting, nearest_on
+from kinseek.structure.axes import lean, meeting, nearest_on
 from kinseek.transforms import inverse, square
 
 from .reduce import ROUNDING
@@ -104,11 +104,8 @@ def _lean(problem: Problem, kept: int) -> tuple[float, float]:
 
     The cosine of the angle between them is ``a cos v + b sin v + c``, v the middle joint's angle.
     """
-    chain, before, after = problem.chain, problem.arrays.fixed[kept + 1], problem.arrays.fixed[kept + 2]
-    x, y, z = after[:3, 2]
-    a = before[2, 0] * x + before[2, 1] * y
-    b = before[2, 1] * x - before[2, 0] * y
-    c = before[2, 2] * z
+    chain = problem.chain
+    a, b, c = lean(problem.arrays.fixed[kept + 1], problem.arrays.fixed[kept + 2])
     ends = chain.multiplier[-2] * np.array([chain.lower[-2], chain.upper[-2]]) + chain.offset[-2]
     low, high = float(ends.min()), float(ends.max())
     turn, top = 2.0 * math.pi, math.atan2(b, a)

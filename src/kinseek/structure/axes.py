@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.kernels.arrays import Array, ChainArrays
+from kinseek.transforms import square
 
 
 class Axes(NamedTuple):
@@ -39,7 +40,7 @@ def axes_of(arrays: ChainArrays) -> Axes | None:
         return None
     frame, directions, points = np.eye(4), [], []
     for k in range(joints):
-        frame = frame @ np.vstack([arrays.fixed[k], [0.0, 0.0, 0.0, 1.0]])
+        frame = frame @ square(arrays.fixed[k])
         directions.append(frame[:3, 2] * arrays.multiplier[k])
         points.append(frame[:3, 3].copy())
         slides = arrays.prismatic[k]
@@ -48,7 +49,7 @@ def axes_of(arrays: ChainArrays) -> Axes | None:
         frame = frame @ np.array(
             [[cosine, -sine, 0, 0], [sine, cosine, 0, 0], [0, 0, 1, along], [0, 0, 0, 1]]
         )
-    home = frame @ np.vstack([arrays.fixed[joints], [0.0, 0.0, 0.0, 1.0]])
+    home = frame @ square(arrays.fixed[joints])
     return Axes(np.array(directions), np.array(points), arrays.prismatic.astype(bool), home)
 
 
@@ -71,6 +72,18 @@ def slant(direction: Array) -> float:
     """The largest angle between the first of some axes, (k, 3), and the others, whichever way they point [rad]."""
     sines = np.linalg.norm(np.cross(direction[0], direction[1:]), axis=1)
     return float(np.arcsin(np.minimum(sines, 1.0)).max())
+
+
+def lean(before: Array, after: Array) -> tuple[float, float, float]:
+    """How far an axis leans from the next but one, by the angle v of the joint between: its cosine as a cos v + b sin v + c.
+
+    Args:
+        before: Transform from the first axis to the joint between, (3, 4).
+        after: And from there to the last, (3, 4).
+    """
+    x, y, z = after[:3, 2]
+    a, b = before[2, 0] * x + before[2, 1] * y, before[2, 1] * x - before[2, 0] * y
+    return float(a), float(b), float(before[2, 2] * z)
 
 
 def nearest_on(direction: Array, point: Array, x: Array) -> Array:
