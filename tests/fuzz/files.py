@@ -37,6 +37,8 @@ START = 30.0
 """Processor time that a worker may take to start, on top [s]."""
 PATIENCE = 60.0
 """When a worker that neither answers nor computes is given up [s]: it waits for something that does not come."""
+MOST_BYTES = 4_000_000
+"""No file gets longer: a long one that is written hundreds of times is memory that only its making takes."""
 MEMORY = 8 * 2**30
 """What a worker may allocate, in bytes."""
 
@@ -78,7 +80,8 @@ def case(number: int, seed: int, from_: Seeds) -> Case:
     text = random.choice(from_[kind])
     mutations = OF_XML if text.lstrip().startswith(b"<") else OF_OTHERS
     for _ in range(random.choice((1, 1, 1, 2, 3, 8))):
-        text = random.choice(mutations)(random, text)
+        mutated = random.choice(mutations)(random, text)
+        text = mutated if len(mutated) <= MOST_BYTES else text
     beside = {name: (CORPUS / name).read_bytes() for name in BESIDE}
     if random.random() < 0.2:
         name = random.choice(list(beside))
