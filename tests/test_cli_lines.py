@@ -83,6 +83,7 @@ BAD = {
     "two numbers": ({**GOOD, "position": [0.4, 0.2]}, "shape (3,)"),
     "many": ({**GOOD, "position": [[0.4, 0.2, 0.3]] * 2}, "must be one pose"),
     "words": ({**GOOD, "position": ["a", "b", "c"]}, "must be numbers"),
+    "long number": ({**GOOD, "rpy": [0, 0, 10**400]}, "too large"),
     "no turn": ({"position": [0, 0, 0], "quat_wxyz": [0, 0, 0, 0]}, "zero quaternion"),
     "near": ({**GOOD, "near": [1, 2]}, "near needs 6 numbers, got 2"),
     "near words": ({**GOOD, "near": "here"}, "near must be a list of numbers"),

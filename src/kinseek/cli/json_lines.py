@@ -121,7 +121,10 @@ def _target(asked: dict[str, Any], number: int, position_only: bool, deg: bool) 
 
 
 def _are_numbers(value: Any) -> bool:
-    return isinstance(value, list) and all(isinstance(each, int | float) for each in value)
+    """Whether it is a list of numbers that an array of floats holds; JSON has integers of any length."""
+    return isinstance(value, list) and all(
+        isinstance(each, int | float) and abs(each) <= sys.float_info.max for each in value
+    )
 
 
 def _nearer(question: Question, asked: dict[str, Any], deg: bool) -> Question:
