@@ -198,6 +198,12 @@ def test_macros_that_multiply_are_refused(tmp_path: Path, monkeypatch: pytest.Mo
         read(write(tmp_path, "r.xacro", XACRO.format(macros + "<xacro:m39/>")))
 
 
+def test_a_large_file_that_includes_itself_is_refused_soon(tmp_path: Path) -> None:
+    links = "".join(f'<link name="l{i}"/>' for i in range(3000))
+    with soon(), pytest.raises(InvalidRobot, match="33 files, each included by the one before"):
+        read(write(tmp_path, "r.xacro", XACRO.format('<xacro:include filename="r.xacro"/>' + links)))
+
+
 def test_properties_that_grow_are_refused(tmp_path: Path) -> None:
     properties = '<xacro:property name="p0" value="ha"/>'
     for i in range(1, 40):
@@ -246,6 +252,17 @@ def test_numbers_that_are_none_are_named(word: str, tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     with pytest.raises(InvalidRobot, match=f"<body> in line 1: pos='0 {word} 0': '{word}' is not finite"):
         read(write(tmp_path, "m.xml", MODEL.format("", f"<body pos='0 {word} 0'/>")))
+
+
+def test_numbers_that_kinematics_does_not_look_at_may_be_infinite(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("mujoco")
+    body = "<body name='nan'><joint name='k' damping='{}'/></body>"
+    assert read(write(tmp_path, "m.xml", MODEL.format("", body.format("inf")))).tip == "nan"
+    with pytest.raises(InvalidRobot, match="damping='nan': 'nan' is not finite"):
+        read(write(tmp_path, "n.xml", MODEL.format("", body.format("nan"))))
+    assert capfd.readouterr() == ("", "")  # MuJoCo warns of it there.
 
 
 def test_a_name_like_that_of_a_nameless_body_is_its_own(tmp_path: Path) -> None:

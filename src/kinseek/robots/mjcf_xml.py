@@ -56,6 +56,8 @@ _DROPPED = {
 
 _NUMBERS = ("pos", "quat", "euler", "axisangle", "xyaxes", "zaxis", "axis", "range", "ref", "offset")
 """Attributes that a pose or a limit is made of."""
+_WORDS = {"name", "class", "childclass", "model", "body", "file", "prefix", "content_type"}
+"""Attributes that are names: one may be called nan."""
 
 _COUNTED = ("body", "joint", "freejoint", "site", "frame")
 
@@ -191,14 +193,14 @@ def _write(element: Any, parent: str | None, where: str, out: list[str], line: l
 
 
 def _check_numbers(element: Any, where: str) -> None:
-    for name in _NUMBERS:
-        for word in (element.get(name) or "").split():
+    for name, value in element.items():
+        for word in value.split() if name not in _WORDS else ():
             try:
-                finite = math.isfinite(float(word))
+                number = float(word)
             except ValueError:
                 continue  # Not a number: MuJoCo says so.
-            if not finite:
+            # Of what kinematics does not look at, MuJoCo takes infinity; of NaN it warns on the terminal, past Python.
+            if math.isnan(number) or (name in _NUMBERS and math.isinf(number)):
                 raise InvalidRobot(
-                    f"{where}: <{element.tag}> in line {element.sourceline}: "
-                    f"{name}={element.get(name)!r}: {word!r} is not finite"
+                    f"{where}: <{element.tag}> in line {element.sourceline}: {name}={value!r}: {word!r} is not finite"
                 )

@@ -31,8 +31,8 @@ _XACRO_LOCK = threading.Lock()
 """xacro keeps what it knows in its module: one file at a time."""
 _LOST_PACKAGE = re.compile(r"Package not found: (\S+)")
 """What xacrodoc says, wrapped by xacro."""
-_MOST_STEPS, _MOST_LETTERS = 50_000, 2**20
-"""Elements that xacro may expand, and how long a value may become."""
+_MOST_STEPS, _MOST_LETTERS, _MOST_NESTED = 50_000, 2**20, 32
+"""Elements that xacro may expand, how long a value may become, and how deep files may include each other."""
 MOST_ENTRIES = 100_000
 """Values in a YAML file that a xacro file reads."""
 
@@ -160,6 +160,9 @@ def _watched_xacro(path: Path) -> Iterator[None]:
 
     def open_file(name: Any, *rest: Any, **options: Any) -> Any:
         nonlocal left
+        require_few(
+            len(xacro.filestack), "files, each included by the one before", _MOST_NESTED, f"{path}: xacro"
+        )
         if Path(name).exists():  # xacro itself says best what is missing.
             left -= len(file_bytes(Path(name), left))
         return opened(name, *rest, **options)
