@@ -147,9 +147,27 @@ def test_a_map_says_what_the_arm_says() -> None:
     read = maps.at(m, T)
     assert (read["reached"] == m.reached.values).all()
     assert read["inside"].all()
-    assert not maps.at(m, kinseek.pose([3.0, 0.0, 0.0]))["inside"]
+    outside = maps.at(m, kinseek.pose([3.0, 0.0, 0.0]))
+    assert [int(outside[name]) for name in ("inside", "reached", "branches")] == [0, -1, -1]
+    assert np.isnan([outside["dexterity"], outside["limit_distance"]]).all()
     share = maps.capability(m)
     assert share.values == pytest.approx((m.reached.values == 1).mean(axis=-1))
+
+
+@pytest.mark.parametrize("kind", ["boxes", "rings"])
+def test_a_map_is_asked_for_poses_and_nothing_else(kind: str) -> None:
+    turns = maps.orientations(24)
+    rings = maps.Rings((0.0, 1.2, 0.6), (-0.6, 0.9, 0.5), turns)
+    m = maps.reach(
+        UR5E, rings if kind == "rings" else maps.Grid((-1, 1, 0.5), (-1, 1, 0.5), (0, 1, 0.5), turns)
+    )
+    T = UR5E.fk(np.zeros(6))
+    for wrong in (np.full((4, 4), np.nan), np.diag([1, 1, -1, 1]), T[:3], [0.4, 0, 0.4, 1, 0, 0, 0], "abc"):
+        with pytest.raises(kinseek.InvalidGoal):
+            maps.at(m, wrong)
+    far = maps.at(m, [T, kinseek.pose([0.0, 0.0, 99.0])])
+    assert far["inside"].tolist() == [True, False]
+    assert far["reached"].tolist() == [1, -1] or far["reached"].tolist() == [0, -1]
 
 
 @pytest.mark.slow
@@ -404,6 +422,7 @@ def test_the_best_base_reaches_most() -> None:
     [
         (lambda: maps.orientations(0), "whole number from 1"),
         (lambda: maps.Grid((-1, 1, 1e-4), (-1, 1, 1e-4), (-1, 1, 1e-4), maps.orientations(72)), "too large"),
+        (lambda: maps.Grid((0, 1e7, 1e-3), (0, 1e7, 1e-3), (0, 1, 1), maps.orientations(72)), "too large"),
         (lambda: maps.Grid((-1, 1, 0.3), (-1, 1, 0.1), (-1, 1, 0.1), maps.orientations(72)), "must divide"),
         (lambda: maps.Grid((1, -1, 0.1), (-1, 1, 0.1), (-1, 1, 0.1), maps.orientations(72)), "from < to"),
         (lambda: maps.Grid("abc", (-1, 1, 0.1), (-1, 1, 0.1), maps.orientations(72)), "from, to, step"),  # type: ignore[arg-type]

@@ -55,7 +55,7 @@ class Cells:
     @property
     def shape(self) -> tuple[int, ...]:
         """Cells along each dimension, orientations last."""
-        return (*(len(each) for each in self.places), len(self.orientations))
+        return (*(_count(*getattr(self, name)) for name in self.names), len(self.orientations))
 
     @property
     def dims(self) -> tuple[str, ...]:

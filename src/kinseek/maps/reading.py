@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidMap
+from kinseek.poses import as_pose
 from kinseek.transforms import inverse, square
 
 from .cells import EMPTY, SHARES
@@ -55,26 +56,31 @@ def at(dataset: xarray.Dataset, poses: ArrayLike) -> dict[str, Array]:
         poses: In the arm's base, (..., 4, 4), lengths in [m].
 
     Returns:
-        Of each variable of the map an array (...); outside of the map ``inside`` is False, and the values are those of
-        another cell.
+        Of each variable of the map an array (...), and ``inside``. Outside of the map, where that is False, nothing is
+        known: whole numbers are -1, all others NaN.
 
     Raises:
         InvalidMap: It is no map.
+        InvalidGoal: Wrong shape, NaN, no rigid transform, as of `Goal.pose`.
     """
-    told, T = described(dataset), np.asarray(poses, dtype=float)
+    told, T = described(dataset), as_pose(poses)
     grid = grid_of(told["grid"])
     if isinstance(grid, Rings):
         T = square(inverse(np.array(told["first_frame"]))) @ T
     cells = grid.cells_of(T)
     inside = np.all([cell >= 0 for cell in cells], axis=0)
-    values = {name: dataset[name].transpose(*grid.dims).values[cells] for name in told["variables"]}
+    values = {}
+    for name in told["variables"]:
+        there = dataset[name].transpose(*grid.dims).values[cells]
+        nothing = -1 if np.issubdtype(there.dtype, np.integer) else np.nan
+        values[name] = np.where(inside, there, nothing).astype(there.dtype)
     if isinstance(grid, Rings):
         turn = np.mod(azimuths(T) - values["turn_from"], FULL)
-        within = turn <= values["turn_to"] - values["turn_from"]
+        within = turn <= values["turn_to"] - values["turn_from"]  # False where either is NaN.
         values[REACHED] = np.where(values[REACHED] == 1, within, values[REACHED]).astype("int8")
         for name in (name for name in MEASURES if name in values and name != REACHED):
             nothing = 0 if name == BRANCHES else MEASURES[name].fill
-            values[name] = np.where(values[REACHED] == 1, values[name], nothing).astype(MEASURES[name].dtype)
+            values[name] = np.where(values[REACHED] == 0, nothing, values[name]).astype(MEASURES[name].dtype)
     return {**values, "inside": inside}
 
 
@@ -101,7 +107,7 @@ def expand(dataset: xarray.Dataset, grid: Grid) -> xarray.Dataset:
         part = (slice(i, i + 1), *[slice(None)] * 3)
         values = at(dataset, grid.poses(part))
         for name in names:
-            made[name][part] = np.where(values["inside"], values[name], MEASURES[name].fill)
+            made[name][part] = values[name]
     coordinates = dict(zip(grid.names, grid.places, strict=True))
     variables = {name: (grid.dims, each, dataset[name].attrs) for name, each in made.items()}
     attributes = {**dataset.attrs, "expanded_to": grid.description()}
