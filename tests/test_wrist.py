@@ -52,7 +52,7 @@ def test_what_reaches_the_goal_meets_the_question_without_the_wrist(name: str) -
     assert not any(missed(chain, awkward_joints(chain, rng), rng) for _ in range(100))
 
 
-@pytest.mark.parametrize("name", ["ur5e", "panda", "xarm7", "scara4", "planar5"])
+@pytest.mark.parametrize("name", ["ur5e", "panda", "xarm7", "scara4", "planar5", "planar2"])
 def test_an_arm_without_a_wrist_has_no_such_question(name: str) -> None:
     arm = kinseek.load(name)
     assert without_wrist(Problem(arm.chain, Goal.pose(arm.fk(arm.lower)))) is None

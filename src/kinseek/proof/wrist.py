@@ -40,9 +40,11 @@ def without_wrist(problem: Problem) -> Problem | None:
     """
     chain, goal, fixed = problem.chain, problem.goal, problem.arrays.fixed
     kept = len(chain.leader) - WRIST
+    if goal.form.columns != 3 or kept < 2 or chain.prismatic[-WRIST:].any():
+        return None
     alone = np.bincount(chain.leader, minlength=chain.dof)[-WRIST:] == 1
     own = chain.leader[-WRIST:] == np.arange(chain.dof - WRIST, chain.dof)
-    if goal.form.columns != 3 or kept < 2 or not (alone & own).all() or chain.prismatic[-WRIST:].any():
+    if not (alone & own).all():
         return None
     centre, off = _centre(fixed[kept:])
     if off > ASTRAY * arm_length(chain):
