@@ -84,3 +84,23 @@ def test_no_process_is_left(ended_by: signal.Signals, processes: int) -> None:
         for pid in marked(mark):
             os.kill(pid, signal.SIGKILL)
         program.communicate()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_a_terminal_that_stops_an_estimate_shows_no_traceback() -> None:
+    mark = uuid.uuid4().hex
+    words = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from kinseek.cli import main; main()"
+    program = subprocess.Popen(
+        [sys.executable, "-c", words, "map", "ur5e", "--step", "0.05", "--estimate"],
+        env={**os.environ, MARK: mark},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert len(wait_for(mark, 2, 100)) == 2  # The one that measures how long a start takes.
+    os.killpg(program.pid, signal.SIGINT)
+    _, said = program.communicate(timeout=60)
+    assert program.returncode == 130
+    assert "Traceback" not in said
