@@ -14,11 +14,15 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal, InvalidGoal, InvalidProblem, InvalidSolver, NotReached, PathInterrupted, PathStatus
+from kinseek.branches.index import freedom
 from kinseek.kernels.paths.band import solve_band
 from kinseek.kernels.paths.programme import COPIED, DISTANCE, STRAIGHT, best_way
 from kinseek.kernels.paths.trace import ENDED, JOINED, TAKEN, part_ways
+from kinseek.paths.joints import opened
 from kinseek.paths.layers import Follower, Loss
 from kinseek.problem import Problem
+from kinseek.robots.chain import Joint, serial_chain
+from kinseek.transforms import transform
 
 Array = NDArray[np.float64]
 
@@ -108,6 +112,27 @@ def test_curves_of_answers_that_part_and_join_anew_between_two_poses_are_passed(
     longest = 1.5 * float(np.abs(np.diff(q, axis=0)).max())
     path = arm.follow(arm.fk(q), max_step=longest).require()
     assert path.largest_step.max() <= longest
+
+
+def test_an_arm_whose_open_limits_seem_to_leave_a_joint_to_spare_is_followed() -> None:
+    # Two parallel axes 3 mm apart: folded, with the hand beside them, they count as two; two kilometres off as one.
+    z, y, far = (
+        np.array([0.0, 0.0, 1.0]),
+        np.array([0.0, 1.0, 0.0]),
+        transform(np.eye(3), np.array([1e3, 0, 0])),
+    )
+    beside = transform(np.eye(3), np.array([3e-3, 0.0, 0.0]))
+    joints = [
+        Joint("a", "revolute", np.eye(4), z, -3.0, 3.0),
+        Joint("b", "revolute", beside, z, -3.0, 3.0),
+        Joint("c", "revolute", far, y, np.pi - 5e-4, np.pi + 5e-4),
+    ]
+    arm = kinseek.Arm(serial_chain(joints, far, name="folded", base="base", tip="tip"))
+    problem = Problem(arm.chain, Goal.pose(np.eye(4)))
+    assert freedom(problem) == 0
+    assert freedom(Problem(opened(arm.chain), problem.goal)) == 1
+    T = arm.fk(np.linspace([0.0, 0.0, np.pi], [1.0, 1.0, np.pi], 9))
+    assert arm.follow(T).require().reached.all()
 
 
 def test_branches_end_where_they_come_upon_others() -> None:

@@ -75,6 +75,7 @@ class BranchIndex:
 
     def search(self, wanted: Array, target: Array, view: Array, count: int) -> Array:
         """Rows of answers to one target, (4, 4), as `kernels.branches.search.many_branches` writes them."""
+        assert count or not self.freedom, "all answers are looked for from starts that are not there"
         most, number = (count, count) if self.freedom else (ROWS, 0)
         rows, found = np.empty((1, most + 1, view.shape[-1] + ANSWER)), np.empty(1, dtype=np.int64)
         handles, one = (self.coarse.handle, self.fine.handle), (target[None], view[None])

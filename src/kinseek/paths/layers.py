@@ -105,6 +105,9 @@ class Follower:
         """
         wide = Problem(opened(problem.chain), problem.goal)
         self.index: BranchIndex = index_of(wide)
+        if self.index.freedom:
+            # An arm near the edge of being singular counts otherwise than inside its own limits: those stay, then.
+            wide, self.index = problem, index_of(problem)
         self.wanted = wanted_of(problem.goal)
         self.rows = np.ascontiguousarray(problem.goal.targets)
         self.targets = np.zeros((len(self.rows), 4, 4))
