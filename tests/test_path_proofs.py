@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -11,10 +14,14 @@ from kinseek import Goal
 from kinseek.branches.index import constraint_jacobian
 from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.kernels.paths.steps import INSIDE, LEAVES, OUTSIDE, SOMEWHERE, UNPROVED
+from kinseek.paths import missed
 from kinseek.paths.between import rotation_vectors
 from kinseek.paths.certify import prove_rows
 from kinseek.paths.impossible import Search
+from kinseek.paths.missed import judge_missed
 from kinseek.problem import Problem
+from kinseek.proof.boxes import excluded
+from kinseek.proof.branch_and_bound import prove
 from kinseek.transforms import rotations
 
 Array = NDArray[np.float64]
@@ -213,6 +220,74 @@ def test_missed_poses_are_proved_out_of_reach() -> None:
     assert not path.certified
     assert path.proved[: first - 1].mean() > 0.9
     assert not path.proved[first - 1 :].any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["pose", "position", "pointing"])
+def test_no_pose_that_can_be_reached_is_proved_out_of_reach_with_its_neighbours(kind: str) -> None:
+    arm = kinseek.load("irb120")
+    T = arm.fk(made(arm, 60, 7, 0.9))
+    moved = (np.arange(60) >= 20) & (np.arange(60) < 40)
+    T[moved, :3, 3] *= 1.0 + np.sin(np.linspace(0.0, np.pi, 20))[:, None]  # Out of reach and back.
+    p = T[:, :3, 3]
+    goal = Goal.pose(T) if kind == "pose" else Goal.position(p)
+    goal = Goal.pointing(p, T[0, :3, 2], [0, 0, 1.0]) if kind == "pointing" else goal
+    path = arm.follow(T[:2])
+    # All are said to be missed, by joint values that are nowhere near: so they are asked about together, too.
+    far = np.tile(arm.ik(T[30]).q, (60, 1))
+    told = judge_missed(
+        replace(path, q=far, problem=Problem(arm.chain, goal)), np.ones(60, dtype=np.bool_), 1
+    )
+    reached = arm.ik(goal).success
+    assert reached[~moved].all() or kind == "pointing"
+    assert not (told.out_of_reach & reached).any()
+    assert told.in_reach[reached].all()
+    assert told.out_of_reach.sum() > 5
+
+
+@pytest.mark.slow
+def test_a_long_stretch_is_proved_out_of_reach_by_few_questions(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, asked = kinseek.load("ur5e"), [0]
+    T = np.array([kinseek.pose([x, -0.1, 0.1], rpy=[np.pi, 0, 0]) for x in np.linspace(-0.3, 0.3, 200)])
+
+    def counted(function: Any) -> Any:
+        def call(*given: Any, **named: Any) -> Any:
+            asked[0] += named.get("budget", 1) > 0 and given[1:] != (0,)
+            return function(*given, **named)
+
+        return call
+
+    monkeypatch.setattr("kinseek.paths.missed.excluded", counted(excluded))
+    monkeypatch.setattr("kinseek.paths.missed.prove", counted(prove))
+    path = arm.follow(T, prove=True)
+    assert path.proof is not None
+    assert path.proof.out_of_reach.sum() > 50
+    assert (path.proof.out_of_reach == ~path.reached).all()
+    assert asked[0] < 0.5 * path.proof.out_of_reach.sum()
+
+
+@pytest.mark.slow
+def test_what_the_budget_leaves_open_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = kinseek.load("ur5e")
+    T = np.array([kinseek.pose([x, -0.1, 0.1], rpy=[np.pi, 0, 0]) for x in np.linspace(-0.4, 0.4, 30)])
+    whole = arm.follow(T, prove=True).proof
+    assert whole is not None
+    assert whole.out_of_reach.any()
+    assert not whole.undecided.any()
+    monkeypatch.setattr(missed, "MOST", 300)
+    monkeypatch.setattr(missed, "EACH", 0)
+    path = arm.follow(T, prove=True)
+    assert path.proof is not None
+    assert path.proof.undecided.any()
+    assert ((path.proof.undecided | path.proof.out_of_reach) == whole.out_of_reach).all()
+    assert any(
+        "not proved out of reach: what a path may spend on proofs was not enough" in each for each in path.why
+    )
+    T[:, :3, 3] += [0.0, 0.0, 2.0]
+    ranges = arm.follow(Goal.pose(T[:3], free="x"), prove=True)
+    assert ranges.proof is not None
+    assert (ranges.proof.undecided == ~ranges.reached).all()
+    assert any("nothing is proved of ranges" in each for each in ranges.why)
 
 
 def around(arm: kinseek.Arm, radius: float, count: int, height: float = 0.5) -> Array:

@@ -423,7 +423,8 @@ class Arm(ForwardArm):
                 break or a missed pose, and `why` names the bodies.
             clearance: How far apart bodies of the scene have to be [m].
             prove: Try to prove of every step that one unbroken branch leads on inside the limits (`Path.certified`), of
-                missed poses that they are out of reach, and where answers are isolated that no continuous motion leads on.
+                missed poses that they are out of reach, and where answers are isolated that no continuous motion leads on;
+                with a budget for the whole path, so that some may stay undecided, see docs/paths.md.
             threads: Threads that share the poses; every core unless given. The answer has the same bits.
             progress: Show a progress bar.
 

@@ -84,6 +84,19 @@ def _follow(name: str = "irb120", count: int = 2000) -> Callable[[], Call]:
     return make
 
 
+def _follow_proved() -> Call:
+    """Poses that take long to be proved out of reach."""
+    arm = kinseek.load("panda")
+    T = np.array([kinseek.pose([x, 0.2, x], rpy=[0.3, 1.2, 0.5]) for x in np.linspace(0.6, 0.65, 6)])
+
+    def call() -> NDArray[np.float64]:
+        proof = arm.follow(T, prove=True).proof
+        assert proof is not None
+        return proof.out_of_reach.astype(float)
+
+    return call
+
+
 def _prove(**options: Any) -> Callable[[], Call]:
     def make() -> Call:
         arm = kinseek.load("ur5e")
@@ -161,6 +174,7 @@ CALLS: dict[str, Callable[[], Call]] = {
     "branches proved": _branches(prove=True),
     "follow": _follow(),
     "follow with joints to spare": _follow("panda", 300),
+    "follow proved": _follow_proved,
     "follow in windows": _follow(count=20_000),
     "prove": _prove(),
     "prove with a gap": _prove(gap=0.3, budget=20_000),

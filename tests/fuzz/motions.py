@@ -19,9 +19,6 @@ from .calls import CALLS, Array, Rng, check_joints, check_reached, joints_of, ma
 
 MOTIONS = ("follow", "track")
 
-MOST_PROVED = 3
-"""Poses of a way of which proofs are asked."""
-
 
 def way_of(rng: Rng, arm: kinseek.Arm, scale: float) -> tuple[Array, Array]:
     """Poses of joints that go from one place to another, and these joints; some poses are moved away, or repeated."""
@@ -53,8 +50,7 @@ def call_follow(rng: Rng, arm: kinseek.Arm, scale: float) -> None:
     goal = Goal.pose(poses)
     if rng.random() < 0.2:
         goal = Goal.pose(poses, free=[str(rng.choice(["rx", "rz", "x"]))])
-    # What is missed is tried to be proved pose by pose, for as long as the budget of a proof lasts: seconds each.
-    proved = bool(rng.random() < 0.1) and len(q) <= MOST_PROVED
+    proved = bool(rng.random() < 0.1)
     path: Any = arm.follow(goal, prove=proved, **options)
     require(path.q.shape == q.shape, f"q has shape {path.q.shape}, asked for {q.shape}")
     check_joints(arm, path.q, None if "continuous" not in arm.kinds else path.q)

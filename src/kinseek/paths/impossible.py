@@ -26,6 +26,7 @@ from .certify import prove_rows
 from .joints import Turning
 from .layers import Follower, Piece
 from .path import Path
+from .stretches import stretches
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -39,8 +40,8 @@ TIGHT = 1e-9
 RIM = 1e-5
 """The tubes hold all answers within this of those that are followed [rad] or [m]."""
 
-BOXES = 20_000
-"""Boxes at most to prove the answers to one pose complete."""
+BOXES, MOST = 20_000, 500_000
+"""Boxes at most to prove the answers to one pose complete, and of all poses of a path."""
 
 ROOM = 1e-6
 """By so much the limits are opened before answers are proved complete: those at a limit are followed as well."""
@@ -78,11 +79,9 @@ def impossible_stretches(problem: Problem, path: Path) -> tuple[tuple[int, int],
         return ()
     found: list[tuple[int, int]] = []
     search = Search(problem)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], path.reached.astype(int), [0]])))
-    for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        breaks = path.breaks[(path.breaks >= first) & (path.breaks < end - 1)]
-        if len(breaks):
-            found += search.stretches(first, end - 1)
+    for first, last in stretches(path.reached):
+        if ((path.breaks >= first) & (path.breaks < last)).any():
+            found += search.stretches(first, last)
     return tuple((i, j) for i, j in found if ((path.breaks >= i) & (path.breaks < j)).any())
 
 
@@ -99,6 +98,7 @@ class Search:
         self.follower = Follower(problem, np.zeros(problem.chain.dof))
         goal = replace(problem.goal, position_tolerance=TIGHT, orientation_tolerance=TIGHT)
         self.tight = Problem(_roomier(problem.chain), goal)
+        self.left = MOST
         self._known: dict[int, Answers | None] = {}
 
     def step(self, gap: Array) -> Array:
@@ -124,12 +124,13 @@ class Search:
 
     def answers(self, i: int) -> Answers | None:
         """All answers to pose i; None where it is not proved that they are all."""
-        if i not in self._known:
+        if i not in self._known and self.left > 0:
             one = Problem(self.tight.mechanism, self.tight.goal.at(self.tight.goal.target[i]))
-            found = isolate(one, budget=BOXES)
+            found = isolate(one, budget=min(BOXES, self.left))
+            self.left -= found.boxes
             good = found.complete and bool((found.distance <= RIM / 2).all())
             self._known[i] = Answers(found.q, found.distance) if good else None
-        return self._known[i]
+        return self._known.get(i)
 
     def next_complete(self, i: int, j: int) -> int | None:
         """The last pose behind i and up to j of which all answers are known; None where there is none."""

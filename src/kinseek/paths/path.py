@@ -49,6 +49,9 @@ class PathProof:
     """(N,), [rad] or [m]; infinite at a pose beside no step that is proved."""
     out_of_reach: NDArray[np.bool_]
     """Which poses no joint values inside the limits reach, (N,)."""
+    undecided: NDArray[np.bool_]
+    """Which poses the hand misses and are not proved out of reach, (N,): what a path spends on proofs was not enough, or
+    there are joint values that reach them, elsewhere; `Path.why` says which."""
     impossible: tuple[tuple[int, int], ...]
     """Pairs (i, j): no continuous motion inside the limits has the hand exactly on that way from pose i to pose j. No two
     share a step."""

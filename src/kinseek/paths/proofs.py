@@ -10,20 +10,17 @@ from numpy.typing import NDArray
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.problem import Problem
-from kinseek.proof.branch_and_bound import prove
-from kinseek.proof.certificate import Verdict
 
 from .asked import Asked
 from .certify import prove_rows, rims_of, turns_between
 from .impossible import impossible_stretches
 from .joints import Turning
+from .missed import Missed, judge_missed
 from .path import Path, PathProof
 from .relaxed import relaxed
+from .stretches import stretches, these
 
 Array = NDArray[np.float64]
-
-BUDGET = 200_000
-"""Boxes examined at most of one pose that is missed: on six joints thousands are enough."""
 
 ROUNDS = 4
 """Newton steps to where the joints stand that a goal's ranges are: a turn about one axis and slides take two."""
@@ -35,19 +32,26 @@ def with_proofs(asked: Asked, path: Path, threads: int | None) -> Path:
     steps, within = _unbroken(part.problem, own, path, threads)
     missed = path.position_error > path.problem.goal.position_tolerance
     missed |= path.orientation_error > path.problem.goal.orientation_tolerance
-    out_of_reach = _out_of_reach(path, missed, threads)
-    stretches = impossible_stretches(part.problem, path) if part is asked else ()
-    proof = PathProof(steps, within, out_of_reach, stretches)
-    return replace(path, proof=proof, why=(*path.why, *_words(proof)))
+    told = judge_missed(path, missed, threads)
+    impossible = impossible_stretches(part.problem, path) if part is asked else ()
+    undecided = missed & ~told.out_of_reach
+    proof = PathProof(steps, within, told.out_of_reach, undecided, impossible)
+    return replace(path, proof=proof, why=(*path.why, *_words(path, proof, told)))
 
 
-def _words(proof: PathProof) -> list[str]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], proof.out_of_reach.astype(int), [0]])))
-    said = []
-    for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        which = f"pose {first} is" if end == first + 1 else f"poses {first} to {end - 1} are"
-        said.append(f"{which} proved out of reach: no joint values inside the limits meet the tolerances")
-    return said + [
+def _words(path: Path, proof: PathProof, told: Missed) -> list[str]:
+    ranges = path.problem.goal.ranges is not None
+    short = "nothing is proved of ranges" if ranges else "what a path may spend on proofs was not enough"
+    said = [
+        (proof.out_of_reach, "proved out of reach: no joint values inside the limits meet the tolerances"),
+        (
+            told.in_reach,
+            "in reach, though this path goes by: there are joint values that meet the tolerances",
+        ),
+        (proof.undecided & ~told.in_reach, f"not proved out of reach: {short}"),
+    ]
+    words = [f"{these(*rows)} {what}" for flags, what in said for rows in stretches(flags)]
+    return words + [
         f"proved: no continuous motion inside the limits leads from pose {i} to pose {j}"
         for i, j in proof.impossible
     ]
@@ -75,17 +79,6 @@ def _unbroken(
     within[1, (whole[proved.inside] + 1) % count] = proved.within[proved.inside, 1]
     known = np.where(np.isinf(within), 0.0, within).max(axis=0)
     return steps, np.where(np.isinf(within).all(axis=0), np.inf, known)
-
-
-def _out_of_reach(path: Path, missed: NDArray[np.bool_], threads: int | None) -> NDArray[np.bool_]:
-    """Which of the missed poses are proved out of reach, (N,); of ranges nothing is proved."""
-    proved, goal = np.zeros(len(path), dtype=np.bool_), path.problem.goal
-    if goal.ranges is not None:
-        return proved
-    for i in np.flatnonzero(missed):
-        one = Problem(path.problem.mechanism, goal.at(goal.target[i]))
-        proved[i] = prove(one, budget=BUDGET, threads=threads).verdict is Verdict.UNREACHABLE
-    return proved
 
 
 def _with_goal_joints(problem: Problem, own: slice, q: Array) -> Array:

@@ -13,6 +13,7 @@ from .between import apart
 from .joints import Turning
 from .layers import Layers
 from .path import Path
+from .stretches import stretches, these
 from .windows import Windows
 
 Array = NDArray[np.float64]
@@ -28,26 +29,17 @@ def reasons(asked: Asked, path: Path, wide: Layers | Windows | None) -> tuple[st
         path.orientation_error <= goal.orientation_tolerance
     )
     refused = ~path.reached & there
-    told = [(first, _missed(path, first, last)) for first, last in _stretches(~there)]
-    told += [(first, _refused(asked, path, first, last, wide)) for first, last in _stretches(refused)]
+    told = [(first, _missed(path, first, last)) for first, last in stretches(~there)]
+    told += [(first, _refused(asked, path, first, last, wide)) for first, last in stretches(refused)]
     following = (path.breaks + 1) % len(path.q)
     plain = path.breaks[path.reached[path.breaks] & path.reached[following]]
     told += [(int(i), _break(asked, path, int(i), wide)) for i in plain]
     return tuple(text for _, text in sorted(told))
 
 
-def _stretches(missed: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], missed.astype(int), [0]])))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def _these(first: int, last: int) -> str:
-    return f"pose {first} is" if first == last else f"poses {first} to {last} are"
-
-
 def _refused(asked: Asked, path: Path, first: int, last: int, wide: Layers | Windows | None) -> str:
     """Why poses have answers, and none that is allowed."""
-    which, valid, i = _these(first, last), asked.valid, (first + last) // 2
+    which, valid, i = these(first, last), asked.valid, (first + last) // 2
     assert valid is not None
     q = path.q[i : i + 1]
     given = (i == 0 and asked.start is not None) or (i == len(path.q) - 1 and asked.end is not None)
@@ -67,7 +59,7 @@ def _refused(asked: Asked, path: Path, first: int, last: int, wide: Layers | Win
 
 
 def _missed(path: Path, first: int, last: int) -> str:
-    which = _these(first, last)
+    which = these(first, last)
     place = path.position_error[first : last + 1].max()
     turn = path.orientation_error[first : last + 1].max()
     return f"{which} out of reach: the nearest found is up to {place:.3g} m and {turn:.3g} rad off"
