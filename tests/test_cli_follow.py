@@ -39,8 +39,15 @@ def test_poses_out_of_reach_are_named(line: Any, tmp_path: Path, capsys: pytest.
     assert run([*words, "--json"]) == 1
     told = json.loads(capsys.readouterr().out)
     assert told["status"] == "UNREACHABLE"
-    assert told["not_reached"] == [8, 9]
-    assert told["why"]
+    # One way of counting: what programs read, what people read, and what Python says.
+    path = kinseek.load("ur5e").follow(line)
+    assert told["missed"] == [7, 8] == np.flatnonzero(~path.reached).tolist()
+    assert told["why"] == list(path.why)
+    assert any("poses 7 to 8 are" in each for each in told["why"])
+    with pytest.raises(kinseek.NotReached, match="counted from 0: poses 7 to 8 are out of reach"):
+        path.require()
+    assert run(words) == 1
+    assert "poses are counted from 0: - poses 7 to 8 are" in " ".join(capsys.readouterr().out.split())
     reached = (tmp_path / "joints.csv").read_text(encoding="utf-8").splitlines()
     assert len(reached) == 41
 
@@ -59,6 +66,10 @@ def test_a_break_is_told_where_no_step_is_small_enough(
     assert run(words) == 1
     assert str(kinseek.PathStatus.BROKEN) in " ".join(capsys.readouterr().out.split())
     assert np.load(tmp_path / "joints.npy")["break_after"].sum() == 39
+    assert run([*words, "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert told["break_after"] == list(range(39))
+    assert told["why"][0].startswith("between poses 0 and 1:")
 
 
 def test_both_ends_and_a_period(line: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

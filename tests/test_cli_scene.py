@@ -116,7 +116,7 @@ def test_a_path_says_what_is_in_the_way(capsys: pytest.CaptureFixture[str]) -> N
     np.save("down.npy", np.array(down))
     assert run(["follow", "ur5e", "down.npy", "q.npy", *IN_CELL, "--json"]) == 1
     told = json.loads(capsys.readouterr().out)
-    assert told["not_reached"]
+    assert told["missed"]
     assert told["status"] == "BLOCKED"
     assert any("are blocked" in why and "table" in why for why in told["why"])
     np.save("down.npy", np.array(down[:20]))

@@ -321,13 +321,12 @@ def print_batch(arm: Arm, reached: NDArray[np.bool_], out: str, seconds: float, 
 
 
 def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) -> None:
-    """Print what became of a path."""
-    missed = (np.flatnonzero(~path.reached) + 1).tolist()
+    """Print what became of a path, its poses counted from 0 as in Python: a row of a file, counted from 1, is called row."""
     facts = {
         "poses": len(path),
         "status": path.status.name,
-        "not_reached": missed,
-        "breaks": (path.breaks + 1).tolist(),
+        "missed": np.flatnonzero(~path.reached).tolist(),
+        "break_after": path.breaks.tolist(),
     }
     strays = path.deviation
     if as_json:
@@ -335,10 +334,12 @@ def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) ->
         facts |= {"deviation": {"distance": strays.distance, "turn": strays.turn}}
         if path.proof is not None:
             facts |= {"certified": path.certified, "proved_steps": int(path.proved.sum())}
-            facts |= {"impossible": [[i + 1, j + 1] for i, j in path.impossible]}
+            facts |= {"impossible": [list(pair) for pair in path.impossible]}
         _print_json({**_arm_facts(arm), **facts, "out": out, "seconds": seconds})
         return
     _print(f"{len(path):,} poses, {seconds:.3g} s. {path.status}")
+    if path.why:
+        _print("poses are counted from 0:")
     for reason in path.why[:_LISTED]:
         _print(f"- {reason}")
     if len(path.why) > _LISTED:

@@ -67,7 +67,7 @@ def goals_of(Ts: Any) -> tuple[Goal, Exception | None]:
         One goal with N targets, and what an iterator raised in the middle, if it did.
 
     Raises:
-        InvalidGoal: No poses, or one of them is none; the message names its number.
+        InvalidGoal: No poses, or one of them is none; the message names its index.
     """
     broken: Exception | None = None
     if isinstance(Ts, Goal):
@@ -124,7 +124,7 @@ def together(rows: list[Any]) -> Goal:
     """One goal of a row of poses or of goals that ask for the same.
 
     Raises:
-        InvalidGoal: One of them is none, or asks for something else; the message names its number.
+        InvalidGoal: One of them is none, or asks for something else; the message names its index.
     """
     if not any(isinstance(row, Goal) for row in rows):
         poses = np.array(rows) if all(isinstance(row, np.ndarray) for row in rows) else rows
@@ -133,7 +133,7 @@ def together(rows: list[Any]) -> Goal:
     for i, row in enumerate(rows):
         if not isinstance(row, Goal) or row.shape != ():
             raise InvalidGoal(
-                f"a row of goals must hold one goal each with one target, got {row!r:.80} as number {i}"
+                f"a row of goals must hold one goal each with one target, got {row!r:.80} at index {i}"
             )
         for field in fields(Goal):
             if field.name != "target" and not np.array_equal(

@@ -73,7 +73,8 @@ class Path:
     Attributes:
         q: Joint values inside the limits, (N, n), [rad] or [m].
         breaks: Numbers i where the arm must be placed anew between pose i and pose i + 1, (k,).
-        why: Of each break, and of each stretch of missed poses, a sentence that says what stands in the way.
+        why: Of each break, and of each stretch of missed poses, a sentence that says what stands in the way; it calls poses
+            by their index, from 0 on.
         reached: Does pose i meet both tolerances, is it free in the `scene`, and did `valid` agree? (N,) bool.
         position_error: [m], (N,).
         orientation_error: [rad], (N,).
@@ -176,7 +177,7 @@ class Path:
         if self.success:
             return self
         reasons = "; ".join(self.why[:3]) + (f"; and {len(self.why) - 3} more" if len(self.why) > 3 else "")
-        raise NotReached(f"{self.status} {reasons}", self)
+        raise NotReached(f"{self.status} Of {len(self)} poses, counted from 0: {reasons}", self)
 
     def __len__(self) -> int:
         """Return the number of poses."""
