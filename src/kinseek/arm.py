@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from math import hypot
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, TypeGuard, Unpack, cast, overload
+from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, Unpack, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +24,7 @@ from .goal import Goal
 from .kernels.atlas.near import solve_plain_near
 from .kernels.atlas.one_goal import solve_plain
 from .kinematics import ForwardArm
+from .poses import plain_array
 from .problem import Problem, as_joints
 from .proof.certificate import Certificate, Verdict
 from .robots import Mechanism, SerialChain, read
@@ -46,8 +47,6 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Counts = NDArray[np.int64]
 States = NDArray[np.object_]
-
-_FLOAT = np.dtype(np.float64)
 
 
 class IkOptions(TypedDict, total=False):
@@ -195,22 +194,22 @@ class Arm(ForwardArm):
         plain = (
             solver is None and not prove and not wishes and time_limit is None and not trace and not clearance
         )
-        if plain and (axes := self._axes) is not None and _is_plain(goal, (4, 4)):
+        if plain and (axes := self._axes) is not None and (T := plain_array(goal, (4, 4))) is not None:
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform. It also
             # gives up on the first that is out of reach: what that takes is compiled on the other way.
             q, index = np.empty(axes.dof), self._index or self._atlas_along(axes)
             if near is None:
-                report = solve_plain(index.address, goal, q)
+                report = solve_plain(index.address, T, q)
                 if report[3] >= 0:
                     if not report[4]:
-                        warn_of_distance(hypot(*goal[:3, 3]), axes.reach, 2)
-                    return quick_solution(axes, goal, None, q, report)
-            elif _is_plain(near, q.shape):
-                report = solve_plain_near(index.address, goal, near, q)
+                        warn_of_distance(hypot(*T[:3, 3]), axes.reach, 2)
+                    return quick_solution(axes, T, None, q, report)
+            elif (start := plain_array(near, q.shape)) is not None:
+                report = solve_plain_near(index.address, T, start, q)
                 if report[3] >= 0:
                     if not report[4]:
-                        warn_of_distance(hypot(*goal[:3, 3]), axes.reach, 2)
-                    return quick_solution(axes, goal, near, q, report)
+                        warn_of_distance(hypot(*T[:3, 3]), axes.reach, 2)
+                    return quick_solution(axes, T, start, q, report)
         _require_scene(scene, clearance)
         if bad != "error" and not isinstance(goal, Goal):  # A goal has no such poses.
             options: dict[str, Any] = {
@@ -322,13 +321,14 @@ class Arm(ForwardArm):
             near is None and order == "mid-range" and cost is None and valid is None and not (copies or prove)
         )
         plain = plain and time_limit is None and scene is None and not clearance
-        if plain and count is None and (axes := self._axes) is not None and _is_plain(goal, (4, 4)):
+        plain = plain and count is None
+        if plain and (axes := self._axes) is not None and (T := plain_array(goal, (4, 4))) is not None:
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform.
             index = self._branches
-            found = index.search(PLAIN, goal, index.view, SPREAD)
+            found = index.search(PLAIN, T, index.view, SPREAD)
             if len(found):
                 # The caller may write the next target into the same array.
-                return quick_branches((axes, goal.copy(), None), axes.dof, found, index.freedom > 0)
+                return quick_branches((axes, T.copy(), None), axes.dof, found, index.freedom > 0)
         _require_scene(scene, clearance)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self._mechanism, near, "near")
@@ -550,16 +550,6 @@ def _require_scene(scene: Scene | None, clearance: float) -> None:
         raise InvalidProblem(
             f"a clearance is kept from what a scene holds: give scene=, got clearance={clearance!r}"
         )
-
-
-def _is_plain(value: Any, shape: tuple[int, ...]) -> TypeGuard[Array]:
-    """Is it an array that a kernel can take as it is? One whose type is the same by another name goes the long way."""
-    return (
-        type(value) is np.ndarray
-        and value.dtype is _FLOAT
-        and value.shape == shape
-        and value.flags.c_contiguous
-    )
 
 
 def load(

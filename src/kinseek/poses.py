@@ -22,6 +22,8 @@ from .units import warn_of_angles
 
 Array = NDArray[np.float64]
 
+_FLOAT = np.dtype(np.float64)
+
 
 _REPAIRABLE = 1e-6
 """A matrix closer than this to a rotation is brought onto one; farther away it is refused."""
@@ -126,6 +128,20 @@ def pose(
         else:
             turn = _rotation_matrix(name, value)
     return _at(position, turn)
+
+
+def plain_array(value: Any, shape: tuple[int, ...]) -> Array | None:
+    """An array of doubles of this shape as a kernel takes it; None of anything else, which is to be read with more care.
+
+    What lies otherwise in memory, as a transposed matrix does or a field of a packed record, is copied.
+    """
+    if type(value) is not np.ndarray or value.shape != shape:
+        return None
+    # The type of an array that comes out of a pickle is the same by its value alone.
+    if value.dtype is not _FLOAT and value.dtype != _FLOAT:
+        return None
+    flags = value.flags
+    return value if flags.c_contiguous and flags.aligned else value.copy()
 
 
 def as_pose(target: Any) -> Array:

@@ -27,7 +27,7 @@ from kinseek.kernels.paths.servo import (
     servo_step,
 )
 from kinseek.kernels.paths.servo import TRACKING as TRACKED
-from kinseek.poses import as_pose, one_pose
+from kinseek.poses import as_pose, one_pose, plain_array
 from kinseek.problem import Problem, as_joints
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.atlas.index import PLAIN, atlas_of
@@ -143,14 +143,8 @@ class Tracker:
         """
         if self._way:
             return self._along(T)
-        state = self._state
-        if (
-            type(T) is not np.ndarray
-            or T.shape != (4, 4)
-            or T.dtype != np.float64
-            or not T.flags.c_contiguous
-        ):
-            T = _one(T)
+        state, given = self._state, plain_array(T, (4, 4))
+        T = _one(T) if given is None else given
         position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, state)
         if ended == NO_POSE:
             T = _one(T)
