@@ -382,3 +382,32 @@ def test_distances_are_those_of_mujoco() -> None:
                     assert ours <= 1e-5, (carried, obstacle)
                 assert scene.free(q) == (ours > 1e-6)
     assert 10 < touching < 65
+
+
+@pytest.mark.parametrize(
+    ("arm", "links"),
+    [
+        (
+            kinseek.load("panda"),
+            [f"panda_link{i}" for i in range(9)],
+        ),
+        (kinseek.load("planar2"), ["base", "fore_link", "tip", "upper_link"]),
+        (
+            kinseek.load("planar2").with_tool(kinseek.pose([0.1, 0, 0])),
+            ["base", "fore_link", "tip", "upper_link"],
+        ),
+        (
+            kinseek.Arm.from_dh([[0.4, 0, 0, 0], [0.3, 0, 0, 0]], [-2, -2], [2, 2]),
+            ["base", "link1", "link2", "tool"],
+        ),
+    ],
+)
+def test_what_can_be_attached_to_are_links_and_no_joints(arm: kinseek.Arm, links: list[str]) -> None:
+    scene = kinseek.Scene.of(arm, capsules=0.01)
+    with pytest.raises(InvalidScene, match=f"unknown link 'nope'. Valid: {', '.join(links)}$"):
+        scene.attach("load", Box((1, 1, 1)), to="nope")
+    for link in links:
+        scene.attach(f"load at {link}", Box((0.01, 0.01, 0.01)), to=link)
+    for joint in arm.joint_names:
+        with pytest.raises(InvalidScene, match=f"unknown link '{joint}'"):
+            scene.attach("load", Box((1, 1, 1)), to=joint)

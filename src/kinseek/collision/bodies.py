@@ -226,7 +226,9 @@ def capsules_along(chain: SerialChain, radius: float) -> ArmBodies:
         f"capsules of radius {radius:g} m along the links stand in for geometry that the file does not have: what is free "
         f"of them may touch in truth, and the other way round"
     )
-    return ArmBodies(bodies, neighbours, [note], dict(chain.frames), chain.name)
+    # An arm names its links from base to tip, and its joints behind them.
+    last = list(chain.frames).index(chain.tip)
+    return ArmBodies(bodies, neighbours, [note], dict(list(chain.frames.items())[: last + 1]), chain.name)
 
 
 def package_folders(meshes: Iterable[str | Path] | Mapping[str, str | Path]) -> dict[str, Path]:
