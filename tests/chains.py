@@ -1,4 +1,4 @@
-"""Random serial chains for hypothesis: revolute, continuous, prismatic and mimic joints about any axis."""
+"""Serial chains and joint values for tests: random chains for hypothesis, and joint values where arms are awkward."""
 
 from __future__ import annotations
 
@@ -54,3 +54,14 @@ def serial_chains(draw: st.DrawFn, most: int = 5) -> SerialChain:
         )
         joints.insert(where, joint)
     return serial_chain(joints, draw(poses()), name="random", base="base", tip="tip")
+
+
+def awkward_joints(chain: SerialChain, rng: np.random.Generator) -> Array:
+    """Random, often at a limit, often at a multiple of a quarter turn, where arms are singular."""
+    q = rng.uniform(chain.lower, chain.upper)
+    choice = rng.random(chain.dof)
+    q = np.where(choice < 0.1, chain.lower, np.where(choice < 0.2, chain.upper, q))
+    if rng.random() < 0.3:
+        quarter = np.clip(np.round(q / (np.pi / 2)) * np.pi / 2, chain.lower, chain.upper)
+        q = np.where(rng.random(chain.dof) < 0.5, quarter, q)
+    return np.asarray(q)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import kinseek
-from chains import serial_chains
+from chains import awkward_joints, serial_chains
 from kinseek import Goal, Problem
 from kinseek.kernels.jit import exposed
 from kinseek.kernels.proof.box import Form, chord_of
@@ -27,17 +27,6 @@ Array = NDArray[np.float64]
 ARMS = ("planar2", "scara4", "cylindrical3", "panda", "ur5e", "jaco2_6", "ur10e_rail", "pr2_left", "wx250s")
 BOXES = 60
 TURN = 2 * np.pi
-
-
-def awkward_joints(chain: SerialChain, rng: np.random.Generator) -> Array:
-    """Random, often at a limit, often at a multiple of a quarter turn, where arms are singular."""
-    q = rng.uniform(chain.lower, chain.upper)
-    choice = rng.random(chain.dof)
-    q = np.where(choice < 0.1, chain.lower, np.where(choice < 0.2, chain.upper, q))
-    if rng.random() < 0.3:
-        quarter = np.clip(np.round(q / (np.pi / 2)) * np.pi / 2, chain.lower, chain.upper)
-        q = np.where(rng.random(chain.dof) < 0.5, quarter, q)
-    return np.asarray(q)
 
 
 def boxes_around(chain: SerialChain, q: Array, start: Array, rng: np.random.Generator) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import kinseek
-from chains import serial_chains
+from chains import awkward_joints, serial_chains
 from kinseek import Goal, Problem
 from kinseek.errors import InvalidProblem
 from kinseek.kernels.proof.neighbourhood import contractions
@@ -22,7 +22,7 @@ from kinseek.proof.isolation import Isolation, isolate, prove_complete
 from kinseek.proof.reduce import question
 from kinseek.robots.chain import SerialChain
 from reference import errors, fk
-from test_bounds import awkward_joints, goal_near
+from test_bounds import goal_near
 
 Array = NDArray[np.float64]
 

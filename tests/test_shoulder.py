@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import kinseek
+from chains import awkward_joints
 from kinseek import Goal, Problem
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.jit import exposed
@@ -55,20 +56,9 @@ def shifted(T: Array, rng: np.random.Generator) -> Array:
     return result
 
 
-def awkward(chain: SerialChain, rng: np.random.Generator) -> Array:
-    """Random, often at limits, and often with the arm stretched."""
-    q = rng.uniform(chain.lower, chain.upper)
-    choice = rng.random(chain.dof)
-    q = np.where(choice < 0.15, chain.lower, np.where(choice < 0.3, chain.upper, q))
-    if rng.random() < 0.4:
-        straight = np.clip(np.round(q / (np.pi / 2)) * np.pi / 2, chain.lower, chain.upper)
-        q = np.where(rng.random(chain.dof) < 0.6, straight, q)
-    return np.asarray(q)
-
-
 def lost(chain: SerialChain, rng: np.random.Generator, trust: float = 1.0) -> int:
     """Boxes around a joint vector whose bound is above its error."""
-    q, count = awkward(chain, rng), 0
+    q, count = awkward_joints(chain, rng), 0
     goal = kinds_of_goal(shifted(fk(chain, q), rng), rng)
     problem, error = Problem(chain, goal), weighted_error(fk(chain, q), goal)
     found = shoulder_of(problem, *question_without_last(problem, trust))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import kinseek
-from chains import poses
+from chains import awkward_joints, poses
 from kinseek import Goal, Problem
 from kinseek.kernels.proof.progress import ENDED
 from kinseek.proof.boxes import FIRST, excluded
@@ -21,7 +21,7 @@ from kinseek.proof.certificate import Verdict
 from kinseek.proof.wrist import WRIST, without_wrist
 from kinseek.robots.chain import Joint, SerialChain, serial_chain
 from reference import errors, fk
-from test_bounds import awkward_joints, moved
+from test_bounds import moved
 
 Array = NDArray[np.float64]
 

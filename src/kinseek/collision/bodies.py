@@ -214,9 +214,8 @@ def capsules_along(chain: SerialChain, radius: float) -> ArmBodies:
     for k in range(len(chain.leader) + 1):
         end = chain.fixed[k, :, 3]
         if chain.tooled and k == len(chain.leader):
-            end = chain.frames[chain.tip].pose[
-                :3, 3
-            ]  # The link ends where the tool begins; what shape that has is unknown.
+            # The link ends where the tool begins; what shape that has is unknown.
+            end = chain.frames[chain.tip].pose[:3, 3]
         if (span := float(np.linalg.norm(end))) < SHORT:
             continue
         part = Part(Capsule(radius, span), transform(_z_along(end / span), end / 2))

@@ -87,9 +87,8 @@ class Engine:
         for i, j in pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(i, j))
         self._placed = pin.GeometryData(self._geometry)
-        with (
-            warnings.catch_warnings()
-        ):  # Every pair begins anew, or an answer would depend on what was asked before it.
+        # Every pair begins anew, or an answer would depend on what was asked before it.
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)
             for request in (*self._placed.collisionRequests, *self._placed.distanceRequests):
                 request.enable_cached_gjk_guess = False

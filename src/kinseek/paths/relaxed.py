@@ -165,9 +165,8 @@ def _with_ranges(problem: Problem, own: slice, q: Array, i: int) -> Array:
     starts[:, own] = q
     targets, left = np.repeat(problem.goal.targets[i][None], LANES, axis=0), np.empty(LANES)
     handle = atlas_of(chain, problem.goal).handle
-    settle_many(
-        handle, wanted_of(problem.goal), targets, lower, upper, MEND, starts, left, LANES
-    )  # The arm's own joints stand at both of their limits.
+    # The arm's own joints stand at both of their limits.
+    settle_many(handle, wanted_of(problem.goal), targets, lower, upper, MEND, starts, left, LANES)
     return np.asarray(starts[np.argmin(left)])
 
 

@@ -167,9 +167,8 @@ class _Look:
         if self.axes.size:
             point = self.axes @ np.linalg.lstsq(A, b, rcond=1e-6)[0]
         left = np.abs(np.concatenate(turns) @ point - np.concatenate(slides)).max()
-        near = (
-            math.hypot(*point) <= 2 * self.reach
-        )  # Of joints that hardly turn, its square would be too large a number.
+        # Of joints that hardly turn, its square would be too large a number.
+        near = math.hypot(*point) <= 2 * self.reach
         return point if near and left <= self.still else None
 
     def freedom(self, joints: Joints, point: Array | None = None) -> int:
