@@ -206,6 +206,35 @@ def test_a_crash_and_a_hang_are_answers_and_the_rest_is_asked(
     assert found["recommended wrong turn mirrored"] == found["recommended random"] == pieces.DONE
 
 
+@pytest.mark.slow
+def test_who_hangs_again_and_again_is_asked_no_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "PATIENCE", 1.0)
+    monkeypatch.setattr(run, "HANGS", 1)
+    path = a_solver(tmp_path, "if self.off: time.sleep(600)")
+    field = a_field(tmp_path, "random", "singular", "limits")
+    field = replace(field, questions=[replace(each, seconds=0.2) for each in field.questions])
+    measured(field, path)
+    found = states(field)
+    hung = [name for name, state in found.items() if state.startswith("hangs")]
+    assert hung == [], "the sweep has hung already, and is not on the page"
+    for question in ("random", "singular", "limits"):
+        assert found[f"recommended {question}"] == "not asked: 1 questions hang"
+        assert found[f"sweep 1 {question}"] == pieces.DONE
+
+
+def test_an_arm_at_which_reading_ends_is_not_read_again(tmp_path: Path) -> None:
+    path, field = a_solver(tmp_path), a_field(tmp_path, "random", "singular")
+    one, two, other = (
+        run.task(field, path, field.judges[0], field.questions[place], label, {"off": 0.5})
+        for place, label in ((0, "recommended"), (1, "recommended"), (0, "best"))
+    )
+    current, left = tmp_path / "current.json", [one, two, other]
+    assert run._stuck(current, left) == [one], "nothing is known of where it ended"
+    for loaded, stuck in ((True, [two]), (False, [one, two])):
+        current.write_text(json.dumps({"piece": two.piece, "loaded": loaded}), encoding="utf-8")
+        assert run._stuck(current, left) == stuck
+
+
 def test_what_changed_is_measured_anew(tmp_path: Path) -> None:
     path, field = a_solver(tmp_path), a_field(tmp_path, "random")
     question, judge = field.questions[0], field.judges[0]

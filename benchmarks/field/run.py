@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -28,6 +29,12 @@ FORMAT = "1"
 
 PATIENCE, LOADING = 10.0, 240.0
 """After how long [s] beyond its time a question hangs; and what importing a solver and reading an arm may take more."""
+
+HANG = "hangs"
+"""What the state of a piece begins with of which no answer came in time."""
+
+HANGS = 3
+"""After so many questions of a solver that hang with the same settings, wrong input aside, it is asked no more with them."""
 
 TOGETHER = 5
 """Arms of which one process is asked: some libraries take seconds to import."""
@@ -113,13 +120,33 @@ def missing(tasks: Sequence[Task]) -> list[Task]:
 
 
 def work(
-    python: Path, adapter: Path, judges: Sequence[Judge], tasks: Sequence[Task], folder: Path
+    python: Path,
+    adapter: Path,
+    judges: Sequence[Judge],
+    tasks: Sequence[Task],
+    folder: Path,
+    hangs: Counter[str] | None = None,
 ) -> Iterator[Task]:
-    """Have tasks done that are missing, on arms of these judges; gives back each that is done, in whatever way it ended."""
+    """Have tasks done that are missing, on arms of these judges; gives back each that is done, in whatever way it ended.
+
+    Args:
+        python: Of the solver's environment.
+        adapter: File.
+        judges: Of the arms.
+        tasks: What is to be done.
+        folder: Where it is written down what is being done.
+        hangs: How many questions hung before, by the label of the settings; counted on.
+    """
+    hangs = Counter() if hangs is None else hangs
     left = list(tasks)
     current, job, log = (folder / name for name in ("current.json", "job.json", "log.txt"))
     arms = {judge.arm.name: _told(judge.arm) for judge in judges}
     while left:
+        for each in [each for each in left if hangs[each.label] >= HANGS]:
+            _given_up(each, f"not asked: {HANGS} questions hang", left)
+            yield each
+        if not left:
+            return
         current.unlink(missing_ok=True)
         described = {
             "adapter": str(adapter),
@@ -138,10 +165,25 @@ def work(
         if left and reason is None and len(left) == before:
             reason = "ended without an answer"
         if left and reason is not None:
-            stuck = _task_in(current, left)
-            pieces.save(Path(stuck.piece), Piece(reason, digest=stuck.digest))
-            left.remove(stuck)
-            yield stuck
+            stuck = _stuck(current, left)
+            hangs[stuck[0].label] += reason.startswith(HANG) and stuck[0].way != "wrong"
+            for each in stuck:
+                _given_up(each, reason, left)
+                yield each
+
+
+def _given_up(each: Task, reason: str, left: list[Task]) -> None:
+    pieces.save(Path(each.piece), Piece(reason, digest=each.digest))
+    left.remove(each)
+
+
+def _stuck(current: Path, left: Sequence[Task]) -> list[Task]:
+    """The task at which a worker ended; where the arm was not even read, all that are asked of it with the same settings."""
+    told = json.loads(current.read_text(encoding="utf-8")) if current.is_file() else {}
+    one = next((each for each in left if each.piece == told.get("piece")), left[0])
+    if told.get("loaded", True):
+        return [one]
+    return [each for each in left if (each.arm, each.label) == (one.arm, one.label)]
 
 
 def _told(arm: Arm) -> dict[str, Any]:
@@ -164,13 +206,6 @@ def _told_when(each: Task, began: float) -> None:
     if each.way == "first" and piece is not None and "ended" in piece.facts:
         piece.facts["seconds"] = piece.facts.pop("ended") - began
         pieces.save(Path(each.piece), piece)
-
-
-def _task_in(current: Path, left: Sequence[Task]) -> Task:
-    if current.is_file():
-        piece = json.loads(current.read_text(encoding="utf-8"))["piece"]
-        return next((each for each in left if each.piece == piece), left[0])
-    return left[0]
 
 
 def _watched(python: Path, job: Path, current: Path, log: Path) -> str | None:
@@ -197,7 +232,7 @@ def _watched(python: Path, job: Path, current: Path, log: Path) -> str | None:
                 if told != seen:
                     seen, since = told, now
                 if now - since > (allowed := _allowed(seen)):
-                    return f"hangs: nothing for {allowed:.0f} s"
+                    return f"{HANG}: nothing for {allowed:.0f} s"
         finally:
             if process.poll() is None:
                 _kill(process)
@@ -263,10 +298,11 @@ def measure(
         told: Called with what is being done and how many tasks of all are done since the last call.
     """
     settings, name, tuned = settings_of(module), module.NAME, tuned_on(field)
+    hangs: Counter[str] = Counter()
     if len(settings) > 1:
         for judge in tuned:
             tasks = [task(field, adapter, judge, SWEEP, label, each) for label, each in settings.items()]
-            _do(field, python, adapter, [judge], tasks, told, f"{name}, sweep on {judge.arm.name}")
+            _do(field, python, adapter, [judge], tasks, told, f"{name}, sweep on {judge.arm.name}", hangs)
     found = swept(field, adapter, tuned, settings)
     best = chosen(found)
     labels = dict.fromkeys(("recommended", best))
@@ -280,12 +316,12 @@ def measure(
     for judge in field.judges:
         for each in every:
             if each.way == "first" and each.arm == judge.arm.name:
-                _do(field, python, adapter, [judge], [each], told, f"{name} on {judge.arm.name}")
+                _do(field, python, adapter, [judge], [each], told, f"{name} on {judge.arm.name}", hangs)
     for begin in range(0, len(field.judges), TOGETHER):
         judges = field.judges[begin : begin + TOGETHER]
         arms = [judge.arm.name for judge in judges]
         tasks = [each for each in every if each.way != "first" and each.arm in arms]
-        _do(field, python, adapter, judges, tasks, told, f"{name} on {', '.join(arms)}")
+        _do(field, python, adapter, judges, tasks, told, f"{name} on {', '.join(arms)}", hangs)
     return best
 
 
@@ -297,10 +333,11 @@ def _do(
     tasks: list[Task],
     told: Callable[[str, int], None],
     what: str,
+    hangs: Counter[str],
 ) -> None:
     absent = missing(tasks)
     told(what, len(tasks) - len(absent))
-    for _ in work(python, adapter, judges, absent, field.folder):
+    for _ in work(python, adapter, judges, absent, field.folder, hangs):
         told(what, 1)
 
 

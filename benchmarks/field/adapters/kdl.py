@@ -18,13 +18,13 @@ NAME = "KDL"
 PACKAGE = "tesseract-robotics"
 RECOMMENDED: dict[str, Any] = {"solver": "KDLInvKinChainNR_JL", "told": {}, "starts": 1}
 SWEEP: tuple[dict[str, Any], ...] = (
-    {"solver": "KDLInvKinChainNR_JL", "told": {"position_eps": 1e-8}, "starts": 20},
+    {"solver": "KDLInvKinChainNR_JL", "told": {"position_eps": 1e-8}, "starts": 100},
     {
         "solver": "KDLInvKinChainNR_JL",
         "told": {"position_eps": 1e-8, "position_iterations": 500},
-        "starts": 20,
+        "starts": 100,
     },
-    {"solver": "KDLInvKinChainLMA", "told": {"eps": 1e-9}, "starts": 20},
+    {"solver": "KDLInvKinChainLMA", "told": {"eps": 1e-9}, "starts": 100},
 )
 
 

@@ -2,7 +2,8 @@
 
 https://github.com/chungmin99/pyroki, examples/01_basic_ik.py: weights 50 and 10 of the pose, 100 of the limits, dense
 Cholesky, numbers of 32 bits, from the middle of the ranges. It tells nothing of success. In the sweep 64 bits, and many
-starts at once of which the best is kept, as its own benchmark does (benchmark/ik_benchmark.py).
+starts at once of which the best is kept, as its own benchmark does (benchmark/ik_benchmark.py). Compiled when it is made,
+which takes seconds.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ class _Solver:
             arm.lower, arm.upper, (settings["starts"] - 1, len(arm.joints))
         )
         self._starts = self._theirs(np.vstack([arm.middle, others]))
+        self.solve(arm.home, None)
 
     def _theirs(self, q: Any) -> Any:
         moved = np.empty(np.shape(q))

@@ -2,7 +2,8 @@
 
 https://pypi.org/project/ssik: `Manipulator.from_urdf(path).solve(T)`, of which the first is taken. In the sweep one
 answer is asked for, and the artifact that `ssik build` writes for an arm, which its manual calls the way to a new
-robot; building takes seconds to minutes and is given a hundred seconds, else the arm is left to the first way.
+robot; building takes seconds for most arms and minutes for some. It is given half a minute, once in an environment, else
+the arm is left to the first way.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ SWEEP: tuple[dict[str, Any], ...] = (
     {"built": False, "max_solutions": 1, "enumerate_windings": False},
     {"built": True, "max_solutions": 1, "enumerate_windings": False},
 )
-BUILD = 100.0
+BUILD = 30.0
 """[s]"""
 
 
@@ -46,18 +47,20 @@ class _Solver:
 def _built(arm: Arm) -> Any:
     """The artifact's function; built in the solver's environment, once."""
     path = Path(sys.prefix) / "ssik-built" / f"{arm.name}_ssik.py"
+    tried = path.with_suffix(".tried")
     if not path.is_file():
+        if tried.is_file():
+            return None
         path.parent.mkdir(exist_ok=True)
         made = path.with_suffix(".unfinished.py")
         build = "import sys; from ssik.cli import main; sys.exit(main())"
         told = ["build", arm.urdf, "--no-validate", "--base", arm.base, "--ee", arm.tip, "--out", str(made)]
         try:
-            done = subprocess.run(
-                [sys.executable, "-c", build, *told], capture_output=True, timeout=BUILD, check=False
+            subprocess.run(
+                [sys.executable, "-c", build, *told], capture_output=True, timeout=BUILD, check=True
             )
-        except subprocess.TimeoutExpired:
-            return None
-        if done.returncode or not made.is_file():
+        except (subprocess.TimeoutExpired, subprocess.CalledProcessError):
+            tried.touch()
             return None
         made.replace(path)
     specification = importlib.util.spec_from_file_location(path.stem, path)
