@@ -19,7 +19,7 @@ from benchmarks.field.judge import ARMS, bundled, good
 from benchmarks.field.page import as_html, page
 from benchmarks.field.questions import QUESTIONS, SIZES, SWEEP, WRONG, fits
 from benchmarks.field.run import Field, measure
-from benchmarks.field.tables import collect, distinct, interval, marked, median_interval, write
+from benchmarks.field.tables import collect, distinct, interval, marked, quantile_interval, write
 
 import kinseek
 
@@ -283,8 +283,15 @@ def test_intervals_hold_what_they_are_of() -> None:
     assert (round(low, 3), round(high, 3)) == (0.888, 0.978)
     assert interval(100, 100)[1] == pytest.approx(1.0)
     rng = np.random.default_rng(0)
-    hits = [low <= 0.0 <= high for low, high in (median_interval(rng.normal(size=101)) for _ in range(400))]
+    hits = [
+        low <= 0.0 <= high for low, high in (quantile_interval(rng.normal(size=101), 0.5) for _ in range(400))
+    ]
     assert 0.92 < np.mean(hits) < 0.99
+    assert quantile_interval(np.arange(80.0), 0.99)[1] == np.inf, (
+        "too few to tell where the last hundredth begins"
+    )
+    low, high = quantile_interval(np.arange(3000.0), 0.99)
+    assert 2950 < low < 2970 < high < 2990
 
 
 @pytest.mark.slow

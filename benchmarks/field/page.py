@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +16,15 @@ from . import plots
 from .judge import LOOSE, LOOSE_TURN, STRICT
 from .pieces import DONE
 from .questions import QUESTIONS, WRONG
-from .run import Field
+from .run import HANG, Field
 from .summary import summary
 from .tables import TITLES, collect, distinct, marked, solvers, summed
 from .tables import write as write_tables
-from .wins import wins
+from .wins import BEYOND, wins
 
 HERE = Path(__file__).resolve().parent
 NONE = "–"
+TIGHT = f"{STRICT:g}".replace("e-0", "e-")
 EACH = ("random", "singular", "limits", "position", "start")
 
 
@@ -39,7 +41,8 @@ def write(field: Field, kept: Path | None = None) -> None:
     print(f"wrote {place}")
     if kept is not None:
         shown, names, facts = told(field, answers, known)
-        summary(_made_by(field), shown, names, wins(shown, facts, names)).write(kept)
+        won = wins(shown, facts, names, found_of(shown, field))
+        summary(_made_by(field), shown, names, won).write(kept)
 
 
 def _made_by(field: Field) -> str:
@@ -72,19 +75,21 @@ def page(field: Field, answers: pd.DataFrame, known: pd.DataFrame) -> Page:
     answers, names, facts = told(field, answers, known)
     made = Page("Inverse kinematics, measured", _made_by(field))
     arms = known["arm"].nunique()
+    branches = found_of(answers, field)
     made.say(
         f"{len(names)} solvers, {arms} {'arm' if arms == 1 else 'arms'}, seed {field.seed}. kinseek's authors make this "
         "page; every solver has its own environment, the same targets, and pinocchio as its judge. Where another does "
         "better than kinseek stands first."
     )
     made.head("Where others do better than kinseek")
-    made.items(wins(answers, facts, names), "Nowhere in what was measured here.")
+    made.items(wins(answers, facts, names, branches), "Nowhere in what was measured here.")
+    made.say(BEYOND)
     _overview(made, answers, names, facts)
     _read(made)
     for question in EACH:
         _answers(made, answers, names, question)
     _unreachable(made, answers, names)
-    _branches(made, answers, names, field)
+    _branches(made, answers, names, branches)
     _batches(made, answers, names)
     _again(made, known, names)
     _light(made, facts, names)
@@ -119,6 +124,7 @@ def _overview(made: Page, answers: pd.DataFrame, names: dict[str, str], facts: p
     made.head("In short")
     whole = summed(answers, ["solver", "settings", "question"])
     rows = []
+    made.say("Sorted by the share of random poses, then by the time; a click on a column sorts by that.")
     for (solver, settings), group in whole.groupby(["solver", "settings"], sort=False):
         by = group.set_index("question")
         shares = [f"{by.loc[q, 'exact']:.1f}" if q in by.index else NONE for q in EACH]
@@ -132,28 +138,31 @@ def _overview(made: Page, answers: pd.DataFrame, names: dict[str, str], facts: p
         ]
         tried = int(by.loc["random", "arms"]) if "random" in by.index else 0
         near = f"{by.loc['random', 'near']:.1f}" if "random" in by.index else NONE
-        rows.append((names[solver], settings, tried, *shares, near, *times, false, *light))
+        rank = (-by.loc["random", "exact"], by.loc["random", "median"]) if tried else (1.0, 0.0)
+        rows.append((rank, (names[solver], settings, tried, *shares, near, *times, false, *light)))
     titles = " | ".join(f">{TITLES[question].lower()}, exact %" for question in EACH)
     made.table(
         f"solver | settings | >arms | {titles} | >random poses, 1 mm % | >median µs | >p99 µs | >false"
         " | >first answer s | >on disk MB",
-        rows,
+        [row for _, row in sorted(rows, key=lambda each: each[0])],
     )
     random = whole[whole["question"] == "random"]
     if len(random):
         made.say(f"<figure>{plots.exact_against_time(random, names)}")
         made.say(
-            "<figcaption>Random poses: ring, recommended settings; dot, best ones.</figcaption></figure>"
+            "<figcaption>Random poses: ring, recommended settings; dot, best ones; with intervals. Up and left is better."
+            "</figcaption></figure>"
         )
-        made.say(f"<figure>{plots.times(answers[answers['question'] == 'random'], names)}")
-        made.say("<figcaption>Random poses: the tails.</figcaption></figure>")
+        best = answers[(answers["question"] == "random") & (answers["settings"] != "recommended")]
+        made.say(f"<figure>{plots.times(best, names)}")
+        made.say("<figcaption>Random poses, best settings: the tails. Left is better.</figcaption></figure>")
 
 
 def _read(made: Page) -> None:
     made.head("How to read it")
     made.items(
         [
-            f"**Exact**: within {STRICT:g} m and {STRICT:g} rad of the pose by pinocchio's forward kinematics, and inside "
+            f"**Exact**: within {TIGHT} m and {TIGHT} rad of the pose by pinocchio's forward kinematics, and inside "
             "the limits but for 1e-9 of rounding. Of targets that were asked: every question has its time, and a slow "
             "solver is asked fewer. In brackets the 95 % interval (Wilson).",
             f"**1 mm**: within {LOOSE * 1e3:g} mm and {LOOSE_TURN:g} rad, and inside the limits.",
@@ -203,7 +212,7 @@ def _figures(row: Any) -> tuple[Any, ...]:
 
 
 def _unreachable(made: Page, answers: pd.DataFrame, names: dict[str, str]) -> None:
-    rows = answers[answers["question"] == "unreachable"].copy()
+    rows = answers[answers["question"] == "unreachable"]
     if rows.empty:
         return
     made.head(TITLES["unreachable"])
@@ -211,9 +220,6 @@ def _unreachable(made: Page, answers: pd.DataFrame, names: dict[str, str]) -> No
         "One and a half times as far off as all links in a row. *Says so*: no success claimed. *Nearest*: of what is handed "
         "back inside the limits, how much farther from the place it is than the nearest that anybody has, median."
     )
-    usable = rows["position_error"].where(rows["outside"] <= 1e-9)
-    least = usable.groupby([rows["arm"], rows["target"]]).transform("min")
-    rows["excess"] = 100 * (usable / least - 1)
     cells = []
     for row in summed(rows, ["solver", "settings"]).to_dict("records"):
         own = rows[(rows["solver"] == row["solver"]) & (rows["settings"] == row["settings"])]
@@ -226,15 +232,19 @@ def _unreachable(made: Page, answers: pd.DataFrame, names: dict[str, str]) -> No
     )
 
 
-def _branches(made: Page, answers: pd.DataFrame, names: dict[str, str], field: Field) -> None:
+def found_of(answers: pd.DataFrame, field: Field) -> pd.DataFrame:
+    """How many of all answers each found."""
+    turns = {
+        each.arm.name: np.array([kind != "prismatic" for kind in each.arm.kinds]) for each in field.judges
+    }
+    return distinct(answers, turns)
+
+
+def _branches(made: Page, answers: pd.DataFrame, names: dict[str, str], counted: pd.DataFrame) -> None:
     rows = answers[answers["question"] == "branches"]
     if rows.empty:
         return
     made.head(TITLES["branches"])
-    turns = {
-        each.arm.name: np.array([kind != "prismatic" for kind in each.arm.kinds]) for each in field.judges
-    }
-    counted = distinct(rows, turns)
     made.say(
         "Six-jointed arms. *Known* is all that any solver found for a pose, judged, full turns counted as one; nobody knows "
         "more. A solver that does not offer all answers is not in this table."
@@ -335,11 +345,19 @@ def _wrong(made: Page, known: pd.DataFrame, names: dict[str, str]) -> None:
     made.table(f"solver | {' | '.join(WRONG)}", cells)
 
 
+ENDS = re.compile(r"^ends with (\d+).*")
+LATE = re.compile(r"^\d+ of \d+ in .*")
+HUNG = re.compile(rf"^{HANG}: .*")
+"""Of states: what is the same but for numbers."""
+
+
 def _outcome(by: pd.DataFrame, question: str) -> str:
     if question not in by.index:
         return NONE
     row = by.loc[question]
-    return str(row["outcome"]) if isinstance(row.get("outcome"), str) else str(row["state"])
+    if isinstance(row.get("outcome"), str):
+        return str(row["outcome"])
+    return ENDS.sub(r"ends the process, with \1", str(row["state"]))
 
 
 def _arms(made: Page, answers: pd.DataFrame, names: dict[str, str]) -> None:
@@ -349,7 +367,9 @@ def _arms(made: Page, answers: pd.DataFrame, names: dict[str, str]) -> None:
     made.head("Random poses, arm by arm")
     cells = [
         (row["arm"], names[row["solver"]], row["settings"], row["count"], *_figures(row))
-        for row in summed(rows, ["arm", "solver", "settings"]).to_dict("records")
+        for row in summed(rows, ["arm", "solver", "settings"])
+        .sort_values(["arm", "exact", "median"], ascending=[True, False, True])
+        .to_dict("records")
     ]
     made.table(f"arm | solver | settings | >asked | {FIGURES}", cells)
 
@@ -389,16 +409,27 @@ def _missing(made: Page, known: pd.DataFrame, about: dict[str, Any], names: dict
         for solver, each in about.items()
         if each["state"] != DONE
     ]
-    left = known[known["state"] != DONE].assign(
-        why=lambda rows: rows["state"].str.replace(r"^\d+ of (\d+) in", r"fewer than \1 in", regex=True)
+    shown = [
+        settings in ("recommended", about.get(solver, {}).get("best"))
+        for solver, settings in known[["solver", "settings"]].itertuples(index=False)
+    ]
+    left = known[(known["state"] != DONE) & np.array(shown, dtype=bool)].assign(
+        why=lambda rows: rows["state"].map(_why)
     )
-    for (solver, why), rows in left.groupby(["solver", "why"], sort=False):
-        questions = ("wrong input" if name.startswith("wrong ") else name for name in rows["question"])
-        arms, asked = rows["arm"].nunique(), ", ".join(dict.fromkeys(questions))
-        items.append(
-            f"{names[str(solver)]}: {html.escape(str(why))} ({asked}; {arms} {'arm' if arms == 1 else 'arms'})."
-        )
+    for solver, whole in left.groupby("solver", sort=False):
+        said = []
+        for why, rows in whole.groupby("why", sort=False):
+            questions = ("wrong input" if name.startswith("wrong ") else name for name in rows["question"])
+            arms, asked = rows["arm"].nunique(), ", ".join(dict.fromkeys(questions))
+            said.append(f"{html.escape(str(why))} ({asked}; {arms} {'arm' if arms == 1 else 'arms'})")
+        items.append(f"**{names[str(solver)]}**: {'; '.join(said)}.")
     made.items(items)
+
+
+def _why(state: str) -> str:
+    """A state without what differs from arm to arm."""
+    state = ENDS.sub(r"the process ends with \1", HUNG.sub(HANG, state))
+    return LATE.sub("time was up before every target was asked", state)
 
 
 def as_html(text: str) -> str:

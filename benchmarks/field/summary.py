@@ -9,7 +9,8 @@ import pandas as pd
 
 from benchmarks.page import Page
 
-from .tables import interval, summed
+from .tables import summed
+from .wins import BEYOND
 
 PAGE = Path(__file__).resolve().parents[1] / "field.md"
 SHOWN = ("panda", "ur5e", "iiwa14", "irb120", "kr6r900", "puma560")
@@ -34,6 +35,7 @@ def summary(made_by: str, answers: pd.DataFrame, names: dict[str, str], won: lis
     )
     made.head("Where others do better than kinseek")
     made.items(won, "Nowhere in what was measured here.")
+    made.say(BEYOND)
     best = answers[answers["settings"] != "recommended"]
     made.head("All arms")
     whole = summed(best, ["solver", "question"]).set_index(["solver", "question"])
@@ -59,8 +61,7 @@ def _share(whole: pd.DataFrame, solver: str, question: str) -> str:
     if (solver, question) not in whole.index:
         return "–"
     row = whole.loc[(solver, question)]
-    low, high = interval(row["exact"] * row["count"] / 100, int(row["count"]))
-    return f"{row['exact']:.1f} ({100 * low:.1f}–{100 * high:.1f})"
+    return f"{row['exact']:.1f} ({row['exact_low']:.1f}–{row['exact_high']:.1f})"
 
 
 def _of(arm: str, answers: pd.DataFrame, names: dict[str, str]) -> list[tuple[Any, ...]]:

@@ -77,7 +77,9 @@ def marked(answers: pd.DataFrame) -> pd.DataFrame:
     exact = inside & (answers["position_error"] <= STRICT) & (turn <= STRICT)
     near = inside & (answers["position_error"] <= LOOSE) & (turn <= LOOSE_TURN)
     believed = answers["position_error"].notna() & answers["claimed"].fillna(True)
-    return answers.assign(exact=exact, near=near, false=believed & ~near, believed=believed)
+    return answers.assign(
+        exact=exact, near=near, false=believed & ~near, believed=believed, excess=excess(answers)
+    )
 
 
 def interval(successes: float, count: int) -> tuple[float, float]:
@@ -90,12 +92,14 @@ def interval(successes: float, count: int) -> tuple[float, float]:
     return max(middle - half, 0.0), min(middle + half, 1.0)
 
 
-def median_interval(values: Any) -> tuple[float, float]:
-    """95 % of a median, by the ranks that a binomial of one half gives."""
+def quantile_interval(values: Any, share: float) -> tuple[float, float]:
+    """95 % of a quantile, by the ranks that a binomial gives; without an end where there are too few values to tell."""
     ranked = np.sort(np.asarray(values, dtype=float))
-    half = 0.98 * np.sqrt(len(ranked))
-    low, high = int(max(len(ranked) / 2 - half, 0)), int(min(len(ranked) / 2 + half, len(ranked) - 1))
-    return (float(ranked[low]), float(ranked[high])) if len(ranked) else (float("nan"), float("nan"))
+    middle, half = len(ranked) * share, 1.96 * np.sqrt(len(ranked) * share * (1.0 - share))
+    low, high = int(max(middle - half, 0)), int(middle + half)
+    if not len(ranked):
+        return float("nan"), float("nan")
+    return float(ranked[low]), float(ranked[high]) if high < len(ranked) else float("inf")
 
 
 def summed(answers: pd.DataFrame, by: list[str]) -> pd.DataFrame:
@@ -103,17 +107,27 @@ def summed(answers: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     rows = []
     for key, group in answers.groupby(by, sort=False):
         times = group["microseconds"].dropna()
-        low, high = interval(float(group["exact"].sum()), len(group))
-        quick, slow = median_interval(times)
+        quick, slow = quantile_interval(times, 0.5)
+        row = dict(zip(by, key, strict=True)) | {"count": len(group), "arms": group["arm"].nunique()}
+        for name in ("exact", "near"):
+            low, high = interval(float(group[name].sum()), len(group))
+            row |= {name: 100 * group[name].mean(), f"{name}_low": 100 * low, f"{name}_high": 100 * high}
         rows.append(
-            dict(zip(by, key, strict=True))
-            | {"count": len(group), "arms": group["arm"].nunique()}
-            | {"exact": 100 * group["exact"].mean(), "exact_low": 100 * low, "exact_high": 100 * high}
-            | {"near": 100 * group["near"].mean(), "false": int(group["false"].sum())}
+            row
+            | {"false": int(group["false"].sum())}
             | {"median": times.median(), "median_low": quick, "median_high": slow, "mean": times.mean()}
             | {"p99": times.quantile(0.99), "worst": times.max()}
         )
     return pd.DataFrame(rows)
+
+
+def excess(answers: pd.DataFrame) -> pd.Series:
+    """Of places out of reach: how much farther off an answer inside the limits is than the nearest that anybody has [%]."""
+    usable = answers["position_error"].where(
+        (answers["question"] == "unreachable") & (answers["outside"] <= SLACK)
+    )
+    least = usable.groupby([answers["arm"], answers["target"], answers["question"]]).transform("min")
+    return 100.0 * (usable / least - 1.0)
 
 
 def distinct(answers: pd.DataFrame, periodic: dict[str, np.ndarray[Any, Any]]) -> pd.DataFrame:
