@@ -207,19 +207,31 @@ def test_a_crash_and_a_hang_are_answers_and_the_rest_is_asked(
 
 
 @pytest.mark.slow
-def test_who_hangs_again_and_again_is_asked_no_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_arm_on_which_a_solver_hangs_is_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(run, "PATIENCE", 1.0)
-    monkeypatch.setattr(run, "HANGS", 1)
     path = a_solver(tmp_path, "if self.off: time.sleep(600)")
     field = a_field(tmp_path, "random", "singular", "limits")
     field = replace(field, questions=[replace(each, seconds=0.2) for each in field.questions])
     measured(field, path)
     found = states(field)
-    hung = [name for name, state in found.items() if state.startswith("hangs")]
-    assert hung == [], "the sweep has hung already, and is not on the page"
     for question in ("random", "singular", "limits"):
-        assert found[f"recommended {question}"] == "not asked: 1 questions hang"
+        assert found[f"recommended {question}"] == "not asked: another question hangs on this arm", (
+            "the sweep"
+        )
         assert found[f"sweep 1 {question}"] == pieces.DONE
+
+
+def test_who_hangs_on_many_arms_is_asked_no_more(tmp_path: Path) -> None:
+    path, field = a_solver(tmp_path), a_field(tmp_path, "random")
+    one = run.task(field, path, field.judges[0], field.questions[0], "best", {"off": 0.5})
+    others = {(f"arm {number}", "best") for number in range(run.HANGS)}
+    assert run._weary(one, set()) is None
+    assert run._weary(one, {(one.arm, "recommended")}) is None, "other settings may do"
+    assert run._weary(one, {(one.arm, "best")}) == "not asked: another question hangs on this arm"
+    assert run._weary(one, others) == f"not asked: it hangs on {run.HANGS} arms"
+    assert run._weary(one, set(list(others)[1:])) is None
 
 
 def test_an_arm_at_which_reading_ends_is_not_read_again(tmp_path: Path) -> None:

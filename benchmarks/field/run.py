@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -33,8 +32,9 @@ PATIENCE, LOADING = 10.0, 240.0
 HANG = "hangs"
 """What the state of a piece begins with of which no answer came in time."""
 
-HANGS = 3
-"""After so many questions of a solver that hang with the same settings, wrong input aside, it is asked no more with them."""
+HANGS = 10
+"""Arms on which a solver may hang with the same settings before it is asked no more with them: each hang takes its time many
+times over. On an arm on which it hangs it is asked nothing more."""
 
 TOGETHER = 5
 """Arms of which one process is asked: some libraries take seconds to import."""
@@ -125,7 +125,7 @@ def work(
     judges: Sequence[Judge],
     tasks: Sequence[Task],
     folder: Path,
-    hangs: Counter[str] | None = None,
+    hangs: set[tuple[str, str]] | None = None,
 ) -> Iterator[Task]:
     """Have tasks done that are missing, on arms of these judges; gives back each that is done, in whatever way it ended.
 
@@ -135,16 +135,17 @@ def work(
         judges: Of the arms.
         tasks: What is to be done.
         folder: Where it is written down what is being done.
-        hangs: How many questions hung before, by the label of the settings; counted on.
+        hangs: Arms and labels of settings with which a question hung before, wrong input aside; more are added.
     """
-    hangs = Counter() if hangs is None else hangs
+    hangs = set() if hangs is None else hangs
     left = list(tasks)
     current, job, log = (folder / name for name in ("current.json", "job.json", "log.txt"))
     arms = {judge.arm.name: _told(judge.arm) for judge in judges}
     while left:
-        for each in [each for each in left if hangs[each.label] >= HANGS]:
-            _given_up(each, f"not asked: {HANGS} questions hang", left)
-            yield each
+        for each in list(left):
+            if (why := _weary(each, hangs)) is not None:
+                _given_up(each, why, left)
+                yield each
         if not left:
             return
         current.unlink(missing_ok=True)
@@ -166,10 +167,19 @@ def work(
             reason = "ended without an answer"
         if left and reason is not None:
             stuck = _stuck(current, left)
-            hangs[stuck[0].label] += reason.startswith(HANG) and stuck[0].way != "wrong"
+            if reason.startswith(HANG) and stuck[0].way != "wrong":
+                hangs.add((stuck[0].arm, stuck[0].label))
             for each in stuck:
                 _given_up(each, reason, left)
                 yield each
+
+
+def _weary(each: Task, hangs: set[tuple[str, str]]) -> str | None:
+    """Why something is not asked any more."""
+    if (each.arm, each.label) in hangs:
+        return "not asked: another question hangs on this arm"
+    hung = sum(label == each.label for _, label in hangs)
+    return None if hung < HANGS else f"not asked: it hangs on {hung} arms"
 
 
 def _given_up(each: Task, reason: str, left: list[Task]) -> None:
@@ -298,7 +308,7 @@ def measure(
         told: Called with what is being done and how many tasks of all are done since the last call.
     """
     settings, name, tuned = settings_of(module), module.NAME, tuned_on(field)
-    hangs: Counter[str] = Counter()
+    hangs: set[tuple[str, str]] = set()
     if len(settings) > 1:
         for judge in tuned:
             tasks = [task(field, adapter, judge, SWEEP, label, each) for label, each in settings.items()]
@@ -333,7 +343,7 @@ def _do(
     tasks: list[Task],
     told: Callable[[str, int], None],
     what: str,
-    hangs: Counter[str],
+    hangs: set[tuple[str, str]],
 ) -> None:
     absent = missing(tasks)
     told(what, len(tasks) - len(absent))
