@@ -22,8 +22,8 @@ STRICT = 1e-6
 LOOSE, LOOSE_TURN = 1e-3, 1e-2
 """Within which an answer counts for a robot at work [m], [rad]: what claims success and is farther off is false."""
 
-SLACK = 1e-9
-"""How far outside a limit is rounding, [rad] or [m]."""
+SLACK = 1e-6
+"""How far outside a limit is rounding, [rad] or [m]: as much as a pose may be off, for some keep limits in 32 bits."""
 
 ARMS = (
     *("panda", "ur5e", "iiwa14", "irb120", "gen3", "xarm7", "kr6r900", "puma560", "ur10e", "jaco2_6"),

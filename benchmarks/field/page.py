@@ -163,7 +163,7 @@ def _read(made: Page) -> None:
     made.items(
         [
             f"**Exact**: within {TIGHT} m and {TIGHT} rad of the pose by pinocchio's forward kinematics, and inside "
-            "the limits but for 1e-9 of rounding. Of targets that were asked: every question has its time, and a slow "
+            "the limits but for as much of rounding. Of targets that were asked: every question has its time, and a slow "
             "solver is asked fewer. In brackets the 95 % interval (Wilson).",
             f"**1 mm**: within {LOOSE * 1e3:g} mm and {LOOSE_TURN:g} rad, and inside the limits.",
             "**False**: the solver calls it a success, or says nothing of success, and it is not even that.",
@@ -409,13 +409,14 @@ def _missing(made: Page, known: pd.DataFrame, about: dict[str, Any], names: dict
         for solver, each in about.items()
         if each["state"] != DONE
     ]
-    shown = [
-        settings in ("recommended", about.get(solver, {}).get("best"))
-        for solver, settings in known[["solver", "settings"]].itertuples(index=False)
-    ]
-    left = known[(known["state"] != DONE) & np.array(shown, dtype=bool)].assign(
-        why=lambda rows: rows["state"].map(_why)
+    shown = np.array(
+        [
+            settings in ("recommended", about.get(solver, {}).get("best"))
+            for solver, settings in known[["solver", "settings"]].itertuples(index=False)
+        ],
+        dtype=bool,
     )
+    left = known[(known["state"] != DONE) & shown].assign(why=lambda rows: rows["state"].map(_why))
     for solver, whole in left.groupby("solver", sort=False):
         said = []
         for why, rows in whole.groupby("why", sort=False):
@@ -423,6 +424,10 @@ def _missing(made: Page, known: pd.DataFrame, about: dict[str, Any], names: dict
             arms, asked = rows["arm"].nunique(), ", ".join(dict.fromkeys(questions))
             said.append(f"{html.escape(str(why))} ({asked}; {arms} {'arm' if arms == 1 else 'arms'})")
         items.append(f"**{names[str(solver)]}**: {'; '.join(said)}.")
+    if "raised" in known:
+        raised = known[shown].groupby("solver", sort=False)["raised"].sum()
+        calls = ", ".join(f"{names[str(solver)]} {int(count)}" for solver, count in raised.items() if count)
+        items += [f"Calls that ended in an exception, and count as failures: {calls}."] if calls else []
     made.items(items)
 
 

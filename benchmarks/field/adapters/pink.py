@@ -50,6 +50,7 @@ class _Solver:
         self._model = pin.buildModelFromUrdf(arm.urdf)
         self._state = pink.Configuration(self._model, self._model.createData(), pin.neutral(self._model))
         self._root = self._state.get_transform_frame_to_world(arm.base).copy()
+        self._state.get_transform_frame_to_world(arm.tip)  # raises where a joint has the tip's name, too
         self._task = FrameTask(
             arm.tip, position_cost=1.0, orientation_cost=1.0, lm_damping=settings["lm_damping"]
         )
