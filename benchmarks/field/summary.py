@@ -13,8 +13,8 @@ from .tables import summed
 from .wins import BEYOND
 
 PAGE = Path(__file__).resolve().parents[1] / "field.md"
-SHOWN = ("panda", "ur5e", "iiwa14", "irb120", "kr6r900", "puma560")
-"""Arms whose rows are kept; the others are in the Parquet files that the command writes."""
+SHOWN = ("ur5e", "panda", "iiwa14", "irb120", "kr6r900", "puma560")
+"""Arms whose rows are kept, first one that all take; the others are in the Parquet files that the command writes."""
 
 
 def summary(made_by: str, answers: pd.DataFrame, names: dict[str, str], won: list[str]) -> Page:
@@ -39,8 +39,8 @@ def summary(made_by: str, answers: pd.DataFrame, names: dict[str, str], won: lis
     best = answers[answers["settings"] != "recommended"]
     made.head("All arms")
     whole = summed(best, ["solver", "question"]).set_index(["solver", "question"])
-    rows = []
-    for solver in dict.fromkeys(whole.index.get_level_values("solver")):
+    rows, order = [], _by_time(whole, names)
+    for solver in (each for each in order if each in whole.index):
         cells = [_share(whole, solver, question) for question in ("random", "singular", "limits")]
         by = whole.loc[(solver, "random")] if (solver, "random") in whole.index else None
         arms, median = (0, "–") if by is None else (int(by["arms"]), f"{by['median']:.1f}")
@@ -52,7 +52,7 @@ def summary(made_by: str, answers: pd.DataFrame, names: dict[str, str], won: lis
     made.head("Six arms")
     made.table(
         "arm | who | >median µs | >mean µs | >p99 µs | >exact % random | >exact % near singular | >asked",
-        [row for arm in SHOWN for row in _of(arm, best[best["arm"] == arm], names)],
+        [row for arm in SHOWN for row in _of(arm, best[best["arm"] == arm], names, order)],
     )
     return made
 
@@ -64,13 +64,23 @@ def _share(whole: pd.DataFrame, solver: str, question: str) -> str:
     return f"{row['exact']:.1f} ({row['exact_low']:.1f}–{row['exact_high']:.1f})"
 
 
-def _of(arm: str, answers: pd.DataFrame, names: dict[str, str]) -> list[tuple[Any, ...]]:
-    """Rows of an arm, kinseek first; who takes other arms and not this one has none of these numbers."""
+def _by_time(whole: pd.DataFrame, names: dict[str, str]) -> list[str]:
+    """Solvers, the quickest first."""
+    times = {
+        solver: whole.loc[(solver, "random"), "median"]
+        for solver in names
+        if (solver, "random") in whole.index
+    }
+    return sorted(names, key=lambda solver: (times.get(solver, float("inf")), solver))
+
+
+def _of(arm: str, answers: pd.DataFrame, names: dict[str, str], order: list[str]) -> list[tuple[Any, ...]]:
+    """Rows of an arm; who takes other arms and not this one has none of these numbers."""
     if answers.empty:
         return []
     by = summed(answers, ["solver", "question"]).set_index(["solver", "question"])
     rows: list[tuple[Any, ...]] = []
-    for solver in sorted(names, key=lambda each: (each != "kinseek", each)):
+    for solver in order:
         if (solver, "random") not in by.index:
             rows.append((arm, names[solver], *["–"] * 6))
             continue
