@@ -47,7 +47,7 @@ SIZES = {
     each.name: each
     for each in (
         Size("quick", 2, targets=0.2, few=2, swept=1),
-        Size("half", 30, targets=0.5, time=0.4, swept=2),
+        Size("half", 30, targets=0.5, time=0.3, swept=2),
         Size("full", 30),
     )
 }

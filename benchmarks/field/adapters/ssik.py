@@ -2,7 +2,7 @@
 
 https://pypi.org/project/ssik: `Manipulator.from_urdf(path).solve(T)`, of which the first is taken. In the sweep one
 answer is asked for, and the artifact that `ssik build` writes for an arm, which its manual calls the way to a new
-robot; building takes seconds for most arms and minutes for some. It is given half a minute, once in an environment, else
+robot; building takes seconds for most arms and minutes for some. It is given twenty seconds, once in an environment, else
 the arm is left to the first way.
 """
 
@@ -26,7 +26,7 @@ SWEEP: tuple[dict[str, Any], ...] = (
     {"built": False, "max_solutions": 1, "enumerate_windings": False},
     {"built": True, "max_solutions": 1, "enumerate_windings": False},
 )
-BUILD = 30.0
+BUILD = 20.0
 """[s]"""
 
 
