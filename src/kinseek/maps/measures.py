@@ -70,6 +70,9 @@ MEASURES = {
 }
 """By name, in the order in which a map has them."""
 
+PIECE = 131_072
+"""Poses that are asked at a time: few enough that their arrays are used again and not cleared anew by the system."""
+
 STEP = 256
 """Poses whose branches are asked for at a time."""
 
@@ -113,10 +116,13 @@ def measured(
         clearance: So far apart bodies have to be in it [m].
     """
     flat = poses.reshape(-1, 4, 4)
-    if scene is None:
-        found = reached(arm, goal(flat), patience)
-    else:
-        found = reached_freely(arm, goal(flat), scene, clearance, patience)
+    found = np.zeros(len(flat), dtype=bool)
+    for first in range(0, len(flat), PIECE):
+        asked = goal(flat[first : first + PIECE])
+        if scene is None:
+            found[first : first + PIECE] = reached(arm, asked, patience)
+        else:
+            found[first : first + PIECE] = reached_freely(arm, asked, scene, clearance, patience)
     values = {name: np.full(len(flat), MEASURES[name].fill, MEASURES[name].dtype) for name in what}
     values[REACHED] = found.astype("int8")
     if len(values) > 1:
