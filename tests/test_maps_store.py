@@ -75,6 +75,32 @@ def test_a_map_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.Monk
     assert files(tmp_path / "part.zarr") == files(tmp_path / "whole.zarr")
 
 
+def test_a_task_does_blocks_until_it_has_taken_long_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    work = make.work_of(ARM, GRID, ("reached",), store=None, **make.options_of(SMALL))
+    some = [(0, 0, 0, 0), (0, 0, 1, 0), (0, 1, 0, 0)]
+    made, rest, error = run._in_turn(work, some)
+    assert ([index for index, _ in made], rest, error) == (some, [], None)
+    monkeypatch.setattr(run, "ENOUGH", 0.0)
+    (first,), rest, error = run._in_turn(work, some)
+    assert (first[0], rest, error) == (some[0], some[1:], None)
+    assert (first[1]["reached"] == made[0][1]["reached"]).all()
+
+
+def test_a_task_that_meets_a_full_disk_tells_what_it_has_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    work = make.work_of(ARM, GRID, ("reached",), store=None, **make.options_of(SMALL))
+    full = OSError(errno.ENOSPC, "No space left on device")
+
+    def second(work: Any, index: Any, real: Any = run.do) -> Any:
+        if index[2]:
+            raise full
+        return real(work, index)
+
+    monkeypatch.setattr(run, "do", second)
+    made, rest, error = run._in_turn(work, [(0, 0, 0, 0), (0, 0, 1, 0), (0, 1, 0, 0)])
+    assert [index for index, _ in made] == [(0, 0, 0, 0)]
+    assert (rest, error) == ([(0, 0, 1, 0), (0, 1, 0, 0)], full)
+
+
 def test_a_half_written_block_is_made_anew(tmp_path: Path) -> None:
     maps.reach(ARM, GRID, store=tmp_path / "map.zarr", **SMALL)
     good = files(tmp_path / "map.zarr")

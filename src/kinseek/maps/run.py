@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
+import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from itertools import islice
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +23,21 @@ Index = tuple[int, ...]
 Written = Callable[[Index, Mapping[str, Any]], None]
 
 AHEAD = 4
-"""Blocks for each thread of the cluster that are handed out before any is done: enough that none waits for the client."""
+"""Tasks for each thread of the cluster that are handed out before any is done: enough that none waits for the client."""
+
+ENOUGH, MOST = 1.0, 16
+"""A task takes blocks until so many seconds are over, and so many blocks at most: Dask takes some twenty milliseconds for
+it, a fifth of what a block may take."""
+
+CALM = {
+    "DASK_LOGGING__DISTRIBUTED": "error",
+    "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
+    "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "200ms",
+    "MALLOC_TRIM_THRESHOLD_": str(64 << 20),
+    "MALLOC_MMAP_THRESHOLD_": str(32 << 20),
+}
+"""Variables of the environment of processes that are started here: those of Dask look a hundred times a second where a
+thread stands, and give all memory back at once, which the system then has to clear for the next array."""
 
 
 WATCH = """
@@ -101,7 +116,7 @@ def _local_client(blocks: int) -> Iterator[Client]:
     options["dashboard_address"] = ":0"  # Any free port: another cluster may have the usual one.
     with (
         config.set({"logging.distributed": "error"}),
-        _told_to_all("DASK_LOGGING__DISTRIBUTED", "error"),
+        _told_to_all(CALM),
         TemporaryDirectory(prefix="kinseek-") as place,
     ):
         if sys.platform == "win32":
@@ -116,14 +131,14 @@ def _local_client(blocks: int) -> Iterator[Client]:
 
 
 @contextmanager
-def _told_to_all(name: str, value: str) -> Iterator[None]:
-    """A variable of the environment, which processes that are started hand on; one that is there already stays as it is."""
-    here = name in os.environ
-    os.environ.setdefault(name, value)
+def _told_to_all(variables: Mapping[str, str]) -> Iterator[None]:
+    """Variables of the environment, which processes that are started hand on; one that is there already stays as it is."""
+    new = {name: value for name, value in variables.items() if name not in os.environ}
+    os.environ.update(new)
     try:
         yield
     finally:
-        if not here:
+        for name in new:
             os.environ.pop(name, None)
 
 
@@ -167,27 +182,33 @@ def _spread(
     from distributed.scheduler import KilledWorker
 
     as_completed: Any = distributed.as_completed
-    before, left, futures = blocks - len(todo), iter(todo), dict[Index, Any]()
-    done, gone = 0, False
+    before, done, gone = blocks - len(todo), 0, False
+    left, futures = deque(todo), set[Any]()
+    threads = max(sum(client.nthreads().values()), 1)
 
-    def submit(index: Index) -> Any:
-        futures[index] = client.submit(_numbered, work, index, pure=False)
-        return futures[index]
+    def submit() -> Any:
+        """Hand out half an even share of what is left: fewer and fewer blocks, so that all threads end together."""
+        some = [left.popleft() for _ in range(min(MOST, -(-len(left) // (2 * threads))))]
+        futures.add(future := client.submit(_in_turn, work, some, pure=False))
+        return future
 
-    ahead = AHEAD * max(sum(client.nthreads().values()), 1)
     try:
-        running = as_completed([submit(index) for index in islice(left, ahead)])
+        running = as_completed()
+        while left and len(futures) < AHEAD * threads:
+            running.add(submit())
         for future in running:
-            index, values = future.result()
-            del futures[index]
-            if isinstance(values, OSError):
-                raise values
-            if values is not None:
-                written(index, values)
-            done += 1
-            advance(1)
-            for following in islice(left, 1):
-                running.add(submit(following))
+            made, rest, error = future.result()
+            futures.remove(future)
+            for index, values in made:
+                if values is not None:
+                    written(index, values)
+            done += len(made)
+            advance(len(made))
+            if error is not None:
+                raise error
+            left.extendleft(reversed(rest))
+            while left and len(futures) < AHEAD * threads:
+                running.add(submit())
     except KilledWorker as error:
         raise _interrupted(
             f"a block ended several workers, perhaps for want of memory: {error}", before + done, blocks
@@ -199,15 +220,25 @@ def _spread(
         raise _interrupted(f"a block cannot be written: {error}", before + done, blocks) from error
     finally:
         if futures and not gone:  # The cluster may be somebody else's: leave it no work.
-            client.cancel(list(futures.values()))
+            client.cancel(list(futures))
 
 
-def _numbered(work: Work, index: Index) -> tuple[Index, Any]:
-    """Do a block, and say which it was; a disk that is full comes back as what came of it."""
-    try:
-        return index, do(work, index)
-    except OSError as error:  # Raised there, it would fill the terminal with pages from each worker's log.
-        return index, error
+def _in_turn(work: Work, some: list[Index]) -> tuple[list[tuple[Index, Any]], list[Index], OSError | None]:
+    """Do blocks until that has taken long enough.
+
+    Returns:
+        Those that are done, with their values where there is no store; the others; and what came of a disk that is full:
+        raised here, it would fill the terminal with pages from each worker's log.
+    """
+    until, made = time.monotonic() + ENOUGH, list[tuple[Index, Any]]()
+    for index in some:
+        try:
+            made.append((index, do(work, index)))
+        except OSError as error:
+            return made, some[len(made) :], error
+        if time.monotonic() > until:
+            break
+    return made, some[len(made) :], None
 
 
 def _interrupted(why: str, done: int, blocks: int) -> MapInterrupted:
