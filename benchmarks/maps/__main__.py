@@ -35,7 +35,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="small numbers; nothing is written")
     full: dict[str, Callable[[Page], None]] = {
         "poses": lambda page: poses.measure(page, 1_000_000, rings=True),
-        "workers": lambda page: workers.measure(page, 2, 0.0625),
+        "workers": lambda page: workers.measure(page, 5, 0.0625),
         "soundness": lambda page: soundness.measure(page, 100_000, 100_000),
         "sampled": lambda page: sampled.measure(page, 100_000, 30.0),
         "certainty": lambda page: certainty.measure(page, 20.0),

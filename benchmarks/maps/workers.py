@@ -5,7 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,14 +15,16 @@ import numpy as np
 import kinseek
 from benchmarks.page import Page
 from kinseek import maps
-from kinseek.maps import make
+from kinseek.maps import make, run
 from kinseek.maps.block import Work, compute, do
 
-from .cells import Index, grid_around, section, work_of
+from .cells import Index, blocks_of, grid_around, section, work_of
+
+NAMES = {1: "one", 2: "two"}
 
 
 class Took(NamedTuple):
-    """What all blocks of a map took."""
+    """What all blocks of a map took, with the making of the store and the opening of what is in it."""
 
     wall: float
     """[s]"""
@@ -30,94 +32,109 @@ class Took(NamedTuple):
     """Of all processes that had a part in it [s]."""
 
 
-def blocks_by_hand(work: Work, todo: list[Index], barrier: Any, told: Any) -> None:
-    """What a bare process does: wait until all are ready, do the blocks, and tell when it began and ended, and CPU time."""
-    compute(work, todo[0])  # Builds the atlas.
+def ready(work: Work, small: Work) -> None:
+    """Build the atlas, and import what writes a block."""
+    compute(work, (0,) * len(work.chunks))
+    do(small, (0,) * len(small.chunks))
+
+
+def blocks_by_hand(work: Work, small: Work, todo: list[Index], barrier: Any, told: Any) -> None:
+    """What a bare process does: get ready, wait for the others and for the store, do the blocks, and tell its CPU time."""
+    ready(work, small)
     barrier.wait()
-    began, cpu = time.time(), time.process_time()
+    barrier.wait()
+    cpu = time.process_time()
     for index in todo:
         do(work, index)
-    told.put((began, time.time(), time.process_time() - cpu))
+    told.put(time.process_time() - cpu)
 
 
-def bare(arm: kinseek.Arm, grid: maps.Grid, folder: Path, processes: int) -> Took:
+def bare(arm: kinseek.Arm, grid: maps.Grid, work: Work, small: Work, processes: int) -> Took:
     """A map by processes without Dask, each with its share of the blocks, to a store."""
-    work = work_of(arm, grid, folder / "bare.zarr")
-    todo = make.store_of(arm, grid, work).missing()
-    spawn = multiprocessing.get_context("spawn")
-    barrier, told = spawn.Barrier(processes), spawn.Queue()
-    shares = [todo[k::processes] for k in range(processes)]
-    running = [spawn.Process(target=blocks_by_hand, args=(work, share, barrier, told)) for share in shares]
-    for process in running:
-        process.start()
-    rows = np.array([told.get() for _ in running])
+    todo, spawn = blocks_of(work, grid.shape), multiprocessing.get_context("spawn")
+    barrier, told = spawn.Barrier(processes + 1), spawn.Queue()
+    with run._told_to_all(run.CALM):  # As Dask's processes have it: of memory alone a fifth of the time.
+        running = [
+            spawn.Process(target=blocks_by_hand, args=(work, small, todo[k::processes], barrier, told))
+            for k in range(processes)
+        ]
+        for process in running:
+            process.start()
+    barrier.wait()
+    began, cpu = time.perf_counter(), time.process_time()
+    store = make.store_of(arm, grid, work)
+    barrier.wait()
+    theirs = sum(told.get() for _ in running)
+    store.dataset()
+    took = Took(time.perf_counter() - began, time.process_time() - cpu + theirs)
     for process in running:
         process.join()
-    return Took(float(rows[:, 1].max() - rows[:, 0].min()), float(rows[:, 2].sum()))
+    return took
 
 
 @contextmanager
-def cluster(arm: kinseek.Arm, grid: maps.Grid, count: int) -> Iterator[Any]:
-    """A client of so many workers, each a process that has the arm's atlas already."""
-    import distributed
-    from distributed.deploy.subprocess import SubprocessCluster
-
-    options: dict[str, Any] = {"n_workers": count, "threads_per_worker": 1, "dashboard_address": ":0"}
-    connect: Any = distributed.Client
-    with SubprocessCluster(**options) as some, connect(some) as client:
+def cluster(work: Work, small: Work, count: int) -> Iterator[Any]:
+    """The client that a map without one makes, of so many workers that are ready; the scheduler has had a task, too."""
+    with run._local_client(count) as client:
         client.wait_for_workers(count)
-        client.run(compute, work_of(arm, grid), (0,) * len(grid.shape))
+        client.run(ready, work, small)
+        client.submit(do, small, (0,) * len(small.chunks)).result()
         yield client
 
 
-def through_dask(arm: kinseek.Arm, grid: maps.Grid, folder: Path, client: Any) -> Took:
-    """The same map by `maps.reach` and the workers of a client, to a store."""
+def through_dask(arm: kinseek.Arm, grid: maps.Grid, work: Work, small: Work, count: int) -> Took:
+    """The same map by `maps.reach` and so many workers, to a store."""
+    with cluster(work, small, count) as client:
 
-    def cpu() -> float:
-        workers = sum(client.run(time.process_time).values())
-        return float(workers + client.run_on_scheduler(time.process_time) + time.process_time())
+        def cpu() -> float:
+            workers = sum(client.run(time.process_time).values())
+            nannies = sum(client.run(time.process_time, nanny=True).values())
+            return float(workers + nannies + client.run_on_scheduler(time.process_time) + time.process_time())
 
-    before, began = cpu(), time.perf_counter()
-    maps.reach(arm, grid, client=client, store=folder / "dask.zarr")
-    wall = time.perf_counter() - began
-    return Took(wall, cpu() - before)
+        before, began = cpu(), time.perf_counter()
+        maps.reach(arm, grid, client=client, store=work.store)
+        wall = time.perf_counter() - began
+        return Took(wall, cpu() - before)
 
 
 def measure(page: Page, rounds: int, width: float) -> None:
-    """Write the section: everything in turns, round after round; the least of each counts."""
+    """Write the section: everything in turns, round after round; ratios are those of one round, and their median counts."""
     arm = kinseek.load("ur5e")
-    grid, took = grid_around(arm, width), dict[str, list[Took]]()
-    names = {1: "one", 2: "two"}
+    grid, tiny = grid_around(arm, width), grid_around(arm, 0.5, 12)
+    ways: dict[str, Callable[..., Took]] = {"bare": bare, "of Dask": through_dask}
+    took: dict[str, list[Took]] = {f"{name} {way}": [] for name in NAMES.values() for way in ways}
     with section(page, "Dask, and a second worker"):
         for _ in range(rounds):
-            for count, name in names.items():
-                with tempfile.TemporaryDirectory() as folder:
-                    took.setdefault(f"{name} bare", []).append(bare(arm, grid, Path(folder), count))
-                with tempfile.TemporaryDirectory() as folder, cluster(arm, grid, count) as client:
-                    took.setdefault(f"{name} of Dask", []).append(
-                        through_dask(arm, grid, Path(folder), client)
-                    )
-        wall = {name: min(each.wall for each in some) for name, some in took.items()}
-        cpu = {name: min(each.cpu for each in some) for name, some in took.items()}
-        blocks = int(np.prod([-(-n // m) for n, m in zip(grid.shape, grid.chunks(), strict=True)]))
+            for count, name in NAMES.items():
+                for way, made in ways.items():
+                    with tempfile.TemporaryDirectory() as folder:
+                        small = work_of(arm, tiny, Path(folder) / "small.zarr")
+                        make.store_of(arm, tiny, small).dataset()
+                        work = work_of(arm, grid, Path(folder) / "map.zarr")
+                        took[f"{name} {way}"].append(made(arm, grid, work, small, count))
         page.say(
-            f"{grid.size:,} poses of the UR5e, {blocks} blocks of the default size, written to a store by processes of",
-            f"one thread that have their atlas. Bare: the same blocks in a loop, without Dask. Least of {rounds}",
-            f"round{'s' * (rounds > 1)}. CPU time is that of all processes, with Dask those of scheduler and client",
-            "too. Two bare processes say what a second core of this machine is worth.",
+            f"{grid.size:,} poses of the UR5e, {len(blocks_of(work, grid.shape))} blocks of the default size, written to a",
+            "store by processes of one thread that have their atlas, as a map without a client starts them. Bare: the same",
+            "blocks in a loop, without Dask; two of these say what a second core of this machine is worth. CPU time is that",
+            "of all processes, with Dask those of scheduler, nannies and client too. Everything in turns, medians of",
+            f"{rounds} round{'s' * (rounds > 1)}; each ratio is of one round.",
         )
         page.table(
             "processes | >wall time, s | >CPU time, s | >times as fast as one | >more wall time than bare | "
             ">more CPU time than bare",
-            [
-                [
-                    name,
-                    f"{wall[name]:.2f}",
-                    f"{cpu[name]:.2f}",
-                    f"{wall['one' + name[3:]] / wall[name]:.2f}",
-                    f"{wall[name] / wall[name[:3] + ' bare'] - 1:+.0%}",
-                    f"{cpu[name] / cpu[name[:3] + ' bare'] - 1:+.0%}",
-                ]
-                for name in took
-            ],
+            [_row(name, took) for name in took],
         )
+
+
+def _row(name: str, took: dict[str, list[Took]]) -> list[str]:
+    number, way = name.split(" ", 1)
+    wall, cpu = np.array(took[name]).T
+    one, (bare_wall, bare_cpu) = np.array(took[f"one {way}"])[:, 0], np.array(took[f"{number} bare"]).T
+    return [
+        name,
+        f"{np.median(wall):.2f}",
+        f"{np.median(cpu):.2f}",
+        f"{np.median(one / wall):.2f}",
+        f"{np.median(wall / bare_wall) - 1:+.0%}",
+        f"{np.median(cpu / bare_cpu) - 1:+.0%}",
+    ]
