@@ -14,6 +14,7 @@ from chains import awkward_joints
 from kinseek import Goal, Problem
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.jit import exposed
+from kinseek.kernels.proof.products import make_sheet
 from kinseek.kernels.proof.shoulder import bound_ball
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.certificate import Verdict
@@ -29,7 +30,7 @@ SPARE = ("panda", "iiwa14", "iiwa14_srs", "gen3", "xarm7", "rizon4", "baxter_lef
 """Arms of seven turns, whose first axes meet, nearly meet, or do not; with the last axis along z, x or -z of the tip."""
 
 
-BOUND = exposed(bound_ball)
+BOUND, SHEET = exposed(bound_ball), exposed(make_sheet)
 
 
 def kinds_of_goal(T: Array, rng: np.random.Generator) -> Goal:
@@ -65,19 +66,21 @@ def lost(chain: SerialChain, rng: np.random.Generator, trust: float = 1.0) -> in
     if found is None:
         return 0
     shoulder, first = found
-    n = round(math.log(len(shoulder.square), 3))
+    kinds, terms = shoulder.invariants.shape
+    n = round(math.log(terms, 3))
     inner = q[first : first + n]
     half = (chain.upper - chain.lower)[first : first + n] / 2
-    terms, ranges, share = np.empty((3, 3**n)), np.empty(3**n), np.empty(n)
+    sheet = SHEET(kinds, n)
     for _ in range(20):
         h = half * 10.0 ** (-rng.uniform(0, 5) * (rng.random(n) < 0.9))
         if rng.random() < 0.5:  # One joint alone, of which the bound knows all.
             h[rng.permutation(n)[1:]] = 1e-12
         off = rng.uniform(-1, 1, n)
         off = np.where(rng.random(n) < 0.5, np.sign(off), off)
-        bound, middle = BOUND(
-            shoulder, error * (1 + 10 ** rng.uniform(-9, 0)), inner - off * h, h + 1e-15, terms, ranges, share
-        )
+        ceiling = error * (1 + 10 ** rng.uniform(-9, 0))
+        above = rng.normal(size=5) * rng.integers(0, 2)
+        above[4] = abs(above[4])
+        bound, middle = BOUND(shoulder, ceiling, inner - off * h, h + 1e-15, above, sheet)
         assert np.isfinite(bound)
         assert middle >= 0.0
         count += bound > error + 1e-11 * (1 + goal.position_weight + goal.orientation_weight)

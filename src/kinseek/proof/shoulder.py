@@ -14,6 +14,7 @@ from kinseek.kernels.arrays import Array
 from kinseek.kernels.proof.box import Form, Wanted
 from kinseek.kernels.proof.enclosure import Heap
 from kinseek.kernels.proof.gate import CROSSED
+from kinseek.kernels.proof.multipliers import Shoulder
 from kinseek.kernels.proof.progress import (
     CEILING,
     COUNT,
@@ -27,7 +28,7 @@ from kinseek.kernels.proof.progress import (
     UPPER,
     USED,
 )
-from kinseek.kernels.proof.shoulder import Shoulder, enclose_ball
+from kinseek.kernels.proof.shoulder import enclose_ball
 from kinseek.problem import Problem
 from kinseek.transforms import rotation
 
@@ -78,11 +79,11 @@ def bounded_by_ball(
     if found is None:
         return Bounded(0.0, 0)
     shoulder, first = found
-    terms = len(shoulder.square)
+    terms = shoulder.invariants.shape[1]
     start = start_boxes(problem.chain, False)[0].reshape(2, -1)
     count = round(math.log(terms, 3))
-    boxes = np.zeros((1024, 2 * count + 1))
-    boxes[0, :-1] = start[:, first : first + count].ravel()
+    boxes = np.zeros((1024, 2 * count + 6))
+    boxes[0, : 2 * count] = start[:, first : first + count].ravel()
     heap = Heap(np.zeros(len(boxes)), np.zeros(len(boxes), dtype=np.int64))
     counts, figures = np.zeros(COUNTS, dtype=np.int64), np.zeros(FIGURES)
     counts[COUNT] = counts[USED] = 1
@@ -100,7 +101,7 @@ def bounded_by_ball(
 def shoulder_of(problem: Problem, form: Form, wanted: Wanted) -> tuple[Shoulder, int] | None:
     """Put an arm on a ball joint on its first axis; None where that tells nothing.
 
-    Where the second axis meets the first, the ball stands there and takes the place of both.
+    Where the second axis meets the first, the ball stands there and takes the place of both; else of the first one alone.
 
     Returns:
         The arm on its ball; the first joint behind it.
@@ -120,18 +121,16 @@ def shoulder_of(problem: Problem, form: Form, wanted: Wanted) -> tuple[Shoulder,
     if joints - first > MOST:
         return None
     ball = np.array([0.0, 0.0, along if meet else nearest[2]])
-    square, across_terms = _invariants(form.fixed[first:], ball)
     g, b = wanted.target[:, 3] - [0.0, 0.0, nearest[2]], wanted.target[:, 0]
     far = float(np.linalg.norm(g))
     ahead = float(b @ g) / far if far > 0.0 else 1.0
     aside = float(np.linalg.norm(np.cross(g, b))) / far if far > 0.0 else 0.0
+    plane = np.array([[far, 0.0, 0.0], [ahead, aside, 0.0]])
     size = 1.0 + float(np.linalg.norm(form.fixed[1:, :, 3], axis=1).sum()) + far + abs(float(ball[2]))
     shoulder = Shoulder(
-        square=square,
-        along=across_terms,
-        far=far,
-        ahead=ahead,
-        aside=aside,
+        invariants=_invariants(form.fixed[first:], ball, upright=not meet),
+        goal=plane if meet else _turned_over(g, b),
+        plane=plane,
         weight_p=wanted.weight_p,
         weight_a=wanted.weight_a,
         size=size,
@@ -142,30 +141,38 @@ def shoulder_of(problem: Problem, form: Form, wanted: Wanted) -> tuple[Shoulder,
     return shoulder, first
 
 
-def _invariants(fixed: Array, ball: Array) -> tuple[Array, Array]:
-    """``|p|²`` and ``p·a`` as sums of products of ``1, cos q, sin q``, (3ⁿ,) each, from values at three angles a joint.
+def _turned_over(g: Array, b: Array) -> Array:
+    """Turn g and b about the third axis, and mirror them, so that g has no second part and b's is not negative, (2, 3)."""
+    azimuth = math.atan2(g[1], g[0])
+    turn = math.cos(azimuth), math.sin(azimuth)
+    ahead, aside = turn[0] * b[0] + turn[1] * b[1], abs(turn[0] * b[1] - turn[1] * b[0])
+    return np.array([[math.hypot(g[0], g[1]), 0.0, g[2]], [ahead, aside, b[2]]])
+
+
+def _invariants(fixed: Array, ball: Array, upright: bool) -> Array:
+    """``|p|²`` and ``p·a`` as sums of products of ``1, cos q, sin q``, from values at three angles a joint, (2, 3ⁿ).
 
     Args:
         fixed: Transforms of the joints behind the ball, and of the tip, (n+1, 3, 4).
         ball: Where the ball is, (3,) [m].
+        upright: The ball stands on the axis of the first joint: the parts of p and a along it follow, (4, 3ⁿ).
     """
     n = len(fixed) - 1
     turns = [
         rotation(np.array([0.0, 0.0, 1.0]), angle)
         for angle in (0.0, 2.0 * math.pi / 3.0, -2.0 * math.pi / 3.0)
     ]
-    values = np.empty((2, 3**n))
+    values = np.empty((4 if upright else 2, 3**n))
     for index, turned in enumerate(product(turns, repeat=n)):
         p, a = fixed[-1, :, 3], fixed[-1, :, 0]
         for k in range(n - 1, -1, -1):
             R = fixed[k, :, :3] @ turned[k]
             p, a = R @ p + fixed[k, :, 3], R @ a
         p = p - ball
-        values[0, index], values[1, index] = p @ p, p @ a
+        values[:, index] = [p @ p, p @ a, p[2], a[2]][: len(values)]
     root = math.sqrt(3.0)
     to_terms = np.array([[1.0, 1.0, 1.0], [2.0, -1.0, -1.0], [0.0, root, -root]]) / 3.0
-    grid = values.reshape(2, *[3] * n)
+    grid = values.reshape(-1, *[3] * n)
     for i in range(n):
         grid = np.moveaxis(np.tensordot(to_terms, grid, axes=(1, i + 1)), 0, i + 1)
-    terms = np.ascontiguousarray(grid.reshape(2, -1))
-    return np.ascontiguousarray(terms[0]), np.ascontiguousarray(terms[1])
+    return np.ascontiguousarray(grid.reshape(len(values), -1))

@@ -1,0 +1,248 @@
+"""Multipliers of what a ball joint leaves as it is: any of them bound the error, and here good ones are found.
+
+Those that say how the error grows with the invariants at the middle of a box give the error there. In the box others may be
+better: with an error of the point that is all but zero, its growth points one way here and another way there. So they are
+changed until the bound is best that they would give if each joint moved alone, which takes no sums of products.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from kinseek.kernels.arrays import Array
+from kinseek.kernels.entry import F64, Bundle
+from kinseek.kernels.jit import hidden
+
+from .box import TINY
+from .products import Sheet, rise
+
+HALVINGS = 20
+"""Halvings of the arc in which the best turn of the ball lies; any turn gives a bound."""
+
+ROUNDS = 16
+"""Rounds in which better multipliers are looked for, a step up or down each."""
+
+FURTHER = 4
+"""Times that what a round has changed is changed again, where that is better still."""
+
+FIRST_STEP = 0.2
+"""The first such step, of multipliers that are about one. It doubles where it helps, and turns and halves where not."""
+
+FLAT = 1e-6
+"""Part of the length of arm and goal that no denominator of a multiplier falls below: where p and a are parallel, the tip is
+at the ball or at its goal. Any multipliers give a bound; larger ones would give a poor one."""
+
+
+class Shoulder(NamedTuple):
+    """An arm on a ball joint, and what is asked of it."""
+
+    invariants: Array
+    """``|p|²``, ``p·a``, and with the first axis ``p·e``, ``a·e``, each as a sum of products, a factor a joint: one, its
+    cosine or its sine; (2 or 4, 3ⁿ), the last joint's fastest."""
+    goal: Array
+    """g and b, (2, 3): in their plane; with the first axis, which is the third axis then, turned about it."""
+    plane: Array
+    """g and b in their plane, g along the first axis of it, (2, 3)."""
+    weight_p: float
+    """K_P, per [m]."""
+    weight_a: float
+    """K_A; 0 where no column counts."""
+    size: float
+    """Lengths of arm and goal, added up, plus one [m]."""
+    margin: float
+    """For rounding [m]."""
+    margin_a: float
+    """For rounding of directions."""
+    trust: float
+    """1; tests shrink all bounds by it, and must notice."""
+
+
+SHOULDER = Bundle(
+    Shoulder,
+    invariants=F64["kinds", "terms"],
+    goal=F64[2, 3],
+    plane=F64[2, 3],
+    weight_p=F64,
+    weight_a=F64,
+    size=F64,
+    margin=F64,
+    margin_a=F64,
+    trust=F64,
+)
+
+
+@hidden
+def stand(
+    shoulder: Shoulder, goal: Array, s: float, u: float, height: float, lean: float, place: Array
+) -> float:
+    """Turn tip and column about the third axis so that they are nearest to the goal; write them, and return the error.
+
+    Args:
+        shoulder: The arm on its ball, and what is asked.
+        goal: g and b, (2, 3).
+        s: ``|p|²`` [m²].
+        u: ``p·a`` [m].
+        height: The tip's along the axis [m]; 0 where both are turned in the plane of the goal.
+        lean: The column's part along the axis.
+        place: (2, 3), written.
+    """
+    K_P, K_A = shoulder.weight_p, shoulder.weight_a
+    radius, wide = math.sqrt(max(s - height * height, 0.0)), math.sqrt(max(1.0 - lean * lean, 0.0))
+    inner, most = u - height * lean, radius * wide
+    angle = math.atan2(math.sqrt(max(most * most - inner * inner, 0.0)), inner)
+    off, r, z = math.atan2(goal[1, 1], goal[1, 0]) - angle, goal[0, 0], goal[0, 2]
+    apart, product = (radius - r) * (radius - r) + (height - z) * (height - z), radius * r
+    weight = K_A * wide * math.sqrt(goal[1, 0] * goal[1, 0] + goal[1, 1] * goal[1, 1])
+    low, high = 0.0, abs(off)
+    for _ in range(HALVINGS):
+        turn = 0.5 * (low + high)
+        half = math.sin(0.5 * turn)
+        miss = math.sqrt(apart + 4.0 * product * half * half) + TINY
+        if K_P * product * math.sin(turn) > weight * math.sin(abs(off) - turn) * miss:
+            high = turn
+        else:
+            low = turn
+    turn = 0.5 * (low + high) if off > 0.0 else -0.5 * (low + high)
+    place[0, 0], place[0, 1], place[0, 2] = radius * math.cos(turn), radius * math.sin(turn), height
+    place[1, 0], place[1, 1], place[1, 2] = wide * math.cos(turn + angle), wide * math.sin(turn + angle), lean
+    far = tilt = 0.0
+    for i in range(3):
+        far += (place[0, i] - goal[0, i]) * (place[0, i] - goal[0, i])
+        tilt += (place[1, i] - goal[1, i]) * (place[1, i] - goal[1, i])
+    error: float = K_P * math.sqrt(far) + 0.5 * K_A * tilt
+    return error
+
+
+@hidden
+def multiply(shoulder: Shoulder, goal: Array, place: Array, upright: bool, by: Array) -> None:
+    """Write the multipliers that say how the error grows with the invariants where tip and column are in their place.
+
+    There ``K_P y = 2 λ z + μ α + η e`` holds, y the direction of the miss, and ``K_A b + μ z + θ e`` is along α; both as
+    nearly as can be. Without the first axis (`upright`) η and θ are 0.
+    """
+    K_P, K_A, small = shoulder.weight_p, shoulder.weight_a, FLAT * shoulder.size
+    z0, z1, z2 = place[0, 0], place[0, 1], place[0, 2]
+    a0, a1, a2 = place[1, 0], place[1, 1], place[1, 2]
+    b0, b1, b2 = K_A * goal[1, 0], K_A * goal[1, 1], K_A * goal[1, 2]
+    za, ba = z0 * a0 + z1 * a1 + z2 * a2, b0 * a0 + b1 * a1 + b2 * a2
+    s = z0 * z0 + z1 * z1 + z2 * z2 + small * small
+    zz, ze, ee = s - za * za, z2 - za * a2, 1.0 - a2 * a2 + FLAT
+    zb, eb = z0 * b0 + z1 * b1 + z2 * b2 - za * ba, b2 - ba * a2
+    mu, theta = -zb / max(zz, small * small), 0.0
+    if upright:
+        det = max(zz * ee - ze * ze, FLAT * small * small)
+        mu, theta = (ze * eb - ee * zb) / det, (ze * zb - zz * eb) / det
+    y0, y1, y2 = z0 - goal[0, 0], z1 - goal[0, 1], z2 - goal[0, 2]
+    pull = K_P / max(math.sqrt(y0 * y0 + y1 * y1 + y2 * y2), small)
+    v0, v1, v2 = pull * y0 - mu * a0, pull * y1 - mu * a1, pull * y2 - mu * a2
+    zv = z0 * v0 + z1 * v1 + z2 * v2
+    twice, eta = zv / s, 0.0
+    if upright:
+        det = max(s - z2 * z2, small * small)
+        twice, eta = (zv - z2 * v2) / det, (s * v2 - z2 * zv) / det
+    m0, m1, m2 = b0 + mu * z0, b1 + mu * z1, b2 + mu * z2 + theta
+    m = max(math.sqrt(m0 * m0 + m1 * m1 + m2 * m2), FLAT * (K_A + K_P * shoulder.size))
+    by[0], by[1], by[2], by[3], by[4] = 0.5 * twice, mu, eta, theta, m
+
+
+@hidden
+def dual_value(shoulder: Shoulder, reach: float, terms: Array, by: Array) -> float:
+    """A lower bound of the error where the invariants are the first of their terms, if the tip is within `reach` [m].
+
+    Any multipliers give one, and any m > 0, their last.
+    """
+    K_P, K_A, goal = shoulder.weight_p, shoulder.weight_a, shoulder.goal
+    mu, m = by[1], by[4]
+    g0, g1, g2 = goal[0, 0], goal[0, 1], goal[0, 2]
+    c0, c1, c2 = K_A * goal[1, 0] + mu * g0, K_A * goal[1, 1] + mu * g1, K_A * goal[1, 2] + by[3] + mu * g2
+    bent = by[0] + 0.5 * mu * mu / m
+    n0, n1, n2 = (
+        mu / m * c0 + 2.0 * by[0] * g0,
+        mu / m * c1 + 2.0 * by[0] * g1,
+        mu / m * c2 + 2.0 * by[0] * g2,
+    )
+    n2 += by[2]
+    climb = K_P - math.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+    least = min((climb - bent * reach) * reach, 0.0)
+    if bent < 0.0 and climb < 0.0 and climb > 2.0 * bent * reach:
+        least = 0.25 * climb * climb / bent
+    value: float = K_A - (c0 * c0 + c1 * c1 + c2 * c2 + m * m) / (2.0 * m) + least
+    value -= by[0] * (g0 * g0 + g1 * g1 + g2 * g2) + by[2] * g2
+    for k in range(len(terms) - 1):
+        value += by[k] * terms[k, 0]
+    return value
+
+
+@hidden
+def promised(shoulder: Shoulder, reach: float, sheet: Sheet, by: Array) -> float:
+    """The bound that multipliers give in the box if each joint moved alone."""
+    terms, ends = sheet.terms, sheet.ends
+    kinds, stride = len(terms) - 1, terms.shape[1]
+    value = dual_value(shoulder, reach, terms, by)
+    for i in range(len(ends)):
+        stride //= 3
+        even = odd = 0.0
+        for k in range(kinds):
+            even -= by[k] * terms[k, stride]
+            odd -= by[k] * terms[k, 2 * stride]
+        value -= rise(even, abs(odd), ends[i, 0], ends[i, 1], ends[i, 2])
+    return value
+
+
+@hidden
+def improve_multipliers(shoulder: Shoulder, reach: float, enough: float, sheet: Sheet) -> None:
+    """Look for multipliers that promise more, one after the other, up and down."""
+    by, trial, before, steps = sheet.by, sheet.trial, sheet.before, sheet.steps
+    kinds, size, K_P, K_A = len(sheet.terms) - 1, shoulder.size, shoulder.weight_p, shoulder.weight_a
+    best = promised(shoulder, reach, sheet, by)
+    for k in range(5):
+        trial[k] = by[k]
+    steps[0], steps[1], steps[2], steps[3] = K_P / size, K_P, K_P, K_A
+    for k in range(4):
+        steps[k] *= FIRST_STEP
+    steps[4] = FIRST_STEP
+    for _ in range(ROUNDS):
+        if best >= enough:
+            break
+        for k in range(5):
+            before[k] = by[k]
+        for k in range(5):
+            if kinds <= k < 4:
+                continue
+            for _side in range(2):
+                trial[k] = by[k] * math.exp(steps[k]) if k == 4 else by[k] + steps[k]
+                value = promised(shoulder, reach, sheet, trial)
+                if value > best:
+                    best, by[k] = value, trial[k]
+                    steps[k] *= 2.0
+                    break
+                steps[k] = -steps[k]
+            else:
+                trial[k] = by[k]
+                steps[k] *= 0.5
+        along = 1.0
+        for _further in range(FURTHER):
+            for k in range(5):
+                trial[k] = by[k] + along * (by[k] - before[k])
+            trial[4] = max(trial[4], 0.5 * by[4])
+            value = promised(shoulder, reach, sheet, trial)
+            if value <= best:
+                break
+            best = value
+            for k in range(5):
+                before[k], by[k] = by[k], trial[k]
+            along = 2.0
+        for k in range(5):
+            trial[k] = by[k]
+
+
+@hidden
+def take_better(shoulder: Shoulder, reach: float, sheet: Sheet, given: Array, best: float) -> float:
+    """Take other multipliers if they promise more than the best so far."""
+    value: float = promised(shoulder, reach, sheet, given)
+    if value <= best:
+        return best
+    for k in range(5):
+        sheet.by[k] = given[k]
+    return value
