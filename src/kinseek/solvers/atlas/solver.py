@@ -14,11 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.deadline import Deadline
+from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.batch import solve_many, solve_some
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.near import solve_many_near
+from kinseek.kernels.atlas.task import AXES, WEIGHT
 from kinseek.problem import Problem
+from kinseek.robots.geometry import arm_length
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution, reported
 from kinseek.solvers.base import Found, solve_each, whole
@@ -30,6 +33,11 @@ from .index import SAMPLES, atlas_of, wanted_of
 
 CHUNK = 1024
 """Targets that a thread takes at a time: some milliseconds, so that Ctrl-C is heard."""
+
+
+WIDE = 1e-4
+"""From such a tolerance on a goal that is missed is asked for again, see `Atlas._ask_again`: [rad], or parts of the arm's
+length. Below it two tolerances hardly leave room for weights to choose."""
 
 
 _PIECE = 16
@@ -117,8 +125,48 @@ class Atlas:
                     solve_many_near(index.handle, wanted, targets, near, results, first, last, LANES)
                     done[first:last] = True
 
-            self.spread(from_starts, len(targets), deadline)
+                self.spread(from_starts, len(targets), deadline)
+
+        self._ask_again(problem, index.handle, results, done, deadline)
         return self._told(batch_solution(problem, results, done))
+
+    @staticmethod
+    def _ask_again(
+        problem: Problem, handle: Indices, results: Array, done: NDArray[np.bool_], deadline: Deadline
+    ) -> None:
+        """Look once more for what was missed, each tolerance counting as one, where one is so wide that this may differ.
+
+        The search keeps what is best by the goal's weights. These tell which pose is nearest, and must not tell what is
+        found: a pose well within a wide tolerance may count for less there than one that misses the other.
+        """
+        goal, dof = problem.goal, problem.chain.dof
+        widest = max(goal.position_tolerance / arm_length(problem.chain), goal.orientation_tolerance)
+        both = min(goal.position_tolerance, goal.orientation_tolerance) > 0.0 and np.isfinite(widest)
+        if not both or widest < WIDE or problem.budget is not None:
+            return
+        missed = np.flatnonzero(done & ~_met(goal, results, dof))
+        if not len(missed):
+            return
+        wanted = wanted_of(goal)
+        wanted[WEIGHT] = 1.0 / goal.position_tolerance
+        wanted[AXES:] = 2.0 / goal.orientation_tolerance**2 * (wanted[AXES:] > 0.0)
+        targets = goal.targets[missed]
+        found, row = np.empty((len(missed), results.shape[1])), np.arange(len(missed))
+        near = None
+        if problem.near is not None:
+            near = np.broadcast_to(problem.near, (*goal.shape, dof)).reshape(-1, dof)[missed]
+        for k in range(len(missed)):
+            if deadline.passed:
+                return
+            if near is None:
+                solve_some(handle, wanted, targets, found, row, k, k + 1, LANES)
+            else:
+                solve_many_near(handle, wanted, targets, near, found, k, k + 1, LANES)
+            results[missed[k], -1] += found[k, -1]
+            if _met(goal, found[k : k + 1], dof)[0]:
+                one = goal.at(goal.target.reshape(-1, 4, 4)[missed[k]][None])
+                results[missed[k], :dof] = found[k, :dof]
+                results[missed[k], dof:-1] = one.measure(problem.arrays, found[k : k + 1, :dof])
 
     @staticmethod
     def _require_room(problem: Problem) -> None:
@@ -162,6 +210,13 @@ class Atlas:
             return
         with progress_bar(self.progress, count) as advance:
             spread(work, count, CHUNK, self.threads, deadline, advance)
+
+
+def _met(goal: Goal, results: Array, dof: int) -> NDArray[np.bool_]:
+    """Which rows that the kernels write, (k, n + 4), meet both tolerances, (k,)."""
+    near = results[:, dof] <= goal.position_tolerance
+    met: NDArray[np.bool_] = near & (results[:, dof + 1] <= goal.orientation_tolerance)
+    return met
 
 
 def batch_solution(problem: Problem, results: Array, done: NDArray[np.bool_]) -> Solution:
