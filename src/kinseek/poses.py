@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidGoal, RepairWarning
 from .kernels.arm.pose_error import LARGEST, all_rigid, rigid_each
+from .reals import floats
 from .shapes import Pose
 from .transforms import from_quaternion, from_rpy, rotation_onto, rotations
 from .units import warn_of_angles
@@ -266,7 +267,7 @@ def _matrix_of(target: Any) -> Array:
         if any(hasattr(first, name) for name in _CARRIERS):
             target = [_matrix_of(each) for each in target]
     try:
-        return np.array(target, dtype=np.float64)
+        return floats(target)
     except (TypeError, ValueError, OverflowError) as error:
         raise InvalidGoal(
             f"a pose must be a (..., 4, 4) array or an object with .homogeneous, .A or .as_matrix(), "
@@ -354,7 +355,7 @@ def _at(position: ArrayLike, turn: Array) -> Array:
 
 def _finite(value: ArrayLike, name: str, size: int) -> Array:
     try:
-        numbers = np.asarray(value, dtype=np.float64)
+        numbers = floats(value)
     except (TypeError, ValueError, OverflowError) as error:
         raise InvalidGoal(f"{name} must be numbers of shape (..., {size}): {error}") from error
     if numbers.ndim == 0 or numbers.shape[-1] != size:

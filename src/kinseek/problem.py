@@ -15,6 +15,7 @@ from .errors import InvalidProblem
 from .goal import Goal
 from .kernels.arm.pose_error import LARGEST
 from .kernels.arrays import ChainArrays
+from .reals import floats
 from .robots.chain import SerialChain
 from .robots.mechanism import Mechanism, no_axes
 from .robots.named import in_order
@@ -170,7 +171,7 @@ def as_joints(arm: Mechanism, q: object, name: str = "q") -> Array:
     if not isinstance(q, np.ndarray | list | tuple):
         q = in_order(q, arm.joint_names, name, InvalidProblem)
     try:
-        joints = np.array(q, dtype=np.float64)
+        joints = floats(q)
     except (TypeError, ValueError, OverflowError) as error:
         raise InvalidProblem(f"{name} must be numbers of shape (..., {arm.dof}): {error}") from error
     if joints.ndim == 0 or joints.shape[-1] != arm.dof:

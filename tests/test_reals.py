@@ -1,0 +1,44 @@
+"""Where NumPy would drop an imaginary part or a mask, nothing is dropped: the numbers are refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kinseek
+
+ARM = kinseek.load("planar2")
+T = ARM.fk([0.3, 0.4])
+HELD: list[Callable[[Any], Any]] = [
+    ARM.ik,
+    ARM.branches,
+    kinseek.Goal.pose,
+    lambda T: ARM.ik(T[None], bad="skip"),
+    lambda T: kinseek.pose(T[:3, 3]),
+    lambda T: kinseek.pose([0, 0, 0], rotation=T[:3, :3]),
+    lambda T: kinseek.Goal.position(T[:3, 3]),
+    lambda T: ARM.fk(T[0, :2]),
+    lambda T: ARM.ik(kinseek.pose([0.5, 0.1, 0.0]), near=T[0, :2]),
+]
+
+
+@pytest.mark.parametrize("take", HELD)
+def test_an_imaginary_part_is_refused(take: Callable[[Any], Any]) -> None:
+    with pytest.raises(kinseek.KinseekError, match=r"\d+ of \d+ numbers have an imaginary part"):
+        take(T + 0.1j)
+
+
+@pytest.mark.parametrize("take", HELD)
+def test_masked_numbers_are_refused(take: Callable[[Any], Any]) -> None:
+    with pytest.raises(kinseek.KinseekError, match=r"\d+ of \d+ numbers are masked"):
+        take(np.ma.masked_array(T, mask=np.ones((4, 4), dtype=bool)))
+
+
+def test_real_numbers_in_other_arrays_are_taken() -> None:
+    q = ARM.ik(T).q
+    assert (ARM.ik(T.astype(complex)).q == q).all()
+    assert (ARM.ik(np.ma.masked_array(T, mask=np.zeros((4, 4), dtype=bool))).q == q).all()
+    assert (ARM.fk(q.astype(complex)) == ARM.fk(q)).all()
