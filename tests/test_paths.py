@@ -446,6 +446,10 @@ def test_goals_with_freedom() -> None:
     assert (each.q == arm.follow(Goal.pose(T, free="rz")).q).all()
     with pytest.raises(InvalidGoal, match="goal 1 has"):
         arm.follow([Goal.pose(T[0]), Goal.pose(T[1], position_tolerance=1e-3)])
+    with pytest.raises(InvalidGoal, match=r"got an array of shape \(4, 4\) at index 1; .* Goal\.pose\(T\)$"):
+        arm.follow([Goal.pose(T[0]), T[1]])
+    with pytest.raises(InvalidGoal, match=r"got a Goal of 2 targets at index 0"):
+        arm.follow([Goal.pose(T[:2]), Goal.pose(T[2])])
 
 
 RANGES: list[dict[str, Any]] = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -120,6 +121,12 @@ def row_of_goals(poses: Any) -> Iterator[Any]:
     return iter(poses)
 
 
+def _told(row: Any) -> str:
+    if isinstance(row, np.ndarray):
+        return f"an array of shape {row.shape}"
+    return f"a Goal of {math.prod(row.shape)} targets" if isinstance(row, Goal) else type(row).__name__
+
+
 def together(rows: list[Any]) -> Goal:
     """One goal of a row of poses or of goals that ask for the same.
 
@@ -133,7 +140,8 @@ def together(rows: list[Any]) -> Goal:
     for i, row in enumerate(rows):
         if not isinstance(row, Goal) or row.shape != ():
             raise InvalidGoal(
-                f"a row of goals must hold one goal each with one target, got {row!r:.80} at index {i}"
+                f"a row of goals must hold one goal each with one target, got {_told(row)} at index {i}; of a pose "
+                f"beside goals say Goal.pose(T)"
             )
         for field in fields(Goal):
             if field.name != "target" and not np.array_equal(
