@@ -73,7 +73,7 @@ class _Search:
     def ask(self, first: int, last: int, budget: int) -> None:
         """Ask about poses first … last, with so many boxes a question; about many at once in the first round alone."""
         most = min(budget, self.left)
-        if most == 0:
+        if most <= 0:
             return
         if first == last:
             one = prove(self.at(first), budget=most, threads=self.threads)
