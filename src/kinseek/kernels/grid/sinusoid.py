@@ -88,9 +88,8 @@ def minimise_pair(M: Array, low: Array, high: Array, revolute: Flags, delta: Arr
     span = high[1] - low[1]
     if revolute[1] and span > TURN:
         span = TURN
-    for k in range(
-        scans + 3
-    ):  # The middles of the cells, the present value, and both ends: the best may lie there.
+    # The middles of the cells, the present value, and both ends: the best may lie there.
+    for k in range(scans + 3):
         second = low[1] + span * (k + 0.5) / scans
         if k >= scans:
             second = 0.0 if k == scans else (low[1] if k == scans + 1 else low[1] + span)
