@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from benchmarks.maps.cells import drawn, grid_around, inside, rings_around
+from benchmarks.maps.certainty import two_phases
 from benchmarks.maps.sampled import Table, filled, seeded
 from scipy.spatial.transform import Rotation
 
@@ -58,3 +59,27 @@ def test_poses_drawn_inside_of_cells_lie_there(make: type) -> None:
     poses = turned(rng.uniform(-3.0, 3.0, 1000)) @ inside(grid, cells, rng) if make is rings_around else None
     T = inside(grid, cells, rng) if poses is None else poses
     assert (np.stack(grid.cells_of(T), axis=1) == cells).all()
+
+
+def test_a_mean_from_deep_looks_at_a_part_is_as_exact_as_it_says() -> None:
+    """Two standard errors hold the mean of everything in about 95 of 100 draws, and are not wider than they need be."""
+    rng, hits, errors = np.random.default_rng(0), 0, list[float]()
+    rare = rng.random(200_000) < 0.06
+    shallow = np.where(rare, 1.0, 0.3 * rng.random(len(rare)))
+    deep = np.where(rare, rng.exponential(50.0, len(rare)), shallow)
+    for _ in range(400):
+        some = rng.integers(len(rare), size=1000)
+        groups = [np.flatnonzero(rare[some]), np.flatnonzero(~rare[some])]
+        looks = [(each, deep[some[each[:most]]]) for each, most in zip(groups, (30, 40), strict=True)]
+        mean, error = two_phases(shallow[some], looks)
+        hits += abs(mean - deep.mean()) <= error
+        errors.append(error)
+    assert 0.9 < hits / 400 < 0.98
+    assert np.mean(errors) < 0.5 * deep.mean()
+
+
+def test_a_deep_look_at_all_that_was_drawn_is_a_plain_mean() -> None:
+    values = np.random.default_rng(1).random(50)
+    mean, error = two_phases(np.zeros(50), [(np.arange(50), values), (np.arange(0), values[:0])])
+    assert mean == pytest.approx(values.mean())
+    assert error == pytest.approx(2 * values.std(ddof=1) / np.sqrt(50))

@@ -38,7 +38,7 @@ def main() -> None:
         "workers": lambda page: workers.measure(page, 5, 0.0625),
         "soundness": lambda page: soundness.measure(page, 100_000, 100_000),
         "sampled": lambda page: sampled.measure(page, 100_000, 30.0),
-        "certainty": lambda page: certainty.measure(page, 20.0),
+        "certainty": lambda page: certainty.measure(page, 12.0),
         "asked": lambda page: certainty.asked(page, 1_000_000),
     }
     quick: dict[str, Callable[[Page], None]] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,9 +12,9 @@ import kinseek
 from benchmarks.page import Page
 from kinseek import maps
 from kinseek.maps.block import Desk, answered
-from kinseek.maps.cells import EMPTY, REACHED
+from kinseek.maps.cells import EMPTY, REACHED, UNDECIDED
 
-from .cells import Array, cpu, rings_around, section, work_of
+from .cells import Array, Numbers, cpu, rings_around, section, work_of
 
 BILLION = (0.05, 12_000)
 """Rings of an arm as long as the UR5e [m, orientations] that stand for a billion cells of a `Grid`."""
@@ -21,43 +22,138 @@ BILLION = (0.05, 12_000)
 SIZES = {"ur5e": ((0.1, 576), (0.05, 4608), BILLION), "panda": (BILLION,)}
 """Of each arm."""
 
-DEPTHS = (0, 2, 4, 12)
+DEPTHS = (2, 4, 12)
+"""How often a cell is cut, after none."""
+
+LONG = {("ur5e", 4608): 12.0, ("ur5e", 12_000): 12.0}
+"""How many times as long as others the deepest of these are judged: a billion cells are to take twenty core-hours."""
+
+SHUT = 0.1
+"""Of the time, for rows that no deeper cut can change: what these cost then."""
 
 
-class Part(NamedTuple):
-    """Rows of cells that were judged."""
-
-    cost: Array
-    """CPU time [s] a cell, of each row."""
-    reached: Array
-    """Share of each row that is reached somewhere."""
-    empty: Array
-    undecided: Array
+Cells = tuple[slice, ...]
+"""Of each dimension of a grid, which."""
 
 
-def judged(arm: kinseek.Arm, rings: maps.Rings, depth: int, seconds: float) -> Part:
-    """Judge rows of cells drawn from all of some rings, for so long.
+class Row(NamedTuple):
+    """All cells of one place and direction, as they were judged."""
 
-    A row has all cells of one place and direction, which are judged together, as in a block.
+    cost: float
+    """CPU time [s] a cell."""
+    reached: float
+    """Share of the row that is reached somewhere."""
+    empty: float
+    undecided: float
+
+
+class Told(NamedTuple):
+    """A mean over all rows."""
+
+    mean: float
+    error: float
+    """Two standard errors."""
+
+    def text(self, digits: str, scale: float = 1.0) -> str:
+        """Both, in another unit."""
+        return f"{format(self.mean * scale, digits)} ± {format(self.error * scale, digits)}"
+
+
+class Rows:
+    """Rows drawn from all of some rings."""
+
+    def __init__(self, arm: kinseek.Arm, rings: maps.Rings) -> None:
+        self.arm, self.rings, self.rng = arm, rings, np.random.default_rng(1)
+
+    def drawn(self) -> Cells:
+        """The cells of one more row."""
+        row = self.rings.orientations.arcs
+        place = [int(self.rng.integers(n)) for n in self.rings.shape[:-1]]
+        first = row * int(self.rng.integers(self.rings.shape[-1] // row))
+        return (*(slice(i, i + 1) for i in place), slice(first, first + row))
+
+    def judge(self, depth: int) -> Callable[[Cells], Row]:
+        """What judges a row, so deep."""
+        work = work_of(self.arm, self.rings, None, prove=True, depth=depth)
+        desk = Desk(work)
+        desk.arm.ik(np.eye(4))  # Builds the atlas.
+
+        def judged(part: Cells) -> Row:
+            took, values = cpu(answered, work, desk, self.rings.poses(part), part)
+            reached, empty, undecided = (
+                float((values["cell"] == word).mean()) for word in (REACHED, EMPTY, UNDECIDED)
+            )
+            return Row(took / self.rings.orientations.arcs, reached, empty, undecided)
+
+        return judged
+
+
+def in_turn(judge: Callable[[Cells], Row], parts: Iterable[Cells], seconds: float) -> Array:
+    """Judge one row after the other for so long [s] of CPU time, four at least, (k, 4)."""
+    until, rows = time.process_time() + seconds, list[Row]()
+    for part in parts:
+        rows.append(judge(part))
+        if len(rows) >= 4 and time.process_time() > until:
+            break
+    return np.array(rows).reshape(-1, len(Row._fields))
+
+
+def two_phases(shallow: Array, groups: Sequence[tuple[Numbers, Array]]) -> Told:
+    """The mean of what deep looks give, where all that was drawn had a shallow look, and a part of each group a deep one.
+
+    Double sampling for stratification (Neyman 1938): groups are known of all that was drawn; what a deep look changes is
+    added by its mean over those of the group that had one.
+
+    Args:
+        shallow: Values of all that was drawn, (n,).
+        groups: Of each, the numbers of its members, (k,), and the values that a deep look gave the first m of them, (m,),
+            m >= 2 unless the group is empty.
     """
-    work = work_of(arm, rings, None, prove=True, depth=depth)
-    desk, rng, rows = Desk(work), np.random.default_rng(1), list[tuple[float, ...]]()
-    desk.arm.ik(np.eye(4))  # Builds the atlas.
-    until, row = time.process_time() + seconds, rings.orientations.arcs
-    while len(rows) < 4 or time.process_time() < until:
-        place = [int(rng.integers(n)) for n in rings.shape[:-1]]
-        first = row * int(rng.integers(rings.shape[-1] // row))
-        part = (*(slice(i, i + 1) for i in place), slice(first, first + row))
-        took, values = cpu(answered, work, desk, rings.poses(part), part)
-        shares = [float((values["cell"] == word).mean()) for word in (REACHED, EMPTY)]
-        rows.append((took / row, *shares, 1.0 - sum(shares)))
-    return Part(*np.array(rows).T)
+    parts = [(members, deep) for members, deep in groups if len(members)]
+    weights = [len(members) / len(shallow) for members, _ in parts]
+    changes = [deep - shallow[members[: len(deep)]] for members, deep in parts]
+    means = [
+        float(shallow[members].mean() + change.mean())
+        for (members, _), change in zip(parts, changes, strict=True)
+    ]
+    mean, error = float(np.dot(weights, means)), 0.0
+    for weight, each, (members, deep), change in zip(weights, means, parts, changes, strict=True):
+        spread = deep.var(ddof=1) if len(deep) > 1 else 0.0
+        error += weight * (spread + (each - mean) ** 2) / len(shallow)
+        if len(deep) < len(members):
+            error += weight**2 * change.var(ddof=1) * (1 / len(deep) - 1 / len(members))
+    return Told(mean, 2 * float(np.sqrt(error)))
 
 
-def mean(values: Array, digits: str, scale: float = 1.0) -> str:
-    """Mean of rows, and two standard errors of it."""
-    error = 2 * values.std(ddof=1) / np.sqrt(len(values)) * scale
-    return f"{format(values.mean() * scale, digits)} ± {format(error, digits)}"
+def looked_at(
+    arm: kinseek.Arm, rings: maps.Rings, seconds: float, long: float
+) -> Iterator[tuple[int, int, int, list[Told]]]:
+    """Of each depth how many rows were drawn, how many had a deep look, and the means of all that a `Row` has.
+
+    A row that is decided without a cut stays as it is: the others, one in twenty, make nearly all that differs.
+    """
+    rows, parts = Rows(arm, rings), list[Cells]()
+
+    def draw() -> Iterator[Cells]:
+        while True:
+            parts.append(rows.drawn())
+            yield parts[-1]
+
+    shallow = in_turn(rows.judge(0), draw(), 2 * seconds)
+    undecided = shallow[:, Row._fields.index("undecided")] > 0.0
+    every, groups = np.arange(len(parts)), [np.flatnonzero(undecided), np.flatnonzero(~undecided)]
+    yield 0, len(parts), len(parts), [two_phases(each, [(every, each)]) for each in shallow.T]
+    for depth in DEPTHS:
+        judge, most = rows.judge(depth), seconds * (long if depth == DEPTHS[-1] else 1.0)
+        deep = [
+            in_turn(judge, (parts[i] for i in members.tolist()), most * share)
+            for members, share in zip(groups, (1.0 - SHUT, SHUT), strict=True)
+        ]
+        told = [
+            two_phases(each, [(members, made[:, k]) for members, made in zip(groups, deep, strict=True)])
+            for k, each in enumerate(shallow.T)
+        ]
+        yield depth, len(parts), len(deep[0]), told
 
 
 def measure(page: Page, seconds: float) -> None:
@@ -65,37 +161,41 @@ def measure(page: Page, seconds: float) -> None:
     with section(page, "What certainty costs"):
         page.say(
             "Rings, the first joint divided out. Rows are drawn from all of them, each all cells of one place and",
-            f"direction, for {seconds:g} s of one thread for each line. ± is two standard errors of the mean over rows. The",
-            "last column is what the same takes for 10⁹ cells of a `Grid`;",
-            f"{BILLION[1]:,} orientations at {BILLION[0] * 100:.0f} cm are about as many.",
+            f"direction, and judged without a cut, {2 * seconds:g} s of one thread for each arm and size. What that leaves",
+            f"undecided in part is judged deeper, {seconds:g} s for each line, the deepest of a billion cells longer, and",
+            "weighed as its share of all rows; a tenth of the time goes to the others, which stay as they are, for what",
+            "they cost. ± is two standard errors of the mean over rows, of both drawings together. The last column is what",
+            f"the same takes for 10⁹ cells of a `Grid`; {BILLION[1]:,} orientations at {BILLION[0] * 100:.0f} cm are about",
+            "as many.",
         )
-        rows = []
+        lines = []
         for name, sizes in SIZES.items():
             arm = kinseek.load(name)
             for width, count in sizes:
                 rings = rings_around(arm, width, count)
                 stand = rings.volume / width**3 * len(rings.orientations)
-                for depth in DEPTHS:
-                    part = judged(arm, rings, depth, seconds)
-                    rows.append(
+                for depth, drawn, deep, told in looked_at(arm, rings, seconds, LONG.get((name, count), 1.0)):
+                    cost, reached, empty, undecided = told
+                    lines.append(
                         [
                             name,
                             f"{width * 100:.0f} cm, {rings.orientations.covering_radius:.2f} rad",
                             f"{depth}",
-                            f"{len(part.cost) * rings.orientations.arcs:,}",
-                            mean(part.cost, ".2f", 1e3),
-                            mean(part.reached, ".1f", 100),
-                            mean(part.empty, ".1f", 100),
-                            mean(part.undecided, ".1f", 100),
+                            f"{drawn:,}",
+                            f"{deep:,}" if depth else "–",
+                            cost.text(".2f", 1e3),
+                            reached.text(".1f", 100),
+                            empty.text(".1f", 100),
+                            undecided.text(".2f", 100),
                             f"{rings.size:,}",
-                            mean(part.cost, ".2g", rings.size / 3600),
-                            mean(part.cost, ".2g", rings.size / stand * 1e9 / 3600),
+                            cost.text(".2g", rings.size / 3600),
+                            cost.text(".2g", rings.size / stand * 1e9 / 3600),
                         ]
                     )
         page.table(
-            "arm | cells | depth | >judged | >ms a ring | >reached somewhere, % | >proved empty, % | >undecided, % | "
-            ">rings of all | >core-hours of all | >core-hours of 10⁹ cells",
-            rows,
+            "arm | cells | depth | >rows | >of these judged deeper | >ms a ring | >reached somewhere, % | "
+            ">proved empty, % | >undecided, % | >rings of all | >core-hours of all | >core-hours of 10⁹ cells",
+            lines,
         )
 
 
