@@ -57,6 +57,9 @@ SHARES = ("empty_share", "whole_share")
 FIRST = 1000
 """Boxes of a first proof: what most empty cells take. What it does not end is looked for an answer."""
 
+BETWEEN = 3000
+"""Boxes of a proof about a part that may be cut again: its halves go on with what it leaves, and in smaller balls."""
+
 SAMPLES = 64
 """Poses of a cell that are asked."""
 
@@ -203,7 +206,8 @@ class Judge:
         left = [part if part.boxes is not None else part._replace(boxes=_inherited(whole)) for part in left]
         while left:
             part = left.pop()
-            search = self._excluded(chain, part, self.budget)
+            between = 0 < part.level < self.depth
+            search = self._excluded(chain, part, min(BETWEEN, self.budget) if between else self.budget)
             if search.outcome == ENDED:
                 empty += 0.5**part.level
                 continue
