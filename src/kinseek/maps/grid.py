@@ -25,8 +25,7 @@ MOST = 10**11
 """Cells of a grid."""
 
 BLOCK = 524_288
-"""Poses of a block, more or less: a third of a second to some seconds of one core. Dask and the store take some ten
-milliseconds for each, whatever its size."""
+"""Poses of a block, more or less: a tenth of a second to some seconds of one core."""
 
 _FITS = 1e-6
 """By how much of a cell a range may miss a whole number of cells: numbers such as 0.05 are rounded."""

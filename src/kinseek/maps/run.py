@@ -36,8 +36,8 @@ CALM = {
     "MALLOC_TRIM_THRESHOLD_": str(64 << 20),
     "MALLOC_MMAP_THRESHOLD_": str(32 << 20),
 }
-"""Variables of the environment of processes that are started here: those of Dask look a hundred times a second where a
-thread stands, and give all memory back at once, which the system then has to clear for the next array."""
+"""Variables of the environment of processes that are started here. Left to themselves they look a hundred times a second
+where each thread stands, and give all memory back at once, which the system then has to clear for the next array."""
 
 
 WATCH = """
