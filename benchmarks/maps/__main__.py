@@ -6,7 +6,7 @@ several processes are wall times too, and need a machine that does nothing else.
 
 A part that is done is kept in `build/maps`, so what is stopped goes on there; the page is written when all parts are.
 
-    python -m benchmarks.maps                 # writes maps.md beside this folder; some twenty minutes
+    python -m benchmarks.maps                 # writes maps.md beside this folder; some half an hour
     python -m benchmarks.maps --only sampled  # this part anew, and the page if the others are there
     python -m benchmarks.maps --quick         # a minute or two of small numbers, printed and not written
 """
