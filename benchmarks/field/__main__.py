@@ -131,7 +131,7 @@ def run(field: Field, solvers: list[str], environments: Path, own: dict[str, Pat
         for name in solvers:
             path = path_of(name)
             progress.update(making, description=f"environment of {path.stem}")
-            python = own.get(name) or environment(path, environments)
+            python = own.get(path.stem) or environment(path, environments)
             solver: dict[str, Any] = {
                 "solver": path.stem,
                 "name": adapter(path).NAME,
@@ -141,9 +141,9 @@ def run(field: Field, solvers: list[str], environments: Path, own: dict[str, Pat
                 told(field, solver | {"state": python})
                 console.print(f"{path.stem}: {python}", highlight=False)
             else:
-                size = None if name in own else megabytes(python)
+                size = None if path.stem in own else megabytes(python)
                 found.append(
-                    (path, python, solver | {"state": "done", "megabytes": size, "own": name in own})
+                    (path, python, solver | {"state": "done", "megabytes": size, "own": path.stem in own})
                 )
             progress.advance(making)
         all_of = progress.add_task("", total=sum(planned(field, adapter(path)) for path, _, _ in found))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from benchmarks.command import ROOT
 from benchmarks.page import Page
 
 from . import plots
@@ -20,9 +21,12 @@ from .run import HANG, Field
 from .summary import summary
 from .tables import TITLES, collect, distinct, marked, solvers, summed
 from .tables import write as write_tables
-from .wins import BEYOND, wins
+from .wins import BEYOND, HOST, wins
 
 HERE = Path(__file__).resolve().parent
+ADD, HIDDEN = ROOT / "docs" / "field.md", "<!-- needs: scipy -->\n"
+"""What says how to add a solver, and what in it is for those who test it."""
+
 NONE = "–"
 TIGHT = f"{STRICT:g}".replace("e-0", "e-")
 EACH = ("random", "singular", "limits", "position", "start")
@@ -82,7 +86,8 @@ def page(field: Field, answers: pd.DataFrame, known: pd.DataFrame) -> Page:
         "better than kinseek stands first."
     )
     made.head("Where others do better than kinseek")
-    made.items(wins(answers, facts, names, branches), "Nowhere in what was measured here.")
+    nowhere = "Nowhere in what was measured here." if HOST in names else "kinseek was not measured here."
+    made.items(wins(answers, facts, names, branches), nowhere)
     made.say(BEYOND)
     _overview(made, answers, names, facts)
     _read(made)
@@ -97,11 +102,9 @@ def page(field: Field, answers: pd.DataFrame, known: pd.DataFrame) -> Page:
     _arms(made, answers, names)
     _solvers(made, about, known, names)
     _missing(made, known, about, names)
-    made.head("Add a solver")
-    made.say(
-        "Write an adapter, a module of four names and one function, and a file of requirements beside it; "
-        "`python -m benchmarks.field --solvers ./mine.py`. `docs/field.md` has one of thirty lines."
-    )
+    if ADD.is_file():
+        made.head("Add a solver")
+        made.say(ADD.read_text(encoding="utf-8").split("## Add a solver")[1].replace(HIDDEN, "").strip())
     return made
 
 
@@ -441,6 +444,6 @@ def as_html(text: str) -> str:
     """A page in Markdown as one file of HTML."""
     import markdown
 
-    body = markdown.markdown(text, extensions=["tables", "md_in_html", "toc"])
+    body = markdown.markdown(text, extensions=["tables", "fenced_code", "md_in_html", "toc"])
     template = (HERE / "page.html").read_text(encoding="utf-8")
     return template.replace("<!-- body -->", body)
