@@ -71,7 +71,9 @@ def exact_against_time(random: pd.DataFrame, names: dict[str, str]) -> str:
             names[solver],
             dots[solver],
             (10**place, 113),
-            **{"rotation": 55, "fontsize": 9, "color": "#1c2126"},
+            rotation=55,
+            fontsize=9,
+            color="#1c2126",
             arrowprops={"arrowstyle": "-", "color": shades[solver], "linewidth": 0.8, "shrinkB": 4},
         )
     axes.grid(alpha=0.3)

@@ -8,8 +8,8 @@
     def load(arm: Arm, settings: dict[str, Any]) -> Solver: ...
 
 What it needs to be installed stands beside it in a file of requirements of the same name, with pinned versions. The library
-itself is imported within `load`, for the name and the settings are read where it is not installed. What has to be compiled for
-an arm is compiled in `load`, too, which has minutes; a question has seconds.
+itself is imported within `load`, for the name and the settings are read where it is not installed. What has to be compiled
+for an arm is compiled in `load`, too, which has minutes; a question has seconds.
 """
 
 from __future__ import annotations
