@@ -21,6 +21,7 @@ from kinseek.proof.certificate import Verdict
 from kinseek.proof.reduce import question_without_last
 from kinseek.proof.shoulder import bounded_by_ball, shoulder_of
 from kinseek.robots.chain import SerialChain
+from kinseek.solvers.atlas.solver import Atlas
 from kinseek.tolerances import GoalOptions
 from reference import fk, weighted_error
 
@@ -131,6 +132,17 @@ def test_the_gap_closes_where_the_arm_is_too_short(name: str, least: int) -> Non
         found = prove(Problem(arm.chain, Goal.pose(T)), gap=0.01, budget=60_000)
         closed += found.verdict is not Verdict.UNREACHABLE or found.gap <= 0.01001
     assert closed >= least
+
+
+def test_the_gap_closes_where_a_limit_of_the_second_joint_holds_the_arm_back() -> None:
+    """An arm on a ball joint reaches such a goal: what is known of the first axis has to rule it out."""
+    arm = kinseek.load("iiwa14")
+    q = np.array([1.48, arm.upper[1] + 0.1, 0.0, -0.3, 0.3, -0.25, 0.0])
+    problem = Problem(arm.chain, Goal.pose(arm.fk(q)))
+    best = Atlas().solve(problem)
+    assert best.weighted_error > 0.01
+    bounded = bounded_by_ball(problem, 0.99 * best.weighted_error, 12_000)
+    assert bounded.lower == 0.99 * best.weighted_error
 
 
 def test_arms_without_a_joint_to_spare_have_no_ball() -> None:
