@@ -41,10 +41,10 @@ MOST = 5
 """Joints behind the ball: of more the sums of products are long."""
 
 WORK = 5_000_000
-"""Boxes times products in each of their sums: a tenth of a second. Most goals that it decides take a tenth of that."""
+"""Boxes times products in each of their sums: some tenths of a second. Most goals that it decides take a tenth of that."""
 
-PIECE = 2_000_000
-"""The same, after which the kernel comes back to be asked to go on."""
+PIECE = 500_000
+"""The same, after which the kernel comes back to be asked to go on: some hundredths of a second."""
 
 
 class Bounded(NamedTuple):
