@@ -75,10 +75,24 @@ def bounded_by_ball(
     """
     if problem.chain.dof < FEWEST:
         return Bounded(0.0, 0)
-    found = shoulder_of(problem, *question_without_last(problem, trust))
-    if found is None:
-        return Bounded(0.0, 0)
-    shoulder, first = found
+    asked = question_without_last(problem, trust)
+    best = Bounded(0.0, 0)
+    # In the place of two joints the ball takes fewer boxes, but minds no limit of theirs.
+    for alone in (False, True):
+        found = shoulder_of(problem, *asked, alone)
+        if found is None:
+            break
+        more = _bounded(problem, *found, ceiling, budget - best.boxes, over)
+        best = Bounded(max(best.lower, more.lower), best.boxes + more.boxes)
+        if best.lower >= ceiling or found[1] == 1:
+            break
+    return best
+
+
+def _bounded(
+    problem: Problem, shoulder: Shoulder, first: int, ceiling: float, budget: int, over: Callable[[], bool]
+) -> Bounded:
+    """Bound the least error of one arm on a ball, whose joint `first` is the first one behind it."""
     terms = shoulder.invariants.shape[1]
     start = start_boxes(problem.chain, False)[0].reshape(2, -1)
     count = round(math.log(terms, 3))
@@ -98,10 +112,13 @@ def bounded_by_ball(
     return Bounded(min(float(figures[FLOOR]), ceiling), int(counts[SEEN]))
 
 
-def shoulder_of(problem: Problem, form: Form, wanted: Wanted) -> tuple[Shoulder, int] | None:
+def shoulder_of(
+    problem: Problem, form: Form, wanted: Wanted, alone: bool = False
+) -> tuple[Shoulder, int] | None:
     """Put an arm on a ball joint on its first axis; None where that tells nothing.
 
-    Where the second axis meets the first, the ball stands there and takes the place of both; else of the first one alone.
+    Where the second axis meets the first, the ball stands there and takes the place of both; else, or if it
+    shall do so `alone`, of the first one.
 
     Returns:
         The arm on its ball; the first joint behind it.
@@ -116,7 +133,7 @@ def shoulder_of(problem: Problem, form: Form, wanted: Wanted) -> tuple[Shoulder,
     along = -float(axis[:2] @ point[:2]) / across if across > CROSSED else 0.0
     nearest = point + along * axis
     apart = math.hypot(nearest[0], nearest[1])
-    meet = apart < ON_AXIS
+    meet = apart < ON_AXIS and not alone
     first = 2 if meet else 1
     if joints - first > MOST:
         return None
