@@ -40,7 +40,7 @@ from kinseek.kernels.atlas.task import (
 )
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import called, entry, hidden
-from kinseek.kernels.structure.candidates import LOOSE, NUMBERS, WORK
+from kinseek.kernels.structure.candidates import DEVIATION, LOOSE, NUMBERS, ROUNDING, WORK
 from kinseek.kernels.structure.closed import SURE, TRIED, UNSURE, closed_starts, serves
 
 from . import one_joint, watched
@@ -152,8 +152,9 @@ def find_branches(
             handle, wanted, memory, target, seeds, many, many, rows, left, 0, view[RATES], SIBLING, tally, w
         )
         # Nothing lacks where all that must be answers are, and none is left to choose.
-        unsure = asked[UNSURE] > 0.0
-        done = not unsure and count >= asked[SURE] and (count > 0 or many == 0)
+        done = asked[UNSURE] == 0.0 and count >= asked[SURE] and (count > 0 or many == 0)
+        # Of an arm nearly so an angle is seldom left to choose, and what lies beside its candidates is met early.
+        unsure = asked[UNSURE] > 0.0 and structure[DEVIATION] <= ROUNDING
     elif table.shape[1] > 0 and max(task.position_tolerance, task.orientation_tolerance) <= LOOSE:
         one_joint.searched_starts(handle, wanted, joint, table, target, seeds, starts_told, w)
         many = starts_told[one_joint.MANY]
