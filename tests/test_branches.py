@@ -372,6 +372,7 @@ def test_valid_leaves_out_and_counts() -> None:
         ({"cost": lambda q: q[:, 0], "near": np.zeros(6)}, "near and cost"),
         ({"count": 0}, "count must be"),
         ({"count": 1.5}, "count must be"),
+        ({"count": 10**9}, "count must be a whole number from 1 to 100,000"),
         ({"near": np.zeros(5)}, "near must have shape"),
         ({"near": np.full(6, np.nan)}, "near contains NaN"),
         ({"cost": lambda q: 1 / 0}, r"cost raised ZeroDivisionError.*q = \["),

@@ -39,6 +39,14 @@ LATE_THREE = [
     (0.1, HALF, 0.03, 0),
     (0, 0.3, 0.1, 0),
 ]
+LEANING = [
+    (0, HALF, 0.3, 0),
+    (0.4, 0, 0, 0),
+    (0.02, -HALF, 0.1, 0),
+    (0, 0.9, 0.4, 0),
+    (0, -0.8, 0, 0),
+    (0, 0, 0.1, 0),
+]
 UR = [
     (0, HALF, 0.1625, 0),
     (-0.425, 0, 0, 0),
@@ -214,6 +222,24 @@ def test_calibrated_arms_lose_no_answer() -> None:
     assert arm.structure.word == "three parallel axes"
     assert not arm.structure.exact
     assert_answers(arm, random_joints(arm.chain, 200, 6))
+
+
+def test_a_wrist_that_leans_and_is_nearly_spherical_loses_no_answer() -> None:
+    arm = dh(changed(LEANING, 4, 0, 1e-3))
+    assert arm.structure.word == "spherical wrist"
+    assert not arm.structure.exact
+    q = random_joints(arm.chain, 3000, 5)
+    q = q[np.linalg.svd(arm.jacobian(q), compute_uv=False)[:, -1] > 0.003]
+    lost = [
+        made_of
+        for made_of, found in zip(q, arm.branches(arm.fk(q)), strict=True)
+        if not near(found.q, made_of)
+    ]
+    assert len(lost) <= 4  # Where the nearby arm has lost a pair of answers that it still has.
+
+
+def near(found: Array, q: Array) -> bool:
+    return bool(len(found) and apart(q[None], found).min() < 1e-3)
 
 
 # Bad input

@@ -298,7 +298,7 @@ class Arm(ForwardArm):
             clearance: How far apart bodies of the scene have to be [m].
             copies: Add every answer turned by full turns, as far as the limits allow. Without it no two answers are
                 equal modulo 2π.
-            count: How many to return at most; 50 where the arm has joints to spare, all of them elsewhere.
+            count: How many to return at most, 1 to 100,000; 50 where the arm has joints to spare, all of them elsewhere.
             threads: Threads for a batch; every core unless given.
             prove: Prove that there is no other answer, and find what is lacking, by branch and bound; `complete` then
                 says whether the proof succeeded. See docs/proof.md.

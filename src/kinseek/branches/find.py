@@ -29,8 +29,8 @@ SPREAD = 50
 """Answers in a sample, unless told otherwise."""
 
 
-MOST_COPIES = 100_000
-"""Answers at most, turned by full turns: two joints of ±4,000 rad have more than a million copies of each answer."""
+MOST = 100_000
+"""Answers at most, of a sample or turned by full turns: two joints of ±4,000 rad have more than a million copies of each."""
 
 
 _CHUNK = 64
@@ -72,8 +72,9 @@ def _check(problem: Problem, wishes: Wishes) -> None:
     order, count = wishes.order, wishes.count
     if order not in ORDERS:
         raise InvalidProblem(suggest(str(order), ORDERS, "order"))
-    if count is not None and (isinstance(count, bool) or not isinstance(count, int) or count < 1):
-        raise InvalidProblem(f"count must be a whole number of at least 1, got {count!r}")
+    whole = isinstance(count, int) and not isinstance(count, bool)
+    if count is not None and not (whole and 1 <= count <= MOST):
+        raise InvalidProblem(f"count must be a whole number from 1 to {MOST:,}, got {count!r}")
     chosen = [name for name, given in _given(problem, order, wishes.cost) if given]
     if len(chosen) > 1:
         raise InvalidProblem(f"{' and '.join(chosen)} both say what comes first; give one of them")
@@ -195,7 +196,7 @@ def turned_copies(chain: SerialChain, q: Array) -> Array:
     A continuous joint has no copies: its values are angles.
 
     Raises:
-        InvalidProblem: There are more than `MOST_COPIES`.
+        InvalidProblem: There are more than `MOST`.
     """
     rows: list[tuple[float, ...]] = []
     open_lower, _ = open_limits(chain)
@@ -210,10 +211,10 @@ def turned_copies(chain: SerialChain, q: Array) -> Array:
             turned = value + TURN * np.arange(least, most + 1)
             choices.append(np.clip(turned, chain.lower[i], chain.upper[i]))
         count = len(rows) + math.prod(len(values) for values in choices)
-        if count > MOST_COPIES:
+        if count > MOST:
             raise InvalidProblem(
                 f"turned by all full turns that the limits of {chain.name!r} allow, the answers to this goal are "
-                f"more than {MOST_COPIES:,}, too many for copies=True and for a cost, which judges each of them; "
+                f"more than {MOST:,}, too many for copies=True and for a cost, which judges each of them; "
                 f"narrow the limits by with_limits, or choose among the answers of branches() yourself"
             )
         rows += list(itertools.product(*choices))

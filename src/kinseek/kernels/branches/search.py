@@ -151,10 +151,16 @@ def find_branches(
         count = refine_all(
             handle, wanted, memory, target, seeds, many, many, rows, left, 0, view[RATES], SIBLING, tally, w
         )
-        # Nothing lacks where all that must be answers are, and none is left to choose.
-        done = asked[UNSURE] == 0.0 and count >= asked[SURE] and (count > 0 or many == 0)
+        # Nothing lacks where all that must be answers are, and none is left to choose. That an arm nearly so has none is
+        # not told by the equations of another: where these have no answer by far, its own may have.
+        exact = structure[DEVIATION] <= ROUNDING
+        done = asked[UNSURE] == 0.0 and count >= asked[SURE] and (count > 0 or (exact and many == 0))
         # Of an arm nearly so an angle is seldom left to choose, and what lies beside its candidates is met early.
-        unsure = asked[UNSURE] > 0.0 and structure[DEVIATION] <= ROUNDING
+        unsure = asked[UNSURE] > 0.0 and exact
+        if done and not exact and count > 0:
+            # Where two answers all but meet the other's equations may have neither, and this one's lead to one of them.
+            twins(handle, wanted, memory, rows, 0, min(count, LANES), seeds, tally, w)
+            done, rounds = tally[WEAKEST] >= WEAK, SETTLED
     elif table.shape[1] > 0 and max(task.position_tolerance, task.orientation_tolerance) <= LOOSE:
         one_joint.searched_starts(handle, wanted, joint, table, target, seeds, starts_told, w)
         many = starts_told[one_joint.MANY]

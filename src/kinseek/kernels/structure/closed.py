@@ -37,6 +37,10 @@ TRIED, SURE, UNSURE = range(3)
 """Places in what is told of candidates: how many are tried, how many of these must be answers, and 1 where there may be
 others than they lead to."""
 
+ASKEW = 5.0
+"""What an equation of the nearby arm may lack, in parts of what its angles are off by: where axes of a wrist lean towards
+each other it magnifies that."""
+
 
 @hidden
 def serves(task: Task, structure: Array) -> bool:
@@ -64,7 +68,7 @@ def closed_starts(
     """
     off = SPREAD * structure[DEVIATION]
     exact = structure[DEVIATION] <= ROUNDING
-    far, beside = LACKING + off, BESIDE + off
+    far, beside = LACKING + ASKEW * off, BESIDE + off
     slack = off + max(task.position_tolerance / structure[SIZE], task.orientation_tolerance)
     many, sure, unsure = 0, 0, 0.0
     displacement(structure, target, D)
