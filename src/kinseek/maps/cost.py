@@ -138,9 +138,8 @@ def _processes() -> float:
     """Seconds to start processes: a scheduler, then a nanny a core, then its worker, and what that imports; to end them."""
     began = time.perf_counter()
     imports = [sys.executable, "-c", "import distributed, kinseek.maps.run"]
-    subprocess.run(
-        imports, check=True, start_new_session=True
-    )  # Ctrl-C is for us: it would tell of it by a traceback.
+    # Ctrl-C is for us: in our session it would tell of it by a traceback.
+    subprocess.run(imports, check=True, start_new_session=True)
     return 4 * (time.perf_counter() - began)
 
 
