@@ -49,3 +49,5 @@ def test_weights_do_not_hide_what_a_wide_tolerance_allows(name: str, tolerance: 
     alone = [arm.ik(goal(T)) for T in target]
     assert np.array_equal([one.q for one in alone], found.q)
     assert [one.weighted_error for one in alone] == found.weighted_error.tolist()
+    beside = arm.ik(goal(target), near=arm.sample(40, seed=2))
+    assert beside.success.all()

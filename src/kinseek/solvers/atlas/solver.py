@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from kinseek.deadline import Deadline
 from kinseek.goal import Goal
+from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.batch import solve_many, solve_some
 from kinseek.kernels.atlas.lanes import LANES
@@ -125,14 +126,12 @@ class Atlas:
                     solve_many_near(index.handle, wanted, targets, near, results, first, last, LANES)
                     done[first:last] = True
 
-                self.spread(from_starts, len(targets), deadline)
-
+            self.spread(from_starts, len(targets), deadline)
         self._ask_again(problem, index.handle, results, done, deadline)
         return self._told(batch_solution(problem, results, done))
 
-    @staticmethod
     def _ask_again(
-        problem: Problem, handle: Indices, results: Array, done: NDArray[np.bool_], deadline: Deadline
+        self, problem: Problem, handle: Indices, results: Array, done: NDArray[np.bool_], deadline: Deadline
     ) -> None:
         """Look once more for what was missed, each tolerance counting as one, where one is so wide that this may differ.
 
@@ -147,26 +146,31 @@ class Atlas:
         missed = np.flatnonzero(done & ~_met(goal, results, dof))
         if not len(missed):
             return
-        wanted = wanted_of(goal)
+        wanted, asked = wanted_of(goal), goal.at(goal.target.reshape(-1, 4, 4)[missed])
         wanted[WEIGHT] = 1.0 / goal.position_tolerance
         wanted[AXES:] = 2.0 / goal.orientation_tolerance**2 * (wanted[AXES:] > 0.0)
-        targets = goal.targets[missed]
-        found, row = np.empty((len(missed), results.shape[1])), np.arange(len(missed))
+        found, every = np.empty((len(missed), results.shape[1])), np.arange(len(missed))
         near = None
         if problem.near is not None:
             near = np.broadcast_to(problem.near, (*goal.shape, dof)).reshape(-1, dof)[missed]
-        for k in range(len(missed)):
-            if deadline.passed:
-                return
-            if near is None:
-                solve_some(handle, wanted, targets, found, row, k, k + 1, LANES)
-            else:
-                solve_many_near(handle, wanted, targets, near, found, k, k + 1, LANES)
-            results[missed[k], -1] += found[k, -1]
-            if _met(goal, found[k : k + 1], dof)[0]:
-                one = goal.at(goal.target.reshape(-1, 4, 4)[missed[k]][None])
-                results[missed[k], :dof] = found[k, :dof]
-                results[missed[k], dof:-1] = one.measure(problem.arrays, found[k : k + 1, :dof])
+
+        def again(begin: int, end: int, go_on: GoOn) -> None:
+            for k in range(begin, end):
+                if not go_on():
+                    return
+                if near is None:
+                    solve_some(handle, wanted, asked.targets, found, every, k, k + 1, LANES)
+                else:
+                    solve_many_near(handle, wanted, asked.targets, near, found, k, k + 1, LANES)
+                row = results[missed[k]]
+                row[-1] += found[k, -1]
+                if _met(goal, found[k : k + 1], dof)[0]:
+                    row[:dof] = found[k, :dof]
+                    row[dof:-1] = judge(
+                        problem.arrays, found[k : k + 1, :dof], asked.targets[k : k + 1], goal.arrays
+                    )
+
+        spread(again, len(missed), _PIECE, self.threads, deadline)
 
     @staticmethod
     def _require_room(problem: Problem) -> None:
