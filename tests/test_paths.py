@@ -18,6 +18,7 @@ from kinseek.branches.index import freedom
 from kinseek.kernels.paths.band import solve_band
 from kinseek.kernels.paths.programme import COPIED, DISTANCE, STRAIGHT, best_way
 from kinseek.kernels.paths.trace import ENDED, JOINED, TAKEN, part_ways
+from kinseek.paths import spare
 from kinseek.paths.joints import opened
 from kinseek.paths.layers import Follower, Loss
 from kinseek.problem import Problem
@@ -133,6 +134,21 @@ def test_an_arm_whose_open_limits_seem_to_leave_a_joint_to_spare_is_followed() -
     assert freedom(Problem(opened(arm.chain), problem.goal)) == 1
     T = arm.fk(np.linspace([0.0, 0.0, np.pi], [1.0, 1.0, np.pi], 9))
     assert arm.follow(T).require().reached.all()
+
+
+def test_what_no_step_of_the_joints_can_pass_is_planned_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, plans, planned = kinseek.load("panda"), [], spare._planned
+
+    def counted(*given: Any) -> NDArray[np.float64]:
+        plans.append(given)
+        return planned(*given)
+
+    T = arm.fk(np.linspace(0.9 * arm.lower, 0.4 * arm.upper, 8))
+    monkeypatch.setattr(spare, "_planned", counted)
+    path = arm.follow(T, max_step=1e-9)
+    assert path.status is PathStatus.BROKEN
+    assert len(path.breaks) == 7
+    assert len(plans) == 1
 
 
 def test_branches_end_where_they_come_upon_others() -> None:

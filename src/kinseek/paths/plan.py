@@ -113,9 +113,9 @@ class Kept(NamedTuple):
     """Nodes of a layer that the best ways lead through."""
 
     q: Array
-    """The answer of each, in the first turn, (m, n)."""
-    turns: Indices
-    """Of its joints, as one number, (m,)."""
+    """All answers of the layer, in the first turn, (k, n)."""
+    nodes: Indices
+    """Of each, which of the layer's it is: an answer, and the turns of its joints as one number, (m,)."""
     came: Indices
     """See `link`; the nodes are those kept of the layer before, (m,)."""
 
@@ -130,8 +130,7 @@ class Ways:
 
     def add(self, layer: Layer) -> None:
         """Go on by a layer."""
-        nodes = np.arange(len(layer.came))
-        self.layers.append(Kept(layer.q[nodes // self.total], nodes % self.total, layer.came))
+        self.layers.append(Kept(layer.q, np.arange(len(layer.came)), layer.came))
         nodes = np.flatnonzero(layer.fault >= 0)
         if len(self.layers) % FORGET == 0 and len(nodes):
             self._forget(nodes)
@@ -145,7 +144,7 @@ class Ways:
                 break
             place = np.searchsorted(behind, _before(here.came)).clip(0, len(behind) - 1)
             self.layers[k] = here._replace(came=np.where(here.came >= 0, place, -2 - place))
-            self.layers[k - 1] = Kept(before.q[behind], before.turns[behind], before.came[behind])
+            self.layers[k - 1] = Kept(before.q, before.nodes[behind], before.came[behind])
             nodes = np.arange(len(behind))
         self._looked_at = len(self.layers)
 
@@ -153,7 +152,8 @@ class Ways:
         """The best way to a node of the last layer, a place for each layer."""
         places = []
         for layer in reversed(self.layers):
-            places.append(Place(layer.q[node], int(layer.turns[node]), bool(layer.came[node] >= 0)))
+            answer, turns = divmod(int(layer.nodes[node]), self.total)
+            places.append(Place(layer.q[answer], turns, bool(layer.came[node] >= 0)))
             node = int(_before(layer.came[node]))
         return places[::-1]
 

@@ -23,6 +23,7 @@ from kinseek.problem import Problem
 from kinseek.solvers.threads import GoOn, spread
 
 from .asked import Asked
+from .between import apart
 from .joints import Turning
 from .plan import Barred, Effort, Planner, between_rows, gone_of, smoother_of
 from .smooth import Row, Smoother
@@ -58,6 +59,17 @@ on so much of the hand's way before and behind."""
 def unbroken(asked: Asked, q: Array) -> Flags:
     """Of each step of a path, (N - 1,): does no joint go too far?"""
     return np.asarray((np.abs(np.diff(q, axis=0)) <= asked.longest * (1 + 1e-9)).all(axis=1))
+
+
+def mendable(asked: Asked, q: Array) -> Flags:
+    """Of each step of a path, (N - 1,): is it a break that joints could pass, or does it hit something?"""
+    goal, chain = asked.problem.goal, asked.problem.chain
+    distance, turn = apart(goal.target[:-1], goal.target[1:])
+    # No joint moves the hand faster than the arm is long.
+    torn = distance - 2 * goal.position_tolerance > chain.reach * asked.longest.sum(axis=1)
+    if goal.columns == 3:
+        torn |= turn - 2 * goal.orientation_tolerance > asked.longest[:, chain.turns].sum(axis=1)
+    return np.asarray(_faulty(asked, q) & (~torn | (goal.ranges is not None)))
 
 
 def follow_samples(asked: Asked, threads: int | None, advance: Advance) -> tuple[Array, Indices]:
@@ -98,7 +110,7 @@ def _open_way(asked: Asked, threads: int | None, advance: Advance) -> Array:
         q = _mended(asked, q, finer, threads)
         if best is None or _faults(asked, q) < _faults(asked, best):
             best = q
-        if not _faults(asked, best)[0]:
+        if not mendable(asked, best).any():
             break
     assert best is not None
     return best
@@ -198,7 +210,7 @@ def _planned(
 def _around(asked: Asked, q: Array, gone: Array, way: float) -> list[tuple[int, int]]:
     """First and last pose of each part of a path that holds its breaks, and so much of the hand's way at both sides."""
     parts: list[tuple[int, int]] = []
-    for i in np.flatnonzero(_faulty(asked, q)).tolist():
+    for i in np.flatnonzero(mendable(asked, q)).tolist():
         first = int(np.searchsorted(gone, gone[i] - way))
         last = min(int(np.searchsorted(gone, gone[i + 1] + way)), len(q) - 1)
         if parts and first <= parts[-1][1]:

@@ -35,7 +35,7 @@ from .task import (
 FAR = 1e4
 """From this far on [rad] a walk starts from the same angle within the first turn: sines lose digits out there."""
 
-CLOSE = 0.1
+CLOSE = 0.2
 """An answer this close to where the user wants it [rad or m] ends the search for a closer one."""
 
 
