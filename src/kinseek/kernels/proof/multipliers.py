@@ -211,7 +211,10 @@ def improve_multipliers(shoulder: Shoulder, reach: float, enough: float, sheet: 
             if kinds <= k < 4:
                 continue
             for _side in range(2):
-                trial[k] = by[k] * math.exp(steps[k]) if k == 4 else by[k] + steps[k]
+                if k < 4:
+                    trial[k] = by[k] + steps[k]
+                else:  # Up and down by a factor; exp would ask for a newer glibc.
+                    trial[k] = by[k] * (1.0 + steps[k]) if steps[k] > 0.0 else by[k] / (1.0 - steps[k])
                 value = promised(shoulder, reach, sheet, trial)
                 if value > best:
                     best, by[k] = value, trial[k]
