@@ -77,7 +77,7 @@ def test_a_map_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_a_task_does_blocks_until_it_has_taken_long_enough(monkeypatch: pytest.MonkeyPatch) -> None:
     work = make.work_of(ARM, GRID, ("reached",), store=None, **make.options_of(SMALL))
-    some = [(0, 0, 0, 0), (0, 0, 1, 0), (0, 1, 0, 0)]
+    some: list[run.Index] = [(0, 0, 0, 0), (0, 0, 1, 0), (0, 1, 0, 0)]
     made, rest, error = run._in_turn(work, some)
     assert ([index for index, _ in made], rest, error) == (some, [], None)
     monkeypatch.setattr(run, "ENOUGH", 0.0)
@@ -90,7 +90,7 @@ def test_a_task_that_meets_a_full_disk_tells_what_it_has_done(monkeypatch: pytes
     work = make.work_of(ARM, GRID, ("reached",), store=None, **make.options_of(SMALL))
     full = OSError(errno.ENOSPC, "No space left on device")
 
-    def second(work: Any, index: Any, real: Any = run.do) -> Any:
+    def second(work: Any, index: Any, real: Any = block.do) -> Any:
         if index[2]:
             raise full
         return real(work, index)

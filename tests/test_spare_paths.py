@@ -149,7 +149,7 @@ def linked(poses: list[Array], ahead: float, longest: float, keep: bool) -> tupl
     assert before is not None
     node = int(np.lexsort((before.sums, before.fault))[0])
     if keep:
-        assert all(len(kept.q) < len(q) for kept, q in zip(ways.layers[:12], poses, strict=False))
+        assert all(len(kept.nodes) < len(q) for kept, q in zip(ways.layers[:12], poses, strict=False))
     return ways.to(node), int(before.fault[node]), float(before.sums[node])
 
 
