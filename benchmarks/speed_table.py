@@ -30,11 +30,16 @@ def table(page: str) -> str:
         "|---|" + "--:|" * (len(arms) + 1),
     ]
     for name in who:
-        found = [medians[arm][name] for arm in arms]
+        found = [_short(medians[arm][name]) for arm in arms]
         lines.append(
             f"| {name} | " + " | ".join(found) + f" | {min(shares[name]):.1f} – {max(shares[name]):.1f} % |"
         )
     return "\n".join(lines) + "\n"
+
+
+def _short(number: str) -> str:
+    """A number without a decimal place that nobody reads."""
+    return f"{float(number):,.0f}" if number != "–" and float(number) >= 100.0 else number
 
 
 def updated(readme: str, page: str) -> str:
