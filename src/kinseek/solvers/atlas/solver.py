@@ -6,6 +6,7 @@ sorted: see docs/atlas.md for the idea, and `kernels.atlas.one_goal` for what ha
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
@@ -139,12 +140,16 @@ class Atlas:
         found: a pose well within a wide tolerance may count for less there than one that misses the other.
         """
         goal, dof = problem.goal, problem.chain.dof
-        widest = max(goal.position_tolerance / arm_length(problem.chain), goal.orientation_tolerance)
-        both = min(goal.position_tolerance, goal.orientation_tolerance) > 0.0 and np.isfinite(widest)
-        if not both or widest < WIDE or problem.budget is not None:
+        both = 0.0 < goal.position_tolerance < math.inf and 0.0 < goal.orientation_tolerance < math.inf
+        if not both or problem.budget is not None:
             return
         missed = np.flatnonzero(done & ~_met(goal, results, dof))
-        if not len(missed):
+        wide = (
+            max(goal.position_tolerance / arm_length(problem.chain), goal.orientation_tolerance)
+            if len(missed)
+            else 0.0
+        )
+        if wide < WIDE:
             return
         wanted, asked = wanted_of(goal), goal.at(goal.target.reshape(-1, 4, 4)[missed])
         wanted[WEIGHT] = 1.0 / goal.position_tolerance
