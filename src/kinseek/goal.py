@@ -311,6 +311,11 @@ class Goal:
             return judge_ranges(arrays, q, self.questions, *weights)
         return judge(arrays, q, self.targets, self.arrays)
 
+    def met(self, measured: Array) -> NDArray[np.bool_]:
+        """Whether both tolerances are met, (k,), by what `measure` says, (k, 2 or more)."""
+        near = measured[:, 0] <= self.position_tolerance
+        return np.asarray(near & (measured[:, 1] <= self.orientation_tolerance))
+
     @property
     def axis_weights(self) -> Array:
         """K_A of the columns as kernels take it, (3,); of a goal with ranges the first counts."""

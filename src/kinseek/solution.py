@@ -446,7 +446,7 @@ def reported(
         out_of_time: As in `conclude`.
     """
     goal, shape = problem.goal, problem.goal.shape
-    success = (measured[:, 0] <= goal.position_tolerance) & (measured[:, 1] <= goal.orientation_tolerance)
+    success = goal.met(measured)
 
     def field(column: NDArray[Any]) -> Any:
         return column.reshape(shape).copy() if shape else column[0].item()

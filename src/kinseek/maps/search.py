@@ -18,7 +18,6 @@ from kinseek.goal import Goal
 from kinseek.kernels.arm.division import NONE
 from kinseek.kernels.atlas.batch import solve_many, solve_some
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR
 from kinseek.kernels.maps.many_closed import LEFT, YES, many_closed
 from kinseek.kernels.maps.many_gates import many_gates
 from kinseek.problem import Problem
@@ -81,9 +80,7 @@ def _reached(arm: Arm, goal: Goal, patience: int | None) -> Flags:
     results = np.full((len(open_), arm.dof + 4), np.inf)
     count = solve_many(index.handle, wanted, some, results, left, 0, len(open_), LANES)
     solve_some(index.handle, wanted_of(goal, patience), some, results, left[:count].copy(), 0, count, LANES)
-    errors = results[:, arm.dof :]
-    near = errors[:, POSITION_ERROR] <= goal.position_tolerance
-    found[open_] = near & (errors[:, ORIENTATION_ERROR] <= goal.orientation_tolerance)
+    found[open_] = goal.met(results[:, arm.dof :])
     return found
 
 

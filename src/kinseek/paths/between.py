@@ -7,9 +7,11 @@ from numpy.typing import NDArray
 
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.problem import Problem
+from kinseek.robots import SerialChain
 from kinseek.transforms import rotations
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 SHARES = (0.25, 0.5, 0.75)
 """Where between two poses the hand is looked at."""
@@ -70,3 +72,11 @@ def apart(one: Array, other: Array) -> tuple[Array, Array]:
     """Distances [m] and turns [rad] between poses, (k, 4, 4) each -> (k,) and (k,)."""
     turn = rotation_vectors(np.swapaxes(one[:, :3, :3], 1, 2) @ other[:, :3, :3])
     return np.linalg.norm(one[:, :3, 3] - other[:, :3, 3], axis=1), np.linalg.norm(turn, axis=1)
+
+
+def beyond_a_step(chain: SerialChain, longest: Array, distance: Array, turn: Array) -> tuple[Flags, Flags]:
+    """Whether hands are farther apart [m], and more turned [rad], (k,) each, than the joints' longest steps go, (k, n).
+
+    No joint moves the hand faster than the arm is long.
+    """
+    return distance > chain.reach * longest.sum(axis=1), turn > longest[:, chain.turns].sum(axis=1)

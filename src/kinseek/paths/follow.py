@@ -116,7 +116,7 @@ def _judged(
     errors = goal.measure(problem.arrays, np.ascontiguousarray(q))
     # Whatever was planned, a step that is too large is a break.
     breaks = np.union1d(breaks, np.flatnonzero(~unbroken(asked, q)))
-    reached = (errors[:, 0] <= goal.position_tolerance) & (errors[:, 1] <= goal.orientation_tolerance)
+    reached = goal.met(errors)
     reached[list(hopeless)] = False
     path = Path(
         q=q,

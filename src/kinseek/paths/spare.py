@@ -23,7 +23,7 @@ from kinseek.problem import Problem
 from kinseek.solvers.threads import GoOn, spread
 
 from .asked import Asked
-from .between import apart
+from .between import apart, beyond_a_step
 from .joints import Turning
 from .plan import Barred, Effort, Planner, between_rows, gone_of, smoother_of
 from .smooth import Row, Smoother
@@ -63,12 +63,12 @@ def unbroken(asked: Asked, q: Array) -> Flags:
 
 def mendable(asked: Asked, q: Array) -> Flags:
     """Of each step of a path, (N - 1,): is it a break that joints could pass, or does it hit something?"""
-    goal, chain = asked.problem.goal, asked.problem.chain
+    goal = asked.problem.goal
     distance, turn = apart(goal.target[:-1], goal.target[1:])
-    # No joint moves the hand faster than the arm is long.
-    torn = distance - 2 * goal.position_tolerance > chain.reach * asked.longest.sum(axis=1)
+    distance, turn = distance - 2 * goal.position_tolerance, turn - 2 * goal.orientation_tolerance
+    torn, turned = beyond_a_step(asked.problem.chain, asked.longest, distance, turn)
     if goal.columns == 3:
-        torn |= turn - 2 * goal.orientation_tolerance > asked.longest[:, chain.turns].sum(axis=1)
+        torn = torn | turned
     return np.asarray(_faulty(asked, q) & (~torn | (goal.ranges is not None)))
 
 

@@ -9,7 +9,7 @@ from kinseek.branches.index import constraint_jacobian
 
 from .allowed import Allowed
 from .asked import Asked
-from .between import apart
+from .between import apart, beyond_a_step
 from .joints import Turning
 from .layers import Layers
 from .path import Path
@@ -70,12 +70,12 @@ def _break(asked: Asked, path: Path, i: int, wide: Layers | Windows | None) -> s
     following = (i + 1) % count
     begin = f"between poses {i} and {following}"
     target = asked.problem.goal.target
-    distance, turn = (float(x[0]) for x in apart(target[i : i + 1], target[following : following + 1]))
+    distance, turn = apart(target[i : i + 1], target[following : following + 1])
     chain = asked.problem.chain
     longest = asked.longest[min(i, len(asked.longest) - 1)]
-    # No joint moves the hand faster than the arm is long.
-    if distance > chain.reach * longest.sum() or turn > longest[chain.turns].sum():
-        return f"{begin}: they are {distance:.3g} m and {turn:.3g} rad apart, farther than one step of the joints"
+    if any(beyond.any() for beyond in beyond_a_step(chain, longest[None], distance, turn)):
+        told = f"{distance[0]:.3g} m and {turn[0]:.3g} rad apart"
+        return f"{begin}: they are {told}, farther than one step of the joints"
     if i == count - 1:
         return f"{begin}: the motion does not come back to where it began"
     if wide is None:

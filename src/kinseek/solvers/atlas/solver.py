@@ -15,8 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.deadline import Deadline
-from kinseek.goal import Goal
-from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.batch import solve_many, solve_some
 from kinseek.kernels.atlas.lanes import LANES
@@ -143,18 +141,15 @@ class Atlas:
         both = 0.0 < goal.position_tolerance < math.inf and 0.0 < goal.orientation_tolerance < math.inf
         if not both or problem.budget is not None:
             return
-        missed = np.flatnonzero(done & ~_met(goal, results, dof))
-        wide = (
-            max(goal.position_tolerance / arm_length(problem.chain), goal.orientation_tolerance)
-            if len(missed)
-            else 0.0
-        )
-        if wide < WIDE:
+        missed = np.flatnonzero(done & ~goal.met(results[:, dof:]))
+        if not len(missed):
+            return
+        if max(goal.position_tolerance / arm_length(problem.chain), goal.orientation_tolerance) < WIDE:
             return
         wanted, asked = wanted_of(goal), goal.at(goal.target.reshape(-1, 4, 4)[missed])
         wanted[WEIGHT] = 1.0 / goal.position_tolerance
         wanted[AXES:] = 2.0 / goal.orientation_tolerance**2 * (wanted[AXES:] > 0.0)
-        found, every = np.empty((len(missed), results.shape[1])), np.arange(len(missed))
+        found, every = np.full((len(missed), results.shape[1]), np.inf), np.arange(len(missed))
         near = None
         if problem.near is not None:
             near = np.broadcast_to(problem.near, (*goal.shape, dof)).reshape(-1, dof)[missed]
@@ -167,15 +162,13 @@ class Atlas:
                     solve_some(handle, wanted, asked.targets, found, every, k, k + 1, LANES)
                 else:
                     solve_many_near(handle, wanted, asked.targets, near, found, k, k + 1, LANES)
-                row = results[missed[k]]
-                row[-1] += found[k, -1]
-                if _met(goal, found[k : k + 1], dof)[0]:
-                    row[:dof] = found[k, :dof]
-                    row[dof:-1] = judge(
-                        problem.arrays, found[k : k + 1, :dof], asked.targets[k : k + 1], goal.arrays
-                    )
+                results[missed[k], -1] += found[k, -1]
 
         spread(again, len(missed), _PIECE, self.threads, deadline)
+        better = np.flatnonzero(goal.met(found[:, dof:]))
+        if len(better):
+            measured = asked.at(asked.target[better]).measure(problem.arrays, found[better, :dof])
+            results[missed[better], :-1] = np.column_stack([found[better, :dof], measured])
 
     @staticmethod
     def _require_room(problem: Problem) -> None:
@@ -219,13 +212,6 @@ class Atlas:
             return
         with progress_bar(self.progress, count) as advance:
             spread(work, count, CHUNK, self.threads, deadline, advance)
-
-
-def _met(goal: Goal, results: Array, dof: int) -> NDArray[np.bool_]:
-    """Which rows that the kernels write, (k, n + 4), meet both tolerances, (k,)."""
-    near = results[:, dof] <= goal.position_tolerance
-    met: NDArray[np.bool_] = near & (results[:, dof + 1] <= goal.orientation_tolerance)
-    return met
 
 
 def batch_solution(problem: Problem, results: Array, done: NDArray[np.bool_]) -> Solution:
