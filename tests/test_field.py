@@ -12,14 +12,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from benchmarks.field import pieces, run
+from benchmarks.field import pieces, run, sweep, tasks
 from benchmarks.field.adapters import SOLVERS, adapter, path_of
 from benchmarks.field.agree import apart
 from benchmarks.field.judge import ARMS, bundled, good
 from benchmarks.field.page import as_html, page
 from benchmarks.field.questions import QUESTIONS, SIZES, SWEEP, WRONG, fits
-from benchmarks.field.run import Field, measure
+from benchmarks.field.run import measure
 from benchmarks.field.tables import collect, distinct, interval, marked, quantile_interval, write
+from benchmarks.field.tasks import Field
 
 import kinseek
 
@@ -225,7 +226,7 @@ def test_an_arm_on_which_a_solver_hangs_is_left_alone(
 
 def test_who_hangs_on_many_arms_is_asked_no_more(tmp_path: Path) -> None:
     path, field = a_solver(tmp_path), a_field(tmp_path, "random")
-    one = run.task(field, path, field.judges[0], field.questions[0], "best", {"off": 0.5})
+    one = tasks.task(field, path, field.judges[0], field.questions[0], "best", {"off": 0.5})
     others = {(f"arm {number}", "best") for number in range(run.HANGS)}
     assert run._weary(one, set()) is None
     assert run._weary(one, {(one.arm, "recommended")}) is None, "other settings may do"
@@ -237,7 +238,7 @@ def test_who_hangs_on_many_arms_is_asked_no_more(tmp_path: Path) -> None:
 def test_an_arm_at_which_reading_ends_is_not_read_again(tmp_path: Path) -> None:
     path, field = a_solver(tmp_path), a_field(tmp_path, "random", "singular")
     one, two, other = (
-        run.task(field, path, field.judges[0], field.questions[place], label, {"off": 0.5})
+        tasks.task(field, path, field.judges[0], field.questions[place], label, {"off": 0.5})
         for place, label in ((0, "recommended"), (1, "recommended"), (0, "best"))
     )
     current, left = tmp_path / "current.json", [one, two, other]
@@ -250,16 +251,16 @@ def test_an_arm_at_which_reading_ends_is_not_read_again(tmp_path: Path) -> None:
 def test_what_changed_is_measured_anew(tmp_path: Path) -> None:
     path, field = a_solver(tmp_path), a_field(tmp_path, "random")
     question, judge = field.questions[0], field.judges[0]
-    one = run.task(field, path, judge, question, "recommended", {"off": 0.5})
+    one = tasks.task(field, path, judge, question, "recommended", {"off": 0.5})
     pieces.save(Path(one.piece), pieces.Piece(pieces.DONE, digest=one.digest))
-    assert run.missing([one]) == []
+    assert tasks.missing([one]) == []
     answers, known = collect(field)
     assert "not measured" in page(field, marked(answers), known).text, "a page without any answer"
-    other = run.task(field, path, judge, question, "recommended", {"off": 0.0})
-    assert run.missing([other]) == [other]
+    other = tasks.task(field, path, judge, question, "recommended", {"off": 0.0})
+    assert tasks.missing([other]) == [other]
     a_solver(tmp_path, "T = T")
-    changed = run.task(field, path, judge, question, "recommended", {"off": 0.5})
-    assert run.missing([changed]) == [changed]
+    changed = tasks.task(field, path, judge, question, "recommended", {"off": 0.5})
+    assert tasks.missing([changed]) == [changed]
 
 
 def test_answers_are_counted_once_whoever_found_them() -> None:
@@ -319,10 +320,10 @@ def test_the_adapter_of_the_documentation_is_short_and_solves(tmp_path: Path) ->
     random = next(each for each in QUESTIONS if each.name == "random")
     field = Field(tmp_path / "out", [bundled("ur5e")], [replace(random, count=25, seconds=5.0)], size=QUICK)
     field.folder.mkdir()
-    tasks = [
-        run.task(field, path, field.judges[0], field.questions[0], "recommended", adapter(path).RECOMMENDED)
+    asked = [
+        tasks.task(field, path, field.judges[0], field.questions[0], "recommended", adapter(path).RECOMMENDED)
     ]
-    assert len(list(run.work(Path(sys.executable), path, field.judges, tasks, field.folder))) == 1
+    assert len(list(run.work(Path(sys.executable), path, field.judges, asked, field.folder))) == 1
     answers, _ = collect(field)
     assert len(answers) == 5
     assert marked(answers)["near"].any()
@@ -349,15 +350,15 @@ def test_runs_agree_where_their_intervals_meet() -> None:
 
 def test_time_is_spent_where_shares_vary_and_never_less_than_a_part() -> None:
     known, even, unknown = (
-        run.noise(each) for each in (run.Swept(300, 300, 1.0), run.Swept(50, 100, 1.0), None)
+        sweep.noise(each) for each in (sweep.Swept(300, 300, 1.0), sweep.Swept(50, 100, 1.0), None)
     )
-    assert known == run.LEAST < even == unknown == 1.0
-    assert run.noise(run.Swept(0, 300, 1.0)) == known
-    slow_and_sure, quick = run.Swept(300, 300, 1e4), run.Swept(299, 300, 10.0)
-    assert run.chosen({"recommended": slow_and_sure, "sweep 1": quick}) == "sweep 1", (
+    assert known == sweep.LEAST < even == unknown == 1.0
+    assert sweep.noise(sweep.Swept(0, 300, 1.0)) == known
+    slow_and_sure, quick = sweep.Swept(300, 300, 1e4), sweep.Swept(299, 300, 10.0)
+    assert sweep.chosen({"recommended": slow_and_sure, "sweep 1": quick}) == "sweep 1", (
         "within half a percent, the quicker"
     )
-    assert run.chosen({}) == "recommended"
+    assert sweep.chosen({}) == "recommended"
 
 
 def test_what_is_installed_from_the_repository_is_made_anew_when_its_sources_change(tmp_path: Path) -> None:

@@ -26,8 +26,9 @@ from .adapters import SOLVERS, adapter, path_of
 from .environments import environment, megabytes
 from .judge import ARMS, bundled
 from .questions import QUESTIONS, SIZES
-from .run import Field, measure, planned
+from .run import measure
 from .summary import PAGE
+from .tasks import Field, planned
 
 
 def solver_name(text: str) -> str:
@@ -163,7 +164,7 @@ def run(field: Field, solvers: list[str], environments: Path, own: dict[str, Pat
 
 def settings(path: Path, best: str) -> dict[str, Any]:
     """What is recommended, and what did best."""
-    from .run import settings_of
+    from .tasks import settings_of
 
     every = settings_of(adapter(path))
     return {"recommended": every["recommended"], "best": every[best]}

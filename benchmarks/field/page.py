@@ -17,10 +17,11 @@ from . import plots
 from .judge import LOOSE, LOOSE_TURN, STRICT
 from .pieces import DONE
 from .questions import QUESTIONS, WRONG
-from .run import HANG, Field
+from .run import HANG
 from .summary import summary
 from .tables import TITLES, collect, distinct, marked, solvers, summed
 from .tables import write as write_tables
+from .tasks import Field
 from .wins import BEYOND, HOST, wins
 
 HERE = Path(__file__).resolve().parent

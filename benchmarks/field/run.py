@@ -8,23 +8,21 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from benchmarks.command import ROOT
 
 from . import pieces
-from .environments import digest, required
 from .judge import Judge
 from .pieces import Piece
 from .protocol import Adapter, Arm
-from .questions import SIZES, SWEEP, Question, Size, fits
-
-FORMAT = "1"
-"""Another number, and other targets are drawn and everything is measured anew."""
+from .questions import SWEEP, fits
+from .sweep import chosen, noise, swept
+from .tasks import Field, Task, finished, missing, settings_of, task, tuned_on
 
 PATIENCE, LOADING = 10.0, 240.0
 """After how long [s] beyond its time a question hangs; and what importing a solver and reading an arm may take more."""
@@ -43,80 +41,6 @@ ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS", "XLA_NUM_THREADS"),
     "1",
 )
-
-
-@dataclass(frozen=True)
-class Task:
-    """One question to one solver, with one set of settings, on one arm."""
-
-    piece: str
-    """File that is written."""
-    arm: str
-    """Name."""
-    asked: str
-    """File of targets."""
-    label: str
-    """Of the settings."""
-    settings: dict[str, Any]
-    way: str
-    seconds: float
-    digest: str
-
-
-@dataclass(frozen=True)
-class Field:
-    """A measurement: where it is kept, and what every solver is asked the same."""
-
-    folder: Path
-    judges: Sequence[Judge]
-    questions: Sequence[Question]
-    seed: int = 0
-    size: Size = SIZES["full"]
-
-    def asked(self, judge: Judge, question: Question) -> Path:
-        """File of targets, made if it is not there."""
-        path = self.folder / f"targets-{FORMAT}" / f"{judge.arm.name}-{question.name}.npz"
-        if not path.is_file():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            unfinished = path.with_suffix(".unfinished")
-            with unfinished.open("wb") as file:
-                np.savez(file, **question.of(judge, self.seed, self.size)._asdict())
-            os.replace(unfinished, path)
-        return path
-
-
-def settings_of(adapter: Adapter) -> dict[str, dict[str, Any]]:
-    """Sets of settings by their labels."""
-    return {"recommended": adapter.RECOMMENDED} | {
-        f"sweep {i}": each for i, each in enumerate(adapter.SWEEP, 1)
-    }
-
-
-def task(
-    field: Field,
-    adapter: Path,
-    judge: Judge,
-    question: Question,
-    label: str,
-    settings: dict[str, Any],
-    part: float = 1.0,
-) -> Task:
-    """Make one, with the digest of all that it is measured with; `part` of the question's seconds."""
-    asked = field.asked(judge, question)
-    seconds = question.seconds * (field.size.time * part if question.tuned else 1.0)
-    known = digest(
-        *(FORMAT, adapter.read_bytes(), required(adapter)),
-        *(asked.read_bytes(), json.dumps(settings, sort_keys=True), question.way, f"{seconds:g}"),
-    )
-    path = field.folder / "pieces" / adapter.stem / label / judge.arm.name / f"{question.name}.npz"
-    return Task(str(path), judge.arm.name, str(asked), label, settings, question.way, seconds, known)
-
-
-def missing(tasks: Sequence[Task]) -> list[Task]:
-    """Those of which there is no piece, or one that was measured with something else."""
-    return [
-        each for each in tasks if not (found := pieces.load(Path(each.piece))) or found.digest != each.digest
-    ]
 
 
 def work(
@@ -204,12 +128,6 @@ def _told(arm: Arm) -> dict[str, Any]:
     }
 
 
-def finished(tasks: Sequence[Task]) -> list[Task]:
-    """Those that are done."""
-    absent = {each.piece for each in missing(tasks)}
-    return [each for each in tasks if each.piece not in absent]
-
-
 def _told_when(each: Task, began: float) -> None:
     """The first answer's time counts from the start of the process."""
     piece = pieces.load(Path(each.piece))
@@ -278,23 +196,6 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-def tuned_on(field: Field) -> Sequence[Judge]:
-    """Arms of the sweep."""
-    return field.judges[: field.size.swept]
-
-
-def planned(field: Field, module: Adapter) -> int:
-    """How many tasks there are for a solver, if another than the recommended settings do best."""
-    settings = len(settings_of(module))
-    sweep = len(tuned_on(field)) * settings if settings > 1 else 0
-    return sweep + sum(
-        1 + (question.tuned and settings > 1)
-        for place, judge in enumerate(field.judges)
-        for question in field.questions
-        if fits(question, judge, place, field.size)
-    )
-
-
 def measure(
     field: Field, adapter: Path, module: Adapter, python: Path, told: Callable[[str, int], None]
 ) -> str:
@@ -349,61 +250,3 @@ def _do(
     told(what, len(tasks) - len(absent))
     for _ in work(python, adapter, judges, absent, field.folder, hangs):
         told(what, 1)
-
-
-class Swept(NamedTuple):
-    """What came of one set of settings in the sweep."""
-
-    solved: int
-    asked: int
-    mean: float
-    """Of a call [µs]."""
-
-
-def swept(
-    field: Field, adapter: Path, judges: Sequence[Judge], settings: dict[str, dict[str, Any]]
-) -> dict[str, Swept]:
-    """What came of each set of settings that answered at all; of a single one nothing, for there is nothing to choose."""
-    from .judge import STRICT, good
-
-    found: dict[str, Swept] = {}
-    for label, each in settings.items() if len(settings) > 1 else ():
-        solved, asked, times = 0, 0, []
-        for judge in judges:
-            one = task(field, adapter, judge, SWEEP, label, each)
-            piece = pieces.load(Path(one.piece))
-            if piece is None or not len(piece.target):
-                continue
-            with np.load(one.asked) as targets:
-                verdict = judge.judge(piece.q, targets["poses"][piece.target])
-            solved += int(good(verdict, STRICT, STRICT).sum())
-            times.append(piece.times)
-            asked += len(piece.target)
-        if asked:
-            found[label] = Swept(solved, asked, float(np.concatenate(times).mean()))
-    return found
-
-
-def chosen(found: dict[str, Swept]) -> str:
-    """The settings that solve most; of those within half a percent of that, the quickest."""
-    if not found:
-        return "recommended"
-    most = max(each.solved / each.asked for each in found.values())
-    near = (label for label, each in found.items() if each.solved / each.asked >= most - 0.005)
-    return min(near, key=lambda label: found[label].mean)
-
-
-def noise(found: Swept | None) -> float:
-    """What part of a question's time is spent: in proportion to how much a share varies, by the sweep.
-
-    A share of all or of nothing is known from few targets; one of a half needs most. The sweep has other targets than what
-    is measured by it, so that when to stop does not depend on what comes out.
-    """
-    if found is None:
-        return 1.0
-    share = (found.solved + 2) / (found.asked + 4)  # Agresti and Coull 1998: never quite all or nothing.
-    return max(round(2.0 * float(np.sqrt(share * (1.0 - share))), 1), LEAST)
-
-
-LEAST = 0.4
-"""Part of the time that is spent however sure the share is: times vary, too."""

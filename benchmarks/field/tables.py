@@ -12,7 +12,7 @@ import pandas as pd
 from . import pieces
 from .judge import LOOSE, LOOSE_TURN, SLACK, STRICT, Verdict
 from .questions import QUESTIONS
-from .run import Field
+from .tasks import Field
 
 ANSWERS, PIECES = "answers.parquet", "pieces.parquet"
 
