@@ -36,6 +36,13 @@ def tested(session: nox.Session, *arguments: str) -> None:
     session.run("python", "-m", "pytest", "-q", *(session.posargs or QUICK), *arguments)
 
 
+def tested_with_numba(session: nox.Session) -> None:
+    """What only Numba compiles: where kernels run from the library, the tests above leave it alone."""
+    session.run(
+        "python", "-m", "pytest", "-q", "-m", "jit", "-n", "2", "--dist", "loadfile", env={"KINSEEK_JIT": "1"}
+    )
+
+
 @nox.session(python=PYTHONS)
 def tests(session: nox.Session) -> None:
     """The quick tests with a Python, everything as new as it comes."""
@@ -48,6 +55,7 @@ def oldest(session: nox.Session) -> None:
     """The oldest libraries that are allowed, with the oldest Python."""
     session.install("-e", ".[jit,cli]", *TESTING, *OLDEST)
     tested(session)
+    tested_with_numba(session)
 
 
 @nox.session(python=PYTHONS[-1])
@@ -55,6 +63,7 @@ def newest(session: nox.Session) -> None:
     """The newest libraries, those before their release too, with the newest Python."""
     session.install("--pre", "--upgrade", "-e", ".[jit,cli]", *TESTING)
     tested(session)
+    tested_with_numba(session)
 
 
 @nox.session(python="3.11")

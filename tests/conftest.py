@@ -9,12 +9,16 @@ examples are the same in every run; elsewhere they are new ones each time, and a
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from importlib import metadata
 
 import pytest
 from hypothesis import HealthCheck, settings
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 settings.register_profile(
     "kinseek",
@@ -24,6 +28,9 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("kinseek")
+
+collect_ignore = [] if importlib.util.find_spec("pandas") else ["test_field.py", "test_field_page.py"]
+"""Files of tests that are nothing without what they import."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -37,6 +44,27 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(
                 pytest.mark.skip(reason="kernels run from the library: KINSEEK_JIT=1 compiles them")
             )
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_pyfunc_call() -> Generator[None, bool | None, bool | None]:
+    """Leave out what asks for an extra that is not installed: a test fails for that only where it is."""
+    from kinseek.errors import MissingExtra
+
+    try:
+        return (yield)
+    except MissingExtra as error:
+        if not lacking(error.extra):
+            raise
+        pytest.skip(str(error))
+
+
+def lacking(extra: str) -> list[str]:
+    """Packages of an extra that are not installed."""
+    asked = [Requirement(each) for each in metadata.requires("kinseek") or ()]
+    names = {each.name for each in asked if each.marker and each.marker.evaluate({"extra": extra})}
+    installed = {canonicalize_name(each.name) for each in metadata.distributions()}
+    return sorted(name for name in names if canonicalize_name(name) not in installed)
 
 
 @pytest.fixture(autouse=True)

@@ -77,6 +77,7 @@ def test_answers_are_written_in_order_and_only_the_peer_is_timed(
 
 
 def test_a_peer_that_fails_says_why(tmp_path: Path) -> None:
+    pytest.importorskip("eaik")
     np.savez(tmp_path / "arm.npz", lower=np.zeros(7))
     assert ask("worker.py", "EAIK", Path(sys.executable), tmp_path / "arm.npz", 60) == "six joints only"
     assert str(ask("worker.py", "OptIK", Path(sys.executable), tmp_path / "arm.npz", 60)).startswith(

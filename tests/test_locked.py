@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pinocchio
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -39,6 +38,7 @@ def test_locked_joints_change_no_pose(chain: SerialChain, data: st.DataObject) -
 
 def test_locked_panda_is_pinocchios_reduced_model() -> None:
     arm = kinseek.load("panda")
+    pinocchio = pytest.importorskip("pinocchio")
     model = pinocchio.buildModelFromUrdf(str(catalog_path("panda")))
     name, value = arm.joint_names[2], 0.4
     reference = pinocchio.neutral(model)

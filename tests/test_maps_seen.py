@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -135,3 +136,14 @@ def test_the_estimate_has_the_start_of_processes_in_it(monkeypatch: pytest.Monke
     assert max(one.start, cluster.start) < 500.0 < 1000.0 <= many.start
     assert many.duration >= many.start > 0.0
     assert "16.7 min" in str(many)
+
+
+def test_an_estimate_of_processes_asks_for_what_they_need(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from kinseek.maps import cost
+
+    cost._processes.cache_clear()
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert run(["map", "ur5e", "--step", "0.05", "--estimate"]) == 2
+    assert "pip install 'kinseek[maps]'" in capsys.readouterr().err

@@ -47,6 +47,8 @@ def _words(error: Exception) -> str:
 _Files: Any = caching.IndexDataCacheFile
 _FunctionCache: Any = caching.FunctionCache
 _CFunc: Any = CFunc
+_Folder: Any = getattr(caching, "UserProvidedCacheLocator", None) or caching._UserProvidedCacheLocator
+"""Numba 0.61 has the second name."""
 
 
 class _CheckedFiles(_Files):  # type: ignore[misc]
@@ -97,7 +99,7 @@ class _CheckedFiles(_Files):  # type: ignore[misc]
 class _OurFolder(caching.CompileResultCacheImpl):
     """Files in our folder or none: beside the sources, where Numba would go next, they would outlive a change of them."""
 
-    _locator_classes = [caching.UserProvidedCacheLocator]  # noqa: RUF012
+    _locator_classes = [_Folder]  # noqa: RUF012
 
 
 class _KeptCode(_FunctionCache):  # type: ignore[misc]

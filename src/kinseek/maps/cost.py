@@ -20,7 +20,7 @@ from kinseek.arm import Arm
 from .block import Desk, answered
 from .cells import SHARES
 from .grid import Grid, Rings
-from .make import options_of, work_of
+from .make import options_of, require_extra, work_of
 from .measures import MEASURES, REACHED
 
 Array = NDArray[np.float64]
@@ -94,6 +94,7 @@ def estimate(
 
     Raises:
         InvalidMap: As `reach`.
+        MissingExtra: Processes would be started, and what they need is not installed.
     """
     work = work_of(arm, grid, what, **options_of(options), store=None)
     desk, rng, cost = Desk(work), np.random.default_rng(0), list[float]()
@@ -136,6 +137,7 @@ def estimate(
 @lru_cache(maxsize=1)
 def _processes() -> float:
     """Seconds to start processes: a scheduler, then a nanny a core, then its worker, and what that imports; to end them."""
+    require_extra()
     began = time.perf_counter()
     imports = [sys.executable, "-c", "import distributed, kinseek.maps.run"]
     # Ctrl-C is for us: in our session it would tell of it by a traceback.

@@ -52,7 +52,7 @@ class Options(TypedDict, total=False):
     budget: int
     """Boxes of joint values that one proof looks at, at most; 10,000."""
     patience: int | None
-    """FK evaluations for a pose that its first eight samples do not lead to, or of which the closed form is not sure; 1,000.
+    """FK evaluations for a pose that its first samples do not lead to, or of which the closed form is not sure; 1,000.
     None takes as many as `Arm.ik`, and finds hardly more."""
     block: int | None
     """Poses of a block, about; a block is what is lost when a worker dies. None takes 524,288, and with ``prove`` 8,192."""
@@ -131,7 +131,7 @@ def reach(
         MapInterrupted: Scheduler gone, disk full, or a block that workers do not survive: the same call goes on.
         MissingExtra: xarray, Dask or Zarr is not installed.
     """
-    _require_extra()
+    require_extra()
     work = work_of(
         arm,
         grid,
@@ -156,7 +156,7 @@ def open_map(store: str | Path) -> xarray.Dataset:
         InvalidMap: There is no map.
         MissingExtra: xarray, Dask or Zarr is not installed.
     """
-    _require_extra()
+    require_extra()
     dataset: xarray.Dataset = Store.at(str(Path(store).expanduser().resolve())).dataset()
     return dataset
 
@@ -308,7 +308,12 @@ def _coordinates(grid: Grid | Rings) -> dict[str, tuple[tuple[str, ...], Any, di
     return table
 
 
-def _require_extra() -> None:
+def require_extra() -> None:
+    """See that what maps are made with is there.
+
+    Raises:
+        MissingExtra: xarray, Dask or Zarr is not installed.
+    """
     try:
         import distributed
         import xarray
