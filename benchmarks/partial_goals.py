@@ -4,7 +4,8 @@ Arms of three to five joints are asked for positions and for directions of the t
 each from joint values uniform inside the limits, and 2,000 near singularities and limits. Some arms are asked for goals
 with free axes and ranges: the wanted pose is off a pose of the arm by a deviation drawn from the ranges. An answer counts
 only if plain NumPy forward kinematics finds it within 1e-6 m and 1e-6 rad of what was asked, and every joint inside its
-limits. Every miss is listed by name.
+limits. Every miss is listed by name. What it takes to write a place or a direction down and ask for it is measured of all
+arms.
 
     python -m benchmarks.partial_goals                 # writes partial_goals.md beside this file
     python -m benchmarks.partial_goals so101 --targets 1000
@@ -15,6 +16,7 @@ from __future__ import annotations
 import math
 import statistics
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -178,13 +180,44 @@ def within(off: Array, free: tuple[str, ...], box: dict[str, tuple[float, float]
     )
 
 
-def page(small: list[Row], ranged: list[Row]) -> Page:
+def whole_calls(name: str, targets: int, seed: int) -> tuple[str, ...]:
+    """What a goal takes that is written down and asked at once, medians [µs]: the goal alone, and the whole of it."""
+    arm = kinseek.load(name)
+    T = plain_fk(arm.chain, random_joints(arm.chain, targets, seed))
+    ways: tuple[Callable[[Array], object], ...] = (
+        lambda T: Goal.position(T[:3, 3]),
+        lambda T: arm.ik(Goal.position(T[:3, 3])),
+        lambda T: Goal.pointing(T[:3, 3], T[:3, 2]),
+        lambda T: arm.ik(Goal.pointing(T[:3, 3], T[:3, 2])),
+    )
+    row = [name, str(arm.dof)]
+    for ask in ways:
+        ask(T[0])
+        times = []
+        for each in T:
+            began = time.perf_counter_ns()
+            ask(each)
+            times.append(time.perf_counter_ns() - began)
+        row.append(f"{statistics.median(times) / 1e3:.1f}")
+    print("  ".join(row), flush=True)
+    return tuple(row)
+
+
+def page(whole: list[tuple[str, ...]], small: list[Row], ranged: list[Row]) -> Page:
     """The page."""
     page = Page("Partial goals", "benchmarks.partial_goals")
     page.say(
         "Reachable goals that fix less than a pose, no seed. Solved: within 1e-6 m and 1e-6 rad by plain NumPy FK, and",
         "inside the limits. One goal: median wall time of 300 calls of `arm.ik(goal)`. Batch: one thread, processor time,",
         f"median of {REPEATS}.",
+    )
+    page.head("Written down and asked")
+    page.say(
+        "A place, or a place and a direction: to make the goal, and with `arm.ik` of it; medians, one thread."
+    )
+    page.table(
+        "arm | >joints | >place µs | >with ik µs | >direction µs | >with ik µs",
+        whole,
     )
     for title, rows in (("Arms of three to five joints", small), ("Free axes and ranges", ranged)):
         page.head(title)
@@ -222,17 +255,24 @@ def main() -> None:
     parser.add_argument(
         "--ranged", type=at_least_one, default=1_000, help="targets with ranges an arm and goal"
     )
+    parser.add_argument(
+        "--whole",
+        type=at_least_one,
+        default=500,
+        help="targets an arm that are written down and asked at once",
+    )
     parser.add_argument("--seed", type=int, default=0, help="seed of the targets")
     writes(parser, "--output", HERE / "partial_goals.md", "page to write")
     options = parser.parse_args()
     few = [name for name in catalog_names() if 3 <= kinseek.load(name).dof <= 5]
+    whole = [whole_calls(name, options.whole, options.seed) for name in options.arms or catalog_names()]
     small, ranged = [], []
     for name in options.arms or few:
         if name in few:
             small += small_arm(name, options.targets, options.singular, options.seed)
     for name in options.arms or RANGED:
         ranged += ranged_arm(name, options.ranged, options.seed)
-    page(small, ranged).write(options.output)
+    page(whole, small, ranged).write(options.output)
     print(f"{sum(len(row.missed) for row in [*small, *ranged])} misses")
 
 

@@ -215,3 +215,16 @@ def test_where_the_arm_is_is_the_nearest_at_singularities_and_limits_too(name: s
     found = arm.ik(plain_fk(arm.chain, q), near=q)
     assert found.success.all()
     np.testing.assert_allclose(found.q, q, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", ["piper", "ur10e_calibrated", "gen3"])
+def test_candidates_of_a_nearby_arm_are_refined_to_the_same_bits_alone_and_in_a_batch(name: str) -> None:
+    arm = kinseek.load(name)
+    targets = plain_fk(
+        arm.chain, np.vstack([random_joints(arm.chain, 300, 12), singular_joints(arm.chain, 200, 13)])
+    )
+    found = arm.ik(targets)
+    assert found.success.all()
+    assert np.median(found.evaluations) <= 3
+    for target, q in zip(targets, found.q, strict=True):
+        np.testing.assert_array_equal(arm.ik(target).q, q)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pinocchio
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -42,6 +41,7 @@ def test_every_notation_gives_the_same_pose(named: dict[str, Any]) -> None:
 
 
 def test_rpy_is_that_of_urdf() -> None:
+    pinocchio = pytest.importorskip("pinocchio")
     turned = pinocchio.rpy.rpyToMatrix(0.4, -0.7, 2.0)
     np.testing.assert_allclose(pose([0, 0, 0], rpy=[0.4, -0.7, 2.0])[:3, :3], turned, atol=1e-15)
 
@@ -85,6 +85,7 @@ class Method:
 
 
 def foreign() -> list[Any]:
+    pinocchio = pytest.importorskip("pinocchio")
     objects = [pinocchio.SE3(TURN.as_matrix(), PLACE), Carrier(), Method(), reference_pose().tolist()]
     if hasattr(transform, "RigidTransform"):
         objects.append(transform.RigidTransform.from_components(PLACE, TURN))

@@ -90,8 +90,8 @@ def test_fewer_points_than_wanted() -> None:
 
 def scan(tree: Tree, point: Array, wanted: int) -> list[int]:
     """Places in the leaves, from the quick scan."""
-    distance, least = np.empty(BESIDE * LEAF), np.empty(BESIDE)
-    leaf = scan_beside(tree, point, distance, least)
+    distance, least = np.empty(BESIDE * LEAF), np.empty(LEAF)
+    leaf = scan_beside(tree, point, distance, least, LEAF)
     return [take_nearest(tree, leaf, distance, least) for _ in range(wanted)]
 
 

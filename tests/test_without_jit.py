@@ -87,10 +87,10 @@ def targets(arm: kinseek.Arm, count: int, seed: int = 3) -> Array:
     return poses
 
 
-def away(arm: kinseek.Arm) -> Array:
-    """A pose out of reach."""
+def away(arm: kinseek.Arm, times: float = 2.5) -> Array:
+    """A pose out of reach, so many times as far away as one that is reached."""
     T: Array = targets(arm, 1)[0]
-    T[:3, 3] *= 2.5
+    T[:3, 3] *= times
     return T
 
 
@@ -114,9 +114,9 @@ def near(name: str) -> Any:
     return few.q, few.success, alone.q, alone.success
 
 
-def out_of_reach(name: str) -> Any:
+def out_of_reach(name: str, times: float) -> Any:
     arm = kinseek.load(name)
-    solution = arm.ik(away(arm), solver=SMALL)
+    solution = arm.ik(away(arm, times), solver=SMALL)
     # A stretched elbow stands at one end of its full turn or at the other: that hangs on the last bit.
     return np.cos(solution.q), np.sin(solution.q), solution.success, solution.weighted_error
 
@@ -167,8 +167,9 @@ def box(name: str) -> Any:
 def plain_calls() -> Any:
     """The short way of a single pose, with the index that `ik` makes itself: all of two joints are few samples."""
     q = np.array([0.3, -0.7])
+    place = TWO.ik(Goal.position(TWO.fk(q)[:3, 3]), near=q + 0.05)
     alone, beside = TWO.ik(TWO.fk(q)), TWO.ik(TWO.fk(q), near=q + 0.05)
-    return alone.q, alone.success, beside.q, TWO.ik(away(TWO)).weighted_error
+    return alone.q, alone.success, beside.q, TWO.ik(away(TWO)).weighted_error, place.q
 
 
 def branches(name: str) -> Any:
@@ -433,7 +434,9 @@ RUNS: list[tuple[Any, ...]] = [
     *[(one, name) for name in ("planar2", "cylindrical3", "scara4", "elbow6", "jaco2_6", "ur10e_rail")],
     *[(batch, name) for name in ("planar2", "scara4", "elbow6", "ur10e_calibrated", "gen3")],
     *[(near, name) for name in ("cylindrical3", "scara4", "ur5e")],
-    *[(out_of_reach, name) for name in ("planar2", "elbow6")],
+    # Farther away than the arm is long, and nearer by.
+    *[(out_of_reach, name, 2.5) for name in ("planar2", "elbow6")],
+    *[(out_of_reach, name, times) for name, times in (("cylindrical3", 1.8), ("elbow6", 1.4))],
     *[(gates, name) for name in ("cylindrical3", "elbow6")],
     *[(asked, name) for name in ("ur5e", "irb120", "panda")],
     *[(around, name) for name in ("ur5e", "panda")],

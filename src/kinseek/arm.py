@@ -32,6 +32,7 @@ from .shapes import Joints, ManyGoals, OneGoal, UnshapedGoal
 from .solution import Solution, Status, quick_solution
 from .solvers import Atlas, Solver
 from .solvers.atlas.index import PLAIN, SAMPLES, AtlasIndex, atlas_of
+from .solvers.atlas.quick import answers_quickly, quick_answer
 from .solvers.base import whole
 from .solvers.black_box.samples import Samples, samples_of
 from .solvers.checks import as_solver, warn_if_far, with_progress
@@ -94,19 +95,25 @@ class Arm(ForwardArm):
         """Wrap what a reader made."""
         super().__init__(mechanism)
         self._index: AtlasIndex | None = None
+        self._place_index: AtlasIndex | None = None
         self._branch_index: BranchIndex | None = None
 
     def __getstate__(self) -> Any:
         """Copy and pickle everything but the atlas, which is rebuilt where it is needed."""
         state = super().__getstate__()
         attributes, slots = state if isinstance(state, tuple) else (state, None)
-        attributes = {**cast("dict[str, Any]", attributes), "_index": None, "_branch_index": None}
+        attributes = {
+            **cast("dict[str, Any]", attributes),
+            "_index": None,
+            "_place_index": None,
+            "_branch_index": None,
+        }
         return attributes if slots is None else (attributes, slots)
 
     def _with(self, mechanism: Mechanism) -> Self:
         """The same arm in all but its mechanism."""
         arm = super()._with(mechanism)
-        arm._index = arm._branch_index = None
+        arm._index = arm._place_index = arm._branch_index = None
         return arm
 
     @property
@@ -121,6 +128,14 @@ class Arm(ForwardArm):
         if self._index is None:
             self._index = atlas_of(axes)
         return self._index
+
+    def _atlas_for(self, axes: SerialChain, goal: Goal) -> AtlasIndex:
+        """That of a goal; of a place of the tip, which is asked for most, it is at hand."""
+        if goal.tool is not None or goal.form.columns:
+            return atlas_of(axes, goal)
+        if self._place_index is None:
+            self._place_index = atlas_of(axes, goal)
+        return self._place_index
 
     @overload
     def ik(self, goal: UnshapedGoal, **options: Unpack[IkOptions]) -> Solution: ...
@@ -203,13 +218,13 @@ class Arm(ForwardArm):
                 if report[3] >= 0:
                     if not report[4]:
                         warn_of_distance(hypot(*T[:3, 3]), axes.reach, 2)
-                    return quick_solution(axes, T, None, q, report)
+                    return quick_solution(axes, T.tobytes(), None, q, report)
             elif (start := plain_array(near, q.shape)) is not None:
                 report = solve_plain_near(index.address, T, start, q)
                 if report[3] >= 0:
                     if not report[4]:
                         warn_of_distance(hypot(*T[:3, 3]), axes.reach, 2)
-                    return quick_solution(axes, T, start, q, report)
+                    return quick_solution(axes, T.tobytes(), start, q, report)
         _require_scene(scene, clearance)
         if bad != "error" and not isinstance(goal, Goal):  # A goal has no such poses.
             options: dict[str, Any] = {
@@ -233,6 +248,12 @@ class Arm(ForwardArm):
             self._require_axes(_NO_PROOF)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self._mechanism, near, "near")
+        if plain and (axes := self._axes) is not None and answers_quickly(asked, start):
+            quick = quick_answer(axes, self._atlas_for(axes, asked), asked, start)
+            if quick is not None:
+                if not quick.success:
+                    warn_if_far(quick)
+                return quick
         problem = Problem(self._mechanism, asked, start, time_limit=time_limit, trace=trace)
         if wishes and trace:
             raise InvalidProblem(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Literal, Self, Unpack
 
@@ -15,7 +15,7 @@ from .kernels.arm.pose_error import judge
 from .kernels.arm.range_error import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS, judge_ranges
 from .kernels.arrays import ChainArrays, GoalArrays
 from .kinds import BOX, KINDS, PLAIN_KINDS, POINTING, POSE, POSITION, Kind
-from .poses import _at, _unit, _x_onto, as_pose, one_pose, row_of, rpy_of
+from .poses import _at, _unit, _x_onto, as_pose, one_pose, plain_place, row_of, rpy_of
 from .ranges import (
     AXES,
     FRAMES,
@@ -183,6 +183,9 @@ class Goal:
         Raises:
             InvalidGoal: Wrong shape, NaN or infinity, an option out of its range, or axes as in `Goal.pose`.
         """
+        usual = cls is Goal and not options and box is None and type(free) is tuple and not free
+        if usual and (at := plain_place(position)) is not None:
+            return cls._checked(at, POSITION)
         ranges, target = read_ranges(free, box, POSITION), _at(position, np.eye(3))
         if ranges is None:
             return cls(target, kind=POSITION.name, **options)
@@ -218,6 +221,13 @@ class Goal:
             return cls(target, kind=POINTING.name, tool_axis=(axis[0], axis[1], axis[2]), **options)
         swing = (float(onto[0]), float(onto[1]), float(onto[2]))
         return cls(target, kind=BOX.name, ranges=ranges, frame="base", swing=swing, **options)
+
+    @classmethod
+    def _checked(cls, target: Array, kind: Kind) -> Self:
+        """A goal with the usual tolerances and weights, of a target that is a pose for sure, and the goal's own."""
+        goal = object.__new__(cls)
+        goal.__dict__.update(_USUAL, target=target, kind=kind.name)
+        return goal
 
     def __repr__(self) -> str:
         """One line: what is wanted where, and what was said beside it."""
@@ -400,3 +410,7 @@ class Goal:
             float(self.position_weight),
             self.orientation_weight * (np.arange(3) < self.paper_columns).astype(float),
         )
+
+
+_USUAL = {each.name: each.default for each in fields(Goal)}
+"""The fields of a goal of which only its target and its kind are told."""

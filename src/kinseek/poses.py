@@ -145,6 +145,26 @@ def plain_array(value: Any, shape: tuple[int, ...]) -> Array | None:
     return value if flags.c_contiguous and flags.aligned else value.copy()
 
 
+def plain_place(position: Any) -> Array | None:
+    """The pose of a place that is not turned, (4, 4): of three doubles or Python floats, each at most `LARGEST` from 0.
+
+    None of anything else, which is to be read with more care.
+    """
+    if type(position) is np.ndarray:
+        if position.shape != (3,) or position.dtype != _FLOAT:
+            return None
+        x, y, z = position.tolist()
+    elif type(position) in (list, tuple) and len(position) == 3:
+        x, y, z = position
+        if not (type(x) is type(y) is type(z) is float):
+            return None
+    else:
+        return None
+    if not (abs(x) <= LARGEST and abs(y) <= LARGEST and abs(z) <= LARGEST):
+        return None
+    return np.array([[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z], [0.0, 0.0, 0.0, 1.0]])
+
+
 def as_pose(target: Any) -> Array:
     """Read a pose, or a batch of them, from an array or from an object that carries a 4x4.
 
@@ -341,7 +361,7 @@ def _rotation_matrix(name: str, value: ArrayLike) -> Array:
 def _at(position: ArrayLike, turn: Array) -> Array:
     point = _finite(position, "position", 3)
     try:
-        batch = np.broadcast_shapes(point.shape[:-1], turn.shape[:-2])
+        batch = point.shape[:-1] if turn.ndim == 2 else np.broadcast_shapes(point.shape[:-1], turn.shape[:-2])
     except ValueError as error:
         raise InvalidGoal(
             f"position of shape {point.shape} and rotation of batch shape {turn.shape[:-2]} do not broadcast"

@@ -133,9 +133,9 @@ class Problem:
 class MadeWhenAsked:
     """The field `problem` of a result, made when it is first asked for: the fast ways of `Arm` leave it out.
 
-    They leave a `_question` instead: the arm, or the problem of another pose of a batch; a pose (4, 4), or its bytes; and
-    what the answer shall be near to, (n,), or None. A result that was given its problem never comes here, since what an
-    object holds itself goes first.
+    They leave a `_question` instead: the arm, or the problem of another pose of a batch; a goal, a pose (4, 4), or its
+    bytes; and what the answer shall be near to, (n,), or None. A result that was given its problem never comes here, since
+    what an object holds itself goes first.
     """
 
     def __get__(self, result: Any, owner: type) -> Problem:
@@ -153,7 +153,7 @@ class MadeWhenAsked:
         if isinstance(arm, Problem):
             problem = replace(arm, goal=arm.goal.at(target), near=near)
         else:
-            problem = Problem(arm, Goal.pose(target), near)
+            problem = Problem(arm, target if isinstance(target, Goal) else Goal.pose(target), near)
         result.__dict__["problem"] = problem
         return problem
 

@@ -482,16 +482,17 @@ def judge_function(box: Mechanism, goal: Goal, q: Array) -> Array:
 
 def quick_solution(
     chain: SerialChain,
-    target: Array,
+    asked: bytes | Goal,
     near: Array | None,
     q: Array,
     report: tuple[float, float, float, int, bool],
 ) -> Solution:
-    """Make a solution of one pose under the default tolerances as fast as Python can.
+    """Make a solution of one target as fast as Python can.
 
     Args:
         chain: The arm.
-        target: (4, 4).
+        asked: The goal; or of a plain pose the bytes of its matrix, for the caller may write the next into it, and bytes
+            are copied faster than an array is.
         near: What the answer shall be near to, (n,).
         q: Joint values, (n,).
         report: Position error [m], orientation error [rad], weighted error, FK evaluations, success.
@@ -499,6 +500,5 @@ def quick_solution(
     solution = object.__new__(Solution)
     told = solution.__dict__
     told["q"], told["success"], told["_report"] = q, report[4], (*report, 0)  # No nodes: it grows no tree.
-    # The caller may write the next question into the same arrays; bytes are copied faster than an array is.
-    told["_question"] = chain, target.tobytes(), None if near is None else near.copy()
+    told["_question"] = chain, asked, None if near is None else near.copy()
     return solution

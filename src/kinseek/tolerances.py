@@ -36,6 +36,8 @@ def check_tolerance(name: str, value: float) -> None:
     Raises:
         InvalidGoal: Negative, not finite, or so large that it says nothing.
     """
+    if type(value) is float and 0.0 <= value <= LARGEST:
+        return
     if not (isinstance(value, Real) and 0 <= value < math.inf):
         raise InvalidGoal(f"{name} must be a finite number >= 0, got {value!r}")
     if value > LARGEST:
@@ -51,6 +53,8 @@ def check_weight(name: str, value: float) -> None:
     Raises:
         InvalidGoal: Not positive, not finite, or too small or too large to compute with.
     """
+    if type(value) is float and LIGHTEST <= value <= HEAVIEST:
+        return
     if not (isinstance(value, Real) and 0 < value < math.inf):
         raise InvalidGoal(f"{name} must be a finite number > 0, got {value!r}")
     if not LIGHTEST <= value <= HEAVIEST:

@@ -8,7 +8,7 @@ from kinseek.errors import InvalidExport
 from kinseek.goal import Goal
 from kinseek.kernels import jit  # Whole: what names its decorators is taken for a file of kernels.
 from kinseek.kernels.atlas.memory import LAYOUT
-from kinseek.kernels.atlas.task import CLOSED, ENDING, EVALUATIONS, ITERATE, ROUTINES, SEARCH
+from kinseek.kernels.atlas.task import CLOSED, DISTANT, ENDING, EVALUATIONS, ITERATE, ROUTINES, SEARCH
 from kinseek.kernels.entry import ENTRIES
 from kinseek.kernels.pointers import ROW
 from kinseek.problem import Problem
@@ -46,14 +46,14 @@ def atlas_design(search: Atlas, problem: Problem, ram: int | None) -> Design:
     # What a call works on; and of the last resort, which walks to the nearest pose, what `settle` makes.
     desk = LAYOUT.count.of(dof=dof, joints=joints) + EVALUATIONS + 1
     room = room_for(desk, 12, 6 * joints, 3 * joints, dof, dof, dof, dof * dof, dof * dof, dof)
-    taken = room + 8 * (CLOSED + 1 + ROW * len(rows) + 1)
+    taken = room + 8 * (DISTANT + 1 + ROW * len(rows) + 1)
     if ram is not None and taken > ram:
         raise InvalidExport(
             f"{problem.mechanism.name!r} with {dof} joints needs {taken:,} bytes of RAM for the atlas, got {ram:,}; divide "
             "and conquer needs less"
         )
     entry = ENTRIES["ks_solve_plain"]
-    places = {"iterate": ITERATE, "search": SEARCH, "ending": ENDING}
+    places = {"iterate": ITERATE, "search": SEARCH, "ending": ENDING, "far": DISTANT}
     if index.structure.word != "none":
         places["closed"] = CLOSED
     routines = tuple(f"ks_{name}_routine" for name in places)
@@ -69,7 +69,7 @@ def atlas_design(search: Atlas, problem: Problem, ram: int | None) -> Design:
         routines=routines,
         numbers={
             "ROWS": len(rows),
-            "ROUTINES": CLOSED + 1,
+            "ROUTINES": DISTANT + 1,
             "ROUTINES_ROW": ROUTINES,
             **{name.upper(): place for name, place in places.items()},
         },

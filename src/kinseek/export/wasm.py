@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from kinseek.errors import InvalidExport, MissingExtra
-from kinseek.kernels.atlas.task import CLOSED, ENDING, ITERATE, SEARCH
+from kinseek.kernels.atlas.task import CLOSED, DISTANT, ENDING, ITERATE, SEARCH
 from kinseek.kernels.entry import ENTRIES
 
 from .compiling import compiled
@@ -32,6 +32,7 @@ PLACES = {
     "ks_search_routine": SEARCH,
     "ks_ending_routine": ENDING,
     "ks_closed_routine": CLOSED,
+    "ks_far_routine": DISTANT,
 }
 """Routines that kernels call, and where their addresses stand in a task."""
 

@@ -2,8 +2,8 @@
 
 Who asks `arm.ik` for a pose that is out of reach gets the nearest one, which takes a hundred times as long as an answer.
 A map wants no nearest pose. So lengths and angles are asked first, the gate of a proof; then the closed form, where the arm
-has one; then where the hand wants the wrist; then eight samples of the atlas for each pose, eight poses at a time, as in any
-batch; what is left gets a limited number of FK evaluations.
+has one; then where the hand wants the wrist; then the first samples of the atlas for each pose, eight poses at a time, as in
+any batch; what is left gets a limited number of FK evaluations.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 PATIENCE = 1000
-"""FK evaluations for a pose that its first eight samples do not lead to."""
+"""FK evaluations for a pose that its first samples do not lead to."""
 
 TURNED = 1e-12
 """By so much tolerances are tighter [m] and [rad] where a pose stands for others that are turned about the tip's z axis:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from kinseek.kernels.arm.division import NONE, SLIDE, TURN, Division
-from kinseek.kernels.arrays import Array
+from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.atlas.task import OPEN
 from kinseek.kinds import Kind
+from kinseek.transforms import inverse
 from kinseek.turns import holds_a_turn
 
 from .chain import SerialChain
@@ -52,3 +53,58 @@ def arm_length(chain: SerialChain) -> float:
         i = chain.leader[k]
         links += max(abs(chain.lower[i]), abs(chain.upper[i])) * abs(float(chain.multiplier[k])) / 2
     return max(links, 1e-3)
+
+
+ROUNDS = 8
+"""How often each point of a span is moved along its axis to where the links beside it are shortest together."""
+
+
+def span_of(arrays: ChainArrays, whole: bool) -> Array:
+    """How far apart the two ends of an arm can be, whatever the joints are.
+
+    A point on a joint's axis stays where it is when that joint turns; so two points on axes that follow each other are
+    always equally far apart. The first end is a point on the first axis, the last one on the last axis; the sum of these
+    distances is a bound wherever on their axes the points lie, and they are moved to where it is small.
+
+    Args:
+        arrays: The arm.
+        whole: Is the whole pose of the hand asked? Else a point on the last axis is not known, and the end is the tip.
+
+    Returns:
+        The bound [m], the first end in the base and the last one in the tip, three numbers each [m], (7,).
+    """
+    joints, fixed = len(arrays.leader), arrays.fixed
+    along = np.zeros(joints)
+    ends = np.zeros((joints, 2))
+    for k in np.flatnonzero(arrays.prismatic):
+        limits = np.array([arrays.lower[arrays.leader[k]], arrays.upper[arrays.leader[k]]])
+        ends[k] = arrays.multiplier[k] * limits + arrays.offset[k]
+    z = np.array([0.0, 0.0, 1.0])
+
+    def link(k: int) -> Array:
+        """From the point of joint k to that of the next, or to the tip, at both ends of what joint k slides, (2, 3)."""
+        there = fixed[k + 1, :, 3] + (along[k + 1] * fixed[k + 1, :, 2] if k + 1 < joints else 0.0)
+        return np.asarray(there - along[k] * z + ends[k][:, None] * z)
+
+    for _ in range(ROUNDS):
+        for k in np.flatnonzero(~arrays.prismatic):
+            feet, gaps = [], []
+            if k > 0:
+                turn = fixed[k, :, :3].T
+                back = turn @ ((along[k - 1] - ends[k - 1].mean()) * z - fixed[k, :, 3])
+                feet, gaps = [back[2]], [float(np.hypot(back[0], back[1]))]
+            if k + 1 < joints or not whole:
+                ahead = link(int(k))[0] + along[k] * z
+                feet, gaps = [*feet, ahead[2]], [*gaps, float(np.hypot(ahead[0], ahead[1]))]
+            if len(feet) == 2 and sum(gaps) > 0.0:
+                along[k] = (feet[0] * gaps[1] + feet[1] * gaps[0]) / sum(gaps)
+            elif feet:
+                along[k] = feet[0]
+    hand = np.zeros(3)
+    last = joints - 1
+    if whole and not arrays.prismatic[last]:
+        back = inverse(fixed[joints])
+        hand, last = back[:, :3] @ (along[joints - 1] * z) + back[:, 3], joints - 2
+    span = sum(float(np.linalg.norm(link(k), axis=1).max()) for k in range(last + 1))
+    first = fixed[0, :, 3] + along[0] * fixed[0, :, 2]
+    return np.array([span, *first, *hand])

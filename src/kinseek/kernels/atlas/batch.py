@@ -11,12 +11,16 @@ from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, hidden, view
 from kinseek.kernels.pointers import integer_part
 
-from .descent import FIRST_STEPS, iterate, reset_weights, within
+from .descent import FIRST_STEPS, is_hopeless, iterate, reset_weights, within
 from .lanes import LANES, Lanes
 from .memory import Desk, desk_size, make_desk
-from .one_goal import MIDMOST, closed_answer, finish, solve_pose
-from .seeds import FIRST, load_seed, middle, scan, take_seed
+from .one_goal import CORRECTIONS, MIDMOST, OFFER, closed_answer, finish, solve_pose
+from .seeds import FIRST, TAKES, load_seed, middle, scan, take_seed
 from .task import CLOSED, EVALUATIONS, HANDLE, WANTED, Job, Task, routine_at, task_of
+from .tree import take_nearest
+
+MOST_STARTS = max(2 * LANES, TAKES)
+"""Starts of one target at most: candidates of two values of a joint in front, or samples."""
 
 
 class Queue(NamedTuple):
@@ -25,9 +29,9 @@ class Queue(NamedTuple):
     target: Indices
     """Number of its target; -1 before the first, -2 when there are no more, (LANES,)."""
     next: Indices
-    """How many of its samples are taken, (LANES,)."""
+    """How many of its starts are taken, (LANES,)."""
     steps: Indices
-    """Steps made from the current sample, (LANES,)."""
+    """Steps made from the current start, (LANES,)."""
     spent: Indices
     """FK evaluations spent on the target, (LANES,)."""
 
@@ -47,7 +51,7 @@ def stand_still(lanes: Lanes, l: int) -> None:
 
 
 @hidden
-def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int) -> bool:
+def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int, w: int) -> bool:
     """Put lane l at the next sample of its target that is worth a try; say whether there was one.
 
     A second sample is seldom needed, so the scan is made again rather than remembered for every lane.
@@ -55,30 +59,44 @@ def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int) -> b
     for r in range(3):
         for c in range(4):
             desk.spare[r, c] = targets[queue.target[l], r, c]
-    leaf = scan(task, desk, desk.spare)
-    for taken in range(FIRST):
-        more, worth = take_seed(task, desk, leaf)
-        if not more:
+    leaf = scan(task, desk, desk.spare, w)
+    taken = queue.next[l]
+    for _ in range(taken % FIRST):
+        take_nearest(task.atlas.tree, leaf, desk.distance, desk.bound)
+    for _ in range(TAKES):
+        if taken == TAKES:
             break
-        if worth and taken >= queue.next[l]:
-            queue.next[l], queue.steps[l] = taken + 1, 0
+        taken, worth = take_seed(task, desk, leaf, taken, w)
+        if worth:
+            queue.next[l], queue.steps[l] = taken, 0
             load_seed(desk.lanes, l, desk.seed)
             stand_still(desk.lanes, l)
             return True
     return False
 
 
+@view
+def next_candidate(job: Job, task: Task, desk: Desk, queue: Queue, targets: Array, l: int, w: int) -> bool:
+    """Put lane l at the next candidate of a nearby arm for its target; say whether there was one."""
+    target, q, asked = targets[queue.target[l]], desk.found[l], OFFER + queue.next[l]
+    offered = closed_answer(job.handle, job.wanted, job.memory, target, task.budget, q, asked, q, w)
+    queue.next[l], queue.steps[l] = queue.next[l] + 1, 0
+    if offered > 0:
+        load_seed(desk.lanes, l, q)
+        stand_still(desk.lanes, l)
+    return offered > 0
+
+
 @hidden
-def next_target(
-    task: Task, desk: Desk, queue: Queue, targets: Array, results: Array, number: int, l: int
-) -> bool:
-    """Give lane l a target and its nearest sample; say whether there is one that is worth a try."""
+def take_target(
+    task: Task, lanes: Lanes, queue: Queue, targets: Array, results: Array, number: int, l: int
+) -> None:
+    """Give lane l a target."""
     queue.target[l], queue.next[l] = number, 0
     queue.spent[l] = int(results[number, len(task.lower) + EVALUATIONS])
     for r in range(3):
         for c in range(4):
-            desk.lanes.target[(4 * r + c) * LANES + l] = targets[number, r, c]
-    return next_seed(task, desk, queue, targets, l)
+            lanes.target[(4 * r + c) * LANES + l] = targets[number, r, c]
 
 
 @entry(
@@ -104,8 +122,8 @@ def solve_many(
 ) -> int:
     """Answer targets begin … end-1, one in each lane, a lane that is done taking the next.
 
-    A target's lane walks exactly as lane after lane does in `solve_pose`: the same bits come out. What its first eight
-    samples do not solve is left to `solve_pose`'s own way afterwards: each of these may take milliseconds.
+    A target's lane walks exactly as lane after lane does in `solve_pose`: the same bits come out. What closed forms and its
+    first samples do not solve is left to `solve_pose`'s own way afterwards: each of these may take milliseconds.
 
     Args:
         handle: The task, see `task_of`.
@@ -133,13 +151,17 @@ def solve_many(
         integer_part(at, 3 * LANES, LANES),
     )
     count, job = 0, Job(handle, wanted, memory)
-    if routine_at(handle, CLOSED) != 0:
+    closed = routine_at(handle, CLOSED) != 0
+    if closed and task.exact == 1:
         count = run_closed(job, task, desk, targets, results, left, begin, end, w)
     else:
         for i in range(begin, end):
             left[count], results[i, dof + EVALUATIONS] = i, 0.0
             count += 1
-    count = run_lanes(job, task, desk, queue, targets, results, left, count, w)
+    # First from candidates of a nearby arm, then from samples; in one loop, for what is called twice is compiled twice.
+    for nearby in (True, False):
+        if not nearby or (closed and task.exact == 0):
+            count = run_lanes(job, task, desk, queue, targets, results, left, count, nearby, w)
     memory[0], numbers[0] = 0.0, 0  # Their last use, see `solve_pose`.
     return count
 
@@ -216,16 +238,20 @@ def run_lanes(
     results: Array,
     left: Indices,
     count: int,
+    nearby: bool,
     w: int,
 ) -> int:
-    """Work the queue off, `count` targets whose numbers are in `left`; put those left over there, and return how many."""
-    lanes = desk.lanes
+    """Work the queue off, `count` targets whose numbers are in `left`; put those left over there, and return how many.
+
+    They start from samples, or with `nearby` from candidates of the nearby arm.
+    """
+    lanes, dof, steps = desk.lanes, len(task.lower), CORRECTIONS if nearby else FIRST_STEPS
     reset_weights(task, desk)
     leftover, number, active = 0, 0, LANES
     for l in range(LANES):
         queue.target[l] = -1
     # Every target has so many steps at most, and with all targets in one lane they would be made one after the other.
-    for turn in range(1 + count * FIRST * (FIRST_STEPS + 1)):
+    for turn in range(1 + count * MOST_STARTS * (FIRST_STEPS + 1)):
         if active == 0:
             break
         if turn > 0:
@@ -233,27 +259,29 @@ def run_lanes(
         for l in range(LANES):
             if queue.target[l] == -2:
                 continue
-            busy = queue.target[l] >= 0
+            busy, more = queue.target[l] >= 0, False
             if busy:
                 queue.spent[l] += 1
-                done = within(task, lanes, l)
-                if done:
+                if within(task, lanes, l):
                     write_result(task, desk, queue, targets, results, l)
-                busy = not done
-                if busy and queue.steps[l] == FIRST_STEPS:
-                    busy = next_seed(task, desk, queue, targets, l)
-                    if not busy:
-                        left[leftover] = queue.target[l]
-                        leftover += 1
+                    busy = False
+                elif queue.steps[l] == steps or (not nearby and is_hopeless(lanes, queue.steps[l], l)):
+                    more = True
                 else:
                     queue.steps[l] += 1
-            while not busy and number < count:
-                # Those left over are written behind where the next is read.
-                target = left[number]
-                number += 1
-                busy = next_target(task, desk, queue, targets, results, target, l)
+            while more or (not busy and number < count):
+                if not more:
+                    # Those left over are written behind where the next is read.
+                    take_target(task, lanes, queue, targets, results, left[number], l)
+                    number += 1
+                if nearby:
+                    busy = next_candidate(job, task, desk, queue, targets, l, w)
+                else:
+                    busy = next_seed(task, desk, queue, targets, l, w)
+                more = False
                 if not busy:
-                    left[leftover] = target
+                    target = queue.target[l]
+                    left[leftover], results[target, dof + EVALUATIONS] = target, queue.spent[l]
                     leftover += 1
             if not busy:
                 queue.target[l] = -2

@@ -39,6 +39,12 @@ STALL, NEARLY = 6, 0.03
 """A descent is given up when no lane has halved its squared error in so many steps, unless one is as near as that."""
 
 
+HOPELESS, LEAST_HOPE = 3, 1e-6
+"""From so many steps on, one of the first samples is given up that has not halved its squared error in a step, unless it is
+as small as that: nine in ten of those that lead nowhere end so, and of the nearest samples that would have led to an answer
+one to five in a hundred, for which the next serves."""
+
+
 PERSIST_STEPS = 100
 """At a singular answer every step only halves the joint error, and a joint at its limit slows it down further."""
 
@@ -169,6 +175,14 @@ def within(task: Task, lanes: Lanes, l: int) -> bool:
 
 
 @hidden
+def is_hopeless(lanes: Lanes, made: int, l: int) -> bool:
+    """Is lane l, one of the first samples, to be given up after so many steps? Asked after every step."""
+    error, before = lanes.error[3 * LANES + l], lanes.work[BEFORE + l]
+    lanes.work[BEFORE + l] = error
+    return made >= HOPELESS and error > LEAST_HOPE and error > 0.5 * before
+
+
+@hidden
 def descend_lanes(job: Job, task: Task, desk: Desk, steps: int, everyone: bool, w: int) -> tuple[int, int]:
     """Refine the eight lanes; return the first lane that converged, or -1, and the steps made.
 
@@ -177,6 +191,7 @@ def descend_lanes(job: Job, task: Task, desk: Desk, steps: int, everyone: bool, 
     or another seed is needed. With ranges every lane has all its steps.
     """
     lanes, dof, patient = desk.lanes, len(task.lower), steps <= FIRST_STEPS or task.poses > 0
+    first_ones = steps == FIRST_STEPS and task.poses == 0 and not everyone
     for made in range(steps + 1):
         iterate(job.handle, job.wanted, job.memory, made > 0, w)
         waiting, first = 0, -1
@@ -185,6 +200,8 @@ def descend_lanes(job: Job, task: Task, desk: Desk, steps: int, everyone: bool, 
                 desk.state[l] = 1
                 for i in range(dof):
                     desk.found[l, i] = lanes.q[i, l]
+            if desk.state[l] == 0 and first_ones and is_hopeless(lanes, made, l):
+                desk.state[l] = 3
             if desk.state[l] == 0:
                 waiting += 1
             elif desk.state[l] == 1 and first < 0:

@@ -62,8 +62,20 @@ LESS, MORE_DAMPING = 0.3, 4.0
 """What damping is multiplied by after a step that helped, and after one that did not."""
 
 
+SHARED = 2
+"""Two flips that are so many joints apart share one, which turns fully and so stays where it is."""
+
+
 NEAREST = 1e-9
 """From this distance on [m] the weight K_P/|Δp| of the squared distance grows no more: there it would be infinite."""
+
+
+@hidden
+def flip(q: Array, i: int) -> None:
+    """Flip the joint values, (n,), about joint i."""
+    q[i - 1] += math.pi
+    q[i] *= -1.0
+    q[i + 1] += math.pi
 
 
 @hidden
@@ -71,22 +83,24 @@ def fill_from_flips(task: Task, desk: Desk) -> int:
     """Put flips of the best into the lanes, ``(q_i + π, -q_{i+1}, q_{i+2} + π)``; return the lanes filled.
 
     Where three axes meet, a shoulder or a wrist, that is another way to hold the hand just so; elsewhere it is a start.
+    Lanes that are left get two flips at once, of neighbours that share a joint.
     """
     chain, best, filled = task.chain, lowest_row(desk.best_error), 0
-    for i in range(1, len(task.lower) - 1):
-        if filled == LANES:
-            break
-        copy_joints(desk.best, best, desk.seed)
-        desk.seed[i - 1] += math.pi
-        desk.seed[i] *= -1.0
-        desk.seed[i + 1] += math.pi
-        for j in range(i - 1, i + 2):
-            low, high = chain.lower[j], chain.upper[j]
-            value = nearest_copy(desk.seed[j], low, high, 0.5 * (low + high))
-            desk.seed[j] = min(max(value, low), high)
-        load_seed(desk.lanes, filled, desk.seed)
-        desk.state[filled] = 0
-        filled += 1
+    for apart in (0, SHARED):
+        for i in range(1, len(task.lower) - 1 - apart):
+            if filled == LANES:
+                break
+            copy_joints(desk.best, best, desk.seed)
+            flip(desk.seed, i)
+            if apart > 0:
+                flip(desk.seed, i + apart)
+            for j in range(i - 1, i + 2 + apart):
+                low, high = chain.lower[j], chain.upper[j]
+                value = nearest_copy(desk.seed[j], low, high, 0.5 * (low + high))
+                desk.seed[j] = min(max(value, low), high)
+            load_seed(desk.lanes, filled, desk.seed)
+            desk.state[filled] = 0
+            filled += 1
     for l in range(filled, LANES):
         desk.state[l] = 2
     return filled
@@ -121,8 +135,8 @@ def ending_routine(
 
 
 @spliced
-def reweigh(job: Job, task: Task, desk: Desk, target: Array, largest: float, w: int) -> int:
-    """Minimise the weighted error itself from the eight best, by reweighted steps; return FK evaluations.
+def reweigh(job: Job, task: Task, desk: Desk, target: Array, largest: float, steps: int, w: int) -> int:
+    """Minimise the weighted error itself from the eight best, by so many reweighted steps; return FK evaluations.
 
     `largest` is the largest K_A.
 
@@ -140,7 +154,7 @@ def reweigh(job: Job, task: Task, desk: Desk, target: Array, largest: float, w: 
     for c in range(3):
         desk.columns[c] = goal.axis_weights[c]
     desk.damping[0] = 0.0
-    for step in range(POLISH_STEPS):
+    for step in range(steps):
         iterate(job.handle, job.wanted, job.memory, step > 0, w)
         for l in range(LANES):
             gap = math.sqrt(lanes.error[l])
@@ -172,7 +186,7 @@ def reweigh(job: Job, task: Task, desk: Desk, target: Array, largest: float, w: 
             for r in range(3):
                 lanes.residual[r * LANES + l] *= scale_p
                 lanes.residual[(3 + r) * LANES + l] *= scale_o
-    return POLISH_STEPS * LANES
+    return steps * LANES
 
 
 @spliced
@@ -183,7 +197,7 @@ def polish(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
     """
     goal, dof = goal_of(task, target), len(task.lower)
     largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
-    spent = reweigh(job, task, desk, target, largest, w)
+    spent = reweigh(job, task, desk, target, largest, POLISH_STEPS, w)
     worth = HOPELESS * lowest(desk.best_error)
     for l in range(LANES):
         if desk.best_error[l] > worth:
@@ -247,7 +261,7 @@ def range_ending_routine(
     dof, joints = len(task.lower), len(task.chain.leader)
     memory, target = part1(memory_address, 0, desk_size(dof, joints)), part2(target_address, 0, 3, 4)
     desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
-    return reweigh(job, task, desk, target, task.axis_weights[0], w)
+    return reweigh(job, task, desk, target, task.axis_weights[0], POLISH_STEPS, w)
 
 
 @hidden

@@ -41,7 +41,7 @@ class Desk(NamedTuple):
     found: Array
     """Where each lane converged, (LANES, n)."""
     state: Indices
-    """Of each lane: 0 on its way, 1 converged, 2 empty, (LANES,)."""
+    """Of each lane: 0 on its way, 1 converged, 2 empty, 3 given up, (LANES,)."""
     best: Array
     """The best of every lane so far, (LANES, n)."""
     best_error: Array

@@ -13,11 +13,13 @@ from kinseek.kernels.jit import called, entry, exact, hidden, view
 from kinseek.kernels.pointers import part1
 
 from .descent import DEEP_STEPS, descend_lanes, goal_of, keep_closest, start
+from .far import is_far
 from .lanes import LANES
 from .memory import Desk, desk_size, make_desk
-from .one_goal import NEAREST, closed_answer, finish, solve_target
+from .one_goal import NEAREST, closed_answer, conclude_answer, finish, solve_target
 from .seeds import MORE, fill_from_lookup, load_seed, look_up, turns_fully
 from .task import (
+    DISTANT,
     EVALUATIONS,
     HANDLE,
     ORIENTATION_ERROR,
@@ -29,6 +31,7 @@ from .task import (
     handle_at,
     lanes_of,
     plain_wanted,
+    routine_at,
     task_of,
 )
 
@@ -67,6 +70,8 @@ def walk_near(
     task, job = task_of(handle, wanted), Job(handle, wanted, memory)
     dof = len(task.lower)
     desk = make_desk(memory, dof, len(task.chain.leader))
+    if routine_at(handle, DISTANT) != 0 and is_far(handle, wanted, target):
+        return solve_target(handle, wanted, memory, target, task.budget, q, w)
     tried = closed_answer(handle, wanted, memory, target, task.budget, near, NEAREST, q, w)
     if tried > 0:
         return tried
@@ -139,6 +144,58 @@ def solve_plain_near(
     report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
     report[EVALUATIONS] = walk_near(handle, wanted, memory, target, near, q, lanes_of(handle))
     conclude_near(handle, wanted, memory, target, near, q, report)
+    position, orientation, weighted = (
+        report[POSITION_ERROR],
+        report[ORIENTATION_ERROR],
+        report[WEIGHTED_ERROR],
+    )
+    spent = int(report[EVALUATIONS])
+    memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
+    return (
+        position,
+        orientation,
+        weighted,
+        spent,
+        position <= task.position_tolerance and orientation <= task.orientation_tolerance,
+    )
+
+
+@entry(
+    returns=(F64, F64, F64, I64, FLAG),
+    address=I64,
+    wanted=F64[WANTED],
+    target=F64[3, 4],
+    near=F64["n"],
+    close=FLAG,
+    q=F64["n"].out,
+)
+def solve_goal(
+    address: int, wanted: Array, target: Array, near: Array, close: bool, q: Array
+) -> tuple[float, float, float, int, bool]:
+    """As `one_goal.solve_plain` for any goal without ranges, and with `close` near a start.
+
+    Args:
+        address: As there; the task's kind is that of the goal.
+        wanted: See `task_of`.
+        target: A rigid transform, (3, 4), lengths in [m].
+        near: With `close` where the answer shall be near to, (n,), finite; else not looked at.
+        close: See `near`.
+        q: As there.
+
+    Returns:
+        As there; evaluations -1 only where a routine is lacking.
+    """
+    handle = handle_at(address)
+    task = task_of(handle, wanted)
+    size, w = desk_size(len(task.lower), len(task.chain.leader)), lanes_of(handle)
+    memory = np.zeros(size + EVALUATIONS + 1)
+    report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
+    if close:
+        report[EVALUATIONS] = walk_near(handle, wanted, memory, target, near, q, w)
+        conclude_near(handle, wanted, memory, target, near, q, report)
+    else:
+        report[EVALUATIONS] = solve_target(handle, wanted, memory, target, task.budget, q, w)
+        conclude_answer(handle, wanted, memory, target, q, report)
     position, orientation, weighted = (
         report[POSITION_ERROR],
         report[ORIENTATION_ERROR],

@@ -190,6 +190,63 @@ def error_of(T: Array, goal: GoalArrays, squared: bool) -> float:
     return 0.5 * chordal_error(T, goal) if squared else weighted_error(T, goal)
 
 
+@hidden
+def bring_back(
+    chain: ChainArrays,
+    goal: GoalArrays,
+    held: Flags,
+    moves: Array,
+    T: Array,
+    J: Array,
+    lower: Array,
+    upper: Array,
+    trial: Array,
+) -> None:
+    """Bring the place of the tip back to the goal's as far as one step of Gauss and Newton does.
+
+    Where the nearest pose is in the right place, the error has its kink there: a straight step leaves the curved surface on
+    which the place is right, and however good the orientation becomes, the error grows, unless steps are tiny (Maratos
+    1978).
+
+    Args:
+        chain: The arm.
+        goal: Target and weights.
+        held: Joints that stay, (n,).
+        moves: Velocity of the tip by each joint, (m, 3), from where the step began.
+        T: Pose of the tip, (3, 4).
+        J: Memory, (n, at least 3).
+        lower: Limits, (n,).
+        upper: Same.
+        trial: Joint values, (n,), replaced by those that are corrected.
+    """
+    for i in range(len(trial)):
+        J[i, 0] = J[i, 1] = J[i, 2] = 0.0
+    for b in range(len(moves)):
+        i, scale = chain.leader[b], chain.multiplier[b]
+        for c in range(3):
+            J[i, c] += 0.0 if held[i] else scale * moves[b, c]
+    xx = xy = xz = yy = yz = zz = 0.0
+    for i in range(len(trial)):
+        x, y, z = J[i, 0], J[i, 1], J[i, 2]
+        xx, xy, xz = xx + x * x, xy + x * y, xz + x * z
+        yy, yz, zz = yy + y * y, yz + y * z, zz + z * z
+    damp = SMALL_DAMPING * (xx + yy + zz) + FLAT
+    xx, yy, zz = xx + damp, yy + damp, zz + damp
+    dx, dy, dz = goal.target[0, 3] - T[0, 3], goal.target[1, 3] - T[1, 3], goal.target[2, 3] - T[2, 3]
+    # The inverse of the symmetric matrix by its minors.
+    ax, ay, az = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    by, bz, cz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+    rate = 1.0 / (xx * ax + xy * ay + xz * az)
+    fx, fy, fz = (
+        rate * (ax * dx + ay * dy + az * dz),
+        rate * (ay * dx + by * dy + bz * dz),
+        rate * (az * dx + bz * dy + cz * dz),
+    )
+    for i in range(len(trial)):
+        step = J[i, 0] * fx + J[i, 1] * fy + J[i, 2] * fz
+        trial[i] = min(max(trial[i] + step, lower[i]), upper[i])
+
+
 @called
 def settle(
     chain: ChainArrays, goal: GoalArrays, squared: bool, least: float, lower: Array, upper: Array, q: Array
@@ -242,6 +299,11 @@ def settle(
         forward(chain, trial, T)
         spent += 1
         now = error_of(T, goal, squared)
+        if now >= error and n >= 3 and not squared and goal.position_weight > 0.0:
+            bring_back(chain, goal, held, moves, T, L, lower, upper, trial)
+            forward(chain, trial, T)
+            spent += 1
+            now = error_of(T, goal, squared)
         if now < error:
             ends = error - now <= ENOUGH * error
             for i in range(n):

@@ -35,13 +35,15 @@ from .descent import (
     start,
 )
 from .ending import ENDGAME, ending_routine, find_nearest_pose, promise
+from .far import MOST as FAR_MOST
+from .far import far_routine, is_far, nearest_to_far
 from .lanes import LANES
 from .memory import DEEP, Desk, desk_size, make_desk
 from .seeds import (
-    FIRST,
     MORE,
     MORE_RESTARTS,
     RESTARTS,
+    TAKES,
     copy_joints,
     fill_from_lookup,
     fill_from_scan,
@@ -51,11 +53,13 @@ from .seeds import (
     load_seed_row,
     look_up,
     middle,
-    restart,
     scan,
+    spread_root,
+    spread_start,
 )
 from .task import (
     CLOSED,
+    DISTANT,
     ENDING,
     EVALUATIONS,
     HANDLE,
@@ -75,7 +79,7 @@ from .task import (
     task_of,
 )
 
-PASSES = FIRST + MORE + DEEP + MORE_RESTARTS // LANES + 3
+PASSES = TAKES + MORE + DEEP + MORE_RESTARTS // LANES + 3
 """Passes of a search at most: each takes at least one sample of a scan or a lookup, eight restarts, or one of the two
 persistent ones; and a last one that ends it. A goal with ranges has two passes a pose at most where others have samples."""
 
@@ -90,19 +94,29 @@ def solve_target(
 ) -> int:
     """Answer one target, (3, 4), within a budget; write q, (n,), and return the FK evaluations spent.
 
-    What geometry gives is not searched, see `structure.one_answer`. Returns -1 where it takes a routine that the task lacks
-    yet, see `add_ending`, and there is no answer.
+    What geometry gives is not searched, see `structure.one_answer`, nor what is far away, see `far`. Returns -1 where it
+    takes a routine that the task lacks yet, see `add_ending`, and there is no answer. The memory may hold anything.
     """
-    tried = closed_answer(handle, wanted, memory, target, budget, q, MIDMOST, q, w)
+    # The routine is lacking until the first goal out of reach has made `add_ending` add it.
+    far = routine_at(handle, DISTANT) != 0 and budget >= FAR_MOST and is_far(handle, wanted, target)
+    tried = 0 if far else closed_answer(handle, wanted, memory, target, budget, q, MIDMOST, q, w)
     if tried > 0:
         return tried
+    for k in range(len(memory)):
+        memory[k] = 0.0
+    if far:
+        return nearest_to_far(handle, wanted, memory, target, q, w)
     spent = search_near(handle, wanted, memory, target, budget + tried, q, False, q, w)
     return spent - tried if spent >= 0 else -1
 
 
-MIDMOST, NEAREST = range(2)
+MIDMOST, NEAREST, OFFER = range(3)
 """What is asked of `structure.one_answer.closed_routine`: the answer nearest to the middle of the ranges, or the one nearest
-to where the arm is."""
+to where the arm is; from OFFER on, a candidate to refine."""
+
+
+CORRECTIONS = 4
+"""Steps at most from a candidate of a nearby arm."""
 
 
 @view
@@ -181,15 +195,15 @@ def search_routine(
     ranges = task.poses > 0
     if ranges:
         # Samples are looked up at poses of the ranges, none at the target itself.
-        taken, looked = FIRST, DEEP
+        taken, looked = TAKES, DEEP
     else:
-        leaf = scan(task, desk, target)
+        leaf = scan(task, desk, target, w)
     for _ in range(PASSES):
-        if taken == FIRST and begin == found and looked < most:
+        if taken == TAKES and begin == found and looked < most:
             looked = most
             begin, found = 0, look_up(task, desk, target, most)
-        if taken < FIRST:
-            taken, filled = fill_from_scan(task, desk, leaf, taken)
+        if taken < TAKES:
+            taken, filled = fill_from_scan(task, desk, leaf, taken, w)
             if filled == 0:
                 continue
             steps = FIRST_STEPS
@@ -219,8 +233,9 @@ def search_routine(
             make_stubborn(lanes, 0.0 if ranges else 1.0)
             steps = PERSIST_STEPS
         elif number < restarts:
+            root = spread_root(dof)
             for l in range(LANES):
-                restart(task, number + l, desk.seed)
+                spread_start(task, root, number + l, desk.seed)
                 if restarts == MORE_RESTARTS and number % (2 * LANES) == 0:
                     kick(task, desk.best, l, KICK if number % (4 * LANES) == 0 else WIDE_KICK, desk.seed)
                 load_seed(lanes, l, desk.seed)
@@ -278,14 +293,14 @@ def routines() -> Indices:
     Those of goals with ranges are in `ranges.range_routines`, that of an arm with a closed form is
     `structure.one_answer.closed_routine`.
     """
-    addresses = np.zeros(CLOSED + 1, dtype=np.int64)
+    addresses = np.zeros(DISTANT + 1, dtype=np.int64)
     addresses[ITERATE], addresses[SEARCH] = iterate_routine.address, search_routine.address
     return addresses
 
 
 def add_ending(addresses: Indices) -> None:
-    """Add the routine that only a goal out of reach needs: it is a quarter of all there is to compile."""
-    addresses[ENDING] = ending_routine.address
+    """Add the routines that only a goal out of reach needs: they are a quarter of all there is to compile."""
+    addresses[ENDING], addresses[DISTANT] = ending_routine.address, far_routine.address
 
 
 @entry(
@@ -321,7 +336,7 @@ def solve_pose(handle: Indices, wanted: Array, target: Array, w: int) -> Array:
     task = task_of(handle, wanted)
     dof = len(task.lower)
     result = np.empty(dof + EVALUATIONS + 1)
-    memory = np.zeros(desk_size(dof, len(task.chain.leader)))
+    memory = np.empty(desk_size(dof, len(task.chain.leader)))
     address = result.ctypes.data
     q, report = part1(address, 0, dof), part1(address, dof, EVALUATIONS + 1)
     report[EVALUATIONS] = solve_target(handle, wanted, memory, target, task.budget, q, w)
@@ -349,7 +364,7 @@ def solve_plain(address: int, target: Array, q: Array) -> tuple[float, float, fl
     wanted = plain_wanted(handle)
     task = task_of(handle, wanted)
     size = desk_size(len(task.lower), len(task.chain.leader))
-    memory = np.zeros(size + EVALUATIONS + 1)
+    memory = np.empty(size + EVALUATIONS + 1)
     report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
     # Called here and not one floor below: Numba compiles what a function calls anew for every floor above it.
     report[EVALUATIONS] = solve_target(handle, wanted, memory, target, task.budget, q, lanes_of(handle))

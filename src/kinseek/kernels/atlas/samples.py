@@ -93,6 +93,16 @@ def build_atlas(
     return atlas
 
 
+@hidden
+def within_limits(chain: ChainArrays, i: int, value: float) -> float:
+    """A value of joint i, brought back to the limit where rounding has led beyond.
+
+    Else a walk that begins with a step of nothing, as some lanes do, would begin elsewhere than one that begins at once.
+    """
+    inside: float = min(max(value, chain.lower[i]), chain.upper[i])
+    return inside
+
+
 @entry(chain=CHAIN, division=DIVISION, middle=F64["s", "middle"], first=I64, atlas=ATLAS)
 def fill_atlas(chain: ChainArrays, division: Division, middle: Array, first: int, atlas: Atlas) -> None:
     """Compute K and its coordinates for every sample, and sort them.
@@ -111,7 +121,7 @@ def fill_atlas(chain: ChainArrays, division: Division, middle: Array, first: int
         T = poses[i]
         identity(T)
         for j in range(middle.shape[1]):
-            q[first + j] = middle[i, j]
+            q[first + j] = within_limits(chain, first + j, middle[i, j])
         advance_segment(chain, begin, end, q, T)
         advance(chain.fixed[end], True, 0.0, T)
         used = coordinates(T, division, features[i])
@@ -119,7 +129,7 @@ def fill_atlas(chain: ChainArrays, division: Division, middle: Array, first: int
     sort_tree(features[:, :used], order, atlas.tree)
     for i in range(count):
         for j in range(middle.shape[1]):
-            atlas.middle[i, j] = middle[order[i], j]
+            atlas.middle[i, j] = within_limits(chain, first + j, middle[order[i], j])
         for r in range(3):
             for c in range(4):
                 atlas.poses[i, r, c] = poses[order[i], r, c]

@@ -14,9 +14,13 @@ from .samples import complete_seed, coordinates
 from .task import OPEN, Task
 from .tree import nearest, scan_beside, take_nearest
 
-FIRST, MORE, RESTARTS, MORE_RESTARTS = 8, 40, 64, 256
+FIRST, MORE, RESTARTS, MORE_RESTARTS = 24, 40, 64, 256
 """Samples beside a goal that are tried first, samples of a deeper lookup, restarts after both, and restarts where what is
 left is so little that more work is worth it."""
+
+
+TAKES = 2 * FIRST
+"""How often a sample is taken in two rounds, see `take_seed`."""
 
 
 AT_ONCE = 4
@@ -94,32 +98,53 @@ def fill_from_lookup(task: Task, desk: Desk, begin: int, found: int) -> tuple[in
 
 
 @hidden
-def scan(task: Task, desk: Desk, target: Array) -> int:
+def scan(task: Task, desk: Desk, target: Array, w: int) -> int:
     """Measure the samples beside a target, (3, 4), for `fill_from_scan`; return the leaf it lies in."""
     see(task, desk, target)
     coordinates(desk.seen, task.division, desk.point)
-    return scan_beside(task.atlas.tree, desk.point, desk.distance, desk.bound)
+    return scan_beside(task.atlas.tree, desk.point, desk.distance, desk.bound, w)
 
 
 @hidden
-def take_seed(task: Task, desk: Desk, leaf: int) -> tuple[bool, bool]:
-    """Put the next sample of a scan into the desk's seed; say whether there was one, and whether it is worth a try."""
+def stands_at_limit(q: Array, lower: Array, upper: Array) -> bool:
+    """Does the first joint or the last stand at a limit?"""
+    last = len(q) - 1
+    first_does: bool = q[0] <= lower[0] or q[0] >= upper[0]
+    last_does: bool = q[last] <= lower[last] or q[last] >= upper[last]
+    return first_does or last_does
+
+
+@hidden
+def take_seed(task: Task, desk: Desk, leaf: int, taken: int, w: int) -> tuple[int, bool]:
+    """Put the next sample of a scan into the desk's seed; return how many are taken by now, and whether it is worth a try.
+
+    There are two rounds: first those whose first and last joint come out inside their limits, for most of the others fail;
+    then those that are within the margin, and stand at a limit now.
+    """
+    chain, worth = task.chain, False
     i = take_nearest(task.atlas.tree, leaf, desk.distance, desk.bound)
-    if i < 0:
-        return False, False
-    chain = task.chain
-    return True, complete_seed(
-        task.atlas, task.division, desk.seen, i, chain.lower, chain.upper, MARGIN, desk.seed
-    )
+    if i >= 0:
+        margin = MARGIN if taken >= FIRST else 0.0
+        worth = complete_seed(
+            task.atlas, task.division, desk.seen, i, chain.lower, chain.upper, margin, desk.seed
+        )
+        worth = worth and (taken < FIRST or stands_at_limit(desk.seed, chain.lower, chain.upper))
+        taken += 1
+    else:
+        taken = FIRST if taken < FIRST else TAKES
+    if taken == FIRST:
+        scan_beside(task.atlas.tree, desk.point, desk.distance, desk.bound, w)
+    return taken, worth
 
 
 @hidden
-def fill_from_scan(task: Task, desk: Desk, leaf: int, taken: int) -> tuple[int, int]:
+def fill_from_scan(task: Task, desk: Desk, leaf: int, taken: int, w: int) -> tuple[int, int]:
     """Put the next samples of a scan into lanes; return how many are taken by now and the lanes filled."""
-    filled, more = 0, True
-    while more and taken < FIRST and filled < AT_ONCE:
-        more, worth = take_seed(task, desk, leaf)
-        taken = taken + 1 if more else FIRST
+    filled = 0
+    for _ in range(TAKES):
+        if taken == TAKES or filled == AT_ONCE:
+            break
+        taken, worth = take_seed(task, desk, leaf, taken, w)
         if worth:
             load_seed(desk.lanes, filled, desk.seed)
             desk.state[filled] = 0
@@ -161,12 +186,23 @@ def middle(task: Task, q: Array) -> None:
 @hidden
 def restart(task: Task, number: int, q: Array) -> None:
     """Write start `number` of a low-discrepancy sequence over the limits (Roberts 2018, R_d)."""
-    dof = len(q)
+    spread_start(task, spread_root(len(q)), number, q)
+
+
+@hidden
+def spread_root(dof: int) -> float:
+    """The root of x^(n+1) = x + 1, which takes longer to find than a start does."""
     g = 2.0
     for _ in range(CONVERGED):
         g = (1.0 + g) ** (1.0 / (dof + 1))
+    return g
+
+
+@hidden
+def spread_start(task: Task, g: float, number: int, q: Array) -> None:
+    """As `restart`, with the root of `spread_root`."""
     step = 1.0
-    for i in range(dof):
+    for i in range(len(q)):
         step /= g
         low, high = task.chain.lower[i], task.chain.upper[i]
         q[i] = low + ((0.5 + (number + 1) * step) % 1.0) * (high - low)

@@ -37,17 +37,22 @@ POSITION_ERROR, ORIENTATION_ERROR, WEIGHTED_ERROR, EVALUATIONS = range(4)
 """Places in a report on joint values: [m], [rad], and the FK evaluations they took. Behind the joint values of an answer
 these four stand in the same order."""
 
-ITERATE, SEARCH, ENDING, STARTS, JUDGE, CLOSED = range(6)
+ITERATE, SEARCH, ENDING, STARTS, JUDGE, CLOSED, DISTANT = range(7)
 """Places of the routines among those of a task; 0 stands where one is not needed, or not yet: see `one_goal.routines`.
-CLOSED has its address where the arm has a closed form.
+CLOSED has its address where the arm has a closed form, DISTANT like ENDING from the first goal on that is out of reach.
 
 A goal with ranges has other steps than a pose, and the same search: its task names other routines, see `with_ranges`."""
 
 HEAD, TAIL, COLUMNS, WIDTH, POSES, EXACT = range(6)
 """Places in the whole numbers of a task: those of the division, LANES, `Task.poses`, and `Task.exact`."""
 
-DIRECTION, RADIAN = range(2)
-"""Places in the lengths of a task: what a direction counts as among the samples, and a radian while refining [m]."""
+DIRECTION, RADIAN, SPAN, SHOULDER, HAND = 0, 1, 2, 3, 6
+"""Places in the lengths of a task: what a direction counts as among the samples, and a radian while refining [m]; how far
+apart a point on the first axis and one that the last joint leaves alone can be [m], the one in the base and the other in
+the tip, three numbers each: see `robots.geometry.span_of`."""
+
+MEASURES = HAND + 3
+"""Lengths of a task."""
 
 
 class Task(NamedTuple):
@@ -94,10 +99,10 @@ class TaskRows(NamedTuple):
     numbers: Indices
     """See `HEAD` and those beside it, (6,)."""
     lengths: Array
-    """See `DIRECTION` and `RADIAN`, (2,), [m]."""
+    """See `DIRECTION` and those beside it, (MEASURES,), [m]."""
     links: Array
     routines: Indices
-    """Addresses of what kernels call, see `ITERATE`, (6,)."""
+    """Addresses of what kernels call, see `ITERATE`, (7,)."""
     plain: Array
     """What is wanted of a plain pose, (WANTED,)."""
     structure: Array
@@ -130,7 +135,9 @@ ROWS = Rows(
 ARRAYS = ROWS.count
 
 
-NUMBERS, ROUTINES, PLAIN, WEIGHTS = (ROWS.first[name] for name in ("numbers", "routines", "plain", "columns"))
+NUMBERS, ROUTINES, PLAIN, WEIGHTS, LENGTHS = (
+    ROWS.first[name] for name in ("numbers", "routines", "plain", "columns", "lengths")
+)
 
 
 def task_arrays(
@@ -145,12 +152,16 @@ def task_arrays(
     wanted: Array,
     structure: Array,
     exact: bool,
+    span: Array,
 ) -> list[NDArray[Any]]:
-    """The arrays of a task in the order in which `task_of` reads them; `wanted` is that of a plain pose."""
-    numbers, lengths = np.zeros(EXACT + 1, dtype=np.int64), np.zeros(RADIAN + 1)
+    """The arrays of a task in the order in which `task_of` reads them.
+
+    `wanted` is that of a plain pose, `span` has the lengths from SPAN on, (7,).
+    """
+    numbers, lengths = np.zeros(EXACT + 1, dtype=np.int64), np.zeros(MEASURES)
     numbers[HEAD], numbers[TAIL], numbers[COLUMNS] = division.head, division.tail, division.columns
     numbers[WIDTH], numbers[EXACT] = LANES, exact
-    lengths[DIRECTION], lengths[RADIAN] = division.length, length
+    lengths[DIRECTION], lengths[RADIAN], lengths[SPAN:] = division.length, length, span
     links = links_of(chain)
     return ROWS.arrays(
         TaskRows(chain, atlas, lower, upper, columns, numbers, lengths, links, routines, wanted, structure)

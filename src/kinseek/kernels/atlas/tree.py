@@ -13,7 +13,8 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.entry import F64, I64, Bundle
-from kinseek.kernels.jit import called, hidden, kernel
+from kinseek.kernels.jit import called, hidden, kernel, view
+from kinseek.kernels.pointers import part1
 
 LEAF = 8
 """Points of a leaf, as many as are measured side by side."""
@@ -26,7 +27,10 @@ MOST_LEAVES = 256
 """Leaves that one search scans at most: a point far from all others is about as far from each of them."""
 
 BESIDE = 12
-"""Leaves that `scan_beside` looks at, the point's own first."""
+"""Leaves that `scan_beside` looks at, the point's own first; an even number."""
+
+POSE_DIMENSIONS = 5
+"""Coordinates of a pose from which a first and a last joint that turn are divided out, see `samples`: nearly all arms."""
 
 
 class Tree(NamedTuple):
@@ -216,15 +220,16 @@ def nearest(
     return found
 
 
-@hidden
-def scan_beside(tree: Tree, point: Array, distance: Array, least: Array) -> int:
+@view
+def scan_beside(tree: Tree, point: Array, distance: Array, least: Array, w: int) -> int:
     """Measure the points of the leaves beside a point.
 
     Args:
         tree: Where to look.
         point: (dimensions,)
         distance: Receives squared distances, at least (BESIDE · LEAF,).
-        least: Receives the least of every leaf, at least (BESIDE,).
+        least: Receives the least distance at each place of the leaves, at least (LEAF,).
+        w: LEAF, as a number that the compiler cannot know, see `lanes`.
 
     Returns:
         The leaf that the point lies in, for `take_nearest`.
@@ -234,42 +239,55 @@ def scan_beside(tree: Tree, point: Array, distance: Array, least: Array) -> int:
     while node < leaves - 1:
         node = 2 * node + (1 if point[tree.axis[node]] < tree.split[node] else 2)
     own: int = node - (leaves - 1)
-    for b in range(BESIDE):
-        leaf, o = tree.beside[own * BESIDE + b], b * LEAF
-        if leaf < 0:
-            least[b] = np.inf
-            continue
-        for j in range(LEAF):
-            distance[o + j] = 0.0
-        for d in range(dimensions):
-            x = point[d]
+    first = own * BESIDE
+    if dimensions == POSE_DIMENSIONS and tree.beside[first + BESIDE - 1] >= 0:
+        x0, x1, x2, x3, x4 = point[0], point[1], point[2], point[3], point[4]
+        at, size = tree.points.ctypes.data, LEAF * POSE_DIMENSIONS
+        # Two leaves in one loop, for of a short one most is its beginning and its end.
+        for b in range(0, BESIDE, 2):
+            p, o = part1(at, tree.beside[first + b] * size, size), b * LEAF
+            r = part1(at, tree.beside[first + b + 1] * size, size)
+            for j in range(w):
+                g0, g1, g2 = p[j] - x0, p[LEAF + j] - x1, p[2 * LEAF + j] - x2
+                g3, g4 = p[3 * LEAF + j] - x3, p[4 * LEAF + j] - x4
+                distance[o + j] = g0 * g0 + g1 * g1 + g2 * g2 + g3 * g3 + g4 * g4
+                g0, g1, g2 = r[j] - x0, r[LEAF + j] - x1, r[2 * LEAF + j] - x2
+                g3, g4 = r[3 * LEAF + j] - x3, r[4 * LEAF + j] - x4
+                distance[o + LEAF + j] = g0 * g0 + g1 * g1 + g2 * g2 + g3 * g3 + g4 * g4
+    else:
+        for b in range(BESIDE):
+            leaf, o = tree.beside[first + b], b * LEAF
             for j in range(LEAF):
-                gap = tree.points[leaf, d, j] - x
-                distance[o + j] += gap * gap
-        low = distance[o]
-        for j in range(1, LEAF):
-            low = min(low, distance[o + j])
-        least[b] = low
+                distance[o + j] = 0.0 if leaf >= 0 else np.inf
+            for d in range(dimensions if leaf >= 0 else 0):
+                x = point[d]
+                for j in range(LEAF):
+                    gap = tree.points[leaf, d, j] - x
+                    distance[o + j] += gap * gap
+    for j in range(w):
+        low = distance[j]
+        for b in range(1, BESIDE):
+            low = min(low, distance[b * LEAF + j])
+        least[j] = low
     return own
 
 
 @hidden
 def take_nearest(tree: Tree, own: int, distance: Array, least: Array) -> int:
     """Take the nearest point that is left after `scan_beside`; return its place in the leaves, -1 if none is left."""
-    low, which = least[0], 0
-    for b in range(1, BESIDE):
-        low = min(low, least[b])
+    low, which, place = least[0], 0, 0
+    for j in range(1, LEAF):
+        low = min(low, least[j])
     if low == np.inf:
         return -1
+    for j in range(LEAF):
+        place = j if least[j] == low else place
     for b in range(BESIDE):
-        which = b if least[b] == low else which
-    o, place = which * LEAF, 0
-    for j in range(LEAF):
-        place = j if distance[o + j] == low else place
-    distance[o + place] = np.inf
+        which = b if distance[b * LEAF + place] == low else which
+    distance[which * LEAF + place] = np.inf
     low = np.inf
-    for j in range(LEAF):
-        low = min(low, distance[o + j])
-    least[which] = low
+    for b in range(BESIDE):
+        low = min(low, distance[b * LEAF + place])
+    least[place] = low
     found: int = tree.beside[own * BESIDE + which] * LEAF + place
     return found

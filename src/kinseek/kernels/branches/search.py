@@ -144,7 +144,7 @@ def find_branches(
     starts_told = np.zeros(3, dtype=np.int64)
     tally[WEAKEST] = np.inf
     start(task, desk, target)
-    count, told, rounds, kept, done, unsure, reached = 0, 0, 0, 0, False, False, False
+    count, told, rounds, kept, done, unsure, reached, settling = 0, 0, 0, 0, False, False, False, False
     if serves(task, structure):
         closed_starts(task, structure, target, desk.spare, np.empty(WORK), seeds, asked, w)
         many = int(asked[TRIED])
@@ -157,10 +157,9 @@ def find_branches(
         done = asked[UNSURE] == 0.0 and count >= asked[SURE] and (count > 0 or (exact and many == 0))
         # Of an arm nearly so an angle is seldom left to choose, and what lies beside its candidates is met early.
         unsure = asked[UNSURE] > 0.0 and exact
-        if done and not exact and count > 0:
+        if done and not exact:
             # Where two answers all but meet the other's equations may have neither, and this one's lead to one of them.
-            twins(handle, wanted, memory, rows, 0, min(count, LANES), seeds, tally, w)
-            done, rounds = tally[WEAKEST] >= WEAK, SETTLED
+            settling, done, rounds = True, False, SETTLED
     elif table.shape[1] > 0 and max(task.position_tolerance, task.orientation_tolerance) <= LOOSE:
         one_joint.searched_starts(handle, wanted, joint, table, target, seeds, starts_told, w)
         many = starts_told[one_joint.MANY]
@@ -174,10 +173,6 @@ def find_branches(
     distance, near = np.empty(samples), np.empty(samples + 1, dtype=np.int64)
     order, known = np.empty(samples + BUCKETS + 1, dtype=np.int64), np.empty((MOST_JOINTS + 1, room))
     begin, end = 0.0, 0.0
-    if not done:
-        see(task, desk, target)
-        coordinates(desk.seen, task.division, desk.point)
-        measure_samples(task.atlas.tree.points, desk.point, distance)
     # Each pass tells of an answer at least, or goes on to the next of four kinds of starts.
     for _ in range(ROWS + 4):
         if done or count >= ROWS:
@@ -186,12 +181,18 @@ def find_branches(
         if told < count:
             last = min(count, told + LANES)
             many = twins(handle, wanted, memory, rows, told, last, seeds, tally, w)
+            if settling and tally[WEAKEST] >= WEAK and last == count:
+                break
             many = images(task, mirrors, view[RATES], rows, told, last, seeds, many, image)
             mode, told = SIBLING, last
             rounds = 0 if rounds == SETTLED and tally[CONTINUA] > 0.0 else rounds
         elif rounds == 0 or (
             rounds == 1 and (unsure or tally[LATE] > 0.0 or tally[WEAKEST] < WEAK or in_doubt(task, count))
         ):
+            if rounds == 0 and samples > 0:
+                see(task, desk, target)
+                coordinates(desk.seen, task.division, desk.point)
+                measure_samples(task.atlas.tree.points, desk.point, distance)
             most, limit = (STARTS, FIRST_ROOM) if rounds == 0 else (DEEP_STARTS, DEEP_STARTS)
             begin, end = end, radius(distance, most)
             found = sort_samples(distance, begin, end, limit, near, order)

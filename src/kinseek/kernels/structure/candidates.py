@@ -165,6 +165,13 @@ def row_of(structure: Array, i: int, dof: int) -> int:
 
 
 @hidden
+def joint_of(structure: Array, row: int, dof: int) -> int:
+    """Joint whose angles stand in a row, see `row_of`."""
+    place = row + 1 if structure[SWEPT] > 0.0 else row
+    return dof - 1 - place if structure[BACKWARD] > 0.0 else place
+
+
+@hidden
 def candidates(structure: Array, D: Array, far: float, work: Array, w: int) -> None:
     """Write the angles of eight candidates and what is told of them into work.
 

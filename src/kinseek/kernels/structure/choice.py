@@ -7,12 +7,12 @@ import math
 import numpy as np
 
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.atlas.descent import goal_of
-from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.descent import descend_lanes, goal_of, start
+from kinseek.kernels.atlas.lanes import LANES, Lanes
 from kinseek.kernels.atlas.memory import Desk
-from kinseek.kernels.atlas.one_goal import finish
-from kinseek.kernels.atlas.seeds import turns_fully
-from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR, Task
+from kinseek.kernels.atlas.one_goal import CORRECTIONS, finish
+from kinseek.kernels.atlas.seeds import copy_joints, load_seed, turns_fully
+from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR, Job, Task
 from kinseek.kernels.jit import hidden
 
 from .candidates import (
@@ -28,13 +28,13 @@ from .candidates import (
     LOOSE,
     MIDDLE,
     SPREAD,
+    SWEPT,
     WEAK,
     candidates,
-    displacement,
+    joint_of,
     row_of,
 )
 from .front import taken_off
-from .subproblems import TINY, dot
 
 COST = MIDDLE
 """Row of the squared distance of a candidate from where it is wanted, infinite if it is none; its first use is over by
@@ -43,10 +43,6 @@ then."""
 
 EDGE = 1e-7
 """Beyond a limit by no more than that [rad] is at it: rounding shall not turn a joint once round."""
-
-
-CORRECTIONS, SHRINKS = 5, 0.5
-"""Corrections of a candidate at most, and the part of what it is off that one of them may leave."""
 
 
 @hidden
@@ -62,34 +58,35 @@ def place(task: Task, near: Array, close: bool, work: Array, w: int) -> None:
         w: LANES.
     """
     W, dof, off = LANES, len(task.lower), SPREAD * task.structure[DEVIATION]
-    turn, rate = 2.0 * math.pi, 0.5 / math.pi
+    turn, rate, beside = 2.0 * math.pi, 0.5 / math.pi, BESIDE + off
     for l in range(w):
         lost = work[AGAIN * W + l] > 0.0 or work[LACK * W + l] > LACKING + off
         work[COST * W + l] = np.inf if lost else 0.0
-    for i in range(dof):
-        row = row_of(task.structure, i, dof)
-        if row == GIVEN:  # It is inside its limits, and the same in all lanes.
-            continue
+    # A joint in front is inside its limits, and the same in all lanes.
+    for row in range(dof - 1 if task.structure[SWEPT] > 0.0 else dof):
+        i = joint_of(task.structure, row, dof)
         low, high, centre = task.chain.lower[i], task.chain.upper[i], near[i]
         half = 0.5 * (high - low)
         scale = 1.0 if close else 1.0 / max(half, 1e-12)
-        full = 1.0 if turns_fully(task, i) else 0.0
+        full = turn if turns_fully(task, i) else 0.0
         if math.isinf(task.lower[i]):
             low, high = centre - math.pi, centre + math.pi
+        # Of an angle whose range holds no full turn at most one copy fits, but at both limits of nearly a full turn.
+        room = np.inf if full > 0.0 else EDGE
+        # Without a branch, and what is read of other arrays is read before: so LLVM makes vectors of the loop.
         for l in range(w):
-            value = work[row * W + l]
+            value, cost = work[row * W + l], work[COST * W + l]
             middlemost = value - turn * np.floor((value - low - half) * rate + 0.5)
             value -= turn * np.floor((value - centre) * rate + 0.5)
-            # Of an angle whose range holds no full turn at most one copy fits, but at both limits of nearly a full turn.
-            fits = full > 0.0 or low - EDGE <= value <= high + EDGE
-            value = value if fits else middlemost
-            value = low if low - EDGE <= value < low else high if high < value <= high + EDGE else value
-            value += full * turn * np.ceil(max(low - value, 0.0) * rate)
-            value -= full * turn * np.ceil(max(value - high, 0.0) * rate)
-            gap = scale * (value - near[i])
-            beside = max(low - value, value - high) <= BESIDE + off
+            value = value if max(low - value, value - high) <= room else middlemost
+            within = min(max(value, low), high)
+            value = within if abs(value - within) <= EDGE else value
+            value += full * np.ceil(max(low - value, 0.0) * rate)
+            value -= full * np.ceil(max(value - high, 0.0) * rate)
+            gap = scale * (value - centre)
+            cost += gap * gap
             work[row * W + l] = value
-            work[COST * W + l] = work[COST * W + l] + gap * gap if beside else np.inf
+            work[COST * W + l] = cost if max(low - value, value - high) <= beside else np.inf
 
 
 @hidden
@@ -135,99 +132,84 @@ def take_candidate(task: Task, desk: Desk, q: Array) -> int:
 
 
 @hidden
-def first_that_reaches(
-    task: Task, desk: Desk, target: Array, near: Array, given: float, q: Array, w: int
-) -> int:
+def first_that_reaches(task: Task, desk: Desk, target: Array, near: Array, q: Array) -> int:
     """Write the nearest candidate that reaches the target, (3, 4), by plain forward kinematics, into q, (n,).
-
-    Of an arm that nearly has its structure the nearby arm is asked for another pose, as far off as it missed this one, until
-    its answer is one of the arm itself.
 
     Args:
         task: The task.
-        desk: The candidates, as `place` leaves them.
+        desk: The candidates, as `place` leaves them; `bound` receives the report on the last that was looked at.
         target: (3, 4), lengths in [m].
         near: See `place`.
-        given: The value of a joint in front.
         q: Receives the last candidate that was looked at.
-        w: LANES.
 
     Returns:
-        How many were judged, a corrected one as often as that; as many less than 0 if none reaches the target.
+        How many were judged; as many less than 0 if none reaches the target.
     """
-    judged = 0
+    judged, report = 0, desk.bound  # Memory of a look-up; `batch.run_closed` reads it too.
     for _ in range(LANES):
-        lane = take_candidate(task, desk, q)
-        if lane < 0:
+        if take_candidate(task, desk, q) < 0:
             break
-        off = judge(task, desk, target, near, q)
+        finish(task, desk, goal_of(task, target), near, q, report)
         judged += 1
-        if off == 0.0:
+        position, orientation = report[POSITION_ERROR], report[ORIENTATION_ERROR]
+        if position <= task.position_tolerance and orientation <= task.orientation_tolerance:
             return judged
-        if task.exact == 1:
-            continue
-        for r in range(3):
-            for c in range(4):
-                desk.seen[r, c] = target[r, c]
-        for _ in range(CORRECTIONS):
-            correct(task, desk, target, given, lane, near, q, w)
-            before = off
-            off = judge(task, desk, target, near, q)
-            judged += 1
-            if off == 0.0:
-                return judged
-            if off > SHRINKS * before:
-                break
     return -judged
 
 
 @hidden
-def judge(task: Task, desk: Desk, target: Array, near: Array, q: Array) -> float:
-    """Bring q, (n,), inside the limits; return how far it is from the target, (3, 4), 0 within the tolerances."""
-    report = desk.bound  # Memory of a look-up; `batch.run_closed` reads it too.
-    finish(task, desk, goal_of(task, target), near, q, report)
-    position, orientation = report[POSITION_ERROR], report[ORIENTATION_ERROR]
-    if position <= task.position_tolerance and orientation <= task.orientation_tolerance:
-        return 0.0
-    off: float = max(position / task.length, orientation, TINY)
-    return off
+def take_start(task: Task, desk: Desk, q: Array) -> bool:
+    """Write the nearest candidate that is left into q, (n,), inside the limits; say whether there was one."""
+    if take_candidate(task, desk, q) < 0:
+        return False
+    for i in range(len(q)):
+        q[i] = min(max(q[i], task.lower[i]), task.upper[i])
+    return True
 
 
 @hidden
-def correct(
-    task: Task, desk: Desk, target: Array, given: float, lane: int, near: Array, q: Array, w: int
-) -> None:
-    """Ask the nearby arm for the pose in `desk.seen`, moved by as much as q, (n,), is off the target.
+def clear_lanes(lanes: Lanes) -> None:
+    """Put all lanes at zero, with no step made: what stood in the memory is nothing that may be computed with."""
+    for i in range(lanes.q.shape[0]):
+        for l in range(LANES):
+            lanes.q[i, l] = lanes.step[i, l] = 0.0
+    for r in range(4 * LANES):
+        lanes.work[r] = 0.0
+
+
+@hidden
+def first_that_converges(job: Job, task: Task, desk: Desk, target: Array, q: Array, w: int) -> int:
+    """Refine the candidates of a nearby arm side by side; write the nearest that becomes an answer into q, (n,).
+
+    `batch.run_lanes` does the same with one of them at a time.
 
     Args:
+        job: The task by address.
         task: The task.
-        desk: The pose of q stands in `spare`; what is asked for is kept in `seen`.
+        desk: The candidates, as `place` leaves them.
         target: (3, 4), lengths in [m].
-        given: The value of a joint in front.
-        lane: Whose answer is taken.
-        near: See `place`.
-        q: Receives the answer.
+        q: Receives the answer, or else the last candidate.
         w: LANES.
+
+    Returns:
+        FK evaluations spent; as many less than 0 if none becomes an answer, 0 if there is no candidate.
     """
-    P, X, S, work, dof, turn = desk.spare, desk.seen, task.structure, desk.lanes.gram, len(q), 2.0 * math.pi
-    for c in range(4):
-        x, y, z = X[0, c], X[1, c], X[2, c]
-        if c == 3:
-            x, y, z = x - P[0, 3], y - P[1, 3], z - P[2, 3]
-        a, b, d = (
-            dot(P[0, 0], P[1, 0], P[2, 0], x, y, z),
-            dot(P[0, 1], P[1, 1], P[2, 1], x, y, z),
-            dot(P[0, 2], P[1, 2], P[2, 2], x, y, z),
-        )
-        for r in range(3):
-            X[r, c] = dot(target[r, 0], target[r, 1], target[r, 2], a, b, d) + (
-                target[r, 3] if c == 3 else 0.0
-            )
-    displacement(S, X, desk.spare)
-    taken_off(S, desk.spare, given, desk.spare)
-    candidates(S, desk.spare, LACKING + SPREAD * S[DEVIATION], work, w)
-    for i in range(dof):
-        row = row_of(S, i, dof)
-        if row != GIVEN:
-            gap = work[row * LANES + lane] - q[i]
-            q[i] += gap - turn * np.rint(gap / turn)
+    start(task, desk, target)
+    clear_lanes(desk.lanes)
+    spent = 0
+    # Nearly always the first becomes one, and the others need not be brought into their lanes.
+    for most in (1, LANES):
+        loaded = 0
+        for l in range(LANES):
+            desk.state[l] = 2
+            if loaded < most and take_start(task, desk, q):
+                load_seed(desk.lanes, l, q)
+                desk.state[l], loaded = 0, loaded + 1
+        if loaded == 0:
+            break
+        lane, made = descend_lanes(job, task, desk, CORRECTIONS, False, w)
+        spent += (made + 1) * loaded
+        if lane >= 0:
+            copy_joints(desk.found, lane, q)
+            return spent
+    return -spent

@@ -5,18 +5,22 @@ from __future__ import annotations
 from kinseek.kernels.atlas.descent import FIRST_STEPS
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import desk_size, make_desk
-from kinseek.kernels.atlas.one_goal import NEAREST
+from kinseek.kernels.atlas.one_goal import CORRECTIONS, NEAREST, OFFER
 from kinseek.kernels.atlas.seeds import middle
-from kinseek.kernels.atlas.task import WANTED, handle_at, task_of
+from kinseek.kernels.atlas.task import WANTED, Job, handle_at, task_of
 from kinseek.kernels.jit import routine
 from kinseek.kernels.pointers import part1, part2
 
 from .candidates import KIND, LEADS, NONE, SWEPT, displacement
-from .choice import CORRECTIONS, first_that_reaches, order_candidates
+from .choice import first_that_converges, first_that_reaches, order_candidates, take_start
 from .front import direction, end_value, given_value
 
-MOST = (FIRST_STEPS + 1) * LANES
-"""Candidates judged at most: what one round of the search takes."""
+ENOUGH = (CORRECTIONS + 1) * LANES
+"""After more FK evaluations than these no other value of a joint in front is tried."""
+
+
+LED = (FIRST_STEPS + 1) * LANES // ENOUGH
+"""Values of a joint in front, at most, whose candidates are refined: as long as one round of the search takes."""
 
 
 @routine("int64(int64, int64, int64, int64, int64, int64, int64, int64)")
@@ -38,13 +42,15 @@ def closed_routine(
         memory_address: As there; the desk is as a look-up leaves it.
         target_address: As there.
         near_address: Where the arm is, (n,), if the nearest answer is asked for.
-        asked: MIDMOST: the answer nearest to the middle of the ranges comes first; NEAREST: that nearest to `near`.
+        asked: MIDMOST: the answer nearest to the middle of the ranges comes first; NEAREST: that nearest to `near`. From
+            OFFER on, of an arm that nearly has its structure: the candidate of that number of those that are refined.
         q_address: Receives joint values, (n,).
         w: LANES.
 
     Returns:
         FK evaluations spent. Where no candidate reaches the target, or another answer may be nearer, as many less than 0; q
-        is then the last that was looked at. 0 where there is no candidate.
+        is then the last that was looked at. 0 where there is no candidate. With OFFER 1, and 0 where there is none of that
+        number.
     """
     handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
     task = task_of(handle, wanted)
@@ -52,7 +58,7 @@ def closed_routine(
     memory = part1(memory_address, 0, desk_size(dof, joints))
     target, q, near = part2(target_address, 0, 3, 4), part1(q_address, 0, dof), part1(near_address, 0, dof)
     desk, S, close = make_desk(memory, dof, joints), task.structure, asked == NEAREST
-    values, judged, value = int(S[SWEPT]), 0, 0.0
+    values, spent, value, led, skip = int(S[SWEPT]), 0, 0.0, 0, asked - OFFER
     # Of a nearby arm the closed form may lack an answer at a limit, and with it the nearest; values of a joint are many.
     if S[KIND] == NONE or (close and (task.exact == 0 or values > 0)):
         return 0
@@ -63,7 +69,7 @@ def closed_routine(
     ahead = direction(S, desk.between) if values > 0 else 0.0
     # Last come the ends of its range: where few answers are left, they often stand there.
     for k in range(values + 2 if values > 0 else 1):
-        if judged + LANES * (1 + CORRECTIONS) > MOST:
+        if spent > ENOUGH or led == LED:
             break
         if values > 0:
             value, inside = (
@@ -72,10 +78,22 @@ def closed_routine(
             if not inside:
                 continue
         sure = order_candidates(task, desk, value, near, close, w)
-        more = first_that_reaches(task, desk, target, near, value, q, w)
+        if asked >= OFFER:
+            offered = 0
+            while offered < LANES and take_start(task, desk, q):
+                if skip == 0:
+                    return 1
+                offered, skip = offered + 1, skip - 1
+            led += 1 if offered > 0 else 0
+            continue
+        if task.exact == 0:
+            more = first_that_converges(Job(handle, wanted, memory), task, desk, target, q, w)
+            led += 1 if more != 0 else 0
+        else:
+            more = first_that_reaches(task, desk, target, near, q)
         if more > 0:
-            judged += more
+            spent += more
             # One that was refused may have an answer beside it.
-            return -judged if close and not (sure and judged == 1) else judged
-        judged -= more
-    return -judged
+            return -spent if close and not (sure and spent == 1) else spent
+        spent -= more
+    return 0 if asked >= OFFER else -spent

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from kinseek.goal import Goal
 from kinseek.kernels.arm.division import NONE
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
+from kinseek.kernels.atlas.far import BEYOND, MOST, ROUNDED
 from kinseek.kernels.atlas.one_goal import add_ending, routines
 from kinseek.kernels.atlas.range_steps import POSES
 from kinseek.kernels.atlas.ranges import range_routines
@@ -19,9 +20,14 @@ from kinseek.kernels.atlas.task import (
     AXES,
     BUDGET,
     CLOSED,
+    HAND,
+    LENGTHS,
+    MEASURES,
     NUMBERS,
     ORIENTATION,
     POSITION,
+    SHOULDER,
+    SPAN,
     WANTED,
     WEIGHT,
     task_arrays,
@@ -34,7 +40,7 @@ from kinseek.kernels.structure.one_answer import closed_routine
 from kinseek.kinds import POSE, Kind
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
-from kinseek.robots.geometry import RADIAN_PART, arm_length, divide, open_limits
+from kinseek.robots.geometry import RADIAN_PART, arm_length, divide, open_limits, span_of
 from kinseek.robots.sampling import middle_samples
 from kinseek.shelf import Shelf
 from kinseek.structure.leads import choose_leads
@@ -97,6 +103,7 @@ class AtlasIndex:
             PLAIN,
             self.structure.numbers,
             self.structure.exact,
+            span_of(arrays, kind is POSE),
         )
         self._addresses = handle_of(self._arrays)
         if not known:
@@ -126,6 +133,14 @@ class AtlasIndex:
         """As `handle`, for goals with ranges."""
         self._range_routines[:] = range_routines()
         return self._range_addresses
+
+    def is_far(self, wanted: Array, target: Array) -> bool:
+        """Is a target, (3, 4), so far away that the nearest pose is found at once? See `kernels.atlas.far`."""
+        lengths = self._arrays[LENGTHS]
+        hand = lengths[HAND:MEASURES]
+        gap = target[:, :3] @ hand + target[:, 3] - lengths[SHOULDER:HAND]
+        slack = wanted[POSITION] + ROUNDED + wanted[ORIENTATION] * np.abs(hand).sum()
+        return bool(wanted[BUDGET] >= MOST and np.linalg.norm(gap) > BEYOND * lengths[SPAN] + slack)
 
     def __repr__(self) -> str:
         """Size and cost."""
@@ -166,14 +181,15 @@ def atlas_of(chain: SerialChain, goal: Goal | None = None, samples: int = SAMPLE
 def wanted_of(goal: Goal, budget: int | None = None) -> Array:
     """A goal's tolerances and weights as the kernels take them, see `kernels.atlas.task.POSITION`, (WANTED,)."""
     most = np.inf if budget is None else float(budget)
-    return _wanted(
+    return wanted_numbers(
         goal.position_tolerance, goal.orientation_tolerance, goal.position_weight, most, goal.axis_weights
     )
 
 
-def _wanted(
+def wanted_numbers(
     position: float, orientation: float, weight: float, budget: float, axis_weights: ArrayLike
 ) -> Array:
+    """See `kernels.atlas.task.POSITION`, (WANTED,)."""
     wanted = np.empty(WANTED)
     wanted[POSITION], wanted[ORIENTATION], wanted[WEIGHT], wanted[BUDGET] = (
         position,
@@ -185,5 +201,5 @@ def _wanted(
     return wanted
 
 
-PLAIN = _wanted(DEFAULT_TOLERANCE, DEFAULT_TOLERANCE, 1.0, np.inf, (1.0, 1.0, 0.0))
+PLAIN = wanted_numbers(DEFAULT_TOLERANCE, DEFAULT_TOLERANCE, 1.0, np.inf, (1.0, 1.0, 0.0))
 """`wanted_of` a goal that is just a pose; written out, since to make a goal runs a kernel, and importing shall run none."""

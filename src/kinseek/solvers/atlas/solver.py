@@ -15,12 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.deadline import Deadline
+from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.batch import solve_many, solve_some
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.near import solve_many_near
 from kinseek.kernels.atlas.task import AXES, WEIGHT
 from kinseek.problem import Problem
+from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution, reported
@@ -138,13 +140,10 @@ class Atlas:
         found: a pose well within a wide tolerance may count for less there than one that misses the other.
         """
         goal, dof = problem.goal, problem.chain.dof
-        both = 0.0 < goal.position_tolerance < math.inf and 0.0 < goal.orientation_tolerance < math.inf
-        if not both or problem.budget is not None:
+        if problem.budget is not None:
             return
         missed = np.flatnonzero(done & ~goal.met(results[:, dof:]))
-        if not len(missed):
-            return
-        if max(goal.position_tolerance / arm_length(problem.chain), goal.orientation_tolerance) < WIDE:
+        if not len(missed) or not asks_again(goal, problem.chain):
             return
         wanted, asked = wanted_of(goal), goal.at(goal.target.reshape(-1, 4, 4)[missed])
         wanted[WEIGHT] = 1.0 / goal.position_tolerance
@@ -212,6 +211,13 @@ class Atlas:
             return
         with progress_bar(self.progress, count) as advance:
             spread(work, count, CHUNK, self.threads, deadline, advance)
+
+
+def asks_again(goal: Goal, chain: SerialChain) -> bool:
+    """Are both tolerances of a goal above 0, and one so wide that what is missed is asked for again?"""
+    position, orientation = goal.position_tolerance, goal.orientation_tolerance
+    both = 0.0 < position < math.inf and 0.0 < orientation < math.inf
+    return both and max(position / arm_length(chain), orientation) >= WIDE
 
 
 def batch_solution(problem: Problem, results: Array, done: NDArray[np.bool_]) -> Solution:

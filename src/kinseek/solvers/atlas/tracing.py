@@ -76,6 +76,10 @@ def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
     problem, held = recorder.problem, _held(index)
     wanted, restarts, spent = wanted_of(problem.goal, problem.budget), 0, 0
     most = wanted[BUDGET]
+    if index.is_far(wanted, problem.goal.targets[0]):
+        recorder.note("Farther away than the arm is long: nothing was looked for but the nearest pose.")
+        recorder.add("nearest pose", found.q, found.evaluations, memory=held)
+        return
     if index.structure.word != "none" and most >= ROOMS[0].evaluations:
         # What comes before the first round takes some of its room: what is done is what geometry gives.
         row = _ask(index, problem, wanted, ROOMS[0].evaluations)

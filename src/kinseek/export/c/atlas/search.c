@@ -33,6 +33,7 @@ static void set_up(void) {
     routines[KINSEEK_ITERATE] = (int64_t)(uintptr_t)ks_iterate_routine;
     routines[KINSEEK_SEARCH] = (int64_t)(uintptr_t)ks_search_routine;
     routines[KINSEEK_ENDING] = (int64_t)(uintptr_t)ks_ending_routine;
+    routines[KINSEEK_FAR] = (int64_t)(uintptr_t)ks_far_routine;
 #ifdef KINSEEK_CLOSED
     routines[KINSEEK_CLOSED] = (int64_t)(uintptr_t)ks_closed_routine; /* What geometry gives is not searched. */
 #endif

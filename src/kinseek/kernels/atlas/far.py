@@ -1,0 +1,169 @@
+"""A goal so far away that no arm of this length reaches it: the nearest pose at once, without looking for an answer.
+
+Between a point on the first joint's axis and one that the last joint leaves alone lie links of known lengths: farther apart
+than all of them in a row they cannot be, see `robots.geometry.span_of`. Where a goal wants more there is no answer, and
+what is there to find is the nearest pose. It is looked for from the samples beside the goal that come nearest to it as they
+are; then from the ways in which the best of what these lead to can be flipped.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from kinseek.kernels.arm.forward import forward
+from kinseek.kernels.arm.pose_error import weighted_error
+from kinseek.kernels.arrays import Array, Indices
+from kinseek.kernels.jit import hidden, routine, view
+from kinseek.kernels.pointers import call, floats1, part1, part2
+
+from .descent import farthest_joint, goal_of, keep_best, lowest, lowest_row, start
+from .ending import fill_from_flips, reweigh
+from .lanes import LANES
+from .memory import Desk, desk_size, make_desk
+from .newton import STEPS as NEWTON_STEPS
+from .newton import settle
+from .seeds import copy_joints, fill_from_lookup, look_up, restart
+from .task import (
+    DISTANT,
+    HAND,
+    LENGTHS,
+    ORIENTATION,
+    POSITION,
+    SHOULDER,
+    SPAN,
+    WANTED,
+    Job,
+    Task,
+    handle_at,
+    routine_at,
+    task_of,
+)
+
+BEYOND = 1.1
+"""From so many times that length on a goal is far away. Nearer by, where little of the error may be left, more is tried."""
+
+ROUNDED = 1e-9
+"""Rounding of that length, and more [m]: there are arms whose axes all meet, and it is 0."""
+
+BESIDE = 24
+"""Samples that are looked at. Eight of them are walked from."""
+
+STEPS, STEPS_AFTER = 8, 6
+"""Reweighted steps from there, and from the flips of the best."""
+
+WORTH = 1.2
+"""What has more than so many times the least error after these is not walked to the end."""
+
+TWIN = 0.1
+"""Configurations closer than this in every joint [rad or m] end alike."""
+
+VAIN = 4
+"""After so many walks in turn that led to nothing better there is no other."""
+
+BETTER = 1e-6
+"""Less, relative to the error, is nothing better."""
+
+SETTLED = 3
+"""The state of a lane that has been walked to the end, see `Desk.state`."""
+
+MOST = (STEPS + STEPS_AFTER + 2 * (NEWTON_STEPS + 1)) * LANES
+"""FK evaluations at most."""
+
+
+@view
+def is_far(handle: Indices, wanted: Array, target: Array) -> bool:
+    """Is a target, (3, 4), farther away than `BEYOND` times what the links allow?"""
+    lengths = floats1(handle, LENGTHS)
+    total, slack = 0.0, wanted[POSITION] + ROUNDED
+    for r in range(3):
+        gap = target[r, 3] - lengths[SHOULDER + r]
+        for c in range(3):
+            gap += target[r, c] * lengths[HAND + c]
+        total += gap * gap
+        slack += wanted[ORIENTATION] * abs(lengths[HAND + r])
+    far: bool = math.sqrt(total) > BEYOND * lengths[SPAN] + slack
+    return far
+
+
+@view
+def nearest_to_far(handle: Indices, wanted: Array, memory: Array, target: Array, q: Array, w: int) -> int:
+    """Write the nearest pose to a target that `is_far` into q, (n,); return FK evaluations."""
+    at = (handle.ctypes.data, wanted.ctypes.data, memory.ctypes.data, target.ctypes.data)
+    spent: int = call(routine_at(handle, DISTANT), (*at, q.ctypes.data, w))
+    return spent
+
+
+@hidden
+def settle_best(task: Task, desk: Desk, target: Array) -> int:
+    """Walk from the best of the eight, the least error first, to the end; return FK evaluations."""
+    goal, spent, vain = goal_of(task, target), 0, 0
+    for number in range(LANES):
+        least, row = lowest(desk.best_error), -1
+        for l in range(LANES):
+            fresh = desk.state[l] != SETTLED
+            if fresh and (row < 0 or desk.best_error[l] < desk.best_error[row]):
+                row = l
+        if vain == VAIN or row < 0 or desk.best_error[row] > WORTH * least:
+            break
+        copy_joints(desk.best, row, desk.seed)
+        twin = False
+        for l in range(LANES):
+            twin = twin or (desk.state[l] == SETTLED and farthest_joint(desk.best, l, desk.seed) < TWIN)
+        desk.state[row] = SETTLED
+        if twin:
+            continue
+        spent += settle(task.chain, goal, False, 0.0, task.lower, task.upper, desk.seed)
+        forward(task.chain, desk.seed, desk.spare)
+        error = weighted_error(desk.spare, goal)
+        vain = 0 if number == 0 or error < (1.0 - BETTER) * least else vain + 1
+        if error < desk.best_error[row]:
+            desk.best_error[row] = error
+            for i in range(len(desk.seed)):
+                desk.best[row, i] = desk.seed[i]
+    return spent
+
+
+@routine("int64(int64, int64, int64, int64, int64, int64)")
+def far_routine(
+    handle_address: int, wanted_address: int, memory_address: int, target_address: int, q_address: int, w: int
+) -> int:
+    """See `nearest_to_far`."""
+    handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
+    task = task_of(handle, wanted)
+    dof, joints = len(task.lower), len(task.chain.leader)
+    memory = part1(memory_address, 0, desk_size(dof, joints))
+    target, q = part2(target_address, 0, 3, 4), part1(q_address, 0, dof)
+    desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
+    goal = goal_of(task, target)
+    largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
+    start(task, desk, target)
+    begin, found = 0, look_up(task, desk, target, BESIDE)
+    for _ in range(BESIDE):
+        if begin == found:
+            break
+        begin, filled = fill_from_lookup(task, desk, begin, found)
+        if filled > 0:
+            keep_best(job, task, desk, target)
+    top, spent = -1, 0
+    for turn in range(2):
+        if turn > 0:
+            top = lowest_row(desk.best_error)
+            fill_from_flips(task, desk)
+            for l in range(LANES):
+                desk.best_error[l] = desk.best_error[l] if l == top else np.inf
+            keep_best(job, task, desk, target)
+        for l in range(LANES):
+            if desk.best_error[l] == np.inf:  # Too few samples, or flips: whatever else there is.
+                restart(task, LANES * turn + l, desk.seed)
+                forward(task.chain, desk.seed, desk.spare)
+                desk.best_error[l] = weighted_error(desk.spare, goal)
+                for i in range(dof):
+                    desk.best[l, i] = desk.seed[i]
+        spent += reweigh(job, task, desk, target, largest, STEPS if turn == 0 else STEPS_AFTER, w)
+        if top >= 0:
+            desk.state[top] = SETTLED
+        spent += settle_best(task, desk, target)
+    copy_joints(desk.best, lowest_row(desk.best_error), q)
+    return spent

@@ -1,0 +1,61 @@
+"""One goal without ranges by the shortest way from Python to its answer and back: the same bits as `Atlas.solve` gives."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from kinseek.goal import Goal
+from kinseek.kernels.arrays import Array
+from kinseek.kernels.atlas.near import solve_goal
+from kinseek.robots.chain import SerialChain
+from kinseek.solution import Solution, quick_solution
+
+from .index import AtlasIndex, wanted_numbers
+from .solver import asks_again
+
+
+def answers_quickly(goal: Goal, near: Array | None) -> bool:
+    """Is this one goal without ranges, and near one start, if near any?"""
+    return (
+        type(goal) is Goal
+        and goal.target.ndim == 2
+        and goal.ranges is None
+        and (near is None or near.ndim == 1)
+    )
+
+
+def quick_answer(chain: SerialChain, index: AtlasIndex, goal: Goal, near: Array | None) -> Solution | None:
+    """Answer one goal.
+
+    Args:
+        chain: The arm.
+        index: Its atlas for such goals.
+        goal: One that `answers_quickly`.
+        near: Where the answer shall be near to, (n,), finite, [rad] or [m].
+
+    Returns:
+        None where it takes longer: a kernel is lacking yet, or what is missed is asked for again.
+    """
+    wanted = _wanted(
+        goal.position_tolerance,
+        goal.orientation_tolerance,
+        goal.position_weight,
+        goal.orientation_weight,
+        goal.form.columns,
+    )
+    moved = goal.base is not None or goal.form.turned
+    # A target is laid out as what it was made of.
+    q, target = np.empty(chain.dof), goal.targets[0] if moved else np.ascontiguousarray(goal.target[:3])
+    report = solve_goal(index.address, wanted, target, q if near is None else near, near is not None, q)
+    if report[3] < 0 or not (report[4] or not asks_again(goal, chain)):
+        return None
+    return quick_solution(chain, goal, near, q, report)
+
+
+@lru_cache(maxsize=64)
+def _wanted(position: float, orientation: float, weight: float, turn_weight: float, columns: int) -> Array:
+    """`wanted_of` a goal of these numbers, (WANTED,), which nobody writes into."""
+    axis_weights = [turn_weight if column < min(columns, 2) else 0.0 for column in range(3)]
+    return wanted_numbers(position, orientation, weight, np.inf, axis_weights)
