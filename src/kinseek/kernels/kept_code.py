@@ -47,8 +47,8 @@ def _words(error: Exception) -> str:
 _Files: Any = caching.IndexDataCacheFile
 _FunctionCache: Any = caching.FunctionCache
 _CFunc: Any = CFunc
-_Folder: Any = getattr(caching, "UserProvidedCacheLocator", None) or caching._UserProvidedCacheLocator
-"""Numba 0.61 has the second name."""
+_NAMES = ("UserProvidedCacheLocator", "_UserProvidedCacheLocator")  # The second in Numba 0.61.
+_Folder: Any = next(getattr(caching, name) for name in _NAMES if hasattr(caching, name))
 
 
 class _CheckedFiles(_Files):  # type: ignore[misc]
