@@ -222,16 +222,19 @@ def _unreachable(made: Page, answers: pd.DataFrame, names: dict[str, str]) -> No
     made.head(TITLES["unreachable"])
     made.say(
         "One and a half times as far off as all links in a row. *Says so*: no success claimed. *Nearest*: of what is handed "
-        "back inside the limits, how much farther from the place it is than the nearest that anybody has, median."
+        "back inside the limits, how much farther from the place it is than the nearest that anybody has, median; solvers "
+        "weigh the turn against it as they do in reach, so how far that is off stands beside it."
     )
     cells = []
     for row in summed(rows, ["solver", "settings"]).to_dict("records"):
         own = rows[(rows["solver"] == row["solver"]) & (rows["settings"] == row["settings"])]
         shares = 100 * (~own["believed"]).mean(), 100 * own["position_error"].notna().mean()
-        figures = *shares, own["excess"].median(), row["median"], row["p99"], row["worst"]
+        nearest = own["excess"].median(), np.degrees(own["orientation_error"].median())
+        figures = *shares, *nearest, row["median"], row["p99"], row["worst"]
         cells.append((*_who(row, names), *map(number, figures)))
     made.table(
-        f"{WHO} | >says so % | >hands something back % | >nearest, excess % | >median µs | >p99 µs | >worst µs",
+        f"{WHO} | >says so % | >hands something back % | >nearest, excess % | >its turn is off by ° | >median µs | >p99 µs | "
+        ">worst µs",
         cells,
     )
 

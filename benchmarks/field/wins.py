@@ -110,7 +110,7 @@ def _nearer(theirs: pd.DataFrame, ours: pd.DataFrame) -> Iterator[tuple[str, str
     if quantile_interval(one, 0.5)[1] < quantile_interval(other, 0.5)[0]:
         yield (
             "a nearer place handed back",
-            f"{one.median():.3g} % farther than the nearest known against {other.median():.3g}",
+            f"{one.median():.3g} % farther than the nearest known against {other.median():.3g}, whatever the turn",
         )
 
 
