@@ -233,8 +233,8 @@ def _unreachable(made: Page, answers: pd.DataFrame, names: dict[str, str]) -> No
         figures = *shares, *nearest, row["median"], row["p99"], row["worst"]
         cells.append((*_who(row, names), *map(number, figures)))
     made.table(
-        f"{WHO} | >says so % | >hands something back % | >nearest, excess % | >its turn is off by ° | >median µs | >p99 µs | "
-        ">worst µs",
+        f"{WHO} | >says so % | >hands something back % | >nearest, excess % | >its turn is off by ° | >median µs | "
+        ">p99 µs | >worst µs",
         cells,
     )
 
