@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from benchmarks.branches import SWEPT, restarts
+from benchmarks.self_motion import STEP, along
 from benchmarks.targets import plain_fk, random_joints, singular_joints, strict
 from numpy.typing import NDArray
 
@@ -418,6 +419,29 @@ def test_a_sample_of_the_self_motion_is_spread(name: str) -> None:
         # Farthest-point choice: eight of them lie farther apart than the fifty do.
         gaps = [apart(each.q, each.q) + 10 * np.eye(len(each)) for each in (few, found)]
         assert gaps[0].min() > gaps[1].min()
+
+
+@pytest.mark.parametrize(
+    ("name", "q"),
+    [
+        ("panda", (-1.0379, 0.9623, -2.9671, -1.1006, 0.4181, 3.4810, -2.7876)),
+        ("panda", (-1.7898, 1.3568, -2.1940, -0.8046, -2.9671, 2.4484, -0.9282)),
+        ("panda", (1.5451, 0.9158, 2.2984, -1.1178, -2.9434, 2.6178, 0.8730)),
+        ("panda", (-1.3029, 0.1862, 1.8195, -1.2160, -2.9671, 3.2494, -2.7562)),
+        ("panda", (2.0035, -0.2563, -1.1901, -0.8612, -2.7897, 2.9477, 2.9671)),
+        ("iiwa14", (-0.9780, 0.9149, -2.4557, 1.1588, 1.2271, 1.7726, 2.1884)),
+        ("iiwa14", (2.4650, -1.9653, 1.9732, 0.0610, 1.3429, -2.0905, 2.0033)),
+        ("iiwa14", (-2.7864, -1.5087, 2.9668, -1.5381, -1.9263, -0.3123, 0.8584)),
+    ],
+)
+def test_curves_of_the_self_motion_that_were_lacking_once_are_found(name: str, q: tuple[float, ...]) -> None:
+    arm = kinseek.load(name)
+    answer = np.clip(q, arm.lower, arm.upper)
+    target = arm.fk(answer)
+    found = one(arm.branches(target))
+    assert_true(arm, found, target)
+    curve = np.concatenate([along(arm, answer, target, way) for way in (1, -1)])
+    assert apart(curve, found.q).min() <= 2 * STEP
 
 
 def test_goals_that_fix_less() -> None:

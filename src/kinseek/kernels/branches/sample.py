@@ -14,7 +14,9 @@ from kinseek.kernels.atlas.samples import coordinates
 from kinseek.kernels.atlas.seeds import kick, restart, see
 from kinseek.kernels.atlas.task import EVALUATIONS, task_of
 from kinseek.kernels.jit import called, hidden
+from kinseek.kernels.structure.candidates import SWEPT, WORK
 
+from . import curves
 from .refine_all import (
     ANSWERS,
     CENTRE,
@@ -36,14 +38,20 @@ SAMPLE_ROUNDS, SAMPLE_KICK = 16, 1.5
 """Rounds of starts around what was found, and how far around [rad or m], where a sample comes out too small."""
 
 
+CURVES = 128
+"""Room for so many starts more, one or two of each curve."""
+
+
 @called
 def sample_branches(
     handle: Indices, wanted: Array, target: Array, view: Array, number: int, result: Array, w: int
 ) -> int:
     """Find a well-spread sample of the answers to one target that leaves the arm some freedom.
 
-    Half as many starts again as answers are wanted, the nearest samples, are refined; if limits leave too few, more are
-    tried around what was found. Of all these the farthest from those already chosen is chosen next (Gonzalez 1985).
+    Half as many starts again as answers are wanted are refined: of an arm with a closed form behind one joint they are
+    taken along every curve, see `curves`, of others they are the nearest samples. If limits leave too few, more are tried
+    around what was found. Of all these the farthest from those already chosen is chosen next (Gonzalez 1985), after one of
+    each curve.
 
     Args:
         handle: The task, see `task_of`.
@@ -63,20 +71,43 @@ def sample_branches(
         return 0
     memory = np.zeros(desk_size(dof, joints))
     desk = make_desk(memory, dof, joints)
-    most = max(number + number // 2, 4 * LANES)
+    swept = task.structure[SWEPT] > 0.0
+    most = max(number + number // 2, 4 * LANES) + (CURVES if swept else 0)
     rows, chosen, seeds = np.empty((most, dof)), np.empty((number, dof)), np.empty((most, dof))
     columns, left = np.empty((dof, most)), np.empty(most)
     distance, neighbour, tally = np.empty(2 * most), np.empty(most, dtype=np.int64), np.zeros(TALLY)
     start(task, desk, target)
-    see(task, desk, target)
-    coordinates(desk.seen, task.division, desk.point)
-    many = starts(task, desk, most, distance, neighbour, seeds)
+    first, many, count = 0, 0, 0
+    if swept:
+        size = curves.GRID + curves.SPARE + number
+        first, many = curves.swept_starts(
+            task,
+            desk,
+            target,
+            number,
+            np.empty(size),
+            np.empty((size, curves.TOLD, LANES)),
+            np.empty(size, dtype=np.int64),
+            np.empty(WORK),
+            np.empty(curves.UNDER),
+            seeds,
+            w,
+        )
+        count = refine_all(
+            handle, wanted, memory, target, seeds, first, first, rows, left, 0, view[RATES], SAMPLED, tally, w
+        )
+        seeds = seeds[first:]
+    if many == 0:
+        see(task, desk, target)
+        coordinates(desk.seen, task.division, desk.point)
+        many = starts(task, desk, most, distance, neighbour, seeds)
+    must, many = count, many - first
     count = refine_all(
-        handle, wanted, memory, target, seeds, many, many, rows, left, 0, view[RATES], SAMPLED, tally, w
+        handle, wanted, memory, target, seeds, many, many, rows, left, count, view[RATES], SAMPLED, tally, w
     )
     kept = 0
     for rounds in range(SAMPLE_ROUNDS + 1):
-        kept = spread(view[RATES], rows, count, columns, chosen, distance)
+        kept = spread(view[RATES], rows, count, must, columns, chosen, distance)
         if kept == number or rounds == SAMPLE_ROUNDS or (kept == 0 and rounds > 0):
             break
         many, count = 4 * LANES, kept
@@ -90,6 +121,7 @@ def sample_branches(
             for k in range(count):
                 for i in range(dof):
                     rows[k, i] = chosen[k, i]
+            must = min(must, kept)
             for k in range(many):
                 restart(task, rounds * many + k, desk.seed)
                 kick(task, rows, (rounds * many + k) % count, SAMPLE_KICK, desk.seed)
@@ -118,13 +150,16 @@ def sample_branches(
 
 
 @hidden
-def spread(rates: Array, rows: Array, count: int, columns: Array, chosen: Array, distance: Array) -> int:
-    """Copy the rows that lie farthest from one another into `chosen`; return how many.
+def spread(
+    rates: Array, rows: Array, count: int, must: int, columns: Array, chosen: Array, distance: Array
+) -> int:
+    """Copy the rows that lie farthest from one another into `chosen`, the first ones in any case; return how many.
 
     Args:
         rates: See `joint_gap`, (n,).
         rows: Answers, (capacity, n).
         count: How many there are.
+        must: So many of the first come before all others, the farthest from one another first as well.
         columns: Memory, (n, capacity): joint by joint, so that the innermost loop runs over answers.
         chosen: Receives rows, (most, n).
         distance: Memory, (capacity,).
@@ -147,8 +182,12 @@ def spread(rates: Array, rows: Array, count: int, columns: Array, chosen: Array,
         farthest = -1.0
         for j in range(count):
             distance[j] = min(distance[j], distance[count + j])
-            if distance[j] > farthest:
-                farthest, last = distance[j], j
+        for some in (must, count):
+            for j in range(some):
+                if distance[j] > farthest:
+                    farthest, last = distance[j], j
+            if farthest >= EQUAL * EQUAL:
+                break
         if farthest < EQUAL * EQUAL:
             break
     return kept

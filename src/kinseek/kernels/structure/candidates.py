@@ -109,6 +109,12 @@ MIDDLE, AXIS = 10, 13
 """Rows of what is left of the orientation behind the first three joints: where axis 6 and A6 point, 3 each."""
 
 
+ROOTS, LEFT = MIDDLE, 3
+"""When the candidates are there, what each of their three equations has under its root stands from row ROOTS on: unlike
+what is told as lack it is smooth in what is given, and less than 0 where there is no answer. Before that, of the equations
+of the first three joints it stands from row LEFT on, where angles of the wrist come to stand."""
+
+
 ROWS = 16
 """Rows of numbers that the lanes work on."""
 
@@ -247,6 +253,7 @@ def parallel_pair(structure: Array, D: Array, far: float, work: Array, w: int) -
         fold3 = fold3 if rest1 > -far else 1.0
         weak2 = weak2 if min(rest1, rest3) > -far else 1.0
         work[LACK * W + l] = max(-rest1, -rest3, 0.0)
+        work[LEFT * W + l], work[(LEFT + 1) * W + l] = rest1 * weak1 * weak1, rest3
         work[WEAK * W + l], work[FOLD * W + l] = min(weak1, weak2), min(fold1 * min(weak1, 1.0), fold3)
         again1 = rest1 <= 0.0 and one < 0.0
         again3 = rest3 <= 0.0 and two < 0.0
@@ -301,6 +308,7 @@ def meeting_pair(structure: Array, D: Array, far: float, work: Array, w: int) ->
         qx, qy, qz = turned(hx, hy, hz, c3, -s3, qx, qy, qz)
         work[AXIS * W + l], work[(AXIS + 1) * W + l], work[(AXIS + 2) * W + l] = qx, qy, qz
         weak1, weak2, fold2, fold3 = math.sqrt(length1) * size, length2 * size, abs(rest2), abs(rest3)
+        work[LEFT * W + l], work[(LEFT + 1) * W + l] = rest2 * weak2 * weak2, rest3
         fold2 = fold2 if rest3 > -far else 1.0
         weak2 = weak2 if rest3 > -far else 1.0
         weak1 = weak1 if min(rest2, rest3) > -far else 1.0
@@ -347,6 +355,8 @@ def wrist(structure: Array, far: float, work: Array, w: int) -> None:
         c4, s4, length4 = spin(flat, dot(ax, ay, az, nx, ny, nz))
         vx, vy, vz = turned(ax, ay, az, c4, -s4, vx, vy, vz)
         vx, vy, vz = turned(bx, by, bz, c5, -s5, vx, vy, vz)
+        work[ROOTS * W + l], work[(ROOTS + 1) * W + l] = work[LEFT * W + l], work[(LEFT + 1) * W + l]
+        work[(ROOTS + 2) * W + l] = rest5
         work[3 * W + l], work[4 * W + l] = angle(s4, c4), angle(s5, c5)
         work[5 * W + l] = angle(dot(fx, fy, fz, vx, vy, vz), dot(ex, ey, ez, vx, vy, vz))
         lack, weak, fold = work[LACK * W + l], work[WEAK * W + l], work[FOLD * W + l]
@@ -443,6 +453,8 @@ def parallel_three(structure: Array, D: Array, far: float, work: Array, w: int) 
         fold3 = fold3 if min(rest1, rest5) > -far else 1.0
         weak2 = weak2 if min(rest1, rest3, rest5) > -far else 1.0
         work[LACK * W + l] = max(-rest1, -rest3, -rest5, 0.0)
+        work[ROOTS * W + l], work[(ROOTS + 1) * W + l] = rest1 * weak1 * weak1, rest3
+        work[(ROOTS + 2) * W + l] = rest5
         work[WEAK * W + l] = min(weak1, weak2, weak6)
         work[FOLD * W + l] = min(fold1 * min(weak1, 1.0), fold3, fold5)
         again1, again3 = rest1 <= 0.0 and one < 0.0, rest3 <= 0.0 and two < 0.0
