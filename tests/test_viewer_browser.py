@@ -35,6 +35,14 @@ FLAGS = (
 SMALL = {"width": 800, "height": 560}
 """Every pixel is drawn by the processor."""
 
+QUIET = """
+new MutationObserver(() => {
+  for (const note of document.querySelectorAll(".mantine-Notification-root"))
+    if (note.innerText.includes("Software WebGL")) note.style.display = "none";
+}).observe(document, { childList: true, subtree: true });
+"""
+"""Hides the note of viser's, over the scene, that there is no graphics card: some Chromium tell it and some do not."""
+
 PATIENCE = 60.0
 """[s] A busy machine without a graphics card draws a few frames a second."""
 
@@ -81,6 +89,7 @@ class Visit:
         self.tab.on("console", lambda said: self.faults.append(said.text) if said.type == "error" else None)
         self.tab.on("pageerror", lambda error: self.faults.append(str(error)))
         self.tab.on("request", lambda request: self.asked.append(request.url))
+        self.tab.add_init_script(QUIET)
         self.tab.goto(shown.url)
         self.until(lambda: set(shown.pages) - before)
         (number,) = set(shown.pages) - before
