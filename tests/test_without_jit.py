@@ -179,6 +179,13 @@ def branches(name: str) -> Any:
     return len(found), in_order(found.q), [len(each) for each in few]
 
 
+def swept_branches(name: str) -> Any:
+    """Of a joint that is swept there are as many answers as are wanted: which ones hangs on the last bit."""
+    arm = kinseek.load(name)
+    found: Any = arm.branches(targets(arm, 1)[0], count=12)
+    return len(found), found.sampled, bool((found.position_error < 1e-6).all())
+
+
 def free_branches() -> Any:
     arm = kinseek.load("scara4")
     found: Any = arm.branches(Goal.position(targets(arm, 1)[0, :3, 3]), count=4)
@@ -437,6 +444,7 @@ RUNS: list[tuple[Any, ...]] = [
     # Farther away than the arm is long, and nearer by.
     *[(out_of_reach, name, 2.5) for name in ("planar2", "elbow6")],
     *[(out_of_reach, name, times) for name, times in (("cylindrical3", 1.8), ("elbow6", 1.4))],
+    *[(swept_branches, name) for name in ("panda", "ur10e_rail")],
     *[(gates, name) for name in ("cylindrical3", "elbow6")],
     *[(asked, name) for name in ("ur5e", "irb120", "panda")],
     *[(around, name) for name in ("ur5e", "panda")],

@@ -28,8 +28,7 @@ from .descent import (
 )
 from .lanes import LANES
 from .memory import DEEP, Desk, desk_size, make_desk
-from .newton import STEPS as NEWTON_STEPS
-from .newton import VALLEY_STEPS, settle
+from .newton import VALLEY_STEPS, WALK, settle
 from .seeds import MORE, copy_joints, fill_from_lookup, load_seed, load_seed_row, load_target, look_up
 from .task import ENDING, WANTED, WEIGHT, Job, Task, handle_at, routine_at, task_of
 
@@ -38,11 +37,7 @@ BALANCES, BEARABLE, SMALL = 8, 10.0, 1e-30
 divided by at least."""
 
 
-ENDGAME = (
-    2 * (POLISH_STEPS + NEWTON_STEPS + 1)
-    + (DEEP // LANES + 1) * (DEEP_STEPS + 1)
-    + BALANCES * (VALLEY_STEPS + 1)
-)
+ENDGAME = 2 * (POLISH_STEPS + WALK) + (DEEP // LANES + 1) * (DEEP_STEPS + 1) + BALANCES * (VALLEY_STEPS + 1)
 """FK evaluations that the search for the nearest pose takes at most, a lane."""
 
 

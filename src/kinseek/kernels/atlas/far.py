@@ -22,8 +22,7 @@ from .descent import farthest_joint, goal_of, keep_best, lowest, lowest_row, sta
 from .ending import fill_from_flips, reweigh
 from .lanes import LANES
 from .memory import Desk, desk_size, make_desk
-from .newton import STEPS as NEWTON_STEPS
-from .newton import settle
+from .newton import WALK, settle
 from .seeds import copy_joints, fill_from_lookup, look_up, restart
 from .task import (
     DISTANT,
@@ -63,7 +62,7 @@ TWIN = 0.1
 SETTLED = 3
 """The state of a lane that has been walked to the end, see `Desk.state`."""
 
-MOST = (STEPS + STEPS_AFTER + 2 * (NEWTON_STEPS + 1)) * LANES
+MOST = (STEPS + STEPS_AFTER + 2 * WALK) * LANES
 """FK evaluations at most."""
 
 

@@ -27,6 +27,9 @@ from kinseek.kernels.jit import called, hidden
 STEPS = 40
 """Newton steps at most."""
 
+WALK = 2 * STEPS + 1
+"""FK evaluations of a walk down the weighted error at most: each step may be followed by one that brings the place back."""
+
 ENOUGH = 1e-12
 """Less is not worth a step, relative to the error."""
 
