@@ -186,6 +186,13 @@ def swept_branches(name: str) -> Any:
     return len(found), found.sampled, bool((found.position_error < 1e-6).all())
 
 
+def nearly_branches() -> Any:
+    """Beside a singularity of an arm that nearly has a closed form: poses around the target are tried, and nothing else."""
+    arm = kinseek.load("ur10e_calibrated")
+    found = arm.branches(arm.fk([0.3, -1.0, 1.2, 0.4, 0.006, 0.2]))
+    return len(found), in_order(found.q)
+
+
 def free_branches() -> Any:
     arm = kinseek.load("scara4")
     found: Any = arm.branches(Goal.position(targets(arm, 1)[0, :3, 3]), count=4)
@@ -452,6 +459,7 @@ RUNS: list[tuple[Any, ...]] = [
     (box, "elbow6"),
     (plain_calls,),
     *[(branches, name) for name in ("planar2", "elbow6", "ur5e", "jaco2_6")],
+    (nearly_branches,),
     (free_branches,),
     *[(all_branches, arm) for arm in (TWO, SLIDES)],
     (on_a_ball, "panda", 1.3),

@@ -40,10 +40,11 @@ from kinseek.kernels.atlas.task import (
 )
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import called, entry, hidden
-from kinseek.kernels.structure.candidates import DEVIATION, LOOSE, NUMBERS, ROUNDING, WORK
-from kinseek.kernels.structure.closed import SURE, TRIED, UNSURE, closed_starts, serves
+from kinseek.kernels.structure.candidates import DEVIATION, KIND, LOOSE, NUMBERS, PARALLEL, ROUNDING, WORK
+from kinseek.kernels.structure.closed import LOST, SURE, TOLD, TRIED, UNSURE, closed_starts, serves
 
 from . import one_joint, watched
+from .around import FINAL, FIRST, starts_around
 from .refine_all import (
     ANSWERS,
     CENTRE,
@@ -87,6 +88,17 @@ ROWS = 64
 
 SETTLED = -1
 """Of the rounds of starts: none is needed, but for twins."""
+
+
+PLAIN, NARROW, BROAD = 0, 1, 2
+"""What is left to try of an arm that nearly has three parallel axes before it is searched: nothing any more, poses around
+the target, poses nearer and farther. An arm with a wrist that leans is searched at once: of what the nearby arm has lost,
+these poses find less, by trial."""
+
+
+BENT, OPEN, FAINT = 0.01, 1e-3, 5e-4
+"""Least singular value at the answers of such an arm below which poses around the target are tried, the search follows
+these, and its second round follows the first, by trial."""
 
 
 @hidden
@@ -140,11 +152,12 @@ def find_branches(
     memory = np.zeros(desk_size(dof, joints))
     desk = make_desk(memory, dof, joints)
     rows, seeds = np.empty((ROWS, dof)), np.empty((DEEP_STARTS, dof))
-    tally, image, left, asked = np.zeros(TALLY), np.empty(dof), np.empty(ROWS), np.empty(3)
+    tally, image, left, asked = np.zeros(TALLY), np.empty(dof), np.empty(ROWS), np.empty(TOLD)
     starts_told = np.zeros(3, dtype=np.int64)
     tally[WEAKEST] = np.inf
     start(task, desk, target)
     count, told, rounds, kept, done, unsure, reached, settling = 0, 0, 0, 0, False, False, False, False
+    nearly, left_to_try, tried, known_before = False, PLAIN, 0, 0
     if serves(task, structure):
         closed_starts(task, structure, target, desk.spare, np.empty(WORK), seeds, asked, w)
         many = int(asked[TRIED])
@@ -160,6 +173,8 @@ def find_branches(
         if done and not exact:
             # Where two answers all but meet the other's equations may have neither, and this one's lead to one of them.
             settling, done, rounds = True, False, SETTLED
+        elif not exact and many > 0 and structure[KIND] == PARALLEL:
+            nearly, left_to_try, tried = True, NARROW, many
     elif table.shape[1] > 0 and max(task.position_tolerance, task.orientation_tolerance) <= LOOSE:
         one_joint.searched_starts(handle, wanted, joint, table, target, seeds, starts_told, w)
         many = starts_told[one_joint.MANY]
@@ -173,8 +188,8 @@ def find_branches(
     distance, near = np.empty(samples), np.empty(samples + 1, dtype=np.int64)
     order, known = np.empty(samples + BUCKETS + 1, dtype=np.int64), np.empty((MOST_JOINTS + 1, room))
     begin, end = 0.0, 0.0
-    # Each pass tells of an answer at least, or goes on to the next of four kinds of starts.
-    for _ in range(ROWS + 4):
+    # Each pass tells of an answer at least, or goes on to the next of six kinds of starts.
+    for _ in range(ROWS + 6):
         if done or count >= ROWS:
             break
         mode, surely = SEEDED, DEEP_STARTS
@@ -186,9 +201,29 @@ def find_branches(
             many = images(task, mirrors, view[RATES], rows, told, last, seeds, many, image)
             mode, told = SIBLING, last
             rounds = 0 if rounds == SETTLED and tally[CONTINUA] > 0.0 else rounds
+        elif left_to_try != PLAIN:
+            first = left_to_try == NARROW
+            ahead = count < max(asked[SURE], 1.0) or count < tried or tally[CONTINUA] > 0.0
+            if first:
+                ahead = ahead or tally[WEAKEST] < BENT or asked[LOST] > 0.0
+            else:
+                ahead = ahead or tally[WEAKEST] < OPEN or count > known_before or in_doubt(task, count)
+            if not ahead:
+                break
+            begun, ended = (0, FIRST) if first else (FIRST, FINAL)
+            many = starts_around(
+                handle, wanted, memory, structure, target, view[RATES], rows, count, begun, ended, seeds, w
+            )
+            known_before, left_to_try = count, BROAD if first else PLAIN
         elif rounds == 0 or (
-            rounds == 1 and (unsure or tally[LATE] > 0.0 or tally[WEAKEST] < WEAK or in_doubt(task, count))
+            rounds == 1
+            and (
+                (count > known_before or tally[WEAKEST] < FAINT or in_doubt(task, count))
+                if nearly
+                else (unsure or tally[LATE] > 0.0 or tally[WEAKEST] < WEAK or in_doubt(task, count))
+            )
         ):
+            known_before = count
             if rounds == 0 and samples > 0:
                 see(task, desk, target)
                 coordinates(desk.seen, task.division, desk.point)

@@ -12,7 +12,7 @@ from kinseek.kernels.atlas.task import HANDLE, WANTED, task_of
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry
 from kinseek.kernels.structure.candidates import NUMBERS, WORK
-from kinseek.kernels.structure.closed import TRIED, UNSURE, closed_starts, serves
+from kinseek.kernels.structure.closed import TOLD, TRIED, UNSURE, closed_starts, serves
 
 LEFT, NO, YES = range(3)
 """What is told of a pose: it is left to a search; it has no candidate inside the limits or beside them; one of them is an
@@ -52,7 +52,7 @@ def many_closed(
             told[i] = LEFT
         return left
     D, T, work = np.empty((3, 4)), np.empty((3, 4)), np.empty(WORK)
-    seeds, asked = np.empty((LANES, dof)), np.empty(3)
+    seeds, asked = np.empty((LANES, dof)), np.empty(TOLD)
     for i in range(len(targets)):
         closed_starts(task, structure, targets[i], D, work, seeds, asked, w)
         many = int(asked[TRIED])

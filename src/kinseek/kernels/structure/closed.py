@@ -33,9 +33,12 @@ from .candidates import (
     row_of,
 )
 
-TRIED, SURE, UNSURE = range(3)
-"""Places in what is told of candidates: how many are tried, how many of these must be answers, and 1 where there may be
-others than they lead to."""
+TRIED, SURE, UNSURE, LOST = range(4)
+"""Places in what is told of candidates: how many are tried, how many of these must be answers, 1 where there may be others
+than they lead to, and 1 where an arm nearly so may have such as the nearby arm has lost."""
+
+TOLD = LOST + 1
+"""Numbers that are told."""
 
 ASKEW = 5.0
 """What an equation of the nearby arm may lack, in parts of what its angles are off by: where axes of a wrist lean towards
@@ -63,14 +66,14 @@ def closed_starts(
         D: Memory, (3, 4).
         work: Memory, (WORK,).
         seeds: Receives joint values, (at least LANES, n).
-        told: See `TRIED`, (3,).
+        told: See `TRIED`, (TOLD,).
         w: LANES.
     """
     off = SPREAD * structure[DEVIATION]
     exact = structure[DEVIATION] <= ROUNDING
     far, beside = LACKING + ASKEW * off, BESIDE + off
     slack = off + max(task.position_tolerance / structure[SIZE], task.orientation_tolerance)
-    many, sure, unsure = 0, 0, 0.0
+    many, sure, unsure, lost = 0, 0, 0.0, 0.0
     displacement(structure, target, D)
     candidates(structure, D, far, work, w)
     for l in range(LANES):
@@ -78,6 +81,7 @@ def closed_starts(
         again = work[AGAIN * LANES + l] > 0.0
         if weak < FREE + off or (not exact and (fold < off or (not again and 0.0 < lack <= beside))):
             unsure = 1.0
+            lost = 1.0 if lack > 0.0 else lost
         if again or lack > far:
             continue
         # What an angle may be off by: more where little decides it.
@@ -96,4 +100,4 @@ def closed_starts(
             many += 1
             if inside and lack <= 0.0 and fold > CLEAR + off:
                 sure += 1
-    told[TRIED], told[SURE], told[UNSURE] = many, sure, unsure
+    told[TRIED], told[SURE], told[UNSURE], told[LOST] = many, sure, unsure, lost
