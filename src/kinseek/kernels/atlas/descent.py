@@ -27,7 +27,7 @@ from .lanes import (
     lanes_solve,
 )
 from .memory import Desk, desk_size, make_desk
-from .seeds import copy_joints, load_target, turns_fully
+from .seeds import copy_joints, keep_joints, load_target, turns_fully
 from .task import ITERATE, JUDGE, WANTED, WEIGHTED_ERROR, Job, Task, handle_at, routine_at, task_of
 
 FIRST_STEPS, DEEP_STEPS, RESTART_STEPS, POLISH_STEPS = 10, 20, 30, 20
@@ -246,8 +246,7 @@ def keep_seed(desk: Desk, error: float) -> None:
     worst = twin if twin >= 0 else worst
     if error < desk.best_error[worst]:
         desk.best_error[worst] = error
-        for i in range(len(desk.seed)):
-            desk.best[worst, i] = desk.seed[i]
+        keep_joints(desk.best, worst, desk.seed)
 
 
 @view

@@ -29,7 +29,16 @@ from .descent import (
 from .lanes import LANES
 from .memory import DEEP, Desk, desk_size, make_desk
 from .newton import VALLEY_STEPS, WALK, settle
-from .seeds import MORE, copy_joints, fill_from_lookup, load_seed, load_seed_row, load_target, look_up
+from .seeds import (
+    MORE,
+    copy_joints,
+    fill_from_lookup,
+    keep_joints,
+    load_seed,
+    load_seed_row,
+    load_target,
+    look_up,
+)
 from .task import ENDING, WANTED, WEIGHT, Job, Task, handle_at, routine_at, task_of
 
 BALANCES, BEARABLE, SMALL = 8, 10.0, 1e-30
@@ -190,7 +199,7 @@ def polish(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
 
     After the reweighted steps Newton's method, lane by lane, does the rest.
     """
-    goal, dof = goal_of(task, target), len(task.lower)
+    goal = goal_of(task, target)
     largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
     spent = reweigh(job, task, desk, target, largest, POLISH_STEPS, w)
     worth = HOPELESS * lowest(desk.best_error)
@@ -203,8 +212,7 @@ def polish(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
         error = weighted_error(desk.spare, goal)
         if error < desk.best_error[l]:
             desk.best_error[l] = error
-            for i in range(dof):
-                desk.best[l, i] = desk.seed[i]
+            keep_joints(desk.best, l, desk.seed)
     return spent
 
 
@@ -234,8 +242,7 @@ def follow_valleys(task: Task, desk: Desk, target: Array) -> int:
             position, orientation = errors(desk.spare, goal)
             if position <= near and orientation <= level:
                 desk.best_error[0] = 0.0
-                for i in range(len(desk.seed)):
-                    desk.best[0, i] = desk.seed[i]
+                keep_joints(desk.best, 0, desk.seed)
                 return spent
             # From where one is missed by far, or both are, a balance of them leads to no answer.
             one = (position <= near) != (orientation <= level)

@@ -23,7 +23,7 @@ from .ending import fill_from_flips, reweigh
 from .lanes import LANES
 from .memory import Desk, desk_size, make_desk
 from .newton import WALK, settle
-from .seeds import copy_joints, fill_from_lookup, look_up, restart
+from .seeds import copy_joints, fill_from_lookup, keep_joints, look_up, restart
 from .task import (
     DISTANT,
     HAND,
@@ -113,8 +113,7 @@ def settle_best(task: Task, desk: Desk, target: Array) -> int:
         error = weighted_error(desk.spare, goal)
         if error < desk.best_error[row]:
             desk.best_error[row] = error
-            for i in range(len(desk.seed)):
-                desk.best[row, i] = desk.seed[i]
+            keep_joints(desk.best, row, desk.seed)
     return spent
 
 
@@ -152,8 +151,7 @@ def far_routine(
                 restart(task, LANES * turn + l, desk.seed)
                 forward(task.chain, desk.seed, desk.spare)
                 desk.best_error[l] = weighted_error(desk.spare, goal)
-                for i in range(dof):
-                    desk.best[l, i] = desk.seed[i]
+                keep_joints(desk.best, l, desk.seed)
         spent += reweigh(job, task, desk, target, largest, STEPS if turn == 0 else STEPS_AFTER, w)
         if top >= 0:
             desk.state[top] = SETTLED

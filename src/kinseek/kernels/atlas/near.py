@@ -16,16 +16,13 @@ from .descent import DEEP_STEPS, descend_lanes, goal_of, keep_closest, start
 from .far import is_far
 from .lanes import LANES
 from .memory import Desk, desk_size, make_desk
-from .one_goal import NEAREST, closed_answer, conclude_answer, finish, solve_target
+from .one_goal import NEAREST, closed_answer, conclude_answer, finish, outcome, solve_target
 from .seeds import MORE, fill_from_lookup, load_seed, look_up, turns_fully
 from .task import (
     DISTANT,
     EVALUATIONS,
     HANDLE,
-    ORIENTATION_ERROR,
-    POSITION_ERROR,
     WANTED,
-    WEIGHTED_ERROR,
     Job,
     Task,
     handle_at,
@@ -144,20 +141,9 @@ def solve_plain_near(
     report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
     report[EVALUATIONS] = walk_near(handle, wanted, memory, target, near, q, lanes_of(handle))
     conclude_near(handle, wanted, memory, target, near, q, report)
-    position, orientation, weighted = (
-        report[POSITION_ERROR],
-        report[ORIENTATION_ERROR],
-        report[WEIGHTED_ERROR],
-    )
-    spent = int(report[EVALUATIONS])
+    told = outcome(task, report)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
-    return (
-        position,
-        orientation,
-        weighted,
-        spent,
-        position <= task.position_tolerance and orientation <= task.orientation_tolerance,
-    )
+    return told
 
 
 @entry(
@@ -196,20 +182,9 @@ def solve_goal(
     else:
         report[EVALUATIONS] = solve_target(handle, wanted, memory, target, task.budget, q, w)
         conclude_answer(handle, wanted, memory, target, q, report)
-    position, orientation, weighted = (
-        report[POSITION_ERROR],
-        report[ORIENTATION_ERROR],
-        report[WEIGHTED_ERROR],
-    )
-    spent = int(report[EVALUATIONS])
+    told = outcome(task, report)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
-    return (
-        position,
-        orientation,
-        weighted,
-        spent,
-        position <= task.position_tolerance and orientation <= task.orientation_tolerance,
-    )
+    return told
 
 
 @entry(

@@ -345,6 +345,14 @@ def solve_pose(handle: Indices, wanted: Array, target: Array, w: int) -> Array:
     return result
 
 
+@hidden
+def outcome(task: Task, report: Array) -> tuple[float, float, float, int, bool]:
+    """What `solve_plain` returns, of a report, (4,)."""
+    position, orientation = report[POSITION_ERROR], report[ORIENTATION_ERROR]
+    met = position <= task.position_tolerance and orientation <= task.orientation_tolerance
+    return position, orientation, report[WEIGHTED_ERROR], int(report[EVALUATIONS]), met
+
+
 @entry(returns=(F64, F64, F64, I64, FLAG), address=I64, target=F64[4, 4], q=F64["n"])
 def solve_plain(address: int, target: Array, q: Array) -> tuple[float, float, float, int, bool]:
     """Answer one pose under the default tolerances and weights, with as little between Python and the answer as can be.
@@ -369,17 +377,6 @@ def solve_plain(address: int, target: Array, q: Array) -> tuple[float, float, fl
     # Called here and not one floor below: Numba compiles what a function calls anew for every floor above it.
     report[EVALUATIONS] = solve_target(handle, wanted, memory, target, task.budget, q, lanes_of(handle))
     conclude_answer(handle, wanted, memory, target, q, report)
-    position, orientation, weighted = (
-        report[POSITION_ERROR],
-        report[ORIENTATION_ERROR],
-        report[WEIGHTED_ERROR],
-    )
-    spent = int(report[EVALUATIONS])
+    told = outcome(task, report)
     memory[0] = 0.0  # Its last use, see `solve_pose`.
-    return (
-        position,
-        orientation,
-        weighted,
-        spent,
-        position <= task.position_tolerance and orientation <= task.orientation_tolerance,
-    )
+    return told

@@ -43,6 +43,13 @@ def copy_joints(rows: Array, row: int, q: Array) -> None:
 
 
 @hidden
+def keep_joints(rows: Array, row: int, q: Array) -> None:
+    """Overwrite one row of joint values."""
+    for i in range(len(q)):
+        rows[row, i] = q[i]
+
+
+@hidden
 def load_target(lanes: Lanes, lane: int, target: Array) -> None:
     """Give one lane its target, (3, 4)."""
     for r in range(3):

@@ -37,6 +37,12 @@ from kinseek.kernels.structure.candidates import (
 )
 from kinseek.kernels.structure.front import direction, front, taken_off
 
+from .refine_all import joint_gap
+
+TURN = 0.5 / math.pi
+"""Turns a radian, see `joint_gap`."""
+
+
 GRID = 48
 """Values of the grid: with a few more that are put between them, enough by trial on Panda, iiwa14 and Gen3."""
 
@@ -96,13 +102,6 @@ HALVINGS = 12
 
 
 @hidden
-def turned_less(angle: float) -> float:
-    """An angle brought into [-π, π]."""
-    less: float = angle - 2.0 * math.pi * np.floor(angle * (0.5 / math.pi) + 0.5)
-    return less
-
-
-@hidden
 def swept_range(task: Task, D: Array) -> tuple[float, float]:
     """Values of the joint in front that are looked at: its range, but one turn at most, or as far as the arm reaches."""
     i, S = front(task.structure, len(task.lower)), task.structure
@@ -145,7 +144,7 @@ def tell(
         half, centre = np.inf if turns_fully(task, i) else 0.5 * (high - low), 0.5 * (low + high)
         halves[row] = half
         for l in range(w):
-            angle = turned_less(work[row * W + l] - centre)
+            angle = joint_gap(work[row * W + l], centre, TURN)
             told[ANGLES + row, l] = angle
             told[ROOM, l] = min(told[ROOM, l], half - abs(angle))
 
@@ -162,7 +161,7 @@ def farthest(told: Array, a: int, b: int, l: int) -> float:
     """Largest change of an angle of a lane from value a to b, the short way round [rad]."""
     far = 0.0
     for row in range(ANGLES, UNDER):
-        far = max(far, abs(turned_less(told[b, row, l] - told[a, row, l])))
+        far = max(far, abs(joint_gap(told[b, row, l], told[a, row, l], TURN)))
     return far
 
 
@@ -228,7 +227,7 @@ def allowed(told: Array, halves: Array, a: int, b: int, l: int, far: float) -> f
     begin, end = 0.0, 1.0
     for row in range(ANGLES, UNDER):
         angle = told[a, row, l]
-        change = turned_less(told[b, row, l] - angle)
+        change = joint_gap(told[b, row, l], angle, TURN)
         room = halves[row] + BEND * abs(change)
         inside = abs(told[b, row, l]) <= room
         if abs(angle) <= room and inside:
@@ -302,7 +301,7 @@ def refine_sweep(
 def goes_on(told: Array, halves: Array, a: int, b: int, l: int) -> bool:
     """Do answers of a lane at two values belong to one curve, as far as is seen: no limit lies between them?"""
     for row in range(ANGLES, UNDER):
-        if abs(told[a, row, l] + turned_less(told[b, row, l] - told[a, row, l])) > halves[row] + 1e-9:
+        if abs(told[a, row, l] + joint_gap(told[b, row, l], told[a, row, l], TURN)) > halves[row] + 1e-9:
             return False
     return is_answer(told, b, l)
 
@@ -312,7 +311,7 @@ def step_length(told: Array, values: Array, a: int, b: int, l: int) -> float:
     """Distance of the answers of a lane at two values [rad], the joint in front included."""
     total = (values[b] - values[a]) * (values[b] - values[a])
     for row in range(ANGLES, UNDER):
-        gap = turned_less(told[b, row, l] - told[a, row, l])
+        gap = joint_gap(told[b, row, l], told[a, row, l], TURN)
         total += gap * gap
     return math.sqrt(total)
 
