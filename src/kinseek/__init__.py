@@ -7,9 +7,9 @@
 >>> solution.q, solution.success, solution.position_error  # doctest: +SKIP
 """
 
+from typing import TYPE_CHECKING
+
 from .arm import Arm, load
-from .branches.result import Branches, BranchesBatch
-from .collision import Scene
 from .errors import (
     FailedKinematics,
     InvalidExport,
@@ -29,24 +29,28 @@ from .errors import (
     UnitWarning,
 )
 from .goal import Goal
-from .paths.path import Path, PathStatus
-from .paths.tracker import TrackStatus
+from .later import later
 from .poses import pose
 from .problem import Problem
 from .proof.certificate import Certificate, Verdict
 from .solution import Solution, Status
-from .solvers import (
-    ALL_SOLVERS,
-    Atlas,
-    BlindSearch,
-    BruteForce,
-    CoordinateDescent,
-    DivideAndConquer,
-    Polished,
-    SeparateChains,
-    Solver,
-)
+from .solvers import Atlas, Solver
 from .trace import Trace
+
+if TYPE_CHECKING:
+    from .branches.result import Branches, BranchesBatch
+    from .collision import Scene
+    from .paths.path import Path, PathStatus
+    from .paths.tracker import TrackStatus
+    from .solvers import (
+        ALL_SOLVERS,
+        BlindSearch,
+        BruteForce,
+        CoordinateDescent,
+        DivideAndConquer,
+        Polished,
+        SeparateChains,
+    )
 
 __version__ = "0.1.0"
 
@@ -93,3 +97,27 @@ __all__ = [
     "load",
     "pose",
 ]
+
+__getattr__ = later(
+    globals(),
+    {
+        "ALL_SOLVERS": ".solvers",
+        "BlindSearch": ".solvers",
+        "Branches": ".branches.result",
+        "BranchesBatch": ".branches.result",
+        "BruteForce": ".solvers",
+        "CoordinateDescent": ".solvers",
+        "DivideAndConquer": ".solvers",
+        "Path": ".paths.path",
+        "PathStatus": ".paths.path",
+        "Polished": ".solvers",
+        "Scene": ".collision",
+        "SeparateChains": ".solvers",
+        "TrackStatus": ".paths.tracker",
+    },
+)
+
+
+def __dir__() -> list[str]:
+    """All names, also those that were not asked for yet."""
+    return sorted({*globals(), *__all__})

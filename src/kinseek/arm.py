@@ -12,12 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .bad_rows import without_bad
-from .branches.find import SPREAD, branches_of
-from .branches.index import BranchIndex, index_of
-from .branches.order import Cost, Order, Valid, Wishes
-from .branches.prefer import preferred
-from .branches.result import Branches, BranchesBatch, quick_branches
-from .collision.scene import Scene
 from .deadline import Deadline
 from .errors import InvalidProblem
 from .goal import Goal
@@ -31,7 +25,7 @@ from .robots import Mechanism, SerialChain, read
 from .shapes import Joints, ManyGoals, OneGoal, UnshapedGoal
 from .solution import Solution, Status, quick_solution
 from .solvers import Atlas, Solver
-from .solvers.atlas.index import PLAIN, SAMPLES, AtlasIndex, atlas_of
+from .solvers.atlas.index import SAMPLES, AtlasIndex, atlas_of
 from .solvers.atlas.quick import answers_quickly, quick_answer
 from .solvers.base import whole
 from .solvers.black_box.samples import Samples, samples_of
@@ -39,6 +33,10 @@ from .solvers.checks import as_solver, warn_if_far, with_progress
 from .units import warn_of_distance
 
 if TYPE_CHECKING:
+    from .branches.index import BranchIndex
+    from .branches.order import Cost, Order, Valid
+    from .branches.result import Branches, BranchesBatch
+    from .collision.scene import Scene
     from .paths.path import Path as Motion
     from .paths.tracker import Tracker
 
@@ -268,6 +266,8 @@ class Arm(ForwardArm):
 
             solution = free_solution(problem, scene, clearance, prefer, cost, valid, threads, prove)
         elif wishes:
+            from .branches.prefer import preferred
+
             solution = preferred(problem, prefer, cost, valid, threads)
         else:
             search = (
@@ -345,11 +345,12 @@ class Arm(ForwardArm):
         plain = plain and count is None
         if plain and (axes := self._axes) is not None and (T := plain_array(goal, (4, 4))) is not None:
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform.
-            index = self._branches
-            found = index.search(PLAIN, T, index.view, SPREAD)
-            if len(found):
-                # The caller may write the next target into the same array.
-                return quick_branches((axes, T.copy(), None), axes.dof, found, index.freedom > 0)
+            found = self._branches.plain(axes, T)
+            if found is not None:
+                return found
+        from .branches.find import branches_of
+        from .branches.order import Wishes
+
         _require_scene(scene, clearance)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self._mechanism, near, "near")
@@ -364,6 +365,8 @@ class Arm(ForwardArm):
     @property
     def _branches(self) -> BranchIndex:
         if self._branch_index is None:
+            from .branches.index import index_of
+
             self._branch_index = index_of(Problem(self._mechanism, Goal.pose(np.eye(4))))
         return self._branch_index
 

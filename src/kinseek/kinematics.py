@@ -12,7 +12,6 @@ from typing import Any, Self, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .branches.index import freedom
 from .errors import InvalidProblem, suggest
 from .goal import Goal
 from .kernels.arm.forward import forward_many
@@ -288,6 +287,8 @@ class ForwardArm:
             InvalidProblem: As `jacobian`.
         """
         J = self.jacobian(q)
+        from .branches.index import freedom
+
         rank = self.dof - freedom(Problem(self._mechanism, Goal.pose(np.eye(4))))
         values = np.linalg.svd(J, compute_uv=False)[..., :rank].prod(axis=-1)
         return values if J.ndim > 2 else float(values)

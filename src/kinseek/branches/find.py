@@ -21,13 +21,9 @@ from kinseek.solvers.atlas.index import wanted_of
 from kinseek.solvers.threads import GoOn, spread
 from kinseek.turns import TURN
 
-from .index import BranchIndex, index_of
+from .index import SPREAD, BranchIndex, index_of
 from .order import ORDERS, Cost, Wishes, scores, which_valid
 from .result import AsFound, Branches, BranchesBatch, answers_of
-
-SPREAD = 50
-"""Answers in a sample, unless told otherwise."""
-
 
 MOST = 100_000
 """Answers at most, of a sample or turned by full turns: two joints of ±4,000 rad have more than a million copies of each."""

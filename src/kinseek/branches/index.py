@@ -24,14 +24,18 @@ from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length
 from kinseek.robots.sampling import weyl
 from kinseek.shelf import Shelf
-from kinseek.solvers.atlas.index import KEPT, AtlasIndex, atlas_of, wanted_of
+from kinseek.solvers.atlas.index import KEPT, PLAIN, AtlasIndex, atlas_of, wanted_of
 from kinseek.turns import shortest
 
 from .one_joint import NOTHING, one_joint_of
-from .result import answers_of
+from .result import Branches, answers_of, quick_branches
 
 SAMPLES = 1024
 """Samples of the coarse atlas; see `kernels.branches.search` for why so few."""
+
+
+SPREAD = 50
+"""Answers in a sample, unless told otherwise."""
 
 
 _MOST_MIRRORED = 8
@@ -72,6 +76,16 @@ class BranchIndex:
         """Every mirror image of the arm, see `twins.SIGNS`, (k, 3, n)."""
         if not self.freedom and chain.dof <= _MOST_MIRRORED:
             self.mirrors = self._mirrors(problem)
+
+    def plain(self, chain: SerialChain, T: Array) -> Branches | None:
+        """All answers to one plain pose of the arm, (4, 4), without checks: None if it is no rigid transform."""
+        found = self.search(PLAIN, T, self.view, SPREAD)
+        # The caller may write the next target into the same array.
+        return (
+            quick_branches((chain, T.copy(), None), chain.dof, found, self.freedom > 0)
+            if len(found)
+            else None
+        )
 
     def search(self, wanted: Array, target: Array, view: Array, count: int) -> Array:
         """Rows of answers to one target, (4, 4), as `kernels.branches.search.many_branches` writes them."""

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.branches.find import SPREAD, branches_of
-from kinseek.branches.index import BranchIndex, index_of
+from kinseek.branches.find import branches_of
+from kinseek.branches.index import SPREAD, BranchIndex, index_of
 from kinseek.branches.order import ORDERS, Cost, ManyAtOnce, Valid, Wishes, is_valid
 from kinseek.branches.prefer import preferred, slide
 from kinseek.branches.result import Branches, BranchesBatch

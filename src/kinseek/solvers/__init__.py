@@ -3,30 +3,26 @@
 What each finds, needs and costs is said by its `Traits`; `traits.table` puts them together.
 
 Every search is a frozen dataclass of its parameters with one method, ``solve(problem) -> Solution``. A new
-one is a file here and a line in `ALL_SOLVERS`; from then on the tests and the command line have it.
+one is a file here and a line in `every.ALL_SOLVERS`; from then on the tests and the command line have it.
 """
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+from kinseek.later import later
+
 from .atlas.solver import Atlas
 from .base import Solver
-from .blind_search import BlindSearch
-from .brute_force import BruteForce
-from .coordinate_descent import CoordinateDescent
-from .divide_and_conquer import DivideAndConquer
-from .polished import Polished
-from .separate_chains import SeparateChains
-from .traits import OwnSolver
 
-ALL_SOLVERS: tuple[type[OwnSolver], ...] = (
-    Atlas,
-    BruteForce,
-    DivideAndConquer,
-    SeparateChains,
-    BlindSearch,
-    CoordinateDescent,
-    Polished,
-)
+if TYPE_CHECKING:
+    from .blind_search import BlindSearch
+    from .brute_force import BruteForce
+    from .coordinate_descent import CoordinateDescent
+    from .divide_and_conquer import DivideAndConquer
+    from .every import ALL_SOLVERS
+    from .polished import Polished
+    from .separate_chains import SeparateChains
 
 __all__ = [
     "ALL_SOLVERS",
@@ -39,3 +35,21 @@ __all__ = [
     "SeparateChains",
     "Solver",
 ]
+
+__getattr__ = later(
+    globals(),
+    {
+        "ALL_SOLVERS": ".every",
+        "BlindSearch": ".blind_search",
+        "BruteForce": ".brute_force",
+        "CoordinateDescent": ".coordinate_descent",
+        "DivideAndConquer": ".divide_and_conquer",
+        "Polished": ".polished",
+        "SeparateChains": ".separate_chains",
+    },
+)
+
+
+def __dir__() -> list[str]:
+    """All names, also those that were not asked for yet."""
+    return sorted({*globals(), *__all__})

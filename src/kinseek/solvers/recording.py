@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinseek.kernels.grid.descent import Grid, Passes
 from kinseek.problem import Problem
 from kinseek.solution import Solution, judge
 from kinseek.trace import Pass, Trace, require_memory
 
 from .base import Found
-from .nodes import window_around
+
+if TYPE_CHECKING:
+    from kinseek.kernels.grid.descent import Grid, Passes
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -231,6 +232,8 @@ def record_pass(
         steps = np.where(grid.step > 0, grid.step, 1.0)
         centre = np.rint((before - grid.lower) / steps).astype(np.int64)
         spacing, wraps = int(passes.spacings[k]), grid.wraps.tolist()
+        from .nodes import window_around
+
         nodes = window_around(wraps, grid.size, centre.tolist(), spacing, passes.later, passes.clips)
         window = grid_window(grid, nodes, centre)
     leaves = found.evaluations - recorder.spent

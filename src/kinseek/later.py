@@ -1,0 +1,24 @@
+"""Names of a package that are imported when they are first asked for, so that an answer does not wait for them."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from typing import Any
+
+
+def later(package: dict[str, Any], modules: Mapping[str, str]) -> Callable[[str], Any]:
+    """What a package has as its `__getattr__` (PEP 562).
+
+    Args:
+        package: Its `globals()`: a name that was asked for once is kept there.
+        modules: Module of each name, as the package would import it: ``{"Scene": ".collision"}``.
+    """
+
+    def imported(name: str) -> Any:
+        if name not in modules:
+            raise AttributeError(f"module {package['__name__']!r} has no attribute {name!r}", name=name)
+        package[name] = getattr(importlib.import_module(modules[name], package["__name__"]), name)
+        return package[name]
+
+    return imported

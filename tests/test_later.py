@@ -1,0 +1,51 @@
+"""Nothing is imported before it is asked for that the first answer does not need."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import kinseek
+from kinseek import solvers
+
+FIRST_ANSWER = """
+import sys
+import kinseek
+arm = kinseek.load("ur5e")
+assert arm.ik(arm.fk([0.1, -1.0, 1.2, 0.3, 0.4, 0.5])).success
+print(*sys.modules)
+"""
+
+
+def test_the_first_answer_imports_no_other_room() -> None:
+    told = subprocess.run([sys.executable, "-c", FIRST_ANSWER], capture_output=True, text=True, check=True)
+    for room in (
+        "collision",
+        "paths",
+        "branches",
+        "maps",
+        "kernels.grid",
+        "kernels.branches",
+        "kernels.collision",
+    ):
+        assert f"kinseek.{room}" not in told.stdout.split()
+
+
+@pytest.mark.parametrize("package", [kinseek, solvers])
+def test_every_name_of_the_door_is_there(package: object) -> None:
+    names = package.__all__  # type: ignore[attr-defined]
+    assert set(names) <= set(dir(package))
+    assert all(getattr(package, name).__name__ == name for name in names if name != "ALL_SOLVERS")
+
+
+@pytest.mark.parametrize("package", [kinseek, solvers])
+def test_a_name_that_is_not_there_is_refused_by_name(package: object) -> None:
+    with pytest.raises(AttributeError, match=r"'kinseek.*' has no attribute 'Sceen'"):
+        package.Sceen  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_every_search_is_in_the_list_of_all() -> None:
+    names = {name for name in solvers.__all__ if isinstance(getattr(solvers, name), type)}
+    assert {search.__name__ for search in solvers.ALL_SOLVERS} == names - {"Solver"}
