@@ -108,6 +108,11 @@ def test_a_change_where_no_kernel_is_recompiles_nothing(copy: Path, name: str) -
     assert run(copy)[1] == ""
 
 
+def test_every_file_that_takes_a_decorator_is_digested() -> None:
+    taking = {path for path in PACKAGE.rglob("*.py") if b"kernels.jit import" in path.read_bytes()}
+    assert taking - set(kernel_sources()) == set()
+
+
 def test_kernels_use_nothing_of_ours_from_files_that_the_digest_leaves_out() -> None:
     digested, looked_at = set(kernel_sources()), 0
     for path in digested:
