@@ -33,6 +33,12 @@ def test_the_first_answer_imports_no_other_room() -> None:
         assert f"kinseek.{room}" not in told.stdout.split()
 
 
+def test_rooms_are_there_without_a_second_import() -> None:
+    asked = "import kinseek; print(kinseek.collision.Sphere.__name__, kinseek.branches.__name__, kinseek.paths.__name__)"
+    told = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
+    assert told.stdout.split() == ["Sphere", "kinseek.branches", "kinseek.paths"]
+
+
 @pytest.mark.parametrize("package", [kinseek, solvers])
 def test_every_name_of_the_door_is_there(package: object) -> None:
     names = package.__all__  # type: ignore[attr-defined]

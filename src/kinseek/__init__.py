@@ -7,7 +7,7 @@
 >>> solution.q, solution.success, solution.position_error  # doctest: +SKIP
 """
 
-from typing import TYPE_CHECKING
+import typing
 
 from .arm import Arm, load
 from .errors import (
@@ -29,7 +29,7 @@ from .errors import (
     UnitWarning,
 )
 from .goal import Goal
-from .later import later
+from .later import later as _later
 from .poses import pose
 from .problem import Problem
 from .proof.certificate import Certificate, Verdict
@@ -37,7 +37,7 @@ from .solution import Solution, Status
 from .solvers import Atlas, Solver
 from .trace import Trace
 
-if TYPE_CHECKING:
+if typing.TYPE_CHECKING:
     from .branches.result import Branches, BranchesBatch
     from .collision import Scene
     from .paths.path import Path, PathStatus
@@ -98,7 +98,7 @@ __all__ = [
     "pose",
 ]
 
-__getattr__ = later(
+__getattr__ = _later(
     globals(),
     {
         "ALL_SOLVERS": ".solvers",
@@ -114,6 +114,9 @@ __getattr__ = later(
         "Scene": ".collision",
         "SeparateChains": ".solvers",
         "TrackStatus": ".paths.tracker",
+        "branches": ".branches",
+        "collision": ".collision",
+        "paths": ".paths",
     },
 )
 

@@ -12,13 +12,15 @@ def later(package: dict[str, Any], modules: Mapping[str, str]) -> Callable[[str]
 
     Args:
         package: Its `globals()`: a name that was asked for once is kept there.
-        modules: Module of each name, as the package would import it: ``{"Scene": ".collision"}``.
+        modules: Module of each name, as the package would import it: ``{"Scene": ".collision"}``. If it is of that name,
+            it is what is meant: ``{"collision": ".collision"}``.
     """
 
     def imported(name: str) -> Any:
         if name not in modules:
             raise AttributeError(f"module {package['__name__']!r} has no attribute {name!r}", name=name)
-        package[name] = getattr(importlib.import_module(modules[name], package["__name__"]), name)
+        module = importlib.import_module(modules[name], package["__name__"])
+        package[name] = module if modules[name] == f".{name}" else getattr(module, name)
         return package[name]
 
     return imported

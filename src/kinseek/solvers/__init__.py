@@ -8,14 +8,14 @@ one is a file here and a line in `every.ALL_SOLVERS`; from then on the tests and
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import typing
 
-from kinseek.later import later
+from kinseek.later import later as _later
 
 from .atlas.solver import Atlas
 from .base import Solver
 
-if TYPE_CHECKING:
+if typing.TYPE_CHECKING:
     from .blind_search import BlindSearch
     from .brute_force import BruteForce
     from .coordinate_descent import CoordinateDescent
@@ -36,7 +36,7 @@ __all__ = [
     "Solver",
 ]
 
-__getattr__ = later(
+__getattr__ = _later(
     globals(),
     {
         "ALL_SOLVERS": ".every",
