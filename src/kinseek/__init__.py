@@ -98,7 +98,7 @@ __all__ = [
     "pose",
 ]
 
-__getattr__ = _later(
+__getattr__, __dir__ = _later(
     globals(),
     {
         "ALL_SOLVERS": ".solvers",
@@ -119,8 +119,3 @@ __getattr__ = _later(
         "paths": ".paths",
     },
 )
-
-
-def __dir__() -> list[str]:
-    """All names, also those that were not asked for yet."""
-    return sorted({*globals(), *__all__})

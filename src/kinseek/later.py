@@ -7,8 +7,10 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 
-def later(package: dict[str, Any], modules: Mapping[str, str]) -> Callable[[str], Any]:
-    """What a package has as its `__getattr__` (PEP 562).
+def later(
+    package: dict[str, Any], modules: Mapping[str, str]
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """What a package has as its `__getattr__` and its `__dir__` (PEP 562).
 
     Args:
         package: Its `globals()`: a name that was asked for once is kept there.
@@ -23,4 +25,7 @@ def later(package: dict[str, Any], modules: Mapping[str, str]) -> Callable[[str]
         package[name] = module if modules[name] == f".{name}" else getattr(module, name)
         return package[name]
 
-    return imported
+    def names() -> list[str]:
+        return sorted({*package, *modules})
+
+    return imported, names

@@ -80,12 +80,10 @@ class BranchIndex:
     def plain(self, chain: SerialChain, T: Array) -> Branches | None:
         """All answers to one plain pose of the arm, (4, 4), without checks: None if it is no rigid transform."""
         found = self.search(PLAIN, T, self.view, SPREAD)
+        if not len(found):
+            return None
         # The caller may write the next target into the same array.
-        return (
-            quick_branches((chain, T.copy(), None), chain.dof, found, self.freedom > 0)
-            if len(found)
-            else None
-        )
+        return quick_branches((chain, T.copy(), None), chain.dof, found, self.freedom > 0)
 
     def search(self, wanted: Array, target: Array, view: Array, count: int) -> Array:
         """Rows of answers to one target, (4, 4), as `kernels.branches.search.many_branches` writes them."""

@@ -36,7 +36,7 @@ __all__ = [
     "Solver",
 ]
 
-__getattr__ = _later(
+__getattr__, __dir__ = _later(
     globals(),
     {
         "ALL_SOLVERS": ".every",
@@ -48,8 +48,3 @@ __getattr__ = _later(
         "SeparateChains": ".separate_chains",
     },
 )
-
-
-def __dir__() -> list[str]:
-    """All names, also those that were not asked for yet."""
-    return sorted({*globals(), *__all__})
