@@ -181,13 +181,21 @@ def test_what_was_missed_once_is_found(name: str) -> None:
 LOST = {
     11: {1703: 8, 2046: 8, 2531: 6, 4061: 6, 4254: 4, 5775: 8, 5806: 4, 7293: 6, 7325: 8, 7499: 10},
     12: {1776: 8, 3129: 8},
+    101: {15312: 6},
+    102: {5258: 6, 11473: 6},
+    306: {4456: 8, 17748: 6},
+    307: {633: 8, 18645: 6},
+    308: {10306: 4, 17349: 6},
 }
 """Targets of `ur10e_calibrated`, by the seed of their joint values and their number, and how many answers they have."""
 
 
 @pytest.mark.parametrize("seed", LOST)
 def test_what_rules_that_search_less_have_lost_is_found(seed: int) -> None:
-    """Nothing searched lacks answers at all of these, poses around the target at one distance at some."""
+    """Nothing searched lacks answers at all of these, poses around the target at one distance at some.
+
+    The last five seeds: axis 6 points nearly along the parallel ones, and the equation of joint 1 has all but one answer.
+    """
     arm = kinseek.load("ur10e_calibrated")
     joints = random_joints(arm.chain, max(LOST[seed]) + 1, seed)
     for number, count in LOST[seed].items():
@@ -201,8 +209,9 @@ def test_of_an_arm_that_nearly_has_a_closed_form_few_targets_are_searched() -> N
     arm = kinseek.load("ur10e_calibrated")
     found = some(arm.branches(plain_fk(arm.chain, random_joints(arm.chain, 2000, 26))))
     spent = np.array([branches.evaluations for branches in found])
-    assert np.mean(spent > 250) < 0.06  # A fifth were, when every doubt was.
-    assert np.mean(spent > 1000) < 0.015
+    assert (
+        np.mean(spent > 400) < 0.012
+    )  # A fifth were, when every doubt was, and one in 25 where axis 6 did not count.
 
 
 @pytest.mark.parametrize("name", ["jaco2_6", "irb5400", "mpx3500"])

@@ -4,6 +4,10 @@ An answer q of the arm is an answer of the nearby arm as well, to the pose that 
 far from the target as the arms differ. Which way is not known: seven ways are tried, as far from each other as they can be.
 Where two answers of the nearby arm all but meet, or have met and are gone, or an angle is all but left to choose, some of
 these poses have them apart, and on the other side as well.
+
+Most is open where axis 6 all but points along the three that are parallel. How far it leans from them is given, and of the
+nearby arm joint 6 tells whither: there are two such values. The arm itself leans by a little more that changes with joint 6,
+so there may be four, anywhere on the circle, and no pose nearby need have them all.
 """
 
 from __future__ import annotations
@@ -17,9 +21,9 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import make_desk
 from kinseek.kernels.atlas.task import task_of
 from kinseek.kernels.jit import hidden, kernel
-from kinseek.kernels.structure.candidates import DEVIATION, SIZE, WORK
+from kinseek.kernels.structure.candidates import DEVIATION, H5, H6, SIZE, WORK, H, joint_of
 from kinseek.kernels.structure.closed import TOLD, TRIED, closed_starts
-from kinseek.kernels.structure.subproblems import turned
+from kinseek.kernels.structure.subproblems import dot, turned
 
 from .refine_all import squared_gap
 
@@ -33,6 +37,18 @@ FIRST, FINAL = 1, 4
 
 BESIDE = 0.05
 """Starts this close [rad] to an answer or to each other are one."""
+
+
+@hidden
+def least_lean(structure: Array, rows: Array, count: int) -> float:
+    """Sine of the least angle between axis 6 and the parallel ones in any row, (capacity, n); 1 if there is no row."""
+    S, i, least = structure, joint_of(structure, 4, rows.shape[1]), 1.0
+    for j in range(count):
+        c, s = math.cos(rows[j, i]), math.sin(rows[j, i])
+        x, y, z = turned(S[H5], S[H5 + 1], S[H5 + 2], c, s, S[H6], S[H6 + 1], S[H6 + 2])
+        along = dot(S[H], S[H + 1], S[H + 2], x, y, z)
+        least = min(least, math.sqrt(max(1.0 - along * along, 0.0)))
+    return least
 
 
 @hidden

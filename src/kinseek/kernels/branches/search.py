@@ -19,6 +19,8 @@ from singularities answers come and go in pairs, and only limits make their numb
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from kinseek.kernels.arm.pose_error import is_rigid
@@ -41,10 +43,10 @@ from kinseek.kernels.atlas.task import (
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import called, entry, hidden
 from kinseek.kernels.structure.candidates import DEVIATION, KIND, LOOSE, NUMBERS, PARALLEL, ROUNDING, WORK
-from kinseek.kernels.structure.closed import LOST, SURE, TOLD, TRIED, UNSURE, closed_starts, serves
+from kinseek.kernels.structure.closed import FOLDED, LOST, SURE, TOLD, TRIED, UNSURE, closed_starts, serves
 
 from . import one_joint, watched
-from .around import FINAL, FIRST, starts_around
+from .around import FINAL, FIRST, least_lean, starts_around
 from .refine_all import (
     ANSWERS,
     CENTRE,
@@ -97,8 +99,26 @@ these poses find less, by trial."""
 
 
 BENT, OPEN, FAINT = 0.01, 1e-3, 5e-4
-"""Least singular value at the answers of such an arm below which poses around the target are tried, the search follows
-these, and its second round follows the first, by trial."""
+"""Least singular value at the answers of such an arm below which, by trial, poses around the target are tried, the search
+may follow these, and its second round follows the first."""
+
+
+HARDLY, ASIDE, LITTLE = 0.02, 0.0025, 0.15
+"""How little axis 6 leans from the parallel ones where the search may follow, see `around.least_lean`: the first by trial.
+The second is by how much joint 1 may be aside of what the nearby arm says, times the root of how far its equation is from
+having one answer: by so much the lean is another as well, but never more than the third counts. Elsewhere what poses around
+the target leave open shows by an odd number, by trial."""
+
+
+@hidden
+def may_hide(leans: float, folded: float) -> bool:
+    """May answers hide that are near to none of poses around the target?
+
+    Args:
+        leans: Of axis 6, see `around.least_lean`.
+        folded: See `closed.FOLDED`.
+    """
+    return leans < LITTLE and (leans - HARDLY) * math.sqrt(folded) < ASIDE
 
 
 @hidden
@@ -157,7 +177,7 @@ def find_branches(
     tally[WEAKEST] = np.inf
     start(task, desk, target)
     count, told, rounds, kept, done, unsure, reached, settling = 0, 0, 0, 0, False, False, False, False
-    nearly, left_to_try, tried, known_before = False, PLAIN, 0, 0
+    left_to_try, tried, known_before, leans = PLAIN, 0, 0, 1.0
     if serves(task, structure):
         closed_starts(task, structure, target, desk.spare, np.empty(WORK), seeds, asked, w)
         many = int(asked[TRIED])
@@ -174,7 +194,7 @@ def find_branches(
             # Where two answers all but meet the other's equations may have neither, and this one's lead to one of them.
             settling, done, rounds = True, False, SETTLED
         elif not exact and many > 0 and structure[KIND] == PARALLEL:
-            nearly, left_to_try, tried = True, NARROW, many
+            left_to_try, tried, leans = NARROW, many, least_lean(structure, seeds, many)
     elif table.shape[1] > 0 and max(task.position_tolerance, task.orientation_tolerance) <= LOOSE:
         one_joint.searched_starts(handle, wanted, joint, table, target, seeds, starts_told, w)
         many = starts_told[one_joint.MANY]
@@ -203,12 +223,14 @@ def find_branches(
             rounds = 0 if rounds == SETTLED and tally[CONTINUA] > 0.0 else rounds
         elif left_to_try != PLAIN:
             first = left_to_try == NARROW
-            ahead = count < max(asked[SURE], 1.0) or count < tried or tally[CONTINUA] > 0.0
+            short, weakest = count < tried, tally[WEAKEST]
             if first:
-                ahead = ahead or tally[WEAKEST] < BENT or asked[LOST] > 0.0
+                ahead = short or weakest < BENT or asked[LOST] > 0.0
             else:
-                ahead = ahead or tally[WEAKEST] < OPEN or count > known_before or in_doubt(task, count)
-            if not ahead:
+                leans = min(leans, least_lean(structure, rows, count))
+                ahead = may_hide(leans, asked[FOLDED]) and (short or weakest < OPEN or count > known_before)
+                ahead = ahead or in_doubt(task, count)
+            if not (ahead or count < asked[SURE] or tally[CONTINUA] > 0.0):
                 break
             begun, ended = (0, FIRST) if first else (FIRST, FINAL)
             many = starts_around(
@@ -219,7 +241,7 @@ def find_branches(
             rounds == 1
             and (
                 (count > known_before or tally[WEAKEST] < FAINT or in_doubt(task, count))
-                if nearly
+                if tried > 0
                 else (unsure or tally[LATE] > 0.0 or tally[WEAKEST] < WEAK or in_doubt(task, count))
             )
         ):

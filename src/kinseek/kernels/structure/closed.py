@@ -23,6 +23,7 @@ from .candidates import (
     LACKING,
     LOOSE,
     NONE,
+    ROOTS,
     ROUNDING,
     SIZE,
     SPREAD,
@@ -33,11 +34,12 @@ from .candidates import (
     row_of,
 )
 
-TRIED, SURE, UNSURE, LOST = range(4)
+TRIED, SURE, UNSURE, LOST, FOLDED = range(5)
 """Places in what is told of candidates: how many are tried, how many of these must be answers, 1 where there may be others
-than they lead to, and 1 where an arm nearly so may have such as the nearby arm has lost."""
+than they lead to, 1 where an arm nearly so may have such as the nearby arm has lost, and how far the equation that is solved
+first is from having one answer, see `candidates.ROOTS`."""
 
-TOLD = LOST + 1
+TOLD = FOLDED + 1
 """Numbers that are told."""
 
 ASKEW = 5.0
@@ -101,3 +103,4 @@ def closed_starts(
             if inside and lack <= 0.0 and fold > CLEAR + off:
                 sure += 1
     told[TRIED], told[SURE], told[UNSURE], told[LOST] = many, sure, unsure, lost
+    told[FOLDED] = abs(work[ROOTS * LANES])
