@@ -1,10 +1,11 @@
 """Every branch: is the set complete, and what does it cost?
 
 Arms with a closed form are held against EAIK, filtered by the limits: 20,000 targets from joint values uniform inside the
-limits. Arms without one are held against 1,000 random restarts of a Levenberg-Marquardt walk for each of 1,000 targets.
+limits. Arms without one are held against 1,000 random restarts of a Levenberg-Marquardt walk for each of the first 1,000.
 Answers count only if plain NumPy forward kinematics finds them within 1e-6 m and 1e-6 rad and inside the limits. Two
 are the same if no joint differs by 1e-3 rad modulo 2π. Times are wall times of single calls from Python, and processor time
-of batches.
+of batches. All who are timed get a part of the targets after each other, then the next part, so that a machine that changes
+its speed is fair to all; ratios are those of the parts.
 
 ssik is timed in an environment of its own, see `benchmarks.peers`, which is made at the first run.
 
@@ -59,8 +60,20 @@ PASSES = 7
 """Passes over a batch that is timed."""
 
 
+CALLS = 3
+"""Calls of each target, of which the least tells what it takes by itself, and the first what one waits for."""
+
+
+PARTS = 5
+"""Parts of the targets: kinseek and its peers are timed by turns."""
+
+
 SWEPT = 120
 """Those that no search of one joint needs: twelve answers at most, a step or four each, and twins of them."""
+
+
+AROUND = 400
+"""Those that no arm needs which is near to a closed form and is asked for poses around the target."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +83,8 @@ class Row:
     arm: str
     witness: str
     targets: int
+    witnessed: int
+    """Targets at which the witness was asked, the first ones."""
     lacking: list[int]
     """Targets where the witness has an answer that is lacking."""
     extra: list[str]
@@ -79,13 +94,18 @@ class Row:
     answers: float
     """Mean number."""
     fewest: int
-    sampled: int
     median: float
     """[µs]"""
     p99: float
     """[µs]"""
     fastest: float
-    """Least of the medians of a fifth of the calls each [µs]: what the machine does when nobody disturbs it."""
+    """Least of the medians of the parts [µs]: what the machine does when nobody disturbs it."""
+    tail: float
+    """99th percentile of the least of `CALLS` calls, in parts of their median."""
+    of_eaik: float
+    """Median over the parts of the ratio of the medians, kinseek over EAIK; NaN where there is none."""
+    of_ssik: float
+    """The same of ssik."""
     witness_median: float
     """[µs], of EAIK from Python with its answers filtered by the limits; NaN where there is none."""
     ssik_median: float
@@ -176,6 +196,12 @@ def restarts(arm: kinseek.Arm, seed: int, count: int = 1000) -> Callable[[Array]
     return solve
 
 
+def median(some: Array) -> float:
+    """Median of those that are numbers; NaN if none is."""
+    some = some[~np.isnan(some)]
+    return float(np.median(some)) if len(some) else np.nan
+
+
 def batch_time(arm: kinseek.Arm, targets: Array) -> float:
     """Processor time of a pose in a batch on one thread, median of `PASSES` [µs]."""
     passes = []
@@ -186,8 +212,8 @@ def batch_time(arm: kinseek.Arm, targets: Array) -> float:
     return float(np.median(passes))
 
 
-def measure(name: str, count: int, seed: int, singular: bool = False) -> Row:
-    """Measure one arm against its witness, with targets anywhere or near singularities and limits."""
+def measure(name: str, count: int, witnessed: int, seed: int, singular: bool = False) -> Row:
+    """Measure one arm, against its witness at the first targets, which are anywhere or near singularities and limits."""
     arm = kinseek.load(name)
     joints = singular_joints if singular else random_joints
     targets = plain_fk(arm.chain, joints(arm.chain, count, seed))
@@ -202,40 +228,50 @@ def measure(name: str, count: int, seed: int, singular: bool = False) -> Row:
             label = "EAIK is not installed"
     elif name in OPEN:
         witness, label = restarts(arm, seed + 1), "1,000 restarts"
-    times, theirs, numbers = np.empty(count), np.full(count, np.nan), np.empty(count, dtype=int)
+    calls, theirs, beside = np.empty((CALLS, count)), np.full(count, np.nan), np.full(count, np.nan)
+    numbers, said = np.empty(count, dtype=int), np.zeros(count, dtype=int)
     found: list[Array] = []
     endless = np.zeros(count, dtype=bool)
-    searched = false = 0
-    for i, target in enumerate(targets):
-        began = time.perf_counter_ns()
-        branches = arm.branches(target)
-        times[i] = (time.perf_counter_ns() - began) / 1e3
-        assert isinstance(branches, kinseek.Branches)
-        good = strict(arm.chain, branches.q, np.broadcast_to(target, (len(branches), 4, 4)))
-        if not good.all():
-            print(f"  {name}, {i}: {int((~good).sum())} answers that outside FK denies")
-            false += int((~good).sum())
-        found.append(branches.q[good])
-        numbers[i] = len(found[-1])
-        endless[i] = branches.sampled
-        searched += int(branches.evaluations > (SWEPT if name in ONE_JOINT else SEARCHED))
-    batch = batch_time(arm, targets)
-    beside = ssik(name, arm, targets) if name in CLOSED else None
     lacking: list[int] = []
     extra: list[str] = []
-    for i, target in enumerate(targets if witness else []):
-        if endless[i]:
-            continue  # Of a continuum there are samples, here and there.
-        began = time.perf_counter_ns()
-        other = witness(target) if witness else np.zeros((0, arm.dof))
-        theirs[i] = (time.perf_counter_ns() - began) / 1e3
-        other = other[strict(arm.chain, other, np.broadcast_to(target, (len(other), 4, 4)))]
-        gap = apart(other, found[i])
-        if len(other) and (not len(found[i]) or gap.min(axis=1).max() > SAME):
-            lacking.append(i)
-        if len(found[i]) and (not len(other) or gap.min(axis=0).max() > SAME):
-            values = np.linalg.svd(arm.jacobian(found[i]), compute_uv=False)
-            extra.append(f"{i} ({values.min():.1g})")
+    searched = false = 0
+    enough = SWEPT if name in ONE_JOINT else SEARCHED if name in CLOSED else AROUND
+    parts = np.array_split(np.arange(count), min(PARTS, count))
+    for part in parts:
+        for i in part:
+            for k in range(CALLS):
+                began = time.perf_counter_ns()
+                branches = arm.branches(targets[i])
+                calls[k, i] = (time.perf_counter_ns() - began) / 1e3
+            assert isinstance(branches, kinseek.Branches)
+            good = strict(arm.chain, branches.q, np.broadcast_to(targets[i], (len(branches), 4, 4)))
+            if not good.all():
+                print(f"  {name}, {i}: {int((~good).sum())} answers that outside FK denies")
+                false += int((~good).sum())
+            found.append(branches.q[good])
+            numbers[i] = len(found[-1])
+            endless[i] = branches.sampled
+            searched += int(branches.evaluations > enough)
+        for i in part if witness else ():
+            if i >= witnessed or endless[i]:
+                continue  # Of a continuum there are samples, here and there.
+            began = time.perf_counter_ns()
+            other = witness(targets[i]) if witness else np.zeros((0, arm.dof))
+            theirs[i] = (time.perf_counter_ns() - began) / 1e3
+            other = other[strict(arm.chain, other, np.broadcast_to(targets[i], (len(other), 4, 4)))]
+            gap = apart(other, found[i])
+            if len(other) and (not len(found[i]) or gap.min(axis=1).max() > SAME):
+                lacking.append(int(i))
+            if len(found[i]) and (not len(other) or gap.min(axis=0).max() > SAME):
+                values = np.linalg.svd(arm.jacobian(found[i]), compute_uv=False)
+                extra.append(f"{i} ({values.min():.1g})")
+        if name in CLOSED and (answered := ssik(name, arm, targets[part])):
+            said[part], beside[part] = answered
+    batch = batch_time(arm, targets)
+    if label != "EAIK":
+        theirs[:] = np.nan  # A thousand restarts are a witness, and no peer.
+    times, least = calls[0], calls.min(axis=0)
+    medians = np.array([np.median(times[part]) for part in parts])
     problem = Problem(arm.chain, Goal.pose(np.eye(4)))
     AtlasIndex(arm.chain, POSE, problem.arrays, SAMPLES)
     builds = []
@@ -247,18 +283,21 @@ def measure(name: str, count: int, seed: int, singular: bool = False) -> Row:
         arm=name,
         witness=label,
         targets=count,
+        witnessed=witnessed,
         lacking=lacking,
         extra=extra,
         false=false,
         answers=float(numbers.mean()),
         fewest=int(numbers.min()),
-        sampled=int(endless.sum()),
         median=float(np.median(times)),
         p99=float(np.percentile(times, 99)),
-        fastest=min(float(np.median(part)) for part in np.array_split(times, 5)),
-        witness_median=float(np.nanmedian(theirs)) if label == "EAIK" else np.nan,
-        ssik_median=np.nan if beside is None else float(np.median(beside[1])),
-        ssik_fewer=0 if beside is None else int((beside[0] < numbers).sum()),
+        fastest=float(medians.min()),
+        tail=float(np.percentile(least, 99) / np.median(least)),
+        of_eaik=float(np.median([m / median(theirs[part]) for m, part in zip(medians, parts, strict=True)])),
+        of_ssik=float(np.median([m / median(beside[part]) for m, part in zip(medians, parts, strict=True)])),
+        witness_median=median(theirs),
+        ssik_median=median(beside),
+        ssik_fewer=0 if np.isnan(beside).any() else int((said < numbers).sum()),
         index=float(np.median(builds)),
         structure=arm.structure.word,
         searched=searched,
@@ -273,19 +312,23 @@ def page(rows: list[Row], singular: bool = False) -> Page:
     page.say(
         f"Targets from joint values {where}. Complete: targets at which the witness has no answer inside",
         "the limits that is lacking; extra: targets at which the witness lacks one. Judged by plain NumPy FK to 1e-6 m and",
-        "1e-6 rad. Times: `arm.branches(T)` from Python, wall time; best fifth: the least median of five parts of the run.",
+        "1e-6 rad. Times: `arm.branches(T)` from Python, wall time. All are timed by turns, on a fifth of the targets each;",
+        "best fifth: the least of the five medians. p99 and median are of a first call each; of three calls for each target",
+        "the least counts in the ratio of both, which is what the target takes, and not what else the machine does.",
         "Batch: processor time of a pose in a batch of all, on one thread. Searched: targets for which a closed form, or",
         "the search of one joint, was not enough.",
         "EAIK's time includes the filter by limits; ssik's is that of the module it builds for an arm, asked for all",
-        "answers inside the limits without copies by full turns.",
+        "answers inside the limits without copies by full turns. In brackets kinseek's median over theirs, of the fifths",
+        "the middle one.",
     )
     cells = []
     for row in (row for row in rows if row.arm not in REDUNDANT):
-        share = np.floor(1e5 * (row.targets - len(row.lacking)) / row.targets) / 1e3
+        share = np.floor(1e5 * (row.witnessed - len(row.lacking)) / row.witnessed) / 1e3
         complete = f"{share:.3f}" if row.witness in ("EAIK", "1,000 restarts") else "–"
-        other = "–" if np.isnan(row.witness_median) else f"{row.witness_median:.1f}"
-        ssik = "–" if np.isnan(row.ssik_median) else f"{row.ssik_median:.1f}"
-        found = row.arm, row.structure, row.witness, f"{row.targets:,}", complete, len(row.extra), row.false
+        other = "–" if np.isnan(row.witness_median) else f"{row.witness_median:.1f} ({row.of_eaik:.2f})"
+        ssik = "–" if np.isnan(row.ssik_median) else f"{row.ssik_median:.1f} ({row.of_ssik:.2f})"
+        witness = row.witness if row.witnessed == row.targets else f"{row.witness}, first {row.witnessed:,}"
+        found = row.arm, row.structure, witness, f"{row.targets:,}", complete, len(row.extra), row.false
         share = f"{100 * row.searched / row.targets:.2f}"
         cells.append(
             (
@@ -301,13 +344,13 @@ def page(rows: list[Row], singular: bool = False) -> Page:
         )
     page.table(
         "arm | structure | witness | >targets | >complete % | >extra | >false | >answers, mean | >searched % | >median µs | "
-        ">best fifth µs | >p99 µs | >EAIK µs | >ssik µs | >batch µs | >index ms",
+        ">best fifth µs | >p99 µs | >p99 / median | >EAIK µs | >ssik µs | >batch µs | >index ms",
         cells,
     )
     if spare := [row for row in rows if row.arm in REDUNDANT]:
         page.say("Arms with a joint to spare: a spread sample of 50.")
         page.table(
-            "arm | >targets | >fewest answers | >median µs | >best fifth µs | >p99 µs | >index ms",
+            "arm | >targets | >fewest answers | >median µs | >best fifth µs | >p99 µs | >p99 / median | >index ms",
             [(row.arm, f"{row.targets:,}", row.fewest, *times(row), f"{row.index:.1f}") for row in spare],
         )
     page.head("Lacking")
@@ -320,9 +363,9 @@ def page(rows: list[Row], singular: bool = False) -> Page:
     return page
 
 
-def times(row: Row) -> tuple[str, str, str]:
-    """Median, best fifth and p99 [µs]."""
-    return f"{row.median:.1f}", f"{row.fastest:.1f}", f"{row.p99:.1f}"
+def times(row: Row) -> tuple[str, str, str, str]:
+    """Median, best fifth and p99 [µs], and p99 in parts of the median."""
+    return f"{row.median:.1f}", f"{row.fastest:.1f}", f"{row.p99:.1f}", f"{row.tail:.1f} ×"
 
 
 def main() -> None:
@@ -330,7 +373,9 @@ def main() -> None:
     parser = command(__file__, __doc__)
     parser.add_argument("arms", nargs="*", type=arm_name, help="names; all of them by default")
     parser.add_argument(
-        "--targets", type=at_least_one, help="targets an arm; 20,000 with a closed form, else 1,000"
+        "--targets",
+        type=at_least_one,
+        help="targets an arm, each with its witness; by default 20,000, with restarts at the first 1,000",
     )
     parser.add_argument(
         "--singular",
@@ -342,16 +387,16 @@ def main() -> None:
     options = parser.parse_args()
     rows = []
     for name in options.arms or (*CLOSED, *OPEN, *REDUNDANT):
-        row = measure(
-            name, options.targets or (20_000 if name in CLOSED else 1000), options.seed, options.singular
-        )
+        count = options.targets or (1000 if name in REDUNDANT else 20_000)
+        witnessed = options.targets or (20_000 if name in CLOSED else 1000)
+        row = measure(name, count, witnessed, options.seed, options.singular)
         rows.append(row)
         print(
             f"{name:18s} {row.witness}: lacking {len(row.lacking)}, extra {len(row.extra)} of {row.targets}, "
             f"{row.false} false, {row.searched} searched; "
             f"{row.answers:.2f} answers, {row.fewest} at least; {row.median:.1f} µs, best fifth {row.fastest:.1f}, "
-            f"p99 {row.p99:.1f}; EAIK {row.witness_median:.1f}; ssik {row.ssik_median:.1f}, "
-            f"fewer at {row.ssik_fewer}; batch {row.batch:.1f}; "
+            f"p99 {row.p99:.1f}, {row.tail:.1f} times the median; EAIK {row.witness_median:.1f}; "
+            f"ssik {row.ssik_median:.1f}, fewer at {row.ssik_fewer}; batch {row.batch:.1f}; "
             f"index {row.index:.1f} ms",
             flush=True,
         )
