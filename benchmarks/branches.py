@@ -4,8 +4,8 @@ Arms with a closed form are held against EAIK, filtered by the limits: 20,000 ta
 limits. Arms without one are held against 1,000 random restarts of a Levenberg-Marquardt walk for each of the first 1,000.
 Answers count only if plain NumPy forward kinematics finds them within 1e-6 m and 1e-6 rad and inside the limits. Two
 are the same if no joint differs by 1e-3 rad modulo 2π. Times are wall times of single calls from Python, and processor time
-of batches. All who are timed get a part of the targets after each other, then the next part, so that a machine that changes
-its speed is fair to all; ratios are those of the parts.
+of batches. All who are timed get a part of the targets after each other, with nothing between the calls, and then the next
+part: so a machine that changes its speed is fair to all. Ratios are those of the parts.
 
 ssik is timed in an environment of its own, see `benchmarks.peers`, which is made at the first run.
 
@@ -196,6 +196,17 @@ def restarts(arm: kinseek.Arm, seed: int, count: int = 1000) -> Callable[[Array]
     return solve
 
 
+def timed(ask: Callable[[Array], Any], targets: Array) -> tuple[list[Any], Array]:
+    """What is answered to each target, and the wall time of each call [µs], one call right after the other."""
+    answers, times = [], np.empty(len(targets))
+    for i, target in enumerate(targets):
+        began = time.perf_counter_ns()
+        answer = ask(target)
+        times[i] = (time.perf_counter_ns() - began) / 1e3
+        answers.append(answer)
+    return answers, times
+
+
 def median(some: Array) -> float:
     """Median of those that are numbers; NaN if none is."""
     some = some[~np.isnan(some)]
@@ -238,12 +249,9 @@ def measure(name: str, count: int, witnessed: int, seed: int, singular: bool = F
     enough = SWEPT if name in ONE_JOINT else SEARCHED if name in CLOSED else AROUND
     parts = np.array_split(np.arange(count), min(PARTS, count))
     for part in parts:
-        for i in part:
-            for k in range(CALLS):
-                began = time.perf_counter_ns()
-                branches = arm.branches(targets[i])
-                calls[k, i] = (time.perf_counter_ns() - began) / 1e3
-            assert isinstance(branches, kinseek.Branches)
+        for k in range(CALLS):
+            mine, calls[k, part] = timed(arm.branches, targets[part])
+        for i, branches in zip(part, mine, strict=True):
             good = strict(arm.chain, branches.q, np.broadcast_to(targets[i], (len(branches), 4, 4)))
             if not good.all():
                 print(f"  {name}, {i}: {int((~good).sum())} answers that outside FK denies")
@@ -252,13 +260,11 @@ def measure(name: str, count: int, witnessed: int, seed: int, singular: bool = F
             numbers[i] = len(found[-1])
             endless[i] = branches.sampled
             searched += int(branches.evaluations > enough)
-        for i in part if witness else ():
-            if i >= witnessed or endless[i]:
-                continue  # Of a continuum there are samples, here and there.
-            began = time.perf_counter_ns()
-            other = witness(targets[i]) if witness else np.zeros((0, arm.dof))
-            theirs[i] = (time.perf_counter_ns() - began) / 1e3
-            other = other[strict(arm.chain, other, np.broadcast_to(targets[i], (len(other), 4, 4)))]
+        # Of a continuum there are samples, here and there.
+        asked = part[(part < witnessed) & ~endless[part]]
+        others, theirs[asked] = timed(witness, targets[asked]) if witness else ([], np.nan)
+        for i, told in zip(asked, others, strict=bool(witness)):
+            other = told[strict(arm.chain, told, np.broadcast_to(targets[i], (len(told), 4, 4)))]
             gap = apart(other, found[i])
             if len(other) and (not len(found[i]) or gap.min(axis=1).max() > SAME):
                 lacking.append(int(i))
