@@ -8,10 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks.command import ROOT
 from benchmarks.page import Page
 from benchmarks.peers import worker
 from benchmarks.peers.environments import ask
+from benchmarks.since import Side, measure
 from benchmarks.speed_table import table
+
+from kinseek.robots.catalog import catalog_path
 
 
 def test_a_page_reads_as_it_was_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -83,3 +87,18 @@ def test_a_peer_that_fails_says_why(tmp_path: Path) -> None:
     assert str(ask("worker.py", "OptIK", Path(sys.executable), tmp_path / "arm.npz", 60)).startswith(
         "ModuleNotFound"
     )
+
+
+def test_both_sides_of_a_comparison_answer_all() -> None:
+    row = measure("elbow6", (ROOT / "src", ROOT / "src"), 2, 3)
+    assert row.solved == (1.0, 1.0)
+    assert min(*row.one, *row.batch) > 0.0
+
+
+def test_a_side_that_is_not_what_was_asked_for_is_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "targets.npy", np.eye(4)[None])
+    words = [str(catalog_path("planar2")), "base", "tip", str(tmp_path / "targets.npy")]
+    with pytest.raises(SystemExit, match="asked for the kinseek of"):
+        Side(tmp_path, words, tmp_path / "q.npy")
+    with pytest.raises(SystemExit, match="a process has ended"):
+        Side(ROOT / "src", ["nowhere.urdf", "a", "b", "none.npy"], tmp_path / "q.npy")

@@ -46,7 +46,7 @@ def module(script: Path) -> str:
 def kept() -> dict[str, tuple[int, int]]:
     """Time of change [ns] and size of everything that a script may write."""
     files = [path for folder in KEPT for path in (ROOT / folder).rglob("*")] + list(ROOT.glob("*"))
-    ignored = {"__pycache__", ".venvs"}
+    ignored = {"__pycache__", ".venvs", ".since"}
     return {
         str(path): (path.stat().st_mtime_ns, path.stat().st_size)
         for path in files

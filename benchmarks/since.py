@@ -1,0 +1,194 @@
+"""What an answer takes, against an earlier commit: is it faster by now, arm by arm?
+
+The commit is cloned beside, its kernels are compiled for this processor, and both are asked by turns, each in a process
+of its own: a machine that changes its speed is fair to both. Answers count only if plain NumPy forward kinematics finds
+them within 1e-6 m and 1e-6 rad of their targets and inside the limits.
+
+    python -m benchmarks.since 510bdab
+    python -m benchmarks.since HEAD~1 ur5e panda --output since.md
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.kernels.route import LIBRARY
+from kinseek.robots import catalog_entry
+from kinseek.robots.catalog import catalog_path
+
+from .command import ROOT, arm_name, at_least_one, command, writes
+from .page import Page
+from .targets import fleet_arm, fleet_names, plain_fk, random_joints, strict
+
+Array = NDArray[np.float64]
+
+HERE = Path(__file__).resolve().parent
+CLONES = HERE / ".since"
+
+ONE, MANY = 200, 2000
+"""Poses of a turn, asked one by one and as a batch; the former are the first of the latter."""
+
+QUESTIONS = {"one": ONE, "batch": MANY}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One arm: times of a pose [µs] before and now, medians over the turns, and the medians of their ratios."""
+
+    arm: str
+    one: tuple[float, float, float]
+    batch: tuple[float, float, float]
+    solved: tuple[float, float]
+
+
+def git(*words: str, folder: Path = ROOT) -> str:
+    """What git says."""
+    done = subprocess.run(["git", "-C", str(folder), *words], check=True, capture_output=True, text=True)
+    return done.stdout.strip()
+
+
+def earlier(commit: str) -> Path:
+    """Sources of a commit, with their library; made if they are not there."""
+    folder = CLONES / commit
+    if not (folder / "ready").is_file():
+        if not folder.is_dir():
+            git("clone", "--quiet", "--no-checkout", str(ROOT), str(folder))
+        git("checkout", "--quiet", commit, folder=folder)
+        if LIBRARY is not None:
+            print(f"compiling the kernels of {commit[:7]}", flush=True)
+            words = ["native/build.py", "src/kinseek/kernels", "--levels", str(LIBRARY.level)]
+            paths = os.environ | {"PYTHONPATH": str(folder / "src")}
+            subprocess.run([sys.executable, *words], cwd=folder, env=paths, check=True)
+        (folder / "ready").touch()
+    return folder / "src"
+
+
+class Side:
+    """A process with one kinseek and one arm."""
+
+    def __init__(self, source: Path, words: list[str], answers: Path) -> None:
+        """Start it, and wait until it is warm."""
+        worker = [sys.executable, str(HERE / "since_worker.py"), *words, str(answers)]
+        paths = os.environ | {"PYTHONPATH": str(source)}
+        self._process = subprocess.Popen(
+            worker, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=paths
+        )
+        found = Path(self._told())
+        if not found.is_relative_to(source):
+            self.end()
+            raise SystemExit(f"asked for the kinseek of {source}, got {found}")
+
+    def _told(self) -> str:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        if not line:
+            self.end()
+            raise SystemExit(f"a process has ended with {self._process.returncode}, see above")
+        return str(json.loads(line))
+
+    def ask(self, question: str, first: int, last: int) -> float:
+        """Time of a pose [µs]."""
+        assert self._process.stdin is not None
+        print(question, first, last, file=self._process.stdin, flush=True)
+        return float(self._told())
+
+    def end(self) -> None:
+        """Let it write down its answers."""
+        self._process.communicate()
+
+
+def measure(name: str, sources: tuple[Path, Path], turns: int, seed: int) -> Row:
+    """Ask both about one arm, by turns."""
+    arm, entry = fleet_arm(name), catalog_entry(name)
+    targets = plain_fk(arm.chain, random_joints(arm.chain, turns * MANY, seed))
+    times = np.empty((len(QUESTIONS), turns, 2))
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder)
+        np.save(place / "targets.npy", targets)
+        words = [str(catalog_path(name)), entry.base, entry.tip, str(place / "targets.npy")]
+        answers = place / "before.npy", place / "now.npy"
+        sides = [Side(source, words, file) for source, file in zip(sources, answers, strict=True)]
+        for k in range(turns):
+            for i, (question, count) in enumerate(QUESTIONS.items()):
+                for j in (0, 1) if k % 2 else (1, 0):
+                    times[i, k, j] = sides[j].ask(question, k * MANY, k * MANY + count)
+        for side in sides:
+            side.end()
+        before, now = (float(strict(arm.chain, np.load(file), targets).mean()) for file in answers)
+    medians, ratios = np.median(times, axis=1), np.median(times[..., 1] / times[..., 0], axis=1)
+    one, batch = ((float(m[0]), float(m[1]), float(r)) for m, r in zip(medians, ratios, strict=True))
+    return Row(name, one, batch, (before, now))
+
+
+def page(commit: str, rows: list[Row], turns: int) -> Page:
+    """The page."""
+    page = Page("Since an earlier commit", "benchmarks.since " + commit[:7])
+    page.say(
+        f"Before is {commit[:7]}, of {git('log', '-1', '--format=%cs', commit)}. Targets from joint values uniform inside",
+        f"the limits. {turns} turns: each is asked for {ONE} poses one by one, `arm.ik(T)` from Python, wall time, and for",
+        f"{MANY:,} as a batch on one thread, processor time, and then the other. Medians over the turns [µs a pose]; ratios",
+        "are medians of the ratios of the turns. Solved, of the batches: within 1e-6 m and 1e-6 rad by plain NumPy FK, and",
+        "inside the limits.",
+    )
+    cells = [
+        (
+            row.arm,
+            *(f"{row.one[0]:.1f}", f"{row.one[1]:.1f}", f"{row.one[2]:.2f} ×"),
+            *(f"{row.batch[0]:.2f}", f"{row.batch[1]:.2f}", f"{row.batch[2]:.2f} ×"),
+            *(f"{100 * share:.3f}" for share in row.solved),
+        )
+        for row in rows
+    ]
+    one, batch = (np.median([getattr(row, what) for row in rows], axis=0) for what in ("one", "batch"))
+    cells.append(
+        (
+            f"median of {len(rows)}",
+            *(f"{one[0]:.1f}", f"{one[1]:.1f}", f"{one[2]:.2f} ×"),
+            *(f"{batch[0]:.2f}", f"{batch[1]:.2f}", f"{batch[2]:.2f} ×"),
+            *("", ""),
+        )
+    )
+    page.table(
+        "arm | >one pose before | >now | >ratio | >batch before | >now | >ratio | >solved before % | >now %",
+        cells,
+    )
+    return page
+
+
+def main() -> None:
+    """Run it and write the page."""
+    parser = command(__file__, __doc__)
+    parser.add_argument("commit", help="what is compared with, as git names it")
+    parser.add_argument("arms", nargs="*", type=arm_name, help="names; the fleet by default")
+    parser.add_argument("--turns", type=at_least_one, default=15, help="of each side and arm")
+    parser.add_argument("--seed", type=int, default=3)
+    writes(parser, "--output", HERE / "since.md", "where the page goes")
+    options = parser.parse_args()
+    try:
+        commit = git("rev-parse", "--verify", "--quiet", "--end-of-options", options.commit + "^{commit}")
+    except subprocess.CalledProcessError:
+        parser.error(f"no commit {options.commit!r} in this repository")
+    sources = earlier(commit), ROOT / "src"
+    rows = []
+    for name in options.arms or fleet_names():
+        rows.append(row := measure(name, sources, options.turns, options.seed))
+        print(
+            f"{name:18s} one {row.one[0]:6.2f} -> {row.one[1]:6.2f} µs ({row.one[2]:.2f} ×), "
+            f"batch {row.batch[0]:5.2f} -> {row.batch[1]:5.2f} ({row.batch[2]:.2f} ×), "
+            f"solved {row.solved[0]:.5f} -> {row.solved[1]:.5f}",
+            flush=True,
+        )
+    page(commit, rows, options.turns).write(options.output)
+
+
+if __name__ == "__main__":
+    main()
