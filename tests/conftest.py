@@ -32,11 +32,16 @@ settings.load_profile("kinseek")
 collect_ignore = [] if importlib.util.find_spec("pandas") else ["test_field.py", "test_field_page.py"]
 """Files of tests that are nothing without what they import."""
 
+LONGEST = "test_javascript.py"
+"""Begun first: where two processes test, neither waits for the other at the end, nor for the kernels of the page, which
+test_page.py needs too."""
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave out what the library cannot run."""
+    """Order tests, and leave out what the library cannot run."""
     from kinseek.kernels.route import LIBRARY
 
+    items.sort(key=lambda item: item.path.name != LONGEST)
     if LIBRARY is None:
         return
     for item in items:

@@ -4,7 +4,7 @@
     python web/build.py --module       # only what the page is made from, in web/build
 
 Needs Numba and ziglang (`pip install 'kinseek[wasm]'`), Node with npm, and the npm registry. The kernels are compiled, for
-about a minute, when their sources have changed since the last time.
+some minutes, when their sources have changed since the last time.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ def wasm_module(notice: Callable[[str], object] = lambda words: None) -> bytes:
         raise MissingExtra("linking WebAssembly", "wasm")
     target = TARGETS["wasm32"]
     entries = [ENTRIES[name] for name in CALLED]
-    notice(f"compiling the kernels for {target.triple} (about a minute) ...")
+    notice(f"compiling the kernels for {target.triple} (some minutes) ...")
     _, kernels = compiled(target, target.cpus[0], entries, list(PLACES), "kernels.o")
     exports = [f"-Wl,--export={name}" for name in (*CALLED, *PLACES, "malloc", "free")]
     command = [
