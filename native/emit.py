@@ -80,7 +80,8 @@ def _taken(path: Path) -> bool:
 
 def linked(made: Any, wrapper: str, name: str) -> Any:
     """A module of a compiled function and its wrapper, nothing else of which is visible."""
-    final = made.library._final_module
+    code = made.library
+    final = code._final_module
     whole = llvm.parse_assembly(wrapper)
     whole.triple, whole.data_layout = final.triple, final.data_layout
     whole.link_in(llvm.parse_bitcode(final.as_bitcode()))

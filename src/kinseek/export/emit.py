@@ -117,11 +117,12 @@ def _with_wrapper(one: Any) -> tuple[list[bytes], Any]:
     from kinseek.kernels.wrapper import compiled, wrapper_of
 
     made = compiled(one)
-    final = made.library._final_module
+    code = made.library
+    final = code._final_module
     wrapper = llvm.parse_assembly(wrapper_of(one, made, one.name))
     wrapper.triple, wrapper.data_layout = final.triple, final.data_layout
     # The wrapper goes first: of what may come twice only that is linked which something asks for.
-    return [wrapper.as_bitcode(), final.as_bitcode()], made.library._codegen
+    return [wrapper.as_bitcode(), final.as_bitcode()], code._codegen
 
 
 def _written(module: Any, host: tuple[str, str], job: dict[str, Any], folder: Path) -> dict[str, Any]:
