@@ -36,7 +36,7 @@ from kinseek.problem import Problem
 from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
 
 from .command import arm_name, at_least_one, command, writes
-from .page import Page
+from .page import Page, percent
 from .peers.environments import PEERS, ask, environment, write_arm
 from .targets import plain_fk, random_joints, singular_joints, strict
 
@@ -329,8 +329,8 @@ def page(rows: list[Row], singular: bool = False) -> Page:
     )
     cells = []
     for row in (row for row in rows if row.arm not in REDUNDANT):
-        share = np.floor(1e5 * (row.witnessed - len(row.lacking)) / row.witnessed) / 1e3
-        complete = f"{share:.3f}" if row.witness in ("EAIK", "1,000 restarts") else "–"
+        known = row.witness in ("EAIK", "1,000 restarts")
+        complete = percent(row.witnessed - len(row.lacking), row.witnessed) if known else "–"
         other = "–" if np.isnan(row.witness_median) else f"{row.witness_median:.1f} ({row.of_eaik:.2f})"
         ssik = "–" if np.isnan(row.ssik_median) else f"{row.ssik_median:.1f} ({row.of_ssik:.2f})"
         witness = row.witness if row.witnessed == row.targets else f"{row.witness}, first {row.witnessed:,}"

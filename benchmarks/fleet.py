@@ -27,7 +27,7 @@ from kinseek.kinds import POSE
 from kinseek.solvers.atlas.index import SAMPLES, AtlasIndex
 
 from .command import arm_name, at_least_one, command, writes
-from .page import Page
+from .page import Page, percent
 from .targets import fleet_arm, fleet_names, plain_fk, random_joints, singular_joints, strict
 
 Array = NDArray[np.float64]
@@ -186,11 +186,6 @@ def told(miss: Miss) -> str:
         f"{miss.arm}, {miss.kind}, seed {miss.seed}, number {miss.index}: {miss.position_error:.1e} m, "
         f"{miss.orientation_error:.1e} rad; made from q = {np.array2string(miss.q, precision=6, max_line_width=200)}"
     )
-
-
-def percent(solved: int, count: int) -> str:
-    """Percent to three digits; 100.000 only if it is all of them."""
-    return f"{np.floor(1e5 * solved / count) / 1e3:.3f}"
 
 
 def page(rows: list[Row], misses: list[Miss]) -> Page:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from .targets import load, machine
 
 
@@ -70,3 +72,8 @@ class Page:
 def row_of(cells: Iterable[object]) -> str:
     """A row of a table."""
     return f"| {' | '.join(map(str, cells))} |"
+
+
+def percent(some: int, of: int) -> str:
+    """Percent to three digits; 100.000 only if it is all of them."""
+    return f"{np.floor(1e5 * some / of) / 1e3:.3f}"

@@ -1,8 +1,8 @@
 """What an answer takes, against an earlier commit: is it faster by now, arm by arm?
 
 The commit is cloned beside, its kernels are compiled for this processor, and both are asked by turns, each in a process
-of its own: a machine that changes its speed is fair to both. Answers count only if plain NumPy forward kinematics finds
-them within 1e-6 m and 1e-6 rad of their targets and inside the limits.
+of its own: a machine that changes its speed is fair to both. How many targets each has solved is told by plain NumPy
+forward kinematics, within 1e-6 m and 1e-6 rad and inside the limits.
 
     python -m benchmarks.since 510bdab
     python -m benchmarks.since HEAD~1 ur5e panda --output since.md
@@ -10,24 +10,25 @@ them within 1e-6 m and 1e-6 rad of their targets and inside the limits.
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+import kinseek
 from kinseek.kernels.route import LIBRARY
 from kinseek.robots import catalog_entry
 from kinseek.robots.catalog import catalog_path
 
 from .command import ROOT, arm_name, at_least_one, command, writes
-from .page import Page
-from .targets import fleet_arm, fleet_names, plain_fk, random_joints, strict
+from .page import Page, percent
+from .targets import fleet_names, plain_fk, random_joints, strict
 
 Array = NDArray[np.float64]
 
@@ -47,7 +48,8 @@ class Row:
     arm: str
     one: tuple[float, float, float]
     batch: tuple[float, float, float]
-    solved: tuple[float, float]
+    solved: tuple[int, int]
+    """Targets of the batches, before and now."""
 
 
 def git(*words: str, folder: Path = ROOT) -> str:
@@ -66,8 +68,7 @@ def earlier(commit: str) -> Path:
         if LIBRARY is not None:
             print(f"compiling the kernels of {commit[:7]}", flush=True)
             words = ["native/build.py", "src/kinseek/kernels", "--levels", str(LIBRARY.level)]
-            paths = os.environ | {"PYTHONPATH": str(folder / "src")}
-            subprocess.run([sys.executable, *words], cwd=folder, env=paths, check=True)
+            subprocess.run([sys.executable, *words], cwd=folder, check=True)
         (folder / "ready").touch()
     return folder / "src"
 
@@ -93,7 +94,7 @@ class Side:
         if not line:
             self.end()
             raise SystemExit(f"a process has ended with {self._process.returncode}, see above")
-        return str(json.loads(line))
+        return line.rstrip("\n")
 
     def ask(self, question: str, first: int, last: int) -> float:
         """Time of a pose [µs]."""
@@ -108,7 +109,7 @@ class Side:
 
 def measure(name: str, sources: tuple[Path, Path], turns: int, seed: int) -> Row:
     """Ask both about one arm, by turns."""
-    arm, entry = fleet_arm(name), catalog_entry(name)
+    arm, entry = kinseek.load(name), catalog_entry(name)
     targets = plain_fk(arm.chain, random_joints(arm.chain, turns * MANY, seed))
     times = np.empty((len(QUESTIONS), turns, 2))
     with tempfile.TemporaryDirectory() as folder:
@@ -123,7 +124,7 @@ def measure(name: str, sources: tuple[Path, Path], turns: int, seed: int) -> Row
                     times[i, k, j] = sides[j].ask(question, k * MANY, k * MANY + count)
         for side in sides:
             side.end()
-        before, now = (float(strict(arm.chain, np.load(file), targets).mean()) for file in answers)
+        before, now = (int(strict(arm.chain, np.load(file), targets).sum()) for file in answers)
     medians, ratios = np.median(times, axis=1), np.median(times[..., 1] / times[..., 0], axis=1)
     one, batch = ((float(m[0]), float(m[1]), float(r)) for m, r in zip(medians, ratios, strict=True))
     return Row(name, one, batch, (before, now))
@@ -140,28 +141,22 @@ def page(commit: str, rows: list[Row], turns: int) -> Page:
         "inside the limits.",
     )
     cells = [
-        (
-            row.arm,
-            *(f"{row.one[0]:.1f}", f"{row.one[1]:.1f}", f"{row.one[2]:.2f} ×"),
-            *(f"{row.batch[0]:.2f}", f"{row.batch[1]:.2f}", f"{row.batch[2]:.2f} ×"),
-            *(f"{100 * share:.3f}" for share in row.solved),
-        )
+        (row.arm, *times(row.one, 1), *times(row.batch, 2), *(percent(n, turns * MANY) for n in row.solved))
         for row in rows
     ]
-    one, batch = (np.median([getattr(row, what) for row in rows], axis=0) for what in ("one", "batch"))
-    cells.append(
-        (
-            f"median of {len(rows)}",
-            *(f"{one[0]:.1f}", f"{one[1]:.1f}", f"{one[2]:.2f} ×"),
-            *(f"{batch[0]:.2f}", f"{batch[1]:.2f}", f"{batch[2]:.2f} ×"),
-            *("", ""),
-        )
-    )
+    one, batch = (np.median([getattr(row, what) for row in rows], axis=0) for what in QUESTIONS)
+    cells.append((f"median of {len(rows)}", *times(one, 1), *times(batch, 2), "", ""))
     page.table(
         "arm | >one pose before | >now | >ratio | >batch before | >now | >ratio | >solved before % | >now %",
         cells,
     )
     return page
+
+
+def times(some: Iterable[float], digits: int) -> tuple[str, str, str]:
+    """Before, now [µs], and the ratio."""
+    before, now, ratio = some
+    return f"{before:.{digits}f}", f"{now:.{digits}f}", f"{ratio:.2f} ×"
 
 
 def main() -> None:
@@ -181,10 +176,10 @@ def main() -> None:
     rows = []
     for name in options.arms or fleet_names():
         rows.append(row := measure(name, sources, options.turns, options.seed))
+        one, batch = times(row.one, 2), times(row.batch, 2)
         print(
-            f"{name:18s} one {row.one[0]:6.2f} -> {row.one[1]:6.2f} µs ({row.one[2]:.2f} ×), "
-            f"batch {row.batch[0]:5.2f} -> {row.batch[1]:5.2f} ({row.batch[2]:.2f} ×), "
-            f"solved {row.solved[0]:.5f} -> {row.solved[1]:.5f}",
+            f"{name:18s} one {one[0]} -> {one[1]} µs ({one[2]}), batch {batch[0]} -> {batch[1]} ({batch[2]}), "
+            f"solved {row.solved[0]:,} -> {row.solved[1]:,}",
             flush=True,
         )
     page(commit, rows, options.turns).write(options.output)
