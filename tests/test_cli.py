@@ -298,9 +298,11 @@ def test_search_options_reach_the_search(run: Run) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "expected"), [("2", 2), ("3,3,1", (3, 3, 1)), ("tuned", "tuned")], ids=["CB", "BT", "tuned"]
+    ("given", "expected"),
+    [("2", 2), ("2.5", 2.5), ("3,3,1", (3, 3, 1)), ("tuned", "tuned")],
+    ids=["CB", "mean", "BT", "tuned"],
 )
-def test_the_three_ways_to_give_breadth(given: str, expected: object) -> None:
+def test_the_ways_to_give_breadth(given: str, expected: object) -> None:
     search = make_search("divide-and-conquer", {"breadth": given, "children": "none"})
     assert isinstance(search, kinseek.DivideAndConquer)
     assert search.breadth == expected

@@ -249,7 +249,9 @@ def test_a_budget_is_kept_and_the_best_so_far_counts(budget: int) -> None:
         ({"branching_factor": 2**62 + 1}, "branching_factor"),
         ({"divisions": 1}, "divisions must be at least 2, got 1"),
         ({"breadth": 0}, "breadth must be at least 1, got 0"),
-        ({"breadth": 2.5}, "breadth must be a whole number, got 2.5"),
+        ({"breadth": 0.5}, "breadth must be a number from 1 to 1,000,000, got 0.5"),
+        ({"breadth": (2, np.nan)}, "every breadth must be a number from 1 to 1,000,000, got nan"),
+        ({"breadth": np.inf}, "breadth must be a number from 1 to 1,000,000, got inf"),
         ({"beam": 10**12}, "beam must be at most"),
         ({"breadth": (1, 0)}, "every breadth must be at least 1"),
         ({"breadth": "wide"}, "'tuned'; got 'wide'"),
@@ -263,6 +265,51 @@ def test_parameters_out_of_range_are_refused(options: dict[str, object], words: 
     with pytest.raises(InvalidSolver) as caught:
         DivideAndConquer(**options)  # type: ignore[arg-type]
     assert words in str(caught.value)
+
+
+def test_a_fraction_of_a_breadth_is_the_mean_over_the_later_passes() -> None:
+    arm = kinseek.load("planar2")
+    T = arm.fk([1.0, 2.0])
+    solution = arm.ik(T, solver=DivideAndConquer(3**8, breadth=(2.5, 1.25)), trace=True)
+    counts = np.array([each.counts for each in solution.trace[1:]])
+    breadths = (counts + 1) / 2 - 1  # A window has 2(⌊3/2⌋ + Br) - 1 values.
+    np.testing.assert_array_equal(breadths[:, 0], [3, 3, 3, 3, 2, 2, 2])
+    np.testing.assert_array_equal(breadths[:, 1], [2, 2, 1, 1, 1, 1, 1])
+    untraced = arm.ik(T, solver=DivideAndConquer(3**8, breadth=(2.5, 1.25)))
+    for field in ("q", "evaluations", "nodes_expanded", "nodes_created"):
+        np.testing.assert_array_equal(getattr(solution, field), getattr(untraced, field))
+    assert untraced.evaluations == 9 + int(counts.prod(axis=1).sum())
+
+
+def test_a_whole_breadth_is_the_same_in_every_way_to_write_it() -> None:
+    assert (
+        DivideAndConquer(breadth=2.0)
+        == DivideAndConquer(breadth=np.float32(2))
+        == DivideAndConquer(breadth=2)
+    )
+    assert repr(DivideAndConquer(breadth=(2.0, 3.5)).breadth) == "(2, 3.5)"
+
+
+@pytest.mark.parametrize(
+    "options", [{"beam": 3}, {"beam": 3, "children": 2}, {"tree": "static"}, {"ties": "first"}]
+)
+def test_a_fraction_lies_between_its_whole_breadths_with_every_option(options: dict[str, object]) -> None:
+    arm = kinseek.load("scara4")
+    targets = random_goals(arm, 20)
+    low, middle, high = (
+        arm.ik(targets, solver=DivideAndConquer(720, breadth=b, **options)) for b in (1, 1.5, 2)
+    )  # type: ignore[arg-type]
+    assert (low.evaluations < middle.evaluations).all()
+    assert (middle.evaluations < high.evaluations).all()
+    assert high.weighted_error.mean() <= middle.weighted_error.mean() < low.weighted_error.mean()
+
+
+def test_a_fraction_on_a_function_visits_the_same_nodes() -> None:
+    arm = kinseek.load("scara4")
+    function = kinseek.Arm.from_fk(arm.fk, arm.lower, arm.upper, kinds=arm.chain.kinds)
+    T, solver = random_goals(arm, 1)[0], DivideAndConquer(720, breadth=1.5)
+    ours, theirs = arm.ik(T, solver=solver), function.ik(T, solver=solver)
+    np.testing.assert_allclose(ours.weighted_error, theirs.weighted_error, atol=1e-9)
 
 
 def test_breadth_of_the_wrong_length_names_the_joints() -> None:

@@ -303,6 +303,11 @@ PANDA = kinseek.load("panda")
         ),
         (FUNCTION, {}, "an arm that is a function cannot be exported"),
         (PANDA, {"search": DivideAndConquer(tree="static")}, "tree must be 'dynamic'"),
+        (
+            PANDA,
+            {"search": DivideAndConquer(breadth=1.5)},
+            "breadth must be a whole number or one a joint, got 1.5",
+        ),
         (PANDA, {"search": DivideAndConquer(ties="first")}, "ties must be 'rounding'"),
         (PANDA, {"goal": Goal.pose(np.stack([np.eye(4)] * 2))}, r"one goal, got a batch of shape \(2,\)"),
         (PANDA, {"goal": Goal.pointing([0.4, 0, 0.4], [0, 0, 1])}, "a pose or position of the tip"),

@@ -18,7 +18,7 @@ from kinseek import BlindSearch, BruteForce, DivideAndConquer, Goal
 from kinseek.errors import InvalidSolver
 from kinseek.problem import Problem
 from kinseek.solvers import divide_and_conquer
-from kinseek.solvers.breadth_tuning import breadth_to_reach
+from kinseek.solvers.breadth_tuning import Walk
 from kinseek.solvers.nodes import joint_grid, spread_nodes, tie_of, window_around
 from reference import PaperSearch, node_values
 
@@ -219,72 +219,92 @@ def test_of_equal_leaves_the_first_is_taken_whatever_rounding_says() -> None:
             assert np.ravel_multi_index(tuple(nodes), (12, 12)) == first, (solver, i)
 
 
-FIRST = {"turns": Fraction(0), "middles": Fraction(1, 2), "letter": Fraction(0), "third": Fraction(1, 3)}
+KINDS = {
+    "turns": (True, False, Fraction(0)),
+    "middles": (False, False, Fraction(1, 2)),
+    "a third in": (False, False, Fraction(1, 3)),
+    "letter": (False, True, Fraction(0)),
+    "letter, middles": (False, True, Fraction(1, 2)),
+}
+"""Does the joint wrap, do windows end at a limit, and where in a cell are the first nodes?"""
+
+
+def passes_of(size: int, divisions: int) -> list[int]:
+    spacings = [max(size // divisions, 1)]
+    while spacings[-1] > 1:
+        spacings.append(max(spacings[-1] // divisions, 1))
+    return spacings
+
+
+def walk_of(size: int, divisions: int, kind: str) -> Walk:
+    wraps, clips, offset = KINDS[kind]
+    first = spread_nodes(size, min(divisions, size), offset)
+    return Walk(passes_of(size, divisions)[1:], size, wraps, clips, first)
+
+
+def arrives_everywhere(walk: Walk, divisions: int, breadth: int) -> bool:
+    """Walk from every first node into every window node, pass after pass: is every node of the grid arrived at?"""
+    counts = np.array([2 * (divisions // 2 + breadth) - 1])
+    for first in walk.first.tolist():
+        at = {first}
+        for spacing in walk.spacings:
+            windows = (
+                window_around([walk.wraps], walk.size, [node], spacing, counts, walk.clips)[0] for node in at
+            )
+            at = {node for window in windows for node in window.tolist()}
+        if len(at) < walk.size:
+            return False
+    return True
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("divisions", [2, 3, 4, 5, 7])
+def test_the_breadth_to_reach_arrives_at_every_node_and_one_less_does_not(divisions: int, kind: str) -> None:
+    sizes = {*range(divisions, 40, 3), divisions**2, divisions**3 if divisions < 5 else 60}
+    tried = 0
+    for size in sorted(sizes):
+        walk = walk_of(size, divisions, kind)
+        breadth = walk.breadth(divisions)
+        if walk.spacings:
+            assert arrives_everywhere(walk, divisions, breadth), (size, breadth)
+            assert breadth == 1 or not arrives_everywhere(walk, divisions, breadth - 1), (size, breadth)
+            tried += breadth > 1
+    assert tried > 3
 
 
 @pytest.mark.parametrize(
-    ("divisions", "turns", "middles", "letter"), [(2, 1, 2, 2), (3, 3, 4, 6), (4, 5, 6, 11), (5, 9, 10, 19)]
+    ("divisions", "turns", "middles", "letter"),
+    [(2, 2, 2, 3), (3, 4, 4, 7), (4, 6, 6, 12), (5, 10, 10, 20), (6, 14, 15, 29)],
 )
-def test_breadths_that_reach(divisions: int, turns: int, middles: int, letter: int) -> None:
-    assert breadth_to_reach(divisions, True, False, FIRST["turns"]) == turns
-    assert breadth_to_reach(divisions, False, False, FIRST["middles"]) == middles
-    assert breadth_to_reach(divisions, False, True, FIRST["letter"]) == letter
-    assert turns == max(divisions * (divisions - 1) // 2 - divisions // 2 + 1, 1)
+@pytest.mark.parametrize("power", [0, 8])
+def test_breadths_that_reach(divisions: int, turns: int, middles: int, letter: int, power: int) -> None:
+    """On a grid of powers of D and on the paper's the same: the series of spacings ends at one."""
+    size = divisions**power if power else 7200
+    assert walk_of(size, divisions, "turns").breadth(divisions) == turns
+    assert walk_of(size, divisions, "middles").breadth(divisions) == middles
+    assert walk_of(size, divisions, "letter").breadth(divisions) == letter
 
 
-@pytest.mark.parametrize("divisions", [2, 3, 4, 5, 6, 7, 8, 11])
-@pytest.mark.parametrize("kind", FIRST)
-def test_windows_walk_as_far_as_the_rule_says_and_with_less_breadth_they_do_not(
-    divisions: int, kind: str
-) -> None:
-    """From every first node straight on to the farthest node on either side, pass after pass."""
-    wraps, clips, size = kind == "turns", kind == "letter", divisions**6
-    arm = kinseek.load("planar2" if wraps else "cylindrical3")
-    grid = joint_grid(arm.chain, size, letter=clips)
-    joint = 0 if wraps else 1
-    assert bool(grid.wraps[joint]) == wraps
-
-    def shortfall(breadth: int) -> float:
-        """How far the farthest node is beyond the reach, in parts of the range."""
-        counts, worst = np.full(arm.dof, 2 * (divisions // 2 + breadth) - 1), 0.0
-        for start in spread_nodes(size, divisions, FIRST[kind]).tolist():
-            for side in (-1, 1):
-                at, gone = start, 0
-                for k in range(4, -1, -1):
-                    nodes = window_around(
-                        grid.wraps.tolist(), grid.size, [at] * arm.dof, divisions**k, counts, clips
-                    )[joint]
-                    if wraps:  # The nodes are numbered from the lower end on, so count them.
-                        gone += len(nodes) // 2 * divisions**k
-                    else:
-                        at = int(nodes.max() if side > 0 else nodes.min())
-                short = size / 2 - gone if wraps else abs((size - 1 if side > 0 else 0) - at)
-                worst = max(worst, short / size)
-        return worst
-
-    enough = breadth_to_reach(divisions, wraps, clips, FIRST[kind])
-    # The passes end at a spacing of one, and with them the series: some nodes to a side are left out.
-    rest = (divisions // 2 + enough) * 2 / size
-    assert shortfall(enough) <= rest
-    if enough > 1:
-        assert shortfall(enough - 1) > rest
+def test_the_largest_grid_has_a_breadth_to_reach() -> None:
+    for kind in KINDS:
+        assert walk_of(2**62, 3, kind).breadth(3) in (3, 4, 5, 6, 7)
 
 
 def test_reach_is_a_breadth_a_joint_and_less_is_noted() -> None:
     arm = kinseek.load("cylindrical3")
     problem = Problem(arm.chain, Goal.pose(np.eye(4)))
-    assert DivideAndConquer(breadth="reach").breadths(problem) == (3, 4, 4)
+    assert DivideAndConquer(breadth="reach").breadths(problem) == (4, 4, 4)
     assert DivideAndConquer(breadth="reach", wrap=False).breadths(problem) == (4, 4, 4)
-    assert DivideAndConquer(breadth="reach", limited="letter").breadths(problem) == (3, 6, 6)
+    assert DivideAndConquer(breadth="reach", limited="letter").breadths(problem) == (4, 7, 7)
     assert DivideAndConquer(breadth="reach").reach_notes(problem) == ()
     assert DivideAndConquer(breadth=4).reach_notes(problem) == ()
-    notes = DivideAndConquer(breadth=(3, 4, 3)).reach_notes(problem)
+    notes = DivideAndConquer(breadth=(4, 4, 3)).reach_notes(problem)
     assert len(notes) == 1
     assert notes[0].startswith(f"{arm.chain.joint_names[2]}: ")
     assert "a breadth of 3" in notes[0]
     assert "4 can" in notes[0]
     same = [
-        arm.ik(arm.fk([1.0, 0.1, 0.5]), solver=DivideAndConquer(breadth=b)).q for b in ("reach", (3, 4, 4))
+        arm.ik(arm.fk([1.0, 0.1, 0.5]), solver=DivideAndConquer(breadth=b)).q for b in ("reach", (4, 4, 4))
     ]
     np.testing.assert_array_equal(same[0], same[1])
 

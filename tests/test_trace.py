@@ -270,7 +270,7 @@ def test_within_a_budget_too(search: str, budget: int) -> None:
 
 def test_a_time_limit_is_noted() -> None:
     arm = kinseek.load("elbow6")
-    search = kinseek.DivideAndConquer(breadth=3, beam=4000)
+    search = kinseek.DivideAndConquer(breadth=4, beam=4000)
     solution = arm.ik(targets(arm, 2), solver=search, time_limit=0.05, trace=True)
     assert solution.out_of_time.all()
     assert solution.trace[0].notes == ("The time limit ended the search.",)

@@ -160,6 +160,8 @@ def test_parameters_are_read_from_text() -> None:
     assert (search.branching_factor, search.divisions, search.breadth) == (720, 5, (2, 1, 1))
     tuned: Any = make_search("DivideAndConquer", given | {"breadth": "tuned"})
     assert tuned.breadth == "tuned"
+    mixed: Any = make_search("DivideAndConquer", given | {"breadth": "2.5"})
+    assert mixed.breadth == 2.5
     for name, text in (
         ("divisions", "many"),
         ("breadth", ""),

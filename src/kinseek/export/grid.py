@@ -34,6 +34,11 @@ def grid_design(search: DivideAndConquer, problem: Problem, ram: int | None) -> 
     if search.ties != "rounding":
         raise InvalidExport(f"ties must be 'rounding' in an exported search, got {search.ties!r}")
     plan, dof = search._plan(problem, Deadline()), problem.mechanism.dof
+    if len(plan.ends) > 1:
+        raise InvalidExport(
+            f"an exported search has the same breadth in all later passes: breadth must be a whole number or one a joint, "
+            f"got {search.breadth!r}"
+        )
     most_lanes, a_lane = _lanes(problem, plan), _numbers_a_lane()
     room = room_for(12, dof)  # A pose without its last row, and a node of each joint.
     least = memory_size(*plan.sizes) - a_lane * MOST_LANES

@@ -9,13 +9,13 @@ the leaves it costs, and goes on while the window fits the budget.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from fractions import Fraction
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from kinseek.kernels.arrays import Array
+from kinseek.kernels.arrays import Array, Indices
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.sampling import weyl
 
@@ -31,35 +31,66 @@ def probe_joints(chain: SerialChain) -> Array:
     return np.asarray(chain.lower + weyl(_PROBES, chain.dof) * (chain.upper - chain.lower))
 
 
-def breadth_to_reach(divisions: int, wraps: bool, clips: bool, offset: Fraction) -> int:
-    """The smallest breadth of a joint with which a search can walk back from any wrong cell of the first pass.
+class Walk(NamedTuple):
+    """How a joint may walk on from a wrong cell of the first pass: can it arrive at every node of its grid?
 
-    Later passes reach k = ⌊D/2⌋ + Br - 1 nodes to a side, at spacings R/D², R/D³ and so on of a range R: a joint may still
-    go k R / (D (D - 1)). How far it may have to go, to within the rounding of spacings to whole nodes:
+    A window with k_j nodes to each side at a spacing of s_j moves the joint by at most k_j s_j nodes, so all later passes
+    together move it by at most T = Σ k_j s_j. The spacings are ⌊B/D⌋, divided by D and rounded down until they are 1. For
+    B = D^p and k in every pass T = k (D^(p-1) - 1) / (D - 1): a geometric series that *ends*, k / (D - 1) nodes short of
+    the endless one, k B / (D (D - 1)). What T has to come to:
 
-    - Half of a full turn, R/2: k ≥ D (D - 1) / 2.
-    - From the first node f R/D beside one limit, f ≤ 1/2, to the other limit, where a window loses what is beyond a limit:
-      k ≥ (D - 1) (D - f).
-    - The same where a window slides inward at a limit. In the pass after the first it then begins at the limit, or r of a
-      spacing beside it, and ends 2 k + r spacings from there: k ≥ (D - 1) (D² - r) / (2 D - 1). In the middles of D cells
-      r is 0 for an even D and 1/2 for an odd one.
+    - On a full turn to the opposite node: T ≥ ⌊B/2⌋.
+    - Between limits, from a first node m to the farther one, where a window loses what is beyond a limit: T ≥ m and
+      T ≥ B - 1 - m.
+    - The same where a window slides inward at a limit. If the first later window, of spacing s and k to a side, begins
+      beyond the lower limit, it is slid to m mod s and ends 2 k s from there, which is (m mod s) + k s more than the k s of
+      one that starts at the limit; later windows are smaller and do not slide again. So T + max(m, (m mod s) + k s) ≥ B - 1
+      upward, and the same with B - 1 - m for m downward.
 
-    Args:
-        divisions: The paper's D.
-        wraps: Is the joint one with a full turn, whose windows cross from one end to the other?
-        clips: Does a window of one with limits lose what is beyond a limit?
-        offset: Where in their cells the first nodes stand, 0 to 1.
+    No node on the way is left out: after a pass at most s_j - 1 ≤ D s_(j+1) + D - 2 nodes are left, and with so much breadth
+    the passes after it go farther than that.
     """
-    D, beside = divisions, (offset, 1 - offset)
-    k = Fraction(D * (D - 1), 2)
-    if not wraps and clips:
-        k = (D - 1) * (D - min(beside))
-    elif not wraps:
-        k = (D - 1) * (D * D - min(f * D % 1 for f in beside)) / (2 * D - 1)
-    return max(math.ceil(k) - D // 2 + 1, 1)
+
+    spacings: Sequence[int]
+    """Of the later passes, in nodes."""
+    size: int
+    """B"""
+    wraps: bool
+    """Is the joint one with a full turn, whose windows cross from one end to the other?"""
+    clips: bool
+    """Does a window of one with limits lose what is beyond a limit?"""
+    first: Indices
+    """Nodes of the first pass."""
+
+    def shortfall(self, sides: Sequence[int]) -> int:
+        """By how many nodes the later passes may miss the farthest node; 0 if they arrive, or there are none.
+
+        Args:
+            sides: Nodes to each side in each later pass.
+        """
+        if not self.spacings:
+            return 0
+        steps = [k * s for k, s in zip(sides, self.spacings, strict=True)]
+        if self.wraps:
+            return max(self.size // 2 - sum(steps), 0)
+        beside = np.concatenate([self.first, self.size - 1 - self.first])
+        if not self.clips:
+            # Beyond the range is as good as far beyond it, and fits 64 bits.
+            slid = beside % self.spacings[0] + min(steps[0], self.size)
+            beside = np.maximum(beside, slid)
+        return max(self.size - 1 - int(beside.min()) - sum(steps), 0)
+
+    def breadth(self, divisions: int) -> int:
+        """The smallest breadth in all later passes with which a search can walk back."""
+        passes, breadths = len(self.spacings), range(1, self.size + 1)
+
+        def arrives(breadth: int) -> bool:
+            return self.shortfall([divisions // 2 + breadth - 1] * passes) == 0
+
+        return breadths[bisect_left(breadths, True, key=arrives)]
 
 
-def window_leaves(breadth: Breadth, divisions: int) -> float:
+def window_leaves(breadth: Sequence[float], divisions: int) -> float:
     """Leaves of a later pass: Π (2(⌊D/2⌋ + Br_i) - 1)."""
     return float(np.prod([2.0 * (divisions // 2 + b) - 1 for b in breadth]))
 

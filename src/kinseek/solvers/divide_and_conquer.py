@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -33,7 +33,7 @@ from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
 
 from .base import Found, solve_each, watch_each, whole
-from .breadth_tuning import breadth_to_reach, probe_joints, widen_by_trial, window_leaves
+from .breadth_tuning import Walk, probe_joints, widen_by_trial, window_leaves
 from .nodes import (
     MOST_NODES,
     joint_grid,
@@ -76,10 +76,11 @@ class DivideAndConquer:
     """B: nodes a joint; the last pass has a spacing of one node."""
     divisions: int = 3
     """D: values a joint in the first pass; each later pass divides the spacing by D."""
-    breadth: int | tuple[int, ...] | str = 1
+    breadth: float | tuple[float, ...] | str = 1
     """Br: later passes try 2(⌊D/2⌋ + Br) - 1 values a joint. One number is the paper's constant breadth (CB),
     one a joint its breadth tuning (BT), ``"tuned"`` chooses those by trial, and with ``"reach"`` every joint can walk back
-    from any wrong cell of the first pass."""
+    from any wrong cell of the first pass. A fraction is the mean over the later passes: with 2.5 the first half of them
+    has a breadth of 3 and the other half a breadth of 2."""
     tree: str = "dynamic"
     """``"static"`` makes all nodes first; ``"dynamic"`` makes them when needed (DT)."""
     beam: int = 1
@@ -141,10 +142,10 @@ class DivideAndConquer:
                     f"breadth must be a number, one number a joint, 'reach' or 'tuned'; got {self.breadth!r}"
                 )
         elif isinstance(self.breadth, Sequence | np.ndarray):
-            each = tuple(whole("every breadth", b, 1, _MOST_CELLS) for b in self.breadth)
+            each = tuple(_breadth("every breadth", b) for b in self.breadth)
             object.__setattr__(self, "breadth", each)
         else:
-            whole("breadth", self.breadth, 1, _MOST_CELLS)
+            object.__setattr__(self, "breadth", _breadth("breadth", self.breadth))
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by the best node found."""
@@ -171,18 +172,18 @@ class DivideAndConquer:
         require_patience(problem, plan.nodes, self.most_nodes, change, search)
         return watch_each(problem, search, plan.leaves, self.progress, deadline)
 
-    def breadths(self, problem: Problem, deadline: Deadline | None = None) -> tuple[int, ...]:
-        """The breadth of every joint, (n,), whichever way it was given.
+    def breadths(self, problem: Problem, deadline: Deadline | None = None) -> tuple[float, ...]:
+        """The breadth of every joint, (n,), whichever way it was given; a fraction is a mean over the later passes.
 
         Raises:
             InvalidSolver: The number of breadths is not the number of joints.
         """
         chain = problem.mechanism
         if self.breadth == "reach":
-            return self._reaching(problem)
+            return tuple(walk.breadth(self.divisions) for walk in self._walks(problem))
         if isinstance(self.breadth, str):
             return tuned_breadth(problem.chain, problem.goal, self.divisions, self.node_budget, deadline)
-        if isinstance(self.breadth, int):
+        if not isinstance(self.breadth, tuple):
             return (self.breadth,) * chain.dof
         if len(self.breadth) != chain.dof:
             raise InvalidSolver(
@@ -194,29 +195,55 @@ class DivideAndConquer:
     def reach_notes(self, problem: Problem) -> tuple[str, ...]:
         """Of joints that cannot walk back from every wrong cell of the first pass, a sentence that says so.
 
-        See `breadth_tuning.breadth_to_reach`.
+        See `breadth_tuning.Walk`.
         """
-        short: dict[tuple[int, int], list[str]] = {}
-        each = zip(
-            problem.mechanism.joint_names, self.breadths(problem), self._reaching(problem), strict=True
-        )
-        for name, breadth, enough in each:
-            if breadth < enough:
-                short.setdefault((breadth, enough), []).append(name)
+        breadths, walks = self.breadths(problem), self._walks(problem)
+        short: dict[tuple[float, int], list[str]] = {}
+        each = zip(problem.mechanism.joint_names, breadths, walks, self._sides(breadths).T, strict=True)
+        for name, breadth, walk, sides in each:
+            if walk.shortfall(sides.tolist()):
+                short.setdefault((breadth, walk.breadth(self.divisions)), []).append(name)
         return tuple(
             f"{', '.join(names)}: from a wrong first cell a breadth of {breadth} cannot always lead back; "
             f"{enough} can (breadth='reach')"
             for (breadth, enough), names in short.items()
         )
 
-    def _reaching(self, problem: Problem) -> tuple[int, ...]:
-        wraps = problem.mechanism.wraps & self.wrap
-        # Around the zero configuration the first nodes may stand anywhere in a cell.
-        offsets = [Fraction(0)] * len(wraps) if self.first == "formula" else self._offsets(wraps)
-        return tuple(
-            breadth_to_reach(self.divisions, bool(each), self.limited == "letter", offset)
-            for each, offset in zip(wraps, offsets, strict=True)
-        )
+    def _walks(self, problem: Problem) -> list[Walk]:
+        """How each joint may walk on from the first pass."""
+        wraps, later = problem.mechanism.wraps & self.wrap, self._spacings[1:]
+        # Around the zero configuration the first nodes may stand anywhere: at a limit they have the farthest way.
+        at_limit = [np.zeros(1, dtype=np.int64)] * len(wraps)
+        first = at_limit if self.first == "formula" else self._spread(self._offsets(wraps))
+        clips = self.limited == "letter"
+        return [
+            Walk(later, self.branching_factor, bool(each), clips, nodes)
+            for each, nodes in zip(wraps, first, strict=True)
+        ]
+
+    @property
+    def _spacings(self) -> list[int]:
+        """Of all passes, in nodes."""
+        spacings = [max(self.branching_factor // self.divisions, 1)]
+        while spacings[-1] > 1:
+            # Departs from the paper: with B = 10, D = 4 its spacing goes 2, 0; here the last one is always 1.
+            spacings.append(max(spacings[-1] // self.divisions, 1))
+        return spacings
+
+    def _sides(self, breadths: tuple[float, ...]) -> Indices:
+        """Nodes to each side in every later pass, (passes, n); one row where there is no later pass.
+
+        A fraction gives the first passes the next larger breadth, as many of them as bring the mean nearest to it, and
+        the others the next smaller one. The first spacings are the largest, so a node more reaches farthest there;
+        `python -m experiments fraction` compares this with other mixtures.
+        """
+        passes = max(len(self._spacings) - 1, 1)
+        wider = [math.floor((b - math.floor(b)) * passes + 0.5) for b in breadths]
+        rows = [
+            [self.divisions // 2 + math.floor(b) + (k < w) - 1 for b, w in zip(breadths, wider, strict=True)]
+            for k in range(passes)
+        ]
+        return np.array(rows, dtype=np.int64)
 
     def _offsets(self, wraps: Flags) -> list[Fraction]:
         """Where in their cells the first nodes of each joint stand.
@@ -248,22 +275,21 @@ class DivideAndConquer:
     @lru_cache(maxsize=64)  # noqa: B019  # A plan takes longer than a small search; this keeps searches, which are small too.
     def _nodes(
         self, breadths: tuple[int, ...], wraps: tuple[bool, ...], zero: tuple[int, ...] | None
-    ) -> tuple[list[Indices], Passes, int, int]:
-        """Nodes of the first pass, all passes, and the leaves and nodes that they come to."""
-        count = self.branching_factor
-        spacings = [max(count // self.divisions, 1)]
-        while spacings[-1] > 1:
-            # Departs from the paper: with B = 10, D = 4 its spacing goes 2, 0; here the last one is always 1.
-            spacings.append(max(spacings[-1] // self.divisions, 1))
-        sides = [2 * (self.divisions // 2 + b) - 1 for b in breadths]
-        later = np.array([min(each, count) for each in sides], dtype=np.int64)
-        first = self._first(wraps, zero, spacings[0], later)
-        padded = np.zeros((len(first), max(map(len, first))), dtype=np.int64)
+    ) -> tuple[list[Indices], Passes, Indices, int, int]:
+        """Nodes of the first pass, all passes, how many nodes the later ones have, and the leaves and nodes of all."""
+        spacings = self._spacings
+        # A window that loses what is beyond a limit may have a whole range to each side.
+        widest = 2 * self.branching_factor - 1 if self.limited == "letter" else self.branching_factor
+        later = np.minimum(2 * self._sides(breadths) + 1, widest)
+        first = self._first(wraps, zero, spacings[0], later[0])
+        # The kernel lays its memory out by the largest window that it is told of: all calls have to tell it the same.
+        most = int(later.max()) if (later != later[0]).any() else 0
+        padded = np.zeros((len(first), max(most, *map(len, first))), dtype=np.int64)
         for row, nodes in zip(padded, first, strict=True):
             row[: len(nodes)] = nodes
         passes = Passes(
             np.array(spacings, dtype=np.int64),
-            later,
+            later[0],
             padded,
             np.array([len(nodes) for nodes in first], dtype=np.int64),
             self.limited == "letter",
@@ -272,11 +298,13 @@ class DivideAndConquer:
             self.beam,
             min(self.children or self.beam, self.beam),
         )
-        counts = passes.counts.tolist(), passes.later.tolist()
-        cells = (1, (len(spacings) - 1) * self.beam)
-        leaves = sum(n * math.prod(each) for n, each in zip(cells, counts, strict=True))
-        everything = [sum(math.prod(each[:d]) for d in range(1, len(each) + 1)) for each in counts]
-        return first, passes, leaves, sum(n * each for n, each in zip(cells, everything, strict=True))
+        windows = [(1, passes.counts.tolist())]
+        windows += [(self.beam, each) for each in later[: len(spacings) - 1].tolist()]
+        leaves = sum(cells * math.prod(counts) for cells, counts in windows)
+        nodes = sum(
+            cells * sum(math.prod(counts[:d]) for d in range(1, len(counts) + 1)) for cells, counts in windows
+        )
+        return first, passes, later, leaves, nodes
 
     def _first(
         self, wraps: tuple[bool, ...], zero: tuple[int, ...] | None, spacing: int, later: Indices
@@ -291,9 +319,13 @@ class DivideAndConquer:
                     for node, wrap in zip(shifted, wraps, strict=True)
                 )
             return window_around(wraps, size, zero, spacing, later, self.limited == "letter")
-        count = min(self.divisions, size)
+        return self._spread(offsets)
+
+    def _spread(self, offsets: list[Fraction]) -> list[Indices]:
+        """D nodes of each joint, one in each cell."""
+        count = min(self.divisions, self.branching_factor)
         require_memory(len(offsets) * count, "the first pass tries D values of every joint")
-        return [spread_nodes(size, count, each) for each in offsets]
+        return [spread_nodes(self.branching_factor, count, each) for each in offsets]
 
     def _search(
         self,
@@ -304,15 +336,15 @@ class DivideAndConquer:
         watch: Callable[[int], object],
     ) -> Found:
         budget = int(np.iinfo(np.int64).max if problem.budget is None else problem.budget)
-        passes = self._with_ties(problem, plan)
+        plan = self._with_ties(problem, plan)
         arrays, goal, q = problem.arrays, problem.goal.arrays, np.empty(problem.mechanism.dof)
         at = np.array(BEGINNING)
-        recorder, before, plans = None, q, [passes]
+        recorder, before, ends = None, q, plan.ends
         if problem.trace:  # Not all passes at once, but one more at a time: the same bits.
             recorder, before = self._recorder(problem), problem.start
-            ends = range(1, len(passes.spacings) + 1)
-            plans = [passes._replace(spacings=passes.spacings[:end]) for end in ends]
-        for k, now in enumerate(plans):
+            ends = list(range(1, len(plan.passes.spacings) + 1))
+        for end in ends:
+            now = plan.until(end)
             done = descend(arrays, goal, plan.grid, now, budget, PART, memory, at, q)
             while not done and not deadline.passed:
                 watch(int(at[TRIED]))
@@ -320,11 +352,9 @@ class DivideAndConquer:
             leaves, expanded = int(at[TRIED]), int(at[VISITED])
             created = problem.mechanism.dof * self.branching_factor if self.tree == "static" else expanded
             found = Found(q if leaves else problem.start, leaves, created, expanded, not done)
-            if recorder is None:
-                break
-            if leaves > recorder.spent:
+            if recorder is not None and leaves > recorder.spent:
                 held = bytes_of(memory, plan.grid)
-                record_pass(recorder, plan.grid, plan.first, passes, k, before, found, held)
+                record_pass(recorder, plan.grid, plan.first, now, end - 1, before, found, held)
             if at[STOPPED] or not done:
                 break
             before = found.q.copy()
@@ -344,9 +374,9 @@ class DivideAndConquer:
             recorder.note(f"Stopped at a node with a weighted error below {self.stop_below:g}.")
         return found._replace(trace=recorder.finish())
 
-    def _with_ties(self, problem: Problem, plan: _Plan) -> Passes:
+    def _with_ties(self, problem: Problem, plan: _Plan) -> _Plan:
         tie = tie_of(problem, self.ties)
-        return plan.passes._replace(tie=tie) if tie else plan.passes
+        return plan._replace(passes=plan.passes._replace(tie=tie)) if tie else plan
 
     def _ask(
         self, problem: Problem, plan: _Plan, deadline: Deadline, watch: Callable[[int], object]
@@ -355,7 +385,7 @@ class DivideAndConquer:
         from .black_box.grid import best_or_start, descend
 
         box = problem.mechanism
-        passes = self._with_ties(problem, plan)
+        plan = self._with_ties(problem, plan)
         asker = Asker(box, problem, deadline)
         recorder, held = self._recorder(problem) if problem.trace else None, bytes_of(plan.grid)
         stored = box.dof * self.branching_factor if self.tree == "static" else 0
@@ -366,10 +396,10 @@ class DivideAndConquer:
             best = best_or_start(q, box, problem.start)
             now = Found(best, asker.spent, stored or expanded, expanded)
             if recorder and asker.spent > recorder.spent:
-                record_pass(recorder, plan.grid, plan.first, passes, k, before, now, held)
+                record_pass(recorder, plan.grid, plan.first, plan.until(k + 1), k, before, now, held)
             before = best
 
-        q, expanded = descend(asker, plan.grid, passes, plan.first, watch, told)
+        q, expanded = descend(asker, plan.grid, plan.passes, plan.later, plan.first, watch, told)
         q = best_or_start(q, box, problem.start)
         found = Found(q, asker.spent, stored or expanded, expanded, asker.out_of_time)
         return found if recorder is None else self._told(recorder, found)
@@ -386,6 +416,20 @@ def _offsets(given: object) -> float | tuple[float | None, ...]:
     return _offset(given)
 
 
+def _breadth(name: str, given: Any) -> float:
+    """Read a breadth; a whole one as a whole number.
+
+    Raises:
+        InvalidSolver: It is none.
+    """
+    if not isinstance(given, Real) or isinstance(given, Integral):
+        return whole(name, given, 1, _MOST_CELLS)
+    number = float(given)
+    if 1.0 <= number <= _MOST_CELLS:
+        return int(number) if number.is_integer() else number
+    raise InvalidSolver(f"{name} must be a number from 1 to {_MOST_CELLS:,}, got {given}")
+
+
 def _offset(given: Any) -> float:
     number = float(given) if isinstance(given, Real) and not isinstance(given, bool) else math.nan
     if 0.0 <= number < 1.0:
@@ -400,6 +444,9 @@ class _Plan(NamedTuple):
     first: list[Indices]
     """Nodes of the first pass, of each joint."""
     passes: Passes
+    """All passes; their breadth is that of the first later one, see `until`."""
+    later: Indices
+    """Nodes of each joint in each pass after the first, (passes, n)."""
     leaves: int
     """Leaves that the passes try at most."""
     nodes: int
@@ -408,8 +455,18 @@ class _Plan(NamedTuple):
     @property
     def sizes(self) -> tuple[int, int, int, int]:
         """Joints, values of any joint at most, cells, and children of a cell."""
-        most = max(self.passes.first.shape[1], *self.passes.later.tolist())
+        most = max(self.passes.first.shape[1], int(self.later.max()))
         return len(self.passes.later), most, self.passes.beam, self.passes.children
+
+    @property
+    def ends(self) -> list[int]:
+        """Numbers of passes after which the breadth changes, and of all: the kernel does those in between in one go."""
+        changes = np.flatnonzero((self.later[1:] != self.later[:-1]).any(axis=1)) + 2
+        return [*changes.tolist(), len(self.passes.spacings)]
+
+    def until(self, end: int) -> Passes:
+        """So many passes, with the breadth of the last of them: a kernel does those that it has not done yet."""
+        return self.passes._replace(spacings=self.passes.spacings[:end], later=self.later[max(end - 2, 0)])
 
 
 _memory_size = lru_cache(maxsize=64)(memory_size)  # Summing up takes as long as a hundred leaves.

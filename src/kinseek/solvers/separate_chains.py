@@ -48,7 +48,7 @@ class SeparateChains(DivideAndConquer):
         InvalidSolver: As `DivideAndConquer`; or `again` is no number of at least 0.
     """
 
-    breadth: int | tuple[int, ...] | str = 4
+    breadth: float | tuple[float, ...] | str = 4
     """Br: later passes try 2(⌊D/2⌋ + Br) - 1 values a joint. One number, one a joint, or ``"tuned"``."""
     again: float = 1e-3
     """Where a tolerance is missed and the weighted error is worth more than this much of position [m], the chains are

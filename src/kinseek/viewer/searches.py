@@ -26,8 +26,8 @@ PARAMETERS = {
 HINTS = {
     "branching_factor": "Nodes a joint; the last pass has a spacing of one node.",
     "divisions": "Values a joint in the first pass; each later pass divides the spacing by D.",
-    "breadth": "A number is the paper's constant breadth; one a joint with commas, or tuned, its breadth tuning; "
-    "or reach.",
+    "breadth": "A number is the paper's constant breadth, a fraction a mean over the passes; one a joint with commas, "
+    "or tuned, its breadth tuning; or reach.",
     "tree": "static makes all nodes first; dynamic makes them when needed. The answers are the same bits.",
     "beam": "Cells that a pass leaves to the next; the paper has 1.",
 }
@@ -72,11 +72,11 @@ def _read(name: str, text: str) -> object:
     if text.strip() in words:
         return text.strip()
     try:
-        numbers = tuple(int(part) for part in text.split(","))
+        numbers = tuple(map(float if name == "breadth" else int, text.split(",")))
     except ValueError:
         numbers = ()
     if name != "tree" and (len(numbers) == 1 or (numbers and name == "breadth")):
         return numbers[0] if len(numbers) == 1 else numbers
-    takes = ["a whole number"] if name != "tree" else []
-    takes += ["one a joint with commas"] if name == "breadth" else []
+    takes = ["a whole number"] if name not in ("tree", "breadth") else []
+    takes += ["a number", "one a joint with commas"] if name == "breadth" else []
     raise InvalidSolver(f"{PARAMETERS[name]}: expected {', or '.join([*takes, *words])}; got {text!r}")

@@ -113,6 +113,7 @@ def descend(
     asker: Asker,
     grid: Grid,
     passes: Passes,
+    later: Indices,
     first: list[Indices],
     watch: Callable[[int], object],
     told: Callable[[int, Array | None, int], None] = lambda k, q, expanded: None,
@@ -123,6 +124,7 @@ def descend(
         asker: The function and the target.
         grid: The nodes.
         passes: The plan.
+        later: Nodes of each joint in each pass after the first, (passes, n).
         first: Nodes of the first pass, of each joint.
         watch: Told of the leaves so far.
         told: Told after each pass of its number, and of what is returned as it is then.
@@ -140,7 +142,7 @@ def descend(
             nodes = first
             if k > 0:
                 centre = before.nodes[cell].tolist()
-                nodes = window_around(wraps, grid.size, centre, int(spacing), passes.later, passes.clips)
+                nodes = window_around(wraps, grid.size, centre, int(spacing), later[k - 1], passes.clips)
             values = [node_values(grid, d, each) for d, each in enumerate(nodes)]
             litter = Cells.empty(passes.children if k else passes.beam, dof, passes.tie)
             if passes.tie > 0 and len(cells.q):  # The best so far has to be beaten clearly.
