@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import kinseek
 
 from .arms import ARMS, BRANCHING_FACTOR, ERRORS, error_columns, random_goals
@@ -77,7 +79,7 @@ def cases(effort: Effort) -> list[Row]:
                     **same,
                     "choice": choice,
                     "divisions": d,
-                    "breadth": breadth_to_reach(d) if choice == REACH else 4,
+                    "breadth": breadth_to_reach(arm, d) if choice == REACH else 4,
                     "position_weight": weight,
                 }
                 for weight in (1.0, HEAVY)
@@ -92,9 +94,10 @@ def cases(effort: Effort) -> list[Row]:
     return rows
 
 
-def breadth_to_reach(divisions: int) -> int:
-    """The smallest breadth of a joint with a full turn that can walk back from any first cell; limited ones need more."""
-    return divisions * (divisions - 1) // 2 - divisions // 2 + 1
+def breadth_to_reach(arm: str, divisions: int) -> float:
+    """The breadth of an arm's first joint, which turns fully, with which it can walk back from any first cell."""
+    solver = kinseek.DivideAndConquer(BRANCHING_FACTOR, divisions, "reach")
+    return solver.breadths(kinseek.Problem(kinseek.load(arm).chain, kinseek.Goal.pose(np.eye(4))))[0]
 
 
 def fits(options: dict[str, Any], dof: int) -> bool:

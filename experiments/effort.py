@@ -31,6 +31,7 @@ EXPERIMENTS = (
     "question_06_map",
     "question_06_rival",
     "question_08",
+    "fraction",
     "question_10",
     "question_10_exchanged",
     "choices",

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 import kinseek
 
-from .arms import BRANCHING_FACTOR, Array
+from .arms import BRANCHING_FACTOR, Array, spacings
 
 Flags = NDArray[np.bool_]
 UPPER, FORE = 0.5, 0.25
@@ -26,12 +26,12 @@ def arm_with_lattice(turn: float) -> kinseek.Arm:
     return kinseek.Arm.from_dh([[UPPER, 0, 0, 0], [FORE, 0, 0, 0]], lower, lower + 2 * np.pi)
 
 
-def travel(divisions: int, breadth: int) -> float:
+def travel(divisions: int, breadth: int, size: int = BRANCHING_FACTOR) -> float:
     """How far a joint may still go after the first pass [rad].
 
-    Later passes reach ⌊D/2⌋ + Br - 1 nodes to a side at spacings 360°/D², 360°/D³ and so on: a geometric series.
+    Later passes reach ⌊D/2⌋ + Br - 1 nodes to a side, at spacings that are divided by D until they are one node.
     """
-    return (divisions // 2 + breadth - 1) * 2 * np.pi / (divisions * (divisions - 1))
+    return (divisions // 2 + breadth - 1) * sum(spacings(size, divisions)[1:]) * 2 * np.pi / size
 
 
 def mirrored_of(q: Array) -> Array:
@@ -82,8 +82,8 @@ def walk(arm: kinseek.Arm, q: Array, divisions: int, breadth: int, position_weig
         solution.position_error,
         solution.orientation_error,
         apart(first, mirrored) < apart(first, q),
-        # Rounding a spacing down costs a node here and there.
-        apart(first, q) > travel(divisions, breadth) + 1e-9,
+        # The node nearest to an answer is up to half a node from it.
+        apart(first, q) > travel(divisions, breadth) + np.pi / BRANCHING_FACTOR,
         apart(solution.q, mirrored) < apart(solution.q, q),
     )
 

@@ -11,39 +11,54 @@ from .arms import ARMS, BRANCHING_FACTOR, BY_HAND, DIVISIONS, ERRORS, error_colu
 from .effort import Effort, Row
 from .style import LOOKS, NAMES, canvas, column, save, where
 
-COLUMNS = ("dof", "arm", "method", "breadths", "position_weight", "points", *ERRORS, "nodes_expanded")
+COLUMNS = (
+    "dof",
+    "arm",
+    "method",
+    "breadths",
+    "position_weight",
+    "points",
+    *ERRORS,
+    "nodes_expanded",
+    "evaluations_mean",
+)
 BREADTHS: dict[str, dict[int, tuple[int, ...]]] = {
     "CB(1)": {dof: (1,) * dof for dof in ARMS},
     "CB(2)": {dof: (2,) * dof for dof in ARMS},
     "CB(3)": {dof: (3,) * dof for dof in ARMS},
+    "CB(4)": {dof: (4,) * dof for dof in ARMS},
     "BT": BY_HAND,
+    "BT, wrist 2": {6: (3, 3, 3, 2, 2, 2)},
     "BT, wider": {2: (5, 5), 3: (4, 3, 3), 4: (4, 4, 3, 2), 6: (4, 4, 4, 2, 2, 2)},
 }
+TUNED = "tuned"
+"""Breadths that the computer chooses: six joints, K_P = K_A."""
 WEIGHTS = (0.1, 1.0, 10.0, 100.0, 1000.0)
 
 
 def cases(effort: Effort) -> list[Row]:
     """Every method on every arm for several K_P at K_A = 1."""
-    return [
-        {
-            "dof": dof,
-            "arm": arm,
-            "method": method,
-            "breadths": " ".join(map(str, breadths[dof])),
-            "position_weight": weight,
+    rows: list[Row] = []
+    for dof, arm in ARMS.items():
+        given = {
+            method: " ".join(map(str, breadths[dof]))
+            for method, breadths in BREADTHS.items()
+            if dof in breadths
         }
-        for dof, arm in ARMS.items()
-        for method, breadths in BREADTHS.items()
-        for weight in effort.pick(WEIGHTS, (1.0, 100.0))
-    ]
+        rows += [
+            {"dof": dof, "arm": arm, "method": method, "breadths": breadths, "position_weight": weight}
+            for method, breadths in {**given, **({TUNED: TUNED} if dof == effort.pick(6, 2) else {})}.items()
+            for weight in ((1.0,) if method == TUNED else effort.pick(WEIGHTS, (1.0, 100.0)))
+        ]
+    return rows
 
 
 def measure(case: Row, effort: Effort) -> Row:
     """Errors of a batch."""
     arm = kinseek.load(str(case["arm"]))
-    points = effort.pick(1000 if arm.dof < 6 else 500, 3)
+    points, method = effort.pick(1000, 3), str(case["method"])
     goals = random_goals(arm, points, effort.seed)
-    breadths = BREADTHS[str(case["method"])][arm.dof]
+    breadths = TUNED if method == TUNED else BREADTHS[method][arm.dof]
     solver = kinseek.DivideAndConquer(BRANCHING_FACTOR, DIVISIONS, breadths)
     goal = kinseek.Goal.pose(goals, position_weight=float(case["position_weight"]))
     solution = arm.ik(goal, solver=solver)
@@ -51,7 +66,31 @@ def measure(case: Row, effort: Effort) -> Row:
         "points": points,
         **error_columns(solution.position_error, solution.orientation_error),
         "nodes_expanded": int(solution.nodes_expanded.max()),
+        "evaluations_mean": float(solution.evaluations.mean()),
     }
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Breadths on six joints at K_P = K_A, from few evaluations to many, in Markdown."""
+    some = sorted(where(rows, dof=6, position_weight=1.0), key=lambda row: float(row["evaluations_mean"]))
+    leaves = {str(row["method"]): float(row["evaluations_mean"]) - DIVISIONS**6 for row in some}
+    lines = [
+        "| method | breadths | evaluations | leaves over CB(1)'s | CB(3)'s over them | position [mm] | orientation [mrad] |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for row in some:
+        own, error = leaves[str(row["method"])], 1.96 * float(row["position_standard_error_mm"])
+        cells = (
+            str(row["method"]),
+            str(row["breadths"]),
+            f"{float(row['evaluations_mean']):,.0f}",
+            f"{own / leaves['CB(1)']:.3g}",
+            f"{leaves['CB(3)'] / own:.3g}",
+            f"{float(row['position_mean_mm']):.3g} ± {error:.2g}",
+            f"{float(row['orientation_mean_mrad']):.2g}",
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
