@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import kinseek
 from kinseek.kernels.jit import exposed
 from kinseek.kernels.structure.candidates import ROUNDING
 from kinseek.kernels.structure.subproblems import angle, meet
+from kinseek.robots import catalog_names
 from kinseek.structure.axes import Axes, axes_of, meeting
 from kinseek.structure.structure import NEARLY
 
@@ -376,3 +378,17 @@ def test_both_answers_of_an_equation_are_found_and_what_comes_closest_where_ther
             best = c if rest >= 0.0 else np.copysign(length, c)
             assert a * cosine + b * sine == pytest.approx(best, abs=1e-13)
         assert (turns[0][2] > 0.0) == (abs(turns[0][1] - turns[1][1]) + abs(turns[0][0] - turns[1][0]) > 0.0)
+
+
+def test_the_ideas_say_what_each_bundled_arm_gets() -> None:
+    docs = Path(__file__).resolve().parents[1] / "docs"
+    rows = [line for line in (docs / "ideas.md").read_text().splitlines() if line.startswith("| ")][2:-1]
+    exact, nearly, spare, other = (
+        [part.strip().split(", ") for part in row.split("|")[-2].split(";")] for row in rows
+    )
+    told = dict.fromkeys(exact[0], ("six", True)) | dict.fromkeys(nearly[0], ("six", False))
+    told |= {name: ("seven", i == 0) for i, names in enumerate(spare) for name in names}
+    told |= dict.fromkeys(other[0], ("none", False))
+    sizes = {"none": "none", "one joint given": "seven"}
+    known = {name: kinseek.load(name).structure for name in catalog_names()}
+    assert told == {name: (sizes.get(each.word, "six"), each.exact) for name, each in known.items()}

@@ -1,4 +1,4 @@
-"""Inverse kinematics of serial robot arms by search.
+"""Inverse kinematics of serial robot arms, in closed form and by search.
 
 >>> import kinseek
 >>> arm = kinseek.load("panda")

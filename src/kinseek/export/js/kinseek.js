@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Inverse kinematics by search, in WebAssembly. Lengths are in metres, angles in radians, joints in order from base to tip,
-// poses 4 x 4 row by row, as arrays of 16 numbers. One thread: a call returns when it is done.
+// Inverse kinematics in closed form and by search, in WebAssembly. Lengths are in metres, angles in radians, joints in order
+// from base to tip, poses 4 x 4 row by row, as arrays of 16 numbers. One thread: a call returns when it is done.
 
 const WIDTH = 8; // [bytes] of a number in the tables of the kernels; truth values in arrays take one.
 
