@@ -12,7 +12,6 @@ import kinseek
 
 from .arms import ARMS, BRANCHING_FACTOR, ERRORS, error_columns, random_goals
 from .effort import Effort, Row
-from .store import Store
 from .style import LOOKS, NAMES, canvas, column, save, where
 
 COLUMNS = (
@@ -250,21 +249,3 @@ def walks_table(rows: Sequence[Row]) -> str:
             cells.append(f"{breadth}{millimetres(row)}{', out of reach' if short else ''}")
         lines.append(f"| {choice}{', Br = 4' if choice != REACH else ''} | {' | '.join(cells)} |")
     return "\n".join(lines)
-
-
-def rewritten(text: str, rows: Sequence[Row]) -> str:
-    """The page with both tables made anew."""
-    for name, made in (("choices", table), ("walks", walks_table)):
-        begin, end = f"<!-- {name}: made by python -m experiments.choices -->", f"<!-- end of {name} -->"
-        head, rest = text.split(begin, 1)
-        text = f"{head}{begin}\n\n{made(rows)}\n\n{end}{rest.split(end, 1)[1]}"
-    return text
-
-
-HERE = Path(__file__).resolve().parent
-PAGE = HERE.parent / "docs" / "paper.md"
-
-if __name__ == "__main__":
-    kept = Store(HERE / "results", "choices", COLUMNS).rows()
-    PAGE.write_text(rewritten(PAGE.read_text(), kept))
-    print(f"{PAGE}: tables rewritten")

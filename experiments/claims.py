@@ -101,7 +101,8 @@ CLAIMS = (
         "CB(1) is fastest by nearly ten times, CB(3) slowest by ten or more",
         "figure_09",
         judges.claim_9,
-        "in part if four of the eight factors (2 × 4 arms) are met, holds with all eight",
+        "holds if CB(1) is first and CB(3) last on every arm and each factor is met on one arm, for the paper names none; "
+        "fails if none of these four is so",
     ),
     Claim(
         10,
@@ -141,15 +142,15 @@ CLAIMS = (
         "6 DOF below 1 mm on average, in under 2 s",
         "figure_08, figure_09, question_08, objects",
         judges.claim_14,
-        "holds if CB(3) or DT + BT has both at K_P = K_A; fails if no weight has, or at 2 s a point",
+        "holds if CB(3) or DT + BT has both at K_P = K_A; fails if no weight and breadth has, or at 2 s a point",
     ),
     Claim(
         15,
         "4.2",
-        "the orientation error moves with the position error",
+        "no case of a high position error with a low orientation error, or vice versa",
         "claim_15",
         judges.claim_15,
-        "holds if no point has one error high and the other low; fails if the median rank correlation is 0.3 or less",
+        "holds if no point has one error high and the other low",
     ),
     Claim(
         16,
@@ -209,6 +210,14 @@ CLAIMS = (
         judges.claim_22,
         "in part if on one arm, for one breadth, one of both errors or the evaluations are more than the whole arm's; fails "
         "if they are everywhere",
+    ),
+    Claim(
+        23,
+        "3.2",
+        "Br needs to be a whole number",
+        "fraction",
+        judges.claim_23,
+        "holds if no half lies between its whole breadths; in part if some do not",
     ),
 )
 

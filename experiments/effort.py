@@ -29,6 +29,7 @@ EXPERIMENTS = (
     "question_06",
     "question_06_walk",
     "question_06_map",
+    "question_06_slide",
     "question_06_rival",
     "question_08",
     "fraction",

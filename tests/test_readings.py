@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from experiments import choices
+from experiments import choices, page
+from experiments.judges import Results
 from experiments.mirror import arm_with_lattice
 from experiments.readings import Reading, errors_of, search
-from experiments.store import Store
 
 import kinseek
 from kinseek import BlindSearch, BruteForce, DivideAndConquer, Goal
@@ -331,9 +331,9 @@ def test_fixed_changes_end_where_none_helps() -> None:
 
 def test_the_page_tells_what_was_measured() -> None:
     """The tables of docs/paper.md are those of the rows, and the sentences below them hold."""
-    rows = Store(choices.HERE / "results", "choices", choices.COLUMNS).rows()
-    text = choices.PAGE.read_text()
-    assert choices.rewritten(text, rows) == text, "run python -m experiments.choices"
+    results = Results(page.RESULTS)
+    rows, text = results("choices"), page.PAGE.read_text()
+    assert page.rewritten(text, results) == text, "run python -m experiments.page"
 
     def error(choice: str, dof: int, breadth: int, divisions: int = 3, weight: float = 1.0) -> float:
         (row,) = [

@@ -1,0 +1,69 @@
+"""Question 6, the cylindrical arm: its bump at D = 4 is a slide that cannot walk back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+import kinseek
+
+from .arms import BRANCHING_FACTOR, ERRORS, error_columns, random_goals, random_joints
+from .effort import Effort, Row
+from .style import LOOKS, canvas, column, save, where
+
+COLUMNS = ("divisions", "breadths", "points", *ERRORS, "lost", "wrong_cell", "wrong_cell_of_lost")
+ARM, PLAIN = "cylindrical3", "3 3 3"
+BREADTHS = {
+    PLAIN: "3 on all joints",
+    "6 3 3": "6 on the turn",
+    "3 6 3": "6 on the lift",
+    "3 3 6": "6 on the reach",
+}
+"""Of turn, lift and reach."""
+LOST = 1e-3
+"""[m]"""
+
+
+def cases(effort: Effort) -> list[Row]:
+    """CB(3), and twice the breadth on one joint at a time, for small D."""
+    divisions = effort.pick((3, 4, 5, 6), (4,))
+    return [{"divisions": d, "breadths": each} for d in divisions for each in BREADTHS]
+
+
+def measure(case: Row, effort: Effort) -> Row:
+    """Errors of a batch; and did the first pass take the reach's nearest sample?"""
+    arm, points, divisions = kinseek.load(ARM), effort.pick(1000, 20), int(case["divisions"])
+    goals, q = random_goals(arm, points, effort.seed), random_joints(arm, points, effort.seed)
+    breadths = tuple(map(int, str(case["breadths"]).split()))
+    solver = kinseek.DivideAndConquer(BRANCHING_FACTOR, divisions, breadths)
+    solution = arm.ik(goals, solver=solver)
+    first = solver.solve(kinseek.Problem(arm.chain, kinseek.Goal.pose(goals), budget=divisions**arm.dof))
+    off = np.abs(first.q - q)[:, 2] / (arm.upper - arm.lower)[2]
+    # Half a cell, and a node for the rounding of samples to nodes.
+    wrong = off > 0.5 / divisions + 1 / BRANCHING_FACTOR
+    lost = solution.position_error > LOST
+    return {
+        "points": points,
+        **error_columns(solution.position_error, solution.orientation_error),
+        "lost": float(lost.mean()),
+        "wrong_cell": float(wrong.mean()),
+        "wrong_cell_of_lost": float(wrong[lost].mean()) if lost.any() else 0.0,
+    }
+
+
+def draw(rows: Sequence[Row], path: Path) -> None:
+    """Mean error and the share that is lost, against D."""
+    figure, axes = canvas(1, 2, (10, 4.2))
+    for look, (breadths, label) in zip(LOOKS, BREADTHS.items(), strict=False):
+        some = where(rows, breadths=breadths)
+        axes[0, 0].plot(column(some, "divisions"), column(some, "position_mean_mm"), label=label, **look)
+        axes[0, 1].plot(column(some, "divisions"), [100 * float(row["lost"]) for row in some], **look)
+    axes[0, 0].set(yscale="log", xlabel="D", ylabel="mean position error [mm]")
+    axes[0, 1].set(xlabel="D", ylabel="more than 1 mm off [% of goals]")
+    for axis in axes[0]:
+        axis.set_xticks(sorted({int(row["divisions"]) for row in rows}))
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(BREADTHS))
+    figure.suptitle("Question 6: the bump of the cylindrical arm comes from its reach")
+    save(figure, path)
