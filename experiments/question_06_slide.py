@@ -9,11 +9,20 @@ import numpy as np
 
 import kinseek
 
-from .arms import BRANCHING_FACTOR, ERRORS, error_columns, random_goals, random_joints
+from .arms import BRANCHING_FACTOR, ERRORS, error_columns, random_goals, random_joints, spacings
 from .effort import Effort, Row
 from .style import LOOKS, canvas, column, save, where
 
-COLUMNS = ("divisions", "breadths", "points", *ERRORS, "lost", "wrong_cell", "wrong_cell_of_lost")
+COLUMNS = (
+    "divisions",
+    "breadths",
+    "points",
+    *ERRORS,
+    "lost",
+    "wrong_cell",
+    "wrong_cell_of_lost",
+    "comes_up_to",
+)
 ARM, PLAIN = "cylindrical3", "3 3 3"
 BREADTHS = {
     PLAIN: "3 on all joints",
@@ -50,7 +59,15 @@ def measure(case: Row, effort: Effort) -> Row:
         "lost": float(lost.mean()),
         "wrong_cell": float(wrong.mean()),
         "wrong_cell_of_lost": float(wrong[lost].mean()) if lost.any() else 0.0,
+        "comes_up_to": comes_up_to(divisions, breadths[2]),
     }
+
+
+def comes_up_to(divisions: int, breadth: int) -> float:
+    """Where in its range the reach can come to from the lowest first sample; the window after it is slid inside."""
+    later, side = spacings(BRANCHING_FACTOR, divisions)[1:], divisions // 2 + breadth - 1
+    slid = BRANCHING_FACTOR // (2 * divisions) % later[0] + side * later[0]
+    return min((side * sum(later) + slid) / BRANCHING_FACTOR, 1.0)
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
