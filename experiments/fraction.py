@@ -77,6 +77,8 @@ def measure(case: Row, effort: Effort) -> Row:
 
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Mean position error against evaluations, one panel an arm."""
+    from matplotlib.ticker import NullFormatter
+
     figure, axes = canvas(1, 4, (14, 4.6))
     for axis, dof in zip(axes[0], ARMS, strict=True):
         for look, mixture in zip(LOOKS, MIXTURES, strict=False):
@@ -91,6 +93,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
                     axis.annotate(f" CB({row['breadth']:.0f})", place, va="bottom")
         axis.set(xscale="log", yscale="log", title=NAMES[dof], xlabel="FK evaluations per point")
         axis.margins(x=0.2, y=0.1)
+        axis.xaxis.set_minor_formatter(NullFormatter())
     axes[0, 0].set_ylabel("mean position error [mm]")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(MIXTURES))
     figure.suptitle(

@@ -1,6 +1,7 @@
 """Every verdict can turn: rows changed as its claim says give another one. And what the experiments rest on is so."""
 
 import math
+import re
 from collections.abc import Callable
 from itertools import product
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from experiments import __main__ as command
-from experiments import claim_19, claims, judges, mirror, objects, plain, twists
+from experiments import claim_19, claims, fraction, judges, mirror, objects, plain, twists
 from experiments.arms import ARMS, BY_HAND, random_goals
 from experiments.effort import Row, experiment
 from experiments.judges import FAILS, HOLDS, IN_PART, Results
@@ -278,6 +279,44 @@ def rows_of(name: str, **wanted: Any) -> list[Row]:
     return Results(RESULTS)(name, **wanted)
 
 
+def test_the_page_tells_each_claim_where_its_verdict_belongs() -> None:
+    text = (RESULTS.parents[1] / "docs" / "paper.md").read_text()
+    headings = {
+        "## What holds\n": HOLDS,
+        "## What holds in part\n": IN_PART,
+        "## What does not hold\n": FAILS,
+    }
+    told: list[tuple[int, str]] = []
+    for heading, verdict in headings.items():
+        section = text.split(heading)[1].split("\n## ")[0]
+        for numbers in re.findall(r"claims? (\d+(?:(?:, | and )\d+)*)", section):
+            told += [(int(number), verdict) for number in re.findall(r"\d+", numbers)]
+    results = Results(RESULTS)
+    assert sorted(told) == [(claim.number, claim.judge(results)[1]) for claim in claims.CLAIMS]
+    questions = re.findall(r"^## Question (\d+):", text, re.MULTILINE)
+    assert questions == sorted(questions, key=int)
+
+
+def test_fractions_fill_the_gaps_as_the_page_says() -> None:
+    """Breadth 2.5 and 1.5 beside the whole ones, three joints and more; and what is said of other mixtures."""
+
+    def row(dof: int, breadth: float, mixture: str = fraction.BUILT) -> Row:
+        return rows_of("fraction", dof=dof, breadth=breadth, mixture=mixture)[0]
+
+    for whole, least, most in ((3.0, 0.63, 0.73), (2.0, 0.59, 0.67)):
+        pairs = [(row(dof, whole - 0.5), row(dof, whole)) for dof in (3, 4, 6)]
+        shares = [float(half["evaluations_mean"]) / float(full["evaluations_mean"]) for half, full in pairs]
+        assert (round(min(shares), 2), round(max(shares), 2)) == (least, most)
+        assert all(float(h["position_mean_mm"]) < 1.2 * float(f["position_mean_mm"]) for h, f in pairs)
+    for dof, breadth in ((4, 1.5), (4, 2.5), (6, 1.5), (6, 2.5), (2, 1.5)):
+        errors = {each: float(row(dof, breadth, each)["position_mean_mm"]) for each in fraction.MIXTURES}
+        assert min(errors, key=lambda each: errors[each]) == fraction.BUILT
+    for dof, breadth in ((3, 1.5), (3, 2.5), (2, 2.5)):
+        last = row(dof, breadth, "joints, wide last")
+        assert float(last["position_mean_mm"]) <= float(row(dof, breadth)["position_mean_mm"])
+        assert float(last["evaluations_mean"]) < float(row(dof, breadth)["evaluations_mean"])
+
+
 def test_the_story_quotes_the_rows() -> None:
     """Numbers of docs/paper.md that no clock made, from the rows and looked for in the text."""
     told = " ".join((RESULTS.parents[1] / "docs" / "paper.md").read_text().split())
@@ -303,6 +342,14 @@ def test_the_story_quotes_the_rows() -> None:
         f"CB(3) {one('question_10_exchanged', 'position_mean_mm', breadth=3, divisions=3, **exchanged):.1f} mm",
         f"at the same weight {one('question_08', 'position_mean_mm', dof=6, method='CB(3)', position_weight=100.0):.1f} mm "
         f"and {one('question_08', 'orientation_mean_mrad', dof=6, method='CB(3)', position_weight=100.0):.0f} mrad",
+        f"by hand falls from {one('question_08', 'position_mean_mm', dof=6, method='BT', position_weight=1.0):.0f} to "
+        f"{one('question_08', 'position_mean_mm', dof=6, method='BT', position_weight=100.0):.1f} mm on six joints",
+        f"weights alike: {one('question_08', 'position_mean_mm', dof=6, method='CB(4)', position_weight=1.0):.2f} mm and "
+        f"{one('question_08', 'orientation_mean_mrad', dof=6, method='CB(4)', position_weight=1.0):.1f} mrad",
+        f"at D = 4 and 5, {one('question_06_slide', 'position_mean_mm', divisions=6, breadths='3 3 3'):.2f} mm at D = 6",
+        f"at D = 4 for {100 * one('question_06_slide', 'wrong_cell', divisions=4, breadths='3 3 3'):.0f} % of all goals",
+        f"come up to {one('question_06_slide', 'comes_up_to', divisions=3, breadths='3 3 3'):.2f} of the slide's range at "
+        f"D = 3 and to {one('question_06_slide', 'comes_up_to', divisions=4, breadths='3 3 3'):.2f} at D = 4",
         f"expands {one('figure_05', 'nodes_expanded', dof=4, method='brute force'):,.0f} nodes",
         f"brute force has {one('equal', 'position_mean_mm', search='brute force, largest B', **million):.0f} mm",
         f"the widest constant breadth {one('equal', 'position_mean_mm', search='DaC, widest CB', **million):.1f} mm",

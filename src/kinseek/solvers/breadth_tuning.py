@@ -1,8 +1,9 @@
 """Breadth tuning by trial (the paper, Sec. 3.2): which joints deserve more breadth, and how much.
 
 The paper examines the arm by hand and widens the joints that move the hand farthest. Measured, that is worse
-than the same breadth for all: it widens the shoulder, while the breadth that pays is at the joints whose
-errors others hide, such as the elbow and the wrist of a SCARA arm. So this module asks the search itself. It
+than a breadth of 2 for all if the wrist keeps a breadth of 1 (question 8 of docs/paper.md): it widens the shoulder,
+while breadth pays at the joints whose errors others hide as well, such as the elbow and the wrist of a SCARA arm. So
+this module asks the search itself. It
 solves a fixed set of reachable probe targets, widens the joint that lowers the mean weighted error most for
 the leaves it costs, and goes on while the window fits the budget.
 """
