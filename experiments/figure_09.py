@@ -39,7 +39,7 @@ def measure(case: Row, effort: Effort) -> Row:
         "breadths": " ".join(map(str, breadths)),
         "ms_per_point": 1e3 * seconds / points,
         "nodes_expanded": int(solution.nodes_expanded.max()),
-        "closed_form": divide_and_conquer_nodes(BRANCHING_FACTOR, DIVISIONS, breadths),
+        "closed_form": divide_and_conquer_nodes(BRANCHING_FACTOR, DIVISIONS, tuple(map(int, breadths))),
         "nodes_created": int(solution.nodes_created.max()),
     }
 

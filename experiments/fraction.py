@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import kinseek
+from kinseek.kernels.arrays import Indices
 
 from .arms import ARMS, BRANCHING_FACTOR, DIVISIONS, ERRORS, error_columns, random_goals
 from .effort import Effort, Row
@@ -27,7 +28,7 @@ class Mixed(kinseek.DivideAndConquer):
 
     mixture: str = BUILT
 
-    def _sides(self, breadths: tuple[float, ...]) -> kinseek.solvers.divide_and_conquer.Indices:
+    def _sides(self, breadths: tuple[float, ...]) -> Indices:
         rows = super()._sides(breadths)
         if self.mixture == "passes, wide last":
             return rows[::-1]
@@ -35,7 +36,7 @@ class Mixed(kinseek.DivideAndConquer):
             # As evenly as the two kinds of rows can be spread, the wide ones not before the others.
             wide = int((rows != rows[-1]).any(axis=1).sum())
             steps = np.floor(np.arange(len(rows) + 1) * wide / len(rows))
-            return np.where(np.diff(steps)[:, None] > 0, rows[0], rows[-1])
+            return np.asarray(np.where(np.diff(steps)[:, None] > 0, rows[0], rows[-1]))
         return rows
 
 
