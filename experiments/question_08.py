@@ -88,7 +88,7 @@ def table(rows: Sequence[Row]) -> str:
             f"{own / leaves['CB(1)']:.3g}",
             f"{leaves['CB(3)'] / own:.3g}",
             f"{float(row['position_mean_mm']):.3g} ± {error:.2g}",
-            f"{float(row['orientation_mean_mrad']):.2g}",
+            f"{float(row['orientation_mean_mrad']):.3g}",
         )
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)

@@ -79,8 +79,8 @@ class DivideAndConquer:
     breadth: float | tuple[float, ...] | str = 1
     """Br: later passes try 2(⌊D/2⌋ + Br) - 1 values a joint. One number is the paper's constant breadth (CB),
     one a joint its breadth tuning (BT), ``"tuned"`` chooses those by trial, and with ``"reach"`` every joint can walk back
-    from any wrong cell of the first pass. A fraction is the mean over the later passes: with 2.5 the first half of them
-    has a breadth of 3 and the other half a breadth of 2."""
+    from any wrong cell of the first pass. A fraction is the mean over the later passes: with 2.5 the first four of seven
+    have a breadth of 3, and the others a breadth of 2."""
     tree: str = "dynamic"
     """``"static"`` makes all nodes first; ``"dynamic"`` makes them when needed (DT)."""
     beam: int = 1
