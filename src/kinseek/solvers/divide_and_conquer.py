@@ -180,7 +180,7 @@ class DivideAndConquer:
         """
         chain = problem.mechanism
         if self.breadth == "reach":
-            return tuple(walk.breadth(self.divisions) for walk in self._walks(problem))
+            return self._reaching(tuple((chain.wraps & self.wrap).tolist()))
         if isinstance(self.breadth, str):
             return tuned_breadth(problem.chain, problem.goal, self.divisions, self.node_budget, deadline)
         if not isinstance(self.breadth, tuple):
@@ -197,7 +197,8 @@ class DivideAndConquer:
 
         See `breadth_tuning.Walk`.
         """
-        breadths, walks = self.breadths(problem), self._walks(problem)
+        breadths = self.breadths(problem)
+        walks = self._walks(tuple((problem.mechanism.wraps & self.wrap).tolist()))
         short: dict[tuple[float, int], list[str]] = {}
         each = zip(problem.mechanism.joint_names, breadths, walks, self._sides(breadths).T, strict=True)
         for name, breadth, walk, sides in each:
@@ -209,15 +210,19 @@ class DivideAndConquer:
             for (breadth, enough), names in short.items()
         )
 
-    def _walks(self, problem: Problem) -> list[Walk]:
+    @lru_cache(maxsize=64)  # noqa: B019  # As of `_nodes`.
+    def _reaching(self, wraps: tuple[bool, ...]) -> tuple[int, ...]:
+        return tuple(walk.breadth(self.divisions) for walk in self._walks(wraps))
+
+    def _walks(self, wraps: tuple[bool, ...]) -> list[Walk]:
         """How each joint may walk on from the first pass."""
-        wraps, later = problem.mechanism.wraps & self.wrap, self._spacings[1:]
+        later = self._spacings[1:]
         # Around the zero configuration the first nodes may stand anywhere: at a limit they have the farthest way.
         at_limit = [np.zeros(1, dtype=np.int64)] * len(wraps)
-        first = at_limit if self.first == "formula" else self._spread(self._offsets(wraps))
+        first = at_limit if self.first == "formula" else self._spread(self._offsets(np.array(wraps)))
         clips = self.limited == "letter"
         return [
-            Walk(later, self.branching_factor, bool(each), clips, nodes)
+            Walk(later, self.branching_factor, each, clips, nodes)
             for each, nodes in zip(wraps, first, strict=True)
         ]
 
@@ -275,8 +280,8 @@ class DivideAndConquer:
     @lru_cache(maxsize=64)  # noqa: B019  # A plan takes longer than a small search; this keeps searches, which are small too.
     def _nodes(
         self, breadths: tuple[int, ...], wraps: tuple[bool, ...], zero: tuple[int, ...] | None
-    ) -> tuple[list[Indices], Passes, Indices, int, int]:
-        """Nodes of the first pass, all passes, how many nodes the later ones have, and the leaves and nodes of all."""
+    ) -> tuple[list[Indices], Passes, Indices, list[int], int, int]:
+        """What follows the grid in a `_Plan`."""
         spacings = self._spacings
         # A window that loses what is beyond a limit may have a whole range to each side.
         widest = 2 * self.branching_factor - 1 if self.limited == "letter" else self.branching_factor
@@ -304,7 +309,8 @@ class DivideAndConquer:
         nodes = sum(
             cells * sum(math.prod(counts[:d]) for d in range(1, len(counts) + 1)) for cells, counts in windows
         )
-        return first, passes, later, leaves, nodes
+        changes = np.flatnonzero((later[1:] != later[:-1]).any(axis=1)) + 2
+        return first, passes, later, [*changes.tolist(), len(spacings)], leaves, nodes
 
     def _first(
         self, wraps: tuple[bool, ...], zero: tuple[int, ...] | None, spacing: int, later: Indices
@@ -447,6 +453,8 @@ class _Plan(NamedTuple):
     """All passes; their breadth is that of the first later one, see `until`."""
     later: Indices
     """Nodes of each joint in each pass after the first, (passes, n)."""
+    ends: list[int]
+    """Numbers of passes after which the breadth changes, and of all: the kernel does those in between in one go."""
     leaves: int
     """Leaves that the passes try at most."""
     nodes: int
@@ -458,14 +466,10 @@ class _Plan(NamedTuple):
         most = max(self.passes.first.shape[1], int(self.later.max()))
         return len(self.passes.later), most, self.passes.beam, self.passes.children
 
-    @property
-    def ends(self) -> list[int]:
-        """Numbers of passes after which the breadth changes, and of all: the kernel does those in between in one go."""
-        changes = np.flatnonzero((self.later[1:] != self.later[:-1]).any(axis=1)) + 2
-        return [*changes.tolist(), len(self.passes.spacings)]
-
     def until(self, end: int) -> Passes:
         """So many passes, with the breadth of the last of them: a kernel does those that it has not done yet."""
+        if self.ends == [end]:
+            return self.passes
         return self.passes._replace(spacings=self.passes.spacings[:end], later=self.later[max(end - 2, 0)])
 
 
