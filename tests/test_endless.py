@@ -121,7 +121,7 @@ def test_a_slide_without_curvature_is_walked_downhill() -> None:
     goal = GoalArrays(transform(np.eye(3), [0.0, 0.0, 5.0])[:3].copy(), 1.0, np.zeros(3))
     q = np.zeros(1)
     settle: Any = exposed(newton.settle)
-    spent = settle(arm.chain.arrays, goal, False, 0.0, arm.lower, arm.upper, q)
+    spent = settle(arm.chain.arrays, goal, False, newton.WALK_STEPS, 0.0, arm.lower, arm.upper, q)
     assert spent <= newton.WALK
     assert q[0] == pytest.approx(5.0, abs=1e-6)
 

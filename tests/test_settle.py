@@ -75,8 +75,9 @@ def test_it_stays_inside_the_limits_and_is_never_worse(chain: SerialChain, seed:
     rng = np.random.default_rng(seed)
     goal, start = far_goal(chain, rng), rng.uniform(chain.lower, chain.upper)
     q = start.copy()
-    spent = settle(chain.arrays, goal.arrays, squared, 0.0, chain.lower, chain.upper, q)
-    assert 1 <= spent <= (newton.VALLEY_STEPS + 1 if squared else newton.WALK)
+    steps = newton.VALLEY_STEPS if squared else newton.WALK_STEPS
+    spent = settle(chain.arrays, goal.arrays, squared, steps, 0.0, chain.lower, chain.upper, q)
+    assert 1 <= spent <= (steps + 1 if squared else newton.WALK)
     assert ((q >= chain.lower) & (q <= chain.upper)).all()
     error = squared_error if squared else weighted_error
     before, after = (error(fk(chain, each), goal) for each in (start, q))
@@ -89,7 +90,8 @@ def test_out_of_reach_it_ends_at_a_minimum_as_another_method_does(name: str) -> 
     chain, rng = kinseek.load(name).chain, np.random.default_rng(2)
     for _ in range(10):
         goal, q = far_goal(chain, rng, 10.0), rng.uniform(chain.lower, chain.upper)
-        assert settle(chain.arrays, goal.arrays, False, 0.0, chain.lower, chain.upper, q) < newton.WALK
+        spent = settle(chain.arrays, goal.arrays, False, newton.WALK_STEPS, 0.0, chain.lower, chain.upper, q)
+        assert spent < newton.WALK
         found = weighted_error(fk(chain, q), goal)
         limits = list(zip(chain.lower, chain.upper, strict=True))
         theirs = minimize(lambda each, goal=goal: weighted_error(fk(chain, each), goal), q, bounds=limits)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 
 import kinseek
 from kinseek import InvalidGoal, InvalidProblem, TrackStatus
@@ -88,6 +89,103 @@ def test_out_of_reach_the_nearest_is_held_and_caught_up_with() -> None:
     assert back.status is TrackStatus.TRACKING
 
 
+POSTURES = {
+    "ur5e": [0, -1.57, 1.57, -1.57, -1.57, 0],
+    "panda": [0, -0.5, 0, -2, 0, 1.6, 0.7],
+    "iiwa14": [0, 0.5, 0, -1.2, 0, 0.8, 0],
+    "xarm7": [0, -0.35, 0, 0.75, 0, 1.1, 0],
+    "irb120": [0, 0.3, 0.2, 0, 0.6, 0],
+}
+"""Postures from which the hand can be led forward until it is out of reach."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", POSTURES)
+def test_out_of_reach_the_arm_comes_to_rest(name: str) -> None:
+    """The pose moves forward until it is out of reach, and stays there: no joint reverses, and the error is least there."""
+    arm, q = kinseek.load(name), np.array(POSTURES[name], float)
+    tracker, T = arm.track(q, period=0.002, velocity=1.5), arm.fk(q)
+    while True:
+        T[0, 3] += 0.00035
+        tracker.step(T)
+        if tracker.step(T).position_error > 0.033:
+            break
+    moving = np.array([tracker.step(T).q for _ in range(1500)])
+    steps = np.diff(moving, axis=0)
+    reversals = np.minimum(np.abs(steps[:-1]), np.abs(steps[1:]))[steps[:-1] * steps[1:] < 0]
+    assert reversals.max(initial=0.0) < 1e-9, "a joint goes back and forth"
+    assert np.abs(steps[-100:]).max() == 0.0, "the arm is not at rest"
+    goal = kinseek.Goal.pose(T)
+
+    def error(q: Array) -> float:
+        return float(goal.measure(arm.chain.arrays, q[None])[0, 2])
+
+    theirs = minimize(error, moving[-1], bounds=list(zip(arm.lower, arm.upper, strict=True)))
+    assert error(moving[-1]) <= theirs.fun + 1e-6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", POSTURES)
+def test_along_the_edge_of_the_workspace_no_joint_chatters(name: str) -> None:
+    arm, q = kinseek.load(name), np.array(POSTURES[name], float)
+    tracker, T = arm.track(q, period=0.002, velocity=1.5), arm.fk(q)
+    rows = []
+    for k in range(3000):
+        T[0, 3] += 0.00035 if k < 2000 else 0.0
+        T[1, 3] += 0.0 if k < 2000 else 0.0003
+        rows.append(tracker.step(T).q)
+    speeds = np.diff(rows, axis=0) / 0.002
+    reversals = np.minimum(np.abs(speeds[:-1]), np.abs(speeds[1:]))
+    reversals[speeds[:-1] * speeds[1:] >= 0] = 0.0
+    assert ((reversals > 0.02).sum(axis=0) <= 2).all(), "a joint turns back more often than it has to"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", POSTURES)
+def test_a_pose_that_comes_back_into_reach_is_reached_again(name: str) -> None:
+    """By the same way, or to another place; the speeds and the limits are kept on the way back."""
+    arm, q = kinseek.load(name), np.array(POSTURES[name], float)
+    for aside in (0.0, 0.15):
+        tracker, T, before = arm.track(q, velocity=1.5), arm.fk(q), q
+        for step in [0.0005] * 2000 + [-0.0005] * 2000 + [0.0] * 1500:
+            T[0, 3] += step
+            T[1, 3] += aside * (step < 0) / 2000
+            answer = tracker.step(T)
+            assert (np.abs(answer.q - before) <= 1.5 * 0.002).all()
+            assert ((answer.q >= arm.lower) & (answer.q <= arm.upper)).all()
+            before = answer.q
+        assert answer.status is TrackStatus.TRACKING
+        assert np.linalg.norm(arm.fk(answer.q)[:3, 3] - T[:3, 3]) < 1e-6
+
+
+@pytest.mark.slow
+def test_another_branch_is_taken_only_after_the_pose_was_out_of_reach_of_all() -> None:
+    """A pose that only another branch reaches is not worth an unexpected motion; one that left the workspace is."""
+    arm, rng, stuck = kinseek.load("irb120"), np.random.default_rng(0), 0
+    for _ in range(25):
+        start, there = rng.uniform(arm.lower, arm.upper, (2, arm.dof))
+        T = arm.fk(there)
+        stays, recovers = (arm.track(start, period=0.01, velocity=2.0, recover=r) for r in (False, True))
+        for _ in range(700):
+            one, other = stays.step(T), recovers.step(T)
+            assert other.status is not TrackStatus.RECOVERING
+        assert np.array_equal(one.q, other.q)
+        if one.status is TrackStatus.TRACKING:
+            continue
+        stuck += 1
+        far, before, seen = T.copy(), recovers.q, set()
+        far[:3, 3] *= 5.0
+        for pose in [far] * 20 + [T] * 700:
+            answer = recovers.step(pose)
+            seen.add(answer.status)
+            assert (np.abs(answer.q - before) <= 2.0 * 0.01).all()
+            assert ((answer.q >= arm.lower) & (answer.q <= arm.upper)).all()
+            before = answer.q
+        assert answer.status is TrackStatus.TRACKING
+        assert TrackStatus.RECOVERING in seen
+    assert stuck > 3
+
+
 @pytest.mark.parametrize("name", ["ur5e", "panda", "irb120"])
 def test_from_outside_the_limits_every_joint_comes_back_at_its_speed(name: str) -> None:
     arm, rng = kinseek.load(name), np.random.default_rng(0)
@@ -140,7 +238,7 @@ def test_what_is_stuck_is_freed_by_a_switch(name: str) -> None:
     arm, rng, stuck = kinseek.load(name), np.random.default_rng(0), 0
     for _ in range(25):
         start, there = rng.uniform(arm.lower, arm.upper, (2, arm.dof))
-        T, tracker = arm.fk(there), arm.track(start, period=0.01, velocity=2.0)
+        T, tracker = arm.fk(there), arm.track(start, period=0.01, velocity=2.0, recover=False)
         for _ in range(700):
             answer = tracker.step(T)
         if answer.status is TrackStatus.TRACKING:

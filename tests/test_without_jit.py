@@ -48,7 +48,7 @@ from kinseek.kernels.paths.programme import (
     best_way,
     link,
 )
-from kinseek.kernels.paths.servo import LOWER, NOW, REACH, UPPER, look_ahead, servo_step
+from kinseek.kernels.paths.servo import LOWER, NOW, REACH, ROWS, UPPER, look_ahead, servo_step
 from kinseek.kernels.paths.settle import settle_many
 from kinseek.kernels.paths.trace import part_ways, trace
 from kinseek.kernels.proof.exclusion import examine
@@ -308,7 +308,7 @@ def many_poses(name: str) -> Any:
         both = np.stack([rows[:, 0] + 1e-7, rows[:, 0]], axis=1)
         part_ways(both, 1, 1 if end > begin else -1, np.arange(chain.dof) % 2, spans, became)
         followed += [spans, became]
-    state = np.zeros((7, chain.dof))
+    state = np.zeros((ROWS, chain.dof))
     state[LOWER], state[UPPER], state[REACH], state[NOW] = chain.lower, chain.upper, 0.03, q[0]
     memory = np.zeros(DESK.count.of(dof=chain.dof, joints=len(chain.leader)))
     steps = [

@@ -533,7 +533,13 @@ class Arm(ForwardArm):
         wishes |= {"times": None, "velocity": velocity, "weights": weights, "cost": cost, "valid": valid}
         return stream(self._mechanism, poses, window, look_ahead, wishes, threads)
 
-    def track(self, q0: ArrayLike, period: float = 0.002, velocity: ArrayLike | None = None) -> Tracker:
+    def track(
+        self,
+        q0: ArrayLike,
+        period: float = 0.002,
+        velocity: ArrayLike | None = None,
+        recover: bool = True,
+    ) -> Tracker:
         """Begin to servo from joint values: one pose in, one set of joint values out, with bounded work.
 
         Args:
@@ -541,13 +547,15 @@ class Arm(ForwardArm):
             period: Time between two steps [s].
             velocity: Of the joints, one number or (n,), [rad/s] or [m/s]; no joint ever goes faster. Those of the robot's
                 file unless given; where that says nothing, nothing bounds the speed.
+            recover: Go back to the pose after a time out of reach, also by another branch, see `Tracker`. It needs the
+                speed of every joint. False: the arm stays on its branch until `switch` is called.
 
         Raises:
             InvalidProblem: Something does not fit the arm, or the arm is a function.
         """
         from .paths.tracker import Tracker
 
-        return Tracker(self._mechanism, q0, period, velocity)
+        return Tracker(self._mechanism, q0, period, velocity, recover)
 
     def _with_proofs(self, solution: Solution, deadline: Deadline) -> Solution:
         from .proof.branch_and_bound import prove, refuse_ranges

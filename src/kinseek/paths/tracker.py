@@ -13,6 +13,7 @@ from kinseek.branches.result import answers_of
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.kernels.atlas.memory import LAYOUT
+from kinseek.kernels.atlas.near import solve_goal
 from kinseek.kernels.paths.servo import (
     LAGGING,
     LAST,
@@ -21,6 +22,8 @@ from kinseek.kernels.paths.servo import (
     NO_POSE,
     NOW,
     REACH,
+    REACHED,
+    ROWS,
     SINGULAR,
     UPPER,
     look_ahead,
@@ -53,6 +56,9 @@ AWAY = (1e-3, 1e-2)
 FASTER, AFTER = 10.0, 0.5
 """If joints so many times as fast keep up for so long after [s], the hand is only too fast, and its branch does not end."""
 
+RETRY = 0.05
+"""While the pose is lost, it is looked for again after so much time [s]."""
+
 
 class TrackStatus(Enum):
     """How one step of a tracker ended; the value is the sentence to show."""
@@ -62,6 +68,7 @@ class TrackStatus(Enum):
     LIMIT = "At a limit: a joint stands at its limit, and this branch leads no nearer."
     SINGULAR = "Singular, or out of reach: no joint is held, and no motion of the joints leads nearer."
     SWITCHED = "Switched: on the way to another branch, as was asked for."
+    RECOVERING = "Recovering: the pose was lost, and the joints are on the way to values that reach it again."
 
     def __str__(self) -> str:
         """The sentence."""
@@ -98,10 +105,18 @@ class Tracker:
     """Follows poses that come one at a time; made by `Arm.track`.
 
     A step never goes farther than a joint may within one period, and never out of the limits; what it does depends on
-    nothing but the steps before it, so the same poses give the same bits. It looks for no other branch: `switch` does.
+    nothing but the steps before it, so the same poses give the same bits.
+
+    If the pose cannot be reached, the arm comes to rest at the nearest pose of its branch. A pose counts as lost if a joint
+    limit or a singularity keeps the hand farther from it than 1 mm or 0.01 rad. With `recover`, a lost pose is looked for
+    again every 0.05 s, and the joints go there straight and as fast as they may (RECOVERING) in two cases: it is reached
+    from close to the joint values that last reached a pose, or a pose has been out of reach of every branch since then.
+    Otherwise the arm stays on its branch; `switch` leaves it.
     """
 
-    def __init__(self, arm: Mechanism, q0: ArrayLike, period: float, velocity: ArrayLike | None) -> None:
+    def __init__(
+        self, arm: Mechanism, q0: ArrayLike, period: float, velocity: ArrayLike | None, recover: bool = True
+    ) -> None:
         """Stand at joint values; see `Arm.track`."""
         if arm.axes is None:
             raise InvalidProblem(f"{arm.name!r} is a function: a tracker works along axes, and it has none")
@@ -121,14 +136,23 @@ class Tracker:
         self._arm, self._turning = arm.axes, Turning(arm.axes)
         self._index = atlas_of(arm.axes)
         _ = self._index.handle  # Asking for it adds the routines that are still lacking.
-        self._state = np.zeros((7, arm.dof))
+        self._state = np.zeros((ROWS, arm.dof))
         self._state[LOWER], self._state[UPPER] = self._turning.open_lower, self._turning.open_upper
         self._state[REACH], self._state[NOW] = self.velocity * self.period, start
+        self._state[REACHED] = start
         self._memory = np.zeros(LAYOUT.count.of(dof=arm.dof, joints=len(arm.axes.leader)))
         self._apart = min(max(1, round(SPAN / self.period)), KEPT)
         self._poses = np.zeros((2 * self._apart + 1, 4, 4))
         self._given = 0
         self._way: list[Array] = []
+        self._recover = recover and bool(np.isfinite(self.velocity).all())
+        self._retry = max(1, round(RETRY / self.period))
+        self._lost_for = 0
+        """Periods that ended lost since the last pose that was reached."""
+        self._was_unreachable = False
+        """Has any of the poses since then been out of reach of every branch?"""
+        self._there: Array | None = None
+        """While recovering: the state of a tracker that already stands where the pose is reached, and follows it."""
 
     @property
     def q(self) -> Array:
@@ -143,6 +167,8 @@ class Tracker:
         """
         if self._way:
             return self._along(T)
+        if self._there is not None:
+            return self._recovered(T, self._there)
         state, given = self._state, plain_array(T, (4, 4))
         T = _one(T) if given is None else given
         position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, state)
@@ -150,7 +176,46 @@ class Tracker:
             T = _one(T)
             position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, state)
         self._keep(T)
+        if ended == TRACKED:
+            self._lost_for, self._was_unreachable = 0, False
+        elif self._recover and (position > AWAY[0] or orientation > AWAY[1]):
+            self._lost_for += 1
+            if self._lost_for % self._retry == 0:
+                found = self._found_again(T)
+                self._there = None if ended == LAGGING else found
         return Step(state[NOW].copy(), _ENDED[ended], position, orientation)
+
+    def _found_again(self, T: Array) -> Array | None:
+        """Look for joint values that reach a lost pose; return the state of a tracker that stands there, or None."""
+        reached, q = self._state[REACHED], np.empty(self._arm.dof)
+        *_, success = solve_goal(self._index.address, PLAIN, T[:3], reached, True, q)
+        if not success:
+            self._was_unreachable = True
+            return None
+        if not self._was_unreachable and np.abs(self._turning.step(q - reached)).max() > ELSEWHERE:
+            return None
+        state = self._standing(1)
+        state[NOW] += self._ways(q[None])[0]
+        state[LAST] = 0.0
+        return state
+
+    def _recovered(self, T: Array, there: Array) -> Step:
+        """One period on the way to joint values that reach the pose; these follow it meanwhile."""
+        T, state = _one(T), self._state
+        position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, there)
+        if _is_lost(position, orientation, ended):
+            self._there = None
+            return self.step(T)
+        self._keep(T)
+        step = there[NOW] - state[NOW]
+        periods = np.abs(step / state[REACH]).max() * (1 + 1e-9)
+        if periods <= 1.0:
+            self._state, self._there, self._lost_for = there, None, 0
+            self._state[LAST] = step
+            return Step(there[NOW].copy(), _ENDED[ended], position, orientation)
+        q = state[NOW] + step / periods
+        state[LAST], state[NOW] = q - state[NOW], q
+        return Step(q.copy(), TrackStatus.RECOVERING, *self._errors(q, T))
 
     def switch(self, to: ArrayLike | None = None) -> Array:
         """Turn to another branch of the last pose: the nearest that is not where the arm is, or one that is given.
@@ -214,21 +279,24 @@ class Tracker:
         index = index_of(Problem(self._arm, Goal.pose(target)))
         rows = index.search(PLAIN, target, index.view, SPREAD if index.freedom else 0)
         found = answers_of(rows, self._arm.dof).q
+        steps = self._ways(found)
+        steps = steps[np.abs(steps).max(axis=1, initial=0.0) > ELSEWHERE]
+        return np.asarray(steps[np.argsort([self._time_of(step) for step in steps], kind="stable")])
+
+    def _ways(self, found: Array) -> Array:
+        """Ways to joint values, (k, n), without full turns if the limits allow that."""
         here = self._state[NOW]
         steps = self._turning.step(found - here)
         there = here + steps
         inside = ((there >= self._turning.open_lower) & (there <= self._turning.open_upper)).all(axis=1)
-        steps = np.where(inside[:, None], steps, found - here)
-        steps = steps[np.abs(steps).max(axis=1, initial=0.0) > ELSEWHERE]
-        return np.asarray(steps[np.argsort([self._time_of(step) for step in steps], kind="stable")])
+        return np.asarray(np.where(inside[:, None], steps, found - here))
 
     def _given_branch(self, target: Array, to: ArrayLike) -> Array:
         """The way to joint values that reach a pose, (n,)."""
         q = as_joints(self._arm, to, "to")
         if q.shape != (self._arm.dof,):
             raise InvalidProblem(f"to must have shape ({self._arm.dof},), got {q.shape}")
-        problem = Problem(self._arm, Goal.pose(target))
-        position, orientation, _ = problem.goal.measure(problem.arrays, q[None])[0]
+        position, orientation = self._errors(q, target)
         if position > AWAY[0] or orientation > AWAY[1]:
             raise InvalidProblem(
                 f"to must reach the last pose: it is {position:.3g} m and {orientation:.3g} rad away from it"
@@ -247,9 +315,13 @@ class Tracker:
         self._state[LAST] = q - self._state[NOW]
         self._state[NOW] = q
         self._keep(pose)
-        problem = Problem(self._arm, Goal.pose(pose))
+        return Step(q.copy(), TrackStatus.SWITCHED, *self._errors(q, pose))
+
+    def _errors(self, q: Array, T: Array) -> tuple[float, float]:
+        """How far joint values are off a pose [m], [rad]."""
+        problem = Problem(self._arm, Goal.pose(T))
         position, orientation, _ = problem.goal.measure(problem.arrays, q[None])[0]
-        return Step(q.copy(), TrackStatus.SWITCHED, float(position), float(orientation))
+        return float(position), float(orientation)
 
     def foresee(self, seconds: float = 1.0, looks: int = 50, poses: ArrayLike | None = None) -> Foresight:
         """Look ahead: does the hand lose its pose, farther off than 1 mm or 0.01 rad, if it goes on as it came?
@@ -328,6 +400,11 @@ class Tracker:
         fast = np.abs(state[LAST]) >= state[REACH] * (1 - 1e-9)
         some = np.flatnonzero(at_limit if ended == LIMIT else fast & ~at_limit)
         return self._arm.joint_names[int(some[0])] if len(some) and ended != SINGULAR else None
+
+
+def _is_lost(position: float, orientation: float, ended: int) -> bool:
+    """Do a limit or a singularity keep the hand away from its pose?"""
+    return ended in (LIMIT, SINGULAR) and (position > AWAY[0] or orientation > AWAY[1])
 
 
 def _one(T: object) -> Array:

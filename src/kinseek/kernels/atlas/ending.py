@@ -28,7 +28,7 @@ from .descent import (
 )
 from .lanes import LANES
 from .memory import DEEP, Desk, desk_size, make_desk
-from .newton import VALLEY_STEPS, WALK, settle
+from .newton import VALLEY_STEPS, WALK, WALK_STEPS, settle
 from .seeds import (
     MORE,
     copy_joints,
@@ -207,7 +207,7 @@ def polish(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
         if desk.best_error[l] > worth:
             continue
         copy_joints(desk.best, l, desk.seed)
-        spent += settle(task.chain, goal, False, 0.0, task.lower, task.upper, desk.seed)
+        spent += settle(task.chain, goal, False, WALK_STEPS, 0.0, task.lower, task.upper, desk.seed)
         forward(task.chain, desk.seed, desk.spare)
         error = weighted_error(desk.spare, goal)
         if error < desk.best_error[l]:
@@ -237,7 +237,7 @@ def follow_valleys(task: Task, desk: Desk, target: Array) -> int:
         copy_joints(desk.best, l, desk.seed)
         for _ in range(BALANCES):
             squares = GoalArrays(target, weight, task.columns)
-            spent += settle(task.chain, squares, True, least, task.lower, task.upper, desk.seed)
+            spent += settle(task.chain, squares, True, VALLEY_STEPS, least, task.lower, task.upper, desk.seed)
             forward(task.chain, desk.seed, desk.spare)
             position, orientation = errors(desk.spare, goal)
             if position <= near and orientation <= level:

@@ -22,7 +22,7 @@ from .descent import farthest_joint, goal_of, keep_best, lowest, lowest_row, sta
 from .ending import fill_from_flips, reweigh
 from .lanes import LANES
 from .memory import Desk, desk_size, make_desk
-from .newton import WALK, settle
+from .newton import WALK, WALK_STEPS, settle
 from .seeds import copy_joints, fill_from_lookup, keep_joints, look_up, restart
 from .task import (
     DISTANT,
@@ -108,7 +108,7 @@ def settle_best(task: Task, desk: Desk, target: Array) -> int:
         desk.state[row] = SETTLED
         if twin:
             continue
-        spent += settle(task.chain, goal, False, 0.0, task.lower, task.upper, desk.seed)
+        spent += settle(task.chain, goal, False, WALK_STEPS, 0.0, task.lower, task.upper, desk.seed)
         forward(task.chain, desk.seed, desk.spare)
         error = weighted_error(desk.spare, goal)
         if error < desk.best_error[row]:

@@ -24,10 +24,10 @@ from kinseek.kernels.arm.pose_error import chordal_error, weighted_error
 from kinseek.kernels.arrays import Array, ChainArrays, Flags, GoalArrays
 from kinseek.kernels.jit import called, hidden
 
-STEPS = 40
-"""Newton steps at most."""
+WALK_STEPS = 40
+"""Newton steps of a walk down the weighted error at most."""
 
-WALK = 2 * STEPS + 1
+WALK = 2 * WALK_STEPS + 1
 """FK evaluations of a walk down the weighted error at most: each step may be followed by one that brings the place back."""
 
 ENOUGH = 1e-12
@@ -252,7 +252,14 @@ def bring_back(
 
 @called
 def settle(
-    chain: ChainArrays, goal: GoalArrays, squared: bool, least: float, lower: Array, upper: Array, q: Array
+    chain: ChainArrays,
+    goal: GoalArrays,
+    squared: bool,
+    steps: int,
+    least: float,
+    lower: Array,
+    upper: Array,
+    q: Array,
 ) -> int:
     """Walk from q, (n,), to the nearest minimum of an error inside the limits; return FK evaluations.
 
@@ -260,6 +267,7 @@ def settle(
         chain: The arm.
         goal: Target and weights.
         squared: Which error, see `derivatives`.
+        steps: How many steps at most.
         least: No more steps where the error is as small as that.
         lower: Limits, (n,); none for a joint that turns fully.
         upper: Same.
@@ -272,7 +280,7 @@ def settle(
     first, small = (VALLEY_DAMPING, VALLEY_DAMPING) if squared else (FIRST_DAMPING, SMALL_DAMPING)
     derivatives(chain, goal, squared, q, T, axes, moves, g, H)
     error, spent, damping = error_of(T, goal, squared), 1, 0.0
-    for _ in range(VALLEY_STEPS if squared else STEPS):
+    for _ in range(steps):
         if error <= least:
             break
         largest, steepest = 0.0, 0.0

@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from kinseek.kernels.arm.forward import forward
-from kinseek.kernels.arm.pose_error import errors, is_rigid
+from kinseek.kernels.arm.pose_error import distance, errors, is_rigid
 from kinseek.kernels.arrays import Array, GoalArrays
-from kinseek.kernels.atlas.descent import reset_weights, within
+from kinseek.kernels.atlas.descent import goal_of, reset_weights, within
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.memory import desk_size, make_desk
-from kinseek.kernels.atlas.task import WANTED, handle_at, lanes_of, task_of
+from kinseek.kernels.atlas.memory import Desk, desk_size, make_desk
+from kinseek.kernels.atlas.newton import settle as descend
+from kinseek.kernels.atlas.task import WANTED, Task, handle_at, lanes_of, task_of
 from kinseek.kernels.entry import F64, I64
-from kinseek.kernels.jit import called, entry
+from kinseek.kernels.jit import called, entry, hidden
 
 from .settle import load_lane, settle
 
@@ -22,15 +23,41 @@ STEPS = 6
 STARTS = 3
 """Lanes that start: where the arm is, where its last step would lead it again, and half-way between."""
 
-LOWER, UPPER, REACH, NOW, LAST, LOW, HIGH = range(7)
-"""Rows of the state of a tracker, (7, n): limits, how far each joint may go within a period, where it is, its last step, and
-between which values it may end now."""
+ROWS = 8
+LOWER, UPPER, REACH, NOW, LAST, LOW, HIGH, REACHED = range(ROWS)
+"""Rows of the state of a tracker, (ROWS, n): limits, how far each joint may go within a period, where it is, its last step,
+between which values it may end now, and where it was when it last reached its pose."""
 
 TRACKING, LAGGING, LIMIT, SINGULAR, NO_POSE = range(5)
 """How a step ended; NO_POSE: the target is no rigid transform, and nothing has changed."""
 
+NEAREST_STEPS = 40
+"""Newton steps within a period at most towards the nearest pose. Out of reach of ur5e, panda, iiwa14 and xarm7 (experiment:
+tests/test_tracker.py, `test_out_of_reach_the_arm_comes_to_rest`) one to four are usual."""
+
+NEAR = 1e-3
+"""Closer than this the position error counts squared [m], farther off linearly."""
+
 INSIDE = 1e-12
 """Part of a joint's way within a period that is left unused, so that rounding never makes it too fast."""
+
+
+@hidden
+def go_nearer(task: Task, desk: Desk, target: Array, state: Array) -> None:
+    """Walk down the weighted error from where the arm is, within what the joints may do in this period, into `desk.seed`.
+
+    The weighted error ``K_P d + Σ K_c (1 - c·c_g)`` has a kink at d = 0, along which steps are tiny. Its majorant
+    ``K_P d² / 2 d_0 + Σ K_c (1 - c·c_g)`` touches it at the present distance d_0 and is smooth (iteratively reweighted least
+    squares, Weiszfeld 1937). As the majorant falls the error falls at least as much, so a target at rest never makes the arm
+    go back and forth: it comes to rest where the error is least. Gauss-Newton steps overshoot there in every period, since
+    the Jacobian is singular at the end of the reach.
+    """
+    for d in range(len(task.lower)):
+        desk.seed[d] = min(max(state[NOW, d], state[LOW, d]), state[HIGH, d])
+    forward(task.chain, desk.seed, desk.spare)
+    weight = task.position_weight / max(distance(desk.spare, target), NEAR)
+    squares = GoalArrays(target, weight, task.axis_weights)
+    descend(task.chain, squares, True, NEAREST_STEPS, 0.0, state[LOW], state[HIGH], desk.seed)
 
 
 @called
@@ -69,9 +96,14 @@ def one_period(
             and desk.lanes.error[3 * LANES + l] < desk.lanes.error[3 * LANES + best]
         ):
             best = l
+    if within(task, desk.lanes, best):
+        for d in range(dof):
+            desk.seed[d] = desk.lanes.q[d, best]
+    else:
+        go_nearer(task, desk, target, state)
     fast, stopped = False, False
     for d in range(dof):
-        value = desk.lanes.q[d, best]
+        value = desk.seed[d]
         at_end = value <= state[LOW, d] or value >= state[HIGH, d]
         at_limit = at_end and (value <= state[LOWER, d] or value >= state[UPPER, d])
         fast = fast or (at_end and not at_limit)
@@ -79,10 +111,12 @@ def one_period(
         state[LAST, d] = value - state[NOW, d]
         state[NOW, d] = value
     forward(task.chain, state[NOW], desk.spare)
-    position, orientation = errors(desk.spare, GoalArrays(target, task.position_weight, task.axis_weights))
+    position, orientation = errors(desk.spare, goal_of(task, target))
     ended = SINGULAR
     if position <= task.position_tolerance and orientation <= task.orientation_tolerance:
         ended = TRACKING
+        for d in range(dof):
+            state[REACHED, d] = state[NOW, d]
     elif fast:
         ended = LAGGING
     elif stopped:
@@ -97,7 +131,7 @@ def one_period(
     wanted=F64[WANTED],
     target=F64[4, 4],
     memory=F64["*"],
-    state=F64[7, "n"].out,
+    state=F64[ROWS, "n"].out,
 )
 def servo_step(
     address: int, wanted: Array, target: Array, memory: Array, state: Array
@@ -105,13 +139,14 @@ def servo_step(
     """Go as near to a pose as one period allows; the row NOW of the state becomes where the joints are then.
 
     A joint that stands at an end of what it may do, and is pushed outward, is taken out, and the others go on without it.
+    If the pose is not reached within the period, the weighted error is walked down, see `go_nearer`.
 
     Args:
         address: Address of the handle of the task, see `task_of`.
         wanted: See `task_of`.
         target: (4, 4), lengths in [m].
         memory: At least `desk_size` numbers.
-        state: See `LOWER`, (7, n).
+        state: See `LOWER`, (ROWS, n).
 
     Returns:
         Position error [m], orientation error [rad], and how the step ended, see `TRACKING`.
@@ -127,7 +162,7 @@ def servo_step(
     place=F64,
     turn=F64,
     memory=F64["*"],
-    state=F64[7, "n"].out,
+    state=F64[ROWS, "n"].out,
 )
 def look_ahead(
     address: int, wanted: Array, targets: Array, place: float, turn: float, memory: Array, state: Array
