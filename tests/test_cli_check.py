@@ -27,6 +27,7 @@ SOUND = f"""<robot name="r">
 </robot>"""
 ONE, TWO = "joint 'one'", "joint 'two'"
 LIMIT = '<limit lower="-1" upper="2" effort="1" velocity="1"/>'
+SOFT = '<safety_controller k_velocity="9" soft_lower_limit="{}" soft_upper_limit="{}"/>'
 MESH = '<link name="c"><visual><geometry><mesh filename="{}"/></geometry></visual>'
 FAULTS = {
     "no limit": (LIMIT, "", "error", ONE, "no <limit>: a revolute joint needs lower and upper"),
@@ -59,7 +60,38 @@ FAULTS = {
     "no type": (' type="revolute"', "", "error", ONE, "no type"),
     "misspelt type": ('type="revolute"', 'type="revolut"', "error", ONE, "did you mean 'revolute'"),
     "floating": ('type="revolute"', 'type="floating"', "warning", ONE, "floating joints are refused"),
-    "continuous": ('type="revolute"', 'type="continuous"', "note", ONE, "limits, and is continuous"),
+    "continuous": (
+        'type="revolute"',
+        'type="continuous"',
+        "note",
+        ONE,
+        "has limits in <limit>, and is continuous",
+    ),
+    "soft limits": (LIMIT, f"{LIMIT}{SOFT.format('-2', '1')}", "note", ONE, "narrow [-1, 2] to [-1, 1]"),
+    "soft limits of 0": (LIMIT, f"{LIMIT}{SOFT.format('0.0', '0')}", "note", ONE, "as if they were missing"),
+    "stuck softly": (
+        LIMIT,
+        f"{LIMIT}{SOFT.format('2', '3')}",
+        "warning",
+        ONE,
+        "cannot move: its soft limits",
+    ),
+    "soft limits apart": (LIMIT, f"{LIMIT}{SOFT.format('3', '4')}", "error", ONE, "leave no value within"),
+    "no soft number": (LIMIT, f"{LIMIT}{SOFT.format('a', '4')}", "error", ONE, "soft_lower_limit='a' is no"),
+    "two controllers": (
+        LIMIT,
+        f"{LIMIT}{SOFT.format('-1', '1') * 2}",
+        "error",
+        ONE,
+        "2 <safety_controller> elements",
+    ),
+    "soft and continuous": (
+        f'"revolute"><origin xyz="0 0 1" rpy="0 0 0"/><parent link="a"/><child link="b"/>\n<axis xyz="0 0 1"/>{LIMIT}',
+        f'"continuous"><parent link="a"/><child link="b"/>{SOFT.format("-1", "1")}',
+        "note",
+        ONE,
+        "has limits in <safety_controller>, and is continuous",
+    ),
     "slide": ('lower="-1" upper="2"', 'lower="0" upper="500"', "warning", ONE, "millimetres?"),
     "mimics nobody": (LIMIT, '<mimic joint="tow"/>', "error", ONE, "unknown joint 'tow'; did you mean 'two'"),
     "mimics itself": (LIMIT, '<mimic joint="one"/>', "error", ONE, "loop: one -> one"),

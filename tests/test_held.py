@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -50,6 +51,26 @@ def same(arm: kinseek.Arm, expected: kinseek.Arm, atol: float = 1e-14) -> None:
     for link in expected.chain.frames:
         if link in arm.chain.frames:
             np.testing.assert_allclose(arm.fk(q, link=link), expected.fk(q, link=link), rtol=0, atol=atol)
+
+
+SOFT = """<robot name="soft"><link name="a"/><link name="b"/><link name="c"/>
+  <joint name="one" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="2" effort="1" velocity="1"/>
+    <safety_controller k_velocity="9" soft_lower_limit="-0.5" soft_upper_limit="1.5"/></joint>
+  <joint name="two" type="revolute"><parent link="b"/><child link="c"/><origin xyz="1 0 0"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="2" effort="1" velocity="1"/><safety_controller k_velocity="9"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("package", ["kinseek", "yourdfpy", "urdf_parser_py"])
+def test_soft_limits_come_along(package: str) -> None:
+    source: Any = SOFT
+    if package == "yourdfpy":
+        yourdfpy = pytest.importorskip("yourdfpy")
+        source = yourdfpy.URDF.load(io.BytesIO(SOFT.encode()), load_meshes=False)
+    elif package == "urdf_parser_py":
+        source = pytest.importorskip("urdf_parser_py.urdf").URDF.from_xml_string(SOFT)
+    arm = kinseek.load(source)
+    assert (arm.lower.tolist(), arm.upper.tolist()) == ([-0.5, -1.0], [1.5, 2.0])
 
 
 # --- text -----------------------------------------------------------------------------------------------------------

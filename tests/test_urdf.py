@@ -244,6 +244,40 @@ def test_a_followers_limits_narrow_its_leader(
     assert chain.kinds == ("revolute",)
 
 
+SAFE = '<safety_controller k_position="100" k_velocity="40" {}/>'
+
+
+@pytest.mark.parametrize(
+    ("soft", "expected"),
+    [
+        ('soft_lower_limit="-0.5" soft_upper_limit="1.5"', (-0.5, 1.5)),
+        ('soft_lower_limit="-9" soft_upper_limit="1.5"', (-1.0, 1.5)),
+        ('soft_lower_limit="-0.5"', (-0.5, 2.0)),
+        ('soft_upper_limit="0"', (-1.0, 0.0)),
+        ('soft_lower_limit="0" soft_upper_limit="1"', (0.0, 1.0)),
+        ("", (-1.0, 2.0)),  # Missing is no limit, though URDF takes 0 there: the joint could not move.
+        ('soft_lower_limit="0.0" soft_upper_limit="0"', (-1.0, 2.0)),  # What tools write for missing ones.
+        ('soft_lower_limit="1" soft_upper_limit="1"', (1.0, 1.0)),
+    ],
+)
+def test_soft_limits_narrow_the_limits(tmp_path: Path, soft: str, expected: tuple[float, float]) -> None:
+    for kind in ("revolute", "prismatic"):
+        text = robot(joint(kind=kind, inside=SAFE.format(soft) + LIMIT), SECOND)
+        chain = read_urdf(write(tmp_path, text))
+        assert (chain.lower[0], chain.upper[0]) == expected
+
+
+def test_soft_limits_of_a_follower_narrow_its_leader_and_those_of_a_continuous_joint_do_nothing(
+    tmp_path: Path,
+) -> None:
+    soft = SAFE.format('soft_lower_limit="-1" soft_upper_limit="0.5"')
+    follower = joint("k", "b c", inside=f'<mimic joint="j" multiplier="-2"/>{soft}')
+    chain = read_urdf(write(tmp_path, robot(joint(inside='<limit lower="-9" upper="9"/>'), follower)))
+    assert (chain.lower[0], chain.upper[0]) == (-0.25, 0.5)
+    chain = read_urdf(write(tmp_path, robot(joint(kind="continuous", inside=soft), SECOND)))
+    assert (chain.kinds, chain.lower[0], chain.upper[0]) == (("continuous",), -np.pi, np.pi)
+
+
 def test_joints_beside_the_path_may_be_anything(tmp_path: Path) -> None:
     text = robot(
         joint("float", "w a", "floating", ""),
@@ -318,6 +352,22 @@ BAD_FILES = {
     "all fixed": (
         robot(joint(kind="fixed", inside=""), SECOND),
         "no movable joint between base 'a' and tip 'c'",
+    ),
+    "soft limits apart": (
+        robot(joint(inside=LIMIT + SAFE.format('soft_lower_limit="3" soft_upper_limit="4"')), SECOND),
+        r"'j': soft limits \[3, 4\] of its <safety_controller> leave no value within the limits \[-1, 2\]",
+    ),
+    "soft limits inverted": (
+        robot(joint(inside=LIMIT + SAFE.format('soft_lower_limit="1" soft_upper_limit="0"')), SECOND),
+        r"'j': soft limits \[1, 0\]",
+    ),
+    "no soft number": (
+        robot(joint(inside=LIMIT + SAFE.format('soft_lower_limit="low"')), SECOND),
+        "'j': <safety_controller> soft_lower_limit='low': 'low' is not a number",
+    ),
+    "two controllers": (
+        robot(joint(inside=LIMIT + SAFE.format("") * 2), SECOND),
+        "'j': 2 <safety_controller> elements, expected one",
     ),
     "mimic of nothing": (robot(joint(inside=LIMIT + "<mimic/>"), SECOND), "<mimic> has no joint"),
     "mimic unknown": (

@@ -65,7 +65,7 @@ def read_held(source: Any, base: str | None, tip: str | None) -> SerialChain | N
 
 
 def _text_of_yourdfpy(model: Any) -> bytes:
-    """Write a model of yourdfpy as URDF; its own writer leaves out which joint follows which."""
+    """Write a model of yourdfpy as URDF; its own writer leaves out which joint follows which, and soft limits."""
     from lxml import etree
 
     root = etree.fromstring(model.write_xml_string())
@@ -76,6 +76,11 @@ def _text_of_yourdfpy(model: Any) -> bytes:
                 "offset": repr(float(joint.mimic.offset)),
             }
             etree.SubElement(element, "mimic", joint=joint.mimic.joint, **law)
+        safety = joint.safety_controller
+        if safety is not None and element.find("safety_controller") is None:
+            soft = {name: getattr(safety, name) for name in ("soft_lower_limit", "soft_upper_limit")}
+            given = {name: repr(float(value)) for name, value in soft.items() if value is not None}
+            etree.SubElement(element, "safety_controller", given)
     return bytes(etree.tostring(root))
 
 

@@ -36,6 +36,8 @@ READABLE = (".urdf", ".xacro", ".xml")
 """Endings of the files that can be gone through."""
 
 _MOVES = (REVOLUTE, CONTINUOUS, PRISMATIC)
+_ENDS = {"limit": ("lower", "upper"), "safety_controller": ("soft_lower_limit", "soft_upper_limit")}
+"""Attributes that limit where a joint goes."""
 _FAR = 100.0
 """Lengths beyond it [m] are asked about: a robot that large was written in millimetres."""
 _ROUNDED = 1e-3
@@ -238,15 +240,17 @@ def _check_origin(found: Checkup, here: str, origin: Any) -> None:
 def _check_limits(found: Checkup, joint: Any, kind: str, space: str) -> None:
     here, limit = _name(joint), joint.find(space + "limit")
     mimics = joint.find(space + "mimic") is not None
+    if kind == CONTINUOUS:
+        for tag, ends in _ENDS.items():
+            element = joint.find(space + tag)
+            if element is not None and any(element.get(end) is not None for end in ends):
+                found.note(here, f"has limits in <{tag}>, and is continuous: they are not looked at")
+        return
     if limit is None:
-        if kind != CONTINUOUS and not mimics:
+        if not mimics:
             found.error(here, f"no <limit>: a {kind} joint needs lower and upper")
         return
-    ends = {end: _numbers(found, here, limit, end, 1) for end in ("lower", "upper")}
-    if kind == CONTINUOUS:
-        if any(limit.get(end) is not None for end in ends):
-            found.note(here, "has limits, and is continuous: they are not looked at")
-        return
+    ends = {end: _numbers(found, here, limit, end, 1) for end in _ENDS["limit"]}
     lacking = [end for end in ends if limit.get(end) is None]
     if lacking and not mimics:
         found.error(here, f"<limit> has no {' and no '.join(lacking)}")
@@ -267,6 +271,30 @@ def _check_limits(found: Checkup, joint: Any, kind: str, space: str) -> None:
         value = _numbers(found, here, limit, name, 1)
         if value is not None and value[0] < 0:
             found.warning(here, f"{name} limit {value[0]:g} is below 0")
+    if lower <= upper:
+        _check_soft_limits(found, joint, lower, upper, space)
+
+
+def _check_soft_limits(found: Checkup, joint: Any, lower: float, upper: float, space: str) -> None:
+    """Compare the soft limits with the limits, as `soft_limits` and the reader take them."""
+    here, controllers = _name(joint), joint.findall(f"{space}safety_controller")
+    if len(controllers) > 1:
+        found.error(here, f"{len(controllers)} <safety_controller> elements, expected one")
+    if len(controllers) != 1:
+        return
+    below, above = (_numbers(found, here, controllers[0], end, 1) or () for end in _ENDS["safety_controller"])
+    if below == above == (0.0,):
+        found.note(here, "both soft limits are 0: they are read as if they were missing")
+        return
+    inner = max([lower, *below]), min([upper, *above])
+    if inner[0] > inner[1]:
+        found.error(here, f"soft limits leave no value within the limits [{lower:g}, {upper:g}]")
+    elif inner[0] == inner[1] and lower < upper:
+        found.warning(here, f"cannot move: its soft limits leave {inner[0]:g} alone")
+    elif inner != (lower, upper):
+        found.note(
+            here, f"soft limits narrow [{lower:g}, {upper:g}] to [{inner[0]:g}, {inner[1]:g}], as in MoveIt"
+        )
 
 
 def _check_mimics(found: Checkup, joints: list[Any], space: str) -> None:

@@ -1,6 +1,7 @@
 """Read a serial arm from a URDF or xacro file.
 
-Fixed joints are folded into the joints after them. Meshes, masses, transmissions and simulator tags are never
+Fixed joints are folded into the joints after them. Soft limits of a `<safety_controller>` narrow the limits of a joint, as
+in MoveIt (`jointBoundsFromURDF` in moveit_core/robot_model). Meshes, masses, transmissions and simulator tags are never
 looked at, so no ROS package has to be there.
 """
 
@@ -22,7 +23,7 @@ from .chain import Array, Frame, Joint, SerialChain, follow_mimics, serial_chain
 from .files import MOST_JOINTS, file_bytes, require_few
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .tree import frame_path
-from .urdf_xml import expand_xacro, joint_velocities, kinematic_part, root_element
+from .urdf_xml import expand_xacro, joint_velocities, kinematic_part, root_element, soft_limits
 
 _MOVES = (REVOLUTE, CONTINUOUS, PRISMATIC)
 
@@ -85,7 +86,7 @@ def read_urdf_text(
 def _read(text: bytes, base: str | None, tip: str | None, where: str, name: str) -> SerialChain:
     root = root_element(text, where)
     robot = _parse(kinematic_part(root, name, where), where)
-    velocities = joint_velocities(root)
+    velocities, softs = joint_velocities(root), soft_limits(root, where)
 
     parents = _link_tree(robot, where)
     leaves = parents.keys() - {parent for parent in parents.values() if parent}
@@ -110,7 +111,8 @@ def _read(text: bytes, base: str | None, tip: str | None, where: str, name: str)
     for joint in path_joints:
         pose = pose @ _origin(joint)
         if joint.type != "fixed":
-            moving.append(_moving_joint(joint, pose, mimics, velocities.get(joint.name, np.nan)))
+            velocity, soft = velocities.get(joint.name, np.nan), softs.get(joint.name, (-np.inf, np.inf))
+            moving.append(_moving_joint(joint, pose, mimics, velocity, soft))
             pose = np.eye(4)
         of_links.append((joint.child, Frame(len(moving), pose)))
         of_joints.append((joint.name, Frame(len(moving), pose)))
@@ -217,7 +219,11 @@ def _origin(joint: Any) -> Array:
 
 
 def _moving_joint(
-    joint: Any, origin: Array, mimics: dict[str, tuple[str, float, float]], velocity: float
+    joint: Any,
+    origin: Array,
+    mimics: dict[str, tuple[str, float, float]],
+    velocity: float,
+    soft: tuple[float, float],
 ) -> Joint:
     if joint.type not in _MOVES:
         raise InvalidRobot(
@@ -231,13 +237,19 @@ def _moving_joint(
         raise InvalidRobot(
             f"joint {joint.name!r} is {joint.type} and needs a <limit> with both lower and upper"
         )
+    inner = (max(lower, soft[0]), min(upper, soft[1]))
+    if joint.type != CONTINUOUS and lower <= upper and inner[0] > inner[1]:
+        raise InvalidRobot(
+            f"joint {joint.name!r}: soft limits [{soft[0]:g}, {soft[1]:g}] of its <safety_controller> leave no value within "
+            f"the limits [{lower:g}, {upper:g}]"
+        )
     return Joint(
         name=joint.name,
         kind=joint.type,
         origin=origin,
         axis=np.array([1.0, 0.0, 0.0] if joint.axis is None else joint.axis),
-        lower=lower,
-        upper=upper,
+        lower=inner[0],
+        upper=inner[1],
         mimic=leader if follows else None,
         multiplier=multiplier,
         offset=offset,

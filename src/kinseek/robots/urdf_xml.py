@@ -40,6 +40,7 @@ _NUMBERS = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
     "limit": {"lower": 1, "upper": 1},
+    "safety_controller": {"soft_lower_limit": 1, "soft_upper_limit": 1},
     "mimic": {"multiplier": 1, "offset": 1},
 }
 """How many values each attribute holds."""
@@ -311,6 +312,37 @@ def joint_velocities(root: Any) -> dict[str, float]:
             continue
         if 0 < velocity < math.inf:
             found[str(joint.get("name"))] = velocity
+    return found
+
+
+def soft_limits(root: Any, where: str) -> dict[str, tuple[float, float]]:
+    """Read the soft limits of joints, ``<safety_controller soft_lower_limit=… soft_upper_limit=…>``.
+
+    URDF takes 0 for a missing attribute. With a `<safety_controller k_velocity=…>` alone that would hold the joint at 0, and
+    tools that fill in defaults write 0 0 there. So a missing attribute is no limit here, and neither is 0 0.
+
+    Args:
+        root: The root element of the file.
+        where: The file, for messages.
+
+    Returns:
+        By name of the joint: lower and upper soft limit, [rad] or [m]; infinite where there is none.
+
+    Raises:
+        InvalidRobot: Several safety controllers in a joint, or a limit that is not a finite number.
+    """
+    space, found = root.tag.removesuffix("robot"), {}
+    for joint in root.iterchildren(f"{space}joint"):
+        controllers = joint.findall(f"{space}safety_controller")
+        here = f"{where}: joint {joint.get('name')!r}"
+        if len(controllers) > 1:
+            raise InvalidRobot(f"{here}: {len(controllers)} <safety_controller> elements, expected one")
+        for controller in controllers:
+            given = _checked_attributes(controller, "safety_controller", here)
+            lower = float(given.get("soft_lower_limit", -math.inf))
+            upper = float(given.get("soft_upper_limit", math.inf))
+            if not lower == upper == 0.0:
+                found[str(joint.get("name"))] = (lower, upper)
     return found
 
 
