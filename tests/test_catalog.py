@@ -11,6 +11,7 @@ import pytest
 from kinseek.errors import InvalidRobot
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.robots import catalog_entry, catalog_names, catalog_path, read
+from kinseek.robots.catalog import limits_table
 
 SHARED = Path(__file__).parents[2] / "shared" / "robots"
 FLEET = json.loads((SHARED / "robots.json").read_text()) if SHARED.is_dir() else {}
@@ -21,7 +22,7 @@ PAPER = ("planar2", "cylindrical3", "scara4", "elbow6")
 def test_every_arm_says_what_it_is(name: str) -> None:
     entry, chain = catalog_entry(name), read(name)
     assert (chain.name, chain.base, chain.tip, chain.dof) == (name, entry.base, entry.tip, entry.dof)
-    assert all((entry.description, entry.source, entry.licence))
+    assert all((entry.description, entry.source, entry.licence, entry.limits))
     assert "kinematic data only" in catalog_path(name).read_text().lower()
 
 
@@ -69,6 +70,32 @@ def test_the_papers_arms() -> None:
         turning = np.array([kind == "revolute" for kind in chain.kinds])
         assert chain.wraps[turning].all()
         np.testing.assert_array_equal(chain.lower[turning], 0.0)
+
+
+def test_the_page_says_where_limits_come_from() -> None:
+    page = Path(__file__).parents[1] / "docs" / "arms.md"
+    if not page.is_file():
+        pytest.skip("the documentation is not part of what is tested here")
+    assert limits_table() in page.read_text(encoding="utf-8")
+
+
+def test_the_panda_has_the_limits_of_its_maker() -> None:
+    """As in `joint_limits.yaml` of frankaemika/franka_ros, and in the maker's data sheet."""
+    chain = read("panda")
+    np.testing.assert_array_equal(
+        chain.lower, [-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973]
+    )
+    np.testing.assert_array_equal(chain.upper, [2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973])
+    np.testing.assert_array_equal(chain.velocity, [2.1750] * 4 + [2.6100] * 3)
+
+
+def test_other_limits_of_makers() -> None:
+    np.testing.assert_array_equal(read("piper").velocity, [3.0] * 6)
+    pr2 = read("pr2_left")
+    soft = {"l_shoulder_lift_joint": (-0.3535999999999999, 1.2963), "l_wrist_flex_joint": (-2.0, -0.1)}
+    for name, limits in soft.items():
+        i = pr2.joint_names.index(name)
+        assert (pr2.lower[i], pr2.upper[i]) == limits
 
 
 def test_base_and_tip_can_be_chosen() -> None:

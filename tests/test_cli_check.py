@@ -227,6 +227,15 @@ def test_a_tip_of_several_is_looked_at_alone(tmp_path: Path) -> None:
 def test_bundled_arms_are_sound(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert name in catalog_names()
     assert run(["check", name]) == 0
+    assert "note: limits: " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["puma560", "so101"])
+def test_limits_that_are_known_to_be_wrong_are_a_warning(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["check", name]) == 1
+    assert "warning: limits: " in capsys.readouterr().out
 
 
 UNREADABLE = {

@@ -51,8 +51,8 @@ def print_robots() -> None:
     _print_table(("name", ">joints", "description"), [(e.name, str(e.dof), e.description) for e in entries])
 
 
-def print_arm(arm: Arm) -> None:
-    """Print joints, limits, speeds and reach."""
+def print_arm(arm: Arm, limits: str = "") -> None:
+    """Print joints, limits, speeds and reach, and where the limits come from if that is known."""
     _print(f"{arm.name}: {arm.dof} joints, base {arm.base}, tip {arm.tip}")
     small, large = _units(arm.kinds)
     rows = []
@@ -77,6 +77,8 @@ def print_arm(arm: Arm) -> None:
         ">speed\nper second",
     )
     _print_table(columns, rows, (2, 2, 2, 1))
+    if limits:
+        _print(f"limits: {limits}")
     least, most = reach(arm)
     _print(f"reach: at least {least:.3f} m from base to tip (the farthest of {_POSTURES:,} random postures)")
     _print(f"reach: at most {most:.3f} m from base to tip (the sum of all links and slides)")

@@ -33,12 +33,19 @@ class CatalogEntry:
     source: str
     """Repository, path and commit the numbers come from."""
     licence: str
+    limits: str
+    """Where its limits and speeds come from, and what is known to be wrong with them."""
     base: str
     """Name of the link that stays."""
     tip: str
     """Name of the link that the pose is of."""
     dof: int
     """Number of joint variables."""
+
+    @property
+    def differs(self) -> bool:
+        """Are its limits or speeds known to differ from those of the real arm?"""
+        return "differ from" in self.limits
 
 
 def catalog_names() -> tuple[str, ...]:
@@ -72,10 +79,17 @@ def catalog_entry(name: str) -> CatalogEntry:
         description=lines[0],
         source=facts["source"],
         licence=facts["licence"],
+        limits=facts["limits"],
         base=facts["base"],
         tip=facts["tip"],
         dof=len(_MOVING.findall(text)) - text.count("<mimic "),
     )
+
+
+def limits_table() -> str:
+    """Where the limits and speeds of every bundled arm come from, as the Markdown table of docs/arms.md."""
+    rows = [(name, catalog_entry(name).limits.replace("|", r"\|")) for name in catalog_names()]
+    return "\n".join(["| arm | limits and speeds |", "| --- | --- |", *(f"| `{a}` | {b} |" for a, b in rows)])
 
 
 def _folder() -> Path:

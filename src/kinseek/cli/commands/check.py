@@ -10,7 +10,7 @@ from kinseek.cli import report
 from kinseek.cli.help import Command
 from kinseek.cli.options import Chain, arm_argument, chain_options, json_option
 from kinseek.errors import InvalidRobot, suggest
-from kinseek.robots import catalog_names, catalog_path
+from kinseek.robots import catalog_entry, catalog_names, catalog_path
 from kinseek.robots.soundness import READABLE, check
 
 
@@ -28,7 +28,8 @@ def command(arm: str, chain: Chain, as_json: bool) -> int:
     """Say whether the description of a robot is sound, one finding a line.
 
     An error is something that kinseek refuses, a warning is probably a mistake, a note is good to know. Looked at are the
-    tree of links, limits, axes, mimic joints, kinds of joints, masses and inertias, and whether meshes are there.
+    tree of links, limits and soft limits, axes, mimic joints, kinds of joints, masses and inertias, and whether meshes are
+    there. Of a bundled arm, one more line says where its limits and speeds come from.
     """
     path = catalog_path(arm) if arm in catalog_names() else Path(arm).expanduser()
     if path.suffix.lower() not in READABLE:
@@ -36,5 +37,8 @@ def command(arm: str, chain: Chain, as_json: bool) -> int:
             f"{suggest(arm, catalog_names(), 'robot')}. A path must end in {', '.join(READABLE)}"
         )
     found = check(path, chain.base, chain.tip, chain.args, chain.packages, not chain.untrusted)
+    if arm in catalog_names():
+        entry = catalog_entry(arm)
+        (found.warning if entry.differs else found.note)("limits", entry.limits)
     report.print_checkup(arm, found, as_json)
     return 0 if found.sound else 1

@@ -7,6 +7,7 @@ import click
 from kinseek.cli import report
 from kinseek.cli.help import Command
 from kinseek.cli.options import ARM, Chain, arm_argument, chain_options
+from kinseek.robots import catalog_entry, catalog_names
 
 
 @click.command(
@@ -19,5 +20,5 @@ from kinseek.cli.options import ARM, Chain, arm_argument, chain_options
 @chain_options
 def command(arm: str, chain: Chain) -> int:
     """Show the joints, limits, speeds and reach of an arm."""
-    report.print_arm(chain.load(arm))
+    report.print_arm(chain.load(arm), catalog_entry(arm).limits if arm in catalog_names() else "")
     return 0
