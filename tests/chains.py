@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+import kinseek
 from kinseek.robots.chain import Joint, SerialChain, serial_chain
 from kinseek.transforms import rotation, transform
 
@@ -65,3 +66,14 @@ def awkward_joints(chain: SerialChain, rng: np.random.Generator) -> Array:
         quarter = np.clip(np.round(q / (np.pi / 2)) * np.pi / 2, chain.lower, chain.upper)
         q = np.where(rng.random(chain.dof) < 0.5, quarter, q)
     return np.asarray(q)
+
+
+def wide_panda() -> kinseek.Arm:
+    """The Panda with the hard limits of its description in moveit_resources, which lie beyond those of its maker.
+
+    Poses that were once difficult were found with these limits, at joint values that the bundled arm does not reach.
+    """
+    chain = kinseek.load("panda").chain
+    lower = np.array([-2.9671, -1.8326, -2.9671, -3.1416, -2.9671, -0.0873, -2.9671])
+    upper = np.array([2.9671, 1.8326, 2.9671, 0.0873, 2.9671, 3.8223, 2.9671])
+    return kinseek.Arm(chain.limited(lower, upper, chain.kinds))

@@ -31,7 +31,7 @@ def two(
 def test_speeds_are_those_of_the_file() -> None:
     np.testing.assert_array_equal(two().velocity, [1.5, 2.5])
     np.testing.assert_array_equal(two('velocity="2.5"', "continuous").velocity, [1.5, 2.5])
-    np.testing.assert_array_equal(kinseek.load("panda").velocity, [2.3925] * 4 + [2.871] * 3)
+    np.testing.assert_array_equal(kinseek.load("panda").velocity, [2.175] * 4 + [2.61] * 3)
 
 
 @pytest.mark.parametrize("said", ["", 'velocity="0"', 'velocity="-1"', 'velocity="inf"', 'velocity="fast"'])
@@ -47,7 +47,7 @@ def test_a_follower_slows_its_leader() -> None:
 
 def test_other_arms_have_those_of_their_joints(tmp_path: Path) -> None:
     arm = kinseek.load("panda")
-    assert (arm.with_locked({"panda_joint2": 0.1}).velocity == [2.3925] * 3 + [2.871] * 3).all()
+    assert (arm.with_locked({"panda_joint2": 0.1}).velocity == [2.175] * 3 + [2.61] * 3).all()
     assert (arm.with_limits({"panda_joint2": (0, 1)}).velocity == arm.velocity).all()
     assert (arm.with_tool(kinseek.pose([0, 0, 0.1])).velocity == arm.velocity).all()
     assert (pickle.loads(pickle.dumps(arm)).velocity == arm.velocity).all()
