@@ -117,7 +117,7 @@ def test_a_file_just_below_the_limit_is_read_soon(row: bool, tmp_path: Path) -> 
     path = write(tmp_path, "r.urdf", tree(MOST_LINKS - 1, "fixed" if row else "continuous", row))
     with (
         soon(),
-        pytest.raises(InvalidRobot, match="no movable joint" if row else "branches: it has 9999 ends"),
+        pytest.raises(InvalidRobot, match="no movable joint" if row else "branches below base .* and 9,959 more"),
     ):
         read(path)
 
@@ -129,7 +129,7 @@ def test_a_comb_is_read_soon(tmp_path: Path) -> None:
         f'<link name="t{i}"/><joint name="k{i}" type="fixed"><parent link="l{i}"/><child link="t{i}"/></joint>'
         for i in range(half)
     )
-    with soon(), pytest.raises(InvalidRobot, match=r"branches: it has 5000 ends.* and .* more"):
+    with soon(), pytest.raises(InvalidRobot, match=r"branches below base .* and .* more"):
         read(write(tmp_path, "r.urdf", text + "</robot>"))
 
 

@@ -140,7 +140,7 @@ BAD = {
     "no joint": ("", "no movable joint"),
     "two leaves": (
         '<joint/></body><body name="c">',
-        "branches: it has 2 ends below base 'world'. Choose tip= from: b;",
+        "the arm branches below base 'world'. Choose tip= from: b;",
     ),
 }
 

@@ -107,8 +107,10 @@ def test_follower_whose_leader_is_beside_the_path_is_refused() -> None:
 @NEEDS_SHARED
 def test_several_leaves_are_listed() -> None:
     path = SHARED / "messy" / "urdf_meshes_panda" / "panda.urdf"
-    with pytest.raises(InvalidRobot, match=r"branches.*panda_leftfinger, panda_rightfinger"):
+    with pytest.raises(InvalidRobot, match=r"branches.*panda_leftfinger, panda_rightfinger") as caught:
         read_urdf(path)
+    # Where it branches is a tip too, so a number of ends would not be the number of links in the list.
+    assert "below base 'panda_link0'. Choose tip= from: panda_hand, panda_leftfinger" in str(caught.value)
 
 
 # Random chains

@@ -71,8 +71,7 @@ def _only_end(
     tips = _usual_tips(parents, base, below, moving)
     listed = ", ".join(tips[:_LISTED]) + (f" and {len(tips) - _LISTED} more" if len(tips) > _LISTED else "")
     raise InvalidRobot(
-        f"the arm branches: it has {len(found)} ends below base {base!r}. "
-        f"Choose tip= from: {listed or 'none'}"
+        f"the arm branches below base {base!r}. Choose tip= from: {listed or 'none'}"
         + (f"; any other {noun} that moves against the base will do, too" if tips else "")
     )
 
