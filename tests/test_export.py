@@ -152,6 +152,41 @@ def levels() -> set[str]:
     return set(next((line for line in text.splitlines() if line.startswith("flags")), "").split())
 
 
+FROM_CPP = """
+#include "kinseek.h"
+#include <cstdio>
+
+int main() {
+    double q[KINSEEK_DOF] = {}, pose[16];
+    bool fine = kinseek_finite(q, KINSEEK_DOF) && kinseek_fk(q, pose) == KINSEEK_DONE;
+    for (double number : pose) std::printf("%a ", number);
+    return fine ? 0 : 1;
+}
+"""
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="there is no g++")
+def test_a_cpp_program_calls_the_functions_of_c(tmp_path: Path) -> None:
+    """Without the kernels: C functions of the same names stand in for them."""
+    header = Path(kinseek.__file__).parent / "export" / "c" / "kinseek.h"
+    (tmp_path / "kinseek.h").write_text(header.read_text())
+    (tmp_path / "arm.h").write_text("#define KINSEEK_DOF 2\n#define KINSEEK_GRID\n")
+    (tmp_path / "user.cpp").write_text(FROM_CPP)
+    (tmp_path / "stand_in.c").write_text(
+        '#include "kinseek.h"\n'
+        "bool kinseek_finite(const double *numbers, int count) { return numbers[count - 1] == 0.0; }\n"
+        "int kinseek_fk(const double q[KINSEEK_DOF], double pose[16]) {\n"
+        "    for (int i = 0; i < 16; i++) pose[i] = i + q[0];\n"
+        "    return KINSEEK_DONE;\n}\n"
+    )
+    for compiler in (["gcc", "-std=c11", "-c", "stand_in.c"], ["g++", "-pedantic", "user.cpp", "stand_in.o"]):
+        strict = ["-Wall", "-Wextra", "-Werror"]
+        done = subprocess.run([*compiler, *strict], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+    said = subprocess.run(["./a.out"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    assert [float.fromhex(word) for word in said.split()] == list(range(16))
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="runs what is written for x86-64")
 @pytest.mark.skipif(not {"avx2", "fma"} <= levels(), reason="the processor is below x86-64-v3")

@@ -11,6 +11,10 @@ allocated: all memory is static. So one search runs at a time, and no function m
 
 #include "arm.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 enum {
     KINSEEK_MORE = 0,
     KINSEEK_DONE = 1,
@@ -44,6 +48,10 @@ int kinseek_go_on(int64_t work, double q[KINSEEK_DOF]);
 
 /* Nodes of the tree that were made so far. */
 int64_t kinseek_nodes(void);
+#endif
+
+#ifdef __cplusplus
+}
 #endif
 
 #endif
