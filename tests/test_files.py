@@ -117,7 +117,9 @@ def test_a_file_just_below_the_limit_is_read_soon(row: bool, tmp_path: Path) -> 
     path = write(tmp_path, "r.urdf", tree(MOST_LINKS - 1, "fixed" if row else "continuous", row))
     with (
         soon(),
-        pytest.raises(InvalidRobot, match="no movable joint" if row else "branches below base .* and 9,959 more"),
+        pytest.raises(
+            InvalidRobot, match="no movable joint" if row else "branches below base .* and 9,959 more"
+        ),
     ):
         read(path)
 

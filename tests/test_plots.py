@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -43,6 +45,42 @@ def test_a_function_has_no_links_to_draw() -> None:
     _, axes = plots.space()
     with pytest.raises(kinseek.InvalidProblem, match="'box' is a function"):
         plots.draw_arm(axes, arm, [0.5])
+
+
+INLINE = """
+import matplotlib
+from matplotlib.backends.backend_agg import FigureCanvas
+matplotlib.interactive(True)  # As that of notebooks does when the first figure loads it.
+"""
+CELLS = """
+import kinseek, matplotlib
+from kinseek import plots
+arm = kinseek.load("planar2")
+for figure in (plots.arm(arm, [0.1, 0.2]), plots.plane()[0], plots.arm(arm, [0.3, 0.4])):
+    assert figure.axes
+    print(matplotlib.pyplot.get_fignums(), matplotlib.is_interactive())
+figure.savefig("arm.png")
+matplotlib.pyplot.figure()
+print(matplotlib.pyplot.get_fignums(), matplotlib.rcParams["font.size"])
+"""
+
+
+@pytest.mark.slow
+def test_a_notebook_shows_a_figure_once(tmp_path: Path) -> None:
+    """At the end of a cell it shows the figures that pyplot holds, and the one that the cell returns."""
+    (tmp_path / "notebook_inline.py").write_text(INLINE)
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        [sys.executable, "-c", CELLS],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": path, "MPLBACKEND": "module://notebook_inline"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["[] True"] * 3 + ["[1] 10.0"]
+    assert (tmp_path / "arm.png").stat().st_size > 1000
 
 
 def test_without_matplotlib_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

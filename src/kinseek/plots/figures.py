@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from itertools import product
 from pathlib import Path
@@ -46,12 +47,40 @@ def pyplot() -> Any:
     return pyplot
 
 
+@contextmanager
+def _looking() -> Iterator[None]:
+    """Draw with our look.
+
+    Matplotlib's own `rc_context` puts every setting back, also those that a backend makes when the first figure loads it: it
+    left notebooks in a state in which pyplot shows no figure any more.
+    """
+    settings = pyplot().rcParams
+    before = {name: settings[name] for name in LOOK}
+    settings.update(LOOK)
+    try:
+        yield
+    finally:
+        settings.update(before)
+
+
+def _leave_to_the_cell(figure: Any) -> None:
+    """Take a figure out of pyplot in a notebook.
+
+    There pyplot shows its figures at the end of a cell, and the cell shows the figure that it returns: the same one twice.
+    """
+    if "inline" in pyplot().get_backend():
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+        pyplot().close(figure)
+        FigureCanvasAgg(figure)  # Closed, it may have a canvas that cannot draw.
+
+
 def drawn(draw: Callable[P, Any]) -> Callable[P, Any]:
     """Let a function draw with our look, on its own figure or on axes that it is given."""
 
     @wraps(draw)
     def dressed(*given: P.args, **named: P.kwargs) -> Any:
-        with pyplot().rc_context(LOOK):
+        with _looking():
             return draw(*given, **named)
 
     return dressed
@@ -70,8 +99,9 @@ def space(
     Raises:
         MissingExtra: Matplotlib is not installed.
     """
-    with pyplot().rc_context(LOOK):
+    with _looking():
         figure = pyplot().figure(figsize=size, layout="constrained")
+        _leave_to_the_cell(figure)
         axes = figure.add_subplot(projection="3d")
         axes.tick_params(labelsize=LETTERS)
         axes.view_init(elevation, azimuth)
@@ -90,8 +120,9 @@ def plane(columns: int = 1, size: tuple[float, float] = (5.2, 4.2), rows: int = 
     Raises:
         MissingExtra: Matplotlib is not installed.
     """
-    with pyplot().rc_context(LOOK):
+    with _looking():
         figure, axes = pyplot().subplots(rows, columns, figsize=size, layout="constrained")
+        _leave_to_the_cell(figure)
         for each in np.ravel(axes):
             each.grid(True, alpha=0.3)
             each.tick_params(labelsize=LETTERS)
