@@ -393,6 +393,28 @@ def test_other_solvers_refuse_ranges(solver: type[kinseek.Solver]) -> None:
         arm.ik(Goal.pose(np.eye(4), free=("x", "rz")), solver=solver())
 
 
+@pytest.mark.parametrize("wish", ["prefer", "cost", "valid", "scene", "clearance", "prove"])
+def test_the_message_recommends_a_call_that_works(wish: str) -> None:
+    arm = kinseek.load("planar2")
+    goal = Goal.pose(arm.fk([0.3, 0.4]), free=("x", "rz"))
+    scene = kinseek.Scene.of(arm, capsules=0.01)
+    wishes = {
+        "prefer": {"prefer": "limits"},
+        "cost": {"cost": lambda q: q[:, 0]},
+        "valid": {"valid": lambda q: True},
+        "scene": {"scene": scene},
+        "clearance": {"scene": scene, "clearance": 0.01},
+        "prove": {"prove": True},
+    }
+    with pytest.raises(InvalidProblem) as caught:
+        arm.ik(goal, **wishes[wish])
+    said = str(caught.value)
+    named = "nothing can be proved yet" if wish == "prove" else "prefer, cost, valid and scene choose among"
+    assert said.startswith(named)
+    assert said.endswith("default solver answers it, without prefer=, cost=, valid=, scene= and prove=")
+    assert arm.ik(goal).success
+
+
 def test_proofs_refuse_ranges() -> None:
     arm = kinseek.load("planar2")
     goal = Goal.pose(np.eye(4), free=("x", "rz"))

@@ -303,7 +303,8 @@ class Goal:
         if self.form.ranges:
             taken = ", ".join(kind.noun for kind in PLAIN_KINDS)
             raise InvalidProblem(
-                f"{what} {self.form.noun}, only of {taken}. Arm.ik with its default solver answers it"
+                f"{what} {self.form.noun}, only of {taken}. Arm.ik with its default solver answers it, without "
+                "prefer=, cost=, valid=, scene= and prove="
             )
 
     def measure(self, arrays: ChainArrays, q: Array) -> Array:

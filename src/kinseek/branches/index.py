@@ -154,7 +154,7 @@ def index_of(problem: Problem) -> BranchIndex:
         raise InvalidProblem(
             f"{problem.mechanism.name!r} is a function: branches are looked for along axes, and it has none"
         )
-    goal.require_plain("branches are not told of")
+    goal.require_plain("branches are not found of")
     return _indices.of(problem.chain).get(goal.prepared_as, lambda: BranchIndex(problem))
 
 
