@@ -90,6 +90,9 @@ def test_a_slice_shows_the_shares(drawn: dict[str, Any]) -> None:
     share = maps.capability(m).sel(z=0.25).transpose("y", "x").values
     assert np.asarray(image.get_array()) == pytest.approx(share)
     assert image.get_extent() == pytest.approx([-1.0, 1.0, -1.0, 1.0])
+    again = plots.map_slice(maps.capability(m), z=0.25).axes[0]
+    np.testing.assert_array_equal(again.images[0].get_array(), image.get_array())
+    assert again.get_title() == figure.axes[0].get_title()
     one = plots.map_slice(m, orientation=3, x=0.25).axes[0]
     assert {text.get_text().split(":")[0] for text in one.get_legend().get_texts()} <= {
         "reached",
@@ -104,9 +107,32 @@ def test_other_pictures_of_maps(drawn: dict[str, Any]) -> None:
     dots = plots.cloud(drawn["grid"], cut=False).axes[0].collections[0]
     shown = (maps.capability(drawn["grid"]) >= 0.05).sum()
     assert len(dots.get_offsets()) == int(shown)
+    same = plots.cloud(maps.capability(drawn["grid"]), cut=False).axes[0].collections[0]
+    np.testing.assert_array_equal(same.get_offsets(), dots.get_offsets())
+    rings = plots.map_slice(maps.capability(drawn["rings"])).axes[0]
+    assert rings.get_xlabel() == "radius [m]"
     lines = plots.volumes([drawn["rings"]]).axes[0].lines
     assert [float(line.get_ydata()[0]) for line in lines] == list(maps.volume(drawn["rings"]))[::-1]
     assert len(plots.bases(drawn["bases"]).axes[0].collections[0].get_offsets()) == 3
+
+
+def test_places_that_differ_in_yaw_alone_are_seen_apart() -> None:
+    from matplotlib.quiver import Quiver
+
+    arm = kinseek.load("ur5e")
+    yaws = [-2.0, 0.0, 1.0]
+    candidates = np.array([kinseek.pose([0.1 * (yaw > 0), 0, 0], rpy=[0, 0, yaw]) for yaw in yaws])
+    ranked = maps.best_base(arm, arm.fk(arm.sample(2)), candidates)
+    axes = plots.bases(ranked).axes[0]
+    all_arrows, best = [each for each in axes.collections if isinstance(each, Quiver)]
+    found = sorted(np.arctan2(all_arrows.V, all_arrows.U))
+    assert found == pytest.approx(yaws)
+    yaw = yaws[int(ranked["number"][0])]
+    assert (float(best.U[0]), float(best.V[0])) == pytest.approx((np.cos(yaw), np.sin(yaw)))
+    apart = candidates.copy()
+    apart[:, 0, 3] = [0.0, 0.1, 0.2]
+    axes = plots.bases(maps.best_base(arm, arm.fk(arm.sample(2)), apart)).axes[0]
+    assert not any(isinstance(each, Quiver) for each in axes.collections)
 
 
 @pytest.mark.slow
@@ -120,7 +146,9 @@ def test_misuse_of_pictures_is_told(drawn: dict[str, Any]) -> None:
     with pytest.raises(kinseek.InvalidUse, match="where the plane is"):
         plots.map_slice(drawn["grid"], w=0.1)
     with pytest.raises(kinseek.InvalidMap, match="no map that"):
-        plots.map_slice(maps.capability(drawn["grid"]))
+        plots.map_slice(drawn["grid"]["reached"])
+    with pytest.raises(kinseek.InvalidUse, match="no single orientations: give the map itself"):
+        plots.map_slice(maps.capability(drawn["grid"]), orientation=1)
     with pytest.raises(kinseek.InvalidUse, match="at least one map"):
         plots.volumes([])
 

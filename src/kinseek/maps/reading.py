@@ -118,7 +118,7 @@ def expand(dataset: xarray.Dataset, grid: Grid) -> xarray.Dataset:
 def capability(dataset: xarray.Dataset) -> xarray.DataArray:
     """Share of all orientations that are reached, of each position (Zacharias, Borst and Hirzinger 2007).
 
-    Of `Rings` it is the mean around the ring. NaN where a block is not done.
+    Of `Rings` it is the mean around the ring. NaN where a block is not done. `plots.map_slice` and `plots.cloud` draw it.
 
     Args:
         dataset: A map.
@@ -132,6 +132,7 @@ def capability(dataset: xarray.Dataset) -> xarray.DataArray:
         share = share * ((dataset["turn_to"] - dataset["turn_from"]) / FULL).fillna(0.0)
     share = share.where(known >= 0).mean("orientation", skipna=False)
     share.attrs = {"long_name": "share of orientations that are reached", "units": "1"}
+    share.attrs[DESCRIPTION] = described(dataset)
     return share.rename("capability")
 
 

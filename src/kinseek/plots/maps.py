@@ -23,6 +23,9 @@ CELLS = {
     EMPTY: ("proved empty", "#4d4d4d"),
 }
 
+ARROW = 0.3
+"""Length of an arrow that shows which way a base looks [inch]."""
+
 SHARES = "viridis"
 """Colours of a share."""
 
@@ -39,9 +42,9 @@ def map_slice(
     """Draw a plane of a map: the share of orientations that is reached, or what is known of one orientation.
 
     Args:
-        dataset: A map that `kinseek.maps.reach` made.
+        dataset: A map that `kinseek.maps.reach` made, or its capability.
         orientation: Number of one; without it the capability of all. Of a map with ``prove=True``, what is known of each
-            cell.
+            cell. Not of a capability, which has no single orientations.
         ax: Axes in a plane to draw on.
         size: Of a new figure [inch]; as wide as the plane asks for unless given.
         where: Of one dimension of a `Grid`, where the plane is: ``z=0.4`` [m]; the nearest cells are drawn. The middle of y
@@ -65,6 +68,8 @@ def map_slice(
         raise InvalidUse(
             f"one of {', '.join(grid.names)} says where the plane is, got {', '.join(where) or 'none'}"
         )
+    if orientation is not None and _is_capability(dataset):
+        raise InvalidUse("a capability has no single orientations: give the map itself")
     if orientation is not None and not 0 <= orientation < grid.shape[-1]:
         raise InvalidUse(f"orientation must be from 0 to {grid.shape[-1] - 1}, got {orientation}")
     plane = dataset.sel(where, method="nearest") if where else dataset
@@ -77,7 +82,7 @@ def map_slice(
     figure, axes = given_or_new(ax, size or _size(extent, 3.4 if orientation is None else 5.6))
     look = {"origin": "lower", "extent": extent, "interpolation": "nearest", "aspect": "equal"}
     if orientation is None:
-        share = capability(plane.assign_attrs(dataset.attrs)).transpose(up, across)
+        share = _share(plane.assign_attrs(dataset.attrs)).transpose(up, across)
         shown = axes.imshow(share.values, cmap=SHARES, vmin=0.0, vmax=1.0, **look)
         figure.colorbar(shown, ax=axes, label="share of orientations reached", shrink=0.8)
         what = "capability"
@@ -130,7 +135,7 @@ def cloud(
     """Draw the capability of a map in space: a dot for each position, its colour the share of orientations that is reached.
 
     Args:
-        dataset: A map of a `Grid` that `kinseek.maps.reach` made.
+        dataset: A map of a `Grid` that `kinseek.maps.reach` made, or its capability.
         least: Positions with a smaller share are left out.
         cut: Leave out the quarter in front, so that the inside is seen.
         ax: Axes in space to draw on.
@@ -150,7 +155,7 @@ def cloud(
         raise InvalidUse(
             "a cloud is drawn of a Grid; maps.expand makes one of Rings, and map_slice draws rings"
         )
-    share = capability(dataset).transpose(*grid.names).values
+    share = _share(dataset).transpose(*grid.names).values
     x, y, z = np.meshgrid(*grid.places, indexing="ij")
     shown = share >= least
     if cut:
@@ -218,6 +223,9 @@ def volumes(
 def bases(ranked: Any, *, ax: Any = None, size: tuple[float, float] | None = None) -> Any:
     """Draw places for a base from above: how many poses each reaches, and the best.
 
+    Where several candidates stand in one place, each is an arrow along the x axis of the base. Candidates that differ in
+    height or tilt alone lie on each other, the best in front.
+
     Args:
         ranked: What `kinseek.maps.best_base` gave.
         ax: Axes in a plane to draw on.
@@ -236,11 +244,27 @@ def bases(ranked: Any, *, ax: Any = None, size: tuple[float, float] | None = Non
     most = ranked.attrs["poses"]
     shown = axes.scatter(*places[::-1].T, c=reached[::-1], cmap=SHARES, vmin=0, vmax=most, s=40)
     figure.colorbar(shown, ax=axes, label=f"poses reached, of {most}", shrink=0.8)
+    if len(np.unique(places.round(6), axis=0)) < len(places):
+        ahead = ranked["base"].values[:, :2, 0]
+        look = {"angles": "xy", "scale_units": "inches", "scale": 1 / ARROW, "width": 0.03, "units": "inches"}
+        axes.quiver(*places[::-1].T, *ahead[::-1].T, reached[::-1], cmap=SHARES, clim=(0, most), **look)
+        axes.quiver(*places[0], *ahead[0], color=COLOURS[1], label="x axis of the best", **look)
+        axes.margins(0.15)  # Arrows at the edge do not widen the axes.
     axes.plot(*places[0], "*", color=COLOURS[1], markersize=16, label="best")
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     axes.set_title(ranked.attrs["title"])
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.12))
     return figure
+
+
+def _is_capability(dataset: Any) -> bool:
+    """Is it what `kinseek.maps.capability` gave, and no map?"""
+    return not hasattr(dataset, "data_vars")
+
+
+def _share(dataset: Any) -> Any:
+    """The capability, of a map or as it is."""
+    return dataset if _is_capability(dataset) else capability(dataset)
 
 
 def _dot(shape: tuple[int, ...]) -> float:
