@@ -28,11 +28,16 @@ EXAMPLES = sorted((ROOT / "examples").glob("0[3-8]*.py"))
 
 @pytest.fixture
 def found(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The faults of every figure that is saved while the test runs."""
+    """The faults of every figure that is saved while the test runs, at the resolution that it is saved with."""
     from matplotlib.figure import Figure
 
     seen: list[str] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *args, **options: seen.extend(faults(figure)))
+
+    def look(figure: Any, *_: Any, dpi: float | None = None, **__: Any) -> None:
+        figure.set_dpi(dpi or figure.dpi)
+        seen.extend(faults(figure))
+
+    monkeypatch.setattr(Figure, "savefig", look)
     return seen
 
 

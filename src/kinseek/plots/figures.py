@@ -27,6 +27,10 @@ NUMBERS, LABEL = 11.5, 30.0
 EDGE, TITLE = 0.08, 0.25
 """What stays around a picture in space whose margins are cut, and above it for a title [inch]."""
 
+HINTED = 1.08
+"""How much wider a title may become when the picture is saved with more dots an inch: letters are moved onto whole dots, and
+of a line of 60 letters the width in inches differs by 7.5 % between 72 and 300 dots an inch."""
+
 LETTERS = 9
 """[pt]"""
 
@@ -203,7 +207,7 @@ def trim(figure: Any, axes: Any, title: str = "") -> None:
     figure.set_layout_engine("none")
     drawn, place, dpi = _extent_in_space(axes), axes.get_window_extent().frozen(), figure.dpi
     edge, above = EDGE * dpi, (TITLE if title else 0.0) * dpi
-    wide = max(drawn.width, words.get_window_extent().width if title else 0.0) + 2 * edge
+    wide = max(drawn.width, HINTED * words.get_window_extent().width if title else 0.0) + 2 * edge
     high = drawn.height + 2 * edge + above
     figure.set_size_inches(wide / dpi, high / dpi)
     left = place.x0 - drawn.x0 + (wide - drawn.width) / 2
