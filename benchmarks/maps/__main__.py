@@ -39,6 +39,7 @@ def main() -> None:
         "soundness": lambda page: soundness.measure(page, 100_000, 100_000),
         "sampled": lambda page: sampled.measure(page, 100_000, 30.0),
         "certainty": lambda page: certainty.measure(page, 12.0),
+        "wholes": lambda page: certainty.wholes(page, 40),
         "asked": lambda page: certainty.asked(page, 1_000_000),
     }
     quick: dict[str, Callable[[Page], None]] = {
@@ -47,6 +48,7 @@ def main() -> None:
         "soundness": lambda page: soundness.measure(page, 1_600, 400),
         "sampled": lambda page: sampled.measure(page, 5_000, 1.0),
         "certainty": lambda page: certainty.measure(page, 0.5),
+        "wholes": lambda page: certainty.wholes(page, 4),
         "asked": lambda page: certainty.asked(page, 100_000),
     }
     parser.add_argument("--only", choices=full, help="one part of the page; all of it unless given")

@@ -14,7 +14,7 @@ from kinseek import maps
 from kinseek.maps.block import Desk, answered
 from kinseek.maps.cells import EMPTY, REACHED, UNDECIDED
 
-from .cells import Array, Numbers, cpu, rings_around, section, work_of
+from .cells import Array, Numbers, cpu, half_of, rings_around, section, work_of
 
 BILLION = (0.05, 12_000)
 """Rings of an arm as long as the UR5e [m, orientations] that stand for a billion cells of a `Grid`."""
@@ -197,6 +197,68 @@ def measure(page: Page, seconds: float) -> None:
             ">proved empty, % | >undecided, % | >rings of all | >core-hours of all | >core-hours of 10⁹ cells",
             lines,
         )
+
+
+WHOLE = ((0.1, 576), (0.05, 4608), (0.05, 12_000), (0.03, 40_000), (0.02, 170_000))
+"""Cells of which it is proved how much is reached as a whole [m, orientations]."""
+
+WHOLE_DEPTHS = (2, 4, 8)
+"""How often they are cut: as a map does unless told otherwise, and as often as `kinseek.maps.whole` cuts at most."""
+
+
+def slab(arm: kinseek.Arm, width: float, count: int) -> maps.Grid:
+    """Cells in front of an arm, as far as it reaches: a `Grid` of small cells all around is too large."""
+    half = half_of(arm, width)
+    return maps.Grid((0.0, half, width), (0.0, width, width), (-half, half, width), maps.orientations(count))
+
+
+def touched(arm: kinseek.Arm, grid: maps.Grid | maps.Rings, number: int) -> Iterator[Cells]:
+    """Cells drawn from all of a grid whose middle is reached."""
+    rng = np.random.default_rng(2)
+    while number:
+        cell = tuple(slice(i, i + 1) for i in (int(rng.integers(n)) for n in grid.shape))
+        if arm.ik(grid.poses(cell).reshape(4, 4)).success:
+            number -= 1
+            yield cell
+
+
+def wholes(page: Page, number: int) -> None:
+    """Write the section about cells that are reached as a whole."""
+    arm = kinseek.load("ur5e")
+    lines = []
+    with section(page, "How much of a cell is proved to be reached as a whole"):
+        page.say(
+            f"{number} cells of a UR5e for each line, drawn at random from those whose middle is reached, and the",
+            "`whole_share` of each. `above 0` counts the cells in which any part is proved; ± is two standard errors of the mean.",
+        )
+        for width, count in WHOLE:
+            for make in (slab, rings_around):
+                grid = make(arm, width, count)
+                cells = list(touched(arm, grid, number))
+                for depth in WHOLE_DEPTHS:
+                    work = work_of(arm, grid, None, prove=True, depth=depth)
+                    desk = Desk(work)
+                    desk.arm.ik(np.eye(4))  # Builds the atlas.
+                    took, shares = cpu(
+                        lambda work=work, desk=desk, grid=grid, cells=cells: np.array(
+                            [
+                                answered(work, desk, grid.poses(cell), cell)["whole_share"].item()
+                                for cell in cells
+                            ]
+                        )
+                    )
+                    told = Told(shares.mean(), 2 * shares.std(ddof=1) / np.sqrt(number))
+                    lines.append(
+                        [
+                            type(grid).__name__,
+                            f"{width * 100:.0f} cm, {grid.orientations.covering_radius:.2f} rad",
+                            f"{depth}",
+                            f"{np.count_nonzero(shares)} of {number}",
+                            told.text(".2f"),
+                            f"{took / number * 1e3:.0f}",
+                        ]
+                    )
+        page.table("cells of | size | depth | >above 0 | >mean `whole_share` | >ms a cell", lines)
 
 
 def asked(page: Page, poses: int) -> None:

@@ -262,7 +262,9 @@ class Arm(ForwardArm):
                 "prefer, cost, valid and scene choose among all branches; they take no solver"
             )
         if wishes:
-            asked.require_plain("prefer, cost, valid and scene choose among all branches, and these are not found of")
+            asked.require_plain(
+                "prefer, cost, valid and scene choose among all branches, and these are not found of"
+            )
         if scene is not None:
             from .collision.answers import free_solution
 

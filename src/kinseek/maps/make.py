@@ -48,7 +48,8 @@ class Options(TypedDict, total=False):
     prove: bool
     """Also say of each whole cell whether it is reached somewhere, proved empty, or undecided? Not unless asked."""
     depth: int
-    """How often a cell is cut in half before it is called undecided; 2."""
+    """How often a cell is cut in half before it is called undecided; 2. For ``whole_share`` 8 is the most: beyond it nothing
+    changes there. Below 4, and of cells of 3 cm and more below 8, it is 0 nearly everywhere."""
     budget: int
     """Boxes of joint values that one proof looks at, at most; 10,000."""
     patience: int | None
