@@ -229,7 +229,8 @@ def wholes(page: Page, number: int) -> None:
     with section(page, "How much of a cell is proved to be reached as a whole"):
         page.say(
             f"{number} cells of a UR5e for each line, drawn at random from those whose middle is reached, and the",
-            "`whole_share` of each. `above 0` counts the cells in which any part is proved; ± is two standard errors of the mean.",
+            "`whole_share` of each. `above 0` counts the cells in which any part is proved; ± is two standard errors",
+            "of the mean.",
         )
         for width, count in WHOLE:
             for make in (slab, rings_around):
