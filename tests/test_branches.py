@@ -10,10 +10,10 @@ import pytest
 from benchmarks.branches import SWEPT, restarts
 from benchmarks.self_motion import STEP, along
 from benchmarks.targets import plain_fk, random_joints, singular_joints, strict
-from chains import wide_panda
 from numpy.typing import NDArray
 
 import kinseek
+from chains import wide_panda
 from kinseek import Branches, BranchesBatch, Goal, InvalidGoal, InvalidProblem
 from kinseek.kernels.arm.jacobian import jacobian_many
 
