@@ -20,7 +20,6 @@ psutil = pytest.importorskip("psutil")
 PROGRAM = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # A job in the background begins without it.
-import distributed.deploy.subprocess
 import kinseek
 from kinseek import maps
 arm, grid = kinseek.load("ur5e"), maps.Grid((-1, 1, 0.1), (-1, 1, 0.1), (-1, 1, 0.1), maps.orientations(2304))
@@ -56,11 +55,11 @@ def wait_for(mark: str, enough: int, most: int) -> list[int]:
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 @pytest.mark.parametrize(
-    ("ended_by", "processes"),
-    [(signal.SIGINT, 2), (signal.SIGKILL, 4)],
-    ids=["Ctrl-C as the scheduler starts", "kill as the workers start"],
+    ("ended_by", "after"),
+    [(signal.SIGINT, 0.0), (signal.SIGKILL, 0.0), (signal.SIGINT, 3.0), (signal.SIGKILL, 3.0)],
+    ids=["Ctrl-C as workers start", "kill as workers start", "Ctrl-C as they work", "kill as they work"],
 )
-def test_no_process_is_left(ended_by: signal.Signals, processes: int) -> None:
+def test_no_process_is_left(ended_by: signal.Signals, after: float) -> None:
     mark = uuid.uuid4().hex
     program = subprocess.Popen(
         [sys.executable, "-c", PROGRAM],
@@ -73,7 +72,8 @@ def test_no_process_is_left(ended_by: signal.Signals, processes: int) -> None:
     assert program.stdout is not None
     try:
         assert program.stdout.readline() == "begins\n"
-        assert len(wait_for(mark, processes, 100)) >= processes
+        assert len(wait_for(mark, 2, 100)) >= 2
+        time.sleep(after)
         program.send_signal(ended_by)  # To it alone: a terminal would tell the others, too.
         left = 0
         if ended_by == signal.SIGINT:

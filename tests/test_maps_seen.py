@@ -172,6 +172,6 @@ def test_an_estimate_of_processes_asks_for_what_they_need(
     from kinseek.maps import cost
 
     cost._processes.cache_clear()
-    monkeypatch.setitem(sys.modules, "distributed", None)
+    monkeypatch.setitem(sys.modules, "zarr", None)
     assert run(["map", "ur5e", "--step", "0.05", "--estimate"]) == 2
     assert "pip install 'kinseek[maps]'" in capsys.readouterr().err

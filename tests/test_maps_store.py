@@ -6,7 +6,6 @@ import errno
 import math
 import pickle
 from collections.abc import Iterator
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -31,20 +30,11 @@ SMALL: dict[str, Any] = {"block": 24 * 8}
 def _here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks are done in this process, one after the other, unless a client is given."""
 
-    def one_by_one(
-        work: Any, todo: Any, blocks: int, client: Any, advance: Any, written: Any, whole: Any = run._spread
-    ) -> None:
-        if client is not None:
-            whole(work, todo, blocks, client, advance, written)
-            return
+    def one_by_one(work: Any, todo: Any, blocks: int, advance: Any, written: Any) -> None:
         for done, index in enumerate(todo):
             run._here(work, index, blocks - len(todo) + done, blocks, written)
 
-    monkeypatch.setattr(run, "_local_client", lambda blocks: nullcontext())
-    monkeypatch.setattr(run, "_spread", one_by_one)
-    monkeypatch.setattr(
-        run, "_require_same", lambda at, work, whole=run._require_same: at and whole(at, work)
-    )
+    monkeypatch.setattr(run, "_in_processes", one_by_one)
 
 
 def test_a_map_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,7 +67,7 @@ def test_a_map_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_a_task_does_blocks_until_it_has_taken_long_enough(monkeypatch: pytest.MonkeyPatch) -> None:
     work = make.work_of(ARM, GRID, ("reached",), store=None, **make.options_of(SMALL))
-    some: list[run.Index] = [(0, 0, 0, 0), (0, 0, 1, 0), (0, 1, 0, 0)]
+    some: list[block.Index] = [(0, 0, 0, 0), (0, 0, 1, 0), (0, 1, 0, 0)]
     made, rest, error = run._in_turn(work, some)
     assert ([index for index, _ in made], rest, error) == (some, [], None)
     monkeypatch.setattr(run, "ENOUGH", 0.0)

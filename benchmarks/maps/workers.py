@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,12 +16,20 @@ import numpy as np
 import kinseek
 from benchmarks.page import Page
 from kinseek import maps
-from kinseek.maps import make, run
+from kinseek.maps import make
 from kinseek.maps.block import Work, compute, do
+from kinseek.maps.processes import MEMORY
 
 from .cells import Index, blocks_of, grid_around, section, work_of
 
 NAMES = {1: "one", 2: "two"}
+
+CALM = MEMORY | {
+    "DASK_LOGGING__DISTRIBUTED": "error",
+    "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
+    "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "200ms",
+}
+"""Environment variables of all processes that are started here, as docs/maps.md recommends them for a cluster."""
 
 
 class Took(NamedTuple):
@@ -53,7 +62,7 @@ def bare(arm: kinseek.Arm, grid: maps.Grid, work: Work, small: Work, processes: 
     """A map by processes without Dask, each with its share of the blocks, to a store."""
     todo, spawn = blocks_of(work, grid.shape), multiprocessing.get_context("spawn")
     barrier, told = spawn.Barrier(processes + 1), spawn.Queue()
-    with run._told_to_all(run.CALM):  # As Dask's processes have it: of memory alone a fifth of the time.
+    with environment(CALM):  # As Dask's processes have it: of memory alone a fifth of the time.
         running = [
             spawn.Process(target=blocks_by_hand, args=(work, small, todo[k::processes], barrier, told))
             for k in range(processes)
@@ -73,9 +82,31 @@ def bare(arm: kinseek.Arm, grid: maps.Grid, work: Work, small: Work, processes: 
 
 
 @contextmanager
+def environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """Set environment variables for processes that are started meanwhile; a variable that is set already stays as it is."""
+    new = {name: value for name, value in variables.items() if name not in os.environ}
+    os.environ.update(new)
+    try:
+        yield
+    finally:
+        for name in new:
+            os.environ.pop(name, None)
+
+
+@contextmanager
 def cluster(work: Work, small: Work, count: int) -> Iterator[Any]:
-    """The client that a map without one makes, of so many workers that are ready; the scheduler has had a task, too."""
-    with run._local_client(count) as client:
+    """A client of a cluster on this machine, of so many workers that are ready; the scheduler has had a task, too."""
+    import distributed
+    from dask import config
+    from distributed.deploy.subprocess import SubprocessCluster
+
+    connect: Any = distributed.Client
+    with (
+        config.set({"logging.distributed": "error"}),
+        environment(CALM),
+        SubprocessCluster(n_workers=count, threads_per_worker=1, dashboard_address="127.0.0.1:0") as at,
+        connect(at) as client,
+    ):
         client.wait_for_workers(count)
         client.run(ready, work, small)
         client.submit(do, small, (0,) * len(small.chunks)).result()
@@ -114,7 +145,7 @@ def measure(page: Page, rounds: int, width: float) -> None:
                         took[f"{name} {way}"].append(made(arm, grid, work, small, count))
         page.say(
             f"{grid.size:,} poses of the UR5e, {len(blocks_of(work, grid.shape))} blocks of the default size, written to a",
-            "store by processes of one thread that have their atlas, as a map without a client starts them. Bare: the same",
+            "store by processes of one thread that have their atlas. Bare: the same",
             "blocks in a loop, without Dask; two of these say what a second core of this machine is worth. CPU time is that",
             "of all processes, with Dask those of scheduler, nannies and client too. Everything in turns, medians of",
             f"{rounds} round{'s' * (rounds > 1)}; each ratio is of one round.",

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,6 +20,7 @@ from .cells import SHARES
 from .grid import Grid, Rings
 from .make import options_of, require_extra, work_of
 from .measures import MEASURES, REACHED
+from .processes import Worker
 
 Array = NDArray[np.float64]
 
@@ -136,13 +135,12 @@ def estimate(
 
 @lru_cache(maxsize=1)
 def _processes() -> float:
-    """Seconds to start processes: a scheduler, then a nanny a core, then its worker, and what that imports; to end them."""
+    """Seconds to start a process of `processes.compute_all`; a core starts one."""
     require_extra()
     began = time.perf_counter()
-    imports = [sys.executable, "-c", "import distributed, kinseek.maps.run"]
-    # Ctrl-C is for us: in our session it would tell of it by a traceback.
-    subprocess.run(imports, check=True, start_new_session=True)
-    return 4 * (time.perf_counter() - began)
+    with Worker() as worker:
+        worker.begin()
+    return time.perf_counter() - began
 
 
 def _time(seconds: float) -> str:

@@ -116,7 +116,8 @@ def reach(
             answers are a sample of endlessly many.
         store: A folder that the map is written to, block by block. Where it holds a part of this map, that is not done
             again. On a cluster all workers have to see it. Without it the map stays in memory.
-        client: A ``distributed.Client`` of a cluster; otherwise every core of this machine works.
+        client: A ``distributed.Client`` of a cluster; otherwise a process is started for each core of this machine, which
+            nobody else can reach. Who may connect to the cluster is up to its settings.
         progress: Show a progress bar.
         options: What is made, and how exactly, see `Options`: ``prove``, ``depth``, ``budget``, ``patience``, ``block``,
             ``position_tolerance``, ``orientation_tolerance``, ``scene`` and ``clearance``.
@@ -316,9 +317,9 @@ def require_extra() -> None:
         MissingExtra: xarray, Dask or Zarr is not installed.
     """
     try:
-        import distributed
+        import dask
         import xarray
         import zarr
     except ImportError:
         raise MissingExtra("A map", "maps") from None
-    del distributed, xarray, zarr
+    del dask, xarray, zarr

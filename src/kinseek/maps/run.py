@@ -1,25 +1,21 @@
-"""Blocks handed out by Dask: to the workers of a cluster, or to processes of this machine."""
+"""Blocks handed out to the workers of a Dask cluster, or to processes of this machine."""
 
 from __future__ import annotations
 
-import os
-import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from tempfile import TemporaryDirectory
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from kinseek.errors import InvalidMap, MapInterrupted
 from kinseek.solvers.threads import progress_bar
 
-from .block import Work, compute, do
+from .block import Index, Work, compute, do
+from .processes import WorkerDied, compute_all
 
 if TYPE_CHECKING:
     from distributed import Client
 
-Index = tuple[int, ...]
 Written = Callable[[Index, Mapping[str, Any]], None]
 
 AHEAD = 4
@@ -28,34 +24,6 @@ AHEAD = 4
 ENOUGH, MOST = 1.0, 16
 """A task takes blocks until so many seconds are over, and so many blocks at most: Dask takes some twenty milliseconds for
 it, a fifth of what a block may take."""
-
-CALM = {
-    "DASK_LOGGING__DISTRIBUTED": "error",
-    "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
-    "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "200ms",
-    "MALLOC_TRIM_THRESHOLD_": str(64 << 20),
-    "MALLOC_MMAP_THRESHOLD_": str(32 << 20),
-}
-"""Variables of the environment of processes that are started here. Left to themselves they look a hundred times a second
-where each thread stands, and give all memory back at once, which the system then has to clear for the next array."""
-
-
-WATCH = """
-import os, threading, time
-
-def watch():
-    try:
-        while os.getppid() == {parent}:
-            os.utime({place!r})
-            time.sleep(0.2)
-    finally:
-        os._exit(1)
-
-threading.Thread(target=watch, daemon=True).start()
-"""
-"""What a scheduler or a nanny runs first: it ends when the process that has started it does, even by ``kill -9``, and when
-that folder is gone, so that Ctrl-C ends what nothing knows of yet. A worker ends with its nanny. To touch the folder keeps
-it from those who clean up what is old."""
 
 
 def run(
@@ -73,18 +41,19 @@ def run(
 
     Raises:
         InvalidMap: A worker has another version of kinseek, or none, or does not see the store.
-        MapInterrupted: The scheduler is gone, a block ended several workers, or the disk is full.
+        MapInterrupted: The scheduler is gone, several workers ended in turn, or the disk is full.
     """
     if not todo:
         return
     with progress_bar(progress, len(todo)) as advance:
-        if client is None and len(todo) == 1:
+        if client is not None:
+            _require_same(client, work)
+            _spread(work, list(todo), blocks, client, advance, written)
+        elif len(todo) == 1:
             _here(work, todo[0], blocks - 1, blocks, written)
             advance(1)
-            return
-        with _local_client(len(todo)) if client is None else _given(client) as at:
-            _require_same(at, work)
-            _spread(work, list(todo), blocks, at, advance, written)
+        else:
+            _in_processes(work, todo, blocks, advance, written)
 
 
 def _here(work: Work, index: Index, before: int, blocks: int, written: Written) -> None:
@@ -97,49 +66,24 @@ def _here(work: Work, index: Index, before: int, blocks: int, written: Written) 
         raise _interrupted(f"a block cannot be written: {error}", before, blocks) from error
 
 
-@contextmanager
-def _given(client: Client) -> Iterator[Client]:
-    yield client
+def _in_processes(
+    work: Work, todo: Sequence[Index], blocks: int, advance: Callable[[int], object], written: Written
+) -> None:
+    done = blocks - len(todo)
 
+    def take(index: Index, values: Any) -> None:
+        nonlocal done
+        if values is not None:
+            written(index, values)
+        done += 1
+        advance(1)
 
-@contextmanager
-def _local_client(blocks: int) -> Iterator[Client]:
-    """A client of processes on this machine, one a core, with one thread each.
-
-    They are started as programs, so that a script needs no ``if __name__ == "__main__"``.
-    """
-    import distributed
-    from dask import config
-
-    connect: Any = distributed.Client
-    options: dict[str, Any] = {"n_workers": min(os.cpu_count() or 1, blocks), "threads_per_worker": 1}
-    options["dashboard_address"] = ":0"  # Any free port: another cluster may have the usual one.
-    with (
-        config.set({"logging.distributed": "error"}),
-        _told_to_all(CALM),
-        TemporaryDirectory(prefix="kinseek-") as place,
-    ):
-        if sys.platform == "win32":
-            from distributed import LocalCluster as Cluster
-        else:
-            from distributed.deploy.subprocess import SubprocessCluster as Cluster
-
-            watch = WATCH.format(parent=os.getpid(), place=place)
-            options |= {"scheduler_kwargs": {"preload": [watch]}, "worker_kwargs": {"preload_nanny": [watch]}}
-        with Cluster(**options) as cluster, connect(cluster) as client:
-            yield client
-
-
-@contextmanager
-def _told_to_all(variables: Mapping[str, str]) -> Iterator[None]:
-    """Variables of the environment, which processes that are started hand on; one that is there already stays as it is."""
-    new = {name: value for name, value in variables.items() if name not in os.environ}
-    os.environ.update(new)
     try:
-        yield
-    finally:
-        for name in new:
-            os.environ.pop(name, None)
+        compute_all(work, todo, take)
+    except WorkerDied as error:
+        raise _interrupted(str(error), done, blocks) from error
+    except OSError as error:
+        raise _interrupted(f"a block cannot be written: {error}", done, blocks) from error
 
 
 def _require_same(client: Client, work: Work) -> None:
