@@ -35,6 +35,7 @@ SOURCE = HERE.parent / "src"
 TARGETS: dict[str, Any] = runpy.run_path(str(HERE / "targets.py"))["TARGETS"]
 LEVELS: dict[str, dict[int, str]] = runpy.run_path(str(HERE / "targets.py"))["LEVELS"]
 OUTSIDE: dict[str, Any] = runpy.run_path(str(HERE / "outside.py"))
+PRIVATE: dict[str, Any] = runpy.run_path(str(SOURCE / "kinseek" / "private.py"))
 
 ALIASES = {"amd64": "x86_64", "x64": "x86_64", "arm64": "aarch64"}
 
@@ -115,11 +116,23 @@ def _own_digest() -> str:
 
 
 def _objects(keep: str | Path | None, place: str) -> Path:
-    """Where object files go: below the folder where they are kept, one of these sources and this Numba, else a place."""
+    """Where object files go: below the folder where they are kept, one of these sources and this Numba, else a place.
+
+    What is found there ends up in the library. So a folder in which others can change something is not used, and one line
+    says so.
+    """
     if not keep:
         return Path(place)
-    work = Path(keep) / f"{source_digest()}-{_own_digest()}-{importlib.metadata.version('numba')}"
-    work.mkdir(parents=True, exist_ok=True)
+    name = f"{source_digest()}-{_own_digest()}-{importlib.metadata.version('numba')}"
+    try:
+        work: Path = PRIVATE["private_folder"](Path(keep), name)
+        for path in work.rglob("*"):
+            if path.is_symlink():
+                raise PRIVATE["NotPrivate"](f"{path} is a link")
+            PRIVATE["require_private"](path, path.lstat())
+    except PRIVATE["NotPrivate"] as error:
+        print(f"native/build.py: compiling every kernel and keeping none, for {error}", file=sys.stderr)
+        return Path(place)
     return work
 
 
@@ -152,7 +165,7 @@ def build(folder: Path, levels: list[int] | None = None) -> Path:
     with tempfile.TemporaryDirectory() as place:
         work = _objects(os.environ.get("KINSEEK_OBJECTS"), place)
         _emit_all(work, wanted, known)
-        table = _table(work, wanted)
+        table = _table(work, wanted, Path(place))
         objects = sorted(str(path) for level in wanted for path in work.glob(f"*.{level}.o"))
         hidden = ["-fvisibility=hidden", f"-I{sysconfig.get_path('include')}", f"-I{HERE}"]
         new = Path(place) / library.name
@@ -185,7 +198,8 @@ def build_for(folder: Path, targets: list[str], keep: Path | None = None) -> lis
         for name in targets:
             target, at = TARGETS[name], folder / name
             at.mkdir(parents=True, exist_ok=True)
-            table, objects = _table(work / name, list(target.levels)), sorted((work / name).glob("*.o"))
+            (into := Path(place) / "tables" / name).mkdir(parents=True)
+            table, objects = _table(work / name, list(target.levels), into), sorted((work / name).glob("*.o"))
             if target.linker:
                 made.append(
                     _link_foreign(at / f"_prebuilt{target.suffix}", target, table, objects, Path(place))
@@ -328,8 +342,8 @@ def _show(screen: TextIO, places: list[Path], seconds: float) -> None:
         screen.flush()
 
 
-def _table(work: Path, levels: list[int]) -> Path:
-    """Write down the symbols of all objects as C."""
+def _table(work: Path, levels: list[int], into: Path) -> Path:
+    """Write down the symbols of all objects as C, into another folder."""
     names = {level: (work / f"names.{level}").read_text().split() for level in levels}
     digest = source_digest()
     lines = ['#include "door.h"', ""]
@@ -339,7 +353,7 @@ def _table(work: Path, levels: list[int]) -> Path:
     told = " ".join(map(str, levels))
     lines += [f'const char digest[] = "{digest}";', f'const char levels_built[] = "{told}";']
     lines += [f'const char made_of[] = "{made_of(levels)}";', ""]
-    path = work / "table.c"
+    path = into / "table.c"
     path.write_text("\n".join(lines))
     return path
 

@@ -10,6 +10,7 @@ that machine what came out: finished modules hold instructions of the processor 
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,7 @@ DYNAMIC = "numba.dynamic.globals"
 
 def main() -> None:
     """Compile what nobody else has taken yet."""
+    os.umask(0o077)  # What is kept is taken up by another build only if nobody else can write to it.
     folder, first, *rest = Path(sys.argv[1]), *sys.argv[2:]
     backwards = rest[-1:] == ["backwards"]
     for path in kernel_sources():

@@ -8,6 +8,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -83,10 +84,57 @@ def test_a_folder_that_others_may_write_to_is_not_trusted(copy: Path) -> None:
     shared.mkdir(parents=True)
     shared.chmod(0o777)
     private = copy / "tmp"
-    private.mkdir()
+    private.mkdir(mode=0o700)
     run(copy, f"import tempfile; tempfile.tempdir = {str(private)!r}\n", cache=str(shared.parent))
     assert not list(shared.rglob("*.nbi"))
     assert list(private.rglob("*.nbi"))
+
+
+@pytest.mark.parametrize("umask", [0o002, 0o022])
+def test_where_the_cache_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], umask: int
+) -> None:
+    """The user's choice, else the user's cache, else the temporary folder: the first that is the user's alone."""
+    from kinseek.kernels import compiler, kept_code
+
+    home, temporary, chosen = (tmp_path / name for name in ("home", "temporary", "chosen"))
+    temporary.mkdir(mode=0o700)
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+    monkeypatch.setattr(kept_code, "_told", set())
+    for name in ("XDG_CACHE_HOME", "LOCALAPPDATA", "NUMBA_CACHE_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(home))
+    before = os.umask(umask)
+    try:
+        found = compiler._cache_folder()
+        assert found is not None
+        assert found.parent == home / ".cache" / "kinseek"
+        monkeypatch.setenv("NUMBA_CACHE_DIR", str(chosen))
+        assert compiler._cache_folder() == chosen / found.name
+        if not hasattr(os, "getuid"):
+            return
+        chosen.chmod(0o770)  # As a team shares it.
+        assert compiler._cache_folder() == found
+        home.chmod(0o770)
+        in_temporary = temporary / f"kinseek-{os.getuid()}" / found.name
+        assert compiler._cache_folder() == in_temporary
+        home.chmod(0o700)
+        monkeypatch.delenv("NUMBA_CACHE_DIR")
+        with monkeypatch.context() as without_home:
+            without_home.setattr(Path, "expanduser", _no_home)
+            without_home.setattr(tempfile, "tempdir", "/proc/nowhere")
+            assert compiler._cache_folder() is None
+        told = capsys.readouterr().err
+        assert told == (
+            "kinseek: doing without a cache of compiled kernels, for ~/.cache takes none "
+            "(RuntimeError: Could not determine home directory.)\n"
+        )
+    finally:
+        os.umask(before)
+
+
+def _no_home(path: Path) -> Path:
+    raise RuntimeError("Could not determine home directory.")
 
 
 @pytest.mark.parametrize("name", ["kernels/arm/forward.py", "solvers/blind_search.py"])

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import signal
+import stat
 import subprocess
 import sys
 import time
@@ -39,6 +41,7 @@ print(double(21.0), ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)(triple.addr
 
 COMPILES = "kinseek: compiling kernels, once per machine"
 DAMAGED = "kinseek: compiling kernels anew, for their cache is damaged"
+DISTRUSTED = "kinseek: compiling kernels anew, for others may have changed their cache"
 UNWRITTEN = "kinseek: doing without a cache of compiled kernels"
 
 
@@ -168,6 +171,102 @@ def test_files_without_permission_are_replaced(warm: Path, cache: Path) -> None:
         path.chmod(0)
     assert run(warm, cache).count(DAMAGED) == 1
     assert run(warm, cache) == ""
+
+
+def plant(path: Path, mark: Path) -> None:
+    """Write a file that says who was here when it is read as machine code; its digest is right."""
+    code = f"__import__('pathlib').Path({str(mark)!r}).touch()".encode()
+    data = b"c__builtin__\neval\n(V" + code + b"\ntR."
+    path.write_bytes(hashlib.sha256(data).digest() + data)
+    path.chmod(0o600)
+
+
+def test_what_is_planted_would_run(warm: Path, cache: Path, tmp_path: Path) -> None:
+    """By who has the user's rights, and so needs no cache for it: the other tests of what is planted are able to fail."""
+    for path in cache.rglob("tiny.*.nbc"):
+        plant(path, tmp_path / "mark")
+    run(warm, cache)
+    assert (tmp_path / "mark").exists()
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs POSIX permissions")
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+@pytest.mark.parametrize("how", ["a link", "others may write to it", "it belongs to another user"])
+def test_a_planted_file_is_neither_run_nor_kept(
+    warm: Path, cache: Path, tmp_path: Path, ending: str, how: str
+) -> None:
+    if how == "it belongs to another user" and os.getuid() != 0:
+        pytest.skip("only root gives files away")
+    plant(tmp_path / "planted", tmp_path / "mark")
+    for path in cache.rglob(f"tiny.*.{ending}"):
+        if how == "a link":
+            path.unlink()
+            path.symlink_to(tmp_path / "planted")
+            continue
+        plant(path, tmp_path / "mark")
+        if how == "others may write to it":
+            path.chmod(0o660)
+        else:
+            os.chown(path, 65534, 65534)
+    said = run(warm, cache)
+    assert not (tmp_path / "mark").exists()
+    assert said.count(DISTRUSTED) == 1
+    assert said.count("\n") == 2
+    assert run(warm, cache) == ""
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs POSIX permissions")
+def test_a_folder_that_is_swapped_while_kinseek_runs_is_not_read(
+    warm: Path, cache: Path, tmp_path: Path
+) -> None:
+    """What is looked at and what is read later are one folder, though a link on the way leads elsewhere by then."""
+    planted = tmp_path / "planted"
+    shutil.copytree(cache, planted)
+    for path in planted.rglob("tiny.*.nb?"):
+        plant(path, tmp_path / "mark")
+    link = tmp_path / "link"
+    link.symlink_to(cache)
+    swap = f"""
+import kinseek.kernels.compiler
+from pathlib import Path
+Path({str(link)!r}).unlink()
+Path({str(link)!r}).symlink_to({str(planted)!r})
+"""
+    said = run(warm, link, swap)
+    assert not (tmp_path / "mark").exists()
+    assert said == ""
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs POSIX permissions")
+@pytest.mark.parametrize("how", ["a link", "group-writable", "in a folder that others may write to"])
+def test_a_folder_that_others_could_have_filled_is_not_used(
+    warm: Path, cache: Path, tmp_path: Path, how: str
+) -> None:
+    for path in cache.rglob("tiny.*.nb?"):
+        plant(path, tmp_path / "mark")
+    if how == "a link":
+        (cache / "kinseek").rename(cache / "elsewhere")
+        (cache / "kinseek").symlink_to("elsewhere")
+    elif how == "group-writable":
+        (cache / "kinseek").chmod(0o770)
+    else:
+        cache.chmod(0o777)
+    said = run(warm, cache)
+    assert not (tmp_path / "mark").exists()
+    assert said.count(UNWRITTEN) == 1
+    assert COMPILES in said
+    assert said.count("\n") == 2
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs POSIX permissions")
+@pytest.mark.parametrize("umask", ["0o002", "0o000"])
+def test_the_cache_is_private_and_serves_whatever_the_umask(warm: Path, tmp_path: Path, umask: str) -> None:
+    home = tmp_path / "home"
+    before = f"import os; os.umask({umask})\n"
+    assert COMPILES in run(warm, home / "cache", before)
+    assert run(warm, home / "cache", before) == ""
+    modes = {(path.is_dir(), stat.S_IMODE(path.lstat().st_mode)) for path in [home, *home.rglob("*")]}
+    assert modes == {(True, 0o700), (False, 0o600)}
 
 
 FULL = """

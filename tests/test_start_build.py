@@ -53,6 +53,29 @@ def test_objects_are_kept_apart_for_each_state_of_the_sources(tmp_path: Path) ->
     assert objects(tmp_path, "elsewhere") == kept
 
 
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs POSIX permissions")
+@pytest.mark.parametrize("how", ["folder", "object", "link", "folder inside"])
+def test_objects_that_others_could_have_put_there_are_not_linked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], how: str
+) -> None:
+    pytest.importorskip("numba")
+    kept = objects(tmp_path / "kept", "elsewhere")
+    (kept / "ks_a.3.o").touch(mode=0o600)
+    (kept / "cache").mkdir(mode=0o700)
+    assert objects(tmp_path / "kept", "elsewhere") == kept
+    assert capsys.readouterr().err == ""
+    if how == "link":
+        (kept / "ks_b.3.o").symlink_to(tmp_path / "planted.o")
+    else:
+        (tmp_path / "kept" if how == "folder" else kept / ("cache" if "inside" in how else "ks_a.3.o")).chmod(
+            0o770
+        )
+    assert objects(tmp_path / "kept", "elsewhere") == Path("elsewhere")
+    said = capsys.readouterr().err
+    assert said.startswith("native/build.py: compiling every kernel and keeping none, for ")
+    assert said.count("\n") == 1
+
+
 @pytest.mark.skipif(LIBRARY is None, reason=told())
 @pytest.mark.skipif(not Path("/proc/cpuinfo").exists(), reason="the system tells it elsewhere")
 def test_what_is_built_for_this_machine_is_the_best_that_its_door_takes() -> None:

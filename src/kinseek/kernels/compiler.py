@@ -12,7 +12,6 @@ product may be fused with a sum. Sums are never reordered.
 from __future__ import annotations
 
 import os
-import stat
 import sys
 import tempfile
 import threading
@@ -27,9 +26,10 @@ from numba.core import codegen, config, event, sigutils
 from numba.core.types import unliteral
 from numba.extending import intrinsic
 
+from kinseek.private import private_folder
 from kinseek.undisturbed import undisturbed
 
-from .kept_code import c_function, keep_code
+from .kept_code import c_function, keep_code, tell_unwritten
 from .sources import source_digest
 
 P = ParamSpec("P")
@@ -37,30 +37,22 @@ R = TypeVar("R")
 
 
 def _cache_folder() -> Path | None:
-    """Return a writable folder for this very state of the sources, or None where there is none."""
+    """Return a folder for this very state of the sources that this user alone can write to, or None where there is none."""
     user_cache = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or "~/.cache"
-    candidates = [
-        os.environ.get("NUMBA_CACHE_DIR"),
-        str(Path(user_cache).expanduser() / "kinseek"),
-        str(Path(tempfile.gettempdir()) / f"kinseek-{os.getuid() if hasattr(os, 'getuid') else 'user'}"),
-    ]
-    for candidate in filter(None, candidates):
-        folder = Path(candidate) / f"kinseek-{numba.__version__}-{source_digest()}"
+    user = os.getuid() if hasattr(os, "getuid") else "user"
+    candidates: list[tuple[str, ...]] = [(user_cache, "kinseek"), (tempfile.gettempdir(), f"kinseek-{user}")]
+    if chosen := os.environ.get("NUMBA_CACHE_DIR"):
+        candidates.insert(0, (chosen,))
+    name, refused = f"kinseek-{numba.__version__}-{source_digest()}", list[Exception]()
+    for base, *names in candidates:
         try:
-            folder.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            folder.mkdir(exist_ok=True, mode=0o700)
+            folder = private_folder(Path(base).expanduser(), *names, name)
             with tempfile.TemporaryFile(dir=folder):
-                if _is_ours(folder.parent) and _is_ours(folder):
-                    return folder
-        except OSError:
-            continue
+                return folder
+        except (OSError, RuntimeError) as error:  # A RuntimeError: there is no home.
+            refused.append(error)
+    tell_unwritten(candidates[0][0], refused[0])
     return None
-
-
-def _is_ours(folder: Path) -> bool:
-    """Return whether nobody else can put machine code there: a shared temporary folder invites it."""
-    status = folder.stat()
-    return not hasattr(os, "getuid") or (status.st_uid == os.getuid() and not status.st_mode & stat.S_IWOTH)
 
 
 _CACHE = _cache_folder()

@@ -1,8 +1,9 @@
-"""Machine code on disk that may be damaged, or that cannot be written: then kernels are compiled, and one line says so.
+"""Machine code on disk that may be damaged or planted, or not be writable: then kernels are compiled, and one line says so.
 
 A crash or a full disk leaves files that are cut short or full of zeros. Numba trusts what it finds, so every file here
 begins with a digest of the rest; machine code also names the call that it is for, since two processes that begin together
-may give two kinds of calls the same file.
+may give two kinds of calls the same file. The digest has no key: it finds damage, not intent. So a file is read only if it
+and all folders on the way to it are private (`kinseek.private`).
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from typing import Any
 
 from numba.core import caching
 from numba.core.ccallback import CFunc
+
+from kinseek.private import NotPrivate, private_folder, read_private
 
 _DIGEST = hashlib.sha256().digest_size
 
@@ -31,6 +34,10 @@ def _tell(what: str, line: str) -> None:
 
 def _tell_damaged(path: str, error: Exception) -> None:
     _tell("damaged", f"compiling kernels anew, for their cache is damaged: {path} ({_words(error)})")
+
+
+def _tell_distrusted(error: Exception) -> None:
+    _tell("distrusted", f"compiling kernels anew, for others may have changed their cache: {error}")
 
 
 def tell_unwritten(folder: str | os.PathLike[str], error: Exception) -> None:
@@ -80,11 +87,14 @@ class _CheckedFiles(_Files):  # type: ignore[misc]
     def _read(self, path: str) -> Any:
         """What was written, or None where there is nothing, or nothing whole."""
         try:
-            content = Path(path).read_bytes()
+            content = read_private(Path(path))
             if hashlib.sha256(content[_DIGEST:]).digest() != content[:_DIGEST]:
                 raise ValueError(f"it does not hold what was written, {len(content)} bytes are left")
             return pickle.loads(content[_DIGEST:])
         except FileNotFoundError:
+            return None
+        except NotPrivate as error:
+            _tell_distrusted(error)
             return None
         except Exception as error:
             _tell_damaged(path, error)
@@ -93,13 +103,27 @@ class _CheckedFiles(_Files):  # type: ignore[misc]
     def _write(self, path: str, value: Any) -> None:
         data = self._dump(value)
         with self._open_for_write(path) as file:
+            if hasattr(
+                os, "fchmod"
+            ):  # With some umasks others may write to it, and `_read` refuses such a file.
+                os.fchmod(file.fileno(), 0o600)
             file.write(hashlib.sha256(data).digest() + data)
+
+
+class _PrivateFolder(_Folder):  # type: ignore[misc]
+    """A folder for each folder of sources, in ours."""
+
+    def ensure_cache_path(self) -> None:
+        """Make it for this user alone, where Numba would follow links and heed the umask."""
+        folder = Path(self.get_cache_path())
+        private_folder(folder.parent, folder.name)
+        super().ensure_cache_path()
 
 
 class _OurFolder(caching.CompileResultCacheImpl):
     """Files in our folder or none: beside the sources, where Numba would go next, they would outlive a change of them."""
 
-    _locator_classes = [_Folder]  # noqa: RUF012
+    _locator_classes = [_PrivateFolder]  # noqa: RUF012
 
 
 class _KeptCode(_FunctionCache):  # type: ignore[misc]

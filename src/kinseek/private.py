@@ -1,0 +1,139 @@
+"""Folders and files that no other user can change: what is read from them may be run.
+
+On systems without user ids (Windows) a user's folders are protected by access lists, which are not checked here; only links
+are refused.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from contextlib import suppress
+from pathlib import Path
+
+MOST_LINKS = 40
+"""As many links as Linux follows in one path."""
+
+
+class NotPrivate(OSError):
+    """Another user may have made, or may change, a folder or file."""
+
+
+def private_folder(base: Path, *names: str) -> Path:
+    """Return a folder that no other user can change or replace; what is missing of it is made, for this user alone.
+
+    Every folder on the way belongs to this user or to root, and nobody else can write to it, except to one like ``/tmp``,
+    where nobody can replace what belongs to others. Links on the way are followed once.
+
+    Args:
+        base: A folder of the user's choice; its path may contain links.
+        names: Folders below it, one in the other, that kinseek makes: they belong to this user and are no links.
+
+    Returns:
+        Its path without links. Whatever happens to links later, this path leads to the same folder.
+
+    Raises:
+        NotPrivate: Another user can change it; the message names the folder and the reason.
+        OSError: It cannot be made.
+    """
+    at = _followed(base.absolute())
+    for name in names:
+        at /= name
+        status = _made(at)
+        if stat.S_ISLNK(status.st_mode):
+            raise NotPrivate(f"{at} is a link")
+        require_private(at, status)
+    return at
+
+
+def read_private(path: Path) -> bytes:
+    """Read a file of this user that no other user can write to.
+
+    Raises:
+        NotPrivate: It is a link, belongs to another user, or others may write to it.
+        OSError: It cannot be read, or is no regular file.
+    """
+    flags = [getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY")]
+    try:
+        descriptor = os.open(path, os.O_RDONLY | sum(flags))
+    except OSError:
+        if path.is_symlink():
+            raise NotPrivate(f"{path} is a link") from None
+        raise
+    try:
+        # The open file is checked, not its name: that may stand for another file by now.
+        status = os.fstat(descriptor)
+        if not stat.S_ISREG(status.st_mode):
+            raise OSError(f"{path} is no regular file")
+        require_private(path, status)
+        with open(descriptor, "rb", closefd=False) as file:
+            return file.read()
+    finally:
+        os.close(descriptor)
+
+
+def require_private(path: Path, status: os.stat_result) -> None:
+    """Check that a folder or file belongs to this user, and that nobody else may write to it.
+
+    Raises:
+        NotPrivate: The message names it and the reason.
+    """
+    if not hasattr(os, "getuid"):
+        return
+    if status.st_uid != os.getuid():
+        raise NotPrivate(f"{path} belongs to user {status.st_uid}")
+    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise NotPrivate(f"others may write to {path} (mode {stat.S_IMODE(status.st_mode):o})")
+
+
+def _followed(path: Path) -> Path:
+    """Resolve the links of an absolute path step by step, and check each folder on the way."""
+    at, names, links = Path(path.anchor), list(reversed(path.parts[1:])), 0
+    _require_safe(at, at.lstat())
+    while names:
+        name = names.pop()
+        if name == "..":
+            at = at.parent
+            continue
+        entry = at / name
+        status = _made(entry)
+        _require_safe(entry, status)
+        if not stat.S_ISLNK(status.st_mode):
+            at = entry
+            continue
+        links += 1
+        if links > MOST_LINKS:
+            raise NotPrivate(f"{path} leads through more than {MOST_LINKS} links")
+        target = entry.readlink()
+        if target.is_absolute():
+            at = Path(target.anchor)
+        names.extend(reversed(target.parts[1:] if target.is_absolute() else target.parts))
+    return at
+
+
+def _made(folder: Path) -> os.stat_result:
+    """Make a folder if there is nothing of its name, and return the status of what is there; links are not followed.
+
+    Raises:
+        NotADirectoryError: There is something else than a folder or a link.
+    """
+    try:
+        status = folder.lstat()
+    except FileNotFoundError:
+        with suppress(FileExistsError):  # Another process was faster.
+            folder.mkdir(mode=0o700)
+        status = folder.lstat()
+    if not stat.S_ISDIR(status.st_mode) and not stat.S_ISLNK(status.st_mode):
+        raise NotADirectoryError(f"{folder} is no folder")
+    return status
+
+
+def _require_safe(path: Path, status: os.stat_result) -> None:
+    """Check a folder on the way, or a link: nobody but this user and root may replace what belongs to others in it."""
+    if not hasattr(os, "getuid"):
+        return
+    if status.st_uid not in (0, os.getuid()):
+        raise NotPrivate(f"{path} belongs to user {status.st_uid}")
+    shared = not stat.S_ISLNK(status.st_mode) and status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    if shared and not (status.st_uid == 0 and status.st_mode & stat.S_ISVTX):
+        raise NotPrivate(f"others may write to {path} (mode {stat.S_IMODE(status.st_mode):o})")
