@@ -27,8 +27,18 @@ import difflib
 from collections.abc import Iterable
 from typing import Any
 
+from .printable import printable
 
-class KinseekError(Exception):
+
+class _OneLine:
+    """A message that names things of files: it is one line, and its characters do nothing to a terminal."""
+
+    def __str__(self) -> str:
+        """The message, with escapes for what is not printable."""
+        return printable(super().__str__().replace("\r\n", " ").replace("\n", " "))
+
+
+class KinseekError(_OneLine, Exception):
     """The base of every error of this package."""
 
 
@@ -126,11 +136,11 @@ class NotReached(KinseekError, RuntimeError):
         return type(self), (str(self), self.solution)
 
 
-class UnitWarning(UserWarning):
+class UnitWarning(_OneLine, UserWarning):
     """An angle beyond a full turn or a length far beyond the arm: degrees or millimetres, perhaps."""
 
 
-class RepairWarning(UserWarning):
+class RepairWarning(_OneLine, UserWarning):
     """A rounded matrix was brought onto the nearest rotation; the message tells how far it was from one."""
 
 
@@ -141,4 +151,4 @@ def suggest(got: str, valid: Iterable[str], noun: str) -> str:
     same = [name for name in choices if name.casefold() == folded]
     near = same or difflib.get_close_matches(got, choices, n=3, cutoff=0.5)
     hint = f"; did you mean {' or '.join(repr(name) for name in near)}?" if near else "."
-    return f"unknown {noun} {got!r}{hint} Valid: {', '.join(choices) or 'none'}"
+    return f"unknown {noun} {got!r}{hint} Valid: {', '.join(map(printable, choices)) or 'none'}"

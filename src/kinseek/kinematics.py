@@ -17,6 +17,7 @@ from .goal import Goal
 from .kernels.arm.forward import forward_many
 from .kernels.arm.jacobian import jacobian_many
 from .poses import one_pose
+from .printable import printable
 from .problem import Problem, as_joints
 from .robots import Mechanism, SerialChain, as_mechanism, black_box, read_dh
 from .robots.geometry import arm_length
@@ -344,6 +345,6 @@ class ForwardArm:
         """Name, joints and frames; whether it carries a tool, and where joints are locked."""
         tool = " + tool" if self._axes is not None and self._axes.tooled else ""
         locked = () if self._axes is None else self._axes.locked
-        where = "".join(f", {name} locked at {value:.6g}" for name, value in locked)
+        where = "".join(f", {printable(name)} locked at {value:.6g}" for name, value in locked)
         joints = f"{self.dof} joint{'s' if self.dof > 1 else ''}"
         return f"{type(self).__name__}({self.name!r}, {joints}, {self.base!r} -> {self.tip!r}{tool}{where})"

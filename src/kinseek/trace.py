@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InvalidUse
+from .printable import printable
 
 Array = NDArray[np.float64]
 
@@ -244,7 +245,7 @@ class Trace:
         lines.append(
             f"{self.nodes_created:,} nodes created, {self.nodes_expanded:,} expanded, {_bytes(self.memory)} held"
         )
-        return "\n".join([*lines, *(part for note in self.notes for part in _wrapped(note))])
+        return "\n".join(map(printable, [*lines, *(part for note in self.notes for part in _wrapped(note))]))
 
     def _line(self, each: Pass, spent: int) -> tuple[str, ...]:
         """One pass as words."""

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from kinseek.errors import UnitWarning
+from kinseek.printable import printable
 
 CANNOT_WRITE, READER_GONE = 2, 141
 """Exit codes; 141 is what a shell says of a program that a closed pipe ended (128 + SIGPIPE)."""
@@ -58,6 +59,7 @@ def write_out(text: str, code: int) -> int:
         if stream is None:
             raise OSError(errno.EBADF, os.strerror(errno.EBADF))
         encoding = getattr(stream, "encoding", None) or "utf-8"
+        text = printable(text, "\n\t")  # Names are escaped where they are printed, and whatever is not, here.
         stream.write(text.encode(encoding, "backslashreplace").decode(encoding))  # No letter stops the rest.
         stream.flush()
     except BrokenPipeError:
@@ -74,7 +76,7 @@ def complain(message: str) -> None:
     """Say something in one line on stderr, if there is one."""
     with contextlib.suppress(OSError):
         if sys.stderr is not None:
-            print(f"kinseek: {' '.join(message.split())}", file=sys.stderr, flush=True)
+            print(f"kinseek: {printable(' '.join(message.split()))}", file=sys.stderr, flush=True)
 
 
 def on_terminal() -> bool:

@@ -15,6 +15,7 @@ from kinseek.arm import Arm
 from kinseek.branches.result import Branches
 from kinseek.goal import Goal
 from kinseek.paths.path import Path
+from kinseek.printable import printable
 from kinseek.proof.certificate import Certificate
 from kinseek.robots import catalog_entry, catalog_names
 from kinseek.robots.soundness import Checkup, Severity
@@ -128,7 +129,7 @@ def print_checkup(name: str, found: Checkup, as_json: bool) -> None:
 def print_parts(folder: FilePath, parts: Parts) -> None:
     """Print what was written for a controller, and how it becomes a program."""
     _print(f"{folder}: {', '.join(sorted(parts.files))}")
-    print(f"cd {folder} && {parts.command}")  # To be copied, so in one line.
+    print(f"cd {printable(str(folder))} && {parts.command}")  # To be copied, so in one line.
 
 
 def _units(kinds: Sequence[str]) -> tuple[str, str]:
@@ -299,7 +300,11 @@ def _print_answers(arm: Arm, rows: Sequence[Sequence[str]]) -> None:
     short = [f"j{i + 1}" for i in range(arm.dof)]
 
     def columns(names: Sequence[str]) -> list[str]:
-        return [">", *(f">{name}\n{unit}" for name, unit in zip(names, units, strict=True)), ">to the\nlimit"]
+        return [
+            ">",
+            *(f">{printable(name)}\n{unit}" for name, unit in zip(names, units, strict=True)),
+            ">to the\nlimit",
+        ]
 
     width, names = terminal_width(), arm.joint_names
     if width is not None and max(map(len, table(columns(names), rows, _ENDLESS).splitlines())) > width:

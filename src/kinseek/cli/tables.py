@@ -11,6 +11,8 @@ import sys
 import textwrap
 from collections.abc import Sequence
 
+from kinseek.printable import printable
+
 _GAP = "  "
 """Between two columns."""
 _INDENT = "  "
@@ -33,12 +35,13 @@ def table(
     Args:
         columns: Their names, in several lines where that is narrower; one that starts with > is set flush right. Without
             any name there is no header.
-        rows: Cells, as many as there are columns.
+        rows: Cells, as many as there are columns; each is one line.
         width: Letters in a line, or None: every row is one line.
         blocks: How many neighbouring columns stay together where a row is broken; each for itself unless given.
     """
     right = [name.startswith(">") for name in columns]
     names = [name.removeprefix(">") for name in columns]
+    rows = [[printable(cell) for cell in row] for row in rows]
     heads = [name.replace("\n", " ").splitlines() if width is None else name.splitlines() for name in names]
     tall = max(map(len, heads))
     header = [[([""] * tall + head)[k - tall] for head in heads] for k in range(tall)]
@@ -58,6 +61,7 @@ def table(
 
 def sentence(text: str, width: int | None) -> str:
     """Break a sentence at its blanks."""
+    text = printable(text)
     return text if width is None else _wrapped(text, width, _INDENT)
 
 

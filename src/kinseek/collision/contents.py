@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidProblem, InvalidScene, suggest
 from kinseek.poses import one_pose
+from kinseek.printable import printable
 from kinseek.problem import as_joints
 from kinseek.robots.chain import Frame, SerialChain
 
@@ -374,7 +375,7 @@ class Contents:
         links = sum(body.is_link for body in self._bodies.values())
         pairs = self.pairs
         counted = sum(pair.counts for pair in pairs)
-        notes = "".join(f"\n  {note}" for note in self._notes)
+        notes = "".join(f"\n  {printable(note)}" for note in self._notes)
         return (
             f"Scene({self._chain.name!r}, {links} links, {len(self._bodies) - links} other bodies, "
             f"{counted} of {len(pairs)} pairs count){notes}"

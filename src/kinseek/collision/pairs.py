@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from kinseek.errors import InvalidRobot, InvalidScene
+from kinseek.printable import printable
 from kinseek.robots.files import file_bytes
 from kinseek.robots.held import is_text
 from kinseek.robots.urdf_xml import root_element
@@ -33,7 +34,7 @@ class Pair:
 
     def __str__(self) -> str:
         """One line for people."""
-        return f"{self.a} - {self.b}: {self.reason or 'counts'}"
+        return printable(f"{self.a} - {self.b}: {self.reason or 'counts'}")
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class Contact:
     def __str__(self) -> str:
         """One phrase for people."""
         how = f"{self.depth * 1e3:.1f} mm deep" if self.depth >= 0 else f"{-self.depth * 1e3:.1f} mm apart"
-        return f"{self.a} and {self.b}, {how}"
+        return printable(f"{self.a} and {self.b}, {how}")
 
 
 def key(a: str, b: str) -> tuple[str, str]:

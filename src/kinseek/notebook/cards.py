@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from kinseek.printable import in_html
 
 from .picture import Target, draw
 
@@ -165,7 +166,7 @@ def _bar(value: float, low: float, high: float) -> str:
 def _card(title: str, table: str, picture: str) -> str:
     return (
         '<div style="display:flex;flex-wrap:wrap;gap:1.5em;align-items:center;max-width:100%">'
-        f'<div style="overflow-x:auto"><div style="margin-bottom:0.4em"><b>{escape(title)}</b></div>{table}</div>'
+        f'<div style="overflow-x:auto"><div style="margin-bottom:0.4em"><b>{in_html(title)}</b></div>{table}</div>'
         f"<div>{picture}</div></div>"
     )
 
@@ -174,16 +175,16 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]], plain: int = -1) 
     """A table; the cells of the column `plain` are HTML already."""
     lines = "".join(
         "<tr>"
-        + "".join(f"<td>{cell if i == plain else escape(cell)}</td>" for i, cell in enumerate(row))
+        + "".join(f"<td>{cell if i == plain else in_html(cell)}</td>" for i, cell in enumerate(row))
         + "</tr>"
         for row in rows
     )
-    names = "".join(f"<th>{escape(name)}</th>" for name in head)
+    names = "".join(f"<th>{in_html(name)}</th>" for name in head)
     return f"{_TABLE}<thead><tr>{names}</tr></thead><tbody>{lines}</tbody></table>"
 
 
 def _facts(facts: Iterable[tuple[str, str]]) -> str:
-    lines = "".join(f"<tr><td>{escape(what)}</td><td>{escape(said)}</td></tr>" for what, said in facts)
+    lines = "".join(f"<tr><td>{in_html(what)}</td><td>{in_html(said)}</td></tr>" for what, said in facts)
     return f"{_TABLE}<tbody>{lines}</tbody></table>"
 
 

@@ -17,7 +17,7 @@ from kinseek.robots.geometry import divide
 from kinseek.solvers.atlas.index import AtlasIndex, atlas_of
 from kinseek.transforms import square
 
-from .figures import COLOURS, drawn, plane
+from .figures import COLOURS, drawn, plane, text_of
 
 Array = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ def samples(arm: Arm, pose: ArrayLike, *, size: tuple[float, float] = (9.4, 5.0)
     spread = 1.15 * max(least, float(far[own].max()), around)
     right.set(xlim=wanted[0] + spread * np.array([-1, 1]), ylim=wanted[1] + spread * np.array([-1, 1]))
     left.add_patch(_square(wanted[:2], spread))
-    left.set_title(f"{arm.name}: {index.samples:,} samples, darker where there are more")
+    left.set_title(f"{text_of(arm.name)}: {index.samples:,} samples, darker where there are more")
     right.set_title("in the frame, with the directions of the last axis")
     handles, labels = right.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)

@@ -12,6 +12,7 @@ from typing import Any, ParamSpec
 import numpy as np
 
 from kinseek.errors import InvalidUse, MissingExtra
+from kinseek.printable import printable
 
 P = ParamSpec("P")
 
@@ -166,6 +167,11 @@ def _figure_of(ax: Any, in_space: bool) -> Any:
     if hasattr(ax, "get_zlim") != in_space:
         raise InvalidUse(f"ax must be {wanted}, got axes {'in a plane' if in_space else 'in space'}")
     return ax.get_figure()
+
+
+def text_of(name: str) -> str:
+    """A name from a file, as a text of Matplotlib: no formula, and escapes for what is not printable."""
+    return printable(name).replace("$", r"\$")
 
 
 def same_scale(axes: Any) -> None:

@@ -13,7 +13,7 @@ from kinseek.maps.cells import EMPTY, REACHED, UNDECIDED
 from kinseek.maps.grid import Rings
 from kinseek.maps.reading import capability, grid_of_map, volume
 
-from .figures import COLOURS, drawn, given_or_new, given_or_new_space, same_scale
+from .figures import COLOURS, drawn, given_or_new, given_or_new_space, same_scale, text_of
 
 Array = NDArray[np.float64]
 
@@ -252,7 +252,7 @@ def bases(ranked: Any, *, ax: Any = None, size: tuple[float, float] | None = Non
         axes.margins(0.15)  # Arrows at the edge do not widen the axes.
     axes.plot(*places[0], "*", color=COLOURS[1], markersize=16, label="best")
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
-    axes.set_title(ranked.attrs["title"])
+    axes.set_title(text_of(ranked.attrs["title"]))
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.12))
     return figure
 
@@ -282,4 +282,4 @@ def _size(extent: Sequence[float], least: float) -> tuple[float, float]:
 
 
 def _name(dataset: Any) -> str:
-    return str(dataset.attrs["kinseek"]["name"])
+    return text_of(str(dataset.attrs["kinseek"]["name"]))

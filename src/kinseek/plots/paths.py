@@ -12,7 +12,7 @@ from kinseek.arm import Arm
 from kinseek.errors import InvalidUse
 from kinseek.problem import as_joints
 
-from .figures import COLOURS, drawn, plane
+from .figures import COLOURS, drawn, plane, text_of
 from .shown import axis_label, unit_of
 
 Array = NDArray[np.float64]
@@ -92,7 +92,7 @@ def _told(rows: Array, largest: dict[int, int], arm: Arm, breaks: int) -> str:
     for joint, row in largest.items():
         step = abs(float(rows[row, joint] - rows[row - 1, joint]))
         unit = unit_of(arm.kinds[joint])
-        told.append(f"{step:.3g} {unit}".rstrip() + f" of {arm.joint_names[joint]} to row {row}")
+        told.append(f"{step:.3g} {unit}".rstrip() + f" of {text_of(arm.joint_names[joint])} to row {row}")
     steps = f"largest step (orange): {' and '.join(told)}" if told else "no step"
     return f"{len(rows):,} rows, {breaks} {'break' if breaks == 1 else 'breaks'}\n{steps}"
 

@@ -12,6 +12,8 @@ from kinseek.errors import InvalidUse
 from kinseek.solution import Solution
 from kinseek.trace import Pass, Trace
 
+from .figures import text_of
+
 Array = NDArray[np.float64]
 
 
@@ -129,5 +131,5 @@ def unit_of(kind: str) -> str:
 
 def axis_label(name: str, kind: str) -> str:
     """What an axis of a joint's values is called."""
-    unit = unit_of(kind)
+    unit, name = unit_of(kind), text_of(name)
     return f"{name} [{unit}]" if unit else name

@@ -12,7 +12,7 @@ from kinseek.errors import InvalidUse
 from kinseek.solution import Solution
 from kinseek.trace import Pass, Trace
 
-from .figures import COLOURS, drawn, given_or_new, plane
+from .figures import COLOURS, drawn, given_or_new, plane, text_of
 from .landscapes import LEAST_ERROR, MARKS, errors_at
 from .shown import judged, named, pass_of, trace_of, turning, with_windows
 
@@ -133,7 +133,7 @@ def tree(solution: Solution, number: int = 1, size: tuple[float, float] = (7.2, 
     units = ["" if kind == "number" else " m" if kind == "prismatic" else " rad" for kind in trace.kinds]
     ways = np.unravel_index(best, counts)
     names = [
-        f"{name}\n{count} values\nbest {each[way]:.3g}{unit}"
+        f"{text_of(name)}\n{count} values\nbest {each[way]:.3g}{unit}"
         for name, count, each, way, unit in zip(trace.joint_names, counts, values, ways, units, strict=True)
     ]
     axes.set_yticks(-np.arange(len(counts) + 1), ["", *names])
@@ -174,7 +174,10 @@ def circles(solution: Solution | Trace, joint: int | str = 0, passes: int = 3, s
         )
     shown = {each.name: each for each in moved[:passes]}
     return _spokes(
-        shown, d, f"{trace.joint_names[d]}: values tried, and the best known after the pass (dot)", size
+        shown,
+        d,
+        f"{text_of(trace.joint_names[d])}: values tried, and the best known after the pass (dot)",
+        size,
     )
 
 
@@ -207,7 +210,7 @@ def breadths(
     return _spokes(
         shown,
         d,
-        f"{trace.joint_names[d]}, pass {number}: values tried, and the best known after it (dot)",
+        f"{text_of(trace.joint_names[d])}, pass {number}: values tried, and the best known after it (dot)",
         size,
     )
 

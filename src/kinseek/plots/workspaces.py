@@ -13,7 +13,7 @@ from kinseek.goal import Goal
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.certificate import Verdict
 
-from .figures import COLOURS, drawn, given_or_new
+from .figures import COLOURS, drawn, given_or_new, text_of
 from .shown import count_of
 
 Array = NDArray[np.float64]
@@ -89,7 +89,7 @@ def workspace(
     other = ({0, 1, 2} - {across, up}).pop()
     axes.set(xlabel=f"{plane[0]} [m]", ylabel=f"{plane[1]} [m]", aspect="equal")
     what = {0: "any orientation", 1: "one direction"}.get(asked.form.columns, "one orientation")
-    axes.set_title(f"{arm.name}, {'xyz'[other]} = {asked.target[other, 3]:.3g} m, {what}")
+    axes.set_title(f"{text_of(arm.name)}, {'xyz'[other]} = {asked.target[other, 3]:.3g} m, {what}")
     return figure
 
 

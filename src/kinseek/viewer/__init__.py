@@ -15,6 +15,7 @@ from pathlib import Path
 
 from kinseek.arm import Arm
 from kinseek.errors import InvalidUse
+from kinseek.printable import printable
 
 from .server import Viewer, browser_here, is_loopback, open_page
 
@@ -56,13 +57,20 @@ def show(
     viewer = Viewer(arm, host, port, share, packages)
     if viewer.meshes.missing:
         count = len(viewer.meshes.missing)
-        print(f"Drawn without {count} mesh{'es' if count > 1 else ''}:", *viewer.meshes.told(), sep="\n  ")
+        print(
+            f"Drawn without {count} mesh{'es' if count > 1 else ''}:",
+            *map(printable, viewer.meshes.told()),
+            sep="\n  ",
+        )
     if port not in (0, viewer.port):
         print(f"Port {port} is taken, so it is {viewer.port}.")
     if not is_loopback(host):
         print(f"Everyone who reaches {host} can use this page.")
     opened = open_page(viewer.url) if (browser_here() if open_browser is None else open_browser) else False
-    print(f"{arm.name} is shown at {viewer.url}{'' if opened else ' - open it in a browser'}", flush=True)
+    print(
+        f"{printable(arm.name)} is shown at {viewer.url}{'' if opened else ' - open it in a browser'}",
+        flush=True,
+    )
     if share:
         public = viewer.public_url or "not to be had: the relay does not answer"
         print(f"Public address: {public}", flush=True)

@@ -19,6 +19,7 @@ import numpy as np
 
 from kinseek.arm import Arm
 from kinseek.errors import InvalidUse, MissingExtra
+from kinseek.printable import printable
 
 from .meshes import meshes_of
 from .session import Session
@@ -56,7 +57,9 @@ class Viewer:
         self.meshes = meshes_of(arm.axes, packages)
         self._session = Session(arm)
         with _silence():  # viser greets on its own.
-            self._server = Server(host=host, port=wanted, label=f"kinseek: {arm.name}", verbose=False)
+            self._server = Server(
+                host=host, port=wanted, label=f"kinseek: {printable(arm.name)}", verbose=False
+            )
         self.port: int = self._server.get_port()
         self.asked_port = port
         self.host = host

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from html import escape
-
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.branches.result import Branches
+from kinseek.printable import in_html
 from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from kinseek.trace import Pass, Trace
 
@@ -43,7 +42,7 @@ def answer_html(answer: Answer, proof: Proof | None, proving: bool) -> str:
     said = proof.sentences() if proof is not None else []
     if proving:
         said.append("Looking closer …" if said else "Looking for a proof …")
-    parts += [f"<div style='margin-top:4px'>{escape(each)}</div>" for each in said]
+    parts += [f"<div style='margin-top:4px'>{in_html(each)}</div>" for each in said]
     return _block("".join(parts))
 
 
@@ -55,7 +54,7 @@ def refused_html(why: str) -> str:
 def _sentence(words: str, news: str) -> str:
     return (
         f"<div style='border-left:4px solid {_NEWS[news]};padding:2px 0 2px 8px;font-weight:600' "
-        f"data-status='{news}' role='status'>{escape(words)}</div>"
+        f"data-status='{news}' role='status'>{in_html(words)}</div>"
     )
 
 
@@ -78,7 +77,7 @@ def branches_html(branches: Branches | str | None, shown: int, drawn: int) -> st
         text = count if shown < 0 else f"Branch {shown + 1} of {len(branches)}"
         text += ", a sample of endlessly many" if branches.sampled else ""
         text += f"; {drawn} drawn." if drawn < len(branches) else "."
-    return _block(f"<div style='{_SOFT}'>{escape(text)}</div>")
+    return _block(f"<div style='{_SOFT}'>{in_html(text)}</div>")
 
 
 def joints_html(arm: Arm, q: Array, window: Pass | None = None) -> str:
@@ -104,9 +103,9 @@ def joints_html(arm: Arm, q: Array, window: Pass | None = None) -> str:
         )
         limits = "turns without end" if kind == CONTINUOUS else f"{joint(low, kind)} to {joint(high, kind)}"
         rows.append(
-            f"<div style='display:flex;align-items:center;gap:6px;margin:3px 0' title='{escape(name)}: {limits}'>"
+            f"<div style='display:flex;align-items:center;gap:6px;margin:3px 0' title='{in_html(name)}: {limits}'>"
             f"<span style='flex:0 0 34%;overflow:hidden;text-overflow:ellipsis;white-space:nowrap;direction:rtl;"
-            f"text-align:left'>&lrm;{escape(name)}</span>"
+            f"text-align:left'>&lrm;{in_html(name)}</span>"
             f"<span style='position:relative;flex:1 1 auto;height:10px;{ends}"
             f"background:rgba(128,128,128,.25)'>{band}"
             f"<span style='position:absolute;left:calc({mark:.2f}% - 2px);top:-2px;width:4px;height:14px;"
@@ -147,7 +146,7 @@ def pass_html(trace: Trace | None, number: int) -> str:
         return _block(f"<div style='{_SOFT}'>This search told of no passes.</div>")
     one, spent = trace[number], int(trace.evaluations[number])
     lines = [
-        f"<b>{escape(one.name)}</b> ({number + 1} of {len(trace)})",
+        f"<b>{in_html(one.name)}</b> ({number + 1} of {len(trace)})",
         f"best so far {one.position_error:.3g} m, {one.orientation_error:.3g} rad",
         f"{one.evaluations:,} FK evaluations, {spent:,} so far",
     ]
@@ -164,13 +163,13 @@ def pass_html(trace: Trace | None, number: int) -> str:
 def call_html(answer: Answer) -> str:
     """The same question in Python."""
     return _block(
-        f"<code style='white-space:pre-wrap;overflow-wrap:anywhere;font-size:11px'>{escape(call_of(answer.wishes))}</code>"
+        f"<code style='white-space:pre-wrap;overflow-wrap:anywhere;font-size:11px'>{in_html(call_of(answer.wishes))}</code>"
     )
 
 
 def note_html(*sentences: str) -> str:
     """Sentences, small."""
-    return _block("".join(f"<div style='{_SOFT}'>{escape(each)}</div>" for each in sentences if each))
+    return _block("".join(f"<div style='{_SOFT}'>{in_html(each)}</div>" for each in sentences if each))
 
 
 def _block(inner: str) -> str:

@@ -1,0 +1,199 @@
+"""Names in files do nothing to their reader: terminals, notebooks, pictures and pages show escapes, programs the name."""
+
+from __future__ import annotations
+
+import csv
+import json
+import pickle
+import unicodedata
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kinseek
+from kinseek import Scene
+from kinseek.cli.program import run
+from kinseek.errors import KinseekError
+from kinseek.printable import in_html, printable
+
+IN_XML = "&#x9b;31m&#x202e;&#10;&#9;&#xe000;$\\frac$"
+"""A control sequence in one character, text from right to left, a line break, private use, half a formula."""
+NAME = "\x9b31m\u202e\n\t\ue000$\\frac$"
+SHOWN = r"\x9b31m\u202e\n\t\ue000$\frac$"
+OBJECT = "\x1b]0;owned\x07\x9b31m\u202e"
+"""Sets the title of a terminal."""
+
+AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
+AT = ("--at", "0.1", "0.1", "0.3", "--position-only")
+
+
+def urdf() -> str:
+    links = "".join(
+        f'<link name="l{i}{IN_XML}"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>'
+        for i in range(7)
+    )
+    joints = "".join(
+        f'<joint name="j{i}{IN_XML}" type="revolute"><parent link="l{i}{IN_XML}"/><child link="l{i + 1}{IN_XML}"/>'
+        f'<origin xyz="0.1 0 0.1" rpy="0.3 0 0"/><axis xyz="{axis}"/>'
+        '<limit lower="-2" upper="2" velocity="1" effort="1"/></joint>'
+        for i, axis in enumerate(AXES)
+    )
+    return f'<robot name="r{IN_XML}">{links}{joints}</robot>'
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    Path("arm.urdf").write_text(urdf(), encoding="utf-8")
+    Path("cell.scene").write_text(
+        f"a\n* {OBJECT}\n1\nsphere\n5.0\n0 0 0\n0 0 0 1\n0 0 0 0\n.\n", encoding="utf-8"
+    )
+    Path("poses.csv").write_text("x,y,z,qw,qx,qy,qz\n0.1,0.1,0.3,1,0,0,0\n0.1,0.1,0.31,1,0,0,0\n")
+    return tmp_path
+
+
+def hidden(text: str) -> set[str]:
+    """Characters that a terminal would act on, or that nobody would see."""
+    return {letter for letter in text if not letter.isprintable() and letter != "\n"}
+
+
+def test_every_such_character_is_escaped_and_no_other() -> None:
+    for number in range(0x110000):
+        letter = chr(number)
+        acts = unicodedata.category(letter)[0] == "C" or unicodedata.category(letter) in ("Zl", "Zp")
+        assert not acts or printable(letter).isascii()
+        if letter.isprintable():
+            assert printable(letter) == letter
+    assert printable("a\nb\t", keep="\n") == "a\nb\\t"
+    assert in_html("<\x1b&") == "&lt;\\x1b&amp;"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("show", "arm.urdf"),
+        ("check", "arm.urdf"),
+        ("check", "arm.urdf", "--base", "x"),
+        ("fk", "arm.urdf", *"000000"),
+        ("fk", "arm.urdf", "0"),
+        ("solve", "arm.urdf", *AT),
+        ("solve", "arm.urdf", *AT, "--all"),
+        ("solve", "arm.urdf", *AT, "--trace"),
+        ("solve", "arm.urdf", *AT, "--near", "x=1"),
+        ("solve", "arm.urdf", *AT, "--tip", "x"),
+        ("solve", "arm.urdf", *AT, "--lock", f"j0{NAME}=0"),
+        ("solve", "arm.urdf", *AT, "--scene", "cell.scene"),
+        ("solve", "arm.urdf", "--batch", "poses.csv", "--out", "out.csv"),
+        ("follow", "arm.urdf", "poses.csv", "--out", "out.csv"),
+        ("follow", "arm.urdf", "poses.csv", "--out", "out.csv", "--scene", "cell.scene"),
+        ("map", "arm.urdf", "--estimate", "--step", "0.2"),
+        ("\x1b]0;owned\x07",),
+        ("show", "\x1b]0;owned\x07.urdf"),
+    ],
+)
+@pytest.mark.slow
+def test_no_command_prints_them(
+    words: tuple[str, ...], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if "--scene" in words:
+        pytest.importorskip("pinocchio")
+    assert run(words) in (0, 1, 2)
+    out, err = capsys.readouterr()
+    assert out + err
+    assert hidden(out + err) == set()
+
+
+@pytest.mark.slow
+def test_a_table_keeps_its_rows(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["show", "arm.urdf"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines[2:8]] == [f"j{i}{SHOWN}" for i in range(6)]
+
+
+@pytest.mark.slow
+def test_programs_get_the_names_as_they_are(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("pinocchio")
+    names = [f"j{i}{NAME}" for i in range(6)]
+    assert list(kinseek.load("arm.urdf").joint_names) == names
+    run(["solve", "arm.urdf", *AT, "--scene", "cell.scene", "--json"])
+    told = json.loads(capsys.readouterr().out)
+    assert told["joint_names"] == names
+    assert OBJECT in {contact["b"] for contact in told["contacts"]}
+    assert run(["solve", "arm.urdf", "--batch", "poses.csv", "--out", "out.csv"]) in (0, 1)
+    with open("out.csv", encoding="utf-8", newline="") as file:
+        assert set(names) <= set(next(csv.reader(file)))
+
+
+def test_what_python_prints(folder: Path) -> None:
+    pytest.importorskip("pinocchio")
+    arm = kinseek.load("arm.urdf")
+    scene = Scene.of(arm)
+    scene.add_file("cell.scene")
+    things: list[Any] = [arm, arm.with_locked({f"j0{NAME}": 0.5}), scene, arm.structure, arm.ik(np.eye(4))]
+    things += [*scene.pairs, *scene.hits(np.zeros(6)), arm.ik(np.eye(4), trace=True).trace]
+    for thing in things:
+        assert hidden(str(thing)) | hidden(repr(thing)) == set()
+        assert str(thing).count("\n") == str(thing).replace(NAME, "").count("\n")
+
+
+def test_errors_and_warnings_are_one_line(folder: Path) -> None:
+    arm = kinseek.load("arm.urdf")
+    for ask in (
+        lambda: arm.ik(np.eye(4), near={f"j0{NAME}": 0.0}),
+        lambda: arm.with_locked({"x": 0.0}),
+        lambda: kinseek.load("arm.urdf", tip="x"),
+        lambda: kinseek.load("\x1b]0;owned\x07.urdf"),
+    ):
+        with pytest.raises(KinseekError) as caught:
+            ask()
+        assert hidden(str(caught.value)) == set()
+        assert "\n" not in str(caught.value)
+        again = pickle.loads(pickle.dumps(caught.value))
+        assert str(again) == str(caught.value)
+    wide = Path("wide\x1b.urdf")
+    wide.write_text(urdf().replace('upper="2"', 'upper="90"'), encoding="utf-8")
+    with warnings.catch_warnings(record=True) as caught_warnings:
+        warnings.simplefilter("always")
+        kinseek.load(wide)
+    assert [hidden(str(each.message)) for each in caught_warnings] == [set()]
+
+
+def test_notebooks_show_escapes(folder: Path) -> None:
+    arm = kinseek.load("arm.urdf")
+    for text in (arm._repr_html_(), arm.ik(np.eye(4))._repr_html_(), arm.branches(np.eye(4))._repr_html_()):
+        assert hidden(text) == set()
+    assert f"<td>j0{SHOWN}</td>" in arm._repr_html_()
+
+
+@pytest.mark.slow
+def test_pictures_show_escapes_and_no_formula(folder: Path) -> None:
+    pytest.importorskip("matplotlib")
+    from kinseek import plots
+
+    arm = kinseek.load("arm.urdf")
+    figure = plots.landscape(arm.ik(arm.fk(np.full(6, 0.3))))
+    figure.canvas.draw()
+    axes = figure.axes[0]
+    assert axes.get_xlabel() == rf"j0{SHOWN} [rad]".replace("$", r"\$")
+    import matplotlib.pyplot as plt
+
+    plt.close(figure)
+
+
+def test_the_viewer_shows_escapes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("viser")
+    from kinseek import viewer
+    from kinseek.viewer import words
+
+    arm = kinseek.load("arm.urdf")
+    assert hidden(words.joints_html(arm, np.zeros(6))) == set()
+    assert f"j0{SHOWN}" in words.joints_html(arm, np.zeros(6))
+    assert hidden(words.refused_html(NAME) + words.note_html(NAME)) == set()
+    with viewer.show(arm, port=0, open_browser=False, block=False) as shown:
+        sent = shown._server._websock_server.get_message_buffer().message_from_id.values()
+        labels = [each.label for each in sent if type(each).__name__ == "SetGuiPanelLabelMessage"]
+        assert labels == [f"kinseek: r{SHOWN}"]
+    assert hidden(capsys.readouterr().out) == set()
