@@ -83,7 +83,7 @@ class Contents:
 
         Args:
             name: Of the new body.
-            path: An STL, OBJ or DAE file.
+            path: An STL, OBJ, PLY, GLB or DAE (COLLADA) file.
             pose: See `add_box`.
             scale: One factor, or one along each axis.
             hull: Take its convex hull: faster, and solid in any case.

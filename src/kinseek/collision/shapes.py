@@ -263,7 +263,7 @@ class Mesh(Shape):
     def read(
         cls, path: str | Path, scale: ArrayLike = 1.0, hull: bool = True, simplify: float | None = None
     ) -> Mesh:
-        """Read an STL, OBJ, DAE or any other file that trimesh reads; all bodies in it together.
+        """Read an STL, OBJ, PLY, GLB or DAE (COLLADA) file; all bodies in it together.
 
         Args:
             path: The file.
@@ -273,7 +273,8 @@ class Mesh(Shape):
                 as much as points have moved, so that what is free of it is free of what the file holds.
 
         Raises:
-            InvalidScene: The file is missing, cannot be read, or holds no triangles; or `simplify` is no length.
+            InvalidScene: The file is missing, of another kind, cannot be read, would unpack to more than a mesh has, or
+                holds no triangles; or `simplify` is no length.
             MissingExtra: trimesh is not installed.
         """
         library("trimesh")

@@ -13,6 +13,7 @@ from kinseek.errors import InvalidRobot
 from kinseek.transforms import rotation, transform
 
 from .files import file_bytes
+from .mesh_files import Beside, ending, require_mesh
 
 Array = NDArray[np.float64]
 
@@ -24,20 +25,19 @@ def mesh_parts(path: Path, most: int = MOST_MESH) -> list[Any]:
     """The triangles of a mesh's file, a body each, in metres; of at most so many bytes.
 
     Raises:
-        InvalidRobot: The file cannot be read.
+        InvalidRobot: The file cannot be read, is of a kind that is not read, or would unpack to more than a mesh has.
     """
     import trimesh
 
+    kind = ending(path)
     text = file_bytes(path, most)
+    require_mesh(path, text, most)
     try:
-        scene = trimesh.load_scene(
-            io.BytesIO(text),
-            file_type=path.suffix[1:].lower(),
-            resolver=trimesh.resolvers.FilePathResolver(path),
-        )
+        scene = trimesh.load_scene(io.BytesIO(text), file_type=kind, resolver=Beside(path, most))
+        bodies = scene.dump()
     except Exception as error:  # Readers of meshes raise whatever their parsers raise.
         raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from error
-    parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+    parts = [part for part in bodies if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     if not parts:
         raise InvalidRobot(f"{str(path)!r} holds no triangles")
     for part in parts:  # COLLADA says what its unit is worth in metres, and the reader leaves it to us.

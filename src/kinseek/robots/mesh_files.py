@@ -1,0 +1,322 @@
+"""Which files of meshes are read, and how much one may unpack to.
+
+trimesh chooses a reader by the ending of a file, archives among them, and believes what a file says of its own size. So the
+endings are listed here, and what a file announces is added up before trimesh sees it: a few bytes must not become gigabytes.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import struct
+import zipfile
+from collections.abc import Callable, Mapping
+from itertools import chain
+from math import prod
+from pathlib import Path
+from typing import Any
+from xml.parsers import expat
+
+import numpy as np
+
+from kinseek.errors import InvalidRobot
+
+from .files import file_bytes
+
+MOST_BODIES = 10_000
+"""Bodies of one file: every one costs some kilobytes, however few triangles it has."""
+MOST_PIXELS = 2**26
+"""Of all images of one file together."""
+MOST_JSON = 2**22
+"""Bytes of the description at the beginning of a GLB file."""
+LINE, CORNER, ELEMENT = 16, 5, 128
+"""A file may have as many lines, corners of triangles and XML elements as the largest file has with so many bytes for each:
+what they take in memory does not depend on what they take in the file."""
+
+_LINE_ENDS = (
+    *(bytes([each]) for each in b"\n\r\v\f\x1c\x1d\x1e"),
+    b"\xc2\x85",
+    b"\xe2\x80\xa8",
+    b"\xe2\x80\xa9",
+)
+"""Where `str.splitlines` ends a line, in UTF-8."""
+_COMPONENT = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+"""Bytes of one number of a GLB accessor, by its code."""
+_NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+"""Numbers in one item of it, by its name."""
+_BINARY = 0x004E4942
+"""The kind of a GLB chunk with numbers and images."""
+_IMAGES = ("BMP", "GIF", "JPEG", "PNG", "TIFF", "WEBP")
+"""Formats of images that are decoded: others call programs, or are no pictures of surfaces."""
+
+
+def require_mesh(path: Path, text: bytes, most: int) -> None:
+    """Refuse a file that is no mesh, or that would unpack to more than `most` bytes.
+
+    Raises:
+        InvalidRobot: Another ending, or more bodies, lines, corners or bytes than a mesh has.
+    """
+    try:
+        CHECKS[ending(path)](text, most)
+    except InvalidRobot as error:
+        raise InvalidRobot(f"{str(path)!r}: {error}") from None
+    except Exception as error:  # Whatever a broken file makes of the checks.
+        raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from error
+
+
+def ending(path: Path) -> str:
+    """The ending of a file of a mesh, without the dot.
+
+    Raises:
+        InvalidRobot: Another ending.
+    """
+    found = path.suffix[1:].lower()
+    if found not in CHECKS:
+        *first, last = (f".{each}" for each in sorted(CHECKS))
+        raise InvalidRobot(
+            f"{str(path)!r} is not read as a mesh: the name must end in {', '.join(first)} or {last}"
+        )
+    return found
+
+
+class Beside:
+    """Files that a mesh names, materials and images: beside it or in a folder below, together as large as a mesh may be."""
+
+    def __init__(self, path: Path, most: int) -> None:
+        """Look beside this file, for so many bytes."""
+        self.file_name = path.name
+        self._folder, self._most, self._left, self._pixels = path.parent.resolve(), most, most, 0
+
+    def get(self, name: str) -> bytes:
+        """Read one of them.
+
+        Raises:
+            InvalidRobot: It is elsewhere, is no regular file, or is too large.
+        """
+        named = name.strip().replace("\\", "/")
+        places = [(self._folder / each).resolve() for each in (named, named.rpartition("/")[2])]
+        found = next((each for each in places if each.is_relative_to(self._folder) and each.is_file()), None)
+        if found is None:
+            raise InvalidRobot(f"{name!r} is neither in {str(self._folder)!r} nor in a folder below")
+        text = file_bytes(found, self._left)
+        _at_most(_lines(text), self._most // LINE, "lines")
+        _at_most(text.lower().count(b"newmtl"), MOST_BODIES, "materials")
+        self._pixels += _pixels(text)
+        _at_most(self._pixels, MOST_PIXELS, "pixels in its images")
+        self._left -= len(text)
+        return text
+
+    __getitem__ = get
+
+
+def _pixels(text: bytes) -> int:
+    """Pixels of an image, which is not decoded for that; 0 of anything else.
+
+    Raises:
+        InvalidRobot: An image that cannot be read, or of a format whose reader does more than decode.
+    """
+    try:
+        from PIL import Image, UnidentifiedImageError
+    except ImportError:  # Then trimesh reads no images.
+        return 0
+    try:
+        with Image.open(io.BytesIO(text)) as image:
+            known, count = image.format, prod(image.size)
+    except UnidentifiedImageError:
+        return 0
+    except Exception as error:  # Too large for Pillow, or broken.
+        raise InvalidRobot(f"an image cannot be read: {error}") from error
+    if known not in _IMAGES:
+        raise InvalidRobot(f"an image is {known}, expected one of {', '.join(_IMAGES)}")
+    return count
+
+
+def _at_most(count: int, most: int, noun: str) -> None:
+    if count > most:
+        raise InvalidRobot(f"{count:,} {noun}, expected at most {most:,}: a mesh of an arm is smaller")
+
+
+def _stl(text: bytes, most: int) -> None:
+    """A binary file is as long as it says, or trimesh takes it for text."""
+    if len(text) < 84 or len(text) != 84 + 50 * struct.unpack_from("<I", text, 80)[0]:
+        lower = text.lower()
+        _at_most(lower.count(b"endsolid"), MOST_BODIES, "solids")
+        _at_most(lower.count(b"vertex") + lower.count(b"normal"), most // LINE, "vertices and normals")
+
+
+def _obj(text: bytes, most: int) -> None:
+    _at_most(_lines(text), most // LINE, "lines")
+    _at_most(len(set(re.findall(rb"usemtl[^\n]*", text))), MOST_BODIES, "materials")
+
+
+def _ply(text: bytes, most: int) -> None:
+    if b"ascii" in text.split(b"\n", 2)[1].lower():
+        _at_most(_lines(text), most // LINE, "lines")
+    if re.search(rb"^element\s+edge\s", text[: text.find(b"end_header")], re.MULTILINE):
+        raise InvalidRobot("it has edges that belong to no triangle; leave them out")
+
+
+def _lines(text: bytes) -> int:
+    return sum(map(text.count, _LINE_ENDS)) + 1
+
+
+def _glb(text: bytes, most: int) -> None:
+    """Add up what accessors, views, primitives and nodes make of the bytes, each of which may be named many times."""
+    size = struct.unpack_from("<I", text, 12)[0]
+    _at_most(size, MOST_JSON, "bytes of JSON")
+    told: dict[str, Any] = json.loads(text[20 : 20 + size])
+    views, images = told.get("bufferViews", []), told.get("images", [])
+    if any("uri" in each for each in [*told.get("buffers", []), *images]) or any(
+        each["buffer"] != 0 for each in views
+    ):
+        raise InvalidRobot("parts of it are in other files or buffers; write it as one file with one buffer")
+    accessors = told.get("accessors", [])
+    bytes_of = [
+        _count(each["count"]) * _COMPONENT[each["componentType"]] * _NUMBERS[each["type"]]
+        for each in accessors
+    ]
+    _at_most(sum(bytes_of), most, "bytes in its accessors")
+    _at_most(sum(_count(each["byteLength"]) for each in views), most, "bytes in its views")
+    bodies, weights = [], []
+    for mesh in told.get("meshes", []):
+        parts = mesh["primitives"]
+        if any("KHR_draco_mesh_compression" in part.get("extensions", {}) for part in parts):
+            raise InvalidRobot("its meshes are compressed (Draco); write them without compression")
+        named = [*chain.from_iterable(part["attributes"].values() for part in parts)]
+        named += [part["indices"] for part in parts if "indices" in part]
+        bodies.append(len(parts))
+        weights.append(sum(bytes_of[accessor] for accessor in named))
+    nodes = told.get("nodes", [])
+    _at_most(len(nodes) + sum(bodies) + len(images), MOST_BODIES, "nodes, bodies and images")
+    named_as_child = [child for node in nodes for child in node.get("children", [])]
+    roots = [root for scene in told.get("scenes", []) for root in scene.get("nodes", [])]
+    meshes = [nodes[each]["mesh"] for each in [*named_as_child, *roots] if "mesh" in nodes[each]]
+    _at_most(sum(bodies[mesh] for mesh in meshes), MOST_BODIES, "bodies")
+    _at_most(max(sum(weights), sum(weights[mesh] for mesh in meshes)), most, "bytes in its bodies")
+    pixels = 0
+    for image in images:
+        view = views[image["bufferView"]]
+        start = view.get("byteOffset", 0)
+        pixels += _pixels(_buffer(text, 20 + size)[start : start + view["byteLength"]])
+    _at_most(pixels, MOST_PIXELS, "pixels in its images")
+
+
+def _buffer(text: bytes, place: int) -> bytes:
+    """The first binary chunk of a GLB file, from the end of its description on."""
+    while place + 8 <= len(text):
+        size, kind = struct.unpack_from("<II", text, place)
+        if kind == _BINARY:
+            return text[place + 8 : place + 8 + size]
+        place += 8 + size
+    return b""
+
+
+def _count(value: Any) -> int:
+    if not isinstance(value, int) or value < 0:
+        raise InvalidRobot(f"a count is {value!r}, expected a whole number from 0 on")
+    return value
+
+
+def _dae(text: bytes, most: int) -> None:
+    """Add up what nodes make of geometries, each of which may be instantiated many times, by nodes that are so too."""
+    if zipfile.is_zipfile(io.BytesIO(text)):
+        raise InvalidRobot("it is an archive; unpack it")
+    _require_no_doctype(text)
+    _at_most(text.count(b"<"), 2 * most // ELEMENT, "tags")
+    from lxml import etree
+
+    parser = etree.XMLParser(remove_comments=True, remove_pis=True, huge_tree=True, no_network=True)
+    root = etree.fromstring(text, parser)
+    for each in root.iter("{*}vcount"):
+        if re.fullmatch(r"[0-9 \t\r\n]*", each.text or "") is None:
+            raise InvalidRobot("the numbers of corners of polygons are no whole numbers")
+        if _words(each.text):
+            corners = float(np.fromstring(each.text, sep=" ").sum())
+            _at_most(int(min(corners, 2.0**62)), most // CORNER, "corners of polygons")
+    named = [f"{{*}}{each}" for each in ("node", "geometry", "material", "effect", "image")]
+    _at_most(sum(1 for _ in root.iter(*named)), MOST_BODIES, "nodes, geometries, materials and images")
+    bodies, corners = _unfolded(root)
+    _at_most(bodies, MOST_BODIES, "nodes and bodies")
+    _at_most(corners, most // CORNER, "corners of triangles")
+
+
+def _unfolded(root: Any) -> tuple[int, int]:
+    """Nodes with bodies, and corners of triangles, of all scenes, every instance for itself."""
+    geometries: dict[str | None, list[Any]] = {}
+    nodes: dict[str | None, list[Any]] = {}
+    for each in root.iter("{*}geometry"):
+        geometries.setdefault(each.get("id"), []).append(each)
+    for each in root.iter("{*}node"):
+        nodes.setdefault(each.get("id"), []).append(each)
+    known: dict[Any, tuple[int, int] | None] = {}
+
+    def size(element: Any) -> tuple[int, int]:
+        if element not in known:
+            known[element] = None
+            known[element] = measured(element)
+        found = known[element]
+        if found is None:
+            raise InvalidRobot("a node is an instance of itself")
+        return found
+
+    def measured(element: Any) -> tuple[int, int]:
+        if not element.tag.endswith("}node"):
+            return len(element.findall("{*}mesh/*")), sum(_words(each.text) for each in element.iter("{*}p"))
+        bodies, corners = 1, 0
+        for each in element:
+            name, url = each.tag.rpartition("}")[2], (each.get("url") or "")[1:]
+            among = {
+                "node": [each],
+                "instance_node": nodes.get(url),
+                "instance_geometry": geometries.get(url),
+            }
+            sizes = [size(one) for one in among.get(name) or ()]  # Several of one name: the largest counts.
+            bodies += max((one[0] for one in sizes), default=0)
+            corners += max((one[1] for one in sizes), default=0)
+        return bodies, corners
+
+    try:
+        sizes = [size(node) for node in root.iterfind(".//{*}visual_scene/{*}node")]
+    except RecursionError:
+        raise InvalidRobot("its nodes are nested too deep") from None
+    return sum(each[0] for each in sizes), sum(each[1] for each in sizes)
+
+
+class _Begun(Exception):
+    """The first element."""
+
+
+def _require_no_doctype(text: bytes) -> None:
+    """A document type may define entities that are made of entities, or other files."""
+
+    def refuse(*_: Any) -> None:
+        raise InvalidRobot(
+            "it has a document type (<!DOCTYPE …>), which COLLADA files do not need; take it out"
+        )
+
+    def stop(*_: Any) -> None:
+        raise _Begun
+
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler, parser.StartElementHandler = refuse, stop
+    try:
+        parser.Parse(text, True)
+    except _Begun:
+        return
+
+
+def _words(text: str | None) -> int:
+    """How many words, without making them."""
+    blank = np.frombuffer(f" {text or ''}".encode(), dtype=np.uint8) <= ord(" ")
+    return int((blank[:-1] & ~blank[1:]).sum())
+
+
+CHECKS: Mapping[str, Callable[[bytes, int], None]] = {
+    "dae": _dae,
+    "glb": _glb,
+    "obj": _obj,
+    "ply": _ply,
+    "stl": _stl,
+}
+"""What is read, by the ending."""

@@ -1,0 +1,295 @@
+"""Files of meshes: the kinds that are read, and no more bytes of memory than a mesh of that size may have."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import struct
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kinseek
+from kinseek import InvalidRobot
+from kinseek.robots.mesh_files import CHECKS, MOST_BODIES
+from kinseek.robots.meshes import mesh_parts
+
+trimesh = pytest.importorskip("trimesh")
+
+MOST = 2**16
+"""Bytes of a file in most of these tests, so that what is too much is small."""
+
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+DAE = """<?xml version="1.0"?>{doctype}
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset><up_axis>Z_UP</up_axis></asset>
+<library_geometries><geometry id="g"><mesh><source id="s"><float_array id="f" count="9">0 0 0 1 0 0 0 1 0</float_array>
+<technique_common><accessor source="#f" count="3" stride="3"><param name="X" type="float"/><param name="Y" type="float"/>
+<param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#s"/></vertices>{shapes}</mesh></geometry></library_geometries>
+<library_nodes>{nodes}</library_nodes>
+<library_visual_scenes><visual_scene id="scene">{scene}</visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#scene"/></scene></COLLADA>"""
+ONE = '<triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p></triangles>'
+INSTANCE = '<node id="n"><instance_geometry url="#g"/></node>'
+
+
+def dae(shapes: str = ONE, nodes: str = "", scene: str = INSTANCE, doctype: str = "") -> bytes:
+    return DAE.format(shapes=shapes, nodes=nodes, scene=scene, doctype=doctype).encode()
+
+
+def glb(data: bytes, **told: Any) -> bytes:
+    text = json.dumps({"asset": {"version": "2.0"}, "buffers": [{"byteLength": len(data)}], **told}).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = (
+        struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(data), 0x004E4942) + data
+    )
+    return struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks
+
+
+def one_glb(count: int = 3, view: int = 36, repeat: int = 1, nodes: int = 1, **more: Any) -> bytes:
+    primitive = {"attributes": {"POSITION": 0}, **more}
+    return glb(
+        np.eye(3, dtype="<f4").tobytes(),
+        bufferViews=[{"buffer": 0, "byteLength": view}],
+        accessors=[{"bufferView": 0, "componentType": 5126, "count": count, "type": "VEC3"}],
+        meshes=[{"primitives": [primitive] * repeat}],
+        nodes=[{"mesh": 0} for _ in range(nodes)],
+        scenes=[{"nodes": [*range(nodes)]}],
+    )
+
+
+def archive() -> bytes:
+    held = io.BytesIO()
+    with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("a.obj", f"{TRIANGLE}f 1 2 3\n")
+    return held.getvalue()
+
+
+def chained(links: int) -> str:
+    """Nodes, each with two instances of the next: twice as many bodies with every one."""
+    inner = [f'<instance_node url="#c{i + 1}"/>' * 2 for i in range(links)] + [
+        '<instance_geometry url="#g"/>'
+    ]
+    return "".join(f'<node id="c{i}">{each}</node>' for i, each in enumerate(inner))
+
+
+SOUND: dict[str, Callable[[], bytes]] = {
+    "a.stl": lambda: trimesh.creation.box((1, 1, 1)).export(file_type="stl"),
+    "text.STL": lambda: trimesh.creation.box((1, 1, 1)).export(file_type="stl_ascii").encode(),
+    "a.obj": f"{TRIANGLE}f 1 2 3\n".encode,
+    "a.ply": lambda: trimesh.creation.box((1, 1, 1)).export(file_type="ply"),
+    "text.ply": lambda: trimesh.creation.box((1, 1, 1)).export(file_type="ply", encoding="ascii"),
+    "a.glb": one_glb,
+    "instances.glb": lambda: one_glb(nodes=3),
+    "a.dae": dae,
+    "instances.dae": lambda: dae(nodes=chained(3), scene='<node id="n"><instance_node url="#c0"/></node>'),
+    "polygons.dae": lambda: dae(
+        '<polylist count="1"><input semantic="VERTEX" source="#v" offset="0"/><vcount>3</vcount><p>0 1 2</p></polylist>'
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_sound_files_are_read(name: str, tmp_path: Path) -> None:
+    if name.endswith("dae"):
+        pytest.importorskip("collada")
+    (tmp_path / name).write_bytes(SOUND[name]())
+    bodies = {"instances.glb": 3, "instances.dae": 8}.get(name, 1)
+    assert len(mesh_parts(tmp_path / name, MOST)) == bodies
+
+
+@pytest.mark.parametrize(
+    "name", ["a.zip", "a.tar.gz", "a.bz2", "a.zae", "a.3mf", "a.gltf", "a.xyz", "a", "a.stl.zip"]
+)
+def test_other_kinds_are_refused(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(archive())
+    with pytest.raises(InvalidRobot, match=r"must end in \.dae, \.glb, \.obj, \.ply or \.stl"):
+        mesh_parts(tmp_path / name)
+
+
+def test_no_kind_that_is_read_is_an_archive() -> None:
+    from trimesh.exchange.load import compressed_loaders, mesh_loaders
+
+    assert CHECKS.keys() <= mesh_loaders.keys()
+    assert not CHECKS.keys() & compressed_loaders.keys()
+
+
+BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
+    "lines.obj": (lambda: TRIANGLE.encode() + b"f\n" * 8000, "lines"),
+    "lines.ply": (
+        lambda: b"ply\nformat ascii 1.0\nelement vertex 8000\nproperty float x\nend_header\n" + b"\n" * 8000,
+        "lines",
+    ),
+    "separators.ply": (lambda: b"ply\nformat ascii 1.0\nend_header\n" + b"\x0c\xc2\x85" * 3000, "lines"),
+    "edges.ply": (
+        lambda: b"ply\nformat binary_little_endian 1.0\nelement edge 9\nproperty int vertex1\nend_header\n",
+        "edges",
+    ),
+    "corners.stl": (lambda: b"solid a\n" + b"vertex 0 0 0\n" * 4500 + b"endsolid", "vertices and normals"),
+    "materials.obj": (
+        lambda: TRIANGLE.encode() + b"".join(b"usemtl%d\n" % i for i in range(MOST_BODIES + 1)),
+        "materials",
+    ),
+    "solids.stl": (lambda: b"solid\nendsolid\n" * (MOST_BODIES + 1), "solids"),
+    "accessor.glb": (lambda: one_glb(count=10**9), "bytes in its accessors"),
+    "view.glb": (lambda: one_glb(view=10**9), "bytes in its views"),
+    "negative.glb": (lambda: one_glb(count=-5), "a count is -5"),
+    "primitives.glb": (lambda: one_glb(repeat=1850), "bytes in its bodies"),
+    "instances.glb": (lambda: one_glb(nodes=2000), "bytes in its bodies"),
+    "many.glb": (lambda: one_glb(nodes=MOST_BODIES + 1), "nodes, bodies and images"),
+    "draco.glb": (lambda: one_glb(extensions={"KHR_draco_mesh_compression": {}}), "Draco"),
+    "archive.dae": (archive, "archive"),
+    "appended.dae": (lambda: dae() + archive(), "archive"),
+    "entities.dae": (
+        lambda: dae(doctype='<!DOCTYPE c [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>'),
+        "document type",
+    ),
+    "wide.dae": (lambda: dae(doctype="<!DOCTYPE c>").decode().encode("utf-16"), "document type"),
+    "polygon.dae": (
+        lambda: dae(
+            '<polylist count="1"><input semantic="VERTEX" source="#v" offset="0"/><vcount>2000000000</vcount>'
+            "<p>0 1 2</p></polylist>"
+        ),
+        "corners of polygons",
+    ),
+    "doubled.dae": (
+        lambda: dae(nodes=chained(40), scene='<node id="n"><instance_node url="#c0"/></node>'),
+        "nodes and bodies",
+    ),
+    "itself.dae": (
+        lambda: dae(scene='<node id="n"><instance_node url="#n"/><instance_node url="#n"/></node>'),
+        "instance of itself",
+    ),
+    "large.dae": (
+        lambda: dae(ONE.replace("0 1 2", "0 1 2 " * 1000), scene=INSTANCE.replace("/>", "/>" * 1) * 8),
+        "corners of triangles",
+    ),
+    "deep.dae": (lambda: dae(scene="<node>" * 1900 + "</node>" * 1900), "nested|tags|cannot be read"),
+    "tags.dae": (lambda: dae(scene="<x/>" * 3000), "tags"),
+}
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_what_would_grow_is_refused(name: str, tmp_path: Path) -> None:
+    if name.endswith("dae"):
+        pytest.importorskip("collada")
+    make, why = BOMBS[name]
+    (tmp_path / name).write_bytes(make())
+    most = 2**20 if name in ("materials.obj", "solids.stl", "many.glb") else MOST
+    with pytest.raises(InvalidRobot, match=why) as caught:
+        mesh_parts(tmp_path / name, most)
+    assert name in str(caught.value)
+
+
+@pytest.mark.parametrize("name", [*SOUND, *BOMBS])
+def test_a_file_that_is_cut_anywhere_is_read_or_refused(name: str, tmp_path: Path) -> None:
+    if name.endswith("dae"):
+        pytest.importorskip("collada")
+    whole = SOUND[name]() if name in SOUND else BOMBS[name][0]()
+    rng = np.random.default_rng(3)
+    for end in [0, 1, 5, 19, 25, *rng.integers(0, len(whole), 5).tolist()]:
+        (tmp_path / name).write_bytes(whole[:end])
+        with contextlib.suppress(InvalidRobot):
+            mesh_parts(tmp_path / name, MOST)
+
+
+def test_materials_come_from_beside_and_from_nowhere_else(tmp_path: Path) -> None:
+    folder = tmp_path / "meshes"
+    (folder / "below").mkdir(parents=True)
+    for place in (tmp_path, folder, folder / "below"):
+        (place / "paint.mtl").write_text("newmtl red\nKd 1 0 0\n")
+
+    def colour(library: str, most: int = MOST) -> tuple[int, ...] | None:
+        (folder / "a.obj").write_text(f"mtllib {library}\n{TRIANGLE}usemtl red\nf 1 2 3\n")
+        visual = mesh_parts(folder / "a.obj", most)[0].visual
+        return tuple(visual.material.diffuse[:3]) if visual.kind == "texture" else None
+
+    assert colour("paint.mtl") == colour("below/paint.mtl") == (255, 0, 0)
+    (folder / "paint.mtl").unlink()
+    assert colour("paint.mtl") is None
+    assert colour("../paint.mtl") is None
+    assert colour(str(tmp_path / "paint.mtl")) is None
+    assert colour("/dev/zero") is None
+    (folder / "paint.mtl").symlink_to(tmp_path / "paint.mtl")
+    assert colour("paint.mtl") is None
+    (folder / "paint.mtl").unlink()
+    (folder / "paint.mtl").write_text("newmtl red\nKd 1 0 0\n" + "#" * MOST)
+    assert colour("paint.mtl") is None
+    assert colour("paint.mtl", 2 * MOST) == (255, 0, 0)
+    (folder / "paint.mtl").write_text("newmtl red\nKd 1 0 0\n" + "\n" * (MOST // 16))
+    assert colour("paint.mtl") is None
+
+
+def test_images_are_pictures_of_a_sane_size(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    (tmp_path / "a.obj").write_text(
+        f"mtllib a.mtl\n{TRIANGLE}vt 0 0\nvt 1 0\nvt 0 1\nusemtl red\nf 1/1 2/2 3/3\n"
+    )
+    (tmp_path / "a.mtl").write_text("newmtl red\nmap_Kd a.png\n")
+    image.new("1", (8, 8)).save(tmp_path / "a.png")
+    assert mesh_parts(tmp_path / "a.obj")[0].visual.material.image.size == (8, 8)
+
+    def pictured() -> bool:
+        return mesh_parts(tmp_path / "a.obj")[0].visual.material.image is not None
+
+    assert pictured()
+    image.new("1", (2**13 + 1, 2**13)).save(tmp_path / "a.png")
+    assert not pictured()
+    image.new("RGB", (8, 8)).save(tmp_path / "a.png", format="EPS")  # Its reader calls Ghostscript.
+    assert not pictured()
+
+
+@pytest.mark.parametrize(
+    ("size", "kind", "why"),
+    [
+        ((8, 8), "PNG", ""),
+        ((2**13 + 1, 2**13), "PNG", "pixels in its images"),
+        ((8, 8), "EPS", "an image is EPS"),
+    ],
+)
+def test_images_inside_a_file_are_too(size: tuple[int, int], kind: str, why: str, tmp_path: Path) -> None:
+    held = io.BytesIO()
+    pytest.importorskip("PIL.Image").new("RGB" if kind == "EPS" else "1", size).save(held, format=kind)
+    corners, picture = np.eye(3, dtype="<f4").tobytes(), held.getvalue()
+    told: dict[str, Any] = {
+        "bufferViews": [
+            {"buffer": 0, "byteLength": 36},
+            {"buffer": 0, "byteOffset": 36, "byteLength": len(picture)},
+        ],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "images": [{"bufferView": 1, "mimeType": "image/png"}],
+        "textures": [{"source": 0}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
+        "nodes": [{"mesh": 0}],
+        "scenes": [{"nodes": [0]}],
+    }
+    (tmp_path / "a.glb").write_bytes(glb(corners + picture, **told))
+    with pytest.raises(InvalidRobot, match=why) if why else contextlib.nullcontext():
+        assert mesh_parts(tmp_path / "a.glb")[0].visual.material.baseColorTexture.size == size
+    told["images"] = [{"uri": "a.png"}]
+    (tmp_path / "b.glb").write_bytes(glb(corners + picture, **told))
+    with pytest.raises(InvalidRobot, match="in other files"):
+        mesh_parts(tmp_path / "b.glb")
+
+
+def test_scenes_and_the_viewer_refuse_the_same_files(tmp_path: Path) -> None:
+    pytest.importorskip("pinocchio")
+    from kinseek.collision import Mesh
+    from kinseek.errors import InvalidScene
+    from kinseek.viewer.meshes import meshes_of
+
+    (tmp_path / "a.zip").write_bytes(archive())
+    with pytest.raises(InvalidScene, match=r"must end in \.dae"):
+        Mesh.read(tmp_path / "a.zip")
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="r"><link name="a"><visual><geometry><mesh filename="a.zip"/></geometry></visual></link>'
+        '<link name="b"/><joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint></robot>'
+    )
+    (missing,) = meshes_of(kinseek.load(tmp_path / "arm.urdf").chain).missing
+    assert "must end in .dae" in missing
