@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from typing import Any, Literal, Self, Unpack
 
 import numpy as np
@@ -15,6 +14,7 @@ from .kernels.arm.pose_error import judge
 from .kernels.arm.range_error import FRAME, HIGH, LOW, QUESTION, SWING, SWINGS, judge_ranges
 from .kernels.arrays import ChainArrays, GoalArrays
 from .kinds import BOX, KINDS, PLAIN_KINDS, POINTING, POSE, POSITION, Kind
+from .lazy import Lazy, lazy
 from .poses import _at, _unit, _x_onto, as_pose, one_pose, plain_place, row_of, rpy_of
 from .ranges import (
     AXES,
@@ -48,7 +48,7 @@ Frame = Literal["tool", "base"]
 
 
 @dataclass(frozen=True, eq=False)
-class Goal:
+class Goal(Lazy):
     """What of the hand's pose matters, how exactly, and how position and orientation are weighed.
 
     Build one with `Goal.pose`, `Goal.position` or `Goal.pointing`.
@@ -343,7 +343,7 @@ class Goal:
         """The same goal with another target."""
         return replace(self, target=target)
 
-    @cached_property
+    @lazy
     def tip_rotation(self) -> Array:
         """Turns the tip so that a pointing goal's tool axis becomes x, which kernels align, (3, 3)."""
         if not self.form.turned:
@@ -365,7 +365,7 @@ class Goal:
         """Columns of the rotation that the paper's error counts, x and y of a pose: 2, 1 or 0 (Sec. 2.2)."""
         return min(self.columns, 2)
 
-    @cached_property
+    @lazy
     def tip(self) -> Array | None:
         """What kernels append to the arm's tip, (4, 4): the tool, and the rotation of a pointing goal; None: nothing."""
         if self.tool is None and not self.form.turned:
@@ -374,7 +374,7 @@ class Goal:
         end[:3, :3] = end[:3, :3] @ self.tip_rotation
         return end
 
-    @cached_property
+    @lazy
     def targets(self) -> Array:
         """Targets as kernels take them, in the arm's base, tip rotation included, (k, 3, 4)."""
         flat = self.target.reshape(-1, 4, 4)[:, :3].copy()
@@ -384,7 +384,7 @@ class Goal:
             flat[..., :3] = flat[..., :3] @ self.tip_rotation
         return flat
 
-    @cached_property
+    @lazy
     def frames(self) -> Array:
         """Axes of the frame along which a box goal's ranges are, in the arm's base, as columns, (k, 3, 3)."""
         if self.frame == "tool":
@@ -392,7 +392,7 @@ class Goal:
         axes = np.eye(3) if self.base is None else self.base[:3, :3].T
         return np.ascontiguousarray(np.broadcast_to(axes, (len(self.targets), 3, 3)))
 
-    @cached_property
+    @lazy
     def questions(self) -> Array:
         """Targets, frames and ranges of a box goal as kernels take them, (k, `QUESTION`)."""
         rows, ranges = np.zeros((len(self.targets), QUESTION)), np.array(self.ranges)
@@ -403,7 +403,7 @@ class Goal:
             rows[:, SWING:SWINGS], rows[:, SWINGS] = self.swing, 1.0
         return rows
 
-    @cached_property
+    @lazy
     def arrays(self) -> GoalArrays:
         """The first target with the paper's weights: x and y columns count for a pose (Sec. 2.2)."""
         return GoalArrays(

@@ -16,6 +16,7 @@ from .errors import InvalidProblem, suggest
 from .goal import Goal
 from .kernels.arm.forward import forward_many
 from .kernels.arm.jacobian import jacobian_many
+from .lazy import Lazy
 from .poses import one_pose
 from .printable import printable
 from .problem import Problem, as_joints
@@ -29,7 +30,7 @@ from .structure.structure import FUNCTION, Structure, structure_of
 Array = NDArray[np.float64]
 
 
-class ForwardArm:
+class ForwardArm(Lazy):
     """An arm as far as its forward kinematics go; `kinseek.Arm` is one that can also be asked for joint values."""
 
     def __init__(self, mechanism: Mechanism) -> None:

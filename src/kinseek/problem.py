@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from .errors import InvalidProblem
 from .goal import Goal
 from .kernels.arm.pose_error import LARGEST
 from .kernels.arrays import ChainArrays
+from .lazy import Lazy, Made, lazy
 from .reals import floats
 from .robots.chain import SerialChain
 from .robots.mechanism import Mechanism, no_axes
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class Problem(Lazy):
     """One inverse-kinematics question, or a batch of them that differ in their targets.
 
     Raises:
@@ -79,7 +79,7 @@ class Problem:
             raise InvalidProblem(no_axes(self.mechanism, "this needs the axes and links of an arm"))
         return axes
 
-    @cached_property
+    @lazy
     def arrays(self) -> ChainArrays:
         """The chain as kernels take it, its tip moved to the goal's tool and turned the way the goal needs."""
         arrays, tip = self.chain.arrays, self.goal.tip
@@ -130,7 +130,7 @@ class Problem:
             yield replace(self, goal=self.goal.at(self.goal.target[index]), near=near)
 
 
-class MadeWhenAsked:
+class MadeWhenAsked(Made):
     """The field `problem` of a result, made when it is first asked for: the fast ways of `Arm` leave it out.
 
     They leave a `_question` instead: the arm, or the problem of another pose of a batch; a goal, a pose (4, 4), or its
@@ -154,8 +154,12 @@ class MadeWhenAsked:
             problem = replace(arm, goal=arm.goal.at(target), near=near)
         else:
             problem = Problem(arm, target if isinstance(target, Goal) else Goal.pose(target), near)
-        result.__dict__["problem"] = problem
-        return problem
+        made: Problem = result.__dict__.setdefault(self.name, problem)
+        return made
+
+    def can_be_remade(self, state: Mapping[str, Any]) -> bool:
+        """Return whether the result holds what it is made of."""
+        return "_question" in state
 
 
 FEW = 8192

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import threading
 import weakref
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from typing import Generic, TypeVar
+
+from .forks import Lock
 
 Owner = TypeVar("Owner")
 Key = TypeVar("Key", bound=Hashable)
@@ -25,12 +26,12 @@ class Kept(Generic[Key, Thing]):
         """
         self._most, self._may_go = most, may_go
         self._things: OrderedDict[Key, Thing] = OrderedDict()
-        self._making = threading.RLock()
+        self._making = Lock()
         """Held while something is made, so that no two threads make the same; making one thing may ask for another."""
 
     def get(self, key: Key, make: Callable[[], Thing]) -> Thing:
         """What has this key; made now if it is asked for the first time, or was forgotten."""
-        with self._making:
+        with self._making.now:
             if key not in self._things:
                 self._things[key] = make()
                 self._forget()
@@ -56,11 +57,11 @@ class Shelf(Generic[Owner, Key, Thing]):
         """Keep nothing yet; see `Kept`, whose arguments hold for each owner."""
         self._most, self._may_go = most, may_go
         self._owners: weakref.WeakKeyDictionary[Owner, Kept[Key, Thing]] = weakref.WeakKeyDictionary()
-        self._adding = threading.Lock()
+        self._adding = Lock()
 
     def of(self, owner: Owner) -> Kept[Key, Thing]:
         """What is kept for one owner."""
-        with self._adding:
+        with self._adding.now:
             mine = self._owners.get(owner)
             if mine is None:
                 mine = self._owners[owner] = Kept(self._most, self._may_go)

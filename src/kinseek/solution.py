@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any, Generic, Self, cast
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .errors import InvalidUse, NotReached
 from .goal import Goal
 from .kernels.arm.pose_error import judge_poses
+from .lazy import Lazy, Made
 from .problem import MadeWhenAsked, Problem
 from .robots.chain import SerialChain
 from .robots.mechanism import Mechanism
@@ -57,7 +58,7 @@ _NO: Any = False
 _NONE: Any = 0
 
 
-class _Told:
+class _Told(Made):
     """A field that stands in a kernel's report and is taken from it at the first look: most answers are asked for q alone.
 
     It stands aside where an object holds the field itself, as `problem.MadeWhenAsked` does.
@@ -66,10 +67,6 @@ class _Told:
     def __init__(self, place: int) -> None:
         """Take the number at a place of the report, see `quick_solution`."""
         self.place = place
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        """Remember what the field is called."""
-        self.name = name
 
     def __get__(self, solution: Any, owner: type) -> Any:
         """Take it from the report and leave it with the solution.
@@ -83,9 +80,13 @@ class _Told:
         value = solution.__dict__[self.name] = report[self.place]
         return value
 
+    def can_be_remade(self, state: Mapping[str, Any]) -> bool:
+        """Return whether the solution holds its report."""
+        return "_report" in state
+
 
 @dataclass(frozen=True, eq=False)
-class Solution(Generic[Flag, Number, Count, State]):
+class Solution(Lazy, Generic[Flag, Number, Count, State]):
     """The answer to one target, or to a batch of them; then every field has the batch's leading shape (...).
 
     Errors are recomputed from `q` by plain forward kinematics, never taken from a search's own residual.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR
 from kinseek.kernels.branches.refine_all import ANSWERS, CONTINUUM, SPENT
+from kinseek.lazy import Lazy, lazy
 from kinseek.problem import MadeWhenAsked, Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.named import by_name
@@ -19,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Branches:
+class Branches(Lazy):
     """The answers to one goal, in the order that was asked for; every one meets both tolerances.
 
     Errors are recomputed from `q` by plain forward kinematics. Without an answer `q` has no rows. It is a sequence, so it
@@ -219,7 +220,7 @@ def quick_branches(
     return branches
 
 
-class AsFound(Sequence[Branches]):
+class AsFound(Lazy, Sequence[Branches]):
     """The answers to each goal of a batch in the order in which they were found; a `Branches` is made when it is looked at.
 
     To make one takes as long as to find its answers where the arm has a closed form.
@@ -239,7 +240,12 @@ class AsFound(Sequence[Branches]):
         """
         self._one, self._targets = next(problem.each()), problem.goal.target.reshape(-1, 4, 4)
         self._found, self._nears, self._sampled, self._most = found, nears, sampled, most
-        self._dof, self._made = problem.chain.dof, dict[int, Branches]()
+        self._dof = problem.chain.dof
+
+    @lazy
+    def _made(self) -> dict[int, Branches]:
+        """The answers that were looked at."""
+        return {}
 
     def __len__(self) -> int:
         """How many goals there are."""
@@ -256,7 +262,8 @@ class AsFound(Sequence[Branches]):
         i = range(len(self))[index]
         if i not in self._made:
             question = self._one, self._targets[i], None if self._nears is None else self._nears[i]
-            self._made[i] = quick_branches(question, self._dof, self._found[i], self._sampled, self._most)
+            one = quick_branches(question, self._dof, self._found[i], self._sampled, self._most)
+            self._made.setdefault(i, one)
         return self._made[i]
 
     @property

@@ -5,10 +5,10 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from functools import cached_property
 
 import numpy as np
 
+from kinseek.lazy import Lazy, lazy
 from kinseek.robots.chain import SerialChain
 
 from .bodies import Body
@@ -18,7 +18,7 @@ from .pairs import Pair, key
 
 
 @dataclass(frozen=True)
-class Assembly:
+class Assembly(Lazy):
     """The engine of a scene, and which parts are of which body."""
 
     chain: SerialChain
@@ -28,7 +28,7 @@ class Assembly:
     numbers: dict[str, list[int]]
     """Of each body the numbers of its parts."""
 
-    @cached_property
+    @lazy
     def speeds(self) -> Speeds:
         """How fast bodies can move."""
         return Speeds(self.chain, self.engine)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Mapping, Sequence
-from functools import cached_property
-from threading import RLock
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.forks import Lock
 from kinseek.kernels.collision.gaps import DOUBT, FREE
 from kinseek.robots.chain import SerialChain
 
@@ -96,30 +95,43 @@ class Engine:
             [sum(solids[i].padding + solids[i].shape.excess for i in pair) for pair in pairs]
         ).reshape(-1)
         self._padded = np.array([sum(solids[i].padding for i in pair) for pair in pairs]).reshape(-1)
-        self._clearance, self._lock = np.nan, RLock()
+        self._clearance, self._lock, self._taken = np.nan, Lock(), list[Any]()
+        self._fitted: Broad | None = None
+        self._moving: Mapping[int, Array] = {}
+        """What `stand` is doing."""
         self._shells = [n for n, pair in enumerate(pairs) if any(_is_shell(solids[i]) for i in pair)]
 
-    @cached_property
+    @property
     def _broad(self) -> Broad:
-        """The first pass; fitted when it is first asked."""
-        return Broad(self._chain, self.solids, self.pairs, self._padded)
+        """The first pass; fitted when it is first asked, by one thread: that may take seconds."""
+        fitted = self._fitted
+        if fitted is None:
+            with self:
+                fitted = self._fitted or Broad(self._chain, self.solids, self.pairs, self._padded)
+                self._fitted = fitted
+        return fitted
 
     def stand(self, poses: Mapping[int, Array]) -> None:
         """Put parts that stand in the base somewhere else: their numbers, and their poses, (4, 4)."""
+        self._moving = poses
         for number, pose in poses.items():
             self.solids[number] = self.solids[number]._replace(pose=pose)
             place = self._pin.SE3(pose[:3, :3].copy(), pose[:3, 3].copy())
             self._geometry.geometryObjects[number].placement = place
-        self.__dict__.pop("_broad", None)
+        self._fitted, self._moving = None, {}
 
     def __enter__(self) -> Self:
         """Wait until nobody else asks: placements are kept between calls."""
-        self._lock.acquire()
+        lock = self._lock.now
+        lock.acquire()
+        self._taken.append(lock)
+        if self._moving:  # Ctrl-C or a fork came in the middle of it.
+            self.stand(self._moving)
         return self
 
     def __exit__(self, *exception: object) -> None:
         """Let the next one ask."""
-        self._lock.release()
+        self._taken.pop().release()
 
     def free(self, q: Array, clearance: float, threads: int | None = 1) -> Flags:
         """Is every pair farther apart than `clearance`? (k, n) -> (k,).
@@ -207,6 +219,7 @@ class Engine:
         """From now on what is not farther apart than this touches [m]."""
         if clearance == self._clearance:
             return
+        self._clearance = np.nan  # Ctrl-C or a fork may come before all requests have it.
         for request, larger in zip(self._placed.collisionRequests, self._larger, strict=True):
             request.security_margin = clearance + larger + TOUCH
         self._clearance = clearance

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidRobot, InvalidScene, MissingExtra
+from kinseek.forks import importing
+from kinseek.lazy import Lazy, lazy
 
 if TYPE_CHECKING:
     from .spheres import Cover
@@ -43,13 +44,14 @@ def library(name: str) -> Any:
         MissingExtra: It is not installed.
     """
     try:
-        return import_module(name)
+        with importing:
+            return import_module(name)
     except ImportError:
         raise MissingExtra("A scene with collisions", "collision") from None
 
 
 @dataclass(frozen=True, eq=False)
-class Shape(ABC):
+class Shape(Lazy, ABC):
     """One shape in its own frame, lengths in [m]."""
 
     @property
@@ -57,7 +59,7 @@ class Shape(ABC):
         """How far the shape may reach beyond the hull of its corners [m]."""
         return 0.0
 
-    @cached_property
+    @lazy
     @abstractmethod
     def corners(self) -> Array:
         """Points whose hull, made thicker by `thickness`, holds the shape, (k, 3) [m]."""
@@ -72,7 +74,7 @@ class Shape(ABC):
         """Points whose hull, made thicker by `thickness`, lies inside the shape, (k, 3) [m]; none where none are known."""
         return self.corners if self.is_hull else np.zeros((0, 3))
 
-    @cached_property
+    @lazy
     def cover(self) -> Cover:
         """What holds it and what it holds, for a first look; fitted once."""
         from .spheres import cover_of
@@ -104,7 +106,7 @@ class Box(Shape):
         """Check it."""
         object.__setattr__(self, "size", lengths("size", self.size, 3))
 
-    @cached_property
+    @lazy
     def corners(self) -> Array:
         """The eight corners."""
         signs = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), axis=-1).reshape(-1, 3)
@@ -135,7 +137,7 @@ class Sphere(Shape):
         """Its radius."""
         return self.radius
 
-    @cached_property
+    @lazy
     def corners(self) -> Array:
         """Its middle."""
         return np.zeros((1, 3))
@@ -173,7 +175,7 @@ class Cylinder(Shape):
         """The corners of a prism inside it."""
         return np.asarray(self.corners * [np.cos(np.pi / _SIDES), np.cos(np.pi / _SIDES), 1.0])
 
-    @cached_property
+    @lazy
     def corners(self) -> Array:
         """The corners of a prism that stands around it."""
         angles = np.arange(_SIDES) * 2 * np.pi / _SIDES
@@ -209,7 +211,7 @@ class Capsule(Shape):
         """Its radius."""
         return self.radius
 
-    @cached_property
+    @lazy
     def corners(self) -> Array:
         """Both ends of the piece of the axis."""
         return np.array([[0.0, 0.0, -self.length / 2], [0.0, 0.0, self.length / 2]])
@@ -312,12 +314,12 @@ class Mesh(Shape):
         """Does its hull count?"""
         return self.hull
 
-    @cached_property
+    @lazy
     def corners(self) -> Array:
         """The corners of its hull."""
         return np.array(self._hull.points()) if self._is_solid else self.vertices
 
-    @cached_property
+    @lazy
     def closed(self) -> bool:
         """Does every edge belong to two triangles, so that there is an inside?"""
         _, places = np.unique(self.vertices.round(9), axis=0, return_inverse=True)
@@ -344,22 +346,22 @@ class Mesh(Shape):
         """What coal takes."""
         return self._hull if self.hull else triangles(self.vertices, self.faces)
 
-    @cached_property
+    @lazy
     def _least(self) -> Array:
         return np.asarray(self.vertices.min(axis=0))
 
-    @cached_property
+    @lazy
     def _most(self) -> Array:
         return np.asarray(self.vertices.max(axis=0))
 
-    @cached_property
+    @lazy
     def _is_solid(self) -> bool:
         """Do the vertices span all three directions, so that there is a hull?"""
         off = self.vertices - self.vertices.mean(axis=0)
         spread = np.linalg.svd(off.T @ off, compute_uv=False)
         return bool(spread[2] > 1e-12 * max(spread[0], 1e-30))
 
-    @cached_property
+    @lazy
     def _hull(self) -> Any:
         coal = library("coal")
         if not self._is_solid:
@@ -372,10 +374,6 @@ class Mesh(Shape):
         except RuntimeError as error:
             why = str(error).rpartition("message:")[2].strip()
             raise InvalidScene(f"{self.name}: coal cannot make its convex hull: {why}") from error
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Pickle what it is made of; coal's hull is made anew."""
-        return {key: value for key, value in self.__dict__.items() if key != "_hull"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -426,7 +424,7 @@ class Points(Shape):
         """The radius of its points: to coal they have none."""
         return self.radius
 
-    @cached_property
+    @lazy
     def corners(self) -> Array:
         """The corners of the box around all points."""
         ends = np.stack([self.places.min(axis=0), self.places.max(axis=0)])

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from kinseek.lazy import lazy
 
 from .shapes import Box, Capsule, Shape, Sphere, library
 
@@ -123,7 +124,7 @@ class _Thick(Shape):
     def is_hull(self) -> bool:
         return False
 
-    @cached_property
+    @lazy
     def corners(self) -> Array:
         return self.points
 

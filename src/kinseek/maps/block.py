@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import threading
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -17,6 +16,7 @@ import kinseek
 from kinseek.arm import Arm
 from kinseek.collision import Scene
 from kinseek.errors import InvalidMap
+from kinseek.forks import Lock
 from kinseek.goal import Goal
 from kinseek.kernels.sources import source_digest
 from kinseek.robots import SerialChain
@@ -105,13 +105,13 @@ class Desk:
 
 
 _desks: dict[str, Desk] = {}
-_making = threading.Lock()
+_making = Lock()
 
 
 def desk_of(work: Work) -> Desk:
     """The desk of this process for such work; the last few are kept."""
     key = f"{work.arm} {work.cell} {sorted(work.grid.items())}"
-    with _making:
+    with _making.now:
         if key not in _desks:
             while len(_desks) > 3:
                 _desks.pop(next(iter(_desks)))

@@ -6,13 +6,14 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidMap
+from kinseek.lazy import Lazy, lazy
 
 from .orientations import Orientations, about_z, orientations
 
@@ -31,7 +32,7 @@ _FITS = 1e-6
 """By how much of a cell a range may miss a whole number of cells: numbers such as 0.05 are rounded."""
 
 
-class Cells:
+class Cells(Lazy):
     """What grids of both kinds have in common. Places are along `places`, orientations are the last dimension."""
 
     names: ClassVar[tuple[str, ...]]
@@ -40,7 +41,7 @@ class Cells:
     """Coordinates of a pose's position that these are."""
     orientations: Orientations
 
-    @cached_property
+    @lazy
     def places(self) -> tuple[Array, ...]:
         """Middles of the cells along each dimension before the last [m]."""
         ranges = (getattr(self, name) for name in self.names)

@@ -14,12 +14,12 @@ with cos(Ω/2) = cos(σ/2) cos(t/2), σ the angle of c and d. That is largest in
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidMap
+from kinseek.lazy import Lazy, lazy
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -29,7 +29,7 @@ MOST = 10_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Orientations:
+class Orientations(Lazy):
     """A grid of orientations whose cells have equal volume and tile SO(3). Make one with `orientations`."""
 
     regions: Array
@@ -50,12 +50,12 @@ class Orientations:
             f"{self.covering_radius:.4f} rad of one)"
         )
 
-    @cached_property
+    @lazy
     def directions(self) -> Array:
         """Centre of each region, where the z axis of the tip points, (n, 3)."""
         return direction(*self.centres.T)
 
-    @cached_property
+    @lazy
     def centres(self) -> Array:
         """Polar angle and azimuth of each region's centre [rad], (n, 2); that of a cap is its pole."""
         polar = self.regions[:, :2].mean(axis=1)
@@ -67,12 +67,12 @@ class Orientations:
         """Half an arc [rad]."""
         return np.pi / self.arcs
 
-    @cached_property
+    @lazy
     def radii(self) -> Array:
         """How far a region's farthest point is from its centre [rad], (n,)."""
         return farthest(self.regions, self.centres)
 
-    @cached_property
+    @lazy
     def half_angles(self) -> Array:
         """Of each orientation: no member of its cell is farther off [rad], (k,)."""
         return np.repeat(ball(self.radii, self.half_arc), self.arcs)
@@ -82,13 +82,13 @@ class Orientations:
         """Every orientation is at most so far from one of the grid [rad]: a bound, and no sample."""
         return float(self.half_angles.max())
 
-    @cached_property
+    @lazy
     def matrices(self) -> Array:
         """All rotations, (k, 3, 3), those of one direction one after the other."""
         turns = (2 * np.arange(self.arcs) + 1) * self.half_arc - np.pi
         return (self.frames[:, None] @ about_z(turns)[None]).reshape(-1, 3, 3)
 
-    @cached_property
+    @lazy
     def frames(self) -> Array:
         """Of each region the rotation from which turns are counted: z onto its centre, (n, 3, 3)."""
         polar, azimuth = self.centres.T

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import NotReached
+from kinseek.lazy import Lazy, lazy
 from kinseek.problem import Problem
 
 from .between import deviation_between
@@ -67,7 +67,7 @@ class Deviation(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Path:
+class Path(Lazy):
     """Joint values for a row of N poses, judged by plain forward kinematics.
 
     Attributes:
@@ -134,7 +134,7 @@ class Path:
         """Pairs (i, j) of which it is proved that no continuous motion inside the limits leads from pose i to pose j."""
         return () if self.proof is None else self.proof.impossible
 
-    @cached_property
+    @lazy
     def steps(self) -> Array:
         """What each joint moves from pose to pose, (N - 1, n), [rad] or [m]; NaN across breaks.
 
@@ -158,7 +158,7 @@ class Path:
         """Length of the way of the joints, breaks left out: the sum of the steps' Euclidean lengths [rad or m]."""
         return float(np.nansum(np.linalg.norm(self.steps, axis=1)))
 
-    @cached_property
+    @lazy
     def deviation(self) -> Deviation:
         """The farthest that the hand comes from the straight way between two poses, breaks left out.
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-import os
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -36,6 +34,7 @@ from kinseek.kernels.proof.progress import (
 )
 from kinseek.kernels.proof.search import enclose_boxes, exclude_boxes, isolate_boxes
 from kinseek.problem import Problem
+from kinseek.solvers.threads import in_threads
 from kinseek.undisturbed import undisturbed
 
 from .reduce import error_question, question, start_boxes
@@ -286,14 +285,13 @@ def _shared(
 
     def rounds() -> Search:
         found = search
-        with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-            while len(found.left) and not watch.over:
-                parts = min(hands, len(found.left))
-                most = min(PIECE, (budget - found.boxes) // parts)
-                if most == 0:
-                    break
-                dealt = [found.left[part::parts] for part in range(parts)]
-                found = settle(_together(found, list(pool.map(partial(one, found, most), dealt))))
+        while len(found.left) and not watch.over:
+            parts = min(hands, len(found.left))
+            most = min(PIECE, (budget - found.boxes) // parts)
+            if most == 0:
+                break
+            dealt = [found.left[part::parts] for part in range(parts)]
+            found = settle(_together(found, in_threads(partial(one, found, most), dealt, threads)))
         return found
 
     return undisturbed(rounds, stop=watch.interrupt)

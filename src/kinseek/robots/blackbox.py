@@ -9,7 +9,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, NoReturn
 
 import numpy as np
@@ -17,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import FailedKinematics, InvalidRobot, suggest
 from kinseek.kernels.arm.pose_error import LARGEST, first_loose
+from kinseek.lazy import lazy
 
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE, Variables
 from .named import in_order
@@ -70,7 +70,7 @@ class BlackBox(Variables):
         """Of each variable, (n,): does a full turn leave the pose as it is? Its kind says so."""
         return self.turns
 
-    @cached_property
+    @lazy
     def cheap(self) -> bool:
         """Does one more row cost little, since no Python runs for it?"""
         return self.vectorized or _is_compiled(self.function)
@@ -156,7 +156,7 @@ class BlackBox(Variables):
             self._fail(f"gave an array of {matrix.dtype}, expected real numbers", row)
         return matrix.astype(np.float64, copy=False)
 
-    @cached_property
+    @lazy
     def _loop(self) -> Function:
         return _compiled_loop(self.function)
 

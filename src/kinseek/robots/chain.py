@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +20,7 @@ from kinseek.errors import InvalidRobot
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.kernels.arrays import ChainArrays, chain_arrays
+from kinseek.lazy import lazy
 from kinseek.transforms import rotation, square
 
 from .files import MOST_JOINTS, require_few
@@ -107,7 +107,7 @@ class SerialChain(Variables):
         """Itself: it has axes and links; see `Mechanism`."""
         return self
 
-    @cached_property
+    @lazy
     def periodic(self) -> NDArray[np.bool_]:
         """Of each variable, (n,): does a full turn leave the pose of every link as it is?"""
         turns = np.ones(self.dof, dtype=np.bool_)
@@ -115,14 +115,14 @@ class SerialChain(Variables):
             turns[i] &= not self.prismatic[k] and float(self.multiplier[k]).is_integer()
         return turns
 
-    @cached_property
+    @lazy
     def reach(self) -> float:
         """No pose of the tip is farther from the base [m]: the sum of all links and slides."""
         ends = self.multiplier * np.stack([self.lower, self.upper])[:, self.leader] + self.offset
         slides = float(np.abs(ends).max(axis=0)[self.prismatic].sum())
         return float(np.linalg.norm(self.fixed[:, :, 3], axis=1).sum()) + slides
 
-    @cached_property
+    @lazy
     def arrays(self) -> ChainArrays:
         """The chain as the kernels take it."""
         return chain_arrays(

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from kinseek.errors import InvalidRobot
+from kinseek.forks import importing
 
 from .chain import SerialChain
 from .mjcf import read_mjcf, read_model
@@ -66,7 +67,8 @@ def read_held(source: Any, base: str | None, tip: str | None) -> SerialChain | N
 
 def _text_of_yourdfpy(model: Any) -> bytes:
     """Write a model of yourdfpy as URDF; its own writer leaves out which joint follows which, and soft limits."""
-    from lxml import etree
+    with importing:
+        from lxml import etree
 
     root = etree.fromstring(model.write_xml_string())
     for element, joint in zip(root.iterfind("joint"), model.robot.joints, strict=True):

@@ -6,12 +6,12 @@ A search that needs nothing but poses runs on any `Mechanism`. One that works wi
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.lazy import Lazy, lazy
 from kinseek.turns import TURN, ends_meet, holds_a_turn
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ class Mechanism(Protocol):
         """
 
 
-class Variables:
+class Variables(Lazy):
     """What follows from the kinds and the limits of joint variables, whatever stands behind them."""
 
     if TYPE_CHECKING:  # Whoever derives from it has these, as a field or as a property.
@@ -133,17 +133,17 @@ class Variables:
         """Number of joint variables n."""
         return len(self.kinds)
 
-    @cached_property
+    @lazy
     def turns(self) -> Flags:
         """Of each variable, (n,): is it an angle, by its kind?"""
         return np.array([kind in (REVOLUTE, CONTINUOUS) for kind in self.kinds])
 
-    @cached_property
+    @lazy
     def wraps(self) -> Flags:
         """Of each variable, (n,): do both ends of its range give the same poses?"""
         return np.asarray(ends_meet(self.lower, self.upper) & self.periodic)
 
-    @cached_property
+    @lazy
     def endless(self) -> Flags:
         """Of each variable, (n,): is it a continuous joint that has the same pose after a full turn?
 
@@ -151,12 +151,12 @@ class Variables:
         """
         return np.asarray(np.array([kind == CONTINUOUS for kind in self.kinds]) & self.periodic)
 
-    @cached_property
+    @lazy
     def full(self) -> Flags:
         """Of each variable, (n,): is it an angle whose range holds a whole turn? Then no limit ever stops it."""
         return self.turns & holds_a_turn(self.lower, self.upper)
 
-    @cached_property
+    @lazy
     def span(self) -> Array:
         """What joint values are scaled by, (n,): the range, and of an angle one turn at most."""
         return np.where(self.turns, np.minimum(self.upper - self.lower, TURN), self.upper - self.lower)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
+from kinseek.forks import importing
 from kinseek.transforms import rotation, transform
 
 from .files import file_bytes
@@ -27,7 +28,8 @@ def mesh_parts(path: Path, most: int = MOST_MESH) -> list[Any]:
     Raises:
         InvalidRobot: The file cannot be read, is of a kind that is not read, or would unpack to more than a mesh has.
     """
-    import trimesh
+    with importing:
+        import trimesh
 
     kind = ending(path)
     text = file_bytes(path, most)

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from kinseek.errors import InvalidRobot, MissingExtra
+from kinseek.forks import importing
 from kinseek.transforms import rotation, transform
 from kinseek.units import warn_of_joints
 
@@ -119,7 +120,8 @@ def _read(model: Any, base: str | None, tip: str | None, where: str, called: str
 
 def _compile(path: Path) -> Any:
     try:
-        import mujoco
+        with importing:
+            import mujoco
     except ImportError as error:
         raise MissingExtra("reading MJCF", "mjcf") from error
     from .mjcf_xml import reduced  # xml.sax brings along all that speaks HTTP.

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from kinseek.errors import InvalidRobot
+from kinseek.forks import importing
 from kinseek.transforms import rotation, transform
 from kinseek.units import warn_of_joints
 
@@ -154,8 +155,9 @@ def fixed_links(text: bytes, where: str) -> dict[str, Array]:
 
 
 def _parse(kinematics: Any, where: str) -> Any:
-    from lxml import etree
-    from urdf_parser_py.urdf import URDF
+    with importing:
+        from lxml import etree
+        from urdf_parser_py.urdf import URDF
 
     try:
         return URDF.from_xml_string(etree.tostring(kinematics))

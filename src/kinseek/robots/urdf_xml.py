@@ -7,7 +7,6 @@ reduced and checked here first; what is left can neither be misread nor name a m
 from __future__ import annotations
 
 import contextlib
-import io
 import math
 import re
 import threading
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from kinseek.errors import InvalidRobot, suggest
+from kinseek.forks import finish_first, importing
 
 from .expressions import Refused, evaluate
 from .files import MOST_BYTES, MOST_LINKS, file_bytes, require_few
@@ -27,8 +27,9 @@ _XACRO = "http://www.ros.org/wiki/xacro"
 _KEPT = ("origin", "parent", "child", "axis", "limit", "mimic")
 """Elements of a joint that say where it is and how it moves."""
 
-_XACRO_LOCK = threading.Lock()
+_XACRO_LOCK = threading.RLock()
 """xacro keeps what it knows in its module: one file at a time."""
+finish_first(_XACRO_LOCK)
 _LOST_PACKAGE = re.compile(r"Package not found: (\S+)")
 """What xacrodoc says, wrapped by xacro."""
 _MOST_STEPS, _MOST_LETTERS, _MOST_NESTED = 50_000, 2**20, 32
@@ -54,7 +55,8 @@ def root_element(text: bytes, where: str) -> Any:
     Raises:
         InvalidRobot: Broken XML; the message holds the parser's own, with the line.
     """
-    from lxml import etree
+    with importing:
+        from lxml import etree
 
     # Not huge_tree, which would lift the parser's limits on depth and on entities made of entities.
     parser = etree.XMLParser(remove_comments=True, remove_pis=True, resolve_entities=False, no_network=True)
@@ -119,9 +121,9 @@ def _folders(packages: Mapping[str, str | Path]) -> dict[str, str]:
 
 
 def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], trusted: bool) -> bytes:
-    from xacrodoc import XacroDoc, packages
+    with importing:
+        from xacrodoc import XacroDoc, packages
 
-    said = io.StringIO()
     computed = contextlib.nullcontext() if trusted else _computed_xacro(path)
     with _XACRO_LOCK, _watched_xacro(path), computed:
         before = packages._finder
@@ -130,9 +132,8 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
             packages._finder = packages.PackageFinder()
             packages._finder.finder_funcs[:] = before.finder_funcs
             packages._finder.package_cache.update(before.package_cache | folders)
-            with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-                document = XacroDoc.from_file(str(path), subargs=arguments, resolve_packages=False)
-                return bytes(document.dom.toxml(encoding="utf-8"))
+            document = XacroDoc.from_file(str(path), subargs=arguments, resolve_packages=False)
+            return bytes(document.dom.toxml(encoding="utf-8"))
         except InvalidRobot:
             raise
         except Exception as error:  # xacro evaluates expressions of the file: anything may come out of it.
@@ -150,9 +151,10 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
 
 @contextlib.contextmanager
 def _watched_xacro(path: Path) -> Iterator[None]:
-    """Let xacro read regular files of a sane size alone, and stop macros and properties that grow without end.
+    """Let xacro read regular files of a sane size alone, print nothing, and stop what grows without end.
 
-    xacro looks these three functions up in its own module, each time that it calls them.
+    xacro looks these functions up in its own modules, each time that it calls them. `sys.stdout` and `sys.stderr` stay as
+    they are: all threads print there.
     """
     from xacrodoc.xacrodoc import xacro
 
@@ -182,11 +184,13 @@ def _watched_xacro(path: Path) -> Iterator[None]:
 
     try:
         xacro.open, xacro.eval_all, xacro.eval_text = open_file, eval_all, eval_text
+        xacro.print = xacro.color.print = lambda *words, **options: None
         xacro.init_stacks(str(path))  # Or relative includes would be looked for in the working directory.
         yield
     finally:
         xacro.eval_all, xacro.eval_text = evaluate_all, evaluate_text
-        del xacro.open
+        for module, name in ((xacro, "open"), (xacro, "print"), (xacro.color, "print")):
+            vars(module).pop(name, None)
 
 
 @contextlib.contextmanager
@@ -278,7 +282,8 @@ def kinematic_part(root: Any, name: str, where: str) -> Any:
     Raises:
         InvalidRobot: Not a robot, or a joint that cannot be read.
     """
-    from lxml import etree
+    with importing:
+        from lxml import etree
 
     tag = etree.QName(root).localname
     if tag != "robot":
@@ -347,7 +352,8 @@ def soft_limits(root: Any, where: str) -> dict[str, tuple[float, float]]:
 
 
 def _copy_joint(joint: Any, copy: Any, space: str, where: str) -> None:
-    from lxml import etree
+    with importing:
+        from lxml import etree
 
     name = _name(joint, "joint", where)
     here = f"{where}: joint {name!r}"

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from queue import SimpleQueue
+from typing import TypeVar
 
 from kinseek.deadline import Deadline
 from kinseek.errors import MissingExtra
 from kinseek.undisturbed import Aside, told
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 GoOn = Callable[[], bool]
 """May another piece of work be begun?"""
@@ -73,6 +77,32 @@ def spread(
             each.wait()
     for each in crew:
         each.outcome()
+
+
+def in_threads(work: Callable[[T], R], items: Sequence[T], threads: int | None) -> list[R]:
+    """Return what some work gives for each item, in the order of the items; threads take one item after the other.
+
+    Args:
+        work: Takes an item; what it raises is raised here.
+        items: All items.
+        threads: None takes every core.
+    """
+    left, results = iter(range(len(items))), dict[int, R]()
+
+    def drain() -> None:
+        for i in left:  # Each thread takes the next item that nobody has.
+            results[i] = work(items[i])
+
+    crew = [Aside(drain) for _ in range(min(threads or os.cpu_count() or 1, len(items)))]
+    try:
+        for each in crew:
+            each.begin()
+    finally:
+        for each in crew:
+            each.wait()
+    for each in crew:
+        each.outcome()
+    return [results[i] for i in range(len(items))]
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,6 +37,7 @@ from kinseek.kernels.structure.candidates import KIND
 from kinseek.kernels.structure.candidates import NONE as NO_CLOSED_FORM
 from kinseek.kernels.structure.one_answer import closed_routine
 from kinseek.kinds import POSE, Kind
+from kinseek.lazy import Lazy, lazy
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import RADIAN_PART, arm_length, divide, open_limits, span_of
@@ -51,7 +51,7 @@ from kinseek.transforms import inverse
 SAMPLES = 16_384
 
 
-class AtlasIndex:
+class AtlasIndex(Lazy):
     """The atlas of one arm for one kind of goal: immutable, shared by threads."""
 
     def __init__(
@@ -122,13 +122,13 @@ class AtlasIndex:
         self.build_time = time.perf_counter() - began
         """[s]; the first in a process includes loading or compiling the kernels."""
 
-    @cached_property
+    @lazy
     def handle(self) -> Indices:
         """Addresses of the arrays, for kernels, and of every routine they may call."""
         add_ending(self._routines)  # The very array that kernels read, for it is contiguous.
         return self._addresses
 
-    @cached_property
+    @lazy
     def range_handle(self) -> Indices:
         """As `handle`, for goals with ranges."""
         self._range_routines[:] = range_routines()
