@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import sys
+import threading
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -16,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from kinseek.errors import InvalidRobot
 from kinseek.kernels.arm.forward import forward_many
-from kinseek.robots import SerialChain, read, read_urdf
+from kinseek.robots import SerialChain, read, read_urdf, urdf_xml
 from kinseek.robots.chain import Array
 from kinseek.transforms import rotation, transform
 
@@ -446,6 +448,31 @@ def test_same_package_name_in_two_places_stays_apart(tmp_path: Path) -> None:
             inside='<limit lower="-1" upper="${up}"/>'
         )
         assert read_urdf(write(package, XACRO.format(body), "r.xacro")).upper[0] == float(upper)
+
+
+def test_xacro_prints_nothing_and_other_threads_print_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "part.xacro").write_text('<robot name="r"/>', encoding="utf-8")
+    path = tmp_path / "r.xacro"
+    path.write_text(
+        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="pi" value="3"/>'
+        '<xacro:include filename="part.xacro"/><link name="a"/><link name="b"/><joint name="j" type="continuous">'
+        '<parent link="a"/><child link="b"/></joint></robot>',
+        encoding="utf-8",
+    )
+    read_bytes = urdf_xml.file_bytes
+
+    def file_bytes(file: Path, *most: int) -> bytes:
+        if file.name == "part.xacro":  # xacro is at work now.
+            other = threading.Thread(target=lambda: print("said by another thread", file=sys.stdout))
+            other.start()
+            other.join()
+        return read_bytes(file, *most)
+
+    monkeypatch.setattr(urdf_xml, "file_bytes", file_bytes)
+    assert read_urdf(path).dof == 1
+    assert capsys.readouterr() == ("said by another thread\n", "")
 
 
 @pytest.mark.parametrize(

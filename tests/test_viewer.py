@@ -24,7 +24,7 @@ from kinseek.viewer import clouds, words
 from kinseek.viewer.drawing import Figure, between
 from kinseek.viewer.meshes import Meshes, meshes_of
 from kinseek.viewer.searches import PARAMETERS, SEARCHES, make_search, parameters_of
-from kinseek.viewer.server import free_port, is_loopback
+from kinseek.viewer.server import Viewer, free_port, is_loopback
 from kinseek.viewer.session import Answer, Proof, Session, beginning, call_of, nearest_of, status_of
 from kinseek.viewer.wishes import COUNTS, Wishes, read_wishes
 from kinseek.viewer.workers import Newest
@@ -669,3 +669,26 @@ def test_a_page_that_cannot_begin_leaves_no_threads(
     for thread in set(threading.enumerate()) - before:
         thread.join(5)
         assert not thread.is_alive()
+
+
+@pytest.mark.slow
+def test_viser_is_quiet_and_other_threads_print_on(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("viser")
+    over = threading.Event()
+    printed = []
+
+    def talk() -> None:
+        while not over.is_set():
+            print("said by another thread")
+            printed.append(1)
+            time.sleep(0.001)
+
+    talker = threading.Thread(target=talk)
+    talker.start()
+    try:
+        Viewer(kinseek.load("planar2"), port=0).stop()
+    finally:
+        over.set()
+        talker.join()
+    told = capsys.readouterr()
+    assert told == ("said by another thread\n" * len(printed), "")

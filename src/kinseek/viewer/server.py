@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import io
 import ipaddress
 import os
 import socket
@@ -115,8 +114,10 @@ class Viewer:
         if self._stopped.is_set():
             return
         self._stopped.set()
-        with _silence():
-            self._server.stop()
+        # viser says so in the thread of its event loop.
+        with contextlib.suppress(RuntimeError):  # Its loop is closed already.
+            self._server.get_event_loop().call_soon_threadsafe(_silence().__enter__)
+        self._server.stop()
         with self._lock:
             pages, self.pages = list(self.pages.values()), {}
         for page in pages:
@@ -202,4 +203,7 @@ def open_page(url: str) -> bool:
 
 
 def _silence() -> contextlib.AbstractContextManager[Any]:
-    return contextlib.redirect_stdout(io.StringIO())
+    """Keep off the terminal what this thread prints through Rich, as viser does; other threads print on."""
+    from rich import get_console
+
+    return get_console().capture()
