@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
-from kinseek.undisturbed import undisturbed
+import kinseek
+from kinseek.reals import equal
+from kinseek.undisturbed import raise_of_handler, undisturbed
 
 
 def test_it_gives_what_the_work_gives_in_a_thread_of_its_own() -> None:
@@ -47,3 +54,143 @@ def test_an_interrupt_stops_the_work_and_waits_for_its_end() -> None:
     finally:
         signal.signal(signal.SIGALRM, handler)
     assert ended.is_set()
+
+
+class Late(Exception):
+    """What a handler raises in these tests."""
+
+
+def raise_late(number: int, frame: Any) -> None:
+    """A handler."""
+    raise Late
+
+
+def interrupt(*given: Any) -> Any:
+    """Let the signal come right here."""
+    signal.raise_signal(signal.SIGALRM)
+
+
+@pytest.fixture
+def _handled() -> Iterator[None]:
+    before = signal.signal(signal.SIGALRM, raise_late)
+    yield
+    signal.signal(signal.SIGALRM, before)
+
+
+def poses(call: Callable[[], Any], good: int) -> Iterator[Any]:
+    """Some poses, then what a call gives."""
+    T = np.eye(4)
+    yield from [T] * good
+    yield call()
+
+
+INTERRUPTED: dict[str, Callable[[kinseek.Arm, Any, Path], Any]] = {
+    "valid": lambda arm, T, tmp: arm.ik(T, valid=interrupt),
+    "cost": lambda arm, T, tmp: arm.ik(T, cost=interrupt),
+    "poses of a path": lambda arm, T, tmp: arm.follow(poses(interrupt, 2)),
+    "poses of a stream": lambda arm, T, tmp: list(arm.follow_stream(poses(interrupt, 2))),
+    "kinematics": lambda arm, T, tmp: kinseek.Arm.from_fk(interrupt, [-1.0], [1.0]),
+    "kinematics of one row": lambda arm, T, tmp: kinseek.Arm.from_fk(
+        interrupt, [-1.0], [1.0], vectorized=False
+    ),
+}
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="no such signal")
+@pytest.mark.usefixtures("_handled")
+@pytest.mark.parametrize("name", INTERRUPTED)
+def test_what_a_handler_raises_reaches_the_caller(name: str, tmp_path: Path) -> None:
+    """And no error about the function in which the signal came."""
+    arm = kinseek.load("planar2")
+    with pytest.raises(Late):
+        INTERRUPTED[name](arm, arm.fk([0.3, 0.4]), tmp_path)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="no such signal")
+@pytest.mark.usefixtures("_handled")
+def test_a_handler_may_raise_while_xacro_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("xacrodoc")
+    from xacrodoc.xacrodoc import xacro
+
+    path = tmp_path / "r.xacro"
+    path.write_text(
+        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="${1 + 1}"/></robot>', "utf-8"
+    )
+    monkeypatch.setattr(xacro, "safe_eval", interrupt)
+    with pytest.raises(Late):
+        kinseek.load(path)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="no such signal")
+@pytest.mark.usefixtures("_handled")
+def test_an_error_that_follows_what_a_handler_raised_is_another_one() -> None:
+    def wrong(q: Any) -> Any:
+        raise ValueError("of the function")
+
+    try:
+        interrupt()
+    except Late:
+        with pytest.raises(kinseek.FailedKinematics, match="of the function"):
+            kinseek.Arm.from_fk(wrong, [-1.0], [1.0])
+
+
+def test_other_errors_are_left_alone() -> None:
+    try:
+        raise ValueError("of a function")
+    except ValueError as error:
+        raise_of_handler(error)
+
+
+def outcomes(call: Callable[[], Any]) -> list[str]:
+    """Make a call again and again, and raise something at its first line, then at its second, and so on: what comes out."""
+    found, moment = [], 0
+    while True:
+        left = moment
+
+        def trace(frame: Any, event: str, argument: Any) -> Any:
+            nonlocal left
+            if event == "line":
+                left -= 1
+                if left == -1:
+                    raise Late
+            return trace
+
+        kept = sys.gettrace()
+        sys.settrace(trace)
+        try:
+            call()
+            out = ""
+        except BaseException as error:
+            out = type(error).__name__
+        finally:
+            sys.settrace(kept)
+        if left >= 0:
+            return found
+        found.append(out)
+        moment += 1
+
+
+def test_what_is_raised_at_any_line_of_a_comparison_comes_out() -> None:
+    """As a handler might raise it, which Python calls between any two steps. `numpy.array_equal` would return False."""
+    one, other = np.arange(6.0), np.arange(6.0)
+    calls: list[Callable[[], Any]] = [lambda: equal(one, other), lambda: equal("tool", "tool")]
+    for call in calls:
+        call()
+        seen = outcomes(call)
+        assert set(seen) == {"Late"}
+
+
+@pytest.mark.slow
+def test_what_is_raised_at_any_line_of_looking_at_a_scene_comes_out() -> None:
+    pytest.importorskip("coal")
+    arm = kinseek.load("planar2")
+    scene = kinseek.Scene.of(arm, capsules=0.02)
+    seen = outcomes(lambda: scene.fits(arm.mechanism))
+    assert len(seen) > 10
+    assert set(seen) == {"Late"}
+
+
+def test_nothing_in_the_package_compares_by_a_function_that_swallows_errors() -> None:
+    package = Path(kinseek.__file__).parent
+    used = {path.name for path in package.rglob("*.py") if "np.array_equal(" in path.read_text("utf-8")}
+    assert used == set()

@@ -8,11 +8,12 @@ KeyboardInterrupt. So the main thread starts a thread and waits for it by calls 
 from __future__ import annotations
 
 import _thread
+import signal
 import threading
 from collections.abc import Callable
 from contextlib import suppress
 from queue import Empty, SimpleQueue
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 R = TypeVar("R")
 
@@ -102,3 +103,25 @@ def undisturbed(work: Callable[[], R], stop: Callable[[], object] | None = None)
             aside.wait()
         raise
     return aside.outcome()
+
+
+def raise_of_handler(error: BaseException) -> None:
+    """Raise what a signal handler raised, if that is what led to an error.
+
+    Code that reports the errors of other code, a user's function or a parser, calls this first: a handler may raise in the
+    midst of that code, such as a TimeoutError, and its exception is meant for the caller of kinseek.
+    """
+    handlers = [signal.getsignal(number) for number in signal.valid_signals()]
+    functions: list[Any] = [getattr(handler, "func", handler) for handler in handlers if callable(handler)]
+    codes = {
+        getattr(each, "__code__", None) or getattr(type(each).__call__, "__code__", None)
+        for each in functions
+    }
+    cause: BaseException | None = error
+    while cause is not None:  # Not its context, which may be an error of the caller that is being handled.
+        step = cause.__traceback__
+        while step is not None:
+            if step.tb_frame.f_code in codes:
+                raise cause
+            step = step.tb_next
+        cause = cause.__cause__

@@ -14,6 +14,7 @@ from kinseek.errors import InvalidProblem
 from kinseek.kernels.arrays import Array
 from kinseek.problem import Problem
 from kinseek.turns import shortest
+from kinseek.undisturbed import raise_of_handler
 
 from .index import constraint_jacobian, index_of
 
@@ -91,6 +92,7 @@ def cost_of(cost: Cost, q: Array) -> Array:
         raw = cost(q.copy())
         values = np.asarray(raw, dtype=np.float64)
     except Exception as error:
+        raise_of_handler(error)
         raise InvalidProblem(
             f"cost raised {type(error).__name__}: {error}, for {len(q)} answers, the first q = {_written(q[0])}"
         ) from error
@@ -113,6 +115,7 @@ def is_valid(valid: Valid, q: Array) -> bool:
     try:
         answer = valid(q.copy())
     except Exception as error:
+        raise_of_handler(error)
         raise InvalidProblem(
             f"valid raised {type(error).__name__}: {error}, for q = {_written(q)}"
         ) from error

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidProblem, InvalidScene, suggest
 from kinseek.problem import as_joints
+from kinseek.reals import equal
 from kinseek.robots.mechanism import Mechanism
 
 from .assembly import digest
@@ -260,9 +261,9 @@ class Scene(Contents):
             chain is not None
             and chain.joint_names == own.joint_names
             and chain.fixed.shape == own.fixed.shape
-            and np.array_equal(chain.fixed[:-1], own.fixed[:-1])
-            and np.array_equal(chain.leader, own.leader)
-            and np.array_equal([chain.multiplier, chain.offset], [own.multiplier, own.offset])
+            and equal(chain.fixed[:-1], own.fixed[:-1])
+            and equal(chain.leader, own.leader)
+            and equal([chain.multiplier, chain.offset], [own.multiplier, own.offset])
         )
 
     @property

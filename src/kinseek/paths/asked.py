@@ -14,7 +14,9 @@ from kinseek.branches.order import Cost, Valid
 from kinseek.errors import InvalidGoal, InvalidProblem
 from kinseek.goal import Goal
 from kinseek.problem import Problem, as_joints
+from kinseek.reals import equal
 from kinseek.robots.mechanism import Mechanism
+from kinseek.undisturbed import raise_of_handler
 
 from .allowed import Allowed, Obstacles
 
@@ -88,6 +90,7 @@ def goals_of(Ts: Any) -> tuple[Goal, Exception | None]:
             except StopIteration:
                 break
             except Exception as error:
+                raise_of_handler(error)
                 broken = error
                 break
         if not rows:
@@ -144,9 +147,7 @@ def together(rows: list[Any]) -> Goal:
                 f"beside goals say Goal.pose(T)"
             )
         for field in fields(Goal):
-            if field.name != "target" and not np.array_equal(
-                getattr(row, field.name), getattr(first, field.name)
-            ):
+            if field.name != "target" and not equal(getattr(row, field.name), getattr(first, field.name)):
                 raise InvalidGoal(
                     f"the goals of a path differ in their target alone: goal {i} has {field.name}="
                     f"{getattr(row, field.name)!r}, those before it {getattr(first, field.name)!r}"

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidGoal
 from kinseek.goal import Goal
 from kinseek.robots.mechanism import Mechanism
+from kinseek.undisturbed import raise_of_handler
 
 from .asked import read, row_of_goals, together
 from .follow import follow
@@ -72,6 +73,7 @@ class _Source:
             except StopIteration:
                 self.ended = True
             except Exception as error:
+                raise_of_handler(error)
                 self.ended, self.error = True, error
         return rows
 

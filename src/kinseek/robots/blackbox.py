@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from kinseek.errors import FailedKinematics, InvalidRobot, suggest
 from kinseek.kernels.arm.pose_error import LARGEST, first_loose
 from kinseek.lazy import lazy
+from kinseek.undisturbed import raise_of_handler
 
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE, Variables
 from .named import in_order
@@ -128,6 +129,7 @@ class BlackBox(Variables):
         try:
             return self._many(rows)
         except Exception as error:
+            raise_of_handler(error)
             self._blame(rows, error)
 
     def _many(self, rows: Array) -> Array:
@@ -136,6 +138,7 @@ class BlackBox(Variables):
         try:
             matrix = np.asarray(given)
         except Exception as error:
+            raise_of_handler(error)
             raise TypeError(f"not an array: {error}") from error
         if matrix.shape != (len(rows), 4, 4):
             hint = "; or does it take one joint vector? then say vectorized=False" if self.vectorized else ""
@@ -146,6 +149,7 @@ class BlackBox(Variables):
         try:
             matrix = np.asarray(self.function(row.copy()))
         except Exception as error:
+            raise_of_handler(error)
             self._fail(f"raised {type(error).__name__}: {error}", row, cause=error)
         if matrix.shape != (4, 4):
             self._fail(f"gave shape {matrix.shape}, expected (4, 4)", row)
@@ -170,6 +174,7 @@ class BlackBox(Variables):
             except FailedKinematics:
                 raise
             except Exception as alone:
+                raise_of_handler(alone)
                 hint = (
                     "; or does it take one joint vector? then say vectorized=False"
                     if self._takes_one(row)
@@ -187,7 +192,8 @@ class BlackBox(Variables):
         """Does the function give a pose for one row?"""
         try:
             return self.vectorized and np.shape(self.function(row.copy())) == (4, 4)
-        except Exception:
+        except Exception as error:
+            raise_of_handler(error)
             return False
 
     def _checked(self, poses: Array, rows: Array) -> Array:

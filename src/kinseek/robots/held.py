@@ -13,6 +13,7 @@ from typing import Any
 
 from kinseek.errors import InvalidRobot
 from kinseek.forks import importing
+from kinseek.undisturbed import raise_of_handler
 
 from .chain import SerialChain
 from .mjcf import read_mjcf, read_model
@@ -111,6 +112,7 @@ def read_described(name: str, base: str | None, tip: str | None) -> SerialChain:
     try:
         described = importlib.import_module(f"robot_descriptions.{name}")
     except Exception as error:  # Whatever fetching it over the network raises.
+        raise_of_handler(error)
         raise InvalidRobot(
             f"robot_descriptions cannot fetch {name!r}: {type(error).__name__}: {error}"
         ) from error

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidRobot
 from kinseek.forks import importing
 from kinseek.transforms import rotation, transform
+from kinseek.undisturbed import raise_of_handler
 
 from .files import file_bytes
 from .mesh_files import Beside, ending, require_mesh
@@ -38,6 +39,7 @@ def mesh_parts(path: Path, most: int = MOST_MESH) -> list[Any]:
         scene = trimesh.load_scene(io.BytesIO(text), file_type=kind, resolver=Beside(path, most))
         bodies = scene.dump()
     except Exception as error:  # Readers of meshes raise whatever their parsers raise.
+        raise_of_handler(error)
         raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from error
     parts = [part for part in bodies if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     if not parts:

@@ -19,6 +19,7 @@ import numpy as np
 from kinseek.errors import InvalidRobot, MissingExtra
 from kinseek.forks import importing
 from kinseek.transforms import rotation, transform
+from kinseek.undisturbed import raise_of_handler
 from kinseek.units import warn_of_joints
 
 from .chain import Array, Frame, Joint, SerialChain, serial_chain
@@ -138,6 +139,7 @@ def _compile(path: Path) -> Any:
                 body.mass, body.inertia, body.fullinertia = 1.0, np.ones(3), np.full(6, np.nan)
             return spec.compile()
     except Exception as error:  # MuJoCo raises plain ValueError and its own FatalError.
+        raise_of_handler(error)
         raise InvalidRobot(f"{path}: MuJoCo says: {error}") from error
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from kinseek.errors import InvalidRobot
 from kinseek.forks import importing
 from kinseek.transforms import rotation, transform
+from kinseek.undisturbed import raise_of_handler
 from kinseek.units import warn_of_joints
 
 from .chain import Array, Frame, Joint, SerialChain, follow_mimics, serial_chain
@@ -162,6 +163,7 @@ def _parse(kinematics: Any, where: str) -> Any:
     try:
         return URDF.from_xml_string(etree.tostring(kinematics))
     except Exception as error:  # The parser raises whatever its conversions raise.
+        raise_of_handler(error)
         raise InvalidRobot(f"{where}: {error}") from error
 
 

@@ -16,6 +16,7 @@ from typing import Any
 
 from kinseek.errors import InvalidRobot, suggest
 from kinseek.forks import finish_first, importing
+from kinseek.undisturbed import raise_of_handler
 
 from .expressions import Refused, evaluate
 from .files import MOST_BYTES, MOST_LINKS, file_bytes, require_few
@@ -137,6 +138,7 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
         except InvalidRobot:
             raise
         except Exception as error:  # xacro evaluates expressions of the file: anything may come out of it.
+            raise_of_handler(getattr(error, "exc", None) or error)  # xacro's own errors wrap others.
             refused = _refusal(error)
             if refused is not None:
                 raise refused from None

@@ -20,6 +20,7 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.goal import Goal
 from kinseek.problem import Problem
+from kinseek.reals import equal
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution, with_traces
 
@@ -292,7 +293,7 @@ class _Account:
         found = Found(self.best, evaluations, created, expanded, self.late)
         if self.recorder is None:
             return found
-        if evaluations and not np.array_equal(self.best, self.q):
+        if evaluations and not equal(self.best, self.q):
             self.recorder.add(
                 "the best of all", self.best, evaluations, created, expanded, memory=self.memory
             )
