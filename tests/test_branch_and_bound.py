@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib.metadata import version
 from itertools import product
 
 import numpy as np
@@ -11,14 +12,17 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import kinseek
+from fuzz import proofs
 from kinseek import Goal, Problem
-from kinseek.errors import InvalidGoal, InvalidProblem
+from kinseek.errors import InternalError, InvalidGoal, InvalidProblem
 from kinseek.kernels.proof.progress import ENDED
+from kinseek.proof import branch_and_bound
 from kinseek.proof.boxes import excluded
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.certificate import Certificate, Verdict
 from kinseek.robots.chain import SerialChain
-from kinseek.solution import Status
+from kinseek.solution import Status, conclude
+from kinseek.solvers.atlas.solver import Atlas
 from reference import errors, fk, weighted_error
 
 Array = NDArray[np.float64]
@@ -364,3 +368,55 @@ def test_sharing_the_boxes_counts_them_as_one_search_does(monkeypatch: pytest.Mo
     assert pieces.verdict is alone.verdict
     assert arm.prove(far, budget=40).verdict is kinseek.Verdict.UNDECIDED
     assert arm.prove(far, budget=40).boxes <= 40
+
+
+def out_of_reach(arm: kinseek.Arm) -> Goal:
+    T = arm.fk(np.full(arm.dof, 0.5))
+    T[:3, 3] *= 4
+    return Goal.pose(T)
+
+
+def test_a_lower_bound_above_a_known_error_is_an_internal_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = kinseek.load("ur5e")
+    goal = out_of_reach(arm)
+    upper = certificate(arm, goal).upper_bound
+    monkeypatch.setattr(branch_and_bound, "least_by_gate", lambda *_: upper * (1 + 1e-9))
+    with pytest.raises(InternalError, match="fault of kinseek") as caught:
+        certificate(arm, goal)
+    for part in (version("kinseek"), "'ur5e'", repr(upper), repr(upper * (1 + 1e-9)), "q: ["):
+        assert part in str(caught.value)
+
+
+@pytest.mark.parametrize("above", [1e-14, np.nan])
+def test_rounding_and_nan_make_no_lower_bound_above_the_upper_one(
+    monkeypatch: pytest.MonkeyPatch, above: float
+) -> None:
+    arm = kinseek.load("ur5e")
+    goal = out_of_reach(arm)
+    upper = certificate(arm, goal).upper_bound
+    monkeypatch.setattr(branch_and_bound, "least_by_gate", lambda *_: upper * (1 + above))
+    found = certificate(arm, goal)
+    assert 0.0 < found.lower_bound <= found.upper_bound
+
+
+def test_an_exclusion_of_a_pose_that_is_reached_is_an_internal_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The answer given is poor, all boxes are said to be gone, and the search for the nearest pose finds a fit."""
+    arm, rng = kinseek.load("ur5e"), np.random.default_rng(0)
+    problem = Problem(arm.chain, Goal.pose(arm.fk(rng.uniform(arm.lower, arm.upper))))
+    fit = Atlas().solve(problem)
+    poor = conclude(problem, np.zeros((1, 6)), np.zeros((1, 3), dtype=np.int64))
+    near = excluded(problem, 0)
+    monkeypatch.setattr(branch_and_bound, "excluded", lambda *_, **__: near._replace(outcome=ENDED, boxes=1))
+    monkeypatch.setattr(branch_and_bound, "enclosed", lambda *_, **__: near._replace(q=fit.q))
+    with pytest.raises(InternalError, match="meets both tolerances"):
+        prove(problem, gap=0.1, answer=poor)
+
+
+def test_the_fuzzer_counts_an_internal_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Boxes are left out: they are tested by a kernel that is no entry of the library."""
+    monkeypatch.setattr(proofs, "wrong_boxes", lambda *_: [])
+    assert not list(proofs.wrong_cases(200, 0))
+    monkeypatch.setattr(branch_and_bound, "least_outside", lambda _: 1e9)
+    found = [wrong for _, _, wrong in proofs.wrong_cases(200, 0)]
+    assert found
+    assert all("InternalError" in line for wrong in found for line in wrong)

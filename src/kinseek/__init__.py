@@ -12,6 +12,7 @@ import typing
 from .arm import Arm, load
 from .errors import (
     FailedKinematics,
+    InternalError,
     InvalidExport,
     InvalidGoal,
     InvalidMap,
@@ -67,6 +68,7 @@ __all__ = [
     "DivideAndConquer",
     "FailedKinematics",
     "Goal",
+    "InternalError",
     "InvalidExport",
     "InvalidGoal",
     "InvalidMap",

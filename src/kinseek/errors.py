@@ -13,6 +13,7 @@
     ├── MissingExtra(ImportError)    an optional dependency is not installed
     ├── PathInterrupted(RuntimeError) an iterator of poses raised; carries the path through those before
     ├── MapInterrupted(RuntimeError) the making of a map ended early; what is done stays in its store
+    ├── InternalError(AssertionError) kinseek contradicts itself: a fault of kinseek, to be reported
     └── NotReached(RuntimeError)     raised only by require(); carries the solution, or the path
 
 Missing a tolerance is a status of the solution, never an exception.
@@ -121,6 +122,13 @@ class MapInterrupted(KinseekError, RuntimeError):
     def __reduce__(self) -> tuple[type[MapInterrupted], tuple[str, int, int]]:
         """Pickle with the numbers."""
         return type(self), (str(self), self.done, self.blocks)
+
+
+class InternalError(KinseekError, AssertionError):
+    """Two results of kinseek contradict each other: a fault of kinseek, never of the call.
+
+    The message holds what a report needs. Do not rely on any result of the call.
+    """
 
 
 class NotReached(KinseekError, RuntimeError):

@@ -31,7 +31,7 @@ from scipy.spatial.transform import Rotation
 import kinseek
 from kinseek import Goal
 from kinseek.branches.order import ORDERS
-from kinseek.errors import InvalidRobot, KinseekError
+from kinseek.errors import InternalError, InvalidRobot, KinseekError
 from kinseek.ranges import AXES
 from kinseek.robots.chain import Joint, serial_chain
 from kinseek.transforms import rotation, transform
@@ -433,6 +433,8 @@ def case(
             warnings.simplefilter("ignore", UserWarning)
             warnings.simplefilter("error", RuntimeWarning)
             CALLS[name][0](rng, arm, size_of(arm))
+    except InternalError as error:
+        finding = f"{name}: InternalError: {error}"
     except KinseekError:
         refused = True
     except Finding as error:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek import Goal, Problem, Verdict
-from kinseek.errors import KinseekError
+from kinseek.errors import InternalError, KinseekError
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.proof.exclusion import examine
 from kinseek.proof.branch_and_bound import prove
@@ -277,6 +277,8 @@ def wrong_cases(count: int, seed: int) -> Iterator[tuple[int, Case, list[str]]]:
             print(f"{number} proofs", file=sys.stderr, flush=True)
         try:
             wrong = wrong_certificate(case) + wrong_boxes(case, rng)
+        except InternalError as error:  # A proof has found a wrong bound itself.
+            wrong = [f"InternalError: {error}"]
         except KinseekError:
             wrong = []
         except Exception as error:  # Anything else is what this looks for.

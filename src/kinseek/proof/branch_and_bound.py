@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
 from kinseek.deadline import Deadline
-from kinseek.errors import InvalidProblem
+from kinseek.errors import InternalError, InvalidProblem
 from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.proof.gate import least_by_gate
@@ -25,7 +26,7 @@ from kinseek.solvers.atlas.solver import Atlas
 
 from .boxes import ENDLESS, Watch, enclosed, excluded
 from .certificate import Certificate, Verdict
-from .reduce import ROUNDING, error_question
+from .reduce import ROUNDING, error_question, slack_of_error
 
 BUDGET = 2_000_000
 """Boxes, unless told otherwise: some seconds."""
@@ -54,6 +55,7 @@ def prove(
     Raises:
         InvalidProblem: A batch, an empty one included; a gap or budget out of its range; an arm or a goal of a size that
             numbers do not bear.
+        InternalError: A bound contradicts a known pose, which is a fault of kinseek.
     """
     if problem.goal.shape:
         raise InvalidProblem(f"a proof is about one target, got a batch of shape {problem.goal.shape}")
@@ -84,6 +86,10 @@ def prove(
     goal = problem.goal
     met = certificate.position_error <= goal.position_tolerance
     if met and certificate.orientation_error <= goal.orientation_tolerance:
+        if verdict is Verdict.UNREACHABLE:
+            raise contradiction(
+                "all boxes are excluded, and the pose of q meets both tolerances", certificate
+            )
         return replace(certificate, verdict=Verdict.REACHABLE, lower_bound=0.0, out_of_time=False)
     if lower > ROUNDING and lower > most_inside(goal):
         return replace(certificate, verdict=Verdict.UNREACHABLE)
@@ -126,10 +132,10 @@ def _certificate(
 ) -> Certificate:
     judged = conclude(problem, q[None], np.zeros((1, 3), dtype=np.int64))
     upper = max(float(judged.weighted_error), 0.0)
-    return Certificate(
+    certificate = Certificate(
         verdict=verdict,
         q=judged.q,
-        lower_bound=min(max(float(lower), 0.0), upper),
+        lower_bound=float(lower) if lower > 0.0 else 0.0,  # NaN, too, says nothing.
         upper_bound=upper,
         position_error=float(judged.position_error),
         orientation_error=float(judged.orientation_error),
@@ -137,4 +143,40 @@ def _certificate(
         largest_box=float(largest),
         problem=problem,
         out_of_time=out_of_time,
+    )
+    if certificate.lower_bound <= upper:
+        return certificate
+    # Rounding alone may do that where both bounds all but agree; anything more shows that a bound is wrong.
+    if certificate.lower_bound > upper + slack_of_error(problem):
+        raise contradiction("the lower bound is above the error of a known pose", certificate)
+    return replace(certificate, lower_bound=upper)
+
+
+def contradiction(what: str, certificate: Certificate) -> InternalError:
+    """The error to raise where a certificate contradicts itself, with all that a report needs."""
+    problem = certificate.problem
+    chain, goal = problem.chain, problem.goal
+    try:
+        release = version("kinseek")
+    except PackageNotFoundError:
+        release = "not installed"
+    given = {
+        "kinseek": release,
+        "arm": f"{chain.name!r} with {chain.dof} joints",
+        "lower": chain.lower.tolist(),
+        "upper": chain.upper.tolist(),
+        "fixed": chain.fixed.tolist(),
+        "goal": f"{goal.kind}, {goal.targets[0].tolist()}",
+        "tolerances": f"{goal.position_tolerance!r} m, {goal.orientation_tolerance!r} rad",
+        "weights": f"{goal.position_weight!r}, {goal.orientation_weight!r}",
+        "q": certificate.q.tolist(),
+        "lower bound": repr(certificate.lower_bound),
+        "upper bound": repr(certificate.upper_bound),
+        "errors of q": f"{certificate.position_error!r} m, {certificate.orientation_error!r} rad",
+        "boxes": certificate.boxes,
+    }
+    report = "; ".join(f"{name}: {value}" for name, value in given.items())
+    return InternalError(
+        f"a proof contradicts itself: {what}. This is a fault of kinseek; rely on no result of this call, and please "
+        f"report what follows. {report}"
     )

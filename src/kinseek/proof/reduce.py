@@ -224,6 +224,54 @@ def _wanted(problem: Problem, target: Array, columns: int, trust: float, foot: f
         InvalidProblem: The lengths leave nothing to be proved.
     """
     chain, goal = problem.chain, problem.goal
+    margin, margin_a = margins(problem, target, foot)
+    return Wanted(
+        target=target,
+        last=np.zeros((3, 4)),
+        position=0.0,
+        chord=0.0,
+        angle=0.0,
+        weight_p=float(goal.position_weight),
+        weight_a=float(goal.orientation_weight) if columns else 0.0,
+        margin=margin,
+        margin_a=margin_a,
+        trust=float(trust),
+        length=_AXIS_COUNTS * arm_length(chain),
+        offset=0.0,
+        back=0.0,
+        side_y=0.0,
+        side_z=0.0,
+    )
+
+
+def slack_of_error(problem: Problem) -> float:
+    """How far rounding may take the measured weighted error of a pose from the true one, at most.
+
+    Each of the columns that count may be off by the margin for directions. Half the square of a chord of 2 at most changes
+    by twice that.
+
+    Raises:
+        InvalidProblem: As `margins`.
+    """
+    goal = problem.goal
+    margin, margin_a = margins(problem, goal.targets[0])
+    return float(
+        goal.position_weight * margin + 2.0 * goal.paper_columns * goal.orientation_weight * margin_a
+    )
+
+
+def margins(problem: Problem, target: Array, foot: float = 0.0) -> tuple[float, float]:
+    """Margins for rounding, of a point [m] and of a direction.
+
+    Args:
+        problem: The arm and the goal.
+        target: The goal's pose as the kernels see it, (3, 4).
+        foot: Distance along the last axis of a point that is compared too [m].
+
+    Raises:
+        InvalidProblem: The lengths leave nothing to be proved.
+    """
+    chain, goal = problem.chain, problem.goal
     length = arm_length(chain)
     values = np.maximum(np.abs(chain.lower), np.abs(chain.upper))[chain.leader] * np.abs(chain.multiplier)
     values += np.abs(chain.offset)
@@ -240,20 +288,4 @@ def _wanted(problem: Problem, target: Array, columns: int, trust: float, foot: f
             f"that nothing can be proved; expected metres"
         )
     margin_a = ROUNDING * max(1.0, float(values[~chain.prismatic].sum()) / MANY_TURNS)
-    return Wanted(
-        target=target,
-        last=np.zeros((3, 4)),
-        position=0.0,
-        chord=0.0,
-        angle=0.0,
-        weight_p=float(goal.position_weight),
-        weight_a=float(goal.orientation_weight) if columns else 0.0,
-        margin=margin_a * (1.0 + reach),
-        margin_a=margin_a,
-        trust=float(trust),
-        length=_AXIS_COUNTS * length,
-        offset=0.0,
-        back=0.0,
-        side_y=0.0,
-        side_z=0.0,
-    )
+    return margin_a * (1.0 + reach), margin_a
