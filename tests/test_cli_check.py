@@ -37,6 +37,13 @@ FAULTS = {
     "reversed": ('lower="-1"', 'lower="3"', "error", ONE, "lower limit 3 is above upper limit 2"),
     "stuck": ('lower="-1"', 'lower="2"', "warning", ONE, "cannot move"),
     "degrees": ('lower="-1" upper="2"', 'lower="-180" upper="180"', "warning", ONE, "degrees?"),
+    "nearly a turn": (
+        'lower="-1" upper="2"',
+        'lower="-3.14159" upper="3.14159"',
+        "note",
+        ONE,
+        "limits [-3.14159, 3.14159] are 5.3e-06 rad short of a full turn",
+    ),
     "negative": (
         'velocity="1"/></joint>\n<joint',
         'velocity="-1"/></joint>\n<joint',

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import kinseek
+from kinseek.maps.last_joint import LastJoint
+from kinseek.robots.geometry import open_limits
 from kinseek.transforms import (
     from_quaternion,
     from_rpy,
@@ -149,6 +151,35 @@ def test_ranges_that_hold_a_turn() -> None:
     lower, upper = np.array([-3.14159, -np.pi, -TURN, -4.0]), np.array([3.14159, np.pi, TURN, 4.0])
     np.testing.assert_array_equal(holds_a_turn(lower, upper), [False, True, True, True])
     np.testing.assert_array_equal(ends_meet(lower, upper), [True, True, True, False])
+    # What is lacking is a gap, however small, unless it is in the sixteenth digit.
+    gaps = np.array([1e-3, 1e-6, 1e-9, 1e-10, 1e-12, 1e-13, 1e-15, 0.0])
+    np.testing.assert_array_equal(holds_a_turn(np.zeros(8), TURN - gaps), [False] * 6 + [True] * 2)
+    np.testing.assert_array_equal(holds_a_turn(-np.pi + gaps / 2, np.pi - gaps / 2), [False] * 6 + [True] * 2)
+    begins = RNG.uniform(-100, 100, 10_000)
+    assert holds_a_turn(begins, begins + TURN).all()
+    assert not holds_a_turn(begins, begins + TURN - 1e-12).any()
+    np.testing.assert_array_equal(holds_a_turn(np.array([-np.inf]), np.array([np.inf])), [True])
+
+
+@pytest.mark.parametrize(("digits", "turn"), [(6, False), (9, False), (12, True), (15, True), (16, True)])
+def test_a_turn_that_is_written_with_so_many_digits(digits: int, turn: bool) -> None:
+    """Of 6 and 9 digits a gap is left; of 12 they are rounded up; of 15 on what is left is rounding."""
+    half = float(f"{np.pi:.{digits}g}")
+    assert holds_a_turn(np.array([-half]), np.array([half]))[0] == turn
+
+
+@pytest.mark.parametrize("gap", [5.3e-6, 1e-9, 1e-10])
+def test_a_joint_short_of_a_turn_is_nowhere_taken_as_one_that_turns_fully(gap: float) -> None:
+    chain = kinseek.load("planar2").chain
+    for limit, full in ((np.pi, True), (np.pi - gap / 2, False)):
+        narrow = chain.limited(np.full(2, -limit), np.full(2, limit), ("revolute", "revolute"))
+        np.testing.assert_array_equal(narrow.full, [full, full])
+        np.testing.assert_array_equal(open_limits(narrow)[1] > 10.0, [full, full])
+    ur5e = kinseek.load("ur5e").chain
+    limits = np.append(ur5e.upper[:-1], np.pi - gap / 2)
+    last = LastJoint.of(ur5e.limited(-limits, limits, ur5e.kinds))
+    assert last is not None
+    assert not last.free
     np.testing.assert_array_equal(ends_meet(np.zeros(2), np.array([1e-9, TURN + 1e-7])), [False, True])
 
 

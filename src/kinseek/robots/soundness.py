@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot, UnitWarning, suggest
-from kinseek.turns import TURN
+from kinseek.turns import TURN, holds_a_turn
 from kinseek.units import TURNS_OF_A_JOINT
 
 from .chain import SerialChain, follow_mimics
@@ -263,6 +263,13 @@ def _check_limits(found: Checkup, joint: Any, kind: str, space: str) -> None:
         found.warning(here, f"cannot move: both limits are {lower:g}")
     if kind == REVOLUTE and max(-lower, upper) > TURNS_OF_A_JOINT:
         found.warning(here, f"limits [{lower:g}, {upper:g}] are many turns: degrees? URDF has radians")
+    short = TURN - (upper - lower)
+    if kind == REVOLUTE and 0.0 < short < _ROUNDED and not holds_a_turn(np.array(lower), np.array(upper)):
+        found.note(
+            here,
+            f"limits [{lower:.15g}, {upper:.15g}] are {short:.2g} rad short of a full turn, and no motion passes the gap; "
+            f'if none is meant, write 15 digits or more, or type="continuous"',
+        )
     if kind == PRISMATIC and max(-lower, upper) > _FAR:
         found.warning(
             here, f"limits [{lower:g}, {upper:g}] are more than {_FAR:g} m: millimetres? URDF has metres"
