@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,8 @@ import kinseek
 from chains import wide_panda
 from kinseek import Branches, BranchesBatch, Goal, InvalidGoal, InvalidProblem
 from kinseek.kernels.arm.jacobian import jacobian_many
+from kinseek.kernels.branches import search
+from kinseek.kernels.structure import candidates
 
 Array = NDArray[np.float64]
 
@@ -605,3 +609,17 @@ def test_a_proof_keeps_every_answer_at_the_edge_of_reach(name: str) -> None:
         found, proved = one(arm.branches(target)), one(arm.branches(target, prove=True))
         assert len(proved) >= len(found)
         assert (apart(found.q, proved.q).min(axis=1, initial=np.inf) < 1e-9).all()
+
+
+def test_the_page_names_the_constants_that_completeness_rests_on() -> None:
+    text = (Path(__file__).parent.parent / "docs" / "branches.md").read_text(encoding="utf-8")
+    known = vars(candidates) | vars(search)
+    named = re.findall(r"^\| ((?:`[A-Z_]+`(?:, )?)+) \| ([^|]+) \|", text, re.MULTILINE)
+    said = {
+        name: float(value)
+        for names, values in named
+        for name, value in zip(re.findall(r"[A-Z_]+", names), values.split(","), strict=True)
+    }
+    assert said == {name: known[name] for name in said}
+    assert {"LACKING", "CLEAR", "FREE", "BESIDE", "LOOSE", "STARTS", "DEEP_STARTS"} <= set(said)
+    assert text.index("## What is guaranteed") < text.index("## What geometry gives")
