@@ -1,7 +1,8 @@
 """Prove of a list of answers that there are no others.
 
-Around every answer a neighbourhood is proved to hold nothing else; the rest of the joint space is cut into boxes, and each
-is excluded as in `branch_and_bound`. Answers that the list lacks are found on the way. See `kernels.proof.isolation`.
+Around every answer a neighbourhood is proved to hold only answers near it, and at most one joint vector that reaches the
+goal exactly; the rest of the joint space is cut into boxes, and each is excluded as in `branch_and_bound`. Answers that the
+list lacks are found on the way. See `kernels.proof.isolation`; docs/proof.md has the proof.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ class Isolation:
     """Answers, one a branch, and whether it is proved that there are no others.
 
     If `complete`, every joint vector inside the limits that meets both tolerances lies within `distance[i]` of `q[i]` for
-    one i, joint by joint, whole turns left out of account.
+    one i, joint by joint, whole turns left out of account. These are k neighbourhoods, and in each of them at most one joint
+    vector reaches the goal exactly. So modulo whole turns at most k joint vectors reach it exactly.
     """
 
     complete: bool
