@@ -42,5 +42,5 @@ axes.axhline(-1, color="k", lw=0.8)
 axes.set(
     xlabel="pose", ylabel="joints, limits at ±1", title="A raster of 11 rows, the turn about the tool free"
 )
-axes.legend(ncols=4, fontsize=7)
+figure.legend(ncols=4, fontsize=7, loc="outside lower center")
 print("wrote", plots.save(figure, sys.argv[1] if len(sys.argv) > 1 else "11_raster.png"))

@@ -33,7 +33,7 @@ def test_the_other_arm_is_where_its_own_kinematics_has_it(arms: tuple[kinseek.Ar
     arm, other = arms
     theirs, base = scene_of(other, other.tip), kinseek.pose([0.7, 0.1, 0.0], rpy=[0, 0, 3.0])
     scene = scene_of(arm, "tool0")
-    q, home = other.sample(6, seed=1), np.zeros(other.dof)
+    q, home = other.sample(10, seed=1), np.zeros(other.dof)
     scene.add_arm("left", theirs, home, pose=base)
     assert "left/tool" in scene.bodies
     assert "left/own table" not in scene.bodies  # What stands around it is no part of it.
