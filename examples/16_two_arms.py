@@ -26,7 +26,8 @@ print(scene)
 
 # The Panda lays a bead along the table, while the UR5e holds something above it.
 bead = np.array([kinseek.pose([0.42, y, 0.12], rpy=[np.pi, 0.0, 0.0]) for y in np.linspace(-0.35, 0.35, 150)])
-start = arm.ik(bead[0], near=[0.0, -0.8, 0.0, -2.4, 0.0, 1.6, 0.8]).q  # The elbow is up, as people leave a Panda.
+elbow_up = [0.0, -0.8, 0.0, -2.4, 0.0, 1.6, 0.8]
+start = arm.ik(bead[0], near=elbow_up).q
 plain = arm.follow(bead, start=start).require()
 
 

@@ -398,7 +398,7 @@ def test_the_message_recommends_a_call_that_works(wish: str) -> None:
     arm = kinseek.load("planar2")
     goal = Goal.pose(arm.fk([0.3, 0.4]), free=("x", "rz"))
     scene = kinseek.Scene.of(arm, capsules=0.01)
-    wishes = {
+    wishes: dict[str, dict[str, Any]] = {
         "prefer": {"prefer": "limits"},
         "cost": {"cost": lambda q: q[:, 0]},
         "valid": {"valid": lambda q: True},

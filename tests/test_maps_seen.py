@@ -128,7 +128,7 @@ def test_places_that_differ_in_yaw_alone_are_seen_apart() -> None:
     found = sorted(np.arctan2(all_arrows.V, all_arrows.U))
     assert found == pytest.approx(yaws)
     yaw = yaws[int(ranked["number"][0])]
-    assert (float(best.U[0]), float(best.V[0])) == pytest.approx((np.cos(yaw), np.sin(yaw)))
+    assert np.ravel([best.U, best.V]) == pytest.approx([np.cos(yaw), np.sin(yaw)])
     apart = candidates.copy()
     apart[:, 0, 3] = [0.0, 0.1, 0.2]
     axes = plots.bases(maps.best_base(arm, arm.fk(arm.sample(2)), apart)).axes[0]

@@ -241,9 +241,9 @@ def _check_limits(found: Checkup, joint: Any, kind: str, space: str) -> None:
     here, limit = _name(joint), joint.find(space + "limit")
     mimics = joint.find(space + "mimic") is not None
     if kind == CONTINUOUS:
-        for tag, ends in _ENDS.items():
+        for tag, names in _ENDS.items():
             element = joint.find(space + tag)
-            if element is not None and any(element.get(end) is not None for end in ends):
+            if element is not None and any(element.get(name) is not None for name in names):
                 found.note(here, f"has limits in <{tag}>, and is continuous: they are not looked at")
         return
     if limit is None:
