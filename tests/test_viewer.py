@@ -21,10 +21,11 @@ import kinseek.viewer
 from kinseek import Arm, InvalidSolver, InvalidUse, Status
 from kinseek.robots.packages import mesh_path
 from kinseek.viewer import clouds, words
+from kinseek.viewer.door import is_loopback
 from kinseek.viewer.drawing import Figure, between
 from kinseek.viewer.meshes import Meshes, meshes_of
 from kinseek.viewer.searches import PARAMETERS, SEARCHES, make_search, parameters_of
-from kinseek.viewer.server import Viewer, free_port, is_loopback
+from kinseek.viewer.server import Viewer, free_port
 from kinseek.viewer.session import Answer, Proof, Session, beginning, call_of, nearest_of, status_of
 from kinseek.viewer.wishes import COUNTS, Wishes, read_wishes
 from kinseek.viewer.workers import Newest

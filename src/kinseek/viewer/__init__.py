@@ -17,7 +17,8 @@ from kinseek.arm import Arm
 from kinseek.errors import InvalidUse
 from kinseek.printable import printable
 
-from .server import Viewer, browser_here, is_loopback, open_page
+from .door import is_loopback
+from .server import Viewer, browser_here, open_page
 
 __all__ = ["Viewer", "show"]
 

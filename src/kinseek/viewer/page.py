@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from typing import Any
 
@@ -85,7 +86,8 @@ class Page:
             client.camera.look_at = at - [0.0, 0.0, 0.22 * float(np.linalg.norm(away))]
 
         async def dragged(event: Any) -> None:
-            self.wish(target=matrix_of(event.target.wxyz, event.target.position))
+            with contextlib.suppress(KinseekError):  # No pose that a page sends.
+                self.wish(target=matrix_of(event.target.wxyz, event.target.position))
 
         async def looked(camera: Any) -> None:
             with self._lock:
@@ -263,7 +265,7 @@ class Page:
                 self.trace = trace
 
     def _boxes(self, wishes: Wishes, answer: Answer) -> str:
-        examined = clouds.BOXES[int(self.panel.examined.value) - 1]
+        examined = clouds.BOXES[self.panel.looks - 1]
         left: clouds.Cloud | str = "The goal is reached: there is nothing to exclude."
         if not answer.reached:
             left = clouds.boxes_left(self.arm, wishes, answer.q, examined)

@@ -155,7 +155,9 @@ class Panel:
         for name, box in self.see.items():
             self._on(box, self._setter(name))
         self.examined = gui.add_slider("Boxes examined", 1, 7, 1, 4, visible=False)
-        self._on(self.examined, lambda _: self._do.wish())
+        self.looks = int(self.examined.value)
+        """Which of the numbers of boxes; of `examined` what a page sends is read before it is checked."""
+        self._on(self.examined, self._look)
         self.progress = gui.add_progress_bar(0.0, visible=False)
         self.seen = gui.add_html("")
         lacks = (
@@ -167,6 +169,10 @@ class Panel:
         )
         if lacks or missing:
             gui.add_html(note_html(*lacks, *missing))
+
+    def _look(self, value: float) -> None:
+        self.looks = int(value)
+        self._do.wish()
 
     def _setter(self, name: str) -> Callable[[Any], object]:
         return lambda value: self._do.wish(**{name: value})
@@ -198,17 +204,38 @@ class Panel:
             self.number.value = number + 1
 
     def _on(self, handle: Any, do: Callable[[Any], object], click: bool = False) -> None:
-        """Call `do` with what a person, not the page itself, has set; in order, since it runs in the server's own loop."""
+        """Call `do` with what a person, not the page itself, has set; in order, since it runs in the server's own loop.
+
+        What the input does not offer, a page has not sent: then the input has its last value again.
+        """
+        known = handle.value
 
         async def told(event: Any) -> None:
+            nonlocal known
             if event.client is None:
                 return
+            if not is_offered(event.target):
+                event.target.value = known
+                return
+            known = event.target.value
             try:
                 do(event.target.value)
             except KinseekError as error:  # What was typed is no pose, perhaps.
                 self.answer.content = refused_html(str(error))
 
         (handle.on_click if click else handle.on_update)(told)
+
+
+def is_offered(handle: Any) -> bool:
+    """Is the value of an input one that a person can give it: one of its options, within its ends, as long as it was?"""
+    value = handle.value
+    if options := getattr(handle, "options", ()):
+        return value in options
+    if isinstance(value, tuple):
+        return len(value) == 3
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return bool(handle.min <= value <= handle.max)
+    return True
 
 
 def _degrees(wishes: Wishes) -> tuple[float, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import ipaddress
+import logging
 import os
 import socket
 import sys
@@ -20,8 +20,11 @@ from kinseek.arm import Arm
 from kinseek.errors import InvalidUse, MissingExtra
 from kinseek.printable import printable
 
+from .door import Door, is_loopback
 from .meshes import meshes_of
 from .session import Session
+
+_log = logging.getLogger("kinseek.viewer")
 
 PORTS = 100
 """Ports that are tried one after the other, from the one that was asked for."""
@@ -51,6 +54,12 @@ class Viewer:
             def request_share_url(self, verbose: bool = True) -> str | None:
                 return super().request_share_url(verbose) if share else None
 
+            def __setattr__(self, name: str, value: Any) -> None:
+                if name == "_websock_server":  # The first that viser does; the last is to start it.
+                    door.put_before(value)
+                super().__setattr__(name, value)
+
+        door = Door(is_loopback(host), share)
         wanted = free_port(host, port)
         self.arm = arm
         self.meshes = meshes_of(arm.axes, packages)
@@ -59,6 +68,7 @@ class Viewer:
             self._server = Server(
                 host=host, port=wanted, label=f"kinseek: {printable(arm.name)}", verbose=False
             )
+        door.require()
         self.port: int = self._server.get_port()
         self.asked_port = port
         self.host = host
@@ -75,7 +85,12 @@ class Viewer:
 
         @self._server.on_client_connect
         def _(client: Any) -> None:
-            page = Page(client, self._session, self.meshes)
+            try:
+                page = Page(client, self._session, self.meshes)
+            except Exception:  # viser would print it, and a client that leaves at once is the usual reason.
+                if client.client_id in self._server.get_clients():
+                    _log.exception("a page could not be laid out")
+                return
             with self._lock:
                 if client.client_id in self._server.get_clients():
                     self.pages[client.client_id] = page
@@ -177,14 +192,6 @@ def free_port(host: str, port: int) -> int:
                 ) from None
             return number
     raise InvalidUse(f"no port from {port} to {min(port + PORTS, 65536) - 1} is free; choose another")
-
-
-def is_loopback(host: str) -> bool:
-    """Does only this machine reach it?"""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 def browser_here() -> bool:

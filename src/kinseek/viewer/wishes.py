@@ -119,7 +119,7 @@ def read_wishes(text: str | None, begin: Wishes) -> Wishes:
         if target.shape != (4, 4) or q.shape != begin.q.shape or not np.isfinite(q).all():
             return begin
         wishes = begin.but(target=target, q=q, free=tuple(map(str, values["free"])))
-    except (ValueError, TypeError, OverflowError, KeyError, KinseekError):
+    except (ValueError, TypeError, OverflowError, KeyError, RecursionError, KinseekError):
         return begin
     flags = ("follow", "ghosts", "samples", "reach", "boxes", "meshes", "dark")
     wishes = wishes.but(**{name: bool(values[name]) for name in flags if name in values})

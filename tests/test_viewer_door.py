@@ -1,0 +1,343 @@
+"""Who may open the viewer's page: no page of another site. What no page sends is ignored, and nothing is printed of it."""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import socket
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kinseek
+from kinseek import InvalidUse, viewer
+from kinseek.viewer.door import MESSAGES, is_message, refusal
+
+viser = pytest.importorskip("viser")
+msgspec = pytest.importorskip("msgspec")
+
+from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
+from websockets.sync.client import ClientConnection, connect  # noqa: E402
+
+pytestmark = pytest.mark.slow
+
+PROTOCOL = f"viser-v{viser.__version__}"
+CAMERA: dict[str, Any] = {
+    "type": "ViewerCameraMessage",
+    "wxyz": [1.0, 0.0, 0.0, 0.0],
+    "position": [1.0, 1, 1],
+    "fov": 0.8,
+    "near": 0.01,
+    "far": 100,
+    "image_height": 600,
+    "image_width": 800,
+    "look_at": [0.0, 0.0, 0.0],
+    "up_direction": [0.0, 0.0, 1.0],
+}
+
+
+@pytest.fixture(scope="module")
+def shown() -> Iterator[viewer.Viewer]:
+    with viewer.show(kinseek.load("planar2"), port=0, open_browser=False, block=False) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def open_to_all() -> Iterator[viewer.Viewer]:
+    with viewer.show(
+        kinseek.load("planar2"), host="0.0.0.0", port=0, open_browser=False, block=False
+    ) as made:
+        yield made
+
+
+def websocket(port: int, host: str = "127.0.0.1", **options: Any) -> ClientConnection:
+    """Connect to the port on this machine, under any name."""
+    options = {"subprotocols": [PROTOCOL], "origin": f"http://{host}:{port}", **options}
+    return connect(f"ws://{host}:{port}", sock=socket.create_connection(("127.0.0.1", port)), **options)
+
+
+def page(port: int, headers: dict[str, str]) -> tuple[int, bytes]:
+    """Ask for the page; `headers` has the host, too."""
+    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", port, timeout=10)) as asked:
+        asked.putrequest("GET", "/", skip_host=True)
+        for name, value in headers.items():
+            asked.putheader(name, value)
+        asked.endheaders()
+        answer = asked.getresponse()
+        return answer.status, answer.read()
+
+
+OTHERS = [
+    "http://evil.test",
+    "http://evil.test:{port}",
+    "http://127.0.0.1",
+    "http://127.0.0.1:1",
+    "https://127.0.0.1.evil.test:{port}",
+    "http://127.0.0.1:{port}@evil.test",
+    "http://localhost:{port}",
+    "ftp://127.0.0.1:{port}",
+    "null",
+    "",
+]
+
+
+@pytest.mark.parametrize("origin", OTHERS)
+@pytest.mark.parametrize("where", ["shown", "open_to_all"])
+def test_a_page_of_another_site_is_refused(where: str, origin: str, request: pytest.FixtureRequest) -> None:
+    port = request.getfixturevalue(where).port
+    origin = origin.format(port=port)
+    with pytest.raises(InvalidStatus, match="403"):
+        websocket(port, origin=origin)
+    status, text = page(port, {"Host": f"127.0.0.1:{port}", "Origin": origin})
+    assert (status, text) == (403, b"The request comes from a page of another site.\n")
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.test", "192.168.0.7", "127.0.0.1.evil.test", "localhost.evil.test", "[::2]"]
+)
+def test_a_name_that_somebody_points_here_is_refused(host: str, shown: viewer.Viewer) -> None:
+    with pytest.raises(InvalidStatus, match="403"):
+        websocket(shown.port, host)
+    with pytest.raises(InvalidStatus, match="403"):
+        websocket(shown.port, host, origin=None)
+    status, text = page(shown.port, {"Host": f"{host}:{shown.port}"})
+    assert status == 403
+    assert b"for this machine alone" in text
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "LOCALHOST", "[::1]", "127.0.0.2"])
+def test_this_machine_is_let_in_by_any_of_its_names(host: str, shown: viewer.Viewer) -> None:
+    with websocket(shown.port, host) as one:
+        one.send(msgspec.msgpack.encode(CAMERA))
+        assert one.recv(timeout=10)
+    with websocket(shown.port, host, origin=None) as one:  # No browser.
+        assert one.recv(timeout=10)
+    assert page(shown.port, {"Host": f"{host}:{shown.port}"})[0] == 200
+    # A port that is forwarded has another number.
+    assert page(shown.port, {"Host": f"{host}:1234", "Origin": f"http://{host}:1234"})[0] == 200
+    assert page(shown.port, {"Host": host, "Origin": f"https://{host}:443"})[0] == 200
+
+
+def test_one_that_listens_for_others_has_any_name_and_pages_of_its_own_alone(
+    open_to_all: viewer.Viewer,
+) -> None:
+    port = open_to_all.port
+    with websocket(port, "workshop.example") as one:
+        assert one.recv(timeout=10)
+    assert page(port, {"Host": "workshop.example", "Origin": "http://workshop.example"})[0] == 200
+
+
+def headers(*given: tuple[str, str]) -> Any:
+    from websockets import Headers
+
+    return Headers(given)
+
+
+def test_a_request_says_once_where_it_goes() -> None:
+    assert "which host" in refusal(headers(), alone=False)
+    assert "which host" in refusal(headers(("Host", "localhost"), ("Host", "localhost")), alone=False)
+    for odd in ("a b", "user@localhost", "localhost:x", "localhost/", "", "[::1", "localhost:8080:1"):
+        assert "which host" in refusal(headers(("Host", odd)), alone=False)
+    twice = headers(("Host", "localhost"), ("Origin", "http://localhost"), ("Origin", "http://localhost"))
+    assert "another site" in refusal(twice, alone=True)
+
+
+@pytest.mark.parametrize(
+    "protocols",
+    [None, ["chat"], ["viser-v1\x1b"[:-1] + "]0;owned"], [PROTOCOL, "chat"], ["viser-v" + "1" * 99]],
+)
+def test_what_is_no_page_of_this_server_is_refused_and_not_printed(
+    protocols: list[Any] | None, shown: viewer.Viewer, capfd: pytest.CaptureFixture[str]
+) -> None:
+    lines = [
+        "GET / HTTP/1.1",
+        f"Host: 127.0.0.1:{shown.port}",
+        "Upgrade: websocket",
+        "Connection: Upgrade",
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+        "Sec-WebSocket-Version: 13",
+        *([f"Sec-WebSocket-Protocol: {', '.join(protocols)}"] if protocols else []),
+    ]
+    with socket.create_connection(("127.0.0.1", shown.port), timeout=10) as one:
+        one.sendall("\r\n".join([*lines, "", ""]).encode())
+        assert b"403" in one.recv(4096)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_shared_page_is_reached_by_the_name_of_its_relay(monkeypatch: pytest.MonkeyPatch) -> None:
+    public = "https://arm.share.viser.studio"
+    monkeypatch.setattr(viser.ViserServer, "request_share_url", lambda self, verbose=True: public)
+    arm = kinseek.load("planar2")
+    with viewer.show(arm, port=0, share=True, open_browser=False, block=False) as made:
+        assert made.public_url == public
+        with websocket(made.port, "arm.share.viser.studio", origin=public) as one:
+            assert one.recv(timeout=10)
+
+
+def test_another_version_of_viser_is_no_open_door(monkeypatch: pytest.MonkeyPatch) -> None:
+    def serves_otherwise(self: Any, ready: Any) -> None:
+        import asyncio
+
+        from viser.infra._async_message_buffer import AsyncMessageBuffer
+
+        self._background_event_loop = loop = asyncio.new_event_loop()
+        self._stop_event = asyncio.Event()
+        self._broadcast_buffer = AsyncMessageBuffer(loop, persistent_messages=True)
+        ready.release()
+
+    monkeypatch.setattr(viser.infra.WebsockServer, "_background_worker", serves_otherwise)
+    with pytest.raises(InvalidUse, match=r"cannot check who connects .* pip install 'viser>="):
+        viewer.show(kinseek.load("planar2"), port=0, open_browser=False, block=False)
+    monkeypatch.delattr(viser.infra.WebsockServer, "_background_worker")
+    with pytest.raises(InvalidUse, match="cannot check who connects"):
+        viewer.show(kinseek.load("planar2"), port=0, open_browser=False, block=False)
+
+
+def test_other_servers_of_this_process_are_as_they_were(shown: viewer.Viewer) -> None:
+    other = viser.ViserServer("127.0.0.1", port=0, verbose=False)
+    try:
+        assert page(other.get_port(), {"Host": "evil.test"})[0] == 200
+    finally:
+        other.stop()
+
+
+ODD: list[Any] = [
+    b"",
+    b"\x00",
+    b"\xc1" * 100,
+    b"\x81" * 100_000,
+    "text",
+    [],
+    1,
+    {},
+    {"type": 1},
+    {"type": ["ViewerCameraMessage"]},
+    {"type": "Message"},
+    {"type": "__class__"},
+    {"type": "ShareUrlRequest"},
+    {"type": "FileTransferStartUpload", "transfer_uuid": "a"},
+    {"type": "RunJavascriptMessage", "source": "alert(1)"},
+    {"type": "ViewerCameraMessage"},
+    {**CAMERA, "more": 1},
+    {**CAMERA, "image_height": 0},
+    {**CAMERA, "wxyz": [0, 0, 0, 0]},
+    {**CAMERA, "wxyz": [1, 0, 0]},
+    {**CAMERA, "wxyz": "1000"},
+    {**CAMERA, "position": [float("nan"), 0, 0]},
+    {**CAMERA, "position": [1e300, 0, 0]},
+    {**CAMERA, "fov": None},
+    {**CAMERA, "fov": True},
+    {"type": "TransformControlsUpdateMessage", "name": "/goal", "wxyz": [0, 0, 0, 0], "position": [0, 0, 0]},
+    {"type": "GuiUpdateMessage", "uuid": 3, "updates": {"value": 1}},
+    {"type": "GuiUpdateMessage", "uuid": "a", "updates": {"update_cb": []}},
+    {"type": "GuiUpdateMessage", "uuid": "a", "updates": {"value": {"a": 1}}},
+    {"type": "GuiUpdateMessage", "uuid": "a", "updates": {"value": "x" * 1000}},
+    {"type": "SceneNodeClickMessage", "name": "/a", "instance_index": -1},
+    {"type": "LocalStorageGetItemResponseMessage", "value": 3, "error": None, "request_uuid": "a"},
+]
+
+
+def test_no_odd_message_is_taken_and_every_other_is() -> None:
+    for odd in ODD:
+        data = odd if isinstance(odd, bytes | str) else msgspec.msgpack.encode(odd)
+        assert not is_message(data), odd
+    assert is_message(msgspec.msgpack.encode(CAMERA))
+    rng = np.random.default_rng(1)
+    for _ in range(3000):
+        data = bytearray(msgspec.msgpack.encode(CAMERA))
+        data[int(rng.integers(len(data)))] = int(rng.integers(256))
+        is_message(bytes(data))  # Says so, and raises nothing.
+
+
+def test_messages_are_those_of_viser_with_all_their_fields() -> None:
+    from viser import _messages
+    from viser.infra._messages import wire_field_names
+
+    for name, fields in MESSAGES.items():
+        assert set(wire_field_names(getattr(_messages, name))) == set(fields)
+
+
+def wait_for(there: Any) -> None:
+    until = time.monotonic() + 20
+    while not there() and time.monotonic() < until:
+        time.sleep(0.02)
+    assert there()
+
+
+def test_odd_messages_print_nothing_and_the_page_goes_on(
+    shown: viewer.Viewer, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with websocket(shown.port) as one:
+        for odd in ODD:
+            one.send(odd if isinstance(odd, bytes | str) else msgspec.msgpack.encode(odd))
+        one.send(msgspec.msgpack.encode(CAMERA))  # Now there is a page.
+        wait_for(lambda: shown.pages)
+        number, mine = next(iter(shown.pages.items()))
+        handles = dict(shown._server.get_clients()[number].gui._gui_input_handle_from_uuid)
+        sent: list[dict[str, Any]] = [
+            {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": value}}
+            for uuid in handles
+            for value in (10**8, -1, 0.5, "9" * 200, "nowhere", True, [0.0, 0.0, 0.0], [1e9, 1e9, -1e9])
+        ]
+        sent += [
+            {
+                "type": "TransformControlsUpdateMessage",
+                "name": name,
+                "wxyz": [1, 0, 0, 0],
+                "position": [1e9] * 3,
+            }
+            for name in ("/goal", "/nowhere", "")
+        ]
+        click: dict[str, Any] = {
+            "ray_origin": [0, 0, 0], "ray_direction": [0, 0, 0], "screen_pos": [0, 0], "modifier": None, "owner": ""
+        }  # fmt: skip
+        owner = shown._server.get_clients()[number].scene._owner_id
+        sent += [
+            {"type": "SceneNodeClickMessage", "name": name, "instance_index": index, **click, "owner": owner}
+            for name in shown._server.get_clients()[number].scene._handle_from_node_name
+            for index in (None, 0, 10**8)
+        ]
+        for each in sent:
+            one.send(msgspec.msgpack.encode(each))
+        one.send(msgspec.msgpack.encode(CAMERA))
+        wait_for(lambda: mine.idle)
+        search = mine.panel.search
+        assert search.value in search.options
+        one.send(
+            msgspec.msgpack.encode(
+                {
+                    "type": "GuiUpdateMessage",
+                    "uuid": mine.panel.follow._impl.uuid,
+                    "updates": {"value": False},
+                }
+            )
+        )
+        wait_for(lambda: not mine.wishes.follow)
+    wait_for(lambda: not shown.pages)
+    for rubbish in (
+        b"\x00" * 100,
+        b"GET / HTTP/9\r\n\r\n",
+        b"\xff\xfe\r\n\r\n",
+        b"GET /%00 HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    ):
+        with socket.create_connection(("127.0.0.1", shown.port), timeout=10) as raw:
+            raw.sendall(rubbish)
+            raw.shutdown(socket.SHUT_WR)
+            while raw.recv(4096):
+                pass
+    with websocket(shown.port) as one:
+        one.send(b"\x00" * (2**20 + 1))  # Longer than any message.
+        with contextlib.suppress(ConnectionClosed):
+            while one.recv(timeout=10):
+                pass
+        assert one.close_code == 1009
+    with websocket(shown.port) as one:
+        assert one.recv(timeout=10)
+    import gc
+
+    gc.collect()  # Faults of tasks are told when these are forgotten.
+    time.sleep(0.2)
+    assert capfd.readouterr() == ("", "")
