@@ -6,6 +6,8 @@ import contextlib
 import io
 import json
 import struct
+import subprocess
+import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -223,6 +225,18 @@ def test_materials_come_from_beside_and_from_nowhere_else(tmp_path: Path) -> Non
     assert colour("paint.mtl", 2 * MOST) == (255, 0, 0)
     (folder / "paint.mtl").write_text("newmtl red\nKd 1 0 0\n" + "\n" * (MOST // 16))
     assert colour("paint.mtl") is None
+
+
+@pytest.mark.slow
+def test_nothing_is_printed_of_what_is_missing(tmp_path: Path) -> None:
+    text = SOUND["a.ply"]().replace(b"comment", b"comment TextureFile \xc2\x9bnone.png\ncomment", 1)
+    assert b"TextureFile" in text
+    (tmp_path / "a.ply").write_bytes(text)
+    code = "from pathlib import Path\nfrom kinseek.robots.meshes import mesh_parts\nassert mesh_parts(Path('a.ply'))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=True
+    )
+    assert (done.stdout, done.stderr) == ("", "")
 
 
 def test_images_are_pictures_of_a_sane_size(tmp_path: Path) -> None:

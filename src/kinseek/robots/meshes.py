@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,9 @@ Array = NDArray[np.float64]
 MOST_MESH = 64 * 2**20
 """Bytes of one mesh's file."""
 
+_NOWHERE = logging.NullHandler()
+"""Without any handler Python would print what trimesh logs of a material that is missing, with a traceback."""
+
 
 def mesh_parts(path: Path, most: int = MOST_MESH) -> list[Any]:
     """The triangles of a mesh's file, a body each, in metres; of at most so many bytes.
@@ -32,6 +36,7 @@ def mesh_parts(path: Path, most: int = MOST_MESH) -> list[Any]:
     with importing:
         import trimesh
 
+    logging.getLogger("trimesh").addHandler(_NOWHERE)
     kind = ending(path)
     text = file_bytes(path, most)
     require_mesh(path, text, most)

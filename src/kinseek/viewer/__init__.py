@@ -39,7 +39,8 @@ def show(
 
     Args:
         arm: Any arm; of one that is a function the tip alone is shown, and nothing can be proved.
-        host: Address to listen at. The default is reached from this machine alone; ``"0.0.0.0"`` lets the network in.
+        host: Address to listen at. The default is reached from this machine alone; ``"0.0.0.0"`` lets the network in. Pages
+            of other sites are refused.
         port: Port to listen at; if it is taken, the next free one is, and that is said. 0 takes any.
         share: Make a public address through viser's own relay, share.viser.studio. Whoever has it can use the page.
         open_browser: Open a browser; unless given, where there is a screen.
@@ -51,7 +52,7 @@ def show(
 
     Raises:
         MissingExtra: viser is not installed.
-        InvalidUse: No arm, an address that is not this machine's, or no free port.
+        InvalidUse: No arm, an address that is not this machine's, no free port, or a version of viser that is not known.
     """
     if not isinstance(arm, Arm):
         raise InvalidUse(f"show takes an Arm, as kinseek.load gives it, got {type(arm).__name__}")
