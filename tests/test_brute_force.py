@@ -97,7 +97,7 @@ def test_more_leaves_than_64_bits_can_count() -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"branching_factor": 0}, "branching_factor must be at least 1, got 0"),
+        ({"branching_factor": 0}, "branching_factor must be a whole number of at least 1, got 0"),
         ({"stop_below": -1.0}, "stop_below must be a number >= 0"),
         ({"stop_below": float("nan")}, "stop_below"),
         ({"stop_below": "0.1"}, "stop_below must be a number >= 0, got '0.1'"),

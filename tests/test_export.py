@@ -329,8 +329,8 @@ PANDA = kinseek.load("panda")
         ),
         (PANDA, {"cpu": "cortex-m7"}, "unknown processor of x86-64 'cortex-m7'"),
         (PANDA, {"form": "elf"}, "form must be one of 'object', 'assembly', 'llvm', got 'elf'"),
-        (PANDA, {"ram": 0}, "ram must be a whole number of bytes of at least 1, got 0"),
-        (PANDA, {"flash": 1e6}, "flash must be a whole number of bytes"),
+        (PANDA, {"ram": 0}, "ram \\[bytes\\] must be a whole number of at least 1, got 0"),
+        (PANDA, {"flash": 1e6}, "flash \\[bytes\\] must be a whole number"),
         (
             PANDA,
             {"ram": 2048},

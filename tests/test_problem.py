@@ -58,7 +58,7 @@ def test_full_turns_are_taken_off_where_that_helps() -> None:
 
 @pytest.mark.parametrize("budget", [0, -5])
 def test_a_budget_below_one(budget: int) -> None:
-    with pytest.raises(InvalidProblem, match=f"budget must be at least 1 FK evaluation, got {budget}"):
+    with pytest.raises(InvalidProblem, match=f"budget must be a whole number of at least 1, got {budget}"):
         Problem(ARM.chain, GOAL, budget=budget)
 
 

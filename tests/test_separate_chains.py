@@ -338,7 +338,7 @@ def test_parameters_that_do_not_fit_are_refused() -> None:
         arm.ik(T, solver=SeparateChains(breadth=(1, 2, 3)))
     with pytest.raises(InvalidSolver, match="offset must be one number or 6, one a joint; got 5"):
         arm.ik(T, solver=SeparateChains(offset=(None, 0.5, None, None, 0.5)))
-    with pytest.raises(InvalidSolver, match="divisions must be at least 2"):
+    with pytest.raises(InvalidSolver, match="divisions must be a whole number of at least 2"):
         SeparateChains(divisions=1)
     with pytest.raises(InvalidProblem, match="only of a whole pose, a direction, a position"):
         arm.ik(Goal.pose(T, free="x"), solver=SeparateChains())

@@ -21,13 +21,13 @@ from .kinematics import ForwardArm
 from .poses import plain_array
 from .problem import Problem, as_joints
 from .proof.certificate import Certificate, Verdict
+from .reals import whole
 from .robots import Mechanism, SerialChain, read
 from .shapes import Joints, ManyGoals, OneGoal, UnshapedGoal
 from .solution import Solution, Status, quick_solution
 from .solvers import Atlas, Solver
 from .solvers.atlas.index import SAMPLES, AtlasIndex, atlas_of
 from .solvers.atlas.quick import answers_quickly, quick_answer
-from .solvers.base import whole
 from .solvers.black_box.samples import Samples, samples_of
 from .solvers.checks import as_solver, warn_if_far, with_progress
 from .units import warn_of_distance
@@ -202,7 +202,7 @@ class Arm(ForwardArm):
             InvalidSolver: The solver's parameters do not fit the arm, or `threads` is no whole number of at least 1.
         """
         if threads is not None:
-            whole("threads", threads, 1)
+            threads = whole("threads", threads, 1)
         wishes = prefer is not None or cost is not None or valid is not None or scene is not None
         plain = (
             solver is None and not prove and not wishes and time_limit is None and not trace and not clearance
@@ -341,7 +341,7 @@ class Arm(ForwardArm):
             InvalidSolver: `threads` is no whole number of at least 1.
         """
         if threads is not None:
-            whole("threads", threads, 1)
+            threads = whole("threads", threads, 1)
         plain = (
             near is None and order == "mid-range" and cost is None and valid is None and not (copies or prove)
         )
@@ -403,7 +403,7 @@ class Arm(ForwardArm):
         """
         self._require_axes(_NO_PROOF)
         if threads is not None:
-            whole("threads", threads, 1)
+            threads = whole("threads", threads, 1)
         from .proof.branch_and_bound import prove
 
         deadline = Deadline(time_limit)
@@ -474,7 +474,7 @@ class Arm(ForwardArm):
 
             clearance = judge_of(scene, self._mechanism, clearance, None).clearance
         if threads is not None:
-            whole("threads", threads, 1)
+            threads = whole("threads", threads, 1)
         wishes: dict[str, Any] = {
             "start": start,
             "end": end,
@@ -529,10 +529,9 @@ class Arm(ForwardArm):
         """
         from .paths.stream import stream
 
-        for name, value, least in (("window", window, 1), ("look_ahead", look_ahead, 0)):
-            whole(name, value, least)
+        window, look_ahead = whole("window", window, 1), whole("look_ahead", look_ahead, 0)
         if threads is not None:
-            whole("threads", threads, 1)
+            threads = whole("threads", threads, 1)
         wishes: dict[str, Any] = {"start": start, "end": None, "closed": False, "max_step": max_step}
         wishes |= {"times": None, "velocity": velocity, "weights": weights, "cost": cost, "valid": valid}
         return stream(self._mechanism, poses, window, look_ahead, wishes, threads)

@@ -20,6 +20,7 @@ from .lazy import Lazy
 from .poses import one_pose
 from .printable import printable
 from .problem import Problem, as_joints
+from .reals import whole
 from .robots import Mechanism, SerialChain, as_mechanism, black_box, read_dh
 from .robots.geometry import arm_length
 from .robots.mechanism import no_axes
@@ -28,6 +29,12 @@ from .shapes import Joints, Matrix, Pose, Poses, Rows, Unshaped, Vector
 from .structure.structure import FUNCTION, Structure, structure_of
 
 Array = NDArray[np.float64]
+
+MOST_NUMBERS = 2**31
+"""Joint values that are drawn at a time: 16 GiB."""
+
+_LARGEST_SEED = 2**128
+"""`numpy.random.SeedSequence` makes seeds of so many bits."""
 
 
 class ForwardArm(Lazy):
@@ -199,18 +206,22 @@ class ForwardArm(Lazy):
             (n, dof), [rad] or [m].
 
         Raises:
-            InvalidProblem: `n` or `seed` is no whole number of at least 0.
+            InvalidProblem: `n` or `seed` is no whole number of at least 0, or the values would take more than 16 GiB.
         """
-        for name, value in (("n", n), ("seed", seed)):
-            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
-                raise InvalidProblem(f"{name} must be a whole number of at least 0, got {value!r}")
+        rows = whole("n", n, 0, error=InvalidProblem)
+        seed = whole("seed", seed, 0, _LARGEST_SEED, InvalidProblem)
+        if rows * self.dof > MOST_NUMBERS:
+            raise InvalidProblem(
+                f"n must be at most {MOST_NUMBERS // self.dof:,} for {self.dof} joints, got {rows:,}: the joint values "
+                f"would take {8 * rows * self.dof / 2**30:,.0f} GiB. Draw fewer at a time, each time with another seed"
+            )
         drawn = np.random.default_rng(seed).uniform(
-            self._mechanism.lower, self._mechanism.upper, (n, self.dof)
+            self._mechanism.lower, self._mechanism.upper, (rows, self.dof)
         )
-        rows: Rows = np.clip(
+        within: Rows = np.clip(
             drawn, self._mechanism.lower, self._mechanism.upper
         )  # Rounding may lead past a limit.
-        return rows
+        return within
 
     @overload
     def fk(self, q: Unshaped, link: str | None = None) -> Array: ...

@@ -15,7 +15,7 @@ from .goal import Goal
 from .kernels.arm.pose_error import LARGEST
 from .kernels.arrays import ChainArrays
 from .lazy import Lazy, Made, lazy
-from .reals import floats
+from .reals import floats, whole
 from .robots.chain import SerialChain
 from .robots.mechanism import Mechanism, no_axes
 from .robots.named import in_order
@@ -57,8 +57,8 @@ class Problem(Lazy):
                 shapes, why = (f"{one} or {many}", "") if batch else (f"{one}", ": the goal is one target")
                 raise InvalidProblem(f"near must have shape {shapes}, got {near.shape}{why}")
             object.__setattr__(self, "near", near)
-        if self.budget is not None and self.budget < 1:
-            raise InvalidProblem(f"budget must be at least 1 FK evaluation, got {self.budget}")
+        if self.budget is not None:
+            object.__setattr__(self, "budget", whole("budget", self.budget, 1, error=InvalidProblem))
         if self.time_limit is not None:
             Deadline(self.time_limit)
 

@@ -1,11 +1,17 @@
-"""Arrays that hold more than real numbers: NumPy drops an imaginary part and a mask where it makes floats of them."""
+"""Arrays of real numbers, and whole numbers, read strictly: NumPy drops an imaginary part and a mask without a word."""
 
 from __future__ import annotations
 
+from operator import index
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .errors import InvalidSolver, KinseekError
+
+NO_BOUND = 2**62
+"""Kernels take numbers of 64 bits; a bound as large as this is only named to who exceeds it."""
 
 
 def floats(values: Any) -> NDArray[np.float64]:
@@ -36,3 +42,29 @@ def equal(one: Any, other: Any) -> bool:
     """
     a, b = np.asarray(one), np.asarray(other)
     return a.shape == b.shape and bool(np.all(a == b))
+
+
+def whole(
+    name: str, value: Any, least: int, most: int = NO_BOUND, error: type[KinseekError] = InvalidSolver
+) -> int:
+    """Read a whole number in a range: an integer of Python, NumPy or another library, but no bool and no float.
+
+    Args:
+        name: What it is, for the message.
+        value: What was given.
+        least: The smallest that is allowed.
+        most: The largest that is allowed.
+        error: What to raise.
+
+    Raises:
+        KinseekError: Not a whole number, or out of its range; of the type `error`.
+    """
+    try:
+        number = None if isinstance(value, bool) else index(value)
+    except TypeError:
+        number = None
+    if number is not None and least <= number <= most:
+        return number
+    small = most >= NO_BOUND and (number is None or number < least)
+    wanted = f"of at least {least:,}" if small else f"from {least:,} to {most:,}"
+    raise error(f"{name} must be a whole number {wanted}, got {value!r:.200}")

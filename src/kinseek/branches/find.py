@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.branches.refine_all import ANSWER, CENTRE, RATES
 from kinseek.kernels.branches.search import ROWS, many_branches
 from kinseek.problem import Problem
+from kinseek.reals import whole
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import open_limits
 from kinseek.solvers.atlas.index import wanted_of
@@ -39,7 +41,7 @@ _PIECE = 4
 
 def branches_of(problem: Problem, wishes: Wishes, threads: int | None = None) -> Branches | BranchesBatch:
     """Find every branch of every target of a problem; see `Arm.branches`."""
-    _check(problem, wishes)
+    wishes = _checked(problem, wishes)
     deadline = Deadline(problem.time_limit)
     index, goal = index_of(problem), problem.goal
     number = (wishes.count or SPREAD) if index.freedom else 0
@@ -53,10 +55,10 @@ def branches_of(problem: Problem, wishes: Wishes, threads: int | None = None) ->
         views = np.stack([near, np.ones_like(near), np.broadcast_to(index.view[RATES], near.shape)], axis=1)
     found = _search(index, wanted, targets, np.ascontiguousarray(views), number, threads, deadline)
     if goal.shape and wishes.as_found and found:
-        whole = [rows for rows in found if rows is not None]
-        if len(whole) == len(found):
+        rows = [each for each in found if each is not None]
+        if len(rows) == len(found):
             nears = None if problem.near is None else views[:, CENTRE]
-            return BranchesBatch(AsFound(problem, whole, nears, index.freedom > 0, wishes.count), goal.shape)
+            return BranchesBatch(AsFound(problem, rows, nears, index.freedom > 0, wishes.count), goal.shape)
     each = tuple(
         _none(one, index) if rows is None else _finish(one, rows, index, wishes, deadline)
         for one, rows in zip(problem.each(), found, strict=True)
@@ -64,16 +66,16 @@ def branches_of(problem: Problem, wishes: Wishes, threads: int | None = None) ->
     return BranchesBatch(each, goal.shape) if goal.shape else each[0]
 
 
-def _check(problem: Problem, wishes: Wishes) -> None:
-    order, count = wishes.order, wishes.count
+def _checked(problem: Problem, wishes: Wishes) -> Wishes:
+    order = wishes.order
     if order not in ORDERS:
         raise InvalidProblem(suggest(str(order), ORDERS, "order"))
-    whole = isinstance(count, int) and not isinstance(count, bool)
-    if count is not None and not (whole and 1 <= count <= MOST):
-        raise InvalidProblem(f"count must be a whole number from 1 to {MOST:,}, got {count!r}")
+    if wishes.count is not None:
+        wishes = replace(wishes, count=whole("count", wishes.count, 1, MOST, InvalidProblem))
     chosen = [name for name, given in _given(problem, order, wishes.cost) if given]
     if len(chosen) > 1:
         raise InvalidProblem(f"{' and '.join(chosen)} both say what comes first; give one of them")
+    return wishes
 
 
 def _given(problem: Problem, order: str, cost: Cost | None) -> list[tuple[str, bool]]:

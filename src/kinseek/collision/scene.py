@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidProblem, InvalidScene, suggest
 from kinseek.problem import as_joints
-from kinseek.reals import equal
+from kinseek.reals import equal, whole
 from kinseek.robots.mechanism import Mechanism
 
 from .assembly import digest
@@ -90,8 +90,7 @@ class Scene(Contents):
         meshes, skip = read_missing(meshes, missing)
         if never not in ("check", "skip"):
             raise InvalidScene(suggest(str(never), ("check", "skip"), "value of never"))
-        if isinstance(samples, bool) or not isinstance(samples, int) or samples < 1:
-            raise InvalidScene(f"samples must be a whole number of at least 1, got {samples!r}")
+        samples = whole("samples", samples, 1, error=InvalidScene)
         padding = length_or_zero("padding", padding)
         if not isinstance(joints, Mapping | None):
             raise InvalidScene(f"joints must be a mapping from names to values, got {joints!r:.80}")
@@ -120,9 +119,12 @@ class Scene(Contents):
         Raises:
             InvalidProblem: `q` does not fit the arm.
             InvalidScene: `clearance` is no length.
+            InvalidSolver: `threads` is no whole number of at least 1.
         """
         joints = as_joints(self._chain, q)
         least = length_or_zero("clearance", clearance)
+        if threads is not None:
+            threads = whole("threads", threads, 1)
         free = self._asked.free(joints.reshape(-1, self._chain.dof), least, threads)
         return free.reshape(joints.shape[:-1]) if joints.ndim > 1 else bool(free[0])
 

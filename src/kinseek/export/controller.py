@@ -14,6 +14,7 @@ from kinseek.errors import InvalidExport
 from kinseek.goal import Goal
 from kinseek.kernels.entry import ENTRIES
 from kinseek.problem import Problem
+from kinseek.reals import whole
 from kinseek.robots.mechanism import no_axes
 from kinseek.solvers import Atlas, DivideAndConquer
 
@@ -225,8 +226,8 @@ def prepare(
     if form not in FORMS:
         raise InvalidExport(f"form must be one of {', '.join(map(repr, FORMS))}, got {form!r}")
     for name, limit in (("ram", ram), ("flash", flash)):
-        if limit is not None and (isinstance(limit, bool) or not isinstance(limit, int) or limit < 1):
-            raise InvalidExport(f"{name} must be a whole number of bytes of at least 1, got {limit!r}")
+        if limit is not None:
+            whole(f"{name} [bytes]", limit, 1, error=InvalidExport)
     if arm.axes is None:
         why = "a controller is given the axes and links of an arm"
         raise InvalidExport(f"an arm that is a function cannot be exported: {no_axes(arm.mechanism, why)}")

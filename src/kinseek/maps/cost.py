@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.arm import Arm
+from kinseek.errors import InvalidMap
+from kinseek.reals import whole
 
 from .block import Desk, answered
 from .cells import SHARES
@@ -95,6 +97,8 @@ def estimate(
         InvalidMap: As `reach`.
         MissingExtra: Processes would be started, and what they need is not installed.
     """
+    if cores is not None:
+        cores = whole("cores", cores, 1, error=InvalidMap)
     work = work_of(arm, grid, what, **options_of(options), store=None)
     desk, rng, cost = Desk(work), np.random.default_rng(0), list[float]()
     number = min(_ROW, grid.shape[-1]) if work.prove else _MANY

@@ -15,6 +15,7 @@ from kinseek.arm import Arm
 from kinseek.collision import Scene
 from kinseek.collision.answers import judge_of
 from kinseek.errors import InvalidMap, MissingExtra, suggest
+from kinseek.reals import whole
 from kinseek.tolerances import DEFAULT_TOLERANCE, TOLERANCES, check_tolerance
 
 from .block import Work, digest, slim, version
@@ -180,8 +181,7 @@ def work_of(
         value = given[name]
         if name in ("patience", "block") and value is None:
             continue
-        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-            raise InvalidMap(f"{name} must be a whole number of at least {least}, got {value!r}")
+        whole(name, value, least, error=InvalidMap)
     for name in TOLERANCES:
         check_tolerance(name, given[name])
     if isinstance(grid, Rings):

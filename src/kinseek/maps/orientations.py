@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidMap
 from kinseek.lazy import Lazy, lazy
+from kinseek.reals import whole
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -137,8 +138,7 @@ def orientations(count: int) -> Orientations:
     Raises:
         InvalidMap: `count` is no whole number in that range.
     """
-    if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST:
-        raise InvalidMap(f"count must be a whole number from 1 to {MOST:,}, got {count!r}")
+    count = whole("count", count, 1, MOST, InvalidMap)
     middle = round(float(np.cbrt(np.pi * count)))  # Arcs as wide as regions: (2π/m)² = 4π/n and n m = count.
     fits = [m for m in range(max(1, middle // 2), 2 * middle + 1) if count % m == 0]
     tried = {

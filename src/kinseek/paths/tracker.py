@@ -32,6 +32,7 @@ from kinseek.kernels.paths.servo import (
 from kinseek.kernels.paths.servo import TRACKING as TRACKED
 from kinseek.poses import as_pose, one_pose, plain_array
 from kinseek.problem import Problem, as_joints
+from kinseek.reals import whole
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.atlas.index import PLAIN, atlas_of
 
@@ -363,10 +364,9 @@ class Tracker:
         """Poses to come, so many and some for longer, (k, 4, 4), and how many periods each is after the one before."""
         if self._given < 2:
             raise InvalidProblem("to look ahead takes two poses: call step(T) twice first")
-        if not (np.isfinite(seconds) and seconds > 0 and looks >= 1):
-            raise InvalidProblem(
-                f"seconds must be above 0 and looks at least 1, got {seconds!r} and {looks!r}"
-            )
+        looks = whole("looks", looks, 1, error=InvalidProblem)
+        if isinstance(seconds, bool) or not (np.isfinite(seconds) and seconds > 0):
+            raise InvalidProblem(f"seconds must be a finite number above 0, got {seconds!r}")
         at_once = max(1, round(seconds / looks / self.period))
         count = int(np.ceil((seconds + longer) / self.period / at_once - 1e-9))
         apart = max(1, min(self._apart, (self._given - 1) // 2))

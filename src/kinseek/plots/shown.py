@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from numbers import Integral
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidUse
+from kinseek.reals import whole
 from kinseek.solution import Solution
 from kinseek.trace import Pass, Trace
 
@@ -66,9 +66,7 @@ def named(traces: Mapping[str, Trace | Solution] | Sequence[Trace | Solution]) -
 def joint_of(names: Sequence[str], joint: int | str) -> int:
     """The number of a joint, from 0 on."""
     if not isinstance(joint, str):
-        if not isinstance(joint, Integral) or isinstance(joint, bool) or not 0 <= joint < len(names):
-            raise InvalidUse(f"a joint must be a name, or a number from 0 to {len(names) - 1}; got {joint!r}")
-        return int(joint)
+        return whole("a joint, unless it is a name,", joint, 0, len(names) - 1, InvalidUse)
     if joint not in names:
         raise InvalidUse(f"there is no joint {joint!r}; valid: {', '.join(names)}")
     return list(names).index(joint)
@@ -84,9 +82,7 @@ def turning(trace: Trace, joint: int | str) -> int:
 
 def pass_of(trace: Trace, number: int) -> Pass:
     """Pass by its number, from 1 on."""
-    if not isinstance(number, Integral) or not 1 <= number <= len(trace):
-        raise InvalidUse(f"number must be from 1 to {len(trace)}, the passes of this search; got {number!r}")
-    return trace[number - 1]
+    return trace[whole("number, that of a pass of this search,", number, 1, len(trace), InvalidUse) - 1]
 
 
 def with_windows(trace: Trace) -> list[Pass]:
@@ -115,9 +111,7 @@ def two_joints(names: Sequence[str], joints: object) -> tuple[int, int]:
 
 def count_of(name: str, value: int, least: int) -> int:
     """A whole number of at least so many."""
-    if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
-        raise InvalidUse(f"{name} must be a whole number of at least {least}, got {value!r}")
-    return int(value)
+    return whole(name, value, least, error=InvalidUse)
 
 
 UNITS = {"prismatic": "m", "number": ""}

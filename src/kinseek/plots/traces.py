@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidUse
+from kinseek.reals import whole
 from kinseek.solution import Solution
 from kinseek.trace import Pass, Trace
 
@@ -165,8 +166,7 @@ def circles(solution: Solution | Trace, joint: int | str = 0, passes: int = 3, s
     """
     trace = trace_of(solution)
     d = turning(trace, joint)
-    if passes < 1:
-        raise InvalidUse(f"passes must be at least 1, got {passes}")
+    passes = whole("passes", passes, 1, error=InvalidUse)
     moved = [each for each in with_windows(trace) if len(each.values(d)) > 1]
     if not moved:
         raise InvalidUse(

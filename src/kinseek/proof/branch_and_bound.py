@@ -21,6 +21,7 @@ from kinseek.kernels.arrays import Array
 from kinseek.kernels.proof.gate import least_by_gate
 from kinseek.kernels.proof.progress import ENDED, FOUND
 from kinseek.problem import Problem
+from kinseek.reals import whole
 from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.solver import Atlas
 
@@ -62,8 +63,7 @@ def prove(
     if gap is not None and not 0.0 < gap < 1.0:
         raise InvalidProblem(f"gap must be in (0, 1), got {gap}")
     refuse_ranges(problem.goal)
-    if budget < 0:
-        raise InvalidProblem(f"budget must be at least 0 boxes, got {budget}")
+    budget = whole("budget", budget, 0, error=InvalidProblem)
     best = answer if answer is not None else Atlas().solve(replace(problem, budget=None))
     if best.success:
         return _certificate(problem, Verdict.REACHABLE, best.q, 0.0, 0, 0.0)

@@ -20,6 +20,7 @@ from kinseek.kernels.arrays import Array
 from kinseek.kernels.proof.isolation import MOST, OFTEN, STEPS, Places
 from kinseek.kernels.proof.progress import COUNT, KNOWN, LEFT
 from kinseek.problem import Problem, as_joints
+from kinseek.reals import whole
 
 from .boxes import ENDLESS, Run, Watch, tuning_of
 from .reduce import question, start_boxes
@@ -85,8 +86,7 @@ def isolate(
     goal, chain = problem.goal, problem.chain
     if goal.shape:
         raise InvalidProblem(f"a proof is about one target, got a batch of shape {goal.shape}")
-    if budget < 0:
-        raise InvalidProblem(f"budget must be at least 0 boxes, got {budget}")
+    budget = whole("budget", budget, 0, error=InvalidProblem)
     known = _checked(problem, answers)
     asked = question(problem, trust)
     without_last = asked[2].present

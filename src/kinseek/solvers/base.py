@@ -3,35 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from operator import index
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.deadline import Deadline
-from kinseek.errors import InvalidSolver
 from kinseek.problem import Problem
+from kinseek.reals import NO_BOUND, whole
 from kinseek.solution import Solution, conclude, with_traces
 from kinseek.trace import Trace
 
 from .threads import Watch, progress_bar, unwatched
 
 
-def whole(name: str, value: object, least: int, most: int = 2**62) -> int:
-    """Read a whole number in a range.
+def require_whole(solver: object, name: str, least: int, most: int = NO_BOUND) -> None:
+    """Read a parameter of a frozen solver that has to be a whole number in a range, and keep it as an `int`.
 
     Raises:
-        InvalidSolver: Not a whole number, or out of its range.
+        InvalidSolver: It is not.
     """
-    try:
-        number = index(value)  # type: ignore[arg-type]
-    except TypeError:
-        raise InvalidSolver(f"{name} must be a whole number, got {value!r}") from None
-    if least <= number <= most:
-        return number
-    bound = f"at least {least}" if number < least else f"at most {most}"
-    raise InvalidSolver(f"{name} must be {bound}, got {value}")
+    object.__setattr__(solver, name, whole(name, getattr(solver, name), least, most))
 
 
 class Solver(Protocol):

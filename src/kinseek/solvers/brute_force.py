@@ -18,7 +18,7 @@ from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution
 
-from .base import Found, watch_each, whole
+from .base import Found, require_whole, watch_each
 from .nodes import (
     MOST_NODES,
     joint_grid,
@@ -72,10 +72,10 @@ class BruteForce:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        whole("branching_factor", self.branching_factor, 1)
-        whole("seed", self.seed, 0)
+        require_whole(self, "branching_factor", 1)
+        require_whole(self, "seed", 0)
         if self.most_nodes is not None:
-            whole("most_nodes", self.most_nodes, 1)
+            require_whole(self, "most_nodes", 1)
         require_error(self.stop_below)
         require_ties(self.ties)
         if self.order not in ORDERS:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from numbers import Integral, Real
+from numbers import Real
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -32,7 +32,7 @@ from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution
 
-from .base import Found, solve_each, watch_each, whole
+from .base import Found, require_whole, solve_each, watch_each
 from .breadth_tuning import Walk, probe_joints, widen_by_trial, window_leaves
 from .nodes import (
     MOST_NODES,
@@ -114,14 +114,14 @@ class DivideAndConquer:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        whole("branching_factor", self.branching_factor, 1)
-        whole("divisions", self.divisions, 2)
-        whole("beam", self.beam, 1, _MOST_CELLS)
-        whole("node_budget", self.node_budget, 1)
+        require_whole(self, "branching_factor", 1)
+        require_whole(self, "divisions", 2)
+        require_whole(self, "beam", 1, _MOST_CELLS)
+        require_whole(self, "node_budget", 1)
         if self.children is not None:
-            whole("children", self.children, 1)
+            require_whole(self, "children", 1)
         if self.most_nodes is not None:
-            whole("most_nodes", self.most_nodes, 1)
+            require_whole(self, "most_nodes", 1)
         if self.tree not in ("static", "dynamic"):
             raise InvalidSolver(f"tree must be 'static' or 'dynamic', got {self.tree!r}")
         if self.first not in ("D", "formula"):
@@ -428,12 +428,10 @@ def _breadth(name: str, given: Any) -> float:
     Raises:
         InvalidSolver: It is none.
     """
-    if not isinstance(given, Real) or isinstance(given, Integral):
-        return whole(name, given, 1, _MOST_CELLS)
-    number = float(given)
-    if 1.0 <= number <= _MOST_CELLS:
+    if isinstance(given, Real) and not isinstance(given, bool) and 1 <= given <= _MOST_CELLS:
+        number = float(given)
         return int(number) if number.is_integer() else number
-    raise InvalidSolver(f"{name} must be a number from 1 to {_MOST_CELLS:,}, got {given}")
+    raise InvalidSolver(f"{name} must be a number from 1 to {_MOST_CELLS:,}, got {given!r:.200}")
 
 
 def _offset(given: Any) -> float:

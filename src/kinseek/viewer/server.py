@@ -19,6 +19,7 @@ import numpy as np
 from kinseek.arm import Arm
 from kinseek.errors import InvalidUse, MissingExtra
 from kinseek.printable import printable
+from kinseek.reals import whole
 
 from .door import Door, is_loopback
 from .meshes import meshes_of
@@ -165,8 +166,7 @@ def free_port(host: str, port: int) -> int:
     Raises:
         InvalidUse: No port, not an address of this machine, or none is free.
     """
-    if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port <= 65535:
-        raise InvalidUse(f"port must be a whole number from 0 (any free one) to 65535, got {port!r}")
+    port = whole("port, of which 0 is any free one,", port, 0, 65535, InvalidUse)
     try:
         family, *_, address = socket.getaddrinfo(
             host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE

@@ -26,7 +26,7 @@ from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution, reported
-from kinseek.solvers.base import Found, solve_each, whole
+from kinseek.solvers.base import Found, require_whole, solve_each
 from kinseek.solvers.recording import Recorder, require_room
 from kinseek.solvers.threads import GoOn, progress_bar, spread
 from kinseek.solvers.traits import Near, Traits
@@ -72,9 +72,9 @@ class Atlas:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        whole("samples", self.samples, 8, 2**24)
+        require_whole(self, "samples", 8, 2**24)
         if self.threads is not None:
-            whole("threads", self.threads, 1)
+            require_whole(self, "threads", 1)
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by what the nearest sample leads to, else the next nearest; else by the best pose found."""
