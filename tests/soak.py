@@ -1,15 +1,22 @@
-"""Ten minutes of every call, with the memory of the process over time: ``python -m tests.soak [SECONDS]``.
+"""Ten minutes of every call, and of forks, pickles and copies beside a thread: ``python -m tests.soak [SECONDS]``.
 
-Calls go on in turns, with new poses each time. A line is printed each half a minute; the end compares the median of the last
-third with that of the second: more than `MOST` is a failure. On Linux, where the process's memory can be read.
+Calls go on in turns, with new poses each time. A line with the memory of the process is printed each half a minute; the end
+compares the median of the last third with that of the second: more than `MOST` is a failure. On Linux, where that memory
+can be read.
 """
 
 from __future__ import annotations
 
+import copy
 import gc
 import importlib
+import os
+import pickle
+import signal
 import sys
+import threading
 import time
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +37,22 @@ def resident() -> float:
     return pages * 4096 / 2**20
 
 
+def beside(arm: Any, poses: Any) -> None:
+    """Fork, pickle and copy while another thread makes a call."""
+    thread = threading.Thread(target=verbs.VERBS["ik, a batch"], args=(arm, poses))
+    thread.start()
+    pid = os.fork()
+    if pid == 0:
+        signal.alarm(60)
+        verbs.VERBS["branches"](arm, poses)
+        os._exit(0)
+    for again in (pickle.loads(pickle.dumps(arm)), copy.deepcopy(arm)):
+        again.ik(poses, threads=1)
+    thread.join()
+    if status := os.waitpid(pid, 0)[1]:
+        raise RuntimeError(f"a forked child ended with status {status}")
+
+
 def soak(seconds: float, told: Any = print, every: float = EVERY) -> list[float]:
     """Make every call in turns; the memory after each turn [MiB]."""
     begin = time.monotonic()
@@ -40,6 +63,7 @@ def soak(seconds: float, told: Any = print, every: float = EVERY) -> list[float]
             poses = verbs.asked(arm, seed=turn)
             for call in verbs.VERBS.values():
                 call(arm, poses)
+            beside(arm, poses)
         gc.collect()
         held.append(resident())
         turn += 1
@@ -57,6 +81,7 @@ def growth(held: list[float]) -> float:
 
 def main() -> int:
     """Run as long as is asked for."""
+    warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 warns of every fork beside threads.
     seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 600.0
     held = soak(seconds)
     more = growth(held)

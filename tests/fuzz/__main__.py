@@ -1,4 +1,4 @@
-"""All fuzzing, one target after the other, for a night: files, calls, motions, proofs, interrupts.
+"""All fuzzing, one target after the other, for a night: files, calls, motions, proofs, interrupts, processes.
 
     python -m tests.fuzz                        # 100,000 cases, others every day
     python -m tests.fuzz --count 2000 --seed 7
@@ -18,6 +18,9 @@ import time
 SHARES = {"files": 0.5, "calls": 0.2, "motions": 0.05, "proofs": 0.25}
 """Of all cases."""
 
+MOST_CASES = 200
+"""For each so many cases one fork, pickle or copy beside threads, which takes as long."""
+
 MOMENTS = 5
 """At which each call is interrupted."""
 
@@ -27,6 +30,7 @@ def commands(count: int, seed: int) -> list[list[str]]:
     told = [
         [name, "--count", str(round(share * count)), "--seed", str(seed)] for name, share in SHARES.items()
     ]
+    told.append(["processes", "--count", str(max(count // MOST_CASES, 20)), "--seed", str(seed)])
     return [*told, ["interrupts", "--moments", str(MOMENTS), "--seed", str(seed)]]
 
 

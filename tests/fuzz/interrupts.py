@@ -9,9 +9,11 @@ Run: python -m tests.fuzz.interrupts [--moments 20] [--seed 0] [name of a call â
 from __future__ import annotations
 
 import argparse
+import copy
 import faulthandler
 import json
 import os
+import pickle
 import random
 import signal
 import subprocess
@@ -138,6 +140,31 @@ def _first_samples() -> Call:
     return call
 
 
+def _pickled() -> Call:
+    arm = kinseek.load("ur5e")
+    T = arm.fk(Q)
+    return lambda: np.asarray(pickle.loads(pickle.dumps(arm)).ik(T).q)
+
+
+def _copied() -> Call:
+    arm = kinseek.load("ur5e")
+    T = arm.fk(Q)
+    return lambda: np.asarray(copy.deepcopy(arm).ik(T).q)
+
+
+def _beside_a_thread() -> Call:
+    """A thread that never ends makes the same call."""
+    arm = kinseek.load("ur5e")
+    T = _poses(arm, 50)
+
+    def go_on() -> None:
+        while True:
+            arm.ik(T, threads=1)
+
+    threading.Thread(target=go_on, daemon=True).start()
+    return lambda: np.asarray(arm.ik(T, threads=2).q)
+
+
 def _fk() -> Call:
     arm = kinseek.load("ur5e")
     q = np.random.default_rng(4).uniform(arm.lower, arm.upper, (100_000, arm.dof))
@@ -184,6 +211,9 @@ CALLS: dict[str, Callable[[], Call]] = {
     "load and first ik": _first_call,
     "load and first branches": _first_branches,
     "first ik of a function": _first_samples,
+    "pickle": _pickled,
+    "copy": _copied,
+    "ik beside a thread": _beside_a_thread,
 }
 LONG = {"BruteForce, long", "DivideAndConquer, long"}
 """Searches of minutes: what they give is not waited for."""
