@@ -24,7 +24,7 @@ from kinseek.kernels.proof.taylor import solve
 from kinseek.proof.boxes import excluded
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.isolation import isolate
-from kinseek.proof.reduce import ROUNDING, error_question, start_boxes
+from kinseek.proof.reduce import error_question, start_boxes
 from kinseek.robots.chain import Joint, SerialChain, serial_chain
 from kinseek.solution import Solution, conclude
 from kinseek.transforms import rotation, transform
@@ -34,6 +34,8 @@ pytestmark = pytest.mark.slow
 
 Array = NDArray[np.float64]
 
+MARGIN = 1e-12
+"""A margin for directions, about that of an arm of six joints."""
 AXES = {"x": np.eye(3)[0], "y": np.eye(3)[1], "z": np.eye(3)[2]}
 QUARTERS = (-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi)
 
@@ -158,7 +160,7 @@ def test_wide_tolerances_of_the_turn_lose_nothing(angle: float, axis: str) -> No
     assert prove(problem, answer=poor(problem, [0.0, 0.0])).verdict is Verdict.REACHABLE
 
 
-def question_of(margin: float = ROUNDING) -> Wanted:
+def question_of(margin: float = MARGIN) -> Wanted:
     nothing: dict[str, Any] = dict.fromkeys(Wanted._fields, 0.0) | dict.fromkeys(
         ("target", "last"), np.zeros((3, 4))
     )
@@ -180,7 +182,7 @@ def test_the_slack_of_a_twist_holds_where_the_axis_points_backwards() -> None:
         other = rotation(away / np.linalg.norm(away), omega * rng.uniform(0, 1)) @ M
         twist = np.arctan2(other[1, 0] - other[0, 1], other[0, 0] + other[1, 1])
         off = abs((twist - turn + np.pi) % (2 * np.pi) - np.pi)
-        cosine = 2 * square - 1 + rng.choice([-1, 0, 1]) * 1.9 * ROUNDING
+        cosine = 2 * square - 1 + rng.choice([-1, 0, 1]) * 1.9 * MARGIN
         bound = slack(wanted, float(omega), float(cosine))
         assert off <= bound + 1e-3 * (1e-15 / square), (lean, omega)
         moved = 2 * np.sin(omega / 4)

@@ -6,7 +6,8 @@ digest of every source file that holds a kernel or that kernels are made of: cha
 place, and the folder is a new one. Files without kernels may change freely.
 
 Floating point: results hold no NaN (the shell refuses them), the sign of zero carries no meaning, and a
-product may be fused with a sum. Sums are never reordered.
+product may be fused with a sum. Sums are never reordered. Where a bound or a verdict is computed a NaN is not
+assumed away: every comparison there is written so that it says nothing (see `VERDICTS`).
 """
 
 from __future__ import annotations
@@ -60,6 +61,29 @@ _CACHE = _cache_folder()
 
 NUMERICS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"nnan", "nsz", "contract"}}
 
+VERDICTS = tuple(
+    f"kinseek.kernels.{place}."
+    for place in (
+        "arm",
+        "collision",
+        "maps",
+        "proof",
+        "paths.around",
+        "paths.motion",
+        "paths.steps",
+        "paths.tube",
+    )
+)
+"""Modules of kernels that compute a bound or a verdict, or what one is made of: no NaN is assumed away in them."""
+
+
+def numerics(function: Callable[..., Any]) -> dict[str, Any]:
+    """Options of floating point for a function, by the module that it stands in."""
+    if f"{function.__module__}.".startswith(VERDICTS):
+        return NUMERICS | {"fastmath": {"nsz", "contract"}}
+    return NUMERICS
+
+
 _njit: Any = numba.njit  # Its stubs leave out `no_cfunc_wrapper`, which saves compile time.
 signature_of: Callable[[str], Any] = sigutils.normalize_signature
 _unliteral: Callable[[Any], Any] = unliteral
@@ -67,7 +91,7 @@ _unliteral: Callable[[Any], Any] = unliteral
 
 def bare(function: Callable[..., Any], exact: bool) -> Any:
     """A kernel as a library takes it: without what lets Python call it, and not kept on disk."""
-    options = NUMERICS | {"fastmath": False} if exact else NUMERICS
+    options = numerics(function) | ({"fastmath": False} if exact else {})
     return _njit(nogil=True, no_cfunc_wrapper=True, no_cpython_wrapper=True, **options)(function)
 
 
@@ -87,7 +111,7 @@ class Compiled:
     def _address(self) -> int:
         with _one_thread:
             if self._code is None:
-                options = {"nopython": True} | NUMERICS
+                options = {"nopython": True} | numerics(self._function)
                 with _cached():
                     signature = signature_of(self._signature)
                     self._code = c_function(signature, self._function, options, _CACHE)
@@ -113,7 +137,7 @@ def _cached() -> Iterator[None]:
 
 def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
     """Let Numba compile a function when it is first called."""
-    made = _njit(nogil=True, no_cfunc_wrapper=True, **(NUMERICS | options))(function)
+    made = _njit(nogil=True, no_cfunc_wrapper=True, **(numerics(function) | options))(function)
     if _CACHE is not None:
         with _cached():
             keep_code(made, function, _CACHE)

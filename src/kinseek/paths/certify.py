@@ -13,7 +13,7 @@ from kinseek.deadline import Deadline
 from kinseek.kernels.paths.motion import COUNT, LENGTH, MARGIN, MARGIN_A
 from kinseek.kernels.paths.steps import INSIDE, prove_steps
 from kinseek.problem import Problem
-from kinseek.proof.reduce import MANY_TURNS, question
+from kinseek.proof.reduce import margins, question
 from kinseek.solvers.threads import GoOn, spread
 
 from .between import rotation_vectors
@@ -154,10 +154,13 @@ def numbers_of(problem: Problem, q: Array) -> Array:
     """What a radian counts as, and the margins for rounding of the farthest target."""
     goal = problem.goal
     farthest = int(np.argmax(np.linalg.norm(goal.targets[:, :, 3], axis=1)))
-    _, wanted, _ = question(Problem(problem.mechanism, goal.at(goal.target[farthest])))
+    one = Problem(problem.mechanism, goal.at(goal.target[farthest]))
+    _, wanted, _ = question(one)
     angles = np.abs(problem.arrays.multiplier * q[:, problem.arrays.leader]).sum(axis=1).max()
-    many = max(1.0, float(angles) / MANY_TURNS)
     numbers = np.zeros(COUNT)
     numbers[LENGTH] = wanted.length
-    numbers[MARGIN], numbers[MARGIN_A] = 2.0 * wanted.margin * many, 2.0 * wanted.margin_a * many
+    # Twice: the two joints that undo the hand's way, and their frames, are no more than the arm with its goal.
+    margin, margin_a = margins(one, angles=float(angles))
+    numbers[MARGIN] = 2.0 * max(margin, wanted.margin)
+    numbers[MARGIN_A] = 2.0 * max(margin_a, wanted.margin_a)
     return numbers

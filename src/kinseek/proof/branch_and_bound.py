@@ -27,7 +27,8 @@ from kinseek.solvers.atlas.solver import Atlas
 
 from .boxes import ENDLESS, Watch, enclosed, excluded
 from .certificate import Certificate, Verdict
-from .reduce import ROUNDING, error_question, slack_of_error
+from .reduce import error_question, slack_of_error
+from .rounding import gamma
 
 BUDGET = 2_000_000
 """Boxes, unless told otherwise: some seconds."""
@@ -91,7 +92,7 @@ def prove(
                 "all boxes are excluded, and the pose of q meets both tolerances", certificate
             )
         return replace(certificate, verdict=Verdict.REACHABLE, lower_bound=0.0, out_of_time=False)
-    if lower > ROUNDING and lower > most_inside(goal):
+    if lower > most_inside(goal) + slack_of_error(problem):
         return replace(certificate, verdict=Verdict.UNREACHABLE)
     return certificate
 
@@ -110,7 +111,7 @@ def least_outside(goal: Goal) -> float:
     position = goal.position_weight * goal.position_tolerance
     angle = min(goal.orientation_tolerance, math.pi)
     turn = goal.orientation_weight * 2.0 * math.sin(angle / 2) ** 2
-    return (position if goal.columns == 0 else min(position, turn)) * (1.0 - ROUNDING)
+    return (position if goal.columns == 0 else min(position, turn)) * (1.0 - gamma(16))
 
 
 def most_inside(goal: Goal) -> float:
@@ -118,7 +119,7 @@ def most_inside(goal: Goal) -> float:
     position = goal.position_weight * goal.position_tolerance
     axes = goal.paper_columns
     angle = min(goal.orientation_tolerance, math.pi)
-    return (position + axes * goal.orientation_weight * 2.0 * math.sin(angle / 2) ** 2) * (1.0 + ROUNDING)
+    return (position + axes * goal.orientation_weight * 2.0 * math.sin(angle / 2) ** 2) * (1.0 + gamma(16))
 
 
 def _certificate(

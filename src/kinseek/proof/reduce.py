@@ -18,14 +18,14 @@ from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length, divide
 from kinseek.transforms import inverse, square
 
-ROUNDING = 1e-12
-"""Margin, relative to all lengths that are added: a thousand times what rounding takes."""
+from . import rounding
+from .rounding import Sizes, defect_of
+
+ALONG = 1e-12
+"""A last axis that is off one of the tip's axes by less counts as along it; what it is off by is added to the margin."""
 
 LARGEST = 1e12
 """Lengths that a proof bears, added up [m]: with longer ones the margin for rounding is a metre and more."""
-
-MANY_TURNS = 1e3
-"""Angles of all joints together [rad] from which on rounding of the angles counts, not only that of what is made of them."""
 
 _AXIS_COUNTS = 0.1
 """A direction counts, when a box is split, as this part of the arm's length: about a hand's. By trial."""
@@ -81,8 +81,11 @@ def error_question(
     off_axis = float(np.hypot(*fixed[-1, :2, 3]))
     if tail and off_axis < ON_AXIS and not (whole or _last_is_held(chain, q)):
         cut, wanted = _without_last(problem, fixed, target, trust)
-        along = [bool(np.hypot(*np.delete(fixed[-1, 2, :3], i)) < ROUNDING) for i in range(3)]
+        astray = [float(np.hypot(*np.delete(fixed[-1, 2, :3], i))) for i in range(3)]
+        along = [each < ALONG for each in astray]
         aligned, sideways = along[2], along[0] or along[1]
+        if aligned or sideways:
+            wanted = wanted._replace(margin_a=wanted.margin_a + 4.0 * min(astray))
         if sideways:  # The other column that counts lies across the axis: its place in the plane of x and y.
             y, z = (float(each) for each in fixed[-1, :2, 1 if along[0] else 0])
             wanted = wanted._replace(side_y=y, side_z=z)
@@ -90,15 +93,14 @@ def error_question(
             roll = _roll(chain, True, goal.orientation_weight if aligned else 0.0)
             return _form(chain, cut, head, 1, 0, 0.0), wanted, roll
     columns = goal.paper_columns
-    wanted, foot = _wanted(problem, target, columns, trust), 0.0
     tail = tail and len(fixed) > 2
+    foot = _foot(fixed, chain) if tail else 0.0
+    wanted = _wanted(problem, target, columns, trust, foot)
     if tail:
-        foot = _foot(fixed, chain)
         place_of_foot = np.eye(4)
         place_of_foot[2, 3] = foot
         wanted = wanted._replace(
             last=np.ascontiguousarray((square(target) @ square(inverse(fixed[-1])) @ place_of_foot)[:3]),
-            margin=wanted.margin + ROUNDING * abs(foot),
             offset=float(np.linalg.norm(fixed[-1, :, 3] - [0.0, 0.0, foot])),
         )
     return _form(chain, fixed, head, columns, int(tail), foot), wanted, Roll(False, 0.0, 0.0, 0.0)
@@ -218,7 +220,7 @@ def _roll(chain: SerialChain, present: bool, weight: float = 0.0) -> Roll:
 
 
 def _wanted(problem: Problem, target: Array, columns: int, trust: float, foot: float = 0.0) -> Wanted:
-    """A target with its weights, and with margins of `ROUNDING` of all lengths involved; no tolerances.
+    """A target with its weights, and with margins for rounding; no tolerances.
 
     Raises:
         InvalidProblem: The lengths leave nothing to be proved.
@@ -254,38 +256,51 @@ def slack_of_error(problem: Problem) -> float:
         InvalidProblem: As `margins`.
     """
     goal = problem.goal
-    margin, margin_a = margins(problem, goal.targets[0])
+    margin, margin_a = margins(problem)
     return float(
         goal.position_weight * margin + 2.0 * goal.paper_columns * goal.orientation_weight * margin_a
     )
 
 
-def margins(problem: Problem, target: Array, foot: float = 0.0) -> tuple[float, float]:
-    """Margins for rounding, of a point [m] and of a direction.
+def margins(
+    problem: Problem, target: Array | None = None, foot: float = 0.0, angles: float = 0.0
+) -> tuple[float, float]:
+    """Margins for rounding, of a point [m] and of the columns of a pose together: `rounding.margins` of `sizes_of`."""
+    return rounding.margins(sizes_of(problem, target, foot, angles))
+
+
+def sizes_of(problem: Problem, target: Array | None = None, foot: float = 0.0, angles: float = 0.0) -> Sizes:
+    """What rounding depends on in a proof.
 
     Args:
         problem: The arm and the goal.
-        target: The goal's pose as the kernels see it, (3, 4).
+        target: The goal's pose as the kernels see it, (3, 4); the goal as it was asked unless given.
         foot: Distance along the last axis of a point that is compared too [m].
+        angles: Of all joints, added up [rad], where they go beyond the limits.
 
     Raises:
         InvalidProblem: The lengths leave nothing to be proved.
     """
     chain, goal = problem.chain, problem.goal
-    length = arm_length(chain)
+    asked = goal.targets[0]
     values = np.maximum(np.abs(chain.lower), np.abs(chain.upper))[chain.leader] * np.abs(chain.multiplier)
     values += np.abs(chain.offset)
     slides = float(values[chain.prismatic].sum())
-    reach = (
-        length + slides + float(np.linalg.norm(target[:, 3])) + float(np.linalg.norm(chain.fixed[0, :, 3]))
+    reach = float(np.linalg.norm(problem.arrays.fixed[:, :, 3], axis=1).sum()) + slides + abs(foot)
+    reach += float(np.linalg.norm((asked if target is None else target)[:, 3])) + float(
+        np.linalg.norm(asked[:, 3])
     )
-    if goal.tool is not None:
-        reach += float(np.linalg.norm(goal.tool[:3, 3]))
-    reach += abs(foot)
+    reach += goal.position_tolerance
     if not reach <= LARGEST:
         raise InvalidProblem(
             f"the lengths of the arm and the goal add up to {reach:.3g} m: beyond {LARGEST:g} m numbers round by so much "
             f"that nothing can be proved; expected metres"
         )
-    margin_a = ROUNDING * max(1.0, float(values[~chain.prismatic].sum()) / MANY_TURNS)
-    return margin_a * (1.0 + reach), margin_a
+    turning = ~chain.prismatic
+    return Sizes(
+        joints=len(chain.leader),
+        angles=max(float(values[turning].sum()), angles),
+        rate=float(np.abs(chain.multiplier[turning]).sum()),
+        reach=reach,
+        defect=defect_of(problem.arrays.fixed[:, :, :3]) + defect_of(asked[:, :3]),
+    )

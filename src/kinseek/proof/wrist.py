@@ -23,7 +23,7 @@ from kinseek.robots.geometry import arm_length
 from kinseek.structure.axes import lean, meeting, nearest_on
 from kinseek.transforms import inverse, square
 
-from .reduce import ROUNDING
+from .reduce import margins
 
 WRIST = 3
 """Joints of a wrist."""
@@ -55,7 +55,7 @@ def without_wrist(problem: Problem) -> Problem | None:
     at = last[:, :3] @ centre[2] + last[:, 3]
     target = goal.targets[0]
     turned = 2.0 * math.sin(angle / 2) * float(np.linalg.norm(at))
-    lengths = 1.0 + float(np.linalg.norm(at) + np.linalg.norm(target[:, 3]))
+    margin, _ = margins(problem, foot=float(np.linalg.norm(at)))
     tip = square(fixed[kept]).copy()
     tip[:3, 3] += tip[:3, :3] @ centre[0]
     rest = replace(
@@ -77,7 +77,7 @@ def without_wrist(problem: Problem) -> Problem | None:
         Goal.pointing(
             target[:, :3] @ at + target[:, 3],
             side * (target[:, :3] @ last[:, 2]),
-            position_tolerance=goal.position_tolerance + turned + off + ROUNDING * lengths,
+            position_tolerance=goal.position_tolerance + turned + off + margin,
             orientation_tolerance=min(angle + leans, math.pi),
         ),
     )
@@ -111,9 +111,10 @@ def _lean(problem: Problem, kept: int) -> tuple[float, float]:
     ends = chain.multiplier[-2] * np.array([chain.lower[-2], chain.upper[-2]]) + chain.offset[-2]
     low, high = float(ends.min()), float(ends.max())
     turn, top = 2.0 * math.pi, math.atan2(b, a)
+    _, margin = margins(problem)
     values = [a * math.cos(v) + b * math.sin(v) + c for v in (low, high)]
     for extreme, value in ((top, c + math.hypot(a, b)), (top + math.pi, c - math.hypot(a, b))):
         if extreme + turn * math.ceil((low - extreme) / turn) <= high:
             values.append(value)
-    leans = [math.acos(max(cosine - ROUNDING, -1.0)) for cosine in (min(values), -max(values))]
+    leans = [math.acos(max(cosine - margin, -1.0)) for cosine in (min(values), -max(values))]
     return (leans[0], 1.0) if leans[0] <= leans[1] else (leans[1], -1.0)

@@ -127,8 +127,9 @@ def look_up(cell: Cell, here: Here, m: int, least: float, w: int) -> None:
     for l in range(w):
         u = (cell.chain.multiplier[j] * one[l] + cell.chain.offset[j]) * PART_OF_TURN
         v = (cell.chain.multiplier[k] * other[l] + cell.chain.offset[k]) * PART_OF_TURN
-        row = min(int((u - np.floor(u)) * rows), rows - 1)
-        column = min(int((v - np.floor(v)) * columns), columns - 1)
+        # From 0 on: what is made an integer of NaN may be anything, and such a q is in doubt later.
+        row = max(min(int((u - np.floor(u)) * rows), rows - 1), 0)
+        column = max(min(int((v - np.floor(v)) * columns), columns - 1), 0)
         bound = chart[first + row * columns + column]
         gaps[l] = 1.0 if bound > least or bound < 0.0 else gaps[l]
         hits[l] = 1 if bound < 0.0 else hits[l]
@@ -210,11 +211,20 @@ def settle_left(
 
 @hidden
 def is_far(q: Array) -> bool:
-    """Is a joint value beyond those at which the quick sine is good to the last bits?"""
-    most = 0.0
+    """Is a joint value beyond those at which the quick sine is good to the last bits, or no number?"""
+    far = False
     for i in range(len(q)):
-        most = max(most, abs(q[i]))
-    return most > FAR
+        far = far or not abs(q[i]) <= FAR
+    return far
+
+
+@hidden
+def is_number(q: Array) -> bool:
+    """Is every joint value finite?"""
+    finite = True
+    for i in range(len(q)):
+        finite = finite and abs(q[i]) < np.inf
+    return finite
 
 
 @entry(
@@ -306,6 +316,9 @@ def bound_pairs(handle: Indices, q: Array, steps: int, w: int, bounds: Array) ->
         for l in range(min(LANES, len(q) - first)):
             enter(here, l)
             k, nearest = first + l, 1e300
+            if not is_number(q[k]):
+                bounds[k, :] = -1.0
+                continue
             for m in range(len(cell.meeting)):
                 g, h = cell.group[cell.meeting[m, 0]], cell.group[cell.meeting[m, 1]]
                 apart = ball_gap(cell, here, g, h)

@@ -132,7 +132,7 @@ def room_at(motion: Motion, q: Array, shifted: float, lower: Array, upper: Array
         return True
     for i in range(len(q)):
         room = shifted * motion.tube.half[i]
-        if not is_held(motion.hold, i) and (q[i] - room < lower[i] or q[i] + room > upper[i]):
+        if not is_held(motion.hold, i) and not (q[i] - room >= lower[i] and q[i] + room <= upper[i]):
             return False
     return True
 
@@ -159,7 +159,8 @@ def place_of(motion: Motion, h: float, lower: Array, upper: Array) -> int:
             place = place if low >= lower[i] and high <= upper[i] else SOMEWHERE
             continue
         slack = tube.away[i] + 4.0 * LEAST * (1.0 + abs(tube.c[i]))
-        if tube.c[i] - tube.wide[i] - slack < lower[i] or tube.c[i] + tube.wide[i] + slack > upper[i]:
+        low, high = tube.c[i] - tube.wide[i] - slack, tube.c[i] + tube.wide[i] + slack
+        if not (low >= lower[i] and high <= upper[i]):
             place = SOMEWHERE
     for i in range(len(lower)):
         slack = tube.away[i] + 4.0 * LEAST * (1.0 + abs(tube.c[i]))

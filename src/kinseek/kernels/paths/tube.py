@@ -268,7 +268,7 @@ def aim_at_answer(motion: Motion) -> bool:
     n = len(tube.half)
     aim(motion)
     for i in range(n):
-        if abs(tube.value[i]) > LARGEST:
+        if not abs(tube.value[i]) <= LARGEST:
             return False
         desk.c[i] -= tube.value[i]
     aim(motion)
@@ -276,10 +276,10 @@ def aim_at_answer(motion: Motion) -> bool:
     for r in range(3):
         for c in range(motion.form.columns):
             askew += (desk.T[r, c] - desk.goal[r, c]) * (desk.T[r, c] - desk.goal[r, c])
-    if askew > ASKEW * ASKEW:
+    if not askew <= ASKEW * ASKEW:
         return False
     for i in range(n):
-        if tube.point[i] > STEEP or tube.column[i] > STEEP:
+        if not (tube.point[i] <= STEEP and tube.column[i] <= STEEP):
             return False
     for i in range(n + 1):
         tube.c[i] = desk.c[i]

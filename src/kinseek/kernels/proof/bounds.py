@@ -23,9 +23,10 @@ from kinseek.kernels.jit import hidden
 
 from .box import BELOW, Desk, Form, Wanted, motion, rounding, short_way, turning
 
-OF_ANGLES = 1e-12
-"""Margin for rounding of an angle that an arc function gives [rad], some thousand times its last digit; what rounding does
-to its argument is covered by `Wanted.margin`. Twice as much widens an arc by a hundredth of the narrowest box."""
+OF_ANGLES = 64.0 * 2.0**-53
+"""Margin for rounding of the angles that arc functions give [rad]. Two angles within π are off by 16 unit roundoffs each,
+and their difference by 4; an arc sine is off by 8, taken twice: 52 in all, where these functions are good to four units in
+the last place. What rounding does to their arguments is covered by `Wanted.margin`."""
 
 FULL_TURN = 3.14159
 """Half width that counts as a whole turn [rad]: limits are often written with so many digits. A box that becomes an arc may

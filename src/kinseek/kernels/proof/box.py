@@ -20,11 +20,11 @@ from kinseek.kernels.jit import hidden, view
 TINY = 1e-300
 """Keeps what may be zero out of a denominator; nothing that is measured is as small, so any value near it would do."""
 LEAST = 1e-15
-"""No half width is ever smaller [rad] or [m]. Relative to a number, more than twice what rounding takes from it."""
+"""No half width is ever smaller [rad] or [m]. Relative to a number, nine times the unit roundoff."""
 NARROW = 1e-10
 """A box whose widest half width is smaller, relative to one plus its centre, is not split again [rad] or [m].
 
-It moves the hand by less than the tightest tolerances that people ask for, and by no less than a hundred times the margins
+It moves the hand by less than the tightest tolerances that people ask for, and by no less than some ten times the margins
 for rounding: narrower boxes would be judged by those alone. Twice as much gives a box up one halving earlier.
 """
 NEAR = 1.5
@@ -272,7 +272,8 @@ def widths(form: Form, desk: Desk) -> None:
 def short_way(angle: float) -> float:
     """The same turn without whole ones, from -π to π [rad]."""
     turn = 2.0 * math.pi
-    return angle - turn * math.floor(angle / turn + 0.5)
+    left: float = angle - turn * np.floor(angle / turn + 0.5)
+    return left
 
 
 @hidden
@@ -379,7 +380,8 @@ def store_box(boxes: Array, row: int, desk: Desk) -> None:
 def rounding(centre: float, half: float) -> float:
     """By how much a half width grows where its box is moved or cut, so that rounding of either end loses nothing.
 
-    Relative to the numbers: a slide that stands at 1e6 m is rounded to 1e-10 m.
+    Relative to the numbers: a slide that stands at 1e6 m is rounded to 1e-10 m. A new centre and a new half width take three
+    operations each on numbers no larger than these; nine times the unit roundoff covers six.
     """
     return LEAST * (1.0 + abs(centre) + half)
 

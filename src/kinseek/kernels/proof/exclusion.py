@@ -96,7 +96,7 @@ def examine(form: Form, wanted: Wanted, roll: Roll, boxes: Array, ceiling: float
                 if kept and wide(form, wanted):
                     kept = separate_cone(form, wanted, desk, passes)
             else:
-                kept = extra <= ceiling and underestimate(form, wanted, desk, ceiling - extra)
+                kept = not extra > ceiling and underestimate(form, wanted, desk, ceiling - extra)
             desk.found[BELOW] += extra
             if kept and roll.present and ceiling < 0.0:
                 kept = roll_fits(form, wanted, roll, desk)

@@ -44,13 +44,13 @@ ROUND = 0.05
 """How round the ellipsoid of a second form is made, that touches the box where the first one touched it: such a part of the
 form's size counts for every variable, so that one which the form does not see stays inside of its range. By trial."""
 
-OF_SUMS = 1e-14
-"""Rounding of a sum of some twenty products, relative to its terms: fifty last digits. What stands in it comes from poses,
-and `Wanted.margin` covers those. Twice as much is a hundredth of that margin."""
+OF_ROOTS = 64.0 * 2.0**-53
+"""Rounding of the last steps to the root of a quadratic polynomial, relative to one plus the half width [rad] or [m]. What
+rounding does to its coefficients is as if the bound had moved by less than `Wanted.margin` allows for."""
 
-OF_ROOTS = 1e-12
-"""Rounding of the root of a quadratic polynomial, relative to one plus the half width [rad] or [m]: some thousand last
-digits. Twice as much keeps cut boxes wider by that, a hundredth of the narrowest box."""
+OF_SQUARES = 32.0 * 2.0**-53
+"""Rounding of one completed square, relative to the magnitudes of all entries before and after it: three operations an
+entry, on twice the entry before and the one after, and the sums of their magnitudes over some twenty variables."""
 
 
 class Rests(NamedTuple):
@@ -192,7 +192,7 @@ def weigh(form: Form, wanted: Wanted, desk: Desk, rest: Rests, slack_p: float, s
         b0, b1, b2 = y[0, 0] + back * y[0, 3], y[1, 0] + back * y[1, 3], y[2, 0] + back * y[2, 3]
         over = min(over, size_p * rest.three_b + math.sqrt(b0 * b0 + b1 * b1 + b2 * b2) * rest.three_c)
     over *= wanted.trust
-    over += size_p * slack_p + size_c * slack_c + OF_SUMS * (abs(value) - lost)
+    over += size_p * slack_p + size_c * slack_c
     least_value: float = value + lost - over
     return least_value
 
@@ -218,27 +218,32 @@ def size_of_columns(form: Form, desk: Desk) -> float:
 def curvature(desk: Desk) -> float:
     """A lower bound of ½ δᵀHδ in the box, by completing squares: those with a positive weight are dropped.
 
-    After each square what remains is a form in the remaining variables, bounded by its entries' magnitudes.
+    After each square what remains is a form in the remaining variables, bounded by its entries' magnitudes. What is taken
+    off an entry is as large as the entry before and after at most, so the magnitudes of all of them bound the rounding.
     """
-    dof, S = len(desk.h), desk.N
+    dof, S, noise, before = len(desk.h), desk.N, 0.0, 0.0
     for i in range(dof):
         for j in range(dof):
             S[i, j] = desk.H[i, j] * desk.h[i] * desk.h[j]
         desk.v[i] = 1.0
     best = -np.inf
     for _ in range(dof + 1):
-        total, pivot, top = 0.0, -1, 0.0
+        total, pivot, top, mass = 0.0, -1, 0.0, 0.0
         for i in range(dof):
             if desk.v[i] == 0.0:
                 continue
             row = S[i, i]
             if row > top:
                 top, pivot = row, i
+            beside = 0.0
             for j in range(dof):
                 if j != i and desk.v[j] != 0.0:
-                    row -= abs(S[i, j])
-            total += min(row, 0.0)
-        best = max(best, total)
+                    beside += abs(S[i, j])
+            mass += abs(row) + beside
+            total += min(row - beside, 0.0)
+        noise += OF_SQUARES * (before + mass)
+        before = mass
+        best = max(best, total - noise)
         if pivot < 0 or total == 0.0:
             break
         inverse = 1.0 / top
@@ -269,11 +274,11 @@ def cut_box(desk: Desk, spare: float) -> None:
         # Seen from the good end: δ = -h there, the polynomial g δ + ½ H δ².
         limit = least(g, H, h) + spare
         end = g * h + 0.5 * H * h * h
-        if end <= limit:
+        if not end > limit:
             continue
         # The far end is out: the largest δ with g δ + ½ H δ² ≤ limit, by the root that the far end falls beyond.
         disc = g * g + 2.0 * H * limit
-        if disc < 0.0 or g + math.sqrt(disc) < TINY:
+        if not disc >= 0.0 or g + math.sqrt(disc) < TINY:
             continue
         root = 2.0 * limit / (g + math.sqrt(disc))
         low = -h

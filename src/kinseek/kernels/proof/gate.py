@@ -20,18 +20,13 @@ CROSSED = 1e-4
 """sin² of the angle between two axes from which on their common normal is used: its foot is a hundred lengths away at most,
 so that rounding of its place stays within the margin."""
 
-PER_JOINT = 10.0
-"""Margins of one direction that an angle is given here, where the angles to all axes are added up, each with its rounding.
-That is a thousandth of a margin, so ten cover any arm. With twice as much a goal tilted by 1e-11 rad more goes to the
-boxes."""
-
 
 @hidden
 def gate(form: Form, wanted: Wanted, chain: ChainArrays) -> tuple[bool, float]:
     """Can the hand be within both tolerances, as far as lengths and angles tell? And a lower bound of the weighted error."""
     far = max(out_of_annulus(form, wanted, chain, False), out_of_annulus(form, wanted, chain, True), 0.0)
-    open_, error, chord = (
-        far <= wanted.position,
+    open_, error, chord = (  # Open where a number is NaN.
+        not far > wanted.position,
         wanted.weight_p * far,
         wanted.chord,
     )
@@ -39,7 +34,7 @@ def gate(form: Form, wanted: Wanted, chain: ChainArrays) -> tuple[bool, float]:
         chord /= math.sqrt(2.0)
     for i in range(form.columns):
         tilt = 2.0 * math.sin(0.5 * max(out_of_tilt(form, wanted, i), 0.0))
-        open_ = open_ and tilt <= chord
+        open_ = open_ and not tilt > chord
         error += 0.5 * wanted.weight_a * tilt * tilt
     return open_, error
 
@@ -111,7 +106,7 @@ def out_of_tilt(form: Form, wanted: Wanted, column: int) -> float:
     g0, g1, g2 = wanted.target[0, column], wanted.target[1, column], wanted.target[2, column]
     c0, c1, c2 = y * g2 - z * g1, z * g0 - x * g2, x * g1 - y * g0
     angle = math.atan2(math.sqrt(c0 * c0 + c1 * c1 + c2 * c2), x * g0 + y * g1 + z * g2)
-    beyond: float = outside(angle, low, high, wanted.trust) - PER_JOINT * wanted.margin_a
+    beyond: float = outside(angle, low, high, wanted.trust) - wanted.margin_a
     return beyond
 
 

@@ -54,7 +54,7 @@ def twist_noise(wanted: Wanted, dot: float) -> float:
     margin: float = wanted.margin_a
     length = 1.0 + dot - 2.0 * margin
     # Of a vector that is longer the bound below holds: asin(2√2/8) is less than 4/8.
-    if length <= 8.0 * margin:
+    if not length > 8.0 * margin:
         return math.pi
     return 4.0 * margin / length + OF_ANGLES
 
@@ -69,7 +69,7 @@ def twist_slack(wanted: Wanted, omega: float, dot: float) -> float:
     moved = 2.0 * math.sin(0.25 * min(omega, math.pi)) * wanted.trust
     # Not its root: near zero that is off by the root of the margin.
     square = 0.5 * (1.0 + dot) - wanted.margin_a
-    if omega >= math.pi or moved * moved >= square:
+    if not (omega < math.pi and moved * moved < square):
         return math.pi
     return min(2.0 * math.asin(moved / math.sqrt(square)) + twist_noise(wanted, dot), math.pi)
 
@@ -89,12 +89,12 @@ def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
     omega, margin = wanted.angle + wanted.margin_a, wanted.margin_a
     omega += turned(form, desk, len(form.leader))
     noise = twist_noise(wanted, dot)
-    if omega >= math.pi or noise >= math.pi:
+    if not (omega < math.pi and noise < math.pi):
         return True
     # Margins on either side: near one, the angle is off by the root of what the ratio is off by.
     ratio = (math.cos(0.5 * omega) - margin) / math.sqrt(0.5 * (1.0 + dot) + margin)
     miss = 2.0 * math.acos(min(ratio, 1.0)) + noise
-    return abs(short_way(best - middle)) <= half + miss
+    return not abs(short_way(best - middle)) > half + miss
 
 
 @hidden
@@ -110,7 +110,7 @@ def twist_cost(form: Form, wanted: Wanted, roll: Roll, desk: Desk, ceiling: floa
     beta = (
         abs(short_way(best - middle)) - half - twist_slack(wanted, turned(form, desk, len(form.leader)), dot)
     )
-    if beta <= 0.0:
+    if not beta > 0.0:
         return 0.0
     return max(2.0 * roll.weight - ceiling, 0.0) * 2.0 * math.sin(0.5 * beta) ** 2
 

@@ -56,6 +56,8 @@ class Shoulder(NamedTuple):
     """For rounding of directions."""
     trust: float
     """1; tests shrink all bounds by it, and must notice."""
+    rounding: float
+    """What a factor of a product is off by, relative to the largest value of its sum."""
 
 
 SHOULDER = Bundle(
@@ -69,6 +71,7 @@ SHOULDER = Bundle(
     margin=F64,
     margin_a=F64,
     trust=F64,
+    rounding=F64,
 )
 
 

@@ -15,14 +15,19 @@ import numpy as np
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import hidden, view
 
+from .form import OF_SQUARES
+
 STEEP = 1.2
 """A joint of a box that is wider [rad] has no part in the quadratic form: its sine may fall again."""
 
 SWEEPS = 8
 """Rounds in which the least place of a quadratic form is looked for, one joint after the other; any place gives a bound."""
 
-OF_SQUARES = 1e-13
-"""Rounding of a quadratic form of five variables, relative to its parts: a thousand last digits."""
+OF_FORMS = 64.0 * 2.0**-53
+"""Rounding of a quadratic form of five variables and of its slopes, relative to its parts: four sums of eight products."""
+
+OF_SUMS = 512.0 * 2.0**-53
+"""Rounding of a sum of all products, 243 at most, relative to the sum of their magnitudes."""
 
 
 class Sheet(NamedTuple):
@@ -135,13 +140,14 @@ def most_above(terms: Array, sheet: Sheet, share: Array) -> float:
         value = terms[t] * sheet.ranges[t]
         if sheet.ranges[t] < 0.0:
             value = abs(value)
-        if value > 0.0:
+        if not value <= 0.0:  # NaN has to count.
             together += value
             rest = t
             for i in range(n - 1, -1, -1):
                 if rest % 3 != 0:
                     share[i] += value
                 rest //= 3
+    together += OF_SUMS * together
     return min(alone + together, most_curved(terms, sheet) + together)
 
 
@@ -193,7 +199,7 @@ def most_curved(terms: Array, sheet: Sheet) -> float:
             slope += Q[i, j] * y[j]
             value += 0.5 * Q[i, j] * y[j]
         total += abs(slope) + (slope - value) * y[i]
-    return total + OF_SQUARES * size
+    return total + OF_FORMS * size
 
 
 @hidden
@@ -203,21 +209,25 @@ def bend(sheet: Sheet) -> float:
     Squares are completed, and at the best place to stop what is left is made diagonally dominant.
     """
     Q, S, added, left = sheet.Q, sheet.S, sheet.x[2], sheet.x[0]
-    n, least = len(Q), np.inf
+    n, least, noise, before = len(Q), np.inf, 0.0, 0.0
     for i in range(n):
         left[i], added[i] = 1.0, 0.0
         for j in range(n):
             S[i, j] = Q[i, j]
     for _ in range(n + 1):
-        total, pivot, top = 0.0, -1, 0.0
+        total, pivot, top, mass = 0.0, -1, 0.0, 0.0
         for i in range(n):
             if left[i] == 0.0:
                 continue
             if S[i, i] > top:
                 top, pivot = S[i, i], i
             total += lacking(S, left, i)
-        if total < least:
-            least = total
+            for j in range(n):
+                mass += abs(S[i, j]) if left[j] != 0.0 else 0.0
+        noise += OF_SQUARES * (before + mass)
+        before = mass
+        if total + noise < least:
+            least = total + noise
             for i in range(n):
                 added[i] = lacking(S, left, i) if left[i] != 0.0 else 0.0
         if pivot < 0 or total == 0.0:

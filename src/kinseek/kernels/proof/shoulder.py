@@ -52,9 +52,8 @@ from .progress import CEILING, COUNT, COUNTS, ENDED, FIGURES, FLOOR, FULL, SEEN,
 AMPLE = 1.1
 """Multipliers that promise so many times what is asked for are good enough: products of two joints take some of it off."""
 
-OF_PRODUCTS = 1e-13
-"""Rounding of s, u and what is made of them, relative to the terms that are added: a thousand last digits, for sums of some
-hundred products. Twice as much takes a 1e-13th of the length from a bound."""
+OF_PARTS = 64.0 * 2.0**-53
+"""Rounding of what the multipliers make of the goal, relative to its parts: some thirty operations."""
 
 NARROW = 1e-7
 """A box whose joint that counts most is narrower is not cut [rad]: bounds are as good there as they get."""
@@ -127,7 +126,14 @@ def settled_bound(shoulder: Shoulder, reach: float, sheet: Sheet, share: Array) 
     bound -= K_P * shoulder.margin + 2.0 * K_A * shoulder.margin_a
     parts = K_A + abs(by[1]) * size + abs(by[3])
     lengths = (abs(by[0]) * size + 2.0 * abs(by[1]) + 2.0 * abs(by[2]) + K_P) * size
-    settled: float = bound - OF_PRODUCTS * (lengths + 2.0 * abs(by[3]) + parts * parts / m + m)
+    # Every factor of a product may be off; the products are no larger than these together.
+    widest = 1.0
+    for i in range(len(share)):
+        wide, cosine, sine = sheet.ends[i, 0], sheet.ends[i, 1], sheet.ends[i, 2]
+        widest *= 2.0 - cosine + (sine if wide < 0.5 * math.pi else 1.0)
+    sums = abs(by[0]) * size * size + (abs(by[1]) + abs(by[2])) * size + abs(by[3])
+    bound -= OF_PARTS * (lengths + 2.0 * abs(by[3]) + parts * parts / m + m)
+    settled: float = bound - shoulder.rounding * widest * sums
     return settled
 
 
@@ -192,7 +198,7 @@ def enclose_ball(
                 figures[UPPER] = error
                 if error < figures[CEILING]:
                     figures[CEILING] = COARSE * error
-            bound = max(bound, below)
+            bound = max(below, bound)  # In this order NaN says nothing.
             if bound >= figures[CEILING]:
                 continue
             count = counts[COUNT]
