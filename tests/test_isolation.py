@@ -309,3 +309,47 @@ def test_what_is_no_question_is_an_error() -> None:
         isolate(problem, q[None] + 8.0)
     with pytest.raises(InvalidProblem, match="row 1 misses"):
         isolate(problem, [q, q + 0.1])
+
+
+def test_exactly_as_many_solutions_as_regular_answers() -> None:
+    arm, rng, counted = kinseek.load("ur5e"), np.random.default_rng(3), 0
+    for _ in range(4):
+        isolation = isolate(Problem(arm.chain, Goal.pose(arm.fk(regular_joints(arm.chain, rng, 0.05)))))
+        if isolation.solutions is not None:
+            counted += 1
+            assert isolation.complete
+            assert isolation.exact.all()
+            assert isolation.solutions == len(isolation.q) > 0
+    assert counted >= 2
+    T = arm.fk(np.full(6, 0.5))
+    T[:3, 3] *= 4
+    assert isolate(Problem(arm.chain, Goal.pose(T))).solutions == 0
+
+
+def test_a_solution_beyond_a_limit_does_not_count() -> None:
+    """The goal is beyond a slide's end by half the tolerance: there is an answer, and no solution."""
+    arm = kinseek.load("cylindrical3")
+    q = np.array([1.0, 0.5 * (arm.lower[1] + arm.upper[1]), 0.5 * (arm.lower[2] + arm.upper[2])])
+    whole = isolate(Problem(arm.chain, Goal.position(arm.fk(q)[:3, 3])))
+    assert whole.solutions == 1
+    narrow = arm.upper.copy()
+    narrow[1] = q[1] - 0.5e-6
+    cut = isolate(Problem(replace(arm.chain, upper=narrow), Goal.position(arm.fk(q)[:3, 3])))
+    assert len(cut.q) == 1
+    assert not cut.exact.any()
+    assert cut.solutions is None
+
+
+@pytest.mark.parametrize(
+    ("name", "q"),
+    [
+        ("so101", np.full(5, 0.3)),  # Fewer joints than constraints: a solution is an accident.
+        ("ur5e", np.array([0.3, -1.0, 0.0, 0.4, 0.8, 0.1])),  # Singular.
+        ("panda", np.array([0.1, 0.2, 0.3, -1.0, 0.2, 1.0, 0.3])),  # A joint to spare.
+    ],
+)
+def test_no_solution_is_claimed_where_none_can_be_counted(name: str, q: Array) -> None:
+    arm = kinseek.load(name)
+    isolation = isolate(Problem(arm.chain, Goal.pose(arm.fk(q))), q[None], budget=20_000)
+    assert not isolation.exact[0]
+    assert isolation.solutions is None

@@ -5,18 +5,21 @@ from __future__ import annotations
 import importlib
 import math
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
-import kinseek
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+
+import kinseek
 from kinseek import Goal, Problem, Verdict
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.proof.branch_and_bound import prove
+from kinseek.proof.isolation import isolate
 from kinseek.proof.reduce import margins, sizes_of
 from kinseek.proof.rounding import UNIT, Sizes, gamma, of_axes, of_points
 from kinseek.robots.chain import SerialChain
-from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
@@ -154,6 +157,87 @@ def test_the_check_by_intervals_can_fail() -> None:
         assert not all_boxes_keep_away(TWO.chain, out, found.upper_bound * 1.01)
     finally:
         globals()["MOST_BOXES"] = global_most
+
+
+def solution_near(arm: kinseek.Arm, goal: Goal, q: Array) -> Array:
+    """Newton's steps from an answer, in doubles."""
+    target = goal.targets[0]
+    for _ in range(6):
+        T = arm.fk(q)
+        turn = 0.5 * np.cross(T[:3, :3], target[:, :3], axis=0).sum(axis=1)
+        q = q + np.linalg.solve(arm.jacobian(q), np.concatenate([target[:, 3] - T[:3, 3], turn]))
+    return np.asarray(q)
+
+
+def krawczyk(chain: SerialChain, goal: Goal, q: Array, half: Array) -> bool:
+    """Is exactly one solution within `half` of q? Krawczyk 1969, on six equations: the point, and what is skew of GᵀR."""
+    G = arb_mat(goal.targets[0][:, :3].tolist())
+
+    def missed(T: Any) -> list[Any]:
+        M = G.transpose() * arb_mat([[T[r, c] for c in range(3)] for r in range(3)])
+        point = [T[r, 3] - arb(float(goal.targets[0][r, 3])) for r in range(3)]
+        return [*point, M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]]
+
+    def slopes(balls: list[Any]) -> Any:
+        T, frames = poses_of(chain, balls)
+        J = [[arb(0)] * chain.dof for _ in range(6)]
+        for k, frame in enumerate(frames):
+            z = [frame[r, 2] for r in range(3)]
+            turn = arb_mat([[0, -z[2], z[1]], [z[2], 0, -z[0]], [-z[1], z[0], 0]])
+            if chain.prismatic[k]:
+                column = [*z, arb(0), arb(0), arb(0)]
+            else:
+                way = turn * arb_mat([[T[r, 3] - frame[r, 3]] for r in range(3)])
+                M = G.transpose() * turn * arb_mat([[T[r, c] for c in range(3)] for r in range(3)])
+                skew = [M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]]
+                column = [*(way[r, 0] for r in range(3)), *skew]
+            for r in range(6):
+                J[r][chain.leader[k]] += arb(float(chain.multiplier[k])) * column[r]
+        return arb_mat(J)
+
+    nothing = np.zeros(chain.dof)
+    at, whole = joint_balls(q, nothing), joint_balls(q, half)
+    J = slopes(at)
+    Y = np.linalg.inv(np.array([[float(J[r, c].mid()) for c in range(6)] for r in range(6)]))
+    y = arb_mat(Y.tolist())
+    f = arb_mat([[each] for each in missed(poses_of(chain, at)[0])])
+    rest = arb_mat(np.eye(6).tolist()) - y * slopes(whole)
+    moved = rest * arb_mat([[ball(0.0, float(h))] for h in half]) - y * f
+    # What is skew of GᵀR is zero at half turns too: none is within reach of so small a box.
+    near = poses_of(chain, whole)[0]
+    trace = sum(
+        (near[r, c] * arb(float(goal.targets[0][r, c])) for r, c in product(range(3), repeat=2)), arb(0)
+    )
+    return bool(least(trace) > 0.0) and all(float(moved[i, 0].abs_upper()) < h for i, h in enumerate(half))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ur5e", "puma560", "jaco2_6"])
+def test_exactly_one_solution_near_each_answer_in_interval_arithmetic(name: str) -> None:
+    """Every answer of which it is said has exactly one solution within its distance; the list tells how many."""
+    arm, rng = kinseek.load(name), np.random.default_rng(7)
+    counted = checked = whole = 0
+    for _ in range(5):
+        goal = Goal.pose(arm.fk(rng.uniform(arm.lower, arm.upper)))
+        isolation = isolate(Problem(arm.chain, goal))
+        if isolation.solutions is not None:
+            counted += 1
+            assert isolation.solutions == len(isolation.q)
+            assert f"exactly {len(isolation.q)} solutions" in repr(isolation)
+        for i in np.flatnonzero(isolation.exact):
+            checked += 1
+            q, distance = isolation.q[i], isolation.distance[i]
+            exact = solution_near(arm, goal, q)
+            assert (np.abs(exact - q) <= distance).all()
+            assert krawczyk(arm.chain, goal, exact, np.full(6, 1e-9))
+            assert not krawczyk(arm.chain, goal, exact + 1e-6, np.full(6, 1e-9))
+            # With derivatives over the whole box the test is weaker than κ: it does not bear wide ones.
+            if distance.max() < 1e-4:
+                whole += 1
+                assert krawczyk(arm.chain, goal, q, distance + 1e-12)
+    assert counted >= 3
+    assert checked >= 5
+    assert whole > checked / 2
 
 
 @pytest.mark.parametrize("name", ["planar2", "scara4", "ur5e", "panda", "ur10e_rail", "atlas_torso_arm"])

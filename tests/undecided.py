@@ -9,15 +9,18 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import kinseek
 import numpy as np
+from numpy.typing import NDArray
+
+import kinseek
 from kinseek import Goal, Problem
 from kinseek.kernels.maps.many_gates import many_gates
 from kinseek.kernels.paths.motion import COUNT as NUMBERS
 from kinseek.kernels.paths.steps import UNPROVED, prove_steps
 from kinseek.kernels.proof.enclosure import Heap
-from kinseek.kernels.proof.exclusion import OFTEN
+from kinseek.kernels.proof.exclusion import OFTEN, STEPS
 from kinseek.kernels.proof.gate import least_by_gate
+from kinseek.kernels.proof.isolation import MOST, Places
 from kinseek.kernels.proof.progress import (
     CEILING,
     COUNT,
@@ -32,7 +35,6 @@ from kinseek.kernels.proof.shoulder import enclose_ball
 from kinseek.proof.boxes import Run, Watch, tuning_of
 from kinseek.proof.reduce import error_question, question, question_without_last, start_boxes
 from kinseek.proof.shoulder import shoulder_of
-from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
@@ -78,6 +80,43 @@ def excluding() -> Iterator[str]:
             run.go(BOXES, Watch())
             if run.counts[COUNT] + run.counts[LEFT] == 0:
                 yield f"{name}, {what}: excluded"
+
+
+def isolating() -> Iterator[str]:
+    arm = kinseek.load("ur5e")
+    q = np.array([0.3, -1.0, 1.2, 0.4, 0.8, 0.1])
+    problem = Problem(arm.chain, Goal.pose(arm.fk(q)))
+    asked = question(problem)
+    boxes = start_boxes(problem.chain, asked[2].present)
+    dof, most = boxes.shape[1] // 2, MOST + 1
+    for what, other in spoilt_questions(asked):
+        places = Places(
+            q[None],
+            arm.chain.periodic[:dof].copy(),
+            np.zeros(most, dtype=np.bool_),
+            np.zeros(most, dtype=np.int64),
+            np.zeros((most, 6)),
+            np.zeros((most, dof)),
+            np.zeros((most, dof)),
+            np.zeros((most, dof)),
+            np.zeros(most, dtype=np.bool_),
+        )
+        run = Run(problem, other, boxes, np.zeros(6), tuning_of(problem, OFTEN, STEPS), places=places)
+        run.go(BOXES, Watch())
+        if run.counts[COUNT] + run.counts[LEFT] == 0:
+            yield f"{what}: complete"
+        if what != "limit" and (places.isolated.any() or places.exists.any()):  # It has no part in that.
+            yield f"{what}: a neighbourhood"
+    spoilt_boxes = spoilt(boxes, (0, 0))
+    places = places._replace(isolated=np.ones(most, dtype=np.bool_), radius=np.full((most, dof), 0.5))
+    run = Run(problem, asked, spoilt_boxes, np.zeros(6), tuning_of(problem, OFTEN, STEPS), places=places)
+    run.counts[5], run.counts[6] = (
+        1,
+        1,
+    )  # One answer, whose neighbourhood must not hold a box that is nowhere.
+    run.go(BOXES, Watch())
+    if run.counts[COUNT] + run.counts[LEFT] == 0:
+        yield "a box that is nowhere is in a neighbourhood"
 
 
 def enclosing() -> Iterator[str]:
@@ -160,7 +199,7 @@ def steps() -> Iterator[str]:
 
 
 CHECKS: dict[str, Callable[[], Iterator[str]]] = {
-    each.__name__: each for each in (excluding, enclosing, gates, ball, steps)
+    each.__name__: each for each in (excluding, isolating, enclosing, gates, ball, steps)
 }
 
 if __name__ == "__main__":

@@ -21,9 +21,11 @@ from kinseek.kernels.proof.isolation import MOST, OFTEN, STEPS, Places
 from kinseek.kernels.proof.progress import COUNT, KNOWN, LEFT
 from kinseek.problem import Problem, as_joints
 from kinseek.reals import whole
+from kinseek.turns import shortest
 
 from .boxes import ENDLESS, Run, Watch, tuning_of
 from .reduce import question, start_boxes
+from .rounding import gamma
 
 BUDGET = 200_000
 """Boxes, unless told otherwise: a fraction of a second."""
@@ -46,17 +48,43 @@ class Isolation:
     """How far the tolerances reach along each joint, (k, n), [rad] or [m]; infinite for a singular answer."""
     given: NDArray[np.int64]
     """Which of the answers given it is, or -1 for one that was not among them, (k,)."""
+    exact: NDArray[np.bool_]
+    """Is it proved that exactly one joint vector of the neighbourhood reaches the goal exactly, inside the limits? (k,)
+
+    That takes as many joints as the goal has constraints. It is never so for an answer at a limit: the solution beside it
+    may lie beyond.
+    """
     boxes: int
     """Boxes examined."""
     undecided: int
     """Boxes that are left; 0 if `complete`."""
+    periodic: NDArray[np.bool_]
+    """Is a whole turn of the joint as good as none? (n,)"""
     out_of_time: bool = False
     """Did a time limit end the search, before its budget did?"""
+
+    @property
+    def solutions(self) -> int | None:
+        """How many joint vectors inside the limits reach the goal exactly, modulo whole turns, if that is proved; else None.
+
+        The list has to be complete, each answer `exact`, and no two solutions may be the same: they are told apart where the
+        answers are farther from each other than both distances together.
+        """
+        if not (self.complete and self.exact.all()):
+            return None
+        for i in range(len(self.q)):
+            away = np.abs(self.q[:i] - self.q[i])
+            away = np.where(self.periodic, np.abs(shortest(away)), away)
+            if not (away > _roomy(self.distance[:i] + self.distance[i], self.q[i])).any(axis=1).all():
+                return None
+        return len(self.q)
 
     def __repr__(self) -> str:
         """Short enough to print in a shell."""
         known = "complete" if self.complete else f"not proved complete, {self.undecided} boxes left"
         found = int((self.given < 0).sum())
+        if self.solutions is not None:
+            known = f"exactly {self.solutions} solutions"
         return f"Isolation({len(self.q)} answers, {found} of them not given; {known}; {self.boxes} boxes)"
 
 
@@ -92,8 +120,8 @@ def isolate(
     without_last = asked[2].present
     boxes = start_boxes(chain, without_last)
     if chain.dof > goal.form.constraints:
-        nothing = np.full(known.shape, np.inf)
-        return Isolation(False, known, nothing, np.arange(len(known)), 0, len(boxes))
+        nothing, never = np.full(known.shape, np.inf), np.zeros(len(known), dtype=np.bool_)
+        return Isolation(False, known, nothing, np.arange(len(known)), never, 0, len(boxes), chain.periodic)
     dof, most = boxes.shape[1] // 2, MOST + len(known)
     places = Places(
         known,
@@ -101,19 +129,27 @@ def isolate(
         np.zeros(most, dtype=np.bool_),
         np.zeros(most, dtype=np.int64),
         np.zeros((most, chain.dof)),
-        *np.zeros((3, most, dof)),
+        np.zeros((most, dof)),
+        np.zeros((most, dof)),
+        np.zeros((most, dof)),
+        np.zeros(most, dtype=np.bool_),
     )
     run = Run(problem, asked, boxes, np.zeros(chain.dof), tuning_of(problem, OFTEN, STEPS), places=places)
     watch = Watch(deadline)
     run.go(budget, watch)
     count, left = int(run.counts[KNOWN]), int(run.counts[COUNT] + run.counts[LEFT])
+    q, distance = places.q[:count].copy(), _distances(problem, places.distance[:count], without_last)
+    room = _roomy(distance, q)
+    inside = (q - room >= chain.lower) & (q + room <= chain.upper)
     return Isolation(
         complete=left == 0 and bool(places.isolated[:count].all()),
-        q=places.q[:count].copy(),
-        distance=_distances(problem, places.distance[:count], without_last),
+        q=q,
+        distance=distance,
         given=places.number[:count].copy(),
+        exact=places.exists[:count] & (inside | (chain.periodic & chain.full)).all(axis=1),
         boxes=run.seen,
         undecided=left,
+        periodic=chain.periodic,
         out_of_time=watch.cut,
     )
 
@@ -160,6 +196,11 @@ def _checked(problem: Problem, answers: ArrayLike | None) -> Array:
             f"row {row} misses the goal by {measured[row, 0]:.3g} m and {measured[row, 1]:.3g} rad"
         )
     return np.ascontiguousarray(known)
+
+
+def _roomy(distance: Array, q: Array) -> Array:
+    """Distances with room for what rounding takes where they are added to joint values or compared with differences."""
+    return np.asarray(distance * (1.0 + gamma(16)) + gamma(16) * (2.0 * math.pi + np.abs(q)))
 
 
 def _distances(problem: Problem, reduced: Array, without_last: bool) -> Array:

@@ -1,4 +1,4 @@
-"""Neighbourhoods that hold one answer at most, and the search that proves that nothing lies outside of them.
+"""Neighbourhoods that hold one solution at most, and the search that proves that no answer lies outside of them.
 
 Around a centre c, write ``f(c + δ) = f(c) + J δ + ½ δᵀHδ + rest`` of the hand's point and columns less the goal's, with the
 rest of `kernels.proof.bounds`, and let M be about a left inverse of J. Whatever meets the tolerances and lies within half
@@ -8,6 +8,8 @@ widths ρ of c then has ``δ = M (f(c + δ) - f(c)) + (1 - MJ) δ - M (½ δᵀH
 
 Where κ(ρ) < ρ in every joint, all answers within ρ lie within κ(ρ), then within κ(κ(ρ)), and so on down to a distance that
 the tolerances allow. (Krawczyk 1969; Moore 1977, who uses interval derivatives in place of the Taylor polynomial.)
+At most one joint vector within ρ reaches the goal exactly, by the theorem of Collatz and Wielandt: docs/proof.md has the
+proof. Where `exists` says so there is one, by the argument of `kernels.paths.tube`.
 A box inside of such a neighbourhood needs no further look.
 """
 
@@ -22,14 +24,9 @@ from kinseek.kernels.entry import F64, FLAG, I64, Bundle
 from kinseek.kernels.jit import hidden, spliced
 
 from .approach import step
-from .box import Desk, Form, Wanted, short_way
+from .box import Desk, Form, Wanted, rounding, short_way
 from .neighbourhood import Expansion, neighbourhood
 from .progress import GIVEN, KNOWN, SEEN
-
-WITHIN = 1e-12
-"""A box counts as inside of a neighbourhood where it is so by this part of the radius and a tenth of it [rad] or [m]: a
-thousand last digits of angles and of radii, which are half a radian at most. Twice as much cuts a box on the rim once
-more."""
 
 BLIND = 0.05
 """Half widths around an answer that has no neighbourhood, a singular one: not looked at, so that the rest can be.
@@ -70,6 +67,8 @@ class Places(NamedTuple):
     """Half widths of the neighbourhood, (most, reduced n)."""
     distance: Array
     """Of anything within the tolerances in its neighbourhood from the centre of it, (most, reduced n)."""
+    exists: Flags
+    """Does exactly one joint vector in its neighbourhood reach the goal exactly, limits left out of account? (most,)"""
 
 
 PLACES = Bundle(
@@ -82,6 +81,7 @@ PLACES = Bundle(
     centre=F64["most", "reduced"].out,
     radius=F64["most", "reduced"].out,
     distance=F64["most", "reduced"].out,
+    exists=FLAG["most"].out,
 )
 
 
@@ -97,7 +97,7 @@ def inside(desk: Desk, places: Places, begin: int, end: int, width: float) -> in
             off = desk.c[i] - places.centre[k, i]
             if places.periodic[i]:
                 off = short_way(off)
-            if abs(off) + width * desk.h[i] > places.radius[k, i] * (1.0 - WITHIN) - WITHIN / 10.0:
+            if not abs(off) + width * desk.h[i] <= places.radius[k, i] - 4.0 * rounding(desk.c[i], desk.h[i]):
                 held = False
                 break
         if held:
@@ -128,13 +128,13 @@ def admit(
         step(form, wanted, desk)
         for i in range(dof):
             desk.c[i] += desk.delta[i]
-    holds = neighbourhood(form, wanted, desk, around, places.radius[known], places.distance[known])
+    holds, exists = neighbourhood(form, wanted, desk, around, places.radius[known], places.distance[known])
     if holds:  # The answer itself must lie in its neighbourhood: the steps may have led to another one.
         for i in range(dof):
             places.centre[known, i] = desk.c[i]
             desk.c[i] = trial[i]
         holds = inside(desk, places, known, known + 1, 0.0) >= 0
-    places.isolated[known] = holds
+    places.isolated[known], places.exists[known] = holds, holds and exists
     if not holds:
         for i in range(dof):
             places.centre[known, i], places.radius[known, i] = trial[i], BLIND

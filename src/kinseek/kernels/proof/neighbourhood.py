@@ -16,8 +16,8 @@ from .taylor import derivatives, differentiate, normal_matrix, rests, solve
 LARGEST, SMALLEST = 0.5, 1e-7
 """Half width of the widest joint of a neighbourhood [rad] or [m], tried from the largest down.
 
-Of 76 answers of six arms more than half have one as wide as the largest, and the narrowest is 0.007. Margins hold up to 1,
-see `contract`; much below the smallest no box has to be looked at. By trial.
+Of 76 answers of six arms more than half have one as wide as the largest, and the narrowest is 0.007. Margins hold up to the
+largest, see `contract`; much below the smallest no box has to be looked at. By trial.
 """
 
 SHRINK, ROUNDS = 0.7, 4
@@ -37,6 +37,15 @@ and elsewhere keeps twelve digits. The inequality holds whatever the inverse is;
 digit."""
 
 
+ASKEW, TURNED = 0.1, 1.4
+"""An answer may miss the goal's columns by so much at the centre, together, and the joints may turn hand and goal by so much
+[rad] from there on: that leaves less than 90°, see `kernels.paths.tube`."""
+
+REGULARLY = 1e8
+"""The inverse of the normal matrix may be so many times as large as one over the trace, times how much wider one joint of
+the neighbourhood is than another: then rounding of M moves MJ by less than a thousandth, which `HOLDS` leaves."""
+
+
 class Expansion(NamedTuple):
     """``M f`` at a centre, row by row, one a joint variable."""
 
@@ -54,6 +63,10 @@ class Expansion(NamedTuple):
     """ρ, (n,)."""
     reach: Array
     """κ(ρ), (n,)."""
+    rows: Array
+    """M of the columns and of the point, as in a pose, (n, 3, 4)."""
+    gain: Array
+    """Largest entry of the inverse of the normal matrix, times its trace; how far the columns miss the goal's, (2,)."""
 
 
 @view
@@ -67,6 +80,8 @@ def make_expansion(dof: int) -> Expansion:
         np.zeros((dof, dof, dof)),
         np.zeros(dof),
         np.zeros(dof),
+        np.zeros((dof, 3, 4)),
+        np.zeros(2),
     )
 
 
@@ -76,10 +91,11 @@ def expand(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
     m, dof, T, goal, columns = len(form.leader), len(desk.c), desk.T, desk.goal, form.columns
     place(form, desk)
     turn_goal(form, wanted, desk)
-    middle = m // 2
-    differentiate(form, desk, middle, columns)
     scale = 1.0 / (wanted.length * wanted.length + LEAST)
     weight = 1.0 if columns > 0 else 0.0
+    # M is made of the hand's own Jacobian, so that M f = 0 says that no force and no torque are left, see `paths.tube`.
+    differentiate(form, desk, 0, columns)
+    around.gain[0] = askew = 0.0
     for row in range(dof):
         normal_matrix(form, desk, scale, weight, columns)
         trace = 0.0
@@ -89,18 +105,31 @@ def expand(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
             desk.delta[i], desk.D[i] = 0.0, REGULAR * trace + LEAST
         desk.delta[row] = 1.0
         solve(desk.N, desk.D, desk.delta)
-        value = size = length = 0.0
+        for i in range(dof):
+            around.gain[0] = max(abs(desk.delta[i]) * trace, around.gain[0])
         for i in range(4):
-            if 3 > i >= columns:
-                continue
             for r in range(3):
                 part = 0.0
-                for k in range(m):
-                    slope = desk.velocity[k, r] if i == 3 else desk.slopes[k, i, r]
-                    part += form.multiplier[k] * desk.delta[form.leader[k]] * slope
-                part *= scale if i == 3 else weight
+                if i < columns or i == 3:
+                    for k in range(m):
+                        slope = desk.velocity[k, r] if i == 3 else desk.slopes[k, i, r]
+                        part += form.multiplier[k] * desk.delta[form.leader[k]] * slope
+                    part *= scale if i == 3 else weight
+                around.rows[row, r, i] = part
+    for i in range(columns):
+        for r in range(3):
+            askew += (T[r, i] - goal[r, i]) * (T[r, i] - goal[r, i])
+    around.gain[1] = math.sqrt(askew)
+    middle = m // 2
+    differentiate(form, desk, middle, columns)
+    for row in range(dof):
+        value = size = length = 0.0
+        for i in range(4):
+            for r in range(3):
+                part = around.rows[row, r, i]
                 desk.y[r, i] = part
-                value += part * (T[r, i] - goal[r, i])
+                if i < columns or i == 3:
+                    value += part * (T[r, i] - goal[r, i])
                 if i == 3:
                     length += part * part
                 else:
@@ -117,7 +146,7 @@ def expand(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
 
 @hidden
 def contract(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
-    """Write κ(ρ) of ρ = ``around.half``. Margins stand beside the tolerances: they cover rounding for ρ up to 1."""
+    """Write κ(ρ) of ρ = ``around.half``. Margins stand beside the tolerances: they cover rounding for ρ up to `LARGEST`."""
     dof = len(desk.c)
     for k in range(len(form.leader)):
         desk.half[k] = abs(form.multiplier[k]) * around.half[form.leader[k]]
@@ -158,10 +187,31 @@ def contractions(form: Form, wanted: Wanted, boxes: Array) -> Array:
 
 
 @hidden
+def has_solution(form: Form, desk: Desk, around: Expansion, radius: Array, distance: Array) -> bool:
+    """Has a neighbourhood, beside a fixed point of N, a solution there? With as many joints as the goal has constraints.
+
+    M f = 0 there. M is the inverse of a regular matrix times the hand's Jacobian, turned over: so no force is left, nor a
+    torque; and hand and goal, turned by less than 90° from the hand at the centre, are the same. See `kernels.paths.tube`.
+    """
+    dof, columns = len(desk.c), form.columns
+    turned = 0.0
+    for k in range(len(form.leader)):
+        if not form.prismatic[k]:
+            turned += abs(form.multiplier[k]) * distance[form.leader[k]]
+    least = most = radius[0]
+    for i in range(dof):
+        least, most = min(least, radius[i]), max(most, radius[i])
+    square = dof == 3 if columns == 0 else dof == 5 if columns == 1 else dof == 6 and columns == 3
+    regular = around.gain[0] * most <= REGULARLY * least
+    result: bool = square and regular and around.gain[1] <= ASKEW and turned <= TURNED
+    return result
+
+
+@hidden
 def neighbourhood(
     form: Form, wanted: Wanted, desk: Desk, around: Expansion, radius: Array, distance: Array
-) -> bool:
-    """Look for a large ρ with κ(ρ) < ρ around the desk's centre; say whether there is one.
+) -> tuple[bool, bool]:
+    """Look for a large ρ with κ(ρ) < ρ around the desk's centre.
 
     Args:
         form: The part of the arm that the boxes are about.
@@ -170,6 +220,9 @@ def neighbourhood(
         around: Memory.
         radius: ρ, (n,), is written here.
         distance: What remains of ρ when κ has been applied again and again, (n,), is written here.
+
+    Returns:
+        Is there one? And does exactly one joint vector in it reach the goal exactly?
     """
     dof = len(desk.c)
     expand(form, wanted, desk, around)
@@ -196,7 +249,7 @@ def neighbourhood(
                 around.half[i] = math.sqrt(around.half[i] * around.reach[i])
         size *= SHRINK
     if best == 0.0:
-        return False
+        return False, False
     for i in range(dof):
         around.half[i] = radius[i]
     for _ in range(REPEATS):
@@ -205,4 +258,4 @@ def neighbourhood(
             around.half[i] = min(around.half[i], around.reach[i])
     for i in range(dof):
         distance[i] = around.half[i]
-    return True
+    return True, has_solution(form, desk, around, radius, distance)
