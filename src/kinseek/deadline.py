@@ -12,6 +12,10 @@ MOST = 1e300
 """[s] Longer than this is without end."""
 
 
+class TimeUp(Exception):
+    """Raised by `Deadline.check` inside a call, which catches it and keeps what was found; no caller sees it."""
+
+
 class Deadline:
     """A moment after which no further chunk of work is begun.
 
@@ -36,9 +40,23 @@ class Deadline:
         self.end = time.monotonic() + float(time_limit) if time_limit <= MOST else math.inf
 
     @property
+    def limited(self) -> bool:
+        """Is there an end at all?"""
+        return self.end < math.inf
+
+    @property
     def passed(self) -> bool:
         """Is the time up?"""
         return self.end < math.inf and time.monotonic() >= self.end
+
+    def check(self) -> None:
+        """Stop a part of the work that is too long to wait for.
+
+        Raises:
+            TimeUp: The time is up.
+        """
+        if self.passed:
+            raise TimeUp
 
     @property
     def left(self) -> float | None:

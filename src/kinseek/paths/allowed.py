@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -11,12 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.order import Valid, is_valid
+from kinseek.deadline import Deadline
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 APART = 0.05
 """Points between two poses at which `valid` is asked stand no farther apart in any joint [rad or m]; one at least."""
+
+
+ROWS = 128
+"""Rows that a scene is asked about together where a deadline has to be kept: some milliseconds."""
 
 
 class Obstacles(Protocol):
@@ -40,13 +45,18 @@ class Obstacles(Protocol):
 
 @dataclass(frozen=True)
 class Allowed:
-    """Asks a scene and the user. It can be called as a `valid`."""
+    """Asks a scene and the user. It can be called as a `valid`.
+
+    Raises:
+        TimeUp: By the methods that ask about many rows, once the deadline has passed.
+    """
 
     valid: Valid | None = None
     scene: Obstacles | None = None
     clearance: float = 0.0
     own: slice = field(default_factory=lambda: slice(None))
     """The joints of the arm itself, where others stand for ranges of the goal."""
+    deadline: Deadline = field(default_factory=Deadline)
 
     def __call__(self, q: Array) -> bool:
         """Is one q, (n,), free, and does the user agree?"""
@@ -68,21 +78,36 @@ class Allowed:
         """Of each q, (k, n): is it free in the scene? (k,)."""
         if self.scene is None or not len(q):
             return np.ones(len(q), dtype=np.bool_)
-        return np.array(self.scene.free(q[:, self.own], self.clearance), dtype=np.bool_)
+        scene, own = self.scene, q[:, self.own]
+        return self._in_parts(len(q), lambda some: scene.free(own[some], self.clearance))
 
     def free_ways(self, a: Array, b: Array) -> Flags:
         """Of each straight way, (k, n) to (k, n): is all of it free in the scene? (k,)."""
         if self.scene is None or not len(a):
             return np.ones(len(a), dtype=np.bool_)
-        return np.array(
-            self.scene.free_motion(a[:, self.own], b[:, self.own], self.clearance), dtype=np.bool_
+        scene, begins, ends = self.scene, a[:, self.own], b[:, self.own]
+        return self._in_parts(
+            len(a), lambda some: scene.free_motion(begins[some], ends[some], self.clearance)
         )
+
+    def _in_parts(self, count: int, ask: Callable[[slice], Any]) -> Flags:
+        """Ask about so many rows, all at once unless a deadline has to be kept, (count,)."""
+        size = ROWS if self.deadline.limited else count
+        told = []
+        for begin in range(0, count, size):
+            self.deadline.check()
+            told.append(np.asarray(ask(slice(begin, begin + size)), dtype=np.bool_))
+        return np.concatenate(told)
 
     def agreed(self, q: Array) -> Flags:
         """Of each q, (k, n): does the user agree? (k,)."""
         if self.valid is None:
             return np.ones(len(q), dtype=np.bool_)
-        return np.array([is_valid(self.valid, row[self.own]) for row in q], dtype=np.bool_)
+        told = []
+        for row in q:
+            self.deadline.check()
+            told.append(is_valid(self.valid, row[self.own]))
+        return np.array(told, dtype=np.bool_)
 
     def agreed_ways(self, a: Array, b: Array) -> Flags:
         """Of each straight way, (k, n) to (k, n): does the user agree to all points of it that are asked? (k,)."""
@@ -94,6 +119,7 @@ class Allowed:
 
     def _agreed_way(self, a: Array, b: Array) -> bool:
         assert self.valid is not None
+        self.deadline.check()
         a, b = a[self.own], b[self.own]
         parts = max(2, math.ceil(float(np.abs(b - a).max()) / APART))
         return all(is_valid(self.valid, a + (b - a) * k / parts) for k in range(1, parts))
