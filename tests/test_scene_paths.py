@@ -115,6 +115,7 @@ def test_a_step_over_a_thin_wall_is_refused() -> None:
 
 def test_full_turns_are_refused_together(ur5e: kinseek.Arm, table: Scene) -> None:
     """Joints of ±2π have 64 copies of an answer, and what hits in one hits in all."""
+    from kinseek.deadline import Deadline
     from kinseek.paths.asked import goals_of, read
     from kinseek.paths.ends import fill_missed, inside_limits
     from kinseek.paths.layers import isolated_layers
@@ -124,7 +125,8 @@ def test_full_turns_are_refused_together(ur5e: kinseek.Arm, table: Scene) -> Non
     wishes = dict.fromkeys(("start", "end", "times", "velocity", "weights", "cost", "valid"))
     asked = read(ur5e.mechanism, goal, closed=False, max_step=0.3, scene=table, clearance=0.0, **wishes)
     layers = isolated_layers(asked.problem, asked.longest[0], None, lambda done: None)
-    programme = Programme(asked, fill_missed(asked.problem, inside_limits(asked.problem, layers), None))
+    filled = fill_missed(asked.problem, inside_limits(asked.problem, layers), None, Deadline())
+    programme = Programme(asked, filled.layers, filled.missed)
     programme.refuse_blocked()
     for i, count in enumerate(programme.count):
         nodes, q = programme._inside(i, count)

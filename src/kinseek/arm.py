@@ -429,6 +429,7 @@ class Arm(ForwardArm):
         prove: bool = False,
         threads: int | None = None,
         progress: bool = False,
+        time_limit: float | None = None,
     ) -> Motion:
         """Find one continuous motion through many poses: as few breaks as possible, then the least cost.
 
@@ -437,7 +438,9 @@ class Arm(ForwardArm):
                 iterator too.
             start: Joint values to begin with, (n,), [rad] or [m]; they must reach the first pose.
             end: Joint values to end with, (n,); they must reach the last pose.
-            closed: Shall the last pose lead on to the first? The full turns of a joint come back as well.
+            closed: Shall the last pose lead on to the first? The full turns of a joint come back as well. If the last pose
+                is the first one again, the last row is the first one to the last bit, except for full turns of joints
+                without limits.
             max_step: How far each joint may go from pose to pose, one number or (n,), [rad] or [m]; more is a break.
             times: When each pose is due, (N,), [s]: no joint goes faster from pose to pose than it may, by `velocity`, or
                 without it by the robot's file, see `velocity` of an arm.
@@ -455,6 +458,10 @@ class Arm(ForwardArm):
                 with a budget for the whole path, so that some may stay undecided, see docs/paths.md.
             threads: Threads that share the poses; every core unless given. The answer has the same bits.
             progress: Show a progress bar.
+            time_limit: [s], after which no further part of the work is begun: poses that were not planned by then are
+                missed (`Path.planned`), breaks are not planned again, and steps and poses stay unproved. `Path.out_of_time`
+                says that the time was up. Poses are read from an iterator whatever that takes, and what an arm needs once
+                is made in any case.
 
         Returns:
             Joint values inside the limits for every pose, judged by plain FK, the breaks, and what is in the way at each.
@@ -468,6 +475,7 @@ class Arm(ForwardArm):
         """
         from .paths.front import follow_poses
 
+        deadline = Deadline(time_limit)
         _require_scene(scene, clearance)
         if scene is not None:
             from .collision.answers import judge_of
@@ -483,7 +491,7 @@ class Arm(ForwardArm):
             "times": times,
         }
         wishes |= {"velocity": velocity, "weights": weights, "cost": cost, "valid": valid}
-        wishes |= {"scene": scene, "clearance": clearance}
+        wishes |= {"scene": scene, "clearance": clearance, "deadline": deadline}
         return follow_poses(self._mechanism, Ts, wishes, prove, threads, progress)
 
     def follow_stream(

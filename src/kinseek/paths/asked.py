@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.branches.order import Cost, Valid
+from kinseek.deadline import Deadline
 from kinseek.errors import InvalidGoal, InvalidProblem
 from kinseek.goal import Goal
 from kinseek.problem import Problem, as_joints
@@ -21,6 +22,10 @@ from kinseek.undisturbed import raise_of_handler
 from .allowed import Allowed, Obstacles
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+ROUNDING = 1e-9
+"""Poses closer than this, relative to the arm's reach and [rad], differ by the rounding of what computed them."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,7 @@ class Asked:
     cost: Cost | None
     valid: Allowed | None
     """What the user's `valid` and the scene say, where there is either."""
+    deadline: Deadline = field(default_factory=Deadline)
 
     def __len__(self) -> int:
         """Number of poses."""
@@ -58,9 +64,27 @@ class Asked:
             self,
             problem=Problem(self.problem.mechanism, goal.at(goal.target[begin:end])),
             start=self.start if begin == 0 else None,
-            end=self.end if end == len(self) else None,
+            end=self.end if end >= len(self) else None,
+            closed=False,
             longest=longest,
         )
+
+    @property
+    def ends_where_it_begins(self) -> bool:
+        """Is the last pose the first one again, except for rounding?"""
+        first, last = self.problem.goal.target[0], self.problem.goal.target[-1]
+        apart = np.abs(last - first)
+        apart[:3, 3] /= max(self.problem.chain.reach, 1e-300)
+        return len(self) > 1 and bool((apart <= ROUNDING).all())
+
+
+def open_beside(longest: Array, missed: Flags) -> Array:
+    """Longest steps, (1 or N - 1, n), without a bound to and from the missed poses, (N,): no such step is a break."""
+    if not missed.any():
+        return longest
+    open_steps = np.repeat(longest, len(missed) - 1, axis=0) if len(longest) == 1 else longest.copy()
+    open_steps[(missed[:-1] | missed[1:])[: len(open_steps)]] = np.inf
+    return open_steps if len(open_steps) else longest
 
 
 def goals_of(Ts: Any) -> tuple[Goal, Exception | None]:
@@ -146,11 +170,12 @@ def together(rows: list[Any]) -> Goal:
                 f"a row of goals must hold one goal each with one target, got {_told(row)} at index {i}; of a pose "
                 f"beside goals say Goal.pose(T)"
             )
-        for field in fields(Goal):
-            if field.name != "target" and not equal(getattr(row, field.name), getattr(first, field.name)):
+        for name in (each.name for each in fields(Goal)):
+            mine, other = getattr(row, name), getattr(first, name)
+            if name != "target" and not equal(mine, other):
                 raise InvalidGoal(
-                    f"the goals of a path differ in their target alone: goal {i} has {field.name}="
-                    f"{getattr(row, field.name)!r}, those before it {getattr(first, field.name)!r}"
+                    f"the goals of a path differ in their target alone: goal {i} has {name}={mine!r}, those before it "
+                    f"{other!r}"
                 )
     return first.at(np.array([row.target for row in rows]))
 
@@ -170,6 +195,7 @@ def read(
     valid: Valid | None,
     scene: Obstacles | None = None,
     clearance: float = 0.0,
+    deadline: Deadline | None = None,
 ) -> Asked:
     """Check what `Arm.follow` was given; see there.
 
@@ -211,7 +237,8 @@ def read(
         raise InvalidProblem(
             "a closed path ends where it begins: give start= or end=, not closed=True and end="
         )
-    return Asked(
+    limit = Deadline() if deadline is None else deadline
+    asked = Asked(
         problem=problem,
         start=ends[0],
         end=ends[1],
@@ -220,8 +247,11 @@ def read(
         velocity=speed,
         weights=np.ones(arm.dof) if weights is None else positive(arm, "weights", weights, "no unit"),
         cost=cost,
-        valid=None if valid is None and scene is None else Allowed(valid, scene, clearance),
+        valid=None if valid is None and scene is None else Allowed(valid, scene, clearance, deadline=limit),
+        deadline=limit,
     )
+    # A closed path that has its first pose again at the end comes back to the very joint values that were given.
+    return replace(asked, end=asked.start) if closed and asked.ends_where_it_begins else asked
 
 
 def _own_speeds(arm: Mechanism) -> Array:

@@ -61,6 +61,7 @@ def prove_rows(
     threads: int | None = 1,
     rims: Array | None = None,
     limits: tuple[Array, Array] | None = None,
+    deadline: Deadline | None = None,
 ) -> Proved:
     """Prove of steps of a path that one branch leads from the joint values of a pose to those of the next.
 
@@ -72,6 +73,7 @@ def prove_rows(
         threads: Threads that share the steps; None takes every core.
         rims: How near a branch must be known to pass by each row, (N,); by default as near as the rows reach the poses.
         limits: Lower and upper, (n,) each, infinite where there are none; those of the arm by default.
+        deadline: After it no further step is proved.
     """
     targets = problem.goal.targets
     count, dof, columns = len(which), q.shape[1], problem.goal.form.columns
@@ -100,12 +102,14 @@ def prove_rows(
     chain = problem.arrays._replace(lower=lower, upper=upper)
     numbers = numbers_of(problem, q)
 
-    def some(first: int, last: int, _: GoOn) -> None:
+    def some(first: int, last: int, go_on: GoOn) -> None:
+        if not go_on():
+            return
         steps: Any = [each[first:last] for each in given]
         told = state[first:last], within[first:last]
         prove_steps(*[chain, columns, *steps, keep, numbers, *told])
 
-    spread(some, count, CHUNK, threads, Deadline())
+    spread(some, count, CHUNK, threads, Deadline() if deadline is None else deadline)
     return Proved(state, within)
 
 

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import itertools
+from contextlib import suppress
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.deadline import Deadline, TimeUp
 from kinseek.problem import Problem
 from kinseek.solvers import Atlas
 
+from .allowed import ROWS
 from .asked import Asked
 from .joints import Turning
-from .layers import Layers
+from .layers import SAME, Layers
 from .nodes import Programme
 
 MOST = 250
@@ -20,6 +24,9 @@ MOST = 250
 
 ROUNDS = 10
 """Ways that are tried before `valid` is asked of every answer to every pose."""
+
+FEW = 16
+"""Poses of which the user is asked together where a deadline has to be kept: it may take milliseconds each."""
 
 AT_ONCE = 512
 """Poses whose answers are looked at together: what that takes then stays in the processor's own memory."""
@@ -30,6 +37,8 @@ Indices = NDArray[np.int64]
 
 def inside_limits(problem: Problem, wide: Layers) -> Layers:
     """The answers that the limits allow, in the first turn of every joint."""
+    if not len(wide):
+        return wide
     turning = Turning(problem.chain)
     rows: list[Array] = []
     counts: list[Indices] = []
@@ -62,16 +71,28 @@ def _at_both_ends(turning: Turning, q: Array, good: NDArray[np.bool_]) -> tuple[
     return q, good
 
 
-def fill_missed(problem: Problem, layers: Layers, threads: int | None) -> Layers:
-    """Give each pose without an answer the nearest that the atlas finds, so that every pose has one."""
-    missed = np.flatnonzero(layers.count == 0)
-    if not len(missed):
-        return layers
-    goal = problem.goal.at(problem.goal.target[missed])
-    nearest = Atlas(threads=threads).solve(Problem(problem.mechanism, goal)).q
+class Filled(NamedTuple):
+    """Layers with something for every pose."""
+
+    layers: Layers
+    missed: NDArray[np.bool_]
+    """Which poses have no answer, but joint values with the hand nearest to the pose, (N,)."""
+
+
+def fill_missed(problem: Problem, layers: Layers, threads: int | None, deadline: Deadline) -> Filled:
+    """Give each pose without an answer the nearest that the atlas finds; if the time is up, only the first so many poses."""
+    missed = layers.count == 0
+    some = np.flatnonzero(missed)
+    if not len(some):
+        return Filled(layers, missed)
+    goal = problem.goal.at(problem.goal.target[some])
+    found = Atlas(threads=threads).solve(Problem(problem.mechanism, goal, time_limit=deadline.left))
     q, there = layers.q.copy(), layers.there.copy()
-    q[missed, 0], there[missed, 0] = Turning(problem.chain).first_turn(nearest), True
-    return Layers(q, there)
+    q[some, 0], there[some, 0] = Turning(problem.chain).first_turn(found.q), True
+    missed[some] = ~np.asarray(found.success)
+    late = some[np.asarray(found.out_of_time)]
+    count = int(late[0]) if len(late) else len(q)
+    return Filled(Layers(q[:count], there[:count]), missed[:count])
 
 
 def with_ends(asked: Asked, layers: Layers) -> tuple[Layers, tuple[int, int]]:
@@ -90,15 +111,29 @@ def with_ends(asked: Asked, layers: Layers) -> tuple[Layers, tuple[int, int]]:
 
 
 def best_valid(programme: Programme, ends: tuple[int, int]) -> tuple[Array, Indices]:
-    """The best way to which `valid` agrees, found by asking it of the best way again and again (Bohlin and Kavraki 2000)."""
-    programme.refuse_blocked()
+    """The best way to which `valid` agrees, found by asking it of the best way again and again (Bohlin and Kavraki 2000).
+
+    Returns:
+        Joint values and breaks; if the time is up, of so many of the first poses, to which it agreed.
+    """
+    asked = programme.asked
+    with suppress(TimeUp):
+        programme.refuse_blocked()
     for tries in itertools.count(1):
         q, breaks, _, path = best_of(programme, ends)
-        if programme.asked.valid is None or programme.check(q, breaks, path):
+        if asked.valid is None:
+            return q, breaks
+        agreed, count = programme.check(q, breaks, path)
+        if agreed:
+            return q, breaks
+        if asked.deadline.passed:
             break
         if tries == ROUNDS:
-            programme.ask_everywhere()
-    return q, breaks
+            with suppress(TimeUp):
+                programme.ask_everywhere()
+    if count == len(q):  # All but the step from the last pose to the first.
+        return q, np.append(breaks, len(q) - 1)
+    return q[:count], breaks[breaks < count - 1]
 
 
 def best_of(programme: Programme, ends: tuple[int, int]) -> tuple[Array, Indices, float, Indices]:
@@ -108,13 +143,19 @@ def best_of(programme: Programme, ends: tuple[int, int]) -> tuple[Array, Indices
         return programme.best(asked.longest, *ends)
     best: tuple[Array, Indices, float, Indices] | None = None
     longest, turning = asked.longest[-1], programme.turning
+    if asked.ends_where_it_begins:
+        longest = np.minimum(longest, SAME)
+    if programme.hopeless & {0, len(programme.q) - 1}:
+        longest = np.full_like(longest, np.inf)
     firsts = range(programme.count[0] * turning.total) if ends[0] < 0 else [ends[0]]
     open_way = programme.best(asked.longest, *ends)
     firsts = [int(open_way[3][0]), *(node for node in firsts if node != open_way[3][0])]
     for first in firsts:
         if not programme.exists(0, first):
             continue
-        for last in programme.beside(first, longest):
+        if best is not None and asked.deadline.passed:
+            break
+        for last in programme.beside(first, longest) if ends[1] < 0 else [ends[1]]:
             way = programme.best(asked.longest, first, last)
             if best is None or (len(way[1]), way[2]) < (len(best[1]), best[2]):
                 best = way
@@ -126,22 +167,48 @@ def best_of(programme: Programme, ends: tuple[int, int]) -> tuple[Array, Indices
     return q, np.append(breaks, len(q) - 1), cost, path
 
 
-def refusals(asked: Asked, q: Array, breaks: Indices) -> tuple[set[int], Indices]:
-    """Numbers of poses that are not allowed, and of those from which the way to the next is not."""
+def refusals(asked: Asked, q: Array) -> tuple[set[int], Indices, int]:
+    """Ask a scene and the user about a path, (M, n).
+
+    Returns:
+        Numbers of poses that are not allowed; of those from which the way to the next is not; and how many poses were
+        asked about before the time was up.
+    """
     valid = asked.valid
-    if valid is None:
-        return set(), np.zeros(0, dtype=np.int64)
-    refused = ~valid.each(q)
+    barred = list[Indices]([np.zeros(0, dtype=np.int64)])
+    if valid is None or not len(q):
+        return set(), barred[0], len(q)
+    goal, refused = asked.problem.goal, np.zeros(len(q), dtype=np.bool_)
+    longest = asked.longest
     begin, end = steps_of(asked, q)
-    there = np.setdiff1d(np.arange(len(begin)), breaks)
-    # Of a way to or from a pose that is refused nothing is asked.
-    there = there[~(refused[there] | refused[(there + 1) % len(q)])]
-    return set(np.flatnonzero(refused).tolist()), there[~valid.ways(begin[there], end[there])]
+    if len(longest) > 1:
+        longest = np.concatenate([longest, longest[-1:]])[: len(begin)]
+    # Of a way to or from a pose that is missed nothing is asked, nor of one that is a break in any case.
+    asks = np.asarray((np.abs(end - begin) <= longest * (1 + 1e-9)).all(axis=1))
+    goal = goal.at(goal.target[: len(q)])
+    there = goal.met(goal.measure(asked.problem.arrays, np.ascontiguousarray(q)))
+    size = len(q)
+    if valid.deadline.limited:
+        size = ROWS if valid.valid is None else FEW
+    for first in range(0, len(q), size):
+        try:
+            some = first + np.flatnonzero(there[first : first + size])
+            refused[some] = ~valid.each(q[some])
+            ways = np.arange(max(first - 1, 0), min(first + size, len(q)) - 1)
+            if len(begin) == len(q) and first + size >= len(q):
+                ways = np.append(ways, len(q) - 1)
+            fine = np.asarray(there & ~refused)
+            ways = ways[asks[ways] & fine[ways] & fine[(ways + 1) % len(q)]]
+            barred.append(ways[~valid.ways(begin[ways], end[ways])])
+        except TimeUp:
+            refused[first:] = False
+            return set(np.flatnonzero(refused).tolist()), np.concatenate(barred), first
+    return set(np.flatnonzero(refused).tolist()), np.concatenate(barred), len(q)
 
 
 def steps_of(asked: Asked, q: Array) -> tuple[Array, Array]:
     """Where each step of a path, (N, n), begins and ends; of a closed path that from the last pose to the first too."""
-    if not asked.closed or len(q) == 1:
+    if not asked.closed or len(q) == 1 or len(q) < len(asked):
         return q[:-1], q[1:]
     back = q[-1] + Turning(asked.problem.chain).way(q[0] - q[-1])
     return q, np.concatenate([q[1:], back[None]])

@@ -9,25 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import freedom
-from kinseek.problem import Problem
+from kinseek.deadline import Deadline
 
-from .asked import Asked
-from .ends import best_valid, fill_missed, inside_limits, refusals, with_ends
+from .asked import ROUNDING, Asked
+from .ends import best_valid, fill_missed, inside_limits, refusals, steps_of, with_ends
 from .joints import Turning
-from .layers import Layers, isolated_layers
-from .nodes import Programme
+from .layers import SAME, Layers, isolated_layers
+from .nodes import GRACE, Programme
 from .path import Path
 from .relaxed import relaxed
-from .spare import follow_samples, unbroken
+from .runs import bridged, follow_runs
 from .why import reasons
 from .windows import Windows, best_in_windows, in_windows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Advance = Callable[[int], object]
-
-SAMPLED, AHEAD = 4000, 400
-"""Where joints are to spare, poses that are followed together at most, and how far is looked ahead beyond them."""
 
 
 def follow(asked: Asked, threads: int | None, advance: Advance, take: int | None = None) -> Path:
@@ -42,92 +39,112 @@ def follow(asked: Asked, threads: int | None, advance: Advance, take: int | None
     part, own = relaxed(asked)
     take = len(asked) if take is None else take
     if freedom(part.problem) > 0:
-        q, breaks = _sampled(part, threads, advance)
-        _set_ends(part, q)
-        q = q[:take, own]
-        refused, barred = refusals(asked, q, breaks)
-        return _judged(asked.part(0, take), q, np.union1d(breaks, barred), None, refused)
-    wide: Layers | Windows
-    hopeless: set[int] = set()
-    if in_windows(part):
-        wide = Windows(part, threads)
-        q, breaks = best_in_windows(wide, advance)
-    else:
-        wide = isolated_layers(part.problem, part.longest.max(axis=0), threads, advance)
-        layers = inside_limits(part.problem, wide)
-        layers, ends = with_ends(part, fill_missed(part.problem, layers, threads))
-        programme = Programme(part, layers)
-        q, breaks = best_valid(programme, ends)
-        hopeless = programme.hopeless
-    _set_ends(part, q)
+        q = follow_runs(part, threads, advance)
+        planned = _ended(part, q)[:take, own]
+        asked, grace = asked.part(0, take), asked.deadline
+        if grace.passed and asked.valid is not None:
+            asked = replace(asked, valid=replace(asked.valid, deadline=Deadline(GRACE)))
+        refused, barred, count = refusals(asked, planned)
+        return _judged(asked, planned[:count], barred, None, refused)
+    q, breaks, wide, hopeless = _isolated(part, threads, advance)
+    q = _ended(part, q)
     known = wide if part.problem is asked.problem else None
     return _judged(asked.part(0, take), q[:take, own], breaks, known, hopeless)
 
 
-def _set_ends(asked: Asked, q: Array) -> None:
-    """Put wanted ends into a way, (N, n), to the last bit; the turns of endless joints are those of the first of them."""
+def _isolated(
+    asked: Asked, threads: int | None, advance: Advance
+) -> tuple[Array, Indices, Layers | Windows, set[int]]:
+    """Follow a path with isolated answers.
+
+    Returns:
+        Joint values for every pose, (N, n), or, if the time is up, for the first poses; breaks; what is known of the
+        answers; and the poses that are missed.
+    """
+    none = np.zeros((0, asked.problem.chain.dof)), np.zeros(0, dtype=np.int64)
+    if in_windows(asked):
+        windows = Windows(asked, threads)
+        q, breaks = best_in_windows(windows, advance)
+        missed = windows.missed[: len(q)]
+        return (
+            bridged(asked.part(0, len(q)), q, missed),
+            breaks,
+            windows,
+            set(np.flatnonzero(missed).tolist()),
+        )
+    problem, deadline = asked.problem, asked.deadline
+    wide = isolated_layers(problem, asked.longest.max(axis=0), threads, advance, deadline)
+    if not len(wide):
+        return *none, wide, set()
+    layers, missed = fill_missed(problem, inside_limits(problem, wide), threads, deadline)
+    if not len(layers):
+        return *none, wide, set()
+    asked = asked.part(0, len(layers))
+    layers, ends = with_ends(asked, layers)
+    programme = Programme(asked, layers, missed)
+    q, breaks = best_valid(programme, ends)
+    return bridged(asked.part(0, len(q)), q, missed[: len(q)]), breaks, wide, programme.hopeless
+
+
+def _ended(asked: Asked, q: Array) -> Array:
+    """Put wanted ends into a way, (N, n), to the last bit; the turns of endless joints are those of the first of them.
+
+    So are the ends of a closed path that has its first pose again at the end.
+    """
     turning, free = Turning(asked.problem.chain), True
     for wanted, i in ((asked.start, 0), (asked.end, -1)):
-        if wanted is None:
+        if wanted is None or not len(q) or (i < 0 and len(q) < len(asked)):
             continue
         turns = turning.whole_turns(wanted - q[i])
         if free:
             q += turns
         q[i] = wanted if free else wanted - turns
         free = False
-
-
-def _sampled(asked: Asked, threads: int | None, advance: Advance) -> tuple[Array, Indices]:
-    """As `follow_samples`, but a long path in windows, and one of which only the end is wanted from there on."""
-    if asked.end is not None and asked.start is None:
-        problem = asked.problem
-        turned = replace(
-            asked,
-            problem=Problem(problem.mechanism, problem.goal.at(problem.goal.target[::-1])),
-            start=asked.end,
-            end=None,
-            longest=np.ascontiguousarray(asked.longest[::-1]),
-        )
-        q, breaks = _sampled(turned, threads, advance)
-        return np.ascontiguousarray(q[::-1]), len(q) - 2 - breaks[::-1]
-    if len(asked) <= SAMPLED + AHEAD or asked.closed:
-        return follow_samples(asked, threads, advance)
-    q = np.empty((len(asked), asked.problem.chain.dof))
-    for begin in range(0, len(asked), SAMPLED):
-        # Each window begins where the one before ended, and looks ahead of where the next will begin.
-        part = asked.part(begin, min(begin + SAMPLED + 1 + AHEAD, len(asked)))
-        rows, _ = follow_samples(replace(part, start=q[begin]) if begin else part, threads, _silent)
-        q[begin : begin + SAMPLED + 1] = rows[: SAMPLED + 1]
-        advance(SAMPLED)
-    return q, np.flatnonzero(~unbroken(asked, q))
-
-
-def _silent(done: int) -> None:
-    pass
+    back = len(q) == len(asked) and asked.closed and asked.ends_where_it_begins
+    if back and (np.abs(turning.way(q[0] - q[-1])) <= SAME).all():
+        q[-1] = q[0] + turning.whole_turns(q[-1] - q[0])
+    return q
 
 
 def _judged(
-    asked: Asked, q: Array, breaks: Indices, wide: Layers | Windows | None, hopeless: set[int]
+    asked: Asked, rows: Array, breaks: Indices, wide: Layers | Windows | None, hopeless: set[int]
 ) -> Path:
-    """Judge joint values by plain forward kinematics, and say what stands in the way."""
-    problem = asked.problem
-    goal = problem.goal
-    breaks, hopeless = breaks[breaks < len(q) - (not asked.closed)], {i for i in hopeless if i < len(q)}
+    """Judge joint values for the first poses, (M, n), by plain forward kinematics, and say what stands in the way."""
+    problem, turning = asked.problem, Turning(asked.problem.chain)
+    goal, chain = problem.goal, problem.chain
+    planned = np.arange(len(asked)) < len(rows)
+    stay = rows[-1] if len(rows) else asked.start
+    if stay is None:
+        stay = np.clip((chain.lower + chain.upper) / 2, turning.open_lower, turning.open_upper)
+    q = np.concatenate([rows, np.repeat(stay[None], len(asked) - len(rows), axis=0)])
     errors = goal.measure(problem.arrays, np.ascontiguousarray(q))
+    reached = goal.met(errors) & planned
+    reached[[i for i in hopeless if i < len(q)]] = False
     # Whatever was planned, a step that is too large is a break.
-    breaks = np.union1d(breaks, np.flatnonzero(~unbroken(asked, q)))
-    reached = goal.met(errors)
-    reached[list(hopeless)] = False
+    begin, end = steps_of(asked, q)
+    longest = (
+        np.concatenate([asked.longest, asked.longest[-1:]])[: len(begin)]
+        if len(asked.longest) > 1
+        else asked.longest
+    )
+    torn = np.asarray((np.abs(end - begin) > longest * (1 + 1e-9)).any(axis=1))
+    if asked.closed and asked.ends_where_it_begins:
+        torn[-1] |= (np.abs(end[-1] - begin[-1]) > ROUNDING).any()
+    torn[breaks[breaks < len(torn)]] = True
+    # Between poses of which one is missed there is nothing to break.
+    torn &= reached[: len(torn)] & np.roll(reached, -1)[: len(torn)]
     path = Path(
         q=q,
-        breaks=breaks,
+        breaks=np.flatnonzero(torn),
         why=(),
         reached=reached,
         position_error=errors[:, 0].copy(),
         orientation_error=errors[:, 1].copy(),
         problem=problem,
         closed=asked.closed,
+        planned=planned,
+        out_of_time=asked.deadline.passed or not bool(planned.all()),
     )
     if path.success:
-        return path
+        return replace(path, out_of_time=False)
     return replace(path, why=reasons(asked, path, wide))

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import freedom
+from kinseek.deadline import Deadline
 from kinseek.kernels.paths.steps import INSIDE, LEAVES, OUTSIDE, SOMEWHERE
 from kinseek.problem import Problem
 from kinseek.proof.isolation import isolate
@@ -69,7 +70,9 @@ class Passage:
     """And of which where they come from, (m,)."""
 
 
-def impossible_stretches(problem: Problem, path: Path) -> tuple[tuple[int, int], ...]:
+def impossible_stretches(
+    problem: Problem, path: Path, deadline: Deadline | None = None
+) -> tuple[tuple[int, int], ...]:
     """Pairs (i, j) of poses that no continuous motion joins, in order, as many as were found; see `PathProof`.
 
     Only where answers are isolated, and only stretches of poses that are reached, with a break in them: elsewhere the path
@@ -78,7 +81,7 @@ def impossible_stretches(problem: Problem, path: Path) -> tuple[tuple[int, int],
     if freedom(problem) > 0 or problem.chain.dof != problem.goal.form.constraints:
         return ()
     found: list[tuple[int, int]] = []
-    search = Search(problem)
+    search = Search(problem, deadline)
     for first, last in stretches(path.reached):
         if ((path.breaks >= first) & (path.breaks < last)).any():
             found += search.stretches(first, last)
@@ -88,8 +91,9 @@ def impossible_stretches(problem: Problem, path: Path) -> tuple[tuple[int, int],
 class Search:
     """Follows all answers of one arm along one path."""
 
-    def __init__(self, problem: Problem) -> None:
-        """Build what is needed once."""
+    def __init__(self, problem: Problem, deadline: Deadline | None = None) -> None:
+        """Build what is needed once; after the deadline nothing more is decided."""
+        self.deadline = Deadline() if deadline is None else deadline
         self.problem, turning = problem, Turning(problem.chain)
         # A joint with room for more than one turn is taken as one without limits: more can be reached, never less.
         free = turning.copies > 1
@@ -108,7 +112,7 @@ class Search:
     def stretches(self, first: int, last: int) -> list[tuple[int, int]]:
         """All that is found between two poses: as soon as one stretch ends, the next begins."""
         found, i = [], first
-        while i < last:
+        while i < last and not self.deadline.passed:
             begin, answers = i, self.answers(i)
             i += answers is None
             reached = np.ones(0 if answers is None else len(answers.q), dtype=np.bool_)
@@ -126,7 +130,7 @@ class Search:
         """All answers to pose i; None where it is not proved that they are all."""
         if i not in self._known and self.left > 0:
             one = Problem(self.tight.mechanism, self.tight.goal.at(self.tight.goal.target[i]))
-            found = isolate(one, budget=min(BOXES, self.left))
+            found = isolate(one, budget=min(BOXES, self.left), deadline=self.deadline)
             self.left -= found.boxes
             good = found.complete and bool((found.distance <= RIM / 2).all())
             self._known[i] = Answers(found.q, found.distance) if good else None
@@ -179,6 +183,7 @@ class Search:
             keep=False,
             rims=np.full(len(rows), RIM),
             limits=self.limits,
+            deadline=self.deadline,
         )
         for state in proved.state if i < j else proved.state[::-1]:
             if state == OUTSIDE or (state == LEAVES and i < j):

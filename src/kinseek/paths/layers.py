@@ -41,6 +41,9 @@ LEAPS = 0.5
 """A branch may move a joint so far [rad or m] from pose to pose, or as far as the caller's largest step if that is more."""
 
 
+GROUP = 16
+"""Intervals between two searches that are finished together where a deadline has to be kept: a few hundred poses."""
+
 FOLD = 1.0
 """Two branches that vanish between this pose and the next are closer than this in every joint [rad or m]."""
 
@@ -235,40 +238,57 @@ def _table(pieces: list[Piece], low: int, high: int, dof: int) -> tuple[Array, I
 
 
 def isolated_layers(
-    problem: Problem, longest: Array, threads: int | None, advance: Callable[[int], object]
+    problem: Problem,
+    longest: Array,
+    threads: int | None,
+    advance: Callable[[int], object],
+    deadline: Deadline | None = None,
 ) -> Layers:
-    """Find the branches at every pose of a path, limits opened.
+    """Find the branches at every pose of a path, limits opened; if the time is up, at so many of its first poses.
 
     Args:
         problem: The arm and its N targets; the goal leaves no joint to spare.
         longest: How far each joint may go from pose to pose, (n,).
         threads: Threads that share the poses; None takes every core.
         advance: Told how many more poses are done.
+        deadline: After it no further search is begun.
     """
+    deadline = Deadline() if deadline is None else deadline
     follower = Follower(problem, longest)
     count = len(follower.rows)
     keys = sorted({*range(0, count, EVERY), count - 1})
     found: list[Array] = [np.zeros((0, follower.dof))] * len(keys)
     pieces: list[list[Piece]] = [[] for _ in keys]
-    deadline = Deadline()
+    known, linked = np.zeros((2, len(keys)), dtype=np.bool_)
+    size = GROUP if deadline.limited else len(keys)
+    for low in range(0, max(len(keys) - 1, 1), size):
+        high = min(low + size, len(keys) - 1)
 
-    def find(begin: int, end: int, go_on: GoOn) -> None:
-        for k in range(begin, end):
-            if not go_on():
-                return
-            found[k] = follower.all_at(keys[k])
+        some = [k for k in range(low, high + 1) if not known[k]]
 
-    def link(begin: int, end: int, go_on: GoOn) -> None:
-        for k in range(begin, end):
-            if not go_on():
-                return
-            pieces[k] = follower.between(keys[k], keys[k + 1], found[k], found[k + 1])
+        def find(begin: int, end: int, go_on: GoOn, some: list[int] = some) -> None:
+            for k in some[begin:end]:
+                if not go_on():
+                    return
+                found[k] = follower.all_at(keys[k])
+                known[k] = True
 
-    spread(find, len(keys), 8, threads, deadline)
-    spread(link, len(keys) - 1, 4, threads, deadline, lambda done: advance(done * EVERY))
+        def link(begin: int, end: int, go_on: GoOn, low: int = low) -> None:
+            for k in range(low + begin, low + end):
+                if not (go_on() and known[k] and known[k + 1]):
+                    return
+                pieces[k] = follower.between(keys[k], keys[k + 1], found[k], found[k + 1])
+                linked[k] = True
+
+        spread(find, len(some), 8, threads, deadline)
+        spread(link, high - low, 4, threads, deadline, lambda done: advance(done * EVERY))
+        if deadline.passed:
+            break
     if count == 1:
         pieces[0] = [Piece(0, row[None]) for row in found[0]]
-    return _layers(pieces, keys, count, follower.dof)
+        return _layers(pieces, keys, int(known[0]), follower.dof)
+    whole = int(np.argmin(linked))  # The last interval is none: the first that was not linked.
+    return _layers(pieces[:whole], keys, keys[whole] + 1 if whole else 0, follower.dof)
 
 
 def _layers(pieces: list[list[Piece]], keys: list[int], count: int, dof: int) -> Layers:

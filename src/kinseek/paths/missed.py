@@ -14,9 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.deadline import Deadline
 from kinseek.kernels.proof.progress import ENDED
 from kinseek.problem import Problem
-from kinseek.proof.boxes import excluded
+from kinseek.proof.boxes import Watch, excluded
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.certificate import Verdict
 
@@ -51,13 +52,16 @@ class Missed(NamedTuple):
     """There are joint values that do, though not where the path goes by."""
 
 
-def judge_missed(path: Path, missed: Flags, threads: int | None) -> Missed:
+def judge_missed(path: Path, missed: Flags, threads: int | None, deadline: Deadline | None = None) -> Missed:
     """Try to prove of missed poses, (N,), that they are out of reach; of ranges nothing is proved."""
-    search = _Search(path, MOST + EACH * int(missed.sum()), threads)
+    deadline = Deadline() if deadline is None else deadline
+    search = _Search(path, MOST + EACH * int(missed.sum()), threads, deadline)
     if path.problem.goal.ranges is not None:
         return Missed(search.out_of_reach, search.in_reach)
     # Lengths and angles alone tell of most poses that are far out, without a box.
     for i in np.flatnonzero(missed).tolist():
+        if deadline.passed:
+            break
         search.out_of_reach[i] = excluded(search.at(i), 0).outcome == ENDED
     for budget in ROUNDS:
         for first, last in stretches(missed & ~search.out_of_reach & ~search.in_reach):
@@ -66,24 +70,25 @@ def judge_missed(path: Path, missed: Flags, threads: int | None) -> Missed:
 
 
 class _Search:
-    def __init__(self, path: Path, budget: int, threads: int | None) -> None:
+    def __init__(self, path: Path, budget: int, threads: int | None, deadline: Deadline) -> None:
+        self.deadline = deadline
         self.problem, self.q, self.threads, self.left = path.problem, path.q, threads, budget
         self.out_of_reach, self.in_reach = np.zeros((2, len(path)), dtype=np.bool_)
 
     def ask(self, first: int, last: int, budget: int) -> None:
         """Ask about poses first … last, with so many boxes a question; about many at once in the first round alone."""
         most = min(budget, self.left)
-        if most <= 0:
+        if most <= 0 or self.deadline.passed:
             return
         if first == last:
-            one = prove(self.at(first), budget=most, threads=self.threads)
+            one = prove(self.at(first), budget=most, threads=self.threads, deadline=self.deadline)
             self.left -= one.boxes
             self.out_of_reach[first] = one.verdict is Verdict.UNREACHABLE
             self.in_reach[first] = one.verdict is Verdict.REACHABLE
             return
         middle, wide = (first + last) // 2, self.holding(first, last)
         if budget == ROUNDS[0] and self.stays_clear(wide, first, last):
-            together = excluded(wide, most, threads=self.threads)
+            together = excluded(wide, most, threads=self.threads, watch=Watch(self.deadline))
             self.left -= together.boxes
             if together.outcome == ENDED:
                 self.out_of_reach[first : last + 1] = True

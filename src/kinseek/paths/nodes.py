@@ -2,25 +2,37 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.order import cost_of
+from kinseek.deadline import Deadline, TimeUp
 from kinseek.kernels.paths.programme import DISTANCE, ENDLESS, GIVEN, TIME, best_way
 
-from .asked import Asked
+from .allowed import ROWS
+from .asked import Asked, open_beside
 from .joints import Turning
 from .layers import Layers
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+GRACE = 0.1
+"""[s] How long a way that is there when the time is up may still be checked."""
 
 
 class Programme:
     """Nodes of a path: answers inside the limits with their full turns."""
 
-    def __init__(self, asked: Asked, layers: Layers) -> None:
-        """Take layers, (N, width, n); what lies outside the limits must be out of them already."""
+    def __init__(self, asked: Asked, layers: Layers, missed: Flags) -> None:
+        """Take layers, (N, width, n), and which poses are missed, (N,): steps to and from these are no breaks.
+
+        What lies outside the limits must be out of the layers already.
+        """
         self.asked, self.turning = asked, Turning(asked.problem.chain)
         self.q, self.count = layers.q, layers.count
         self.ahead = self.q
@@ -29,8 +41,8 @@ class Programme:
         self._refused: NDArray[np.bool_] = np.zeros((0, 0), dtype=np.bool_)
         self._agreed: set[tuple[int, int]] = set()
         self._passed: set[tuple[int, int, int]] = set()
-        self.hopeless: set[int] = set()
-        """Poses whose every answer hits something, or is one that `valid` refused."""
+        self.hopeless: set[int] = set(np.flatnonzero(missed).tolist())
+        """Poses that are missed, and those whose every answer hits something, or is one that `valid` refused."""
         velocity = asked.velocity
         self.mode = DISTANCE if velocity is None else TIME
         self.weights = asked.weights if velocity is None else asked.weights / velocity
@@ -44,7 +56,9 @@ class Programme:
         costs = np.full((len(self.q), self.nodes), np.inf)
         for i, count in enumerate(self.count):
             nodes, q = self._inside(i, count)
-            if len(nodes):
+            if self.asked.deadline.passed:  # What is left counts as nothing, rather than to wait for it.
+                costs[i, nodes] = 0.0
+            elif len(nodes):
                 costs[i, nodes] = cost_of(self.asked.cost, self._clipped(q))
         return costs
 
@@ -69,7 +83,7 @@ class Programme:
             turning.upper,
             turning.kind,
             turning.copies,
-            longest,
+            open_beside(longest, self._missed()),
             self.weights,
             self.mode,
             self.costs,
@@ -89,20 +103,56 @@ class Programme:
         q = turning.unwrapped(self._clipped(self.values(np.arange(count), np.maximum(path, 0))))
         return q, breaks, float(told[0]), path
 
-    def check(self, q: Array, breaks: Indices, path: Indices) -> bool:
-        """Ask `valid` of a way and of points between; what it refuses is left out from now on. Did it agree to all?"""
-        valid = self.asked.valid
-        assert valid is not None
-        agreed = [self._node_agreed(i, int(path[i]), q[i]) for i in range(len(q))]
+    def _missed(self) -> Flags:
+        flags = np.zeros(len(self.q), dtype=np.bool_)
+        flags[list(self.hopeless)] = True
+        return flags
+
+    def check(self, q: Array, breaks: Indices, path: Indices) -> tuple[bool, int]:
+        """Ask `valid` of a way and of points between; what it refuses is left out from now on.
+
+        Returns:
+            Did it agree to all? And to how many of the first poses, with the steps between them: fewer as well if the time
+            was up before all were asked.
+        """
+        if self.asked.deadline.passed:
+            assert self.asked.valid is not None
+            late = replace(self.asked, valid=replace(self.asked.valid, deadline=Deadline(GRACE)))
+            self.asked, asked = late, self.asked
+            try:
+                return self._check(q, breaks, path)
+            finally:
+                self.asked = asked
+        return self._check(q, breaks, path)
+
+    def _check(self, q: Array, breaks: Indices, path: Indices) -> tuple[bool, int]:
+        agreed: list[bool] = []
+        with suppress(TimeUp):
+            for i in range(len(q)):
+                agreed.append(self._node_agreed(i, int(path[i]), q[i]))
+        count = agreed.index(False) if False in agreed else len(agreed)
         edges, ends = [], []
         for i in np.setdiff1d(np.arange(len(q) if self.asked.closed else len(q) - 1), breaks).tolist():
             j = (i + 1) % len(q)
             edge = (i, int(path[i]), int(path[j]))
-            if agreed[i] and agreed[j] and not {i, j} & self.hopeless and edge not in self._passed:
+            asked = max(i, j) < len(agreed) and agreed[i] and agreed[j]
+            if asked and not {i, j} & self.hopeless and edge not in self._passed:
                 edges.append(edge)
                 ends.append(q[i] + (q[j] - q[i] if j else self.turning.way(q[j] - q[i])))
-        if not edges:
-            return all(agreed)
+        size = ROWS if self.asked.deadline.limited else max(len(edges), 1)
+        fine: list[bool] = []
+        with suppress(TimeUp):
+            for first in range(0, len(edges), size):
+                fine += self._edges_agreed(edges[first : first + size], q, ends[first : first + size])
+        refused = fine.index(False) if False in fine else len(fine)
+        if refused < len(edges):
+            count = min(count, edges[refused][0] + 1)
+        return count == len(q) and refused == len(edges), count
+
+    def _edges_agreed(self, edges: list[tuple[int, int, int]], q: Array, ends: list[Array]) -> list[bool]:
+        """Ask `valid` of some steps of a way, and leave out from now on what it refuses."""
+        valid = self.asked.valid
+        assert valid is not None
         starts = q[[edge[0] for edge in edges]]
         free = valid.free_ways(starts, np.array(ends))
         fine = free.copy()
@@ -112,14 +162,14 @@ class Programme:
                 self._passed.add(edge)
             else:
                 self._barred |= self._turned_alike(edge) if hits else {edge}
-        return all(agreed) and bool(fine.all())
+        return [bool(each) for each in fine]
 
     def refuse_blocked(self) -> None:
         """Leave out the answers that are not free, with all their full turns, of which a scene knows nothing."""
         valid = self.asked.valid
         if valid is None or valid.scene is None:
             return
-        there = np.arange(self.q.shape[1]) < self.count[:, None]
+        there = (np.arange(self.q.shape[1]) < self.count[:, None]) & ~self._missed()[:, None]
         hits = np.zeros(there.shape, dtype=np.bool_)
         hits[there] = ~valid.free(self._clipped(self.q[there]))
         self._refused = np.repeat(hits, self.turning.total, axis=1)
@@ -137,6 +187,8 @@ class Programme:
     def ask_everywhere(self) -> None:
         """Ask `valid` of every node that it was not asked of yet."""
         for i, count in enumerate(self.count):
+            if i in self.hopeless:
+                continue
             nodes, q = self._inside(i, count)
             for node, row in zip(nodes.tolist(), self._clipped(q), strict=True):
                 if not (len(self._refused) and self._refused[i, node]):

@@ -15,6 +15,7 @@ from kinseek.problem import Problem
 
 from .between import deviation_between
 from .joints import Turning
+from .stretches import stretches
 
 Array = NDArray[np.float64]
 
@@ -25,6 +26,9 @@ class PathStatus(Enum):
     CONTINUOUS = "Continuous: one motion reaches every pose, and no joint jumps."
     BROKEN = "Broken: every pose is reached, and the arm must be placed anew between some of them."
     BLOCKED = "Blocked: every answer found to some poses hits something, or valid refuses it; the path goes on through them."
+    OUT_OF_TIME = (
+        "Out of time: the time limit ended the planning; poses that were not planned by then are missed."
+    )
     UNREACHABLE = "Unreachable: some poses are missed; there the path holds the nearest pose found."
 
     def __str__(self) -> str:
@@ -55,6 +59,8 @@ class PathProof:
     impossible: tuple[tuple[int, int], ...]
     """Pairs (i, j): no continuous motion inside the limits has the hand exactly on that way from pose i to pose j. No two
     share a step."""
+    out_of_time: bool
+    """Did the time limit end the proofs early?"""
 
 
 class Deviation(NamedTuple):
@@ -72,14 +78,17 @@ class Path(Lazy):
 
     Attributes:
         q: Joint values inside the limits, (N, n), [rad] or [m].
-        breaks: Numbers i where the arm must be placed anew between pose i and pose i + 1, (k,).
-        why: Of each break, and of each stretch of missed poses, a sentence that says what stands in the way; it calls poses
+        breaks: Numbers i where the arm must be placed anew between pose i and pose i + 1, which are both reached, (k,). To
+            and from a missed pose there is no break.
+        why: Of each break, and of each run of missed poses, a sentence that says what stands in the way; it calls poses
             by their index, from 0 on.
         reached: Does pose i meet both tolerances, is it free in the `scene`, and did `valid` agree? (N,) bool.
         position_error: [m], (N,).
         orientation_error: [rad], (N,).
         problem: What was asked.
         closed: Does the motion go on from the last pose to the first?
+        planned: Was pose i planned before the `time_limit`? (N,) bool. If not it is missed, and `q` stays where it is.
+        out_of_time: Did the time limit end the planning before breaks and missed poses were looked into?
         proof: What is proved of it, see `PathProof`; None without `prove=True`.
     """
 
@@ -91,6 +100,8 @@ class Path(Lazy):
     orientation_error: Array
     problem: Problem
     closed: bool
+    planned: NDArray[np.bool_]
+    out_of_time: bool
     proof: PathProof | None = None
 
     @property
@@ -101,6 +112,8 @@ class Path(Lazy):
     @property
     def status(self) -> PathStatus:
         """How the path came out."""
+        if self.out_of_time and not (self.reached.all() and not len(self.breaks)):
+            return PathStatus.OUT_OF_TIME
         if not self.reached.all():
             return PathStatus.UNREACHABLE if self._far[~self.reached].any() else PathStatus.BLOCKED
         return PathStatus.BROKEN if len(self.breaks) else PathStatus.CONTINUOUS
@@ -134,9 +147,21 @@ class Path(Lazy):
         """Pairs (i, j) of which it is proved that no continuous motion inside the limits leads from pose i to pose j."""
         return () if self.proof is None else self.proof.impossible
 
+    @property
+    def missed(self) -> tuple[tuple[int, int], ...]:
+        """The first and the last pose of each run of missed poses."""
+        return tuple(stretches(~self.reached))
+
+    @property
+    def _apart(self) -> NDArray[np.int64]:
+        """Numbers of the steps that do not count: breaks, and those to and from a missed pose, (k,)."""
+        beside = np.flatnonzero(~(self.reached & np.roll(self.reached, -1)))
+        count = len(self) if self.closed else len(self) - 1
+        return np.union1d(self.breaks, beside[beside < count])
+
     @lazy
     def steps(self) -> Array:
-        """What each joint moves from pose to pose, (N - 1, n), [rad] or [m]; NaN across breaks.
+        """What each joint moves from pose to pose, (N - 1, n), [rad] or [m]; NaN across breaks and to and from missed poses.
 
         Of a closed path the last row is the step from the last pose to the first, (N, n).
         """
@@ -144,29 +169,29 @@ class Path(Lazy):
         steps = np.diff(rows, axis=0)
         if self.closed and len(steps):
             steps[-1] = Turning(self.problem.chain).way(steps[-1])
-        steps[self.breaks] = np.nan
+        steps[self._apart] = np.nan
         return steps
 
     @property
     def largest_step(self) -> Array:
-        """Of each joint the largest step that is no break, (n,), [rad] or [m]."""
+        """Of each joint the largest step from one reached pose to the next that is no break, (n,), [rad] or [m]."""
         whole = self.steps[~np.isnan(self.steps).any(axis=1)]
         return np.asarray(np.abs(whole).max(axis=0, initial=0.0))
 
     @property
     def length(self) -> float:
-        """Length of the way of the joints, breaks left out: the sum of the steps' Euclidean lengths [rad or m]."""
+        """Length of the way of the joints: the sum of the Euclidean lengths of the `steps` that are not NaN [rad or m]."""
         return float(np.nansum(np.linalg.norm(self.steps, axis=1)))
 
     @lazy
     def deviation(self) -> Deviation:
-        """The farthest that the hand comes from the straight way between two poses, breaks left out.
+        """The farthest that the hand comes from the straight way between two reached poses, breaks left out.
 
         The straight way is a line for the place and one turn about a fixed axis for the orientation; the hand's is what
         straight motion of the joints makes of it, looked at in 3 points between two poses. For a goal that leaves axes free,
         the straight way between the poses that are reached.
         """
-        return Deviation(*deviation_between(self.problem, self.q, self.breaks))
+        return Deviation(*deviation_between(self.problem, self.q, self._apart))
 
     def require(self) -> Path:
         """Return the path if it is a success.
@@ -190,5 +215,6 @@ class Path(Lazy):
         if len(self.breaks):
             parts.append(f"{len(self.breaks)} break{'s' if len(self.breaks) > 1 else ''}")
         if missed:
-            parts.append(f"{missed} missed")
+            runs = len(self.missed)
+            parts.append(f"{missed} missed" + (f" in {runs} runs" if runs > 1 else ""))
         return f"Path({', '.join(parts)}, length {self.length:.4g}, largest step {self.largest_step.max(initial=0.0):.3g})"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kinseek.branches.index import BranchIndex, freedom, index_of
 from kinseek.branches.order import cost_of
 from kinseek.branches.result import answers_of
-from kinseek.deadline import Deadline
+from kinseek.deadline import TimeUp
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.grow import gather, lead_on
 from kinseek.kernels.paths.programme import link
@@ -66,6 +66,9 @@ CROWD = 1.2
 
 CLEAR = 0.3
 """So near in every joint [rad or m] answers are beside one that is barred."""
+
+AHEAD = 64
+"""Layers whose fresh answers are sampled together where a deadline has to be kept."""
 
 FORGET = 16
 """After so many layers those nodes are forgotten through which no best way leads."""
@@ -236,40 +239,58 @@ class Planner:
         return np.clip(q, self.turning.open_lower, self.turning.open_upper)
 
     def plan(self, advance: Advance, threads: int | None) -> Array:
-        """Joint values for all rows, (rows, n)."""
+        """Joint values for all rows, (rows, n); if the time is up, for so many of the first of them, one at least.
+
+        Raises:
+            TimeUp: The time was up before the first layer.
+        """
         fixed = [None if q is None else self.turning.off_ends(q) for q in (self.asked.start, self.asked.end)]
         last = len(self.keys) - 1
-        fresh = self.samples(threads)
+        deadline = self.asked.deadline
+        fresh: list[Array] = []
+        size = AHEAD if deadline.limited else last + 1
         ways, before, none = Ways(self.turning.total), None, np.zeros((0, self.dof))
+        count = last + 1
         for k in range(last + 1):
+            if k % size == 0:
+                fresh += self.samples(range(k, min(k + size, last + 1)), threads)
             begin, end = int(self.keys[max(k - 1, 0)]), int(self.keys[k])
             only = fixed[0] if k == 0 else fixed[1] if k == last else None
-            led = None if before is None else self.lead_on(before.q, begin, end)
-            if only is not None:
-                q, along = self.layer(k, self.turning.first_turn(only[None]), none, alone=True)
-            elif led is None:
-                q, along = self.layer(k, fresh[k], none)
-            else:
-                arrived = led[0][np.isfinite(led[1][:, 0])]
-                q, along = self.layer(k, np.concatenate([self.twins(k, arrived), arrived]), fresh[k])
+            try:
+                deadline.check()
+                led = None if before is None else self.lead_on(before.q, begin, end)
+                if only is not None:
+                    q, along = self.layer(k, self.turning.first_turn(only[None]), none, alone=True)
+                elif led is None:
+                    q, along = self.layer(k, fresh[k], none)
+                else:
+                    arrived = led[0][np.isfinite(led[1][:, 0])]
+                    q, along = self.layer(k, np.concatenate([self.twins(k, arrived), arrived]), fresh[k])
+            except TimeUp:
+                count = k
+                break
             poses = int(self.rows[end] - self.rows[begin])
             before = self.linked(before, q, along, led, poses, only)
             ways.add(before)
             advance(poses)
-        assert before is not None
+        if before is None:
+            raise TimeUp
         fault = np.where(before.fault < 0, np.iinfo(np.int64).max, before.fault)
-        return self.filled(ways.to(int(np.lexsort((before.sums, fault))[0])))
+        return self.filled(ways.to(int(np.lexsort((before.sums, fault))[0])), self.keys[:count])
 
-    def samples(self, threads: int | None) -> list[Array]:
-        """Fresh answers at all layers, (k, n) each."""
-        found = [np.zeros((0, self.dof))] * len(self.keys)
+    def samples(self, layers: range, threads: int | None) -> list[Array]:
+        """Fresh answers at some layers, (k, n) each; none where the time was up."""
+        found = [np.zeros((0, self.dof))] * len(layers)
 
         def find(first: int, end: int, go_on: GoOn) -> None:
-            for k in range(first, end):
+            for place in range(first, end):
+                if not go_on():
+                    return
+                k = layers[place]
                 count = self.effort.fresh if k else self.effort.samples
-                found[k] = self.sample(int(self.rows[self.keys[k]]), count)
+                found[place] = self.sample(int(self.rows[self.keys[k]]), count)
 
-        spread(find, len(self.keys), 16, threads, Deadline())
+        spread(find, len(layers), 16, threads, self.asked.deadline)
         return found
 
     def lead_on(self, q: Array, begin: int, end: int) -> tuple[Array, Array, Array]:
@@ -353,11 +374,14 @@ class Planner:
         costs = cost_of(self.asked.cost, values)
         return np.asarray((costs - costs.min()) * max(poses, 1))
 
-    def filled(self, places: list[Place]) -> Array:
-        """Joint values of all rows: along each branch, and sideways to the next evenly over all poses in between."""
+    def filled(self, places: list[Place], keys: Indices) -> Array:
+        """Joint values of all rows up to the last of some layers, (rows, n).
+
+        They go along each branch, and sideways to the next evenly over all poses in between.
+        """
         turning, parts = self.turning, []
         values = [turning.node_values(place.q[None], np.array([place.turns]))[0] for place in places]
-        for k, (begin, end) in enumerate(itertools.pairwise(self.keys.tolist())):
+        for k, (begin, end) in enumerate(itertools.pairwise(keys.tolist())):
             way = self.followed(places[k].q, begin, end) + (values[k] - places[k].q)
             if places[k + 1].joined:
                 moments = self.rows[begin : end + 1]
@@ -416,4 +440,4 @@ def between_rows(rows: Indices, q: Array) -> Array:
 def smoother_of(asked: Asked) -> Smoother:
     """What makes its paths short."""
     weights = asked.weights if asked.velocity is None else asked.weights / asked.velocity
-    return Smoother(asked.problem, weights / weights.max(), asked.valid)
+    return Smoother(asked.problem, weights / weights.max(), asked.valid, asked.deadline)

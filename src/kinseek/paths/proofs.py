@@ -29,19 +29,22 @@ ROUNDS = 4
 def with_proofs(asked: Asked, path: Path, threads: int | None) -> Path:
     """The path with what can be proved of it; see `Arm.follow`."""
     part, own = relaxed(asked)
-    steps, within = _unbroken(part.problem, own, path, threads)
+    steps, within = _unbroken(part, own, path, threads)
     missed = path.position_error > path.problem.goal.position_tolerance
     missed |= path.orientation_error > path.problem.goal.orientation_tolerance
-    told = judge_missed(path, missed, threads)
-    impossible = impossible_stretches(part.problem, path) if part is asked else ()
+    missed |= ~path.planned
+    told = judge_missed(path, missed, threads, asked.deadline)
+    impossible = impossible_stretches(part.problem, path, asked.deadline) if part is asked else ()
     undecided = missed & ~told.out_of_reach
-    proof = PathProof(steps, within, told.out_of_reach, undecided, impossible)
+    late = asked.deadline.passed
+    proof = PathProof(steps, within, told.out_of_reach, undecided, impossible, late)
     return replace(path, proof=proof, why=(*path.why, *_words(path, proof, told)))
 
 
 def _words(path: Path, proof: PathProof, told: Missed) -> list[str]:
     ranges = path.problem.goal.ranges is not None
     short = "nothing is proved of ranges" if ranges else "what a path may spend on proofs was not enough"
+    short = "the time was up" if proof.out_of_time and not ranges else short
     said = [
         (proof.out_of_reach, "proved out of reach: no joint values inside the limits meet the tolerances"),
         (
@@ -57,10 +60,9 @@ def _words(path: Path, proof: PathProof, told: Missed) -> list[str]:
     ]
 
 
-def _unbroken(
-    problem: Problem, own: slice, path: Path, threads: int | None
-) -> tuple[NDArray[np.bool_], Array]:
+def _unbroken(asked: Asked, own: slice, path: Path, threads: int | None) -> tuple[NDArray[np.bool_], Array]:
     """Which steps are unbroken, (N - 1,) or (N,), and how near the branches pass by each pose, (N,)."""
+    problem = asked.problem
     count, goal, q = len(path), problem.goal, _with_goal_joints(problem, own, path.q)
     last = count if path.closed and count > 1 else count - 1
     if last == count:
@@ -72,7 +74,7 @@ def _unbroken(
     rims = rims_of(problem, q)
     if last == count:
         rims[0] = rims[-1] = max(rims[0], rims[-1])
-    proved = prove_rows(problem, q, whole, keep=True, threads=threads, rims=rims)
+    proved = prove_rows(problem, q, whole, keep=True, threads=threads, rims=rims, deadline=asked.deadline)
     steps, within = np.zeros(last, dtype=np.bool_), np.full((2, count), np.inf)
     steps[whole] = proved.inside
     within[0, whole[proved.inside]] = proved.within[proved.inside, 0]

@@ -10,12 +10,14 @@ largest steps small.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.branches.index import constraint_jacobian
+from kinseek.deadline import Deadline, TimeUp
 from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.band import solve_band
@@ -82,14 +84,22 @@ class Row(NamedTuple):
 class Smoother:
     """Makes paths of one arm and one kind of goal shorter."""
 
-    def __init__(self, problem: Problem, weights: Array, valid: Allowed | None = None) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        weights: Array,
+        valid: Allowed | None = None,
+        deadline: Deadline | None = None,
+    ) -> None:
         """Build what the arm needs once.
 
         Args:
             problem: The arm and its goal.
             weights: Of each joint in the length, (n,).
             valid: What the user and the scene allow; what they refuse is not taken, and no step that is not free.
+            deadline: When it has passed, a path stays as smooth as it is by then.
         """
+        self.deadline = Deadline() if deadline is None else deadline
         self.problem, self.weights, self.valid = problem, weights, valid
         turning = Turning(problem.chain)
         self.lower, self.upper = turning.open_lower, turning.open_upper
@@ -114,7 +124,10 @@ class Smoother:
             return
         goal = self.problem.goal
         near = Problem(
-            self.problem.mechanism, goal.at(goal.target[lost]), np.clip(begin[lost], -LARGEST, LARGEST)
+            self.problem.mechanism,
+            goal.at(goal.target[lost]),
+            np.clip(begin[lost], -LARGEST, LARGEST),
+            time_limit=self.deadline.left,
         )
         q[lost] = Atlas(threads=1).solve(near).q
 
@@ -130,13 +143,14 @@ class Smoother:
         if len(q) < 3:
             return q
         before = self._sum(q, row, power)
-        for _ in range(passes):
-            q = self._together(q, row, power)
-            q = self._one_by_one(q, row, power)
-            now = self._sum(q, row, power)
-            if now > before * (1 - ENOUGH):
-                break
-            before = now
+        with suppress(TimeUp):
+            for _ in range(passes):
+                q = self._together(q, row, power)
+                q = self._one_by_one(q, row, power)
+                now = self._sum(q, row, power)
+                if now > before * (1 - ENOUGH):
+                    break
+                before = now
         return q
 
     def _of_steps(self, steps: Array, spans: Array, power: int) -> Array:
@@ -153,13 +167,19 @@ class Smoother:
         return float(self._of_steps(np.diff(q, axis=0), row.spans, power).sum())
 
     def _together(self, q: Array, row: Row, power: int) -> Array:
-        """One Gauss-Newton step of all poses, held back where it would tear the path."""
+        """One Gauss-Newton step of all poses, held back where it would tear the path.
+
+        Raises:
+            TimeUp: The time is up; the path stays as it was.
+        """
+        self.deadline.check()
         step = self._step(q, row, power)
         before, share = self._sum(q, row, power), np.ones(len(q))
         bounds = np.maximum(np.abs(np.diff(q, axis=0)), KEPT * row.longest)
         if power > 2:
             bounds *= TORN
         for tries in range(TRIES):
+            self.deadline.check()
             moved = q + share[:, None] * step
             lost = ~self.settle(moved, row.targets) | row.fixed
             moved[lost] = q[lost]
@@ -230,6 +250,7 @@ class Smoother:
         """Put each pose between its neighbours, where that makes its two steps better."""
         q = q.copy()
         for first in (1, 2):
+            self.deadline.check()
             some = np.arange(first, len(q) - 1, 2)
             some = some[~row.fixed[some]]
             if not len(some):

@@ -12,14 +12,18 @@ at last with a layer at every pose, and once more without the places where that 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.branches.index import index_of
 from kinseek.branches.order import cost_of
-from kinseek.deadline import Deadline
+from kinseek.branches.result import answers_of
+from kinseek.deadline import TimeUp
 from kinseek.problem import Problem
+from kinseek.solvers.atlas.index import wanted_of
 from kinseek.solvers.threads import GoOn, spread
 
 from .asked import Asked
@@ -42,7 +46,9 @@ STEP = Effort(0.0, 1, 150, 4, 400, 0.08)
 """All poses are layers: from one to the next nothing lies that a way sideways could miss, such as a singularity at which
 curves of answers part, and join anew."""
 
-PLANS = ((COARSE, EACH), (FINE, EACH), (EACH, STEP), (STEP, STEP), (STEP, STEP))
+Plans = tuple[tuple[Effort, Effort], ...]
+
+PLANS: Plans = ((COARSE, EACH), (FINE, EACH), (EACH, STEP), (STEP, STEP), (STEP, STEP))
 """How a path is planned, and then its parts around breaks, until there are none."""
 
 AROUND = (3.0, 8.0)
@@ -54,6 +60,10 @@ FIRST_PASSES, LAST_PASSES = 10, 4
 POWERS, POWER_PASSES, EASED = (6, 12), 20, 4.0
 """Where steps are still too large, powers of the steps' lengths whose sum is made small instead, in so many passes at most,
 on so much of the hand's way before and behind."""
+
+
+LOOKED_AT = 100
+"""Answers to a pose that are sampled before it is said that none of them is allowed."""
 
 
 def unbroken(asked: Asked, q: Array) -> Flags:
@@ -72,48 +82,90 @@ def mendable(asked: Asked, q: Array) -> Flags:
     return np.asarray(_faulty(asked, q) & (~torn | (goal.ranges is not None)))
 
 
-def follow_samples(asked: Asked, threads: int | None, advance: Advance) -> tuple[Array, Indices]:
-    """Joint values for every pose of a path that leaves joints to spare, (N, n), and its breaks."""
-    q = _open_way(asked, threads, advance)
-    if not asked.closed or len(q) == 1:
-        return q, np.flatnonzero(~unbroken(asked, q))
-    goal, best = asked.problem.goal, None
-    around = Problem(asked.problem.mechanism, goal.at(np.concatenate([goal.target, goal.target[:1]])))
-    longest = asked.longest
-    if len(longest) > 1:
-        longest = np.concatenate([longest, longest[-1:]])
-    # One more pose leads back: to where the open way begins, or on from where it ends.
+def follow_samples(
+    asked: Asked, threads: int | None, advance: Advance, plans: Plans = PLANS
+) -> tuple[Array, Flags]:
+    """Follow a path that leaves joints to spare, by so many plans at most.
+
+    Returns:
+        Joint values for every pose, (N, n), and at which poses no answer that was looked at is allowed, (N,): where there
+        are any, the path is not planned well, and has to be planned without them. If the time is up, of so many of the first
+        poses.
+    """
+    q, refused = _open_way(asked, threads, advance, plans)
+    # With a start a path that has its first pose again at the end has that start for its end, too: it is closed already.
+    there = asked.end is not None or len(q) == 1
+    if not asked.closed or there or refused.any() or len(q) < len(asked):
+        return q, refused
+    goal, around, longest = asked.problem.goal, asked.problem, asked.longest
+    if not asked.ends_where_it_begins:  # One more pose leads back.
+        around = Problem(around.mechanism, goal.at(np.concatenate([goal.target, goal.target[:1]])))
+        if len(longest) > 1:
+            longest = np.concatenate([longest, longest[-1:]])
+    best, best_faults = q, (len(q) + 1, np.inf)
+    # To where the open way begins, or on from where it ends.
     for start in [q[0], q[-1]] if asked.start is None else [asked.start]:
-        row = np.ascontiguousarray(start[None])
-        smoother_of(asked).settle(row, np.ascontiguousarray(goal.targets[:1]))
-        round_trip = replace(asked, problem=around, longest=longest, start=row[0], end=row[0], closed=False)
-        way = _open_way(round_trip, threads, _silent)
-        if best is None or _faults(round_trip, way) < _faults(round_trip, best):
-            best = way
-    assert best is not None
-    gaps = Turning(asked.problem.chain).way(np.diff(best, axis=0))
-    return best[:-1], np.flatnonzero((np.abs(gaps) > longest).any(axis=1))
+        row = start[None].copy()
+        with suppress(TimeUp):
+            asked.deadline.check()
+            smoother_of(asked).settle(row, np.ascontiguousarray(goal.targets[:1]))
+            round_trip = replace(
+                asked, problem=around, longest=longest, start=row[0], end=row[0], closed=False
+            )
+            way, _ = _open_way(round_trip, threads, _silent, plans)
+            if len(way) == len(round_trip) and faults(round_trip, way) < best_faults:
+                best, best_faults = way, faults(round_trip, way)
+    return best[: len(asked)], refused
 
 
 def _silent(done: int) -> None:
     pass
 
 
-def _open_way(asked: Asked, threads: int | None, advance: Advance) -> Array:
-    """The best of a few plans, each made if those before it break, and parts of each planned anew around its breaks."""
-    best: Array | None = None
-    barred: list[Barred] = []
-    for effort, finer in PLANS:
-        q = _planned(asked, effort, threads, advance if best is None else _silent, barred)
-        if effort is STEP:
-            barred += [Barred(int(i), q[i]) for i in np.flatnonzero(_faulty(asked, q))]
-        q = _mended(asked, q, finer, threads)
-        if best is None or _faults(asked, q) < _faults(asked, best):
-            best = q
-        if not mendable(asked, best).any():
-            break
-    assert best is not None
-    return best
+def _open_way(asked: Asked, threads: int | None, advance: Advance, plans: Plans) -> tuple[Array, Flags]:
+    """The best of a few plans, each made if those before it break, and parts of each planned anew around its breaks.
+
+    See `follow_samples` for what it returns.
+
+    Raises:
+        TimeUp: The time was up before anything was planned.
+    """
+    best = _planned(asked, plans[0][0], threads, advance)
+    refused, barred = np.zeros(len(best), dtype=np.bool_), list[Barred]()
+    if len(best) < len(asked):
+        return best, refused
+    with suppress(TimeUp):
+        refused = _refused(asked, best)
+        if refused.any():
+            return best, refused
+        for effort, finer in plans:
+            q = best if effort is plans[0][0] else _planned(asked, effort, threads, _silent, barred)
+            if len(q) < len(asked):
+                break
+            if effort is STEP:
+                barred += [Barred(int(i), q[i]) for i in np.flatnonzero(_faulty(asked, q))]
+            q = _mended(asked, q, finer, threads)
+            if faults(asked, q) < faults(asked, best):
+                best = q
+            if not mendable(asked, best).any():
+                break
+    return best, refused
+
+
+def _refused(asked: Asked, q: Array) -> Flags:
+    """At which poses a plan, (N, n), is not allowed, nor any other answer that is looked at, (N,)."""
+    refused = np.zeros(len(q), dtype=np.bool_)
+    if asked.valid is None:
+        return refused
+    problem, target = asked.problem, np.eye(4)
+    index, wanted, turning = index_of(problem), wanted_of(problem.goal), Turning(problem.chain)
+    for i in np.flatnonzero(~asked.valid.each(q)):
+        target[:3] = problem.goal.targets[i]
+        rows = index.search(wanted, target, index.view, LOOKED_AT)
+        others = answers_of(rows, problem.chain.dof).q if len(rows) else q[:0]
+        others = np.clip(others, turning.open_lower, turning.open_upper)
+        refused[i] = not asked.valid.each(others).any()
+    return refused
 
 
 def _mended(asked: Asked, q: Array, effort: Effort, threads: int | None) -> Array:
@@ -128,12 +180,15 @@ def _mended(asked: Asked, q: Array, effort: Effort, threads: int | None) -> Arra
             first: int, end: int, go_on: GoOn, parts: list[Asked] = parts, made: list[Array] = made
         ) -> None:
             for k in range(first, end):
-                made[k] = _planned(parts[k], effort, 1, _silent)
+                with suppress(TimeUp):
+                    made[k] = _planned(parts[k], effort, 1, _silent)
 
-        spread(plan, len(parts), 1, threads, Deadline())
+        spread(plan, len(parts), 1, threads, asked.deadline)
         for (first, last), part, new in zip(windows, parts, made, strict=True):
             old = q[first : last + 1]
-            if _faults(part, new) < _faults(part, old):
+            if len(new) < len(old):  # The time was up.
+                continue
+            if faults(part, new) < faults(part, old):
                 # Where an endless joint has turned the other way round, what follows goes along.
                 q = np.concatenate([q[:first], new, q[last + 1 :] + (new[-1] - old[-1])])
     return q
@@ -181,7 +236,7 @@ def _faulty(asked: Asked, q: Array) -> Flags:
     return ~whole
 
 
-def _faults(asked: Asked, q: Array) -> tuple[int, float]:
+def faults(asked: Asked, q: Array) -> tuple[int, float]:
     """Breaks, steps that are not free among them, and what the path costs."""
     return int(_faulty(asked, q).sum()), _cost(asked, q, np.ones((len(q) - 1, 1)))
 
@@ -190,12 +245,31 @@ def _planned(
     asked: Asked, effort: Effort, threads: int | None, advance: Advance, barred: Sequence[Barred] = ()
 ) -> Array:
     planner = Planner(asked, effort, barred)
-    smoother, rows = planner.smoother, planner.rows
+    rows = planner.rows
     if len(rows) == 1:
+        asked.deadline.check()
         only = planner.layer(0, planner.sample(0, effort.samples), np.zeros((0, planner.dof)))[0][:1]
         return only if asked.start is None else asked.start[None]
+    q = planner.plan(advance, threads)
+    with suppress(TimeUp):
+        if len(q) == len(rows):
+            return _finished(asked, planner, q)
+    # The time is up: what is planned is filled in, neither made smooth nor judged.
+    begun = replace(asked.part(0, int(rows[len(q) - 1]) + 1), valid=None)
+    return _put(
+        begun, smoother_of(begun), between_rows(rows[: len(q)], q), _row(begun, np.arange(len(begun)))
+    )
+
+
+def _finished(asked: Asked, planner: Planner, q: Array) -> Array:
+    """From the rows of a plan, (rows, n), to all poses, (N, n), made smooth.
+
+    Raises:
+        TimeUp: The time was up.
+    """
+    smoother, rows = planner.smoother, planner.rows
     some, all_of_them = _row(asked, rows), _row(asked, np.arange(rows[-1] + 1))
-    q = _put(asked, smoother, planner.plan(advance, threads), some)
+    q = _put(asked, smoother, q, some)
     q = _smoothed(asked, smoother, q, some, FIRST_PASSES)
     if len(rows) < len(all_of_them.targets):
         q = _put(asked, smoother, between_rows(rows, q), all_of_them)

@@ -23,17 +23,16 @@ WEAK = 0.05
 
 
 def reasons(asked: Asked, path: Path, wide: Layers | Windows | None) -> tuple[str, ...]:
-    """A sentence for every stretch of missed poses, and for every break between two that are reached, in their order."""
+    """A sentence for every run of missed poses, and for every break between two that are reached, in their order."""
     goal = path.problem.goal
     there = (path.position_error <= goal.position_tolerance) & (
         path.orientation_error <= goal.orientation_tolerance
     )
-    refused = ~path.reached & there
-    told = [(first, _missed(path, first, last)) for first, last in stretches(~there)]
+    refused = ~path.reached & there & path.planned
+    told = [(first, _late(first, last)) for first, last in stretches(~path.planned)]
+    told += [(first, _missed(path, first, last)) for first, last in stretches(~there & path.planned)]
     told += [(first, _refused(asked, path, first, last, wide)) for first, last in stretches(refused)]
-    following = (path.breaks + 1) % len(path.q)
-    plain = path.breaks[path.reached[path.breaks] & path.reached[following]]
-    told += [(int(i), _break(asked, path, int(i), wide)) for i in plain]
+    told += [(int(i), _break(asked, path, int(i), wide)) for i in path.breaks]
     return tuple(text for _, text in sorted(told))
 
 
@@ -41,6 +40,8 @@ def _refused(asked: Asked, path: Path, first: int, last: int, wide: Layers | Win
     """Why poses have answers, and none that is allowed."""
     which, valid, i = these(first, last), asked.valid, (first + last) // 2
     assert valid is not None
+    if asked.deadline.passed:
+        return f"{which} blocked or refused in every answer found before the time was up"
     q = path.q[i : i + 1]
     given = (i == 0 and asked.start is not None) or (i == len(path.q) - 1 and asked.end is not None)
     if wide is not None and not given:
@@ -58,6 +59,10 @@ def _refused(asked: Asked, path: Path, first: int, last: int, wide: Layers | Win
     return f"{which} blocked: in every answer found the arm hits something{near}; the least{where}: {valid.against(least)}"
 
 
+def _late(first: int, last: int) -> str:
+    return f"{these(first, last)} not planned: the time was up"
+
+
 def _missed(path: Path, first: int, last: int) -> str:
     which = these(first, last)
     place = path.position_error[first : last + 1].max()
@@ -69,6 +74,8 @@ def _break(asked: Asked, path: Path, i: int, wide: Layers | Windows | None) -> s
     count = len(path.q)
     following = (i + 1) % count
     begin = f"between poses {i} and {following}"
+    if asked.deadline.passed:
+        return f"{begin}: the time was up before a motion was found that leads on"
     target = asked.problem.goal.target
     distance, turn = apart(target[i : i + 1], target[following : following + 1])
     chain = asked.problem.chain
@@ -106,6 +113,8 @@ def _end_of_branch(asked: Asked, q: Array, i: int, wide: Layers | Windows, way: 
     problem, turning = asked.problem, Turning(asked.problem.chain)
     names = problem.mechanism.joint_names
     while True:
+        if asked.deadline.passed:
+            return i, "the time was up"
         j = i + way
         if not 0 <= j < len(wide):
             return (
@@ -123,16 +132,11 @@ def _end_of_branch(asked: Asked, q: Array, i: int, wide: Layers | Windows, way: 
         if (np.abs(step) > longest).any():
             J = constraint_jacobian(problem, q[None])[0]
             values = np.linalg.svd(J, compute_uv=False)
-            if values[min(J.shape) - 1] < WEAK * values[0]:
-                return (
-                    i,
-                    f"a singularity: the least singular value is {values[min(J.shape) - 1] / values[0]:.2g} of the largest",
-                )
+            least = values[min(J.shape) - 1] / values[0]
             joint = int(np.argmax(np.abs(step) / longest))
-            return (
-                i,
-                f"joint {names[joint]!r} would go {abs(step[joint]):.3g} at once, and may go {longest[joint]:.3g}",
-            )
+            far = f"joint {names[joint]!r} would go {abs(step[joint]):.3g} at once, and may go {longest[joint]:.3g}"
+            singular = f"a singularity: the least singular value is {least:.2g} of the largest"
+            return i, singular if least < WEAK else far
         q, i = q + step, j
         low = q < turning.open_lower - 1e-9
         high = q > turning.open_upper + 1e-9

@@ -10,15 +10,16 @@ where there are breaks they are as few, and each stands at an end of a run.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.deadline import Deadline
 from kinseek.kernels.paths.programme import COPIED, DISTANCE, ROOM, STRAIGHT, TIME, best_way
 from kinseek.turns import TURN
 
-from .asked import Asked
+from .asked import Asked, open_beside
 from .ends import fill_missed, inside_limits, with_ends
 from .joints import Turning
 from .layers import EVERY, Layers, isolated_layers
@@ -32,6 +33,9 @@ WINDOW = 64 * EVERY
 
 LONG = 8 * WINDOW
 """Poses from which on a path is followed so: below, all its answers fit into some 30 MB."""
+
+FIRST_PART = 0.45
+"""Of a time limit so much is left to the first look at all windows: the second takes as long."""
 
 STAYS = 1e-12
 """Over a run a branch leads to itself, and to nothing that is farther off than this [rad or m]."""
@@ -52,6 +56,8 @@ class Run:
     """Answers to these."""
     costs: Array
     """What each answer costs until the next kept pose, (k, width); 0 where that is the next of all."""
+    count: int
+    """Poses of the window."""
 
 
 class Windows:
@@ -65,6 +71,8 @@ class Windows:
         self.begins = list(range(0, self._count, WINDOW))
         self._longest = asked.longest.max(axis=0)
         self._wide: tuple[int, Layers] | None = None
+        self.missed = np.zeros(self._count, dtype=np.bool_)
+        """Which poses have no answer; known of the windows that were looked at, (N,)."""
 
     def __len__(self) -> int:
         """Number of poses."""
@@ -74,21 +82,32 @@ class Windows:
         """Answers to pose i, limits opened, (k, n)."""
         begin = i - i % WINDOW
         if self._wide is None or self._wide[0] != begin:
-            self._wide = begin, self._isolated(begin, _silent)
+            self._wide = begin, self._isolated(begin, _silent, Deadline())
         return self._wide[1].at(i - begin)
 
-    def _isolated(self, begin: int, advance: Callable[[int], object]) -> Layers:
-        return isolated_layers(self._part(begin).problem, self._longest, self._threads, advance)
+    def _isolated(self, begin: int, advance: Callable[[int], object], deadline: Deadline) -> Layers:
+        return isolated_layers(self._part(begin).problem, self._longest, self._threads, advance, deadline)
 
     def _part(self, begin: int) -> Asked:
         return self.asked.part(begin, min(begin + WINDOW, self._count))
 
-    def layers(self, begin: int, advance: Callable[[int], object]) -> tuple[Layers, tuple[int, int], Asked]:
-        """Answers inside the limits of the window that begins at a pose, the nodes of its wanted ends, and the window."""
+    def layers(
+        self, begin: int, advance: Callable[[int], object], deadline: Deadline
+    ) -> tuple[Layers, tuple[int, int], Asked] | None:
+        """Answers inside the limits of the window that begins at a pose, the nodes of its wanted ends, and the window.
+
+        If the time is up the window is shorter; None if nothing is left of it.
+        """
         part = self._part(begin)
-        layers = inside_limits(part.problem, self._isolated(begin, advance))
-        layers, ends = with_ends(part, fill_missed(part.problem, layers, self._threads))
-        return layers, ends, part
+        layers, missed = inside_limits(part.problem, self._isolated(begin, advance, deadline)), None
+        if len(layers):
+            layers, missed = fill_missed(part.problem, layers, self._threads, deadline)
+        if missed is None or not len(layers):
+            return None
+        part = part.part(0, len(layers))
+        self.missed[begin : begin + len(layers)] = missed
+        layers, ends = with_ends(part, layers)
+        return layers, ends, replace(part, longest=open_beside(part.longest, missed))
 
 
 def _silent(done: int) -> None:
@@ -96,27 +115,40 @@ def _silent(done: int) -> None:
 
 
 def best_in_windows(windows: Windows, advance: Callable[[int], object]) -> tuple[Array, Indices]:
-    """The best way through a long path: joint values, (N, n), and its breaks."""
-    turning = windows.turning
+    """The best way through a long path: joint values, (N, n), and its breaks; if the time is up, of its first poses."""
+    turning, deadline = windows.turning, windows.asked.deadline
+    half = Deadline(None if deadline.left is None else FIRST_PART * deadline.left)
     runs: list[Run] = []
     first = last = -1
     for begin in windows.begins:
-        layers, ends, part = windows.layers(begin, lambda done: advance(done // 2))
+        found = windows.layers(begin, lambda done: advance(done // 2), half)
+        if found is None:
+            break
+        layers, ends, part = found
         runs.append(shortened(part, layers, turning))
         first, last = (ends[0] if begin == 0 else first), ends[1]
-    nodes, told = _best(windows, runs, (first, last))
-    q, breaks, place = np.empty((len(windows), len(turning.lower))), [], 0
-    for begin, run in zip(windows.begins, runs, strict=True):
-        layers, _, _ = windows.layers(begin, lambda done: advance(done // 2))
+        if half.passed:
+            break
+    q, breaks, place = [np.empty((0, len(turning.lower)))], [np.zeros(0, dtype=np.int64)], 0
+    nodes, told = _best(windows, runs, (first, last)) if runs else (breaks[0], np.zeros(0, dtype=np.bool_))
+    for begin, run in zip(windows.begins, runs, strict=False):
+        found = windows.layers(begin, lambda done: advance(done // 2), deadline)
+        if found is None:
+            break
+        layers = found[0]
         mine = slice(place, place + len(run.kept))
         breaks.append(begin + run.kept[told[mine]] - 1)
         # Over a run the node stays the same.
-        chosen = np.repeat(nodes[mine], np.diff(run.kept, append=len(layers.q)))
+        chosen = np.repeat(nodes[mine], np.diff(run.kept, append=run.count))[: len(layers)]
         answers, turns = chosen // turning.total, chosen % turning.total
         values = turning.node_values(layers.q[np.arange(len(chosen)), answers], turns)
-        q[begin : begin + len(chosen)] = np.clip(values, turning.open_lower, turning.open_upper)
+        q.append(np.clip(values, turning.open_lower, turning.open_upper))
         place += len(run.kept)
-    return turning.unwrapped(q), np.concatenate(breaks)
+        if len(chosen) < run.count:
+            break
+    rows = np.concatenate(q)
+    breaks_of_all = np.concatenate(breaks)
+    return turning.unwrapped(rows), breaks_of_all[breaks_of_all < max(len(rows) - 1, 0)]
 
 
 def shortened(asked: Asked, layers: Layers, turning: Turning) -> Run:
@@ -147,7 +179,7 @@ def shortened(asked: Asked, layers: Layers, turning: Turning) -> Run:
     kept = np.asarray(kept, dtype=np.int64)
     sums = np.add.reduceat(costs, kept, axis=0)
     sums[np.diff(kept, append=len(q)) == 1] = 0.0
-    return Run(kept, Layers(q[kept], there[kept]), sums)
+    return Run(kept, Layers(q[kept], there[kept]), sums, len(q))
 
 
 def _best(windows: Windows, runs: list[Run], ends: tuple[int, int]) -> tuple[Indices, Flags]:
@@ -160,13 +192,16 @@ def _best(windows: Windows, runs: list[Run], ends: tuple[int, int]) -> tuple[Ind
     longest = np.empty((max(count - 1, 1), dof + 1))
     longest[:, -1] = np.inf
     number, place = np.empty(count, dtype=np.int64), 0
-    for begin, run in zip(windows.begins, runs, strict=True):
+    for begin, run in zip(windows.begins, runs, strict=False):
         mine, wide = slice(place, place + len(run.kept)), run.layers.q.shape[1]
         q[mine, :wide, :-1] = ahead[mine, :wide, :-1] = run.layers.q
         number[mine] = run.layers.count
         rows = slice(place, min(place + len(run.kept), count - 1))
         steps = np.minimum(begin + run.kept, len(asked.longest) - 1)[: rows.stop - rows.start]
         longest[rows, :-1] = asked.longest[steps]
+        following = np.minimum(begin + run.kept + 1, len(asked) - 1)
+        open_steps = windows.missed[begin + run.kept] | windows.missed[following]
+        longest[rows, :-1][open_steps[: rows.stop - rows.start]] = np.inf
         over = np.flatnonzero(np.diff(run.kept) > 1)
         ahead[place + over, :wide, :-1] = run.layers.q[over + 1]
         ahead[place + over, :wide, -1] = -run.costs[over]

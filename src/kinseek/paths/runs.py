@@ -1,0 +1,304 @@
+"""Paths with missed poses: the runs between them are planned by themselves, and the nearest poses join them.
+
+A missed pose has no solution, and the solution nearest to it may jump from one pose to the next: by a turn of the wrist, or
+to another bend of the elbow. If missed poses are planned like other poses, each jump is a break, and each break makes the
+planner start again. So the missed poses are found first, by the atlas, and no later stage asks about them. Over a run of
+missed poses the arm continues from where it stands: its hand follows the nearest poses. The joints jump only where no motion
+does that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.deadline import TimeUp
+from kinseek.kernels.arm.forward import forward_many
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.paths.programme import STRAIGHT
+from kinseek.kernels.paths.settle import settle_many
+from kinseek.problem import Problem
+from kinseek.solvers import Atlas
+from kinseek.turns import TURN
+
+from .asked import Asked
+from .joints import Turning
+from .plan import smoother_of
+from .smooth import SETTLED
+from .spare import PLANS, faults, follow_samples
+from .stretches import stretches
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Advance = Callable[[int], object]
+
+SAMPLED, AHEAD = 4000, 400
+"""Poses that are followed together at most, and how far is looked ahead beyond them."""
+
+STEPS = 40
+"""Steps at most that bring the hand onto the nearest pose: near the edge of what is reached each halves what is left."""
+
+ASIDE = 0.02
+"""[rad] or [m], see `_starts`."""
+
+SHARE, NEAR = 0.02, 1e-12
+"""The hand counts as at the nearest pose if it is no farther from it than this part of what that misses, or if the squared
+scaled error is less than this."""
+
+
+def follow_runs(asked: Asked, threads: int | None, advance: Advance) -> Array:
+    """Joint values for every pose of a path that leaves joints to spare, (N, n); if the time is up, for its first poses."""
+    problem = asked.problem
+    found = Atlas(threads=threads).solve(
+        Problem(problem.mechanism, problem.goal, time_limit=asked.deadline.left)
+    )
+    late = np.flatnonzero(found.out_of_time)
+    count = int(late[0]) if len(late) else len(asked)
+    if not count:
+        return np.zeros((0, asked.problem.chain.dof))
+    asked, nearest = asked.part(0, count), found.q[:count]
+    missed = ~np.asarray(found.success)[:count]
+    _look_beside(asked, nearest, missed)
+    return _joined(asked, missed, nearest, threads, advance)
+
+
+def bridged(asked: Asked, q: Array, missed: Flags) -> Array:
+    """A planned path, (N, n), that goes on over its missed poses from where the arm stands; the rest stays as it is.
+
+    What comes after a run of missed poses may differ by full turns of joints without limits.
+    """
+    if not missed.any():
+        return q
+    bridge, q = Bridge(asked, q), q.copy()
+    for first, last in stretches(missed):
+        if first == 0 and last + 1 < len(q) and asked.start is None:
+            bridge.fill(q, range(last, -1, -1), q[last + 1])
+            continue
+        here = bridge.fill(q, range(first, last + 1), q[max(first - 1, 0)])
+        if last + 1 < len(q):
+            q[last + 1 :] += bridge.turning.whole_turns(here - q[last + 1])
+    return q
+
+
+class Bridge:
+    """Goes on over missed poses."""
+
+    def __init__(self, asked: Asked, nearest: Array) -> None:
+        """Take a path, and joint values for each pose, (N, n): at those that are missed, with the hand nearest to it."""
+        self.asked, self.nearest, self.turning = asked, nearest.copy(), Turning(asked.problem.chain)
+        self.smoother = smoother_of(asked)
+        goal = asked.problem.goal
+        self.targets = np.ascontiguousarray(forward_many(asked.problem.arrays, self.nearest)[:, :3])
+        """Poses of the hand there, as kernels take targets, (N, 3, 4)."""
+        self.room = np.maximum(SHARE**2 * self._settled(goal.targets, self.nearest.copy(), 0), NEAR)
+        """Squared scaled error up to which the hand counts as at one of them, (N,)."""
+        self.beside_here = _starts(asked.problem.chain.dof)
+
+    def fill(self, q: Array, poses: range, here: Array) -> Array:
+        """Write joint values for some poses into a path, (N, n), one after the other from where the arm stands, (n,).
+
+        Returns:
+            Where the arm stands then, (n,).
+        """
+        for i in poses:
+            if self.asked.deadline.passed:
+                q[i] = here
+                continue
+            there, left = self.onto(self.targets[i], here, self.room[i])
+            here = q[i] = there if left <= self.room[i] else self.turned(self.nearest[i], here)
+        return here
+
+    def onto(self, target: Array, here: Array, room: float) -> tuple[Array, float]:
+        """Bring the hand onto a target, (3, 4), up to a squared scaled error: joint values, (n,), and the error left."""
+        rows = np.clip(here + self.beside_here, self.smoother.lower, self.smoother.upper)
+        left = self._settled(np.repeat(target[None], LANES, axis=0), rows, STEPS)
+        # The closest of those that are there; if none is, the one with the least left.
+        far = np.abs(rows - here).max(axis=1)
+        best = (
+            int(np.lexsort((far, left))[0])
+            if left.min() > room
+            else int(np.argmin(np.where(left <= room, far, np.inf)))
+        )
+        return rows[best], float(left[best])
+
+    def _settled(self, targets: Array, q: Array, steps: int) -> Array:
+        """Bring the hand closer to targets, (k, 3, 4), by so many steps of q, (k, n), in place; what is left, (k,)."""
+        smoother, left = self.smoother, np.empty(len(q))
+        limits = smoother.lower, smoother.upper
+        settle_many(smoother.handle, smoother.wanted, targets, *limits, steps, q, left, LANES)
+        return left
+
+    def turned(self, q: Array, here: Array) -> Array:
+        """Joint values, (n,), with the full turns that bring them closest to others inside the limits."""
+        return np.asarray(self.beside(q[None], here)[0])
+
+    def beside(self, rows: Array, here: Array) -> Array:
+        """Rows, (k, n), all turned by the full turns that bring the first of them closest to where the arm stands, (n,)."""
+        if not len(rows):
+            return rows
+        turns = np.where(self.turning.kind == STRAIGHT, 0.0, TURN * np.round((here - rows[0]) / TURN))
+        low, high = rows.min(axis=0) + turns, rows.max(axis=0) + turns
+        inside = (low >= self.turning.open_lower) & (high <= self.turning.open_upper)
+        return np.asarray(rows + np.where(inside, turns, 0.0))
+
+
+def _starts(dof: int) -> Array:
+    """Where to begin, beside where the arm stands, (LANES, n), [rad] or [m]: there, and a little off it to all sides.
+
+    The kernel takes so many at a time in any case, and at the edge of what is reached one of them may not get there.
+    """
+    signs = (np.arange(1, LANES)[:, None] >> (np.arange(dof) % 3)) % 2 * 2.0 - 1.0
+    return np.concatenate([np.zeros((1, dof)), ASIDE * signs])
+
+
+def _look_beside(asked: Asked, nearest: Array, missed: Flags) -> None:
+    """Look for answers to missed poses from the answers beside them: the atlas overlooks one in very many."""
+    smoother = smoother_of(replace(asked, valid=None))
+    targets = np.ascontiguousarray(asked.problem.goal.targets)
+    for way in (1, -1):
+        some = np.flatnonzero(missed)
+        while len(some):
+            beside = some - way
+            some = some[(beside >= 0) & (beside < len(missed))]
+            some = some[~missed[some - way]]
+            q = nearest[some - way]
+            smoother.settle(q, targets[some])
+            goal = asked.problem.goal.at(asked.problem.goal.target[some])
+            there = goal.met(goal.measure(asked.problem.arrays, q))
+            some, q = some[there], q[there]
+            nearest[some], missed[some] = q, False
+            some = some + way
+            some = some[(some >= 0) & (some < len(missed))]
+            some = some[missed[some]]
+
+
+def _joined(asked: Asked, missed: Flags, nearest: Array, threads: int | None, advance: Advance) -> Array:
+    """The runs between missed poses, each planned by itself, with the nearest poses between them."""
+    if not missed.any():
+        q, refused = _whole(asked, threads, advance)
+        if not refused.any() or len(q) < len(asked):
+            return q
+        missed, nearest = refused, q
+    bridge, q = Bridge(asked, nearest), nearest.copy()
+    here, end = asked.start if missed[0] else None, 0
+    for first, last in stretches(~missed):
+        here = None if here is None else bridge.fill(q, range(end, first), here)
+        back = None if missed[0] else q[0]
+        rows = _run(asked, first, last, bridge, here, back, threads, advance)
+        q[first : first + len(rows)] = rows
+        if len(rows) < last + 1 - first:
+            return q[: first + len(rows)]
+        if here is None:
+            bridge.fill(q, range(first - 1, -1, -1), rows[0])
+        here, end = rows[-1], last + 1
+    bridge.fill(q, range(end, len(q)), nearest[0] if here is None else here)
+    return q
+
+
+def _run(
+    asked: Asked,
+    first: int,
+    last: int,
+    bridge: Bridge,
+    here: Array | None,
+    back: Array | None,
+    threads: int | None,
+    advance: Advance,
+) -> Array:
+    """A run of poses that are reached, from where the arm stands, (n,), if that leads on without a break.
+
+    Args:
+        asked: The whole path.
+        first: Number of the first pose of the run.
+        last: And of the last.
+        bridge: Over the missed poses of the path.
+        here: Where the arm stands after the missed poses before the run, (n,); None where there are none.
+        back: Joint values at the first pose of the path, (n,); None where it is missed.
+        threads: See `follow_runs`.
+        advance: See `follow_runs`.
+    """
+    part, count = asked.part(first, last + 1), last + 1 - first
+    if asked.closed and first > 0 and last + 1 == len(asked) and back is not None:
+        part = replace(part, end=back) if asked.ends_where_it_begins else _leading_back(part, asked, back)
+    none = np.zeros(len(part), dtype=np.bool_)
+    if here is None:
+        return _joined(part, none, bridge.nearest[:0], threads, advance)[:count]
+    target = np.ascontiguousarray(part.problem.goal.targets[0])
+    start, left = bridge.onto(target, here, SETTLED)
+    begun = bridge.nearest[:0]
+    try:
+        if left <= SETTLED and (part.valid is None or part.valid(start)):
+            begun = _begun(replace(part, start=start), threads, advance)
+            if len(begun) == len(part) and not faults(part, begun)[0]:
+                return begun[:count]
+        rows = _joined(part, none, bridge.nearest[:0], threads, advance)
+        if len(rows) < len(begun):
+            rows = begun
+    except TimeUp:
+        rows = begun
+    return (rows if part.end is not None else bridge.beside(rows, here))[:count]
+
+
+def _begun(part: Asked, threads: int | None, advance: Advance) -> Array:
+    """A run from where the arm stands, planned once: if that breaks, it begins elsewhere."""
+    if len(part) <= SAMPLED + AHEAD:
+        return follow_samples(part, threads, advance, PLANS[:1])[0]
+    return _joined(part, np.zeros(len(part), dtype=np.bool_), part.longest[:0], threads, advance)
+
+
+def _leading_back(part: Asked, asked: Asked, back: Array) -> Asked:
+    """The last run of a closed path, with the path's first pose behind it."""
+    goal, longest = part.problem.goal, part.longest
+    around = goal.at(np.concatenate([goal.target, asked.problem.goal.target[:1]]))
+    if len(longest) > 1:
+        longest = np.concatenate([longest, longest[-1:]])
+    return replace(part, problem=Problem(part.problem.mechanism, around), end=back, longest=longest)
+
+
+def _whole(asked: Asked, threads: int | None, advance: Advance) -> tuple[Array, Flags]:
+    """As `follow_samples`, but a long path in windows, and one of which only the end is wanted from there on."""
+    none = np.zeros((0, asked.problem.chain.dof))
+    if asked.end is not None and asked.start is None:
+        problem = asked.problem
+        turned = replace(
+            asked,
+            problem=Problem(problem.mechanism, problem.goal.at(problem.goal.target[::-1])),
+            start=asked.end,
+            end=None,
+            longest=np.ascontiguousarray(asked.longest[::-1]),
+        )
+        q, refused = _whole(turned, threads, advance)
+        if len(q) < len(asked):  # What is planned are the last poses, and not the first.
+            return none, refused[:0]
+        return np.ascontiguousarray(q[::-1]), refused[::-1]
+    try:
+        if len(asked) <= SAMPLED + AHEAD or asked.closed:
+            return follow_samples(asked, threads, advance)
+    except TimeUp:
+        return none, np.zeros(0, dtype=np.bool_)
+    q = np.empty((len(asked), asked.problem.chain.dof))
+    known = 0
+    for begin in range(0, len(asked), SAMPLED):
+        # Each window begins where the one before ended, and looks ahead of where the next will begin.
+        part = asked.part(begin, min(begin + SAMPLED + 1 + AHEAD, len(asked)))
+        part = replace(part, start=q[begin]) if begin else part
+        rows = none
+        with suppress(TimeUp):
+            rows, refused = follow_samples(part, threads, _silent)
+            if refused.any():
+                rows = _joined(part, refused, rows, threads, _silent)
+        stop = begin + min(len(rows), SAMPLED + 1)
+        q[begin:stop] = rows[: stop - begin]
+        known = max(known, stop)
+        if len(rows) < len(part):
+            break
+        advance(SAMPLED)
+    return q[:known], np.zeros(known, dtype=np.bool_)
+
+
+def _silent(done: int) -> None:
+    pass
