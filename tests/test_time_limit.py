@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import kinseek
-from kinseek import ALL_SOLVERS, BruteForce, DivideAndConquer, Goal, Problem, Solver, Status
+from kinseek import ALL_SOLVERS, BruteForce, DivideAndConquer, Goal, PathStatus, Problem, Solver, Status
 from kinseek.errors import InvalidProblem, InvalidSolver
 from kinseek.kernels.grid import window as grid
 from kinseek.solvers import blind_search, brute_force, coordinate_descent, divide_and_conquer
@@ -169,10 +169,155 @@ def test_proofs_take_the_time_limit() -> None:
         arm.prove(T, time_limit=0.0)
 
 
+def way(arm: kinseek.Arm, count: int) -> np.ndarray:
+    """Poses along a smooth motion that comes back, far from singularities, (count, 4, 4)."""
+    s, joint = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)[:, None], np.arange(arm.dof)
+    middle = np.where(joint % 2, 1.0, 0.3) * np.where(arm.upper > 0.5, 1.0, -1.0)
+    middle = np.clip(middle, arm.lower + 0.3, arm.upper - 0.3)
+    return np.asarray(arm.fk(middle + 0.25 * np.sin(s * (1 + joint % 3) + joint)))
+
+
+def followed(arm: kinseek.Arm, path: kinseek.Path) -> None:
+    """What was planned is planned well, the rest is missed, and all of it is inside the limits."""
+    count = int(path.planned.sum())
+    assert path.planned[:count].all()
+    assert not path.reached[count:].any()
+    assert (path.q[count:] == (path.q[count - 1] if count else path.q[0])).all()
+    endless = np.array(arm.kinds) == "continuous"
+    assert (((path.q >= arm.lower) & (path.q <= arm.upper)) | endless).all()
+    errors = path.problem.goal.measure(path.problem.arrays, path.q)
+    assert path.problem.goal.met(errors[path.reached]).all()
+    np.testing.assert_array_equal(path.position_error, errors[:, 0])
+    whole = np.delete(np.arange(len(path) - 1), path.breaks)
+    whole = whole[path.reached[whole] & path.reached[whole + 1]]
+    assert np.abs(np.diff(path.q, axis=0))[whole].max(initial=0.0) <= 0.3 * (1 + 1e-9)
+
+
+GOALS: dict[str, Any] = {
+    "ur5e": Goal.pose,
+    "panda": Goal.pose,
+    "gen3": Goal.pose,
+    "ur5e, rz": lambda T: Goal.pose(T, free="rz"),
+}
+
+
+@pytest.mark.parametrize("name", GOALS)
+def test_a_path_without_time_is_not_planned(name: str) -> None:
+    arm = kinseek.load(name.split(",")[0])
+    goal = GOALS[name](way(arm, 50))
+    wishes: tuple[dict[str, Any], ...] = ({}, {"closed": True}, {"prove": True})
+    for options in wishes:
+        path = arm.follow(goal, time_limit=SHORT, **options)
+        assert not path.planned.any()
+        assert path.out_of_time
+        assert path.status is PathStatus.OUT_OF_TIME
+        assert path.why[0] == "poses 0 to 49 are not planned: the time was up"
+        assert not len(path.breaks)
+        assert path.missed == ((0, 49),)
+        followed(arm, path)
+    start = arm.follow(goal).q[0]
+    assert (arm.follow(goal, start=start, time_limit=SHORT).q == start).all()
+    assert str(PathStatus.OUT_OF_TIME).startswith("Out of time:")
+
+
+@pytest.mark.parametrize("name", GOALS)
+@pytest.mark.parametrize("count", [1, 2, 900])
+def test_a_path_with_time_enough_has_the_same_bits(name: str, count: int) -> None:
+    arm = kinseek.load(name.split(",")[0])
+    T = way(arm, 900)[:count]
+    T[300:303, 0, 3] += 4.0
+    goal = GOALS[name](T)
+    for options in ({}, {"threads": 1}, {"closed": True}, {"prove": True}):
+        plain, limited = arm.follow(goal, **options), arm.follow(goal, time_limit=1e6, **options)
+        np.testing.assert_array_equal(plain.q, limited.q)
+        np.testing.assert_array_equal(plain.breaks, limited.breaks)
+        assert plain.why == limited.why
+        assert plain.status is limited.status
+        assert limited.planned.all()
+        assert not limited.out_of_time
+
+
+@pytest.mark.parametrize("name", [*GOALS, "ur5e, out of reach", "panda, out of reach", "ur5e, long"])
+def test_a_path_keeps_the_time(name: str) -> None:
+    """Processor time of one thread, for other work on the machine is not its fault."""
+    arm = kinseek.load(name.split(",")[0])
+    T = way(arm, 17_000 if name.endswith("long") else 10_000)
+    if name.endswith("reach"):
+        T[2000:8000, 0, 3] += 3.0  # Milliseconds each.
+    goal = GOALS.get(name, Goal.pose)(T)
+    arm.follow(goal.at(goal.target[:40]))  # What is needed once is made in any case.
+    shorter = False
+    for limit in (0.02, 0.1, 0.3):
+        began = time.process_time()
+        path = arm.follow(goal, threads=1, time_limit=limit)
+        assert time.process_time() - began < limit + 0.3
+        shorter |= not path.planned.all()
+        followed(arm, path)
+    assert shorter
+
+
+def test_a_slow_judgement_and_a_slow_cost_keep_the_time() -> None:
+    for name in ("ur5e", "panda"):
+        arm = kinseek.load(name)
+        T = way(arm, 400)
+        arm.follow(T[:40])
+
+        def valid(q: np.ndarray) -> bool:
+            time.sleep(1e-3)
+            return True
+
+        def cost(q: np.ndarray) -> np.ndarray:
+            time.sleep(1e-3)
+            return np.asarray((q**2).sum(axis=1))
+
+        for options in ({"valid": valid}, {"cost": cost}):
+            began = time.perf_counter()
+            path = arm.follow(T, time_limit=0.3, **options)
+            assert time.perf_counter() - began < 1.5
+            followed(arm, path)
+
+
+def test_a_path_in_a_scene_keeps_the_time() -> None:
+    pytest.importorskip("pinocchio")
+    for name in ("ur5e", "panda"):
+        arm = kinseek.load(name)
+        scene = kinseek.Scene.of(arm, capsules=0.05)
+        scene.add_capsule("pole", 0.03, 0.8, kinseek.pose([0.3, -0.4, 0.4]))
+        T = way(arm, 6000)
+        arm.follow(T[:40], scene=scene)
+        for limit in (0.05, 0.3):
+            began = time.process_time()
+            path = arm.follow(T, scene=scene, threads=1, time_limit=limit)
+            assert time.process_time() - began < limit + 0.6
+            followed(arm, path)
+            assert scene.free(path.q[path.reached]).all()
+            both = np.flatnonzero(path.reached[:-1] & path.reached[1:])
+            both = np.setdiff1d(both, path.breaks)
+            assert scene.free_motion(path.q[both], path.q[both + 1]).all()
+
+
+def test_proofs_of_a_path_keep_the_time() -> None:
+    arm = kinseek.load("ur5e")
+    T = way(arm, 3000)
+    T[1000:2000, 0, 3] += 3.0
+    T[1000:2000, 1, 3] += np.linspace(-5.0, 5.0, 1000)
+    arm.follow(T[::500], prove=True)
+    plain = arm.follow(T)
+    began = time.process_time()
+    path = arm.follow(T, prove=True, threads=1, time_limit=1.2)
+    assert time.process_time() - began < 1.8
+    assert path.proof is not None
+    if path.planned.all():
+        assert (path.q == plain.q).all()
+        assert path.status is plain.status
+    assert not (path.proof.out_of_reach & path.reached).any()
+
+
 @pytest.mark.parametrize("limit", [0.0, -1.0, float("nan"), "3", True])
 def test_what_is_no_time_is_refused(limit: Any) -> None:
     arm = kinseek.load("planar2")
-    for call in (arm.ik, arm.branches, arm.prove):
+    calls: list[Any] = [arm.ik, arm.branches, arm.prove, lambda T, **o: arm.follow(T[None], **o)]
+    for call in calls:
         with pytest.raises(InvalidProblem, match="time_limit must be a number of seconds above 0"):
             call(arm.fk(arm.lower), time_limit=limit)
 

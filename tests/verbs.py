@@ -98,6 +98,7 @@ VERBS: dict[str, Callable[[kinseek.Arm, Array], Told]] = {
     "branches": _branches,
     "branches, full turns": lambda arm, poses: _branches(arm, poses, copies=True),
     "follow": _followed,
+    "follow, a time limit": lambda arm, poses: _followed(arm, poses, time_limit=1e6),
     "track": _tracked,
     "divide and conquer": _searched(kinseek.DivideAndConquer(breadth=1)),
     "brute force": _searched(kinseek.BruteForce(branching_factor=3)),

@@ -51,6 +51,8 @@ def call_follow(rng: Rng, arm: kinseek.Arm, scale: float) -> None:
     if rng.random() < 0.2:
         goal = Goal.pose(poses, free=[str(rng.choice(["rx", "rz", "x"]))])
     proved = bool(rng.random() < 0.1)
+    if rng.random() < 0.2:
+        options["time_limit"] = 10.0 ** rng.uniform(-5, 0)
     path: Any = arm.follow(goal, prove=proved, **options)
     require(path.q.shape == q.shape, f"q has shape {path.q.shape}, asked for {q.shape}")
     check_joints(arm, path.q, None if "continuous" not in arm.kinds else path.q)
@@ -59,6 +61,9 @@ def call_follow(rng: Rng, arm: kinseek.Arm, scale: float) -> None:
         if reached:
             check_reached(arm, each, goal, pose, scale)
     require((path.breaks >= 0) & (path.breaks < len(q)), f"breaks {path.breaks} of {len(q)} poses")
+    beside = path.reached[path.breaks] & path.reached[(path.breaks + 1) % len(q)]
+    require(beside, f"breaks {path.breaks} beside missed poses {path.missed}")
+    require(path.planned | ~path.reached, "a pose is reached that was not planned")
     require(
         path.success == (path.reached.all() and not len(path.breaks)),
         "a status that is not that of its parts",
