@@ -131,6 +131,20 @@ def test_misuse_is_one_line(
     assert not (tmp_path / "joints.csv").exists()
 
 
+@pytest.mark.usefixtures("line")
+def test_a_time_limit_leaves_poses_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["follow", "ur5e", str(tmp_path / "line.npy"), str(tmp_path / "joints.npy"), "--time-limit"]
+    assert run([*words, "1e-9", "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert told["status"] == "OUT_OF_TIME"
+    assert told["not_planned"] == told["missed"] == list(range(40))
+    assert told["break_after"] == []
+    assert run([*words, "1e6"]) == 0
+    capsys.readouterr()
+    assert run([*words, "0"]) == 2
+    assert "time_limit must be a number of seconds above 0" in capsys.readouterr().err
+
+
 def test_what_is_proved_is_told(line: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["follow", "ur5e", str(tmp_path / "line.npy"), str(tmp_path / "joints.npy"), "--prove"]
     assert run(words) == 0

@@ -334,6 +334,7 @@ def print_path(arm: Arm, path: Path, out: str, seconds: float, as_json: bool) ->
         "status": path.status.name,
         "missed": np.flatnonzero(~path.reached).tolist(),
         "break_after": path.breaks.tolist(),
+        "not_planned": np.flatnonzero(~path.planned).tolist(),
     }
     strays = path.deviation
     if as_json:

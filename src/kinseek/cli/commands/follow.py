@@ -92,6 +92,13 @@ _POSES, _OUT = "POSES", "OUT"
     group=_MOTION,
     help="Prove what can be proved: that no step jumps, that missed poses are out of reach, that no motion leads on.",
 )
+@option(
+    "--time-limit",
+    metavar="X",
+    type=float,
+    group=_MOTION,
+    help="Seconds after which no further part of the work is begun; poses that are not planned by then are missed.",
+)
 @json_option
 def command(
     arm: str,
@@ -108,6 +115,7 @@ def command(
     max_step: float,
     period: float | None,
     prove: bool,
+    time_limit: float | None,
     as_json: bool,
 ) -> int:
     """Find one continuous motion through many poses, with as few breaks as possible."""
@@ -132,6 +140,7 @@ def command(
         scene=scene,
         clearance=cell.clearance,
         progress=on_terminal(),
+        time_limit=time_limit,
     )
     seconds = time.perf_counter() - clock
     anew = np.zeros(len(path), dtype=bool)
