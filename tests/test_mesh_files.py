@@ -18,6 +18,7 @@ import pytest
 
 import kinseek
 from kinseek import InvalidRobot
+from kinseek.robots import mesh_files
 from kinseek.robots.mesh_files import CHECKS, MOST_BODIES
 from kinseek.robots.meshes import mesh_parts
 
@@ -25,6 +26,15 @@ trimesh = pytest.importorskip("trimesh")
 
 MOST = 2**16
 """Bytes of a file in most of these tests, so that what is too much is small."""
+
+
+@pytest.fixture(autouse=True)
+def _small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Limits as those of files of that size would be."""
+    limits = {"LINES": MOST // 16, "CORNERS": MOST // 5, "TAGS": MOST // 64, "SHARED": 2 * MOST}
+    for name, most in limits.items():
+        monkeypatch.setattr(mesh_files, f"MOST_{name}", most)
+
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 DAE = """<?xml version="1.0"?>{doctype}
@@ -53,13 +63,15 @@ def glb(data: bytes, **told: Any) -> bytes:
     return struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks
 
 
-def one_glb(count: int = 3, view: int = 36, repeat: int = 1, nodes: int = 1, **more: Any) -> bytes:
-    primitive = {"attributes": {"POSITION": 0}, **more}
+def one_glb(
+    count: int = 3, view: int = 0, repeat: int = 1, nodes: int = 1, corners: int = 3, **more: Any
+) -> bytes:
+    data = np.resize(np.eye(3, dtype="<f4"), (corners, 3)).tobytes()
     return glb(
-        np.eye(3, dtype="<f4").tobytes(),
-        bufferViews=[{"buffer": 0, "byteLength": view}],
-        accessors=[{"bufferView": 0, "componentType": 5126, "count": count, "type": "VEC3"}],
-        meshes=[{"primitives": [primitive] * repeat}],
+        data,
+        bufferViews=[{"buffer": 0, "byteLength": view or len(data)}],
+        accessors=[{"bufferView": 0, "componentType": 5126, "count": count or corners, "type": "VEC3"}],
+        meshes=[{"primitives": [{"attributes": {"POSITION": 0}, **more}] * repeat}],
         nodes=[{"mesh": 0} for _ in range(nodes)],
         scenes=[{"nodes": [*range(nodes)]}],
     )
@@ -123,6 +135,11 @@ def test_no_kind_that_is_read_is_an_archive() -> None:
 
 BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
     "lines.obj": (lambda: TRIANGLE.encode() + b"f\n" * 8000, "lines"),
+    "polygon.obj": (lambda: TRIANGLE.encode() + b"f" + b" 1" * 2**15, "bytes in a line"),
+    "polygon_in_lines.obj": (
+        lambda: TRIANGLE.encode() + b"f" + (b" 1" * 16 + b"\\\r\n") * 2500,
+        "bytes in a line",
+    ),
     "lines.ply": (
         lambda: b"ply\nformat ascii 1.0\nelement vertex 8000\nproperty float x\nend_header\n" + b"\n" * 8000,
         "lines",
@@ -141,8 +158,10 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
     "accessor.glb": (lambda: one_glb(count=10**9), "bytes in its accessors"),
     "view.glb": (lambda: one_glb(view=10**9), "bytes in its views"),
     "negative.glb": (lambda: one_glb(count=-5), "a count is -5"),
-    "primitives.glb": (lambda: one_glb(repeat=1850), "bytes in its bodies"),
-    "instances.glb": (lambda: one_glb(nodes=2000), "bytes in its bodies"),
+    "primitives.glb": (lambda: one_glb(count=0, corners=300, repeat=60), "bytes in its bodies"),
+    "instances.glb": (lambda: one_glb(count=0, corners=300, nodes=60), "bytes in its bodies"),
+    "corners.glb": (lambda: one_glb(count=0, corners=14100), "corners of triangles"),
+    "strip.glb": (lambda: one_glb(count=0, corners=1500, nodes=3, mode=5), "corners of triangles"),
     "many.glb": (lambda: one_glb(nodes=MOST_BODIES + 1), "nodes, bodies and images"),
     "draco.glb": (lambda: one_glb(extensions={"KHR_draco_mesh_compression": {}}), "Draco"),
     "archive.dae": (archive, "archive"),
@@ -176,13 +195,17 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
 }
 
 
+LONG = ("materials.obj", "solids.stl", "many.glb", "polygon.obj", "polygon_in_lines.obj", "corners.glb")
+"""Those of more bytes."""
+
+
 @pytest.mark.parametrize("name", BOMBS)
 def test_what_would_grow_is_refused(name: str, tmp_path: Path) -> None:
     if name.endswith("dae"):
         pytest.importorskip("collada")
     make, why = BOMBS[name]
     (tmp_path / name).write_bytes(make())
-    most = 2**20 if name in ("materials.obj", "solids.stl", "many.glb") else MOST
+    most = 2**20 if name in LONG else MOST
     with pytest.raises(InvalidRobot, match=why) as caught:
         mesh_parts(tmp_path / name, most)
     assert name in str(caught.value)

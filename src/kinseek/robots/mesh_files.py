@@ -28,6 +28,20 @@ MOST_BODIES = 10_000
 """Bodies of one file: every one costs some kilobytes, however few triangles it has."""
 MOST_PIXELS = 2**26
 """Of all images of one file together."""
+MOST_LINE = 2**16
+"""Bytes of a line of OBJ: a polygon with more corners is none."""
+MOST_JSON = 2**22
+"""Bytes of the description at the beginning of a GLB file."""
+MOST_LINES = 2**22
+"""Lines of OBJ and text PLY, vertices with normals of text STL: one takes as much memory empty as full, up to 400 bytes."""
+MOST_CORNERS = 3 * 2**22
+"""Corners of the triangles of COLLADA and GLB, where each instance counts; larger meshes are read as binary STL or PLY."""
+MOST_TAGS = 2**20
+"""Of COLLADA."""
+MOST_SHARED = 2**27
+"""Bytes of a GLB file that bodies may share, each of which has them for itself in memory."""
+MOST_LINE = 2**16
+"""Bytes of a line of OBJ: a polygon with more corners is none."""
 MOST_JSON = 2**22
 """Bytes of the description at the beginning of a GLB file."""
 LINE, CORNER, ELEMENT = 16, 5, 128
@@ -45,20 +59,22 @@ _COMPONENT = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 """Bytes of one number of a GLB accessor, by its code."""
 _NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 """Numbers in one item of it, by its name."""
+_STRIP = 5
+"""The mode of a GLB body in which every corner but two begins a triangle."""
 _BINARY = 0x004E4942
 """The kind of a GLB chunk with numbers and images."""
 _IMAGES = ("BMP", "GIF", "JPEG", "PNG", "TIFF", "WEBP")
 """Formats of images that are decoded: others call programs, or are no pictures of surfaces."""
 
 
-def require_mesh(path: Path, text: bytes, most: int) -> None:
-    """Refuse a file that is no mesh, or that would unpack to more than `most` bytes.
+def require_mesh(path: Path, text: bytes) -> None:
+    """Refuse a file that is no mesh, or that would unpack to much more than it is.
 
     Raises:
         InvalidRobot: Another ending, or more bodies, lines, corners or bytes than a mesh has.
     """
     try:
-        CHECKS[ending(path)](text, most)
+        CHECKS[ending(path)](text)
     except InvalidRobot as error:
         raise InvalidRobot(f"{str(path)!r}: {error}") from None
     except Exception as error:  # Whatever a broken file makes of the checks.
@@ -86,7 +102,7 @@ class Beside:
     def __init__(self, path: Path, most: int) -> None:
         """Look beside this file, for so many bytes."""
         self.file_name = path.name
-        self._folder, self._most, self._left, self._pixels = path.parent.resolve(), most, most, 0
+        self._folder, self._left, self._pixels = path.parent.resolve(), most, 0
 
     def get(self, name: str) -> bytes:
         """Read one of them.
@@ -100,7 +116,7 @@ class Beside:
         if found is None:
             raise InvalidRobot(f"{name!r} is neither in {str(self._folder)!r} nor in a folder below")
         text = file_bytes(found, self._left)
-        _at_most(_lines(text), self._most // LINE, "lines")
+        _at_most(_lines(text), MOST_LINES, "lines")
         _at_most(text.lower().count(b"newmtl"), MOST_BODIES, "materials")
         self._pixels += _pixels(text)
         _at_most(self._pixels, MOST_PIXELS, "pixels in its images")
@@ -137,31 +153,33 @@ def _at_most(count: int, most: int, noun: str) -> None:
         raise InvalidRobot(f"{count:,} {noun}, expected at most {most:,}: a mesh of an arm is smaller")
 
 
-def _stl(text: bytes, most: int) -> None:
+def _stl(text: bytes) -> None:
     """A binary file is as long as it says, or trimesh takes it for text."""
     if len(text) < 84 or len(text) != 84 + 50 * struct.unpack_from("<I", text, 80)[0]:
         lower = text.lower()
         _at_most(lower.count(b"endsolid"), MOST_BODIES, "solids")
-        _at_most(lower.count(b"vertex") + lower.count(b"normal"), most // LINE, "vertices and normals")
+        _at_most(lower.count(b"vertex") + lower.count(b"normal"), MOST_LINES, "vertices and normals")
 
 
-def _obj(text: bytes, most: int) -> None:
-    _at_most(_lines(text), most // LINE, "lines")
+def _obj(text: bytes) -> None:
+    _at_most(_lines(text), MOST_LINES, "lines")
+    whole = np.frombuffer(text.replace(b"\r\n", b"\n").replace(b"\\\n", b"") + b"\n", dtype=np.uint8)
+    _at_most(int(np.diff(np.flatnonzero(whole == ord("\n")), prepend=-1).max()), MOST_LINE, "bytes in a line")
     _at_most(len(set(re.findall(rb"usemtl[^\n]*", text))), MOST_BODIES, "materials")
 
 
-def _ply(text: bytes, most: int) -> None:
+def _ply(text: bytes) -> None:
     if b"ascii" in text.split(b"\n", 2)[1].lower():
-        _at_most(_lines(text), most // LINE, "lines")
+        _at_most(_lines(text), MOST_LINES, "lines")
     if re.search(rb"^element\s+edge\s", text[: text.find(b"end_header")], re.MULTILINE):
         raise InvalidRobot("it has edges that belong to no triangle; leave them out")
 
 
 def _lines(text: bytes) -> int:
-    return sum(map(text.count, _LINE_ENDS)) + 1
+    return sum(map(text.count, _LINE_ENDS)) - text.count(b"\r\n") + 1
 
 
-def _glb(text: bytes, most: int) -> None:
+def _glb(text: bytes) -> None:
     """Add up what accessors, views, primitives and nodes make of the bytes, each of which may be named many times."""
     size = struct.unpack_from("<I", text, 12)[0]
     _at_most(size, MOST_JSON, "bytes of JSON")
@@ -176,9 +194,9 @@ def _glb(text: bytes, most: int) -> None:
         _count(each["count"]) * _COMPONENT[each["componentType"]] * _NUMBERS[each["type"]]
         for each in accessors
     ]
-    _at_most(sum(bytes_of), most, "bytes in its accessors")
-    _at_most(sum(_count(each["byteLength"]) for each in views), most, "bytes in its views")
-    bodies, weights = [], []
+    _at_most(sum(bytes_of), 2 * len(text), "bytes in its accessors")
+    _at_most(sum(_count(each["byteLength"]) for each in views), 2 * len(text), "bytes in its views")
+    bodies, weights, corners = [], [], []
     for mesh in told.get("meshes", []):
         parts = mesh["primitives"]
         if any("KHR_draco_mesh_compression" in part.get("extensions", {}) for part in parts):
@@ -187,13 +205,21 @@ def _glb(text: bytes, most: int) -> None:
         named += [part["indices"] for part in parts if "indices" in part]
         bodies.append(len(parts))
         weights.append(sum(bytes_of[accessor] for accessor in named))
+        each_of = [
+            (3 if part.get("mode") == _STRIP else 1)
+            * accessors[part.get("indices", part["attributes"].get("POSITION"))]["count"]
+            for part in parts
+        ]
+        corners.append(sum(each_of))
     nodes = told.get("nodes", [])
     _at_most(len(nodes) + sum(bodies) + len(images), MOST_BODIES, "nodes, bodies and images")
     named_as_child = [child for node in nodes for child in node.get("children", [])]
     roots = [root for scene in told.get("scenes", []) for root in scene.get("nodes", [])]
     meshes = [nodes[each]["mesh"] for each in [*named_as_child, *roots] if "mesh" in nodes[each]]
     _at_most(sum(bodies[mesh] for mesh in meshes), MOST_BODIES, "bodies")
-    _at_most(max(sum(weights), sum(weights[mesh] for mesh in meshes)), most, "bytes in its bodies")
+    shared = max(sum(weights), sum(weights[mesh] for mesh in meshes))
+    _at_most(shared, max(2 * len(text), MOST_SHARED), "bytes in its bodies")
+    _at_most(sum(corners[mesh] for mesh in meshes), MOST_CORNERS, "corners of triangles")
     pixels = 0
     for image in images:
         view = views[image["bufferView"]]
@@ -218,12 +244,12 @@ def _count(value: Any) -> int:
     return value
 
 
-def _dae(text: bytes, most: int) -> None:
+def _dae(text: bytes) -> None:
     """Add up what nodes make of geometries, each of which may be instantiated many times, by nodes that are so too."""
     if zipfile.is_zipfile(io.BytesIO(text)):
         raise InvalidRobot("it is an archive; unpack it")
     _require_no_doctype(text)
-    _at_most(text.count(b"<"), 2 * most // ELEMENT, "tags")
+    _at_most(text.count(b"<"), MOST_TAGS, "tags")
     from lxml import etree
 
     parser = etree.XMLParser(remove_comments=True, remove_pis=True, huge_tree=True, no_network=True)
@@ -233,12 +259,12 @@ def _dae(text: bytes, most: int) -> None:
             raise InvalidRobot("the numbers of corners of polygons are no whole numbers")
         if _words(each.text):
             corners = float(np.fromstring(each.text, sep=" ").sum())
-            _at_most(int(min(corners, 2.0**62)), most // CORNER, "corners of polygons")
+            _at_most(int(min(corners, 2.0**62)), MOST_CORNERS, "corners of polygons")
     named = [f"{{*}}{each}" for each in ("node", "geometry", "material", "effect", "image")]
     _at_most(sum(1 for _ in root.iter(*named)), MOST_BODIES, "nodes, geometries, materials and images")
     bodies, corners = _unfolded(root)
     _at_most(bodies, MOST_BODIES, "nodes and bodies")
-    _at_most(corners, most // CORNER, "corners of triangles")
+    _at_most(corners, MOST_CORNERS, "corners of triangles")
 
 
 def _unfolded(root: Any) -> tuple[int, int]:
@@ -312,7 +338,7 @@ def _words(text: str | None) -> int:
     return int((blank[:-1] & ~blank[1:]).sum())
 
 
-CHECKS: Mapping[str, Callable[[bytes, int], None]] = {
+CHECKS: Mapping[str, Callable[[bytes], None]] = {
     "dae": _dae,
     "glb": _glb,
     "obj": _obj,

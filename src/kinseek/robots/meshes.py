@@ -39,7 +39,7 @@ def mesh_parts(path: Path, most: int = MOST_MESH) -> list[Any]:
     logging.getLogger("trimesh").addHandler(_NOWHERE)
     kind = ending(path)
     text = file_bytes(path, most)
-    require_mesh(path, text, most)
+    require_mesh(path, text)
     try:
         scene = trimesh.load_scene(io.BytesIO(text), file_type=kind, resolver=Beside(path, most))
         bodies = scene.dump()
