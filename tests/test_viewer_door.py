@@ -19,6 +19,7 @@ from kinseek.viewer.door import MESSAGES, is_message, refusal
 viser = pytest.importorskip("viser")
 msgspec = pytest.importorskip("msgspec")
 
+import websockets  # noqa: E402, F401
 from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 from websockets.sync.client import ClientConnection, connect  # noqa: E402
 
@@ -188,9 +189,14 @@ def test_another_version_of_viser_is_no_open_door(monkeypatch: pytest.MonkeyPatc
         self._broadcast_buffer = AsyncMessageBuffer(loop, persistent_messages=True)
         ready.release()
 
+    stopped: list[Any] = []
+    assert "websockets" in globals()  # As in viser's module.
     monkeypatch.setattr(viser.infra.WebsockServer, "_background_worker", serves_otherwise)
+    monkeypatch.setattr(viser.ViserServer, "stop", lambda self: stopped.append(self._event_loop))
     with pytest.raises(InvalidUse, match=r"cannot check who connects .* pip install 'viser>="):
         viewer.show(kinseek.load("planar2"), port=0, open_browser=False, block=False)
+    (loop,) = stopped  # It would let everybody in.
+    loop.close()
     monkeypatch.delattr(viser.infra.WebsockServer, "_background_worker")
     with pytest.raises(InvalidUse, match="cannot check who connects"):
         viewer.show(kinseek.load("planar2"), port=0, open_browser=False, block=False)

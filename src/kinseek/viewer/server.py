@@ -69,7 +69,11 @@ class Viewer:
             self._server = Server(
                 host=host, port=wanted, label=f"kinseek: {printable(arm.name)}", verbose=False
             )
-        door.require()
+        try:
+            door.require()
+        except InvalidUse:
+            self._server.stop()
+            raise
         self.port: int = self._server.get_port()
         self.asked_port = port
         self.host = host
