@@ -51,20 +51,40 @@ def finish_first(lock: _Held) -> None:
     Of two such locks that a thread may hold together, the one that it takes first must be given last: forks take them in
     that order.
     """
-    if hasattr(os, "register_at_fork"):
-        os.register_at_fork(before=lock.acquire, after_in_parent=lock.release, after_in_child=lock.release)
+    _waited_for.append(lock)
 
+
+_waited_for: list[_Held] = []
 
 importing = RLock()
 """Held while a function imports a package of others: a child could never import what a lost thread had begun to import."""
+finish_first(importing)
 
 _forks = 0
 """How many forks led to this process."""
 
+_held: list[_Held] = []
+"""What the thread that forks holds meanwhile."""
 
-def _count() -> None:
+
+def _before() -> None:
+    _load()
+    for lock in reversed(_waited_for):
+        lock.acquire()
+        _held.append(lock)
+
+
+def _after() -> None:
+    held = list(_held)
+    _held.clear()  # The next thread that forks begins as soon as the last lock is free.
+    for lock in reversed(held):
+        lock.release()
+
+
+def _after_in_child() -> None:
     global _forks  # noqa: PLW0603  # There is one process.
     _forks += 1
+    _after()
 
 
 _loaded = False
@@ -88,5 +108,4 @@ def _load() -> None:
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(before=_load, after_in_child=_count)
-finish_first(importing)
+    os.register_at_fork(before=_before, after_in_parent=_after, after_in_child=_after_in_child)
