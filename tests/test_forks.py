@@ -247,3 +247,26 @@ def test_locks_stand_in_one_place() -> None:
         "viewer/server.py",
         "viewer/workers.py",
     }
+
+
+@pytest.mark.jit
+@pytest.mark.slow
+def test_a_fork_waits_until_another_thread_has_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("KINSEEK_JIT", "1")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    told = script("""
+from numba.core.compiler_lock import global_compiler_lock
+sys.stderr = open(os.devnull, "w")  # It says that kernels are compiled.
+arm = kinseek.load("planar2")
+q = np.zeros((3, 2))
+thread = threading.Thread(target=lambda: arm.fk(q))
+thread.start()
+while thread.is_alive() and global_compiler_lock._lock.acquire(blocking=False):
+    global_compiler_lock._lock.release()
+    time.sleep(0.001)
+print(ended(child(lambda: arm.jacobian(q), 100)))
+thread.join()
+""")
+    assert told == "0"

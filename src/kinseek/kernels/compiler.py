@@ -24,9 +24,11 @@ from typing import Any, ParamSpec, TypeVar, cast
 import numba
 from llvmlite import ir
 from numba.core import codegen, config, event, sigutils
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.types import unliteral
 from numba.extending import intrinsic
 
+from kinseek.forks import finish_first
 from kinseek.private import private_folder
 from kinseek.undisturbed import undisturbed
 
@@ -119,7 +121,11 @@ class Compiled:
             return address
 
 
-_one_thread = threading.Lock()
+_one_thread = threading.RLock()
+
+# What Numba and LLVM keep is of the whole process: a child could go on with nothing that was being compiled.
+finish_first(global_compiler_lock)
+finish_first(_one_thread)
 
 
 @contextmanager

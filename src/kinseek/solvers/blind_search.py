@@ -30,7 +30,7 @@ from kinseek.kernels.jit import entry, inner
 from kinseek.problem import Problem
 from kinseek.solution import Solution
 
-from .base import Found, watch_each, whole
+from .base import Found, require_whole, watch_each
 from .nodes import require_memory, require_patience
 from .recording import Look, Recorder, bytes_of, require_room
 from .threads import unwatched
@@ -76,7 +76,7 @@ class BlindSearch:
             )
         if not (np.isfinite(self.smallest_step) and self.smallest_step > 0):
             raise InvalidSolver(f"smallest_step must be a finite number > 0, got {self.smallest_step}")
-        whole("most_steps", self.most_steps, 1)
+        require_whole(self, "most_steps", 1)
 
     def solve(self, problem: Problem) -> Solution:
         """Answer by the best configuration on the way from `problem.start`."""

@@ -25,7 +25,7 @@ from kinseek.kernels.jit import entry, inner, kernel
 from kinseek.problem import Problem
 from kinseek.solution import Solution
 
-from .base import Found, watch_each, whole
+from .base import Found, require_whole, watch_each
 from .recording import Recorder, bytes_of, require_room
 from .threads import unwatched
 from .traits import Near, Traits, require
@@ -67,7 +67,7 @@ class CoordinateDescent:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        whole("most_sweeps", self.most_sweeps, 1)
+        require_whole(self, "most_sweeps", 1)
         if not 0 <= self.stall < 1:
             raise InvalidSolver(f"stall must be in [0, 1), got {self.stall}")
 
