@@ -194,6 +194,8 @@ def test_the_viewer_shows_escapes(folder: Path, capsys: pytest.CaptureFixture[st
     assert hidden(words.refused_html(NAME) + words.note_html(NAME)) == set()
     with viewer.show(arm, port=0, open_browser=False, block=False) as shown:
         sent = shown._server._websock_server.get_message_buffer().message_from_id.values()
-        labels = [getattr(each, "label", "") for each in sent if type(each).__name__ == "SetGuiPanelLabelMessage"]
+        labels = [
+            getattr(each, "label", "") for each in sent if type(each).__name__ == "SetGuiPanelLabelMessage"
+        ]
         assert labels == [f"kinseek: r{SHOWN}"]
     assert hidden(capsys.readouterr().out) == set()
