@@ -143,7 +143,8 @@ def test_other_errors_are_left_alone() -> None:
 
 def outcomes(call: Callable[[], Any]) -> list[str]:
     """Make a call again and again, and raise something at its first line, then at its second, and so on: what comes out."""
-    found, moment = [], 0
+    found: list[Any] = []
+    moment = 0
     while True:
         left = moment
 

@@ -6,6 +6,7 @@ import json
 import os
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -461,7 +462,7 @@ def test_xacro_prints_nothing_and_other_threads_print_on(
         '<parent link="a"/><child link="b"/></joint></robot>',
         encoding="utf-8",
     )
-    read_bytes = urdf_xml.file_bytes
+    read_bytes: Callable[..., bytes] = vars(urdf_xml)["file_bytes"]
 
     def file_bytes(file: Path, *most: int) -> bytes:
         if file.name == "part.xacro":  # xacro is at work now.

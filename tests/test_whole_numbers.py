@@ -140,12 +140,14 @@ def test_scenes_take_any_integer_and_nothing_else() -> None:
     q = arm_of("ur5e").sample(3000)
     free = scene.free(q, threads=2)
     assert np.array_equal(scene.free(q, threads=np.int64(2)), free)
+    bad: Any
     for bad in (True, 2.0, 0):
         with pytest.raises(KinseekError, match="threads must be a whole number of at least 1"):
             scene.free(q, threads=bad)
         with pytest.raises(KinseekError, match="samples must be a whole number of at least 1"):
             kinseek.Scene.of(arm_of("ur5e"), capsules=0.02, samples=bad)
-    kinseek.Scene.of(arm_of("ur5e"), capsules=0.02, samples=np.int64(10))
+    ten: Any = np.int64(10)
+    kinseek.Scene.of(arm_of("ur5e"), capsules=0.02, samples=ten)
 
 
 @pytest.mark.parametrize("n", [10**13, np.int64(10**13), 10**40])
@@ -192,7 +194,7 @@ def test_verbs_take_counts_of_numpy() -> None:
     for name in ("ur5e", "panda"):
         arm = arm_of(name)
         poses = asked(arm, seed=1)
-        few = np.argmax(np.arange(3))
+        few: Any = np.argmax(np.arange(3))
         for pose in poses[:2]:
             assert len(arm.branches(pose, count=few)) <= few
         assert arm.ik(poses, threads=few).q.tobytes() == arm.ik(poses, threads=2).q.tobytes()

@@ -53,8 +53,8 @@ def spoilt_questions(asked: Any) -> Iterator[tuple[str, Any]]:
     form, wanted, roll = asked
     for at in ((0, 3), (2, 3), (1, 0)):
         yield f"target {at}", (form, wanted._replace(target=spoilt(wanted.target, at)), roll)
-    for at in ((1, 0, 3), (len(form.fixed) - 1, 2, 3), (1, 0, 0)):
-        yield f"fixed {at}", (form._replace(fixed=spoilt(form.fixed, at)), wanted, roll)
+    for of in ((1, 0, 3), (len(form.fixed) - 1, 2, 3), (1, 0, 0)):
+        yield f"fixed {of}", (form._replace(fixed=spoilt(form.fixed, of)), wanted, roll)
     yield "offset", (form._replace(offset=spoilt(form.offset, (-1,))), wanted, roll)
     if roll.present:
         yield "limit", (form, wanted, roll._replace(upper=np.nan))
@@ -193,7 +193,8 @@ def steps() -> Iterator[str]:
         state, within = np.zeros(1, dtype=np.int64), np.zeros((1, 2))
         room = np.full((1, 2), 1e-3)
         hold = np.zeros((1, 0, 6))
-        prove_steps(arrays, 3, *given, hold, room, np.ones(1, dtype=np.bool_), False, numbers, state, within)
+        prove: Any = prove_steps  # Types of a list taken apart are not known.
+        prove(arrays, 3, *given, hold, room, np.ones(1, dtype=np.bool_), False, numbers, state, within)
         if (state[0] == UNPROVED) != (at >= 0):
             yield f"{what}: {state[0]}"
 

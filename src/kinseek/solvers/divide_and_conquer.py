@@ -428,8 +428,9 @@ def _breadth(name: str, given: Any) -> float:
     Raises:
         InvalidSolver: It is none.
     """
-    if isinstance(given, Real) and not isinstance(given, bool) and 1 <= given <= _MOST_CELLS:
-        number = float(given)
+    number: Any = given if isinstance(given, Real) and not isinstance(given, bool) else math.nan
+    if 1 <= number <= _MOST_CELLS:  # Before it becomes a float: a whole number may be larger than any.
+        number = float(number)
         return int(number) if number.is_integer() else number
     raise InvalidSolver(f"{name} must be a number from 1 to {_MOST_CELLS:,}, got {given!r:.200}")
 
