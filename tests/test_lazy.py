@@ -40,6 +40,7 @@ class Narrow(Thing):
     """Inherits it, and has slots of its own."""
 
     __slots__ = ("more",)
+    more: list[int]
 
 
 def test_threads_that_compute_it_at_the_same_time_get_one_object() -> None:

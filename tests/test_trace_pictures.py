@@ -112,7 +112,10 @@ def test_circles_have_a_spoke_for_each_value() -> None:
         (lambda: plots.tree(planar(divisions=40)), "1,600 leaves"),
         (lambda: plots.circles(planar(), "elbow"), "valid: joint1, joint2"),
         (lambda: plots.circles(planar(), 2), "from 0 to 1"),
-        (lambda: plots.circles(planar(), 1.7), "must be a whole number from 0 to 1, got 1.7"),  # type: ignore[arg-type]
+        (
+            lambda: plots.circles(planar(), 1.7),  # type: ignore[arg-type]
+            "unless it is a name, must be a whole number from 0 to 1, got 1.7",
+        ),
         (lambda: plots.circles(planar(), passes=0), "passes must be a whole number of at least 1, got 0"),
         (lambda: plots.tree(planar(), "pass 1"), "from 1 to 8"),  # type: ignore[arg-type]
         (lambda: plots.tree(planar().trace), "give the solution"),

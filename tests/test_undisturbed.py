@@ -143,8 +143,7 @@ def test_other_errors_are_left_alone() -> None:
 
 def outcomes(call: Callable[[], Any]) -> list[str]:
     """Make a call again and again, and raise something at its first line, then at its second, and so on: what comes out."""
-    found: list[Any] = []
-    moment = 0
+    found, moment = list[str](), 0
     while True:
         left = moment
 

@@ -6,7 +6,6 @@ import json
 import os
 import sys
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -19,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from kinseek.errors import InvalidRobot
 from kinseek.kernels.arm.forward import forward_many
-from kinseek.robots import SerialChain, read, read_urdf, urdf_xml
+from kinseek.robots import SerialChain, files, read, read_urdf, urdf_xml
 from kinseek.robots.chain import Array
 from kinseek.transforms import rotation, transform
 
@@ -110,10 +109,8 @@ def test_follower_whose_leader_is_beside_the_path_is_refused() -> None:
 @NEEDS_SHARED
 def test_several_leaves_are_listed() -> None:
     path = SHARED / "messy" / "urdf_meshes_panda" / "panda.urdf"
-    with pytest.raises(InvalidRobot, match=r"branches.*panda_leftfinger, panda_rightfinger") as caught:
+    with pytest.raises(InvalidRobot, match=r"branches.*panda_leftfinger, panda_rightfinger"):
         read_urdf(path)
-    # Where it branches is a tip too, so a number of ends would not be the number of links in the list.
-    assert "below base 'panda_link0'. Choose tip= from: panda_hand, panda_leftfinger" in str(caught.value)
 
 
 # Random chains
@@ -249,40 +246,6 @@ def test_a_followers_limits_narrow_its_leader(
     assert chain.kinds == ("revolute",)
 
 
-SAFE = '<safety_controller k_position="100" k_velocity="40" {}/>'
-
-
-@pytest.mark.parametrize(
-    ("soft", "expected"),
-    [
-        ('soft_lower_limit="-0.5" soft_upper_limit="1.5"', (-0.5, 1.5)),
-        ('soft_lower_limit="-9" soft_upper_limit="1.5"', (-1.0, 1.5)),
-        ('soft_lower_limit="-0.5"', (-0.5, 2.0)),
-        ('soft_upper_limit="0"', (-1.0, 0.0)),
-        ('soft_lower_limit="0" soft_upper_limit="1"', (0.0, 1.0)),
-        ("", (-1.0, 2.0)),  # Missing is no limit, though URDF takes 0 there: the joint could not move.
-        ('soft_lower_limit="0.0" soft_upper_limit="0"', (-1.0, 2.0)),  # What tools write for missing ones.
-        ('soft_lower_limit="1" soft_upper_limit="1"', (1.0, 1.0)),
-    ],
-)
-def test_soft_limits_narrow_the_limits(tmp_path: Path, soft: str, expected: tuple[float, float]) -> None:
-    for kind in ("revolute", "prismatic"):
-        text = robot(joint(kind=kind, inside=SAFE.format(soft) + LIMIT), SECOND)
-        chain = read_urdf(write(tmp_path, text))
-        assert (chain.lower[0], chain.upper[0]) == expected
-
-
-def test_soft_limits_of_a_follower_narrow_its_leader_and_those_of_a_continuous_joint_do_nothing(
-    tmp_path: Path,
-) -> None:
-    soft = SAFE.format('soft_lower_limit="-1" soft_upper_limit="0.5"')
-    follower = joint("k", "b c", inside=f'<mimic joint="j" multiplier="-2"/>{soft}')
-    chain = read_urdf(write(tmp_path, robot(joint(inside='<limit lower="-9" upper="9"/>'), follower)))
-    assert (chain.lower[0], chain.upper[0]) == (-0.25, 0.5)
-    chain = read_urdf(write(tmp_path, robot(joint(kind="continuous", inside=soft), SECOND)))
-    assert (chain.kinds, chain.lower[0], chain.upper[0]) == (("continuous",), -np.pi, np.pi)
-
-
 def test_joints_beside_the_path_may_be_anything(tmp_path: Path) -> None:
     text = robot(
         joint("float", "w a", "floating", ""),
@@ -357,22 +320,6 @@ BAD_FILES = {
     "all fixed": (
         robot(joint(kind="fixed", inside=""), SECOND),
         "no movable joint between base 'a' and tip 'c'",
-    ),
-    "soft limits apart": (
-        robot(joint(inside=LIMIT + SAFE.format('soft_lower_limit="3" soft_upper_limit="4"')), SECOND),
-        r"'j': soft limits \[3, 4\] of its <safety_controller> leave no value within the limits \[-1, 2\]",
-    ),
-    "soft limits inverted": (
-        robot(joint(inside=LIMIT + SAFE.format('soft_lower_limit="1" soft_upper_limit="0"')), SECOND),
-        r"'j': soft limits \[1, 0\]",
-    ),
-    "no soft number": (
-        robot(joint(inside=LIMIT + SAFE.format('soft_lower_limit="low"')), SECOND),
-        "'j': <safety_controller> soft_lower_limit='low': 'low' is not a number",
-    ),
-    "two controllers": (
-        robot(joint(inside=LIMIT + SAFE.format("") * 2), SECOND),
-        "'j': 2 <safety_controller> elements, expected one",
     ),
     "mimic of nothing": (robot(joint(inside=LIMIT + "<mimic/>"), SECOND), "<mimic> has no joint"),
     "mimic unknown": (
@@ -462,7 +409,7 @@ def test_xacro_prints_nothing_and_other_threads_print_on(
         '<parent link="a"/><child link="b"/></joint></robot>',
         encoding="utf-8",
     )
-    read_bytes: Callable[..., bytes] = vars(urdf_xml)["file_bytes"]
+    read_bytes = files.file_bytes
 
     def file_bytes(file: Path, *most: int) -> bytes:
         if file.name == "part.xacro":  # xacro is at work now.

@@ -140,13 +140,13 @@ def test_scenes_take_any_integer_and_nothing_else() -> None:
     q = arm_of("ur5e").sample(3000)
     free = scene.free(q, threads=2)
     assert np.array_equal(scene.free(q, threads=np.int64(2)), free)
-    bad: Any
-    for bad in (True, 2.0, 0):
+    wrong: list[Any] = [True, 2.0, 0]
+    ten: Any = np.int64(10)
+    for bad in wrong:
         with pytest.raises(KinseekError, match="threads must be a whole number of at least 1"):
             scene.free(q, threads=bad)
         with pytest.raises(KinseekError, match="samples must be a whole number of at least 1"):
             kinseek.Scene.of(arm_of("ur5e"), capsules=0.02, samples=bad)
-    ten: Any = np.int64(10)
     kinseek.Scene.of(arm_of("ur5e"), capsules=0.02, samples=ten)
 
 
