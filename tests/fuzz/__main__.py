@@ -1,4 +1,4 @@
-"""All fuzzing, one target after the other, for a night: files, calls, motions, proofs, interrupts, processes.
+"""All fuzzing, one target after the other, for a night: files, calls, motions, proofs, processes, interrupts.
 
     python -m tests.fuzz                        # 100,000 cases, others every day
     python -m tests.fuzz --count 2000 --seed 7
