@@ -92,7 +92,8 @@ def prove(
                 "all boxes are excluded, and the pose of q meets both tolerances", certificate
             )
         return replace(certificate, verdict=Verdict.REACHABLE, lower_bound=0.0, out_of_time=False)
-    if lower > most_inside(goal) + slack_of_error(problem):
+    most = most_inside(goal)
+    if lower > most and lower > most + slack_of_error(problem):
         return replace(certificate, verdict=Verdict.UNREACHABLE)
     return certificate
 

@@ -84,7 +84,7 @@ class Isolation:
         known = "complete" if self.complete else f"not proved complete, {self.undecided} boxes left"
         found = int((self.given < 0).sum())
         if self.solutions is not None:
-            known = f"exactly {self.solutions} solutions"
+            known = f"complete, exactly {self.solutions} solutions"
         return f"Isolation({len(self.q)} answers, {found} of them not given; {known}; {self.boxes} boxes)"
 
 

@@ -16,6 +16,7 @@ from kinseek.kernels.proof.last_joint import Roll
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length, divide
+from kinseek.shelf import Shelf
 from kinseek.transforms import inverse, square
 
 from . import rounding
@@ -282,25 +283,34 @@ def sizes_of(problem: Problem, target: Array | None = None, foot: float = 0.0, a
         InvalidProblem: The lengths leave nothing to be proved.
     """
     chain, goal = problem.chain, problem.goal
-    asked = goal.targets[0]
-    values = np.maximum(np.abs(chain.lower), np.abs(chain.upper))[chain.leader] * np.abs(chain.multiplier)
-    values += np.abs(chain.offset)
-    slides = float(values[chain.prismatic].sum())
-    reach = float(np.linalg.norm(problem.arrays.fixed[:, :, 3], axis=1).sum()) + slides + abs(foot)
-    reach += float(np.linalg.norm((asked if target is None else target)[:, 3])) + float(
-        np.linalg.norm(asked[:, 3])
-    )
-    reach += goal.position_tolerance
+    arm: Sizes = _arms.of(chain).get(None, lambda: _sizes_of_arm(chain))
+    asked, tip = goal.targets[0], goal.tip
+    reach = arm.reach + abs(foot) + goal.position_tolerance
+    defect = arm.defect + defect_of(asked[:, :3])
+    for pose in (asked, asked if target is None else target):
+        reach += math.hypot(*pose[:, 3])
+    if tip is not None:
+        reach, defect = reach + math.hypot(*tip[:3, 3]), defect + defect_of(tip[:3, :3])
     if not reach <= LARGEST:
         raise InvalidProblem(
             f"the lengths of the arm and the goal add up to {reach:.3g} m: beyond {LARGEST:g} m numbers round by so much "
             f"that nothing can be proved; expected metres"
         )
+    return arm._replace(angles=max(arm.angles, angles), reach=reach, defect=defect)
+
+
+def _sizes_of_arm(chain: SerialChain) -> Sizes:
+    """What rounding depends on of an arm alone."""
+    values = np.maximum(np.abs(chain.lower), np.abs(chain.upper))[chain.leader] * np.abs(chain.multiplier)
+    values += np.abs(chain.offset)
     turning = ~chain.prismatic
     return Sizes(
         joints=len(chain.leader),
-        angles=max(float(values[turning].sum()), angles),
+        angles=float(values[turning].sum()),
         rate=float(np.abs(chain.multiplier[turning]).sum()),
-        reach=reach,
-        defect=defect_of(problem.arrays.fixed[:, :, :3]) + defect_of(asked[:, :3]),
+        reach=float(np.linalg.norm(chain.fixed[:, :, 3], axis=1).sum() + values[chain.prismatic].sum()),
+        defect=float(sum(defect_of(A[:, :3]) for A in chain.fixed)),
     )
+
+
+_arms: Shelf[SerialChain, None, Sizes] = Shelf()

@@ -156,7 +156,7 @@ def shoulder_of(
         margin=wanted.margin + wanted.margin_a * size + 2.0 * apart * meet,
         margin_a=wanted.margin_a,
         trust=wanted.trust,
-        rounding=_of_products(joints - first, defect_of(form.fixed[first:, :, :3])),
+        rounding=_of_products(joints - first, sum(defect_of(A[:, :3]) for A in form.fixed[first:])),
     )
     return shoulder, first
 

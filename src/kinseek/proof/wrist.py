@@ -49,13 +49,13 @@ def without_wrist(problem: Problem) -> Problem | None:
     centre, off = _centre(fixed[kept:])
     if off > ASTRAY * arm_length(chain):
         return None
-    leans, side = _lean(problem, kept)
     angle = min(goal.orientation_tolerance, math.pi)
     last = inverse(fixed[-1])  # The frame of the last joint, in the hand.
     at = last[:, :3] @ centre[2] + last[:, 3]
     target = goal.targets[0]
     turned = 2.0 * math.sin(angle / 2) * float(np.linalg.norm(at))
-    margin, _ = margins(problem, foot=float(np.linalg.norm(at)))
+    margin, margin_a = margins(problem, foot=float(np.linalg.norm(at)))
+    leans, side = _lean(problem, kept, margin_a)
     tip = square(fixed[kept]).copy()
     tip[:3, 3] += tip[:3, :3] @ centre[0]
     rest = replace(
@@ -101,7 +101,7 @@ def _centre(fixed: Array) -> tuple[Array, float]:
     return along[:, None] * [0.0, 0.0, 1.0], off
 
 
-def _lean(problem: Problem, kept: int) -> tuple[float, float]:
+def _lean(problem: Problem, kept: int, margin: float) -> tuple[float, float]:
     """How far the first axis of a wrist leans from the last at most [rad], and from which end of it, 1 or -1.
 
     The cosine of the angle between them is ``a cos v + b sin v + c``, v the middle joint's angle.
@@ -111,7 +111,6 @@ def _lean(problem: Problem, kept: int) -> tuple[float, float]:
     ends = chain.multiplier[-2] * np.array([chain.lower[-2], chain.upper[-2]]) + chain.offset[-2]
     low, high = float(ends.min()), float(ends.max())
     turn, top = 2.0 * math.pi, math.atan2(b, a)
-    _, margin = margins(problem)
     values = [a * math.cos(v) + b * math.sin(v) + c for v in (low, high)]
     for extreme, value in ((top, c + math.hypot(a, b)), (top + math.pi, c - math.hypot(a, b))):
         if extreme + turn * math.ceil((low - extreme) / turn) <= high:
