@@ -53,8 +53,8 @@ def spoilt_questions(asked: Any) -> Iterator[tuple[str, Any]]:
     form, wanted, roll = asked
     for at in ((0, 3), (2, 3), (1, 0)):
         yield f"target {at}", (form, wanted._replace(target=spoilt(wanted.target, at)), roll)
-    for of in ((1, 0, 3), (len(form.fixed) - 1, 2, 3), (1, 0, 0)):
-        yield f"fixed {of}", (form._replace(fixed=spoilt(form.fixed, of)), wanted, roll)
+    for place in ((1, 0, 3), (len(form.fixed) - 1, 2, 3), (1, 0, 0)):
+        yield f"fixed {place}", (form._replace(fixed=spoilt(form.fixed, place)), wanted, roll)
     yield "offset", (form._replace(offset=spoilt(form.offset, (-1,))), wanted, roll)
     if roll.present:
         yield "limit", (form, wanted, roll._replace(upper=np.nan))
@@ -176,25 +176,24 @@ def steps() -> Iterator[str]:
     numbers = np.array([1.0, 1e-12, 1e-12])[:NUMBERS]
     arrays = Problem(arm.chain, Goal.pose(arm.fk(q[0]))).arrays
     for what, at in (("target", 0), ("slide", 1), ("turn", 2), ("begin", 3), ("end", 4), ("nothing", -1)):
-        given = [
+        given: list[Any] = [
             T[:1].copy(),
             (T[1:] - T[:1])[:, :, 3].copy(),
             np.zeros((1, 3)),
             q[:1].copy(),
             q[1:].copy(),
         ]
-        if at == 2 or at == -1:
-            turn = T[1, :, :3] @ T[0, :, :3].T
-            given[2][0] = 0.5 * np.array(
-                [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
-            )
+        turn = T[1, :, :3] @ T[0, :, :3].T
+        given[2][0] = 0.5 * np.array(
+            [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
+        )
         if at >= 0:
             given[at].reshape(-1)[-1] = np.nan
         state, within = np.zeros(1, dtype=np.int64), np.zeros((1, 2))
         room = np.full((1, 2), 1e-3)
         hold = np.zeros((1, 0, 6))
-        prove: Any = prove_steps  # Types of a list taken apart are not known.
-        prove(arrays, 3, *given, hold, room, np.ones(1, dtype=np.bool_), False, numbers, state, within)
+        told: list[Any] = [hold, room, np.ones(1, dtype=np.bool_), False, numbers, state, within]
+        prove_steps(*[arrays, 3, *given, *told])
         if (state[0] == UNPROVED) != (at >= 0):
             yield f"{what}: {state[0]}"
 
