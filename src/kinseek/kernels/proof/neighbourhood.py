@@ -41,9 +41,10 @@ ASKEW, TURNED = 0.1, 1.4
 """An answer may miss the goal's columns by so much at the centre, together, and the joints may turn hand and goal by so much
 [rad] from there on: that leaves less than 90°, see `kernels.paths.tube`."""
 
-REGULARLY = 1e8
-"""The inverse of the normal matrix may be so many times as large as one over the trace, times how much wider one joint of
-the neighbourhood is than another: then rounding of M moves MJ by less than a thousandth, which `HOLDS` leaves."""
+REGULARLY, OFF = 1e-5, 1e-12
+"""M is made of the Jacobian as seen from halfway, which is off the hand's own by what the centre misses, and by rounding,
+OFF at most. That, times the inverse of the normal matrix and its trace, times how much wider one joint of the neighbourhood
+is than another, may be so much: then MJ is off by less than a thousandth, which `HOLDS` leaves."""
 
 
 class Expansion(NamedTuple):
@@ -66,7 +67,7 @@ class Expansion(NamedTuple):
     rows: Array
     """M of the columns and of the point, as in a pose, (n, 3, 4)."""
     gain: Array
-    """Largest entry of the inverse of the normal matrix, times its trace; how far the columns miss the goal's, (2,)."""
+    """Largest entry of the inverse of the normal matrix, times its trace; how far the centre misses the goal, (2,)."""
 
 
 @view
@@ -93,9 +94,9 @@ def expand(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
     turn_goal(form, wanted, desk)
     scale = 1.0 / (wanted.length * wanted.length + LEAST)
     weight = 1.0 if columns > 0 else 0.0
-    # M is made of the hand's own Jacobian, so that M f = 0 says that no force and no torque are left, see `paths.tube`.
-    differentiate(form, desk, 0, columns)
-    around.gain[0] = askew = 0.0
+    middle = m // 2
+    differentiate(form, desk, middle, columns)
+    around.gain[0] = askew = far = 0.0
     for row in range(dof):
         normal_matrix(form, desk, scale, weight, columns)
         trace = 0.0
@@ -116,12 +117,11 @@ def expand(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
                         part += form.multiplier[k] * desk.delta[form.leader[k]] * slope
                     part *= scale if i == 3 else weight
                 around.rows[row, r, i] = part
-    for i in range(columns):
-        for r in range(3):
+    for r in range(3):
+        far += (T[r, 3] - goal[r, 3]) * (T[r, 3] - goal[r, 3])
+        for i in range(columns):
             askew += (T[r, i] - goal[r, i]) * (T[r, i] - goal[r, i])
-    around.gain[1] = math.sqrt(askew)
-    middle = m // 2
-    differentiate(form, desk, middle, columns)
+    around.gain[1] = math.sqrt(askew + far * scale)
     for row in range(dof):
         value = size = length = 0.0
         for i in range(4):
@@ -190,8 +190,9 @@ def contractions(form: Form, wanted: Wanted, boxes: Array) -> Array:
 def has_solution(form: Form, desk: Desk, around: Expansion, radius: Array, distance: Array) -> bool:
     """Has a neighbourhood, beside a fixed point of N, a solution there? With as many joints as the goal has constraints.
 
-    M f = 0 there. M is the inverse of a regular matrix times the hand's Jacobian, turned over: so no force is left, nor a
-    torque; and hand and goal, turned by less than 90° from the hand at the centre, are the same. See `kernels.paths.tube`.
+    M f = 0 there. M is all but the inverse of a regular matrix times the hand's Jacobian, turned over. With the very product
+    the inequality holds as well, see `REGULARLY`, and a fixed point of that has M f = 0. So no force is left, nor a torque;
+    and hand and goal, turned by less than 90° from the hand at the centre, are the same. See `kernels.paths.tube`.
     """
     dof, columns = len(desk.c), form.columns
     turned = 0.0
@@ -202,7 +203,7 @@ def has_solution(form: Form, desk: Desk, around: Expansion, radius: Array, dista
     for i in range(dof):
         least, most = min(least, radius[i]), max(most, radius[i])
     square = dof == 3 if columns == 0 else dof == 5 if columns == 1 else dof == 6 and columns == 3
-    regular = around.gain[0] * most <= REGULARLY * least
+    regular = around.gain[0] * (around.gain[1] + OFF) * most <= REGULARLY * least
     result: bool = square and regular and around.gain[1] <= ASKEW and turned <= TURNED
     return result
 
