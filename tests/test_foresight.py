@@ -160,7 +160,7 @@ def test_misuse_is_refused() -> None:
     tracker.step(T)
     tracker.step(T)
     for numbers in ({"seconds": 0.0}, {"seconds": np.inf}, {"looks": 0}):
-        with pytest.raises(InvalidProblem, match="seconds must be above 0"):
+        with pytest.raises(InvalidProblem, match="seconds must be a finite number above 0"):
             tracker.foresee(**numbers)
     with pytest.raises(InvalidProblem, match="must reach the last pose"):
         tracker.switch(np.zeros(6))

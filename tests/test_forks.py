@@ -241,6 +241,7 @@ def test_locks_stand_in_one_place() -> None:
     }
     assert found == {
         "kernels/compiler.py",
+        "maps/processes.py",
         "robots/urdf_xml.py",
         "solvers/threads.py",
         "viewer/page.py",

@@ -21,6 +21,7 @@ from xml.parsers import expat
 import numpy as np
 
 from kinseek.errors import InvalidRobot
+from kinseek.forks import importing
 
 from .files import file_bytes
 
@@ -133,7 +134,8 @@ def _pixels(text: bytes) -> int:
         InvalidRobot: An image that cannot be read, or of a format whose reader does more than decode.
     """
     try:
-        from PIL import Image, UnidentifiedImageError
+        with importing:
+            from PIL import Image, UnidentifiedImageError
     except ImportError:  # Then trimesh reads no images.
         return 0
     try:

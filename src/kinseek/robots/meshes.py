@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import logging
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +22,6 @@ Array = NDArray[np.float64]
 MOST_MESH = 64 * 2**20
 """Bytes of one mesh's file."""
 
-_NOWHERE = logging.NullHandler()
-"""Without any handler Python would print what trimesh logs of a material that is missing, with a traceback."""
-
 
 def mesh_parts(path: Path, most: int = MOST_MESH) -> list[Any]:
     """The triangles of a mesh's file, a body each, in metres; of at most so many bytes.
@@ -34,9 +30,14 @@ def mesh_parts(path: Path, most: int = MOST_MESH) -> list[Any]:
         InvalidRobot: The file cannot be read, is of a kind that is not read, or would unpack to more than a mesh has.
     """
     with importing:
+        import logging
+
         import trimesh
 
-    logging.getLogger("trimesh").addHandler(_NOWHERE)
+    # Without any handler Python would print what trimesh logs of a material that is missing, with a traceback.
+    log = logging.getLogger("trimesh")
+    if not log.handlers:
+        log.addHandler(logging.NullHandler())
     kind = ending(path)
     text = file_bytes(path, most)
     require_mesh(path, text)
