@@ -319,3 +319,11 @@ def test_breadth_of_the_wrong_length_names_the_joints() -> None:
     arm = kinseek.load("planar2")
     with pytest.raises(InvalidSolver, match=r"one number or 2, one a joint \(joint1, joint2\); got 3"):
         arm.ik(np.eye(4), solver=DivideAndConquer(breadth=(1, 2, 3)))
+
+
+def test_a_breadth_is_any_kind_of_number() -> None:
+    breadth: Any
+    for breadth, kept in ((np.int64(2), 2), (np.float32(2.5), 2.5), (2.0, 2), ([np.int32(2), 3.0], (2, 3))):
+        read = DivideAndConquer(breadth=breadth).breadth
+        assert read == kept
+        assert type(read) is type(kept)

@@ -159,9 +159,11 @@ def test_misuse_is_refused() -> None:
             ask()
     tracker.step(T)
     tracker.step(T)
-    for numbers in ({"seconds": 0.0}, {"seconds": np.inf}, {"looks": 0}):
+    for seconds in (0.0, np.inf):
         with pytest.raises(InvalidProblem, match="seconds must be a finite number above 0"):
-            tracker.foresee(**numbers)
+            tracker.foresee(seconds)
+    with pytest.raises(InvalidProblem, match="looks must be a whole number of at least 1, got 0"):
+        tracker.foresee(looks=0)
     with pytest.raises(InvalidProblem, match="must reach the last pose"):
         tracker.switch(np.zeros(6))
     with pytest.raises(InvalidProblem, match="to must have shape"):

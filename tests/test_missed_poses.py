@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal, PathStatus
+from kinseek.paths.runs import SHARE
 from kinseek.robots.chain import Joint, serial_chain
 from kinseek.transforms import transform
 
@@ -95,11 +96,12 @@ def test_no_joint_winds_up_over_missed_poses(name: str) -> None:
     steps = np.abs(np.diff(path.q, axis=0))
     assert steps.max() < 0.4
     assert np.ptp(path.q, axis=0).max() < np.pi
-    # With the hand as near as that of the nearest pose by itself, or nearly.
+    # With the hand at the nearest pose by itself, up to a part of what that misses, a radian counting as a metre.
     nearest = arm.ik(goal)
     far = ~path.reached
     weighted = path.problem.goal.measure(path.problem.arrays, path.q)[:, 2]
-    assert (weighted[far] <= 1.05 * np.asarray(nearest.weighted_error)[far] + 1e-6).all()
+    missed = np.asarray(nearest.position_error) + np.asarray(nearest.orientation_error)
+    assert (weighted <= 1.05 * np.asarray(nearest.weighted_error) + SHARE * missed + 1e-6)[far].all()
 
 
 def test_breaks_stand_between_reached_poses_alone() -> None:

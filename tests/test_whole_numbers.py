@@ -73,13 +73,8 @@ CALLS: dict[str, tuple[Callable[[Any], Any], int]] = {
             "children": 3,
             "node_budget": 2000,
             "most_nodes": 10**6,
-            "breadth": 2,
         }.items()
     },
-    "DivideAndConquer, each breadth": (
-        lambda value: ARM.ik(T, solver=kinseek.DivideAndConquer(breadth=(2, value))),
-        2,
-    ),
     "orientations, count": (orientations, 12),
     "map, depth": (lambda value: a_map(depth=value), 3),
     "map, budget": (lambda value: a_map(budget=value), 100),
@@ -185,7 +180,7 @@ def test_there_is_one_reader() -> None:
             kinds = ast.unparse(node.args[1])
             if kinds in ("int", "int | np.integer", "Integral", "np.integer"):
                 found.add((path.relative_to(package).as_posix(), ast.unparse(node.args[0])))
-    assert found == {("solvers/divide_and_conquer.py", "self.breadth")}  # Which was read by then.
+    assert found == {("viewer/door.py", "value")}  # A message of a page, which is no call.
 
 
 @pytest.mark.slow
