@@ -186,6 +186,54 @@ def test_another_branch_is_taken_only_after_the_pose_was_out_of_reach_of_all() -
     assert stuck > 3
 
 
+def recovering() -> tuple[Any, Array]:
+    """A tracker that is on its way back to a pose after a time out of reach, and that pose."""
+    arm, rng = kinseek.load("ur5e"), np.random.default_rng(13)
+    q = rng.uniform(arm.lower, arm.upper)
+    home, away = arm.fk(q), arm.fk(q)
+    away[:3, 3] = rng.normal(size=3) * 5
+    tracker = arm.track(q, period=0.01, velocity=1.5)
+    for pose in [away] * 250 + [home] * 1000:
+        if tracker.step(pose).status is TrackStatus.RECOVERING:
+            return tracker, home
+    raise AssertionError("this tracker does not recover")
+
+
+def test_an_arm_that_recovers_can_be_stopped() -> None:
+    """The pose of the hand as it is ends the way back."""
+    tracker, home = recovering()
+    for _ in range(20):
+        tracker.step(home)
+    here = tracker.q
+    hold = kinseek.load("ur5e").fk(here)
+    for _ in range(50):
+        answer = tracker.step(hold)
+        assert answer.status is TrackStatus.TRACKING
+        assert np.abs(answer.q - here).max() < 1e-6
+
+
+def test_a_switch_ends_the_recovery() -> None:
+    tracker, home = recovering()
+    way = tracker.switch()
+    for _ in way:
+        assert tracker.step(home).status is TrackStatus.SWITCHED
+    for _ in range(50):
+        assert tracker.step(home).status is TrackStatus.TRACKING
+    assert np.abs(tracker.q - way[-1]).max() < 1e-3
+
+
+def test_what_was_lost_is_not_left_a_little_off() -> None:
+    """The nearest pose of this branch is 0.6 mm off, and the pose can be reached."""
+    arm, rng = kinseek.load("scara4"), np.random.default_rng(60)
+    q = rng.uniform(np.maximum(arm.lower, -3.2), np.minimum(arm.upper, 3.2))
+    home, away = arm.fk(q), arm.fk(q)
+    away[:3, 3] = rng.normal(size=3) * 20
+    tracker = arm.track(q, period=0.02, velocity=2.0)
+    for pose in [away] * 150 + [home] * 1000:
+        answer = tracker.step(pose)
+    assert answer.status is TrackStatus.TRACKING
+
+
 @pytest.mark.parametrize("name", ["ur5e", "panda", "irb120"])
 def test_from_outside_the_limits_every_joint_comes_back_at_its_speed(name: str) -> None:
     arm, rng = kinseek.load(name), np.random.default_rng(0)
@@ -277,6 +325,21 @@ def test_a_switch_is_made_only_when_asked_for() -> None:
         free.switch()
 
 
+def test_a_switch_that_takes_too_many_periods_is_refused() -> None:
+    arm, T = kinseek.load("ur5e"), circle(1)[0]
+    for velocity in (1e-7, 1e-300):
+        tracker = arm.track(arm.ik(T).q, velocity=velocity)
+        tracker.step(T)
+        with pytest.raises(InvalidProblem, match="a higher velocity= or a longer period="):
+            tracker.switch()
+
+
+def test_any_kind_of_number_is_a_period() -> None:
+    arm = kinseek.load("ur5e")
+    periods: list[Any] = [np.float32(0.5), np.int64(1), 1, np.float64(0.25)]
+    assert [arm.track(np.zeros(6), period=period).period for period in periods] == [0.5, 1.0, 1.0, 0.25]
+
+
 def test_what_comes_is_foreseen() -> None:
     arm = kinseek.Arm.from_dh([(0.3, 0, 0, 0), (0.2, 0, 0, 0)], [-1, -3], [1, 3], name="two links")
     tracker = arm.track([0.5, 0.5], period=0.01, velocity=1.0)
@@ -294,7 +357,11 @@ def test_what_comes_is_foreseen() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"period": 0.0}, "period must be"),
+        ({"period": 0.0}, "period, in seconds, must be"),
+        ({"period": 1e-320}, "period, in seconds, must be"),
+        ({"period": True}, "period, in seconds, must be"),
+        ({"period": "1"}, "period, in seconds, must be"),
+        ({"recover": np.ones(2)}, "recover must be True or False"),
         ({"velocity": 0.0}, "velocity must be above 0"),
         ({"velocity": [1, 2]}, "velocity must be a number or 6"),
         ({"q0": np.zeros(5)}, "q0 must have shape"),

@@ -37,11 +37,12 @@ def read_ranges(
     Raises:
         InvalidGoal: Unknown axes, one that is both free and boxed, a range that is none, nothing left to reach.
     """
-    if not isinstance(free, Iterable):
-        raise InvalidGoal(f"free must be the name of an axis or several of them, got {free!r}")
+    try:
+        names = [free] if isinstance(free, str) else list(free)
+    except TypeError:
+        raise InvalidGoal(f"free must be the name of an axis or several of them, got {free!r}") from None
     if box is not None and not isinstance(box, Mapping):
         raise InvalidGoal(f"box must map axes to ranges, such as {{'x': (-0.01, 0.01)}}, got {box!r}")
-    names = [free] if isinstance(free, str) else list(free)
     given = dict(box or {})
     if not names and not given:
         return None

@@ -1,7 +1,8 @@
-"""Arrays of real numbers, and whole numbers, read strictly: NumPy drops an imaginary part and a mask without a word."""
+"""Arrays of real numbers, single numbers and whole ones, read strictly: NumPy drops imaginary parts and masks silently."""
 
 from __future__ import annotations
 
+from numbers import Real
 from operator import index
 from typing import Any
 
@@ -42,6 +43,25 @@ def equal(one: Any, other: Any) -> bool:
     """
     a, b = np.asarray(one), np.asarray(other)
     return a.shape == b.shape and bool(np.all(a == b))
+
+
+def number(name: str, value: Any, least: float, most: float, error: type[KinseekError]) -> float:
+    """Read a real number in a range: of Python, NumPy or another library, but no bool and no text.
+
+    Args:
+        name: What it is, for the message.
+        value: What was given.
+        least: The smallest that is allowed.
+        most: The largest that is allowed.
+        error: What to raise.
+
+    Raises:
+        KinseekError: Not a number, or out of its range; of the type `error`.
+    """
+    given: Any = value if isinstance(value, Real) and not isinstance(value, bool) else None
+    if given is not None and least <= given <= most:
+        return float(given)
+    raise error(f"{name} must be a number from {least:g} to {most:g}, got {value!r:.200}")
 
 
 def whole(

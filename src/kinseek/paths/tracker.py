@@ -32,7 +32,7 @@ from kinseek.kernels.paths.servo import (
 from kinseek.kernels.paths.servo import TRACKING as TRACKED
 from kinseek.poses import as_pose, one_pose, plain_array
 from kinseek.problem import Problem, as_joints
-from kinseek.reals import whole
+from kinseek.reals import number, whole
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.atlas.index import PLAIN, atlas_of
 
@@ -56,6 +56,9 @@ AWAY = (1e-3, 1e-2)
 
 FASTER, AFTER = 10.0, 0.5
 """If joints so many times as fast keep up for so long after [s], the hand is only too fast, and its branch does not end."""
+
+PERIODS, SECONDS, MOST_PERIODS = (1e-9, 1e9), (1e-9, 1e9), 1_000_000
+"""Periods and times to look ahead that are allowed, from and to [s]; how many periods a way to another branch may take."""
 
 RETRY = 0.05
 """While the pose is lost, it is looked for again after so much time [s]."""
@@ -121,12 +124,13 @@ class Tracker:
         """Stand at joint values; see `Arm.track`."""
         if arm.axes is None:
             raise InvalidProblem(f"{arm.name!r} is a function: a tracker works along axes, and it has none")
-        if isinstance(period, bool) or not isinstance(period, int | float) or not 0 < period < 1e300:
-            raise InvalidProblem(f"period must be a number of seconds above 0, got {period!r}")
+        period = number("period, in seconds,", period, *PERIODS, InvalidProblem)
+        if not isinstance(recover, bool):
+            raise InvalidProblem(f"recover must be True or False, got {recover!r:.200}")
         start = as_joints(arm, q0, "q0")
         if start.shape != (arm.dof,):
             raise InvalidProblem(f"q0 must have shape ({arm.dof},), got {start.shape}")
-        self.period = float(period)
+        self.period = period
         """[s]"""
         self.velocity = (
             np.where(np.isnan(arm.velocity), np.inf, arm.velocity)
@@ -178,13 +182,17 @@ class Tracker:
             position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, state)
         self._keep(T)
         if ended == TRACKED:
-            self._lost_for, self._was_unreachable = 0, False
-        elif self._recover and (position > AWAY[0] or orientation > AWAY[1]):
-            self._lost_for += 1
+            self._forget_loss()
+        elif self._recover and (self._lost_for or position > AWAY[0] or orientation > AWAY[1]):
+            self._lost_for += 1  # Once lost, a pose is lost until one is reached.
             if self._lost_for % self._retry == 0:
                 found = self._found_again(T)
                 self._there = None if ended == LAGGING else found
         return Step(state[NOW].copy(), _ENDED[ended], position, orientation)
+
+    def _forget_loss(self) -> None:
+        """Nothing is lost, and nothing has to be recovered."""
+        self._there, self._lost_for, self._was_unreachable = None, 0, False
 
     def _found_again(self, T: Array) -> Array | None:
         """Look for joint values that reach a lost pose; return the state of a tracker that stands there, or None."""
@@ -201,17 +209,22 @@ class Tracker:
         return state
 
     def _recovered(self, T: Array, there: Array) -> Step:
-        """One period on the way to joint values that reach the pose; these follow it meanwhile."""
+        """One period on the way to joint values that reach the pose; these follow it meanwhile.
+
+        The way ends early if the pose is reached from where the arm is, as it is when the hand shall stop.
+        """
         T, state = _one(T), self._state
+        *_, at_once = servo_step(self._index.address, PLAIN, T, self._memory, state.copy())
         position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, there)
-        if _is_lost(position, orientation, ended):
+        if at_once == TRACKED or _is_lost(position, orientation, ended):
             self._there = None
             return self.step(T)
         self._keep(T)
         step = there[NOW] - state[NOW]
         periods = np.abs(step / state[REACH]).max() * (1 + 1e-9)
         if periods <= 1.0:
-            self._state, self._there, self._lost_for = there, None, 0
+            self._state = there
+            self._forget_loss()
             self._state[LAST] = step
             return Step(there[NOW].copy(), _ENDED[ended], position, orientation)
         q = state[NOW] + step / periods
@@ -243,10 +256,17 @@ class Tracker:
         if not len(steps):
             raise InvalidProblem("the last pose has no other branch inside the limits")
         step = steps[0]
-        periods = max(1, int(np.ceil(self._time_of(step) / self.period * (1 + 1e-9))))
+        needed = self._time_of(step) / self.period * (1 + 1e-9)
+        if not needed <= MOST_PERIODS:
+            raise InvalidProblem(
+                f"the way to the other branch takes {needed:.3g} periods, and at most {MOST_PERIODS:,} are planned: "
+                f"give arm.track a higher velocity= or a longer period="
+            )
+        periods = max(1, int(np.ceil(needed)))
         parts = np.arange(1, periods + 1)[:, None] / periods
         way = self._state[NOW] + parts * step
         self._way = list(way)
+        self._forget_loss()
         return np.asarray(way)
 
     def continuing(self, seconds: float = 1.5, looks: int = 75) -> Array | None:
@@ -365,8 +385,7 @@ class Tracker:
         if self._given < 2:
             raise InvalidProblem("to look ahead takes two poses: call step(T) twice first")
         looks = whole("looks", looks, 1, error=InvalidProblem)
-        if isinstance(seconds, bool) or not (np.isfinite(seconds) and seconds > 0):
-            raise InvalidProblem(f"seconds must be a finite number above 0, got {seconds!r}")
+        seconds = number("seconds", seconds, *SECONDS, InvalidProblem)
         at_once = max(1, round(seconds / looks / self.period))
         count = int(np.ceil((seconds + longer) / self.period / at_once - 1e-9))
         apart = max(1, min(self._apart, (self._given - 1) // 2))

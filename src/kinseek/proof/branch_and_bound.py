@@ -61,8 +61,8 @@ def prove(
     """
     if problem.goal.shape:
         raise InvalidProblem(f"a proof is about one target, got a batch of shape {problem.goal.shape}")
-    if gap is not None and not 0.0 < gap < 1.0:
-        raise InvalidProblem(f"gap must be in (0, 1), got {gap}")
+    if gap is not None and not (isinstance(gap, int | float | np.floating) and 0.0 < gap < 1.0):
+        raise InvalidProblem(f"gap must be a number in (0, 1), got {gap!r:.200}")
     refuse_ranges(problem.goal)
     budget = whole("budget", budget, 0, error=InvalidProblem)
     best = answer if answer is not None else Atlas().solve(replace(problem, budget=None))

@@ -278,6 +278,8 @@ def _check_limits(found: Checkup, joint: Any, kind: str, space: str) -> None:
         value = _numbers(found, here, limit, name, 1)
         if value is not None and value[0] < 0:
             found.warning(here, f"{name} limit {value[0]:g} is below 0")
+        elif value is not None and value[0] == 0 and name == "velocity" and not mimics:
+            found.note(here, "velocity limit 0: its speed counts as unknown, and a tracker does not bound it")
     if lower <= upper:
         _check_soft_limits(found, joint, lower, upper, space)
 
