@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -365,6 +366,60 @@ def test_nobody_can_make_a_page_public(shown: Viewer) -> None:
     assert shown._server.request_share_url() is None
     assert shown.public_url is None
     assert shown._server._share_tunnel is None
+
+
+def test_the_page_connects_to_its_own_server_only(browser: Any, shown: Viewer) -> None:
+    """Even if foreign JavaScript ran in the page, or an address named another server."""
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        other.settimeout(0.5)
+        address = f"127.0.0.1:{other.getsockname()[1]}"
+        context = browser.new_context(viewport=SMALL)
+        tab = context.new_page()
+        answer = tab.goto(f"{shown.url}?websocket=ws://{address}/")
+        assert answer.status == 403
+        tab.goto(shown.url)
+        blocked = tab.evaluate(
+            """async (address) => {
+              const blocked = [];
+              addEventListener("securitypolicyviolation", (event) => blocked.push(event.blockedURI));
+              await fetch(`http://${address}/`).catch(() => 0);
+              new WebSocket(`ws://${address}/`);
+              while (blocked.length < 2) await new Promise((again) => setTimeout(again, 50));
+              return blocked;
+            }""",
+            address,
+        )
+        assert [each.split("//")[1].strip("/") for each in blocked] == [address] * 2
+        with pytest.raises(TimeoutError):
+            other.accept()
+        context.close()
+
+
+def test_a_page_of_another_origin_can_show_it_in_a_frame(browser: Any, shown: Viewer) -> None:
+    """As a notebook does."""
+    text = f"<!doctype html><iframe src='{shown.url}' width='780' height='540'></iframe>".encode()
+
+    class Notebook(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(text)
+
+        def log_message(self, *args: Any) -> None:
+            pass
+
+    before = set(shown.pages)
+    context = browser.new_context(viewport=SMALL)
+    with ThreadingHTTPServer(("127.0.0.1", 0), Notebook) as notebook:
+        threading.Thread(target=notebook.serve_forever).start()
+        tab = context.new_page()
+        tab.goto(f"http://127.0.0.1:{notebook.server_port}/")
+        frame = tab.frame_locator("iframe")
+        frame.locator("[data-status='good']").first.wait_for(timeout=1e3 * PATIENCE)
+        assert set(shown.pages) - before
+        context.close()
+        notebook.shutdown()
 
 
 def test_an_arm_that_is_a_function_has_a_page(browser: Any) -> None:

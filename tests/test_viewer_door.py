@@ -14,7 +14,7 @@ import pytest
 
 import kinseek
 from kinseek import InvalidUse, viewer
-from kinseek.viewer.door import MESSAGES, is_message, refusal
+from kinseek.viewer.door import MESSAGES, POLICY, is_message, refusal
 
 viser = pytest.importorskip("viser")
 msgspec = pytest.importorskip("msgspec")
@@ -54,21 +54,39 @@ def open_to_all() -> Iterator[viewer.Viewer]:
         yield made
 
 
+PUBLIC = "https://arm.share.viser.studio"
+
+
+@pytest.fixture(scope="module")
+def shared() -> Iterator[viewer.Viewer]:
+    arm = kinseek.load("planar2")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(viser.ViserServer, "request_share_url", lambda self, verbose=True: PUBLIC)
+        made = viewer.show(arm, port=0, share=True, open_browser=False, block=False)
+    with made:
+        yield made
+
+
 def websocket(port: int, host: str = "127.0.0.1", **options: Any) -> ClientConnection:
     """Connect to the port on this machine, under any name."""
     options = {"subprotocols": [PROTOCOL], "origin": f"http://{host}:{port}", **options}
     return connect(f"ws://{host}:{port}", sock=socket.create_connection(("127.0.0.1", port)), **options)
 
 
-def page(port: int, headers: dict[str, str]) -> tuple[int, bytes]:
-    """Ask for the page; `headers` has the host, too."""
+def reply(port: int, headers: dict[str, str], path: str = "/") -> tuple[int, bytes, list[str]]:
+    """Ask for a path; `headers` has the host, too. Returns status, body and policies."""
     with contextlib.closing(http.client.HTTPConnection("127.0.0.1", port, timeout=10)) as asked:
-        asked.putrequest("GET", "/", skip_host=True)
+        asked.putrequest("GET", path, skip_host=True)
         for name, value in headers.items():
             asked.putheader(name, value)
         asked.endheaders()
         answer = asked.getresponse()
-        return answer.status, answer.read()
+        return answer.status, answer.read(), answer.headers.get_all("Content-Security-Policy") or []
+
+
+def page(port: int, headers: dict[str, str]) -> tuple[int, bytes]:
+    """Ask for the page; `headers` has the host, too."""
+    return reply(port, headers)[:2]
 
 
 OTHERS = [
@@ -131,6 +149,46 @@ def test_one_that_listens_for_others_has_any_name_and_pages_of_its_own_alone(
     assert page(port, {"Host": "workshop.example", "Origin": "http://workshop.example"})[0] == 200
 
 
+@pytest.mark.parametrize(
+    "query",
+    [
+        "websocket=ws://evil.test/",
+        "websocket",
+        "darkMode&websocket=ws://evil.test/",
+        "%77ebsocket=ws://evil.test/",
+        "playbackPath=https://evil.test/a.viser",
+        "playbackPath=data:application/octet-stream;base64,AAAA",
+        "a=1&&play%62ackPath=",
+        "?&websocket=ws://evil.test/",
+    ],
+)
+@pytest.mark.parametrize("path", ["/", "/index.html", "//"])
+@pytest.mark.parametrize("where", ["shown", "open_to_all", "shared"])
+def test_no_address_makes_the_page_listen_to_another_server(
+    where: str, path: str, query: str, request: pytest.FixtureRequest
+) -> None:
+    port = request.getfixturevalue(where).port
+    status, text, _ = reply(port, {"Host": f"127.0.0.1:{port}"}, f"{path}?{query}")
+    assert (status, text) == (403, b"This page connects to its own server only.\n")
+
+
+@pytest.mark.parametrize("where", ["shown", "open_to_all", "shared"])
+def test_every_reply_says_that_the_page_connects_to_its_own_server_only(
+    where: str, request: pytest.FixtureRequest
+) -> None:
+    port = request.getfixturevalue(where).port
+    mine = {"Host": f"127.0.0.1:{port}"}
+    for path, expected in (
+        ("/", 200),
+        ("/index.html?darkMode&a=websocket", 200),
+        ("/?Websocket=1", 200),
+        ("/nowhere", 404),
+        ("/?websocket=ws://evil.test/", 403),
+    ):
+        status, _, policies = reply(port, mine, path)
+        assert (status, policies) == (expected, [POLICY]), path
+
+
 def headers(*given: tuple[str, str]) -> Any:
     from websockets import Headers
 
@@ -168,14 +226,10 @@ def test_what_is_no_page_of_this_server_is_refused_and_not_printed(
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_shared_page_is_reached_by_the_name_of_its_relay(monkeypatch: pytest.MonkeyPatch) -> None:
-    public = "https://arm.share.viser.studio"
-    monkeypatch.setattr(viser.ViserServer, "request_share_url", lambda self, verbose=True: public)
-    arm = kinseek.load("planar2")
-    with viewer.show(arm, port=0, share=True, open_browser=False, block=False) as made:
-        assert made.public_url == public
-        with websocket(made.port, "arm.share.viser.studio", origin=public) as one:
-            assert one.recv(timeout=10)
+def test_a_shared_page_is_reached_by_the_name_of_its_relay(shared: viewer.Viewer) -> None:
+    assert shared.public_url == PUBLIC
+    with websocket(shared.port, "arm.share.viser.studio", origin=PUBLIC) as one:
+        assert one.recv(timeout=10)
 
 
 def test_another_version_of_viser_is_no_open_door(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,10 @@
 A page of any site that is open in the user's browser can connect to a server on this machine. The browser says from where,
 in `Origin`; a name that its owner points at this machine later (DNS rebinding) is seen in `Host`. Both are checked before
 anything is answered. Messages that no page sends are ignored.
+
+viser's page connects to any server that its address names, and runs the JavaScript that this server sends. A link on a
+foreign page could thus run foreign code as a page of this server. Such addresses are refused, and a policy tells the browser
+that the page connects to its own server only.
 """
 
 from __future__ import annotations
@@ -17,6 +21,7 @@ from http import HTTPStatus
 from ipaddress import ip_address
 from types import FunctionType, MethodType
 from typing import Any
+from urllib.parse import parse_qsl
 
 from kinseek.errors import InvalidUse
 
@@ -29,6 +34,12 @@ MOST_TEXT = 200
 """Letters of a name, or of what is typed."""
 FAR = 1e9
 """No number of a page is larger: it is of lengths in metres, of angles, or of pixels."""
+
+POLICY = "connect-src 'self' data: blob:"
+"""Content-Security-Policy of the page. The page contains WebAssembly and images, which it fetches as ``data:`` and ``blob:``.
+Frames are not limited, so that a notebook can show the page."""
+_SERVER_KEYS = ("websocket", "playbackPath")
+"""Parts of a query by which viser's page takes its messages from elsewhere; the policy alone would allow ``data:``."""
 
 _AUTHORITY = re.compile(r"(\[[0-9a-f:.]+\]|[a-z0-9._-]+)(?::([0-9]{1,5}))?", re.IGNORECASE)
 """A host and its port."""
@@ -68,6 +79,12 @@ def refusal(headers: Any, alone: bool) -> str:
     if headers.get_all("Upgrade") and not _PROTOCOL.fullmatch(protocols):
         return "The request is not from a page of this server."
     return ""
+
+
+def names_a_server(path: str) -> bool:
+    """Return whether the query of a request would make the page take its messages from elsewhere."""
+    query = path.partition("?")[2]
+    return any(key in _SERVER_KEYS for key, _ in parse_qsl(query, keep_blank_values=True))
 
 
 def _is_of(origin: str, host: re.Match[str]) -> bool:
@@ -131,7 +148,12 @@ class Door:
 
         def checked(connection: Any, request: Any) -> Any:
             why = "" if self._anyone else refusal(request.headers, self._alone)
-            return connection.respond(HTTPStatus.FORBIDDEN, f"{why}\n") if why else ask(connection, request)
+            if names_a_server(request.path):
+                why = why or "This page connects to its own server only."
+            reply = connection.respond(HTTPStatus.FORBIDDEN, f"{why}\n") if why else ask(connection, request)
+            if reply is not None:  # None lets a WebSocket in.
+                reply.headers["Content-Security-Policy"] = POLICY
+            return reply
 
         class Connection(ServerConnection):
             """One that ignores what no page sends."""
