@@ -7,6 +7,7 @@ import http.client
 import socket
 import time
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -325,6 +326,27 @@ def wait_for(there: Any) -> None:
     while not there() and time.monotonic() < until:
         time.sleep(0.02)
     assert there()
+
+
+def test_angles_beyond_a_turn_turn_the_goal_without_a_warning(
+    shown: viewer.Viewer, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with websocket(shown.port) as one:
+        one.send(msgspec.msgpack.encode(CAMERA))
+        wait_for(lambda: shown.pages)
+        (mine,) = shown.pages.values()
+        for yaw in (390.0, 1e6, -1e8):
+            turn = {"value": [0.0, 0.0, yaw]}
+            message = {"type": "GuiUpdateMessage", "uuid": mine.panel.turn._impl.uuid, "updates": turn}
+            one.send(msgspec.msgpack.encode(message))
+            expected = kinseek.pose([0.0, 0.0, 0.0], rpy=turn["value"], degrees=True)[:3, :3]
+            wait_for(partial(turned_to, mine, expected))
+    wait_for(lambda: not shown.pages)
+    assert capfd.readouterr() == ("", "")
+
+
+def turned_to(page: Any, rotation: Any) -> bool:
+    return np.allclose(page.wishes.target[:3, :3], rotation)
 
 
 def test_odd_messages_print_nothing_and_the_page_goes_on(

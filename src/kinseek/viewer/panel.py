@@ -86,7 +86,7 @@ class Panel:
         self.call = gui.add_html("")
 
     def _typed(self) -> None:
-        target = pose(self.place.value, rpy=np.radians(self.turn.value))
+        target = pose(self.place.value, rpy=self.turn.value, degrees=True)
         self._do.wish(target=target)
 
     def _search(self, wishes: Wishes) -> None:
