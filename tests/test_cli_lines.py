@@ -82,6 +82,18 @@ BAD = {
     "NaN": ('{"position": [NaN, 0, 0], "rpy": [0, 0, 0]}', "NaN"),
     "two numbers": ({**GOOD, "position": [0.4, 0.2]}, "shape (3,)"),
     "many": ({**GOOD, "position": [[0.4, 0.2, 0.3]] * 2}, "must be one pose"),
+    "NaN as id": (
+        '{"position": [0.4, 0.2, 0.3], "rpy": [0, 0, 0], "id": NaN}',
+        "numbers must be finite, got NaN",
+    ),
+    "infinity within id": (
+        '{"position": [0.4, 0.2, 0.3], "rpy": [0, 0, 0], "id": [{"a": -Infinity}]}',
+        "must be finite, got -Infinity",
+    ),
+    "too large as id": (
+        '{"position": [0.4, 0.2, 0.3], "rpy": [0, 0, 0], "id": 1e999}',
+        "must be finite, got 1e999",
+    ),
     "words": ({**GOOD, "position": ["a", "b", "c"]}, "must be numbers"),
     "long number": ({**GOOD, "rpy": [0, 0, 10**400]}, "too large"),
     "no turn": ({"position": [0, 0, 0], "quat_wxyz": [0, 0, 0, 0]}, "zero quaternion"),

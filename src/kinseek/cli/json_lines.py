@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import warnings
 from collections.abc import Iterator
@@ -71,9 +72,11 @@ def _lines() -> Iterator[tuple[int, bytes]]:
 
 def _read(line: bytes | str) -> dict[str, Any]:
     try:
-        asked = json.loads(line)
+        asked = json.loads(line, parse_float=_finite, parse_constant=_finite)
     except json.JSONDecodeError as error:
         raise InvalidGoal(f"not JSON: {error.msg} at letter {error.pos + 1}") from None
+    except InvalidGoal:
+        raise
     except (ValueError, RecursionError) as error:  # No text, or nested without end.
         raise InvalidGoal(f"not JSON: {error}") from None
     if not isinstance(asked, dict):
@@ -82,6 +85,14 @@ def _read(line: bytes | str) -> dict[str, Any]:
         if key not in _KEYS:
             raise InvalidGoal(suggest(key, _KEYS, "key"))
     return asked
+
+
+def _finite(text: str) -> float:
+    """Read a number that an answer can repeat; Python reads NaN and infinities as well, which are not JSON."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise InvalidGoal(f"numbers must be finite, got {text}")
+    return number
 
 
 def _answer(
