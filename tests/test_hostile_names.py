@@ -168,6 +168,13 @@ def test_notebooks_show_escapes(folder: Path) -> None:
     assert f"<td>j0{SHOWN}</td>" in arm._repr_html_()
 
 
+def test_data_frames_hold_names_as_they_are(folder: Path) -> None:
+    pytest.importorskip("pandas")
+    arm = kinseek.load("arm.urdf")
+    for table in (arm.ik(np.eye(4)).to_frame(), arm.branches(np.eye(4)).to_frame()):
+        assert list(table.columns[:6]) == [f"j{i}{NAME}" for i in range(6)]
+
+
 @pytest.mark.slow
 def test_pictures_show_escapes_and_no_formula(folder: Path) -> None:
     pytest.importorskip("matplotlib")
