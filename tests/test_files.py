@@ -146,8 +146,32 @@ def test_bodies_that_multiply_are_refused(tmp_path: Path) -> None:
     inner = "<body><joint/></body>"
     for _ in range(4):
         inner = f"<replicate count='50'>{inner}</replicate>"
-    with soon(), pytest.raises(InvalidRobot, match=f"12,500,002 bodies.*expected at most {MOST_LINKS:,}"):
+    with soon(), pytest.raises(InvalidRobot, match=f"18,877,552 bodies.*expected at most {MOST_LINKS:,}"):
         read(write(tmp_path, "m.xml", MODEL.format("", inner)))
+
+
+def test_copies_and_classes_count_also_if_they_are_empty(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    inner = "<geom size='.1'/>"
+    for _ in range(2):
+        inner = f"<replicate count='200'>{inner}</replicate>"
+    with soon(), pytest.raises(InvalidRobot, match=r"40,202 bodies.*copies counted"):
+        read(write(tmp_path, "m.xml", MODEL.format("", inner)))
+    classes = "".join(f"<default class='c{i}'/>" for i in range(MOST_LINKS))
+    with soon(), pytest.raises(InvalidRobot, match=r"10,003 bodies.*copies counted"):
+        read(write(tmp_path, "d.xml", MODEL.format(f"<default>{classes}</default>", "")))
+    write(tmp_path, "a.xml", MODEL.format(f"<default>{classes}</default>", ""))
+    with soon(), pytest.raises(InvalidRobot, match=r"10,006 bodies.*copies counted"):
+        read(write(tmp_path, "m.xml", MODEL.format("<asset><model name='m' file='a.xml'/></asset>", "")))
+    twice = (
+        "<mujoco><asset><model name='m' file='{}.xml'/></asset>"
+        "<worldbody><attach model='m' prefix='l'/><attach model='m' prefix='r'/></worldbody></mujoco>"
+    )
+    for i in range(13):
+        write(tmp_path, f"{i}.xml", twice.format(i + 1))
+    write(tmp_path, "13.xml", "<mujoco><worldbody/></mujoco>")
+    with soon(), pytest.raises(InvalidRobot, match=r"copies counted, expected at most"):
+        read(tmp_path / "0.xml")
 
 
 def test_models_that_attach_each_other_are_refused(tmp_path: Path) -> None:

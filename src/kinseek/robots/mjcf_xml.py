@@ -59,7 +59,8 @@ _NUMBERS = ("pos", "quat", "euler", "axisangle", "xyaxes", "zaxis", "axis", "ran
 _WORDS = {"name", "class", "childclass", "model", "body", "file", "prefix", "content_type"}
 """Attributes that are names: one may be called nan."""
 
-_COUNTED = ("body", "joint", "freejoint", "site", "frame")
+_COUNTED = {"body", "joint", "freejoint", "site", "frame", "replicate", "attach", "default", "model"}
+"""Elements that take memory in MuJoCo, also if nothing is in them."""
 
 
 @dataclass
@@ -75,11 +76,11 @@ def reduced(path: Path) -> Reduced:
     """Read an MJCF file with everything that it includes, reduced to its kinematics.
 
     Raises:
-        InvalidRobot: A file is missing, too large or broken, a number is not finite, or there are too many bodies.
+        InvalidRobot: A file is missing, too large or broken, a number is not finite, or there are too many elements.
     """
     reader = _Reader(path.parent)
     text, size = reader.model(path, ())
-    require_few(size, "bodies, joints, frames and sites", MOST_LINKS, str(path))
+    require_few(size, "bodies, joints and other elements, copies counted", MOST_LINKS, str(path))
     return Reduced(text, reader.attached)
 
 
@@ -92,7 +93,7 @@ class _Reader:
         self.attached: dict[str, bytes] = {}
 
     def model(self, path: Path, above: tuple[Path, ...]) -> tuple[str, int]:
-        """Text of a model, and how many bodies, joints, frames and sites it has, copies counted."""
+        """Text of a model, and how many elements of `_COUNTED` it has, copies counted."""
         if path.resolve() in above:
             raise InvalidRobot(f"{path}: the model attaches itself")
         root = self._root(path)
@@ -124,7 +125,7 @@ class _Reader:
             parent[place : place + 1] = list(inner)
 
     def _attach(self, root: Any, path: Path, above: tuple[Path, ...]) -> dict[str, int]:
-        """Read the models that the file attaches; how many bodies each has."""
+        """Read the models that the file attaches, and return the size of each."""
         sizes = {}
         for element in root.iterfind("asset/model"):
             name = element.get("file")
@@ -150,8 +151,8 @@ class _Reader:
 
 
 def _size(root: Any, attached: dict[str, int]) -> int:
-    """Bodies, joints, frames and sites, with what `replicate` and `attach` make of them."""
-    total, stack = 0, [(root, 1)]
+    """Number of elements of `_COUNTED`, with what `replicate` and `attach` make of them."""
+    total, stack = sum(attached.values()), [(root, 1)]  # MuJoCo reads those that nothing attaches, too.
     while stack:
         element, times = stack.pop()
         if element.tag == "replicate":
