@@ -174,6 +174,29 @@ def test_copies_and_classes_count_also_if_they_are_empty(tmp_path: Path) -> None
         read(tmp_path / "0.xml")
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+@pytest.mark.parametrize(
+    ("extra", "body", "refused"),
+    [
+        ("<x:include file='pipe.xml'/>", "", "it is a pipe, expected a regular file"),
+        ("<x:asset><mesh name='m' file='pipe.stl'/></x:asset>", "<x:geom type='mesh' mesh='m'/>", None),
+        ("<x:asset><texture name='t' type='2d' builtin='flat' width='-1' height='8'/></x:asset>", "", None),
+        ("", "<x:replicate count='20000'><x:body/></x:replicate>", "40,002 bodies"),
+    ],
+)
+def test_a_namespace_hides_nothing(extra: str, body: str, refused: str | None, tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    os.mkfifo(tmp_path / "pipe.xml")
+    os.mkfifo(tmp_path / "pipe.stl")
+    text = MODEL.format(extra, body).replace("<mujoco>", "<mujoco xmlns:x='u'>")
+    path = write(tmp_path, "m.xml", text)
+    if refused is None:
+        assert read(path).tip == "b"
+    else:
+        with pytest.raises(InvalidRobot, match=refused):
+            read(path)
+
+
 def test_models_that_attach_each_other_are_refused(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     asset = "<asset><model name='m' file='{}'/></asset>"

@@ -107,7 +107,10 @@ class _Reader:
     def _root(self, path: Path) -> Any:
         text = file_bytes(path, self.left)
         self.left -= len(text)
-        return root_element(text, str(path))
+        root = root_element(text, str(path))
+        for element in root.iter("*"):
+            element.tag = element.tag.rpartition("}")[2]  # MuJoCo knows no namespaces.
+        return root
 
     def _include(self, root: Any, path: Path, seen: set[Path]) -> None:
         """Put the children of every included file in the place of its <include>."""
@@ -184,13 +187,12 @@ def _write(element: Any, parent: str | None, where: str, out: list[str], line: l
         out.append("\n" * (element.sourceline - line[0]))
         line[0] = element.sourceline
     _check_numbers(element, where)
-    tag = element.tag.rpartition("}")[2]
-    out.append(f"<{tag}")
+    out.append(f"<{element.tag}")
     out.extend(f" {name}={quoteattr(value)}" for name, value in element.items() if "{" not in name)
     out.append(">")
     for child in _elements(element):
         _write(child, element.tag, where, out, line)
-    out.append(f"</{tag}>")
+    out.append(f"</{element.tag}>")
 
 
 def _check_numbers(element: Any, where: str) -> None:
