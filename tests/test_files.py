@@ -237,6 +237,28 @@ def test_includes_are_found_as_mujoco_finds_them(tmp_path: Path) -> None:
         read(write(tmp_path, "n.xml", "<mujoco><include file='e/a.xml'/><include file='e/a.xml'/></mujoco>"))
 
 
+def test_a_file_whose_root_is_an_include_is_only_its_children(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    write(
+        tmp_path,
+        "a.xml",
+        "<include file='no.xml'><worldbody><body name='in'><joint/></body></worldbody></include>",
+    )
+    path = write(tmp_path, "m.xml", "<mujoco><include file='a.xml'/></mujoco>")
+    assert read(path).tip == "in"
+    with pytest.raises(InvalidRobot, match="MuJoCo says"):
+        read(tmp_path / "a.xml")
+
+
+def test_files_that_include_one_another_a_thousand_times_are_refused(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    for i in range(1200):
+        write(tmp_path, f"{i}.xml", f"<x><include file='{i + 1}.xml'/></x>")
+    write(tmp_path, "1200.xml", MODEL.format("", ""))
+    with soon(), pytest.raises(InvalidRobot, match="nested too deeply"):
+        read(write(tmp_path, "m.xml", "<mujoco><include file='0.xml'/></mujoco>"))
+
+
 def test_macros_that_multiply_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert 10_000 < urdf_xml._MOST_STEPS < 10**5
     monkeypatch.setattr(urdf_xml, "_MOST_STEPS", 2000)

@@ -76,10 +76,14 @@ def reduced(path: Path) -> Reduced:
     """Read an MJCF file with everything that it includes, reduced to its kinematics.
 
     Raises:
-        InvalidRobot: A file is missing, too large or broken, a number is not finite, or there are too many elements.
+        InvalidRobot: A file is missing, too large or broken, a number is not finite, or elements are too many or nested too
+            deeply.
     """
     reader = _Reader(path.parent)
-    text, size = reader.model(path, ())
+    try:
+        text, size = reader.model(path, ())
+    except RecursionError:
+        raise InvalidRobot(f"{path}: elements or files are nested too deeply") from None
     require_few(size, "bodies, joints and other elements, copies counted", MOST_LINKS, str(path))
     return Reduced(text, reader.attached)
 
@@ -114,7 +118,7 @@ class _Reader:
 
     def _include(self, root: Any, path: Path, seen: set[Path]) -> None:
         """Put the children of every included file in the place of its <include>."""
-        for element in list(root.iter("include")):
+        for element in list(root.iterfind(".//include")):  # The root itself only holds what is in it.
             name = element.get("file")
             if not name:
                 raise InvalidRobot(f"{path}: <include> in line {element.sourceline} has no file")
