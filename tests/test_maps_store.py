@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import errno
+import json
 import math
+import os
 import pickle
 from collections.abc import Iterator
 from pathlib import Path
@@ -145,6 +147,57 @@ def test_a_folder_that_is_no_map_is_refused(tmp_path: Path) -> None:
     with pytest.raises(kinseek.InvalidMap, match="cannot be made"):
         maps.reach(ARM, GRID, store=tmp_path / "letters" / "a.txt" / "map.zarr", **SMALL)
     assert [path.name for path in tmp_path.iterdir()] == ["letters"]
+
+
+class _Trap:
+    """Makes a folder when it is unpickled."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __reduce__(self) -> tuple[Any, tuple[str]]:
+        return os.mkdir, (str(self.folder),)
+
+
+@pytest.mark.parametrize("kind", ["no zarr.json", "zarr.json of format 2", "consolidated metadata"])
+def test_a_map_from_elsewhere_is_not_unpickled(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # As numcodecs was before 0.16.6.
+    monkeypatch.setattr("numcodecs.pickles.ALLOW_UNSAFE_PICKLE_DECODE", True, raising=False)
+    place, sprung = tmp_path / "map.zarr", tmp_path / "sprung"
+    written: dict[str, Any] = {"blocks/.zgroup": {"zarr_format": 2}}
+    array = {
+        **{"zarr_format": 2, "shape": [1], "chunks": [1], "dtype": "|O", "order": "C", "fill_value": ""},
+        **{"compressor": None, "filters": [{"id": "vlen-utf8"}, {"id": "pickle"}]},
+    }
+    for name in ("blocks/done", "reached", "x"):
+        written[f"{name}/.zarray"] = array
+        written[f"{name}/.zattrs"] = {"_ARRAY_DIMENSIONS": ["x"]}
+    told = {store.DESCRIPTION: {"variables": ["reached"]}}
+    if kind == "no zarr.json":
+        (place / "zarr.json").mkdir(parents=True)
+        written |= {".zgroup": {"zarr_format": 2}, ".zattrs": told}
+    else:
+        root = {"zarr_format": 2, "node_type": "group", "attributes": told}
+        if kind == "consolidated metadata":
+            arrays = {"blocks": {"zarr_format": 2}, "blocks/done": array, "reached": array}
+            inline = {"kind": "inline", "must_understand": False, "metadata": arrays}
+            root |= {"zarr_format": 3, "consolidated_metadata": inline}
+        written["zarr.json"] = root
+    for name, content in written.items():
+        path = place / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(content))
+    for name in ("blocks/done", "reached", "x"):
+        (place / name / "0").write_bytes(pickle.dumps(_Trap(sprung)))
+    with pytest.raises(kinseek.InvalidMap, match="no map in"):
+        maps.open(place)
+    with pytest.raises(kinseek.InvalidMap, match="no map in"):
+        maps.reach(ARM, GRID, store=place, **SMALL)
+    assert not sprung.exists()
+    pickle.loads((place / "x" / "0").read_bytes())
+    assert sprung.exists()
 
 
 @pytest.fixture(name="client", scope="module")

@@ -29,7 +29,7 @@ _DONE = "blocks/done"
 
 
 class Store:
-    """A map's arrays, on disk or in memory."""
+    """A map's arrays, on disk or in memory; always of Zarr format 3, of which no codec unpickles anything."""
 
     def __init__(self, group: Any, place: str) -> None:
         """Wrap a Zarr group; `place` is its name for messages."""
@@ -66,7 +66,9 @@ class Store:
         making = None if path is None else path.with_name(f".{path.name}.{uuid.uuid4().hex}")
         try:
             memory: Any = MemoryStore() if making is None else LocalStore(making)
-            group = zarr.create_group(memory, attributes={**attributes, DESCRIPTION: description})
+            group = zarr.create_group(
+                memory, zarr_format=3, attributes={**attributes, DESCRIPTION: description}
+            )
             for name, (dtype, fill, told) in variables.items():
                 group.create_array(
                     name,
@@ -138,7 +140,7 @@ class Store:
         """The map as an ``xarray.Dataset``, read where it is used."""
         import xarray
 
-        dataset = xarray.open_zarr(self._group.store, consolidated=False, chunks={})
+        dataset = xarray.open_zarr(self._group.store, zarr_format=3, consolidated=False, chunks={})
         return dataset.set_coords([name for name in ("rotation",) if name in dataset])
 
 
@@ -146,7 +148,11 @@ class Store:
 def _opened(path: str, inode: int, changed: int) -> Store:
     import zarr
 
-    return Store(zarr.open_group(path, mode="r+"), path)
+    # Not consolidated: such metadata may describe arrays of the other format.
+    group = zarr.open_group(path, mode="r+", zarr_format=3, use_consolidated=False)
+    if group.metadata.zarr_format != 3:  # Zarr itself believes what zarr.json says of the format.
+        raise ValueError("it is of Zarr format 2, which can hold pickles")
+    return Store(group, path)
 
 
 def compare(place: str, there: dict[str, Any], wanted: dict[str, Any]) -> None:
