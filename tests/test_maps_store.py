@@ -159,7 +159,9 @@ class _Trap:
         return os.mkdir, (str(self.folder),)
 
 
-@pytest.mark.parametrize("kind", ["no zarr.json", "zarr.json of format 2", "consolidated metadata"])
+@pytest.mark.parametrize(
+    "kind", ["no zarr.json", "zarr.json of format 2", "arrays of format 2", "consolidated metadata"]
+)
 def test_a_map_from_elsewhere_is_not_unpickled(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -180,6 +182,10 @@ def test_a_map_from_elsewhere_is_not_unpickled(
         written |= {".zgroup": {"zarr_format": 2}, ".zattrs": told}
     else:
         root = {"zarr_format": 2, "node_type": "group", "attributes": told}
+        if kind == "arrays of format 2":
+            root |= {"zarr_format": 3}
+            for name in ("blocks/done", "reached", "x"):
+                written[f"{name}/zarr.json"] = {**array, "node_type": "array", "attributes": {}}
         if kind == "consolidated metadata":
             arrays = {"blocks": {"zarr_format": 2}, "blocks/done": array, "reached": array}
             inline = {"kind": "inline", "must_understand": False, "metadata": arrays}
