@@ -149,6 +149,25 @@ def test_a_folder_that_is_no_map_is_refused(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["letters"]
 
 
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="no user ids here")
+def test_a_store_of_another_user_is_read_and_not_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place, mine = tmp_path / "map.zarr", os.getuid()
+    maps.reach(ARM, GRID, store=place, **SMALL)
+    (place / "blocks" / "done" / "c" / "0" / "0" / "0" / "0").unlink()
+    before = files(place)
+    monkeypatch.setattr(os, "getuid", lambda: mine + 1)
+    with pytest.raises(kinseek.InvalidMap, match=f"belongs to user {mine}, and this is user {mine + 1}"):
+        maps.reach(ARM, GRID, store=place, **SMALL)
+    assert files(place) == before
+    assert (maps.open(place).reached.values >= 0).all()
+    work = make.work_of(ARM, GRID, ("reached",), store=str(place), **make.options_of(SMALL))
+    assert make.store_of(ARM, GRID, work, True).missing() == [(0, 0, 0, 0)]  # On a cluster.
+    monkeypatch.undo()
+    assert make.store_of(ARM, GRID, work).missing() == [(0, 0, 0, 0)]
+
+
 class _Trap:
     """Makes a folder when it is unpickled."""
 

@@ -25,7 +25,7 @@ from .grid import BLOCK, Grid, Rings
 from .measures import BRANCHES, LIMITS, MEASURES, REACHED, checked
 from .run import run
 from .search import PATIENCE
-from .store import Store, compare
+from .store import Store, compare, require_own
 
 if TYPE_CHECKING:
     import xarray
@@ -116,7 +116,8 @@ def reach(
             is. All but the first ask for every answer, which takes ten to thirty times as long. With joints to spare the
             answers are a sample of endlessly many.
         store: A folder that the map is written to, block by block. Where it holds a part of this map, that is not done
-            again. On a cluster all workers have to see it. Without it the map stays in memory.
+            again; unless a client is given, it has to belong to this user. On a cluster all workers have to see it. Without
+            it the map stays in memory.
         client: A ``distributed.Client`` of a cluster; otherwise a process is started for each core of this machine, which
             nobody else can reach. Who may connect to the cluster is up to its settings.
         progress: Show a progress bar.
@@ -128,8 +129,8 @@ def reach(
         it is used.
 
     Raises:
-        InvalidMap: A function as an arm, unknown measures, a store of another map, workers with another version, rings in a
-            scene.
+        InvalidMap: A function as an arm, unknown measures, a store of another map or another user, workers with another
+            version, rings in a scene.
         InvalidScene: A scene of another arm, or a clearance that is no length.
         MapInterrupted: Scheduler gone, disk full, or a block that workers do not survive: the same call goes on.
         MissingExtra: xarray, Dask or Zarr is not installed.
@@ -142,7 +143,7 @@ def reach(
         **options_of(options),
         store=None if store is None else str(Path(store).expanduser().resolve()),
     )
-    kept = store_of(arm, grid, work)
+    kept = store_of(arm, grid, work, client is not None)
     todo = kept.missing()
     run(work, todo, math.prod(kept.blocks), client, progress, kept.write)
     dataset: xarray.Dataset = kept.dataset()
@@ -219,8 +220,18 @@ def work_of(
     )
 
 
-def store_of(arm: Arm, grid: Grid | Rings, work: Work) -> Store:
-    """The store that is there already, if it is of this map, or a new one."""
+def store_of(arm: Arm, grid: Grid | Rings, work: Work, cluster: bool = False) -> Store:
+    """The store that is there already, if it is of this map, or a new one.
+
+    Args:
+        arm: What is mapped.
+        grid: Where.
+        work: What workers are told.
+        cluster: May the store belong to another user? A cluster may run as one.
+
+    Raises:
+        InvalidMap: It is of another map or another user, or cannot be made.
+    """
     variables: dict[str, tuple[str, float, dict[str, Any]]] = {
         name: (measure.dtype, measure.fill, dict(measure.attributes))
         for name, measure in MEASURES.items()
@@ -265,6 +276,8 @@ def store_of(arm: Arm, grid: Grid | Rings, work: Work) -> Store:
     description = json.loads(json.dumps(description))  # As it comes back from a store.
     path = None if work.store is None else Path(work.store)
     if path is not None and path.exists():
+        if not cluster:
+            require_own(path)
         kept = Store.at(str(path))
         compare(str(path), kept.description, description)
         return kept

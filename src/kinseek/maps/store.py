@@ -167,3 +167,16 @@ def compare(place: str, there: dict[str, Any], wanted: dict[str, Any]) -> None:
         raise InvalidMap(
             f"the store {place!r} is of another map: {told}. Ask for the same to go on with it, or take another store"
         )
+
+
+def require_own(path: Path) -> None:
+    """Refuse a store of another user: its maker may have put links into it, through which blocks are written elsewhere.
+
+    Raises:
+        InvalidMap: It belongs to another user.
+    """
+    if hasattr(os, "getuid") and (owner := path.lstat().st_uid) != os.getuid():
+        raise InvalidMap(
+            f"the store {str(path)!r} belongs to user {owner}, and this is user {os.getuid()}: blocks are only written "
+            "to a folder of one's own. Take another store, or change its owner"
+        )
