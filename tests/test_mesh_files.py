@@ -50,6 +50,12 @@ ONE = '<triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>
 INSTANCE = '<node id="n"><instance_geometry url="#g"/></node>'
 
 
+WORDS = (
+    "# the mesh of a robot link, which a mainframe wrote in plain words so that its encoding is recognised"
+)
+SOLID = "solid a\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendsolid\n"
+
+
 def dae(shapes: str = ONE, nodes: str = "", scene: str = INSTANCE, doctype: str = "") -> bytes:
     return DAE.format(shapes=shapes, nodes=nodes, scene=scene, doctype=doctype).encode()
 
@@ -145,6 +151,14 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
         "lines",
     ),
     "separators.ply": (lambda: b"ply\nformat ascii 1.0\nend_header\n" + b"\x0c\xc2\x85" * 3000, "lines"),
+    "mainframe.obj": (
+        lambda: f"{WORDS * 12}\n{TRIANGLE * 2000}f 1 2 3\n".encode("cp037"),
+        "bytes in a line",
+    ),
+    "mainframe.stl": (
+        lambda: f"solid {WORDS * 12}\nendsolid\n{SOLID * 9}".encode("cp037"),
+        "holds no triangles",
+    ),
     "edges.ply": (
         lambda: b"ply\nformat binary_little_endian 1.0\nelement edge 9\nproperty int vertex1\nend_header\n",
         "edges",
@@ -248,6 +262,12 @@ def test_materials_come_from_beside_and_from_nowhere_else(tmp_path: Path) -> Non
     assert colour("paint.mtl", 2 * MOST) == (255, 0, 0)
     (folder / "paint.mtl").write_text("newmtl red\nKd 1 0 0\n" + "\n" * (MOST // 16))
     assert colour("paint.mtl") is None
+
+
+def test_text_that_is_not_utf8_is_latin1(tmp_path: Path) -> None:
+    (tmp_path / "a.mtl").write_bytes("newmtl grün\nKd 1 0 0\n".encode("latin-1"))
+    (tmp_path / "a.obj").write_bytes(f"mtllib a.mtl\n{TRIANGLE}usemtl grün\nf 1 2 3\n".encode("latin-1"))
+    assert mesh_parts(tmp_path / "a.obj")[0].visual.material.name == "grün"
 
 
 @pytest.mark.slow

@@ -41,10 +41,6 @@ MOST_TAGS = 2**20
 """Of COLLADA."""
 MOST_SHARED = 2**27
 """Bytes of a GLB file that bodies may share, each of which has them for itself in memory."""
-MOST_LINE = 2**16
-"""Bytes of a line of OBJ: a polygon with more corners is none."""
-MOST_JSON = 2**22
-"""Bytes of the description at the beginning of a GLB file."""
 LINE, CORNER, ELEMENT = 16, 5, 128
 """A file may have as many lines, corners of triangles and XML elements as the largest file has with so many bytes for each:
 what they take in memory does not depend on what they take in the file."""
@@ -82,6 +78,23 @@ def require_mesh(path: Path, text: bytes) -> None:
         raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from error
 
 
+def readable(kind: str, text: bytes) -> bytes:
+    """Convert a text format to UTF-8, so that the checks and trimesh read the same characters.
+
+    trimesh guesses any other encoding, also one in which no byte has the value of a line end in ASCII.
+    """
+    return _utf8(text) if kind == "obj" or (kind == "stl" and not _is_binary_stl(text)) else text
+
+
+def _utf8(text: bytes) -> bytes:
+    """Return UTF-8 as it is, and anything else as if it were Latin-1."""
+    try:
+        text.decode()
+    except UnicodeDecodeError:
+        return text.decode("latin-1").encode()
+    return text
+
+
 def ending(path: Path) -> str:
     """The ending of a file of a mesh, without the dot.
 
@@ -117,11 +130,15 @@ class Beside:
         if found is None:
             raise InvalidRobot(f"{name!r} is neither in {str(self._folder)!r} nor in a folder below")
         text = file_bytes(found, self._left)
+        self._left -= len(text)
+        pixels = _pixels(text)
+        self._pixels += pixels
+        _at_most(self._pixels, MOST_PIXELS, "pixels in its images")
+        if pixels:
+            return text
+        text = _utf8(text)
         _at_most(_lines(text), MOST_LINES, "lines")
         _at_most(text.lower().count(b"newmtl"), MOST_BODIES, "materials")
-        self._pixels += _pixels(text)
-        _at_most(self._pixels, MOST_PIXELS, "pixels in its images")
-        self._left -= len(text)
         return text
 
     __getitem__ = get
@@ -156,11 +173,15 @@ def _at_most(count: int, most: int, noun: str) -> None:
 
 
 def _stl(text: bytes) -> None:
-    """A binary file is as long as it says, or trimesh takes it for text."""
-    if len(text) < 84 or len(text) != 84 + 50 * struct.unpack_from("<I", text, 80)[0]:
+    if not _is_binary_stl(text):
         lower = text.lower()
         _at_most(lower.count(b"endsolid"), MOST_BODIES, "solids")
         _at_most(lower.count(b"vertex") + lower.count(b"normal"), MOST_LINES, "vertices and normals")
+
+
+def _is_binary_stl(text: bytes) -> bool:
+    """Whether a file is as long as it says: otherwise trimesh takes it for text."""
+    return len(text) >= 84 and len(text) == 84 + 50 * struct.unpack_from("<I", text, 80)[0]
 
 
 def _obj(text: bytes) -> None:
@@ -185,7 +206,7 @@ def _glb(text: bytes) -> None:
     """Add up what accessors, views, primitives and nodes make of the bytes, each of which may be named many times."""
     size = struct.unpack_from("<I", text, 12)[0]
     _at_most(size, MOST_JSON, "bytes of JSON")
-    told: dict[str, Any] = json.loads(text[20 : 20 + size])
+    told: dict[str, Any] = json.loads(text[20 : 20 + size].decode())
     views, images = told.get("bufferViews", []), told.get("images", [])
     if any("uri" in each for each in [*told.get("buffers", []), *images]) or any(
         each["buffer"] != 0 for each in views

@@ -15,7 +15,7 @@ from kinseek.transforms import rotation, transform
 from kinseek.undisturbed import raise_of_handler
 
 from .files import file_bytes
-from .mesh_files import Beside, ending, require_mesh
+from .mesh_files import Beside, ending, readable, require_mesh
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def mesh_parts(path: Path, most: int = MOST_MESH) -> list[Any]:
     if not log.handlers:
         log.addHandler(logging.NullHandler())
     kind = ending(path)
-    text = file_bytes(path, most)
+    text = readable(kind, file_bytes(path, most))
     require_mesh(path, text)
     try:
         scene = trimesh.load_scene(io.BytesIO(text), file_type=kind, resolver=Beside(path, most))
