@@ -50,6 +50,10 @@ ONE = '<triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>
 INSTANCE = '<node id="n"><instance_geometry url="#g"/></node>'
 
 
+def ply_header(*lines: str, encoding: str = "binary_little_endian") -> bytes:
+    return "\n".join(["ply", f"format {encoding} 1.0", *lines, "end_header\n"]).encode()
+
+
 WORDS = (
     "# the mesh of a robot link, which a mainframe wrote in plain words so that its encoding is recognised"
 )
@@ -150,6 +154,24 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
         lambda: b"ply\nformat ascii 1.0\nelement vertex 8000\nproperty float x\nend_header\n" + b"\n" * 8000,
         "lines",
     ),
+    "header.ply": (lambda: ply_header(*(f"element {i} 0" for i in range(1000))), "within 1,000 lines"),
+    "no_end.ply": (lambda: ply_header("comment")[:-12], "must end with end_header"),
+    "long_line.ply": (lambda: ply_header("comment" + " " * 2**16 + "element a 0"), "bytes in a line"),
+    "lists.ply": (
+        lambda: ply_header("element a 1", *(f"property list uchar uchar p{i}" for i in range(300))),
+        "properties in its header",
+    ),
+    "values.ply": (
+        lambda: ply_header(
+            "element vertex 200000", *(f"property int p{i}" for i in range(100)), encoding="ascii"
+        ),
+        "values, expected",
+    ),
+    "list_of_vertices.ply": (
+        lambda: ply_header("element vertex 1", "property list uint uchar u", "property float v"),
+        "vertices have lists",
+    ),
+    "negative.ply": (lambda: ply_header("element a -5", encoding="ascii"), "element a -5"),
     "separators.ply": (lambda: b"ply\nformat ascii 1.0\nend_header\n" + b"\x0c\xc2\x85" * 3000, "lines"),
     "mainframe.obj": (
         lambda: f"{WORDS * 12}\n{TRIANGLE * 2000}f 1 2 3\n".encode("cp037"),
@@ -161,7 +183,15 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
     ),
     "edges.ply": (
         lambda: b"ply\nformat binary_little_endian 1.0\nelement edge 9\nproperty int vertex1\nend_header\n",
-        "edges",
+        "edges that belong",
+    ),
+    "edges_after_a_word.ply": (
+        lambda: ply_header("comment x_end_header_x", "element edge 9", "property int vertex1"),
+        "edges that belong",
+    ),
+    "edges_by_another_word.ply": (
+        lambda: ply_header("elements edge 9", "property int vertex1"),
+        "edges that belong",
     ),
     "corners.stl": (lambda: b"solid a\n" + b"vertex 0 0 0\n" * 4500 + b"endsolid", "vertices and normals"),
     "materials.obj": (
@@ -209,7 +239,15 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
 }
 
 
-LONG = ("materials.obj", "solids.stl", "many.glb", "polygon.obj", "polygon_in_lines.obj", "corners.glb")
+LONG = (
+    "long_line.ply",
+    "materials.obj",
+    "solids.stl",
+    "many.glb",
+    "polygon.obj",
+    "polygon_in_lines.obj",
+    "corners.glb",
+)
 """Those of more bytes."""
 
 

@@ -35,6 +35,12 @@ MOST_JSON = 2**22
 """Bytes of the description at the beginning of a GLB file."""
 MOST_LINES = 2**22
 """Lines of OBJ and text PLY, vertices with normals of text STL: one takes as much memory empty as full, up to 400 bytes."""
+MOST_HEADER = 1_000
+"""Lines in the header of PLY."""
+MOST_PROPERTIES = 256
+"""Properties in the header of PLY: 1,000 lists take trimesh ten seconds, whatever they hold."""
+MOST_VALUES = 3 * 2**22
+"""Values of text PLY, rows times properties: trimesh may make an array of some 130 bytes for each."""
 MOST_CORNERS = 3 * 2**22
 """Corners of the triangles of COLLADA and GLB, where each instance counts; larger meshes are read as binary STL or PLY."""
 MOST_TAGS = 2**20
@@ -192,10 +198,45 @@ def _obj(text: bytes) -> None:
 
 
 def _ply(text: bytes) -> None:
-    if b"ascii" in text.split(b"\n", 2)[1].lower():
+    """Read the header word by word, as trimesh does, and refuse what trimesh would believe."""
+    _, form, *header = _ply_header(text)
+    is_text = "ascii" in " ".join(form).lower()
+    if is_text:
         _at_most(_lines(text), MOST_LINES, "lines")
-    if re.search(rb"^element\s+edge\s", text[: text.find(b"end_header")], re.MULTILINE):
-        raise InvalidRobot("it has edges that belong to no triangle; leave them out")
+    name, rows, properties, values = "", 0, 0, 0
+    for words in header:
+        if "element" in words[0]:
+            if len(words) != 3 or re.fullmatch("[0-9]{1,18}", words[2]) is None:
+                raise InvalidRobot(
+                    f"its header has {' '.join(words)!r}, expected an element with a name and a count"
+                )
+            name, rows = words[1], int(words[2])
+            if name == "edge":
+                raise InvalidRobot("it has edges that belong to no triangle; leave them out")
+        elif "property" in words[0]:
+            properties, values = properties + 1, values + rows
+            if name == "vertex" and "list" in words[1]:  # trimesh copies it for each corner of a triangle.
+                raise InvalidRobot("its vertices have lists; leave them out")
+    _at_most(properties, MOST_PROPERTIES, "properties in its header")
+    if is_text:
+        _at_most(values, MOST_VALUES, "values")
+
+
+def _ply_header(text: bytes) -> list[list[str]]:
+    """The words of each line of the header, without its end."""
+    file, header = io.BytesIO(text), list[list[str]]()
+    while len(header) < MOST_HEADER:
+        line = file.readline(MOST_LINE + 1)
+        _at_most(len(line), MOST_LINE, "bytes in a line of its header")
+        words = line.decode().split()
+        if not words:
+            break
+        if "end_header" in words and len(header) > 1:
+            return header
+        header.append(words)
+    raise InvalidRobot(
+        f"its header must end with end_header, within {MOST_HEADER:,} lines and without an empty one"
+    )
 
 
 def _lines(text: bytes) -> int:
