@@ -235,6 +235,10 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
         "corners of triangles",
     ),
     "deep.dae": (lambda: dae(scene="<node>" * 1900 + "</node>" * 1900), "nested|tags|cannot be read"),
+    "columns.dae": (
+        lambda: dae().replace(b'<param name="X"', b"<param/>" * 2 + b'<param name="X"'),
+        "columns in a source",
+    ),
     "tags.dae": (lambda: dae(scene="<x/>" * 3000), "tags"),
 }
 

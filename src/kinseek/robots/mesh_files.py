@@ -45,6 +45,8 @@ MOST_CORNERS = 3 * 2**22
 """Corners of the triangles of COLLADA and GLB, where each instance counts; larger meshes are read as binary STL or PLY."""
 MOST_TAGS = 2**20
 """Of COLLADA."""
+MOST_COLUMNS = 4
+"""Of a source of COLLADA: positions, normals, coordinates of images and colours have no more."""
 MOST_SHARED = 2**27
 """Bytes of a GLB file that bodies may share, each of which has them for itself in memory."""
 LINE, CORNER, ELEMENT = 16, 5, 128
@@ -324,6 +326,8 @@ def _dae(text: bytes) -> None:
         if _words(each.text):
             corners = float(np.fromstring(each.text, sep=" ").sum())
             _at_most(int(min(corners, 2.0**62)), MOST_CORNERS, "corners of polygons")
+    columns = max((len(each.findall("{*}param")) for each in root.iter("{*}accessor")), default=0)
+    _at_most(columns, MOST_COLUMNS, "columns in a source")
     named = [f"{{*}}{each}" for each in ("node", "geometry", "material", "effect", "image")]
     _at_most(sum(1 for _ in root.iter(*named)), MOST_BODIES, "nodes, geometries, materials and images")
     bodies, corners = _unfolded(root)
