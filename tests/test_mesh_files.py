@@ -19,7 +19,7 @@ import pytest
 import kinseek
 from kinseek import InvalidRobot
 from kinseek.robots import mesh_files
-from kinseek.robots.mesh_files import CHECKS, MOST_BODIES
+from kinseek.robots.mesh_files import CHECKS, MOST_BODIES, MOST_GROUPS, Beside
 from kinseek.robots.meshes import mesh_parts
 
 trimesh = pytest.importorskip("trimesh")
@@ -31,7 +31,13 @@ MOST = 2**16
 @pytest.fixture(autouse=True)
 def _small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Limits as those of files of that size would be."""
-    limits = {"LINES": MOST // 16, "CORNERS": MOST // 5, "TAGS": MOST // 64, "SHARED": 2 * MOST}
+    limits = {
+        "LINES": MOST // 16,
+        "CORNERS": MOST // 5,
+        "TAGS": MOST // 64,
+        "SHARED": 2 * MOST,
+        "MASKED": 3 * MOST,
+    }
     for name, most in limits.items():
         monkeypatch.setattr(mesh_files, f"MOST_{name}", most)
 
@@ -195,10 +201,18 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
     ),
     "corners.stl": (lambda: b"solid a\n" + b"vertex 0 0 0\n" * 4500 + b"endsolid", "vertices and normals"),
     "materials.obj": (
-        lambda: TRIANGLE.encode() + b"".join(b"usemtl%d\n" % i for i in range(MOST_BODIES + 1)),
-        "materials",
+        lambda: TRIANGLE.encode() + b"".join(b"usemtl %d\n" % i for i in range(MOST_GROUPS + 1)),
+        " materials, expected",
     ),
-    "solids.stl": (lambda: b"solid\nendsolid\n" * (MOST_BODIES + 1), "solids"),
+    "continued.obj": (
+        lambda: TRIANGLE.encode() + b"".join(b"usemtl \\\n%d\n" % i for i in range(MOST_GROUPS + 1)),
+        " materials, expected",
+    ),
+    "masks.obj": (
+        lambda: TRIANGLE.encode() * 50 + b"".join(b"usemtl %d\n" % i for i in range(500)),
+        "lines times materials",
+    ),
+    "solids.stl": (lambda: b"solid\nendsolid\n" * (MOST_GROUPS + 1), "solids, expected"),
     "accessor.glb": (lambda: one_glb(count=10**9), "bytes in its accessors"),
     "view.glb": (lambda: one_glb(view=10**9), "bytes in its views"),
     "negative.glb": (lambda: one_glb(count=-5), "a count is -5"),
@@ -310,6 +324,17 @@ def test_text_that_is_not_utf8_is_latin1(tmp_path: Path) -> None:
     (tmp_path / "a.mtl").write_bytes("newmtl grün\nKd 1 0 0\n".encode("latin-1"))
     (tmp_path / "a.obj").write_bytes(f"mtllib a.mtl\n{TRIANGLE}usemtl grün\nf 1 2 3\n".encode("latin-1"))
     assert mesh_parts(tmp_path / "a.obj")[0].visual.material.name == "grün"
+
+
+def test_no_more_names_of_other_files_are_looked_up_than_a_mesh_has(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(b"#")
+    beside = Beside(tmp_path / "a.obj", MOST)
+    for _ in range(999):
+        with pytest.raises(InvalidRobot, match="is neither in"):
+            beside.get("none.png")
+    assert beside.get("a.png")
+    with pytest.raises(InvalidRobot, match="names of other files"):
+        beside.get("a.png")
 
 
 @pytest.mark.slow

@@ -27,6 +27,12 @@ from .files import file_bytes
 
 MOST_BODIES = 10_000
 """Bodies of one file: every one costs some kilobytes, however few triangles it has."""
+MOST_GROUPS = 1_000
+"""Solids of text STL and materials of OBJ: trimesh counts up from 1 to find a free name for each."""
+MOST_MASKED = 2**30
+"""Lines of OBJ times its materials: each body has a mask over all vertices."""
+MOST_NAMES = 1_000
+"""Files that a mesh names, where one that is named twice counts twice."""
 MOST_PIXELS = 2**26
 """Of all images of one file together."""
 MOST_LINE = 2**16
@@ -124,14 +130,16 @@ class Beside:
     def __init__(self, path: Path, most: int) -> None:
         """Look beside this file, for so many bytes."""
         self.file_name = path.name
-        self._folder, self._left, self._pixels = path.parent.resolve(), most, 0
+        self._folder, self._left, self._pixels, self._names = path.parent.resolve(), most, 0, 0
 
     def get(self, name: str) -> bytes:
         """Read one of them.
 
         Raises:
-            InvalidRobot: It is elsewhere, is no regular file, or is too large.
+            InvalidRobot: It is elsewhere, is no regular file, or is too large; or too many were named before.
         """
+        self._names += 1
+        _at_most(self._names, MOST_NAMES, "names of other files")
         named = name.strip().replace("\\", "/")
         places = [(self._folder / each).resolve() for each in (named, named.rpartition("/")[2])]
         found = next((each for each in places if each.is_relative_to(self._folder) and each.is_file()), None)
@@ -183,7 +191,7 @@ def _at_most(count: int, most: int, noun: str) -> None:
 def _stl(text: bytes) -> None:
     if not _is_binary_stl(text):
         lower = text.lower()
-        _at_most(lower.count(b"endsolid"), MOST_BODIES, "solids")
+        _at_most(lower.count(b"endsolid"), MOST_GROUPS, "solids")
         _at_most(lower.count(b"vertex") + lower.count(b"normal"), MOST_LINES, "vertices and normals")
 
 
@@ -193,10 +201,14 @@ def _is_binary_stl(text: bytes) -> bool:
 
 
 def _obj(text: bytes) -> None:
-    _at_most(_lines(text), MOST_LINES, "lines")
-    whole = np.frombuffer(text.replace(b"\r\n", b"\n").replace(b"\\\n", b"") + b"\n", dtype=np.uint8)
+    lines = _lines(text)
+    _at_most(lines, MOST_LINES, "lines")
+    joined = text.replace(b"\r\n", b"\n").replace(b"\\\n", b"") + b"\n"
+    whole = np.frombuffer(joined, dtype=np.uint8)
     _at_most(int(np.diff(np.flatnonzero(whole == ord("\n")), prepend=-1).max()), MOST_LINE, "bytes in a line")
-    _at_most(len(set(re.findall(rb"usemtl[^\n]*", text))), MOST_BODIES, "materials")
+    materials = len(set(re.findall(rb"usemtl[^\n]*", joined)))
+    _at_most(materials, MOST_GROUPS, "materials")
+    _at_most(lines * materials, MOST_MASKED, "lines times materials")
 
 
 def _ply(text: bytes) -> None:
