@@ -19,7 +19,7 @@ import pytest
 import kinseek
 from kinseek import InvalidRobot
 from kinseek.robots import mesh_files
-from kinseek.robots.mesh_files import CHECKS, MOST_BODIES, MOST_GROUPS, Beside
+from kinseek.robots.mesh_files import CHECKS, MOST_BODIES, MOST_GROUPS, Beside, Budget
 from kinseek.robots.meshes import mesh_parts
 
 trimesh = pytest.importorskip("trimesh")
@@ -54,6 +54,15 @@ DAE = """<?xml version="1.0"?>{doctype}
 <scene><instance_visual_scene url="#scene"/></scene></COLLADA>"""
 ONE = '<triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p></triangles>'
 INSTANCE = '<node id="n"><instance_geometry url="#g"/></node>'
+
+
+PAINTED = """<library_images><image id="i"><init_from>a.png</init_from></image></library_images>
+<library_effects><effect id="e"><profile_COMMON>
+<newparam sid="su"><surface type="2D"><init_from>i</init_from></surface></newparam>
+<newparam sid="sa"><sampler2D><source>su</source></sampler2D></newparam>
+<technique sid="c"><phong><diffuse><texture texture="sa" texcoord="UV"/></diffuse></phong></technique>
+</profile_COMMON></effect></library_effects>
+<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>"""
 
 
 def ply_header(*lines: str, encoding: str = "binary_little_endian") -> bytes:
@@ -328,7 +337,7 @@ def test_text_that_is_not_utf8_is_latin1(tmp_path: Path) -> None:
 
 def test_no_more_names_of_other_files_are_looked_up_than_a_mesh_has(tmp_path: Path) -> None:
     (tmp_path / "a.png").write_bytes(b"#")
-    beside = Beside(tmp_path / "a.obj", MOST)
+    beside = Beside(tmp_path / "a.obj", MOST, Budget(MOST))
     for _ in range(999):
         with pytest.raises(InvalidRobot, match="is neither in"):
             beside.get("none.png")
@@ -377,10 +386,62 @@ def test_images_are_pictures_of_a_sane_size(tmp_path: Path) -> None:
     ],
 )
 def test_images_inside_a_file_are_too(size: tuple[int, int], kind: str, why: str, tmp_path: Path) -> None:
+    data, told = pictured_glb(size, kind)
+    (tmp_path / "a.glb").write_bytes(glb(data, **told))
+    with pytest.raises(InvalidRobot, match=why) if why else contextlib.nullcontext():
+        assert mesh_parts(tmp_path / "a.glb")[0].visual.material.baseColorTexture.size == size
+    told["images"] = [{"uri": "a.png"}]
+    (tmp_path / "b.glb").write_bytes(glb(data, **told))
+    with pytest.raises(InvalidRobot, match="in other files"):
+        mesh_parts(tmp_path / "b.glb")
+
+
+def test_images_count_for_each_body(tmp_path: Path) -> None:
+    data, told = pictured_glb((2**13, 2**13))
+    told |= {"nodes": [{"mesh": 0}] * 3, "scenes": [{"nodes": [0, 1, 2]}]}
+    (tmp_path / "a.glb").write_bytes(glb(data, **told))
+    with pytest.raises(InvalidRobot, match="201,326,592 pixels in the images of its bodies"):
+        mesh_parts(tmp_path / "a.glb")
+    data, small = pictured_glb((8, 8))
+    (tmp_path / "a.glb").write_bytes(glb(data, **small | {each: told[each] for each in ("nodes", "scenes")}))
+    budget = Budget(MOST, 3 * 64)
+    assert len(mesh_parts(tmp_path / "a.glb", budget=budget)) == 3
+    assert budget.pixels_left == 0
+    with pytest.raises(InvalidRobot, match="192 pixels in the images of its bodies, expected at most 0"):
+        mesh_parts(tmp_path / "a.glb", budget=budget)
+
+
+def test_images_count_for_each_instance_of_collada(tmp_path: Path) -> None:
+    pytest.importorskip("collada")
+    pytest.importorskip("PIL.Image").new("1", (2**13, 2**13)).save(tmp_path / "a.png")
+    bound = (
+        '<instance_geometry url="#g"><bind_material><technique_common><instance_material symbol="M" target="#m"/>'
+        "</technique_common></bind_material></instance_geometry>"
+    )
+    text = dae(ONE.replace('count="1"', 'count="1" material="M"'), scene=f"<node>{bound * 3}</node>")
+    (tmp_path / "a.dae").write_bytes(
+        text.replace(b"<library_geometries>", PAINTED.encode() + b"<library_geometries>")
+    )
+    with pytest.raises(InvalidRobot, match="201,326,592 pixels in the images of its bodies"):
+        mesh_parts(tmp_path / "a.dae")
+
+
+def test_materials_for_which_images_are_computed_are_refused(tmp_path: Path) -> None:
+    data, told = pictured_glb((8, 8))
+    told["materials"] = [
+        {"extensions": {"KHR_materials_pbrSpecularGlossiness": {"diffuseTexture": {"index": 0}}}}
+    ]
+    (tmp_path / "a.glb").write_bytes(glb(data, **told))
+    with pytest.raises(InvalidRobot, match="computes new images"):
+        mesh_parts(tmp_path / "a.glb")
+
+
+def pictured_glb(size: tuple[int, int], kind: str = "PNG") -> tuple[bytes, dict[str, Any]]:
+    """Numbers and description of a file with one triangle and one image."""
     held = io.BytesIO()
     pytest.importorskip("PIL.Image").new("RGB" if kind == "EPS" else "1", size).save(held, format=kind)
     corners, picture = np.eye(3, dtype="<f4").tobytes(), held.getvalue()
-    told: dict[str, Any] = {
+    return corners + picture, {
         "bufferViews": [
             {"buffer": 0, "byteLength": 36},
             {"buffer": 0, "byteOffset": 36, "byteLength": len(picture)},
@@ -393,13 +454,36 @@ def test_images_inside_a_file_are_too(size: tuple[int, int], kind: str, why: str
         "nodes": [{"mesh": 0}],
         "scenes": [{"nodes": [0]}],
     }
-    (tmp_path / "a.glb").write_bytes(glb(corners + picture, **told))
-    with pytest.raises(InvalidRobot, match=why) if why else contextlib.nullcontext():
-        assert mesh_parts(tmp_path / "a.glb")[0].visual.material.baseColorTexture.size == size
-    told["images"] = [{"uri": "a.png"}]
-    (tmp_path / "b.glb").write_bytes(glb(corners + picture, **told))
-    with pytest.raises(InvalidRobot, match="in other files"):
-        mesh_parts(tmp_path / "b.glb")
+
+
+def test_the_meshes_of_a_robot_share_one_budget(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from kinseek.viewer import meshes
+
+    pytest.importorskip("PIL.Image").new("1", (8, 8)).save(tmp_path / "a.png")
+    (tmp_path / "a.mtl").write_text("newmtl red\nmap_Kd a.png\n")
+    (tmp_path / "a.obj").write_text(
+        f"mtllib a.mtl\n{TRIANGLE}vt 0 0\nvt 1 0\nvt 0 1\nusemtl red\nf 1/1 2/2 3/3\n"
+    )
+    visual = '<visual><geometry><mesh filename="a.obj"/></geometry></visual>'
+    (tmp_path / "arm.urdf").write_text(
+        f'<robot name="r"><link name="a">{visual * 3}</link><link name="b"/>'
+        '<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint></robot>'
+    )
+    chain = kinseek.load(tmp_path / "arm.urdf").chain
+    once = sum((tmp_path / f"a.{each}").stat().st_size for each in ("obj", "mtl", "png"))
+
+    def shown(budget: Budget) -> tuple[int, list[str]]:
+        monkeypatch.setattr(meshes, "Budget", lambda _: budget)
+        found = meshes.meshes_of(chain)
+        return sum(len(link.parts) for link in found.links), found.missing
+
+    assert shown(Budget(3 * once, 3 * 64)) == (3, [])
+    count, (missing,) = shown(Budget(MOST, 3 * 64 - 1))
+    assert count == 2
+    assert "pixels in the images of its bodies" in missing
+    count, (missing,) = shown(Budget(2 * once, 3 * 64))
+    assert count == 2
+    assert "too large together" in missing
 
 
 def test_scenes_and_the_viewer_refuse_the_same_files(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import re
 import struct
 import zipfile
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from itertools import chain
 from math import prod
 from pathlib import Path
@@ -35,6 +36,8 @@ MOST_NAMES = 1_000
 """Files that a mesh names, where one that is named twice counts twice."""
 MOST_PIXELS = 2**26
 """Of all images of one file together."""
+MOST_COPIED = 2**27
+"""Of the images of all bodies together: each body has a copy of its images."""
 MOST_LINE = 2**16
 """Bytes of a line of OBJ: a polygon with more corners is none."""
 MOST_JSON = 2**22
@@ -74,6 +77,15 @@ _STRIP = 5
 """The mode of a GLB body in which every corner but two begins a triangle."""
 _BINARY = 0x004E4942
 """The kind of a GLB chunk with numbers and images."""
+_IMAGES_OF = (
+    "image",
+    "baseColorTexture",
+    "emissiveTexture",
+    "metallicRoughnessTexture",
+    "normalTexture",
+    "occlusionTexture",
+)
+"""Where a material of trimesh has images."""
 _IMAGES = ("BMP", "GIF", "JPEG", "PNG", "TIFF", "WEBP")
 """Formats of images that are decoded: others call programs, or are no pictures of surfaces."""
 
@@ -124,12 +136,56 @@ def ending(path: Path) -> str:
     return found
 
 
+@dataclass
+class Budget:
+    """What the meshes of one robot may still take together; a file that is named twice is read twice."""
+
+    bytes_left: int
+    """Of files: meshes, materials and images."""
+    pixels_left: int = MOST_COPIED
+    """Of the images of all bodies."""
+
+    def read(self, path: Path, most: int) -> bytes:
+        """Read a file of at most so many bytes.
+
+        Raises:
+            InvalidRobot: The file cannot be read or is too large, or the budget is spent.
+        """
+        if self.bytes_left >= 0:
+            text = file_bytes(path, most)
+            self.bytes_left -= len(text)
+        if self.bytes_left < 0:
+            raise InvalidRobot(
+                f"{str(path)!r} is not read: the files before it and this one are too large together"
+            )
+        return text
+
+    def copy(self, scene: Any) -> list[Any]:
+        """Make the bodies of a scene, each with a copy of its images.
+
+        Raises:
+            InvalidRobot: The images have too many pixels.
+        """
+        shown = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
+        pixels = sum(_pixels_of(getattr(each, "visual", None)) for each in shown)
+        _at_most(pixels, self.pixels_left, "pixels in the images of its bodies")
+        self.pixels_left -= pixels
+        bodies: list[Any] = scene.dump()
+        return bodies
+
+
+def _pixels_of(visual: Any) -> int:
+    """Pixels of the images of a body, none of which is decoded for that."""
+    images = (getattr(getattr(visual, "material", None), name, None) for name in _IMAGES_OF)
+    return sum(prod(image.size) for image in images if image is not None)
+
+
 class Beside:
     """Files that a mesh names, materials and images: beside it or in a folder below, together as large as a mesh may be."""
 
-    def __init__(self, path: Path, most: int) -> None:
-        """Look beside this file, for so many bytes."""
-        self.file_name = path.name
+    def __init__(self, path: Path, most: int, budget: Budget) -> None:
+        """Look beside this file, for so many bytes, and no more than is left of the budget."""
+        self.file_name, self._budget = path.name, budget
         self._folder, self._left, self._pixels, self._names = path.parent.resolve(), most, 0, 0
 
     def get(self, name: str) -> bytes:
@@ -145,7 +201,7 @@ class Beside:
         found = next((each for each in places if each.is_relative_to(self._folder) and each.is_file()), None)
         if found is None:
             raise InvalidRobot(f"{name!r} is neither in {str(self._folder)!r} nor in a folder below")
-        text = file_bytes(found, self._left)
+        text = self._budget.read(found, self._left)
         self._left -= len(text)
         pixels = _pixels(text)
         self._pixels += pixels
@@ -289,6 +345,11 @@ def _glb(text: bytes) -> None:
             for part in parts
         ]
         corners.append(sum(each_of))
+    glossy = "KHR_materials_pbrSpecularGlossiness"
+    if images and any(glossy in each.get("extensions", {}) for each in told.get("materials", [])):
+        raise InvalidRobot(
+            "trimesh computes new images for its glossy materials; write them as metallic ones"
+        )
     nodes = told.get("nodes", [])
     _at_most(len(nodes) + sum(bodies) + len(images), MOST_BODIES, "nodes, bodies and images")
     named_as_child = [child for node in nodes for child in node.get("children", [])]

@@ -14,8 +14,7 @@ from kinseek.forks import importing
 from kinseek.transforms import rotation, transform
 from kinseek.undisturbed import raise_of_handler
 
-from .files import file_bytes
-from .mesh_files import Beside, ending, readable, require_mesh
+from .mesh_files import Beside, Budget, ending, readable, require_mesh
 
 Array = NDArray[np.float64]
 
@@ -23,8 +22,13 @@ MOST_MESH = 64 * 2**20
 """Bytes of one mesh's file."""
 
 
-def mesh_parts(path: Path, most: int = MOST_MESH) -> list[Any]:
-    """The triangles of a mesh's file, a body each, in metres; of at most so many bytes.
+def mesh_parts(path: Path, most: int = MOST_MESH, *, budget: Budget | None = None) -> list[Any]:
+    """Read the triangles of a mesh's file, a body each, in metres.
+
+    Args:
+        path: The file.
+        most: Bytes that it may hold, and as many that the files of its materials and images may hold together.
+        budget: What all meshes of the robot may take together, from which this one is taken off.
 
     Raises:
         InvalidRobot: The file cannot be read, is of a kind that is not read, or would unpack to more than a mesh has.
@@ -39,11 +43,12 @@ def mesh_parts(path: Path, most: int = MOST_MESH) -> list[Any]:
     if not log.handlers:
         log.addHandler(logging.NullHandler())
     kind = ending(path)
-    text = readable(kind, file_bytes(path, most))
+    budget = Budget(2 * most) if budget is None else budget
+    text = readable(kind, budget.read(path, most))
     require_mesh(path, text)
     try:
-        scene = trimesh.load_scene(io.BytesIO(text), file_type=kind, resolver=Beside(path, most))
-        bodies = scene.dump()
+        scene = trimesh.load_scene(io.BytesIO(text), file_type=kind, resolver=Beside(path, most, budget))
+        bodies = budget.copy(scene)
     except Exception as error:  # Readers of meshes raise whatever their parsers raise.
         raise_of_handler(error)
         raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from error

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidRobot, KinseekError
 from kinseek.kernels.arrays import ChainArrays
 from kinseek.robots.chain import Frame, SerialChain
+from kinseek.robots.mesh_files import Budget
 from kinseek.robots.meshes import mesh_parts, numbers_of, origin_of
 from kinseek.robots.packages import mesh_path
 from kinseek.robots.urdf_xml import root_element
@@ -21,6 +22,9 @@ Array = NDArray[np.float64]
 
 MOST_FACES = 1_000_000
 """Triangles of all meshes together: more would make a browser stutter."""
+
+MOST_READ = 2**28
+"""Bytes of the files of all meshes together, where a file counts as often as it is named."""
 
 MOST_TOLD = 5
 """Missing meshes that are named; a package that is nowhere lacks dozens."""
@@ -66,12 +70,12 @@ def meshes_of(chain: SerialChain | None, packages: Mapping[str, str | Path] | No
         return found
     path, folders = Path(chain.source), {**chain.packages, **(packages or {})}
     robot = root_element(chain.urdf, chain.source)
-    paints, faces = _paints(robot), 0
+    paints, faces, budget = _paints(robot), 0, Budget(MOST_READ)
     for link, frame in _fixed_to(robot, chain):
         mesh = LinkMesh(chain.arrays_to(frame))
         for visual in link.findall("visual"):
             try:
-                parts = list(_shapes(visual, path, folders, paints))
+                parts = list(_shapes(visual, path, folders, paints, budget))
             except (KinseekError, ValueError, TypeError, KeyError, OSError) as error:
                 found.missing.append(f"link {link.get('name')!r}: {error}")
                 continue
@@ -107,7 +111,11 @@ def _fixed_to(robot: Any, chain: SerialChain) -> Iterator[tuple[Any, Frame]]:
 
 
 def _shapes(
-    visual: Any, path: Path, packages: Mapping[str, str | Path], paints: Mapping[str, tuple[float, ...]]
+    visual: Any,
+    path: Path,
+    packages: Mapping[str, str | Path],
+    paints: Mapping[str, tuple[float, ...]],
+    budget: Budget,
 ) -> Iterator[Any]:
     """One visual as triangles in the frame of its link."""
     import trimesh
@@ -117,7 +125,7 @@ def _shapes(
     if shape is None:
         raise InvalidRobot("a visual without geometry")
     if shape.tag == "mesh":
-        parts = mesh_parts(mesh_path(shape.get("filename") or "", path, packages))
+        parts = mesh_parts(mesh_path(shape.get("filename") or "", path, packages), budget=budget)
         for part in parts:
             part.apply_scale(numbers_of(shape.get("scale"), 3, 1.0))
     elif shape.tag == "box":
