@@ -36,8 +36,8 @@ FAR = 1e9
 """No number of a page is larger: it is of lengths in metres, of angles, or of pixels."""
 
 POLICY = "connect-src 'self' data: blob:"
-"""Content-Security-Policy of the page. It holds WebAssembly and images, which it fetches as ``data:`` and ``blob:``. Frames are
-not limited, so that a notebook can show the page."""
+"""Content-Security-Policy of the page. It fetches the WebAssembly and images that it holds as ``data:`` and ``blob:``.
+Frames are not limited, so that a notebook can show the page."""
 _SERVER_KEYS = ("websocket", "playbackPath")
 """Parts of a query by which viser's page takes its messages from elsewhere; the policy alone would allow ``data:``."""
 
