@@ -11,8 +11,11 @@ import pytest
 
 import kinseek
 from kinseek import ALL_SOLVERS, BruteForce, DivideAndConquer, Goal, PathStatus, Problem, Solver, Status
+from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem, InvalidSolver
 from kinseek.kernels.grid import window as grid
+from kinseek.paths import impossible
+from kinseek.proof import isolation
 from kinseek.solvers import blind_search, brute_force, coordinate_descent, divide_and_conquer
 from reference import errors, fk
 
@@ -311,6 +314,27 @@ def test_proofs_of_a_path_keep_the_time() -> None:
         assert (path.q == plain.q).all()
         assert path.status is plain.status
     assert not (path.proof.out_of_reach & path.reached).any()
+
+
+@pytest.mark.parametrize("last", [1, 2, 5, 20])
+def test_after_the_time_no_answers_are_proved_complete(last: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was not looked at by then stays unknown."""
+    arm = kinseek.load("irb120")
+    path = arm.follow(poses(arm, 40))
+    assert len(path.breaks) > 30
+    deadline, looked = Deadline(1e6), 0
+
+    def ends_the_time(*given: Any, **named: Any) -> Any:
+        nonlocal looked
+        looked += 1
+        found = isolation.isolate(*given, **named)
+        if looked == last:
+            deadline.end = 0.0
+        return found
+
+    monkeypatch.setattr(impossible, "isolate", ends_the_time)
+    assert not impossible.impossible_stretches(path.problem, path, deadline)
+    assert looked == last
 
 
 @pytest.mark.parametrize("limit", [0.0, -1.0, float("nan"), "3", True])

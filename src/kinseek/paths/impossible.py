@@ -116,7 +116,7 @@ class Search:
             begin, answers = i, self.answers(i)
             i += answers is None
             reached = np.ones(0 if answers is None else len(answers.q), dtype=np.bool_)
-            while i < last and reached.any():
+            while i < last and reached.any() and not self.deadline.passed:
                 ahead = self.next_complete(i, min(i + EVERY, last))
                 if ahead is None:
                     i += 1
@@ -127,8 +127,8 @@ class Search:
         return found
 
     def answers(self, i: int) -> Answers | None:
-        """All answers to pose i; None where it is not proved that they are all."""
-        if i not in self._known and self.left > 0:
+        """All answers to pose i; None where it is not proved that they are all, or the time was up before."""
+        if i not in self._known and self.left > 0 and not self.deadline.passed:
             one = Problem(self.tight.mechanism, self.tight.goal.at(self.tight.goal.target[i]))
             found = isolate(one, budget=min(BOXES, self.left), deadline=self.deadline)
             self.left -= found.boxes
@@ -144,6 +144,9 @@ class Search:
 
     def advance(self, i: int, j: int, reached: Flags) -> tuple[int, Flags]:
         """Which answers can be reached at pose j, or at an earlier one where none can: that pose, and of each whether."""
+        if self.deadline.passed and (answers := self.answers(j)) is not None:
+            # Nothing more is decided: every answer counts as one that can be reached.
+            return j, np.ones(len(answers.q), dtype=np.bool_)
         passage = self.passage(i, j)
         after: Flags = np.asarray((passage.leads & reached[:, None]).any(axis=0))
         undecided = bool((passage.open_ahead & reached).any())
