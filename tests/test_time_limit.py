@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -278,6 +279,64 @@ def test_a_slow_judgement_and_a_slow_cost_keep_the_time() -> None:
             path = arm.follow(T, time_limit=0.3, **options)
             assert time.perf_counter() - began < 1.5
             followed(arm, path)
+
+
+@pytest.mark.parametrize("name", ["cost", "valid"])
+def test_what_the_user_says_of_a_long_path_keeps_the_time(name: str) -> None:
+    """The search leaves time for it, and poses that come too late cost nothing."""
+    arm = kinseek.load("ur5e")
+    T = way(arm, 100_000)
+    quick: dict[str, Any] = {"cost": lambda q: (q**2).sum(axis=1), "valid": lambda q: True}
+    options = {name: quick[name]}
+    arm.follow(T[:40], **options)
+    began = time.process_time()
+    path = arm.follow(T, threads=1, time_limit=0.8, **options)
+    assert time.process_time() - began < 1.2
+    assert path.out_of_time
+    followed(arm, path)
+    assert path.planned.sum() > 200
+
+
+def stopped_clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """A clock for all deadlines, which stands still unless `now` is set."""
+    clock = SimpleNamespace(now=0.0)
+    monkeypatch.setattr("kinseek.deadline.time", SimpleNamespace(monotonic=lambda: clock.now))
+    return clock
+
+
+def test_a_way_is_kept_as_far_as_it_was_agreed_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Poses are asked about together with the steps between them, not all poses first."""
+    arm = kinseek.load("ur5e")
+    T = way(arm, 2000)
+    whole, clock = arm.follow(T), stopped_clock(monkeypatch)
+
+    def valid(q: np.ndarray) -> bool:
+        clock.now += 1e-3
+        return True
+
+    path = arm.follow(T, valid=valid, time_limit=0.5)
+    count = int(path.planned.sum())
+    assert 200 < count < 500
+    np.testing.assert_array_equal(path.q[:count], whole.q[:count])
+    assert path.status is PathStatus.OUT_OF_TIME
+    followed(arm, path)
+
+
+def test_a_path_says_that_its_cost_was_not_asked_everywhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = kinseek.load("ur5e")
+    clock, asked = stopped_clock(monkeypatch), 0
+
+    def cost(q: np.ndarray) -> np.ndarray:
+        nonlocal asked
+        asked += 1
+        clock.now += 1e-2
+        return np.asarray((q**2).sum(axis=1))
+
+    path = arm.follow(way(arm, 400), cost=cost, time_limit=0.995)
+    assert asked == 100
+    assert path.out_of_time
+    assert path.status is PathStatus.CONTINUOUS
+    followed(arm, path)
 
 
 def test_a_path_in_a_scene_keeps_the_time() -> None:

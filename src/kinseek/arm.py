@@ -459,9 +459,9 @@ class Arm(ForwardArm):
             threads: Threads that share the poses; every core unless given. The answer has the same bits.
             progress: Show a progress bar.
             time_limit: [s], after which no further part of the work is begun: poses that were not planned by then are
-                missed (`Path.planned`), breaks are not planned again, and steps and poses stay unproved. `Path.out_of_time`
-                says that the time was up. Poses are read from an iterator whatever that takes, and what an arm needs once
-                is made in any case.
+                missed (`Path.planned`), those at which `cost` was not called cost 0, breaks are not planned again, and
+                steps and poses stay unproved. `Path.out_of_time` says that the time was up. Poses are read from an iterator
+                whatever that takes, and what an arm needs once is made in any case.
 
         Returns:
             Joint values inside the limits for every pose, judged by plain FK, the breaks, and what is in the way at each.

@@ -58,6 +58,10 @@ class Deadline:
         if self.passed:
             raise TimeUp
 
+    def share(self, part: float) -> Deadline:
+        """A deadline for the first step of some work: it ends when this part of the time left is over."""
+        return self if self.left is None else Deadline(part * self.left)
+
     @property
     def left(self) -> float | None:
         """Seconds left, as a time limit for a part of the work: above 0 even if the time is up; None without an end."""

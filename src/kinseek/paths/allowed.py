@@ -23,6 +23,9 @@ APART = 0.05
 ROWS = 128
 """Rows that a scene is asked about together where a deadline has to be kept: some milliseconds."""
 
+FEW = 16
+"""Poses of which the user is asked together where a deadline has to be kept: it may take milliseconds each."""
+
 
 class Obstacles(Protocol):
     """What a path asks of a scene."""
@@ -57,6 +60,12 @@ class Allowed:
     own: slice = field(default_factory=lambda: slice(None))
     """The joints of the arm itself, where others stand for ranges of the goal."""
     deadline: Deadline = field(default_factory=Deadline)
+
+    def at_once(self, count: int) -> int:
+        """How many of so many poses are asked about, with the steps between them, before the next are."""
+        if not self.deadline.limited:
+            return max(count, 1)
+        return ROWS if self.valid is None else FEW
 
     def __call__(self, q: Array) -> bool:
         """Is one q, (n,), free, and does the user agree?"""

@@ -13,7 +13,6 @@ from kinseek.deadline import Deadline, TimeUp
 from kinseek.problem import Problem
 from kinseek.solvers import Atlas
 
-from .allowed import ROWS
 from .asked import Asked
 from .joints import Turning
 from .layers import SAME, Layers
@@ -24,9 +23,6 @@ MOST = 250
 
 ROUNDS = 10
 """Ways that are tried before `valid` is asked of every answer to every pose."""
-
-FEW = 16
-"""Poses of which the user is asked together where a deadline has to be kept: it may take milliseconds each."""
 
 AT_ONCE = 512
 """Poses whose answers are looked at together: what that takes then stays in the processor's own memory."""
@@ -187,9 +183,7 @@ def refusals(asked: Asked, q: Array) -> tuple[set[int], Indices, int]:
     asks = np.asarray((np.abs(end - begin) <= longest * (1 + 1e-9)).all(axis=1))
     goal = goal.at(goal.target[: len(q)])
     there = goal.met(goal.measure(asked.problem.arrays, np.ascontiguousarray(q)))
-    size = len(q)
-    if valid.deadline.limited:
-        size = ROWS if valid.valid is None else FEW
+    size = valid.at_once(len(q))
     for first in range(0, len(q), size):
         try:
             some = first + np.flatnonzero(there[first : first + size])

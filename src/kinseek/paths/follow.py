@@ -20,11 +20,14 @@ from .path import Path
 from .relaxed import relaxed
 from .runs import bridged, follow_runs
 from .why import reasons
-from .windows import Windows, best_in_windows, in_windows
+from .windows import LONG, Windows, best_in_windows, in_windows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Advance = Callable[[int], object]
+
+FIRST_PART = 0.35
+"""Of a time limit so much is left to the search for answers: what the user says of them, and the way, take as long again."""
 
 
 def follow(asked: Asked, threads: int | None, advance: Advance, take: int | None = None) -> Path:
@@ -73,7 +76,9 @@ def _isolated(
             set(np.flatnonzero(missed).tolist()),
         )
     problem, deadline = asked.problem, asked.deadline
-    wide = isolated_layers(problem, asked.longest.max(axis=0), threads, advance, deadline)
+    asks = asked.cost is not None or asked.valid is not None
+    search = deadline.share(FIRST_PART) if asks or len(asked) > LONG else deadline
+    wide = isolated_layers(problem, asked.longest.max(axis=0), threads, advance, search)
     if not len(wide):
         return *none, wide, set()
     layers, missed = fill_missed(problem, inside_limits(problem, wide), threads, deadline)
@@ -145,6 +150,4 @@ def _judged(
         planned=planned,
         out_of_time=asked.deadline.passed or not bool(planned.all()),
     )
-    if path.success:
-        return replace(path, out_of_time=False)
-    return replace(path, why=reasons(asked, path, wide))
+    return path if path.success else replace(path, why=reasons(asked, path, wide))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,6 @@ from kinseek.branches.order import cost_of
 from kinseek.deadline import Deadline, TimeUp
 from kinseek.kernels.paths.programme import DISTANCE, ENDLESS, GIVEN, TIME, best_way
 
-from .allowed import ROWS
 from .asked import Asked, open_beside
 from .joints import Turning
 from .layers import Layers
@@ -51,14 +49,16 @@ class Programme:
             self.mode, self.costs = GIVEN, self._costs()
 
     def _costs(self) -> Array:
-        """What the user says that each node costs, (N, nodes)."""
+        """What the user says that each node costs, (N, nodes); 0 at all poses of which they were not asked in time."""
         assert self.asked.cost is not None
         costs = np.full((len(self.q), self.nodes), np.inf)
         for i, count in enumerate(self.count):
+            if self.asked.deadline.passed:
+                # Not one pose more is looked at: the programme itself leaves out what lies outside the limits.
+                costs[i:] = 0.0
+                break
             nodes, q = self._inside(i, count)
-            if self.asked.deadline.passed:  # What is left counts as nothing, rather than to wait for it.
-                costs[i, nodes] = 0.0
-            elif len(nodes):
+            if len(nodes):
                 costs[i, nodes] = cost_of(self.asked.cost, self._clipped(q))
         return costs
 
@@ -126,28 +126,37 @@ class Programme:
         return self._check(q, breaks, path)
 
     def _check(self, q: Array, breaks: Indices, path: Indices) -> tuple[bool, int]:
-        agreed: list[bool] = []
-        with suppress(TimeUp):
-            for i in range(len(q)):
-                agreed.append(self._node_agreed(i, int(path[i]), q[i]))
-        count = agreed.index(False) if False in agreed else len(agreed)
+        assert self.asked.valid is not None
+        steps = np.setdiff1d(np.arange(len(q) if self.asked.closed else len(q) - 1), breaks)
+        agreed, count, all_fine = list[bool](), len(q), True
+        size = self.asked.valid.at_once(len(q))
+        for first in range(0, len(q), size):
+            # The steps to some poses are asked about with them: of a way that is cut short a first part is then known.
+            last = min(first + size, len(q))
+            begin, end = np.searchsorted(steps, [first - 1, last - 1 if last < len(q) else last])
+            try:
+                agreed += [self._node_agreed(i, int(path[i]), q[i]) for i in range(first, last)]
+                edges, fine = self._steps_agreed(steps[begin:end].tolist(), q, path, agreed)
+            except TimeUp:
+                return False, min(count, first)
+            if False in agreed[first:]:
+                count = min(count, agreed.index(False))
+            if False in fine:
+                all_fine, count = False, min(count, edges[fine.index(False)] + 1)
+        return all_fine and count == len(q), count
+
+    def _steps_agreed(
+        self, steps: list[int], q: Array, path: Indices, agreed: list[bool]
+    ) -> tuple[list[int], list[bool]]:
+        """Ask `valid` of those of some steps that it was not asked of yet: their numbers, and of each whether it agreed."""
         edges, ends = [], []
-        for i in np.setdiff1d(np.arange(len(q) if self.asked.closed else len(q) - 1), breaks).tolist():
+        for i in steps:
             j = (i + 1) % len(q)
             edge = (i, int(path[i]), int(path[j]))
-            asked = max(i, j) < len(agreed) and agreed[i] and agreed[j]
-            if asked and not {i, j} & self.hopeless and edge not in self._passed:
+            if agreed[i] and agreed[j] and not {i, j} & self.hopeless and edge not in self._passed:
                 edges.append(edge)
                 ends.append(q[i] + (q[j] - q[i] if j else self.turning.way(q[j] - q[i])))
-        size = ROWS if self.asked.deadline.limited else max(len(edges), 1)
-        fine: list[bool] = []
-        with suppress(TimeUp):
-            for first in range(0, len(edges), size):
-                fine += self._edges_agreed(edges[first : first + size], q, ends[first : first + size])
-        refused = fine.index(False) if False in fine else len(fine)
-        if refused < len(edges):
-            count = min(count, edges[refused][0] + 1)
-        return count == len(q) and refused == len(edges), count
+        return [edge[0] for edge in edges], self._edges_agreed(edges, q, ends) if edges else []
 
     def _edges_agreed(self, edges: list[tuple[int, int, int]], q: Array, ends: list[Array]) -> list[bool]:
         """Ask `valid` of some steps of a way, and leave out from now on what it refuses."""

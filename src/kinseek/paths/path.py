@@ -88,7 +88,7 @@ class Path(Lazy):
         problem: What was asked.
         closed: Does the motion go on from the last pose to the first?
         planned: Was pose i planned before the `time_limit`? (N,) bool. If not it is missed, and `q` stays where it is.
-        out_of_time: Did the time limit end the planning before breaks and missed poses were looked into?
+        out_of_time: Was the time up before the path was planned? A continuous path may then cost more than with more time.
         proof: What is proved of it, see `PathProof`; None without `prove=True`.
     """
 

@@ -117,7 +117,7 @@ def _silent(done: int) -> None:
 def best_in_windows(windows: Windows, advance: Callable[[int], object]) -> tuple[Array, Indices]:
     """The best way through a long path: joint values, (N, n), and its breaks; if the time is up, of its first poses."""
     turning, deadline = windows.turning, windows.asked.deadline
-    half = Deadline(None if deadline.left is None else FIRST_PART * deadline.left)
+    half = deadline.share(FIRST_PART)
     runs: list[Run] = []
     first = last = -1
     for begin in windows.begins:
