@@ -88,15 +88,17 @@ def draw(rows: Sequence[Row], path: Path) -> None:
             axis.plot(
                 column(some, "evaluations_mean"), column(some, "position_mean_mm"), label=mixture, **shown
             )
-            for row in some if mixture == BUILT else ():
-                if row["breadth"] in WHOLE:
-                    place = (float(row["evaluations_mean"]), float(row["position_mean_mm"]))
-                    axis.annotate(f" CB({row['breadth']:.0f})", place, va="bottom")
+        whole = [row for row in where(rows, dof=dof, mixture=BUILT) if row["breadth"] in WHOLE]
+        names = ", ".join(f"CB({row['breadth']:.0f})" for row in whole)
+        star = {"marker": "*", "markersize": 13, "linestyle": "none", "color": "black"}
+        axis.plot(column(whole, "evaluations_mean"), column(whole, "position_mean_mm"), label=names, **star)
         axis.set(xscale="log", yscale="log", title=NAMES[dof], xlabel="FK evaluations per point")
         axis.margins(x=0.2, y=0.1)
         axis.xaxis.set_minor_formatter(NullFormatter())
     axes[0, 0].set_ylabel("mean position error [mm]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(MIXTURES))
+    figure.legend(
+        *axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(MIXTURES) + 1
+    )
     figure.suptitle(
         "Fractional breadth: D = 3, B = 7200, K_P = K_A; quarters as built, halves in other mixtures"
     )

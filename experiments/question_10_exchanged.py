@@ -65,8 +65,8 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     axes[0, 3].set(xlabel="Br, breadth of both joints", title="D = 3")
     axes[0, 3].set_xticks([1, 2, 3, 4])
     axes[0, 0].set_ylabel("mean position error [mm]")
-    axes[0, 0].legend(loc="upper center", bbox_to_anchor=(0.5, -0.2))
-    axes[0, 3].legend(loc="upper center", bbox_to_anchor=(0.5, -0.2))
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
+    figure.legend(*axes[0, 3].get_legend_handles_labels(), loc="outside lower right", ncols=len(LENGTHS))
     figure.suptitle(
         "Question 10, another way: two links in another order, joints that wrap, K_P = K_A, B = 7200"
     )
