@@ -174,6 +174,12 @@ def test_parameters_are_read_from_text() -> None:
             make_search("DivideAndConquer", given | {name: text})
 
 
+@pytest.mark.parametrize("search", ["DivideAndConquer", "BruteForce"])
+def test_a_page_cannot_ask_for_gigabytes_of_nodes(search: str) -> None:
+    with pytest.raises(InvalidSolver, match="the page takes at most 1,000,000, got 20,000,000"):
+        make_search(search, {"branching_factor": "20000000"})
+
+
 def test_what_a_browser_keeps_comes_back(sessions: dict[str, Session]) -> None:
     begin = sessions["ur5e"].begin
     kept = begin.but(

@@ -51,6 +51,10 @@ def needs_start(search: str) -> bool:
     return SEARCHES[search].traits.near is Near.START
 
 
+MOST_FACTOR = 1_000_000
+"""Nodes a joint: a static tree keeps some hundred bytes of each, and any page can ask for one."""
+
+
 def make_search(search: str, given: Mapping[str, str]) -> Solver | None:
     """Build a search; None for the default, which the arm brings itself.
 
@@ -63,6 +67,11 @@ def make_search(search: str, given: Mapping[str, str]) -> Solver | None:
     """
     own = parameters_of(search)
     values = {name: _read(name, text) for name, text in given.items() if name in own}
+    factor = values.get("branching_factor")
+    if isinstance(factor, int) and factor > MOST_FACTOR:
+        raise InvalidSolver(
+            f"{PARAMETERS['branching_factor']}: the page takes at most {MOST_FACTOR:,}, got {factor:,}"
+        )
     return None if search == DEFAULT else SEARCHES[search](**values)
 
 
