@@ -161,3 +161,22 @@ KNOWN = (Refused, SyntaxError, NameError, ArithmeticError, TypeError, ValueError
 def test_any_text_ends_in_a_value_or_in_an_error_that_is_known(text: str) -> None:
     with contextlib.suppress(*KNOWN):
         evaluate(text, {})
+
+
+@pytest.mark.parametrize("digits", ["-30000000", "30000000", "-10**12"])
+def test_rounding_to_millions_of_digits_is_refused(digits: str) -> None:
+    with pytest.raises(Refused, match="expected at most 400"):
+        evaluate(f"round(1, {digits})", {})
+    assert evaluate("round(1234, -2)", {}) == 1200
+
+
+def test_lists_within_lists_are_counted() -> None:
+    def nested(depth: int) -> Any:
+        value: Any = [1, 1]
+        for _ in range(depth):
+            value = evaluate("[p, p]", {"p": value})
+        return value
+
+    assert len(nested(10)) == 2
+    with pytest.raises(Refused, match="more than 100,000 entries"):
+        nested(40)  # Without a limit it has 2^41 entries.

@@ -13,6 +13,12 @@ import operator
 from collections.abc import Callable, Mapping
 from typing import Any
 
+MOST_DIGITS = 400
+"""A float has no more before or behind its point."""
+
+MOST_ENTRIES = 100_000
+"""Entries of a value or of a YAML file, those of lists within lists counted."""
+
 MOST_LETTERS = 10_000
 """Of one expression, and of a text or list that it makes."""
 LARGEST = 1e300
@@ -45,15 +51,36 @@ _MATH = (
     *("acos", "asin", "atan", "atan2", "cos", "sin", "tan", "degrees", "radians", "hypot"),
     *("ceil", "copysign", "exp", "fabs", "floor", "fmod", "log", "sqrt"),
 )
+
+
+def _round(value: Any, digits: Any = None) -> Any:
+    """As `round`, which computes ten to the power of how many digits it rounds off."""
+    if isinstance(digits, int) and abs(digits) > MOST_DIGITS:
+        raise Refused(f"round to {digits:,} digits, expected at most {MOST_DIGITS}")
+    return round(value, digits)
+
+
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{name: getattr(math, name) for name in _MATH},
-    **{function.__name__: function for function in (abs, bool, float, int, len, max, min, round, str)},
+    **{function.__name__: function for function in (abs, bool, float, int, len, max, min, str)},
+    "round": _round,
 }
 """What may be called. No function that makes much of little is among them."""
 
 CONSTANTS: dict[str, Any] = {"pi": math.pi, "tau": math.tau, "e": math.e, "inf": math.inf, "nan": math.nan}
 _ROOMS = ("math", "python")
 """Names of xacro for where functions stand: ``math.sin``."""
+
+
+def entries(content: Any, most: int) -> int:
+    """Values that are written when everything is, counted a little beyond `most`."""
+    left, count = [content], 0
+    while left and count <= most:
+        one = left.pop()
+        count += 1
+        if isinstance(one, dict | list | tuple):
+            left.extend(one.values() if isinstance(one, dict) else one)
+    return count
 
 
 class Refused(Exception):
@@ -98,6 +125,8 @@ class _Reader:
         """Stop what grows."""
         if isinstance(value, str | list | tuple) and len(value) > MOST_LETTERS:
             raise Refused(f"a value of {len(value):,} letters or entries, expected at most {MOST_LETTERS:,}")
+        if isinstance(value, list | tuple) and entries(value, MOST_ENTRIES) > MOST_ENTRIES:
+            raise Refused(f"a value of more than {MOST_ENTRIES:,} entries")
         if isinstance(value, int) and abs(value) > LARGEST:
             raise Refused(f"a whole number beyond {LARGEST:g}")
         return value

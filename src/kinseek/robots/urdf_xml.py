@@ -18,7 +18,7 @@ from kinseek.errors import InvalidRobot, suggest
 from kinseek.forks import finish_first, importing
 from kinseek.undisturbed import raise_of_handler
 
-from .expressions import Refused, evaluate
+from .expressions import MOST_ENTRIES, Refused, entries, evaluate
 from .files import MOST_BYTES, MOST_LINKS, file_bytes, require_few
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
@@ -35,9 +35,6 @@ _LOST_PACKAGE = re.compile(r"Package not found: (\S+)")
 """What xacrodoc says, wrapped by xacro."""
 _MOST_STEPS, _MOST_LETTERS, _MOST_NESTED = 50_000, 2**20, 32
 """Elements that xacro may expand, how long a value may become, and how deep files may include each other."""
-MOST_ENTRIES = 100_000
-"""Values in a YAML file that a xacro file reads."""
-
 _NUMBERS = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
@@ -204,9 +201,7 @@ def _computed_xacro(path: Path) -> Iterator[None]:
     def load_yaml(name: str) -> Any:
         content = xacro.load_yaml(name)
         # Aliases make much of little as soon as it is written out.
-        require_few(
-            _entries(content, MOST_ENTRIES), "entries of a YAML file", MOST_ENTRIES, f"{path}: {name}"
-        )
+        require_few(entries(content, MOST_ENTRIES), "entries of a YAML file", MOST_ENTRIES, f"{path}: {name}")
         return content
 
     def compute(expression: str, names: Any, functions: Mapping[str, Any]) -> Any:
@@ -248,17 +243,6 @@ def _computed_xacro(path: Path) -> Iterator[None]:
         xacro.safe_eval = kept
         for name, function in before.items():
             setattr(substitution_args, name, function)
-
-
-def _entries(content: Any, most: int) -> int:
-    """Values that are written when everything is, counted a little beyond `most`."""
-    left, count = [content], 0
-    while left and count <= most:
-        one = left.pop()
-        count += 1
-        if isinstance(one, dict | list):
-            left.extend(one.values() if isinstance(one, dict) else one)
-    return count
 
 
 def _refusal(error: BaseException) -> InvalidRobot | None:
