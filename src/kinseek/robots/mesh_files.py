@@ -30,6 +30,8 @@ MOST_BODIES = 10_000
 """Bodies of one file: every one costs some kilobytes, however few triangles it has."""
 MOST_GROUPS = 1_000
 """Solids of text STL and materials of OBJ: trimesh counts up from 1 to find a free name for each."""
+MOST_STEPS = 100_000
+"""Steps from the nodes of a file to its root, added up."""
 MOST_MASKED = 2**30
 """Lines of OBJ times its materials: each body has a mask over all vertices."""
 MOST_NAMES = 1_000
@@ -354,6 +356,7 @@ def _glb(text: bytes) -> None:
     _at_most(len(nodes) + sum(bodies) + len(images), MOST_BODIES, "nodes, bodies and images")
     named_as_child = [child for node in nodes for child in node.get("children", [])]
     roots = [root for scene in told.get("scenes", []) for root in scene.get("nodes", [])]
+    _at_most(_steps(nodes, roots), MOST_STEPS, "steps from its nodes to the root")
     meshes = [nodes[each]["mesh"] for each in [*named_as_child, *roots] if "mesh" in nodes[each]]
     _at_most(sum(bodies[mesh] for mesh in meshes), MOST_BODIES, "bodies")
     shared = max(sum(weights), sum(weights[mesh] for mesh in meshes))
@@ -365,6 +368,17 @@ def _glb(text: bytes) -> None:
         start = view.get("byteOffset", 0)
         pixels += _pixels(_buffer(text, 20 + size)[start : start + view["byteLength"]])
     _at_most(pixels, MOST_PIXELS, "pixels in its images")
+
+
+def _steps(nodes: list[Any], roots: list[int]) -> int:
+    """How deep nodes lie, added up: trimesh walks from the root to each of them."""
+    total, depth, level, seen = 0, 0, set(roots), set(roots)
+    while level:
+        total += depth * len(level)
+        depth += 1
+        level = {child for each in level for child in nodes[each].get("children", [])} - seen
+        seen |= level
+    return total
 
 
 def _buffer(text: bytes, place: int) -> bytes:

@@ -88,6 +88,10 @@ def reduced(path: Path) -> Reduced:
     return Reduced(text, reader.attached)
 
 
+MOST_MODELS = 1000
+"""Each copy of an attached model is read anew."""
+
+
 class _Reader:
     """Reads one file, and those that it includes or attaches."""
 
@@ -95,11 +99,15 @@ class _Reader:
         self.folder = folder
         self.left = MOST_BYTES
         self.attached: dict[str, bytes] = {}
+        self.models = 0
+        """Models that were read, each as often as it is attached."""
 
     def model(self, path: Path, above: tuple[Path, ...]) -> tuple[str, int]:
         """Text of a model, and how many elements of `_COUNTED` it has, copies counted."""
         if path.resolve() in above:
             raise InvalidRobot(f"{path}: the model attaches itself")
+        self.models += 1
+        require_few(self.models, "models, copies counted", MOST_MODELS, str(path))
         root = self._root(path)
         self._include(root, path, {path.resolve()})
         sizes = self._attach(root, path, (*above, path.resolve()))
