@@ -175,12 +175,9 @@ def refusals(asked: Asked, q: Array) -> tuple[set[int], Indices, int]:
     if valid is None or not len(q):
         return set(), barred[0], len(q)
     goal, refused = asked.problem.goal, np.zeros(len(q), dtype=np.bool_)
-    longest = asked.longest
     begin, end = steps_of(asked, q)
-    if len(longest) > 1:
-        longest = np.concatenate([longest, longest[-1:]])[: len(begin)]
     # Of a way to or from a pose that is missed nothing is asked, nor of one that is a break in any case.
-    asks = np.asarray((np.abs(end - begin) <= longest * (1 + 1e-9)).all(axis=1))
+    asks = short_steps(asked, begin, end)
     goal = goal.at(goal.target[: len(q)])
     there = goal.met(goal.measure(asked.problem.arrays, np.ascontiguousarray(q)))
     size = valid.at_once(len(q))
@@ -206,3 +203,11 @@ def steps_of(asked: Asked, q: Array) -> tuple[Array, Array]:
         return q[:-1], q[1:]
     back = q[-1] + Turning(asked.problem.chain).way(q[0] - q[-1])
     return q, np.concatenate([q[1:], back[None]])
+
+
+def short_steps(asked: Asked, begin: Array, end: Array) -> NDArray[np.bool_]:
+    """Of each step that `steps_of` gave: does no joint go too far? The step that closes a path has the bound of the last."""
+    longest = asked.longest
+    if len(longest) > 1:
+        longest = np.concatenate([longest, longest[-1:]])[: len(begin)]
+    return np.asarray((np.abs(end - begin) <= longest * (1 + 1e-9)).all(axis=1))

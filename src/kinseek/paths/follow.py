@@ -12,7 +12,7 @@ from kinseek.branches.index import freedom
 from kinseek.deadline import Deadline
 
 from .asked import ROUNDING, Asked
-from .ends import best_valid, fill_missed, inside_limits, refusals, steps_of, with_ends
+from .ends import best_valid, fill_missed, inside_limits, refusals, short_steps, steps_of, with_ends
 from .joints import Turning
 from .layers import SAME, Layers, isolated_layers
 from .nodes import GRACE, Programme
@@ -127,12 +127,7 @@ def _judged(
     reached[[i for i in hopeless if i < len(q)]] = False
     # Whatever was planned, a step that is too large is a break.
     begin, end = steps_of(asked, q)
-    longest = (
-        np.concatenate([asked.longest, asked.longest[-1:]])[: len(begin)]
-        if len(asked.longest) > 1
-        else asked.longest
-    )
-    torn = np.asarray((np.abs(end - begin) > longest * (1 + 1e-9)).any(axis=1))
+    torn = ~short_steps(asked, begin, end)
     if asked.closed and asked.ends_where_it_begins:
         torn[-1] |= (np.abs(end[-1] - begin[-1]) > ROUNDING).any()
     torn[breaks[breaks < len(torn)]] = True

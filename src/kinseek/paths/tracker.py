@@ -57,8 +57,8 @@ AWAY = (1e-3, 1e-2)
 FASTER, AFTER = 10.0, 0.5
 """If joints so many times as fast keep up for so long after [s], the hand is only too fast, and its branch does not end."""
 
-PERIODS, SECONDS, MOST_PERIODS = (1e-9, 1e9), (1e-9, 1e9), 1_000_000
-"""Periods and times to look ahead that are allowed, from and to [s]; how many periods a way to another branch may take."""
+TIMES, MOST_PERIODS = (1e-9, 1e9), 1_000_000
+"""Periods and times to look ahead are from and to these [s]; a way to another branch takes so many periods at most."""
 
 RETRY = 0.05
 """While the pose is lost, it is looked for again after so much time [s]."""
@@ -111,11 +111,11 @@ class Tracker:
     A step never goes farther than a joint may within one period, and never out of the limits; what it does depends on
     nothing but the steps before it, so the same poses give the same bits.
 
-    If the pose cannot be reached, the arm comes to rest at the nearest pose of its branch. A pose counts as lost if a joint
-    limit or a singularity keeps the hand farther from it than 1 mm or 0.01 rad. With `recover`, a lost pose is looked for
-    again every 0.05 s, and the joints go there straight and as fast as they may (RECOVERING) in two cases: it is reached
-    from close to the joint values that last reached a pose, or a pose has been out of reach of every branch since then.
-    Otherwise the arm stays on its branch; `switch` leaves it.
+    If the pose cannot be reached, the arm comes to rest at the nearest pose of its branch. A pose counts as lost from when
+    the hand is farther from it than 1 mm or 0.01 rad until one is reached. With `recover`, a lost pose is looked for again
+    every 0.05 s. If a limit or a singularity holds the arm, the joints go there straight and as fast as they may
+    (RECOVERING) in two cases: it is reached from close to the joint values that last reached a pose, or a pose has been out
+    of reach of every branch since then. Otherwise the arm stays on its branch; `switch` leaves it.
     """
 
     def __init__(
@@ -124,7 +124,7 @@ class Tracker:
         """Stand at joint values; see `Arm.track`."""
         if arm.axes is None:
             raise InvalidProblem(f"{arm.name!r} is a function: a tracker works along axes, and it has none")
-        period = number("period, in seconds,", period, *PERIODS, InvalidProblem)
+        period = number("period, in seconds,", period, *TIMES, InvalidProblem)
         if not isinstance(recover, bool):
             raise InvalidProblem(f"recover must be True or False, got {recover!r:.200}")
         start = as_joints(arm, q0, "q0")
@@ -182,8 +182,9 @@ class Tracker:
             position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, state)
         self._keep(T)
         if ended == TRACKED:
-            self._forget_loss()
-        elif self._recover and (self._lost_for or position > AWAY[0] or orientation > AWAY[1]):
+            if self._lost_for:
+                self._forget_loss()
+        elif self._recover and (self._lost_for or _is_away(position, orientation)):
             self._lost_for += 1  # Once lost, a pose is lost until one is reached.
             if self._lost_for % self._retry == 0:
                 found = self._found_again(T)
@@ -216,7 +217,7 @@ class Tracker:
         T, state = _one(T), self._state
         *_, at_once = servo_step(self._index.address, PLAIN, T, self._memory, state.copy())
         position, orientation, ended = servo_step(self._index.address, PLAIN, T, self._memory, there)
-        if at_once == TRACKED or _is_lost(position, orientation, ended):
+        if at_once == TRACKED or (ended in (LIMIT, SINGULAR) and _is_away(position, orientation)):
             self._there = None
             return self.step(T)
         self._keep(T)
@@ -318,7 +319,7 @@ class Tracker:
         if q.shape != (self._arm.dof,):
             raise InvalidProblem(f"to must have shape ({self._arm.dof},), got {q.shape}")
         position, orientation = self._errors(q, target)
-        if position > AWAY[0] or orientation > AWAY[1]:
+        if _is_away(position, orientation):
             raise InvalidProblem(
                 f"to must reach the last pose: it is {position:.3g} m and {orientation:.3g} rad away from it"
             )
@@ -385,7 +386,7 @@ class Tracker:
         if self._given < 2:
             raise InvalidProblem("to look ahead takes two poses: call step(T) twice first")
         looks = whole("looks", looks, 1, error=InvalidProblem)
-        seconds = number("seconds", seconds, *SECONDS, InvalidProblem)
+        seconds = number("seconds", seconds, *TIMES, InvalidProblem)
         at_once = max(1, round(seconds / looks / self.period))
         count = int(np.ceil((seconds + longer) / self.period / at_once - 1e-9))
         apart = max(1, min(self._apart, (self._given - 1) // 2))
@@ -421,9 +422,9 @@ class Tracker:
         return self._arm.joint_names[int(some[0])] if len(some) and ended != SINGULAR else None
 
 
-def _is_lost(position: float, orientation: float, ended: int) -> bool:
-    """Do a limit or a singularity keep the hand away from its pose?"""
-    return ended in (LIMIT, SINGULAR) and (position > AWAY[0] or orientation > AWAY[1])
+def _is_away(position: float, orientation: float) -> bool:
+    """Has the hand lost its pose?"""
+    return position > AWAY[0] or orientation > AWAY[1]
 
 
 def _one(T: object) -> Array:
