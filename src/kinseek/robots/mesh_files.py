@@ -23,6 +23,7 @@ import numpy as np
 
 from kinseek.errors import InvalidRobot
 from kinseek.forks import importing
+from kinseek.undisturbed import raise_of_handler
 
 from .files import file_bytes
 
@@ -60,9 +61,6 @@ MOST_COLUMNS = 4
 """Of a source of COLLADA: positions, normals, coordinates of images and colours have no more."""
 MOST_SHARED = 2**27
 """Bytes of a GLB file that bodies may share, each of which has them for itself in memory."""
-LINE, CORNER, ELEMENT = 16, 5, 128
-"""A file may have as many lines, corners of triangles and XML elements as the largest file has with so many bytes for each:
-what they take in memory does not depend on what they take in the file."""
 
 _LINE_ENDS = (
     *(bytes([each]) for each in b"\n\r\v\f\x1c\x1d\x1e"),
@@ -103,6 +101,7 @@ def require_mesh(path: Path, text: bytes) -> None:
     except InvalidRobot as error:
         raise InvalidRobot(f"{str(path)!r}: {error}") from None
     except Exception as error:  # Whatever a broken file makes of the checks.
+        raise_of_handler(error)
         raise InvalidRobot(f"{str(path)!r} cannot be read: {error or type(error).__name__}") from error
 
 
@@ -235,6 +234,7 @@ def _pixels(text: bytes) -> int:
     except UnidentifiedImageError:
         return 0
     except Exception as error:  # Too large for Pillow, or broken.
+        raise_of_handler(error)
         raise InvalidRobot(f"an image cannot be read: {error}") from error
     if known not in _IMAGES:
         raise InvalidRobot(f"an image is {known}, expected one of {', '.join(_IMAGES)}")
