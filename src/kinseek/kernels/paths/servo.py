@@ -32,11 +32,10 @@ TRACKING, LAGGING, LIMIT, SINGULAR, NO_POSE = range(5)
 """How a step ended; NO_POSE: the target is no rigid transform, and nothing has changed."""
 
 NEAREST_STEPS = 40
-"""Newton steps within a period at most towards the nearest pose. Out of reach of ur5e, panda, iiwa14 and xarm7 (experiment:
-tests/test_tracker.py, `test_out_of_reach_the_arm_comes_to_rest`) one to four are usual."""
+"""Newton steps within a period at most towards the nearest pose: a bound on the work. Not examined further."""
 
 NEAR = 1e-3
-"""Closer than this the position error counts squared [m], farther off linearly."""
+"""Closer than this the position error counts squared [m], farther off linearly (Huber 1964). Not examined further."""
 
 INSIDE = 1e-12
 """Part of a joint's way within a period that is left unused, so that rounding never makes it too fast."""
@@ -48,9 +47,9 @@ def go_nearer(task: Task, desk: Desk, target: Array, state: Array) -> None:
 
     The weighted error ``K_P d + Σ K_c (1 - c·c_g)`` has a kink at d = 0, along which steps are tiny. Its majorant
     ``K_P d² / 2 d_0 + Σ K_c (1 - c·c_g)`` touches it at the present distance d_0 and is smooth (iteratively reweighted least
-    squares, Weiszfeld 1937). As the majorant falls the error falls at least as much, so a target at rest never makes the arm
-    go back and forth: it comes to rest where the error is least. Gauss-Newton steps overshoot there in every period, since
-    the Jacobian is singular at the end of the reach.
+    squares, Weiszfeld 1937). As the majorant falls the error, squared closer than `NEAR`, falls at least as much. So a
+    target at rest never makes the arm go back and forth: it comes to rest where the error is least. Gauss-Newton steps
+    overshoot there in every period, since the Jacobian is singular at the end of the reach.
     """
     for d in range(len(task.lower)):
         desk.seed[d] = min(max(state[NOW, d], state[LOW, d]), state[HIGH, d])
