@@ -67,11 +67,6 @@ def make_search(search: str, given: Mapping[str, str]) -> Solver | None:
     """
     own = parameters_of(search)
     values = {name: _read(name, text) for name, text in given.items() if name in own}
-    factor = values.get("branching_factor")
-    if isinstance(factor, int) and factor > MOST_FACTOR:
-        raise InvalidSolver(
-            f"{PARAMETERS['branching_factor']}: the page takes at most {MOST_FACTOR:,}, got {factor:,}"
-        )
     return None if search == DEFAULT else SEARCHES[search](**values)
 
 
@@ -84,6 +79,8 @@ def _read(name: str, text: str) -> object:
         numbers = tuple(map(float if name == "breadth" else int, text.split(",")))
     except ValueError:
         numbers = ()
+    if name == "branching_factor" and max(numbers, default=0) > MOST_FACTOR:
+        raise InvalidSolver(f"{PARAMETERS[name]}: the page takes at most {MOST_FACTOR:,}, got {text.strip()}")
     if name != "tree" and (len(numbers) == 1 or (numbers and name == "breadth")):
         return numbers[0] if len(numbers) == 1 else numbers
     takes = ["a whole number"] if name not in ("tree", "breadth") else []
