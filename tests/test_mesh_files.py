@@ -19,7 +19,7 @@ import pytest
 import kinseek
 from kinseek import InvalidRobot
 from kinseek.robots import mesh_files
-from kinseek.robots.mesh_files import CHECKS, MOST_BODIES, MOST_GROUPS, Beside, Budget
+from kinseek.robots.mesh_files import CHECKS, LEAST_BODIES, MOST_BODIES, MOST_GROUPS, Beside, Budget
 from kinseek.robots.meshes import mesh_parts
 
 trimesh = pytest.importorskip("trimesh")
@@ -228,6 +228,10 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
     "primitives.glb": (lambda: one_glb(count=0, corners=300, repeat=60), "bytes in its bodies"),
     "instances.glb": (lambda: one_glb(count=0, corners=300, nodes=60), "bytes in its bodies"),
     "corners.glb": (lambda: one_glb(count=0, corners=14100), "corners of triangles"),
+    "counted_four_times.glb": (
+        lambda: one_glb(count=0, corners=119, nodes=91),
+        "corners of triangles, with those of instances",
+    ),
     "strip.glb": (lambda: one_glb(count=0, corners=1500, nodes=3, mode=5), "corners of triangles"),
     "many.glb": (lambda: one_glb(nodes=MOST_BODIES + 1), "nodes, bodies and images"),
     "draco.glb": (lambda: one_glb(extensions={"KHR_draco_mesh_compression": {}}), "Draco"),
@@ -473,7 +477,7 @@ def test_the_meshes_of_a_robot_share_one_budget(tmp_path: Path, monkeypatch: pyt
     once = sum((tmp_path / f"a.{each}").stat().st_size for each in ("obj", "mtl", "png"))
 
     def shown(budget: Budget) -> tuple[int, list[str]]:
-        monkeypatch.setattr(meshes, "Budget", lambda _: budget)
+        monkeypatch.setattr(meshes, "Budget", lambda *_, **__: budget)
         found = meshes.meshes_of(chain)
         return sum(len(link.parts) for link in found.links), found.missing
 
@@ -484,6 +488,95 @@ def test_the_meshes_of_a_robot_share_one_budget(tmp_path: Path, monkeypatch: pyt
     count, (missing,) = shown(Budget(2 * once, 3 * 64))
     assert count == 2
     assert "too large together" in missing
+    count, (missing,) = shown(Budget(MOST, again_left=once))
+    assert count == 2
+    assert "too large together" in missing
+    assert shown(Budget(MOST, bodies_left=3 * LEAST_BODIES)) == (3, [])
+    for spent in (Budget(MOST, bodies_left=3 * LEAST_BODIES - 1), Budget(MOST, corners_left=3 * 10 - 1)):
+        count, (missing,) = shown(spent)
+        assert count == 2
+        assert "too many bodies or triangles together" in missing
+
+
+def robot_of(folder: Path, *geometries: str, tag: str = "visual") -> Path:
+    """An arm of one joint with so many shapes."""
+    shapes = "".join(f"<{tag}><geometry>{each}</geometry></{tag}>" for each in geometries)
+    path = folder / "arm.urdf"
+    path.write_text(
+        f'<robot name="r"><link name="a">{shapes}</link><link name="b"/>'
+        '<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint></robot>'
+    )
+    return path
+
+
+def test_a_robot_that_names_a_large_mesh_many_times(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """126 kB that unpack to 9 million corners took 0.4 s each time that they were named, also beyond all limits."""
+    from kinseek.viewer import meshes
+
+    read = []
+    monkeypatch.setattr(
+        trimesh,
+        "load_scene",
+        lambda *given, real=trimesh.load_scene, **how: read.append(1) or real(*given, **how),
+    )
+    (tmp_path / "large.glb").write_bytes(one_glb(nodes=1000, corners=12))
+    (tmp_path / "broken.obj").write_text("v 0 0 0\n")
+    chain = kinseek.load(robot_of(tmp_path, *['<mesh filename="large.glb"/>'] * 50)).chain
+    found = meshes.meshes_of(chain)
+    assert (len(read), len(found.missing)) == (10, 40)
+    assert "too many bodies" in found.missing[0]
+    most = sum(len(part.faces) for part in found.links[0].parts) // 10 + 1
+    monkeypatch.setattr(meshes, "MOST_FACES", most)
+    read.clear()
+    found = meshes.meshes_of(chain)
+    assert (len(read), len(found.missing)) == (2, 49)
+    assert f"more than {most:,} triangles" in found.missing[-1]
+    read.clear()
+    chain = kinseek.load(robot_of(tmp_path, *['<mesh filename="broken.obj"/>'] * 50)).chain
+    found = meshes.meshes_of(chain)
+    assert (len(read), len(found.missing), len(set(found.missing))) == (1, 50, 1)
+    boxes = robot_of(tmp_path, *['<box size="1 1 1"/>'] * 52)
+    monkeypatch.setattr(meshes, "Budget", lambda _: Budget(MOST, bodies_left=50))
+    monkeypatch.setattr(meshes, "MOST_FACES", 12 * MOST_BODIES)
+    found = meshes.meshes_of(kinseek.load(boxes).chain)
+    assert (len(found.links[0].parts), len(found.missing)) == (50, 2)
+
+
+def test_the_meshes_of_a_scene_share_one_budget(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pinocchio")
+    from kinseek import Scene
+    from kinseek.collision import bodies
+    from kinseek.errors import InvalidScene
+
+    box = trimesh.creation.box((1, 1, 1)).export(file_type="stl")
+    (tmp_path / "a.stl").write_bytes(box)
+    same = robot_of(tmp_path, *['<mesh filename="a.stl"/>'] * 3, tag="collision")
+    (body,) = bodies.arm_bodies(kinseek.load(same).chain, {}, None, None, {}, False).bodies
+    assert len({id(part.shape) for part in body.parts}) == 1
+    scaled = [f'<mesh filename="a.stl" scale="1 1 {scale}"/>' for scale in (1, 2, 3)]
+    for most, again, said in (
+        (3, 2, None),
+        (2, 2, "too large together"),
+        (3, 1, "too large together"),
+        (0, 9, "too many bodies"),
+    ):
+        left = {"again_left": again * len(box)} | ({} if most else {"bodies_left": 3 * LEAST_BODIES - 1})
+        monkeypatch.setattr(
+            bodies, "Budget", lambda _, most=most, left=left: Budget((most or 9) * len(box), **left)
+        )
+        arm = kinseek.load(robot_of(tmp_path, *scaled, tag="collision"))
+        if said is None:
+            assert Scene.of(arm).bodies == ("a",)
+            continue
+        with pytest.raises(InvalidScene, match=f"collision element 3: .*{said}"):
+            Scene.of(arm)
+        scene = Scene.of(arm, missing="skip")
+        assert said in scene.notes[0]
+        (tmp_path / "cell.urdf").write_text(
+            robot_of(tmp_path, *scaled, tag="collision").read_text().replace("continuous", "fixed")
+        )
+        with pytest.raises(InvalidScene, match=said):
+            scene.add_file(tmp_path / "cell.urdf", prefix="cell ")
 
 
 def test_scenes_and_the_viewer_refuse_the_same_files(tmp_path: Path) -> None:

@@ -18,13 +18,14 @@ from kinseek.robots.chain import Frame, SerialChain, follow_mimics
 from kinseek.robots.files import file_bytes
 from kinseek.robots.held import is_text
 from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE, no_axes
+from kinseek.robots.mesh_files import Budget
 from kinseek.robots.meshes import numbers_of, origin_of
 from kinseek.robots.packages import mesh_path
 from kinseek.robots.urdf import read_urdf_text
 from kinseek.robots.urdf_xml import expand_xacro, root_element
 from kinseek.transforms import rotation, transform
 
-from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere, length
+from .shapes import MOST_BYTES, Box, Capsule, Cylinder, Mesh, Shape, Sphere, length
 
 Array = NDArray[np.float64]
 
@@ -166,29 +167,50 @@ def read_bodies(
     _require_same(chain, text, path)
     notes: list[str] = []
     frames = _frames(robot, chain, path, joints, notes)
-    bodies = []
+    bodies, meshes = [], MeshFiles(path, folders)
     for link in robot.findall("link"):
         if (name := link.get("name")) not in frames:
             continue
-        parts = parts_of(link, path, folders, skip, notes)
+        parts = parts_of(link, meshes, skip, notes)
         if parts:
             bodies.append(Body(name, frames[name], parts, is_link=True))
     solid = {body.name for body in bodies}
     return ArmBodies(bodies, _neighbours(robot, solid), notes, frames, robot.get("name") or "")
 
 
-def parts_of(
-    link: Any, path: Path, folders: Mapping[str, Path], skip: bool, notes: list[str], hull: bool = True
-) -> list[Part]:
+class MeshFiles:
+    """The meshes that one file names. One that is named again is the same object, and all share one budget."""
+
+    def __init__(self, path: Path, folders: Mapping[str, Path], hull: bool = True) -> None:
+        """Read the meshes that the file at `path` names, in packages by name, and take their convex hulls or not."""
+        self.path = path
+        self._folders, self._hull, self._budget = folders, hull, Budget(2 * MOST_BYTES)
+        self._known: dict[tuple[str, tuple[float, ...]], Mesh] = {}
+
+    def read(self, name: str, scale: Array) -> Mesh:
+        """Read one of them, with a factor along each axis, (3,).
+
+        Raises:
+            InvalidRobot: It is nowhere.
+            InvalidScene: It cannot be read, or has no hull; or the budget is spent.
+        """
+        key = name, tuple(scale.tolist())
+        if key not in self._known:
+            found = mesh_path(name, self.path, self._folders, "meshes=")
+            mesh = Mesh.read(found, scale, self._hull, budget=self._budget)
+            mesh.geometry()  # Says now that there is no hull.
+            self._known[key] = mesh
+        return self._known[key]
+
+
+def parts_of(link: Any, meshes: MeshFiles, skip: bool, notes: list[str]) -> list[Part]:
     """The collision elements of a link.
 
     Args:
         link: Of the file.
-        path: Where the file lies.
-        folders: Folders of packages by name.
+        meshes: What the file names.
         skip: Leave meshes out that cannot be read, and note it?
         notes: What was left out is added here.
-        hull: Take the convex hulls of meshes?
 
     Raises:
         InvalidScene: A mesh or another element that cannot be used.
@@ -196,13 +218,15 @@ def parts_of(
     parts = []
     for number, element in enumerate(link.findall("collision"), start=1):
         try:
-            parts.append(Part(_shape(element, path, folders, hull), origin_of(element)))
+            parts.append(Part(_shape(element, meshes), origin_of(element)))
         except (InvalidRobot, InvalidScene) as error:
             message = f"link {link.get('name')!r}, collision element {number}: {error}"
             if not isinstance(error, _Unreadable):
-                raise InvalidScene(f"{path}: {message}") from error
+                raise InvalidScene(f"{meshes.path}: {message}") from error
             if not skip:
-                raise InvalidScene(f'{path}: {message} (missing="skip" leaves such meshes out)') from error
+                raise InvalidScene(
+                    f'{meshes.path}: {message} (missing="skip" leaves such meshes out)'
+                ) from error
             notes.append(f"left out: {message}")
     return parts
 
@@ -261,7 +285,7 @@ class _Unreadable(InvalidScene):
     """A mesh that may be left out: what else is wrong in a file has to be mended."""
 
 
-def _shape(element: Any, path: Path, folders: Mapping[str, Path], hull: bool) -> Shape:
+def _shape(element: Any, meshes: MeshFiles) -> Shape:
     geometry = element.find("geometry")
     shape = None if geometry is None else next(iter(geometry), None)
     if shape is None:
@@ -277,11 +301,9 @@ def _shape(element: Any, path: Path, folders: Mapping[str, Path], hull: bool) ->
         name = shape.get("filename") or ""
         scale = numbers_of(shape.get("scale"), 3, 1.0)
         try:
-            mesh = Mesh.read(mesh_path(name, path, folders, "meshes="), scale, hull)
-            mesh.geometry()  # Says now that there is no hull.
+            return meshes.read(name, scale)
         except (InvalidRobot, InvalidScene) as error:
             raise _Unreadable(str(error)) from error
-        return mesh
     raise InvalidScene(
         f"geometry {shape.tag!r} is not known; expected box, sphere, cylinder, capsule or mesh"
     )

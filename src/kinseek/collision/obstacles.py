@@ -16,7 +16,7 @@ from kinseek.robots.files import file_bytes
 from kinseek.robots.urdf import fixed_links
 from kinseek.robots.urdf_xml import expand_xacro, root_element
 
-from .bodies import Body, Part, parts_of
+from .bodies import Body, MeshFiles, Part, parts_of
 from .shapes import Box, Cylinder, Mesh, Shape, Sphere
 
 Array = NDArray[np.float64]
@@ -68,9 +68,10 @@ def obstacles(
 
 def _urdf(text: bytes, path: Path, folders: Mapping[str, Path], skip: bool) -> tuple[list[Body], list[str]]:
     poses, bodies, notes = fixed_links(text, str(path)), list[Body](), list[str]()
+    meshes = MeshFiles(path, folders, hull=False)
     for link in root_element(text, str(path)).findall("link"):
         name = link.get("name")
-        parts = parts_of(link, path, folders, skip, notes, hull=False)
+        parts = parts_of(link, meshes, skip, notes)
         if parts:
             bodies.append(Body(name, Frame(0, poses[name]), parts))
     return bodies, notes

@@ -20,6 +20,8 @@ from kinseek.forks import importing
 from kinseek.lazy import Lazy, lazy
 
 if TYPE_CHECKING:
+    from kinseek.robots.mesh_files import Budget
+
     from .spheres import Cover
 
 Array = NDArray[np.float64]
@@ -263,7 +265,13 @@ class Mesh(Shape):
 
     @classmethod
     def read(
-        cls, path: str | Path, scale: ArrayLike = 1.0, hull: bool = True, simplify: float | None = None
+        cls,
+        path: str | Path,
+        scale: ArrayLike = 1.0,
+        hull: bool = True,
+        simplify: float | None = None,
+        *,
+        budget: Budget | None = None,
     ) -> Mesh:
         """Read an STL, OBJ, PLY, GLB or DAE (COLLADA) file; all bodies in it together.
 
@@ -273,17 +281,18 @@ class Mesh(Shape):
             hull: See the field.
             simplify: Put vertices together, so that no point moves farther than this [m]. The mesh is then made thicker by
                 as much as points have moved, so that what is free of it is free of what the file holds.
+            budget: What all meshes of a file may take together, from which this one is taken off.
 
         Raises:
-            InvalidScene: The file is missing, of another kind, cannot be read, would unpack to more than a mesh has, or
-                holds no triangles; or `simplify` is no length.
+            InvalidScene: The file is missing, of another kind, cannot be read, would unpack to more than a mesh has or than
+                the budget has left, or holds no triangles; or `simplify` is no length.
             MissingExtra: trimesh is not installed.
         """
         library("trimesh")
         from kinseek.robots.meshes import mesh_parts
 
         try:
-            parts = mesh_parts(Path(path).expanduser(), MOST_BYTES)
+            parts = mesh_parts(Path(path).expanduser(), MOST_BYTES, budget=budget)
         except InvalidRobot as error:
             raise InvalidScene(str(error)) from error
         factors = np.broadcast_to(np.asarray(scale, dtype=np.float64), (3,))

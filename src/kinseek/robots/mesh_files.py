@@ -12,11 +12,11 @@ import re
 import struct
 import zipfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.parsers import expat
 
 import numpy as np
@@ -31,6 +31,10 @@ MOST_BODIES = 10_000
 """Bodies of one file: every one costs some kilobytes, however few triangles it has."""
 MOST_GROUPS = 1_000
 """Solids of text STL and materials of OBJ: trimesh counts up from 1 to find a free name for each."""
+LEAST_BODIES = 4
+"""Bodies that a file counts as at least, in what a robot may have: reading a file takes as long as some eight bodies."""
+MOST_AGAIN = 2**26
+"""Bytes of files that are read again because a robot names them more than once."""
 MOST_STEPS = 100_000
 """Steps from the nodes of a file to its root, added up."""
 MOST_MASKED = 2**30
@@ -54,7 +58,8 @@ MOST_PROPERTIES = 256
 MOST_VALUES = 3 * 2**22
 """Values of text PLY, rows times properties: trimesh may make an array of some 130 bytes for each."""
 MOST_CORNERS = 3 * 2**22
-"""Corners of the triangles of COLLADA and GLB, where each instance counts; larger meshes are read as binary STL or PLY."""
+"""Corners of the triangles of COLLADA and GLB, where each instance counts, and of all meshes of a robot. Larger meshes are
+read as binary STL or PLY."""
 MOST_TAGS = 2**20
 """Of COLLADA."""
 MOST_COLUMNS = 4
@@ -90,14 +95,17 @@ _IMAGES = ("BMP", "GIF", "JPEG", "PNG", "TIFF", "WEBP")
 """Formats of images that are decoded: others call programs, or are no pictures of surfaces."""
 
 
-def require_mesh(path: Path, text: bytes) -> None:
+def require_mesh(path: Path, text: bytes) -> Size:
     """Refuse a file that is no mesh, or that would unpack to much more than it is.
+
+    Returns:
+        What it unpacks to.
 
     Raises:
         InvalidRobot: Another ending, or more bodies, lines, corners or bytes than a mesh has.
     """
     try:
-        CHECKS[ending(path)](text)
+        return CHECKS[ending(path)](text)
     except InvalidRobot as error:
         raise InvalidRobot(f"{str(path)!r}: {error}") from None
     except Exception as error:  # Whatever a broken file makes of the checks.
@@ -137,14 +145,31 @@ def ending(path: Path) -> str:
     return found
 
 
+class Size(NamedTuple):
+    """What a file unpacks to."""
+
+    bodies: int
+    corners: int
+    """Of triangles; lines and values of text formats count as corners. Of binary STL and PLY none: their bytes count."""
+
+
 @dataclass
 class Budget:
-    """What the meshes of one robot may still take together; a file that is named twice is read twice."""
+    """What the meshes of one robot, or of one file of obstacles, may still take together."""
 
     bytes_left: int
     """Of files: meshes, materials and images."""
     pixels_left: int = MOST_COPIED
     """Of the images of all bodies."""
+    bodies_left: int = MOST_BODIES
+    """A file counts as `LEAST_BODIES` at least."""
+    corners_left: int = MOST_CORNERS
+    again_left: int = MOST_AGAIN
+    """Bytes of files that were read before."""
+    seen: set[Path] = field(default_factory=set)
+    """Files that were read."""
+    refused: dict[Path, str] = field(default_factory=dict)
+    """Meshes that were refused, with the reason: none is read again."""
 
     def read(self, path: Path, most: int) -> bytes:
         """Read a file of at most so many bytes.
@@ -152,14 +177,28 @@ class Budget:
         Raises:
             InvalidRobot: The file cannot be read or is too large, or the budget is spent.
         """
-        if self.bytes_left >= 0:
+        if min(self.bytes_left, self.again_left) >= 0:
             text = file_bytes(path, most)
             self.bytes_left -= len(text)
-        if self.bytes_left < 0:
+            real = path.resolve()
+            self.again_left -= len(text) if real in self.seen else 0
+            self.seen.add(real)
+        if min(self.bytes_left, self.again_left) < 0:
             raise InvalidRobot(
                 f"{str(path)!r} is not read: the files before it and this one are too large together"
             )
         return text
+
+    def take(self, size: Size) -> None:
+        """Take off what a file unpacks to, before it is unpacked.
+
+        Raises:
+            InvalidRobot: The budget is spent.
+        """
+        self.bodies_left -= size.bodies
+        self.corners_left -= size.corners
+        if min(self.bodies_left, self.corners_left) < 0:
+            raise InvalidRobot("the meshes before it and this one have too many bodies or triangles together")
 
     def copy(self, scene: Any) -> list[Any]:
         """Make the bodies of a scene, each with a copy of its images.
@@ -246,11 +285,14 @@ def _at_most(count: int, most: int, noun: str) -> None:
         raise InvalidRobot(f"{count:,} {noun}, expected at most {most:,}: a mesh of an arm is smaller")
 
 
-def _stl(text: bytes) -> None:
-    if not _is_binary_stl(text):
-        lower = text.lower()
-        _at_most(lower.count(b"endsolid"), MOST_GROUPS, "solids")
-        _at_most(lower.count(b"vertex") + lower.count(b"normal"), MOST_LINES, "vertices and normals")
+def _stl(text: bytes) -> Size:
+    if _is_binary_stl(text):
+        return Size(1, 0)
+    lower = text.lower()
+    solids, lines = lower.count(b"endsolid"), lower.count(b"vertex") + lower.count(b"normal")
+    _at_most(solids, MOST_GROUPS, "solids")
+    _at_most(lines, MOST_LINES, "vertices and normals")
+    return Size(solids, lines)
 
 
 def _is_binary_stl(text: bytes) -> bool:
@@ -258,7 +300,7 @@ def _is_binary_stl(text: bytes) -> bool:
     return len(text) >= 84 and len(text) == 84 + 50 * struct.unpack_from("<I", text, 80)[0]
 
 
-def _obj(text: bytes) -> None:
+def _obj(text: bytes) -> Size:
     lines = _lines(text)
     _at_most(lines, MOST_LINES, "lines")
     joined = text.replace(b"\r\n", b"\n").replace(b"\\\n", b"") + b"\n"
@@ -267,9 +309,10 @@ def _obj(text: bytes) -> None:
     materials = len(set(re.findall(rb"usemtl[^\n]*", joined)))
     _at_most(materials, MOST_GROUPS, "materials")
     _at_most(lines * materials, MOST_MASKED, "lines times materials")
+    return Size(materials, lines)
 
 
-def _ply(text: bytes) -> None:
+def _ply(text: bytes) -> Size:
     """Read the header word by word, as trimesh does, and refuse what trimesh would believe."""
     _, form, *header = _ply_header(text)
     is_text = "ascii" in " ".join(form).lower()
@@ -290,8 +333,10 @@ def _ply(text: bytes) -> None:
             if name == "vertex" and "list" in words[1]:  # trimesh copies it for each corner of a triangle.
                 raise InvalidRobot("its vertices have lists; leave them out")
     _at_most(properties, MOST_PROPERTIES, "properties in its header")
-    if is_text:
-        _at_most(values, MOST_VALUES, "values")
+    if not is_text:
+        return Size(1, 0)
+    _at_most(values, MOST_VALUES, "values")
+    return Size(1, max(values, _lines(text)))
 
 
 def _ply_header(text: bytes) -> list[list[str]]:
@@ -315,7 +360,7 @@ def _lines(text: bytes) -> int:
     return sum(map(text.count, _LINE_ENDS)) - text.count(b"\r\n") + 1
 
 
-def _glb(text: bytes) -> None:
+def _glb(text: bytes) -> Size:
     """Add up what accessors, views, primitives and nodes make of the bytes, each of which may be named many times."""
     size = struct.unpack_from("<I", text, 12)[0]
     _at_most(size, MOST_JSON, "bytes of JSON")
@@ -358,16 +403,25 @@ def _glb(text: bytes) -> None:
     roots = [root for scene in told.get("scenes", []) for root in scene.get("nodes", [])]
     _at_most(_steps(nodes, roots), MOST_STEPS, "steps from its nodes to the root")
     meshes = [nodes[each]["mesh"] for each in [*named_as_child, *roots] if "mesh" in nodes[each]]
-    _at_most(sum(bodies[mesh] for mesh in meshes), MOST_BODIES, "bodies")
+    shown = sum(bodies[mesh] for mesh in meshes)
+    _at_most(shown, MOST_BODIES, "bodies")
     shared = max(sum(weights), sum(weights[mesh] for mesh in meshes))
     _at_most(shared, max(2 * len(text), MOST_SHARED), "bytes in its bodies")
-    _at_most(sum(corners[mesh] for mesh in meshes), MOST_CORNERS, "corners of triangles")
+    drawn = _drawn(sum(corners[mesh] for mesh in meshes), text)
     pixels = 0
     for image in images:
         view = views[image["bufferView"]]
         start = view.get("byteOffset", 0)
         pixels += _pixels(_buffer(text, 20 + size)[start : start + view["byteLength"]])
     _at_most(pixels, MOST_PIXELS, "pixels in its images")
+    return Size(max(len(nodes), sum(bodies), shown), max(sum(corners), drawn))
+
+
+def _drawn(corners: int, text: bytes) -> int:
+    """Count corners, and those four times that are more than three for each byte: only instances make so many."""
+    counted = corners + 3 * max(0, corners - 3 * len(text))
+    _at_most(counted, MOST_CORNERS, "corners of triangles, with those of instances counted four times")
+    return counted
 
 
 def _steps(nodes: list[Any], roots: list[int]) -> int:
@@ -397,7 +451,7 @@ def _count(value: Any) -> int:
     return value
 
 
-def _dae(text: bytes) -> None:
+def _dae(text: bytes) -> Size:
     """Add up what nodes make of geometries, each of which may be instantiated many times, by nodes that are so too."""
     if zipfile.is_zipfile(io.BytesIO(text)):
         raise InvalidRobot("it is an archive; unpack it")
@@ -419,7 +473,7 @@ def _dae(text: bytes) -> None:
     _at_most(sum(1 for _ in root.iter(*named)), MOST_BODIES, "nodes, geometries, materials and images")
     bodies, corners = _unfolded(root)
     _at_most(bodies, MOST_BODIES, "nodes and bodies")
-    _at_most(corners, MOST_CORNERS, "corners of triangles")
+    return Size(bodies, _drawn(corners, text))
 
 
 def _unfolded(root: Any) -> tuple[int, int]:
@@ -493,7 +547,7 @@ def _words(text: str | None) -> int:
     return int((blank[:-1] & ~blank[1:]).sum())
 
 
-CHECKS: Mapping[str, Callable[[bytes], None]] = {
+CHECKS: Mapping[str, Callable[[bytes], Size]] = {
     "dae": _dae,
     "glb": _glb,
     "obj": _obj,

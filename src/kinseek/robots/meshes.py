@@ -14,7 +14,7 @@ from kinseek.forks import importing
 from kinseek.transforms import rotation, transform
 from kinseek.undisturbed import raise_of_handler
 
-from .mesh_files import Beside, Budget, ending, readable, require_mesh
+from .mesh_files import LEAST_BODIES, Beside, Budget, ending, readable, require_mesh
 
 Array = NDArray[np.float64]
 
@@ -31,8 +31,24 @@ def mesh_parts(path: Path, most: int = MOST_MESH, *, budget: Budget | None = Non
         budget: What all meshes of the robot may take together, from which this one is taken off.
 
     Raises:
-        InvalidRobot: The file cannot be read, is of a kind that is not read, or would unpack to more than a mesh has.
+        InvalidRobot: The file cannot be read, is of a kind that is not read, or would unpack to more than a mesh has or
+            than the budget has left.
     """
+    kind = ending(path)
+    budget = Budget(2 * most) if budget is None else budget
+    text = budget.read(path, most)
+    real = path.resolve()
+    if real in budget.refused:
+        raise InvalidRobot(budget.refused[real])
+    try:
+        return _parts(path, kind, readable(kind, text), most, budget)
+    except InvalidRobot as error:
+        budget.refused[real] = str(error)
+        raise
+
+
+def _parts(path: Path, kind: str, text: bytes, most: int, budget: Budget) -> list[Any]:
+    """Check a mesh and read it, as `mesh_parts` does."""
     with importing:
         import logging
 
@@ -42,10 +58,8 @@ def mesh_parts(path: Path, most: int = MOST_MESH, *, budget: Budget | None = Non
     log = logging.getLogger("trimesh")
     if not log.handlers:
         log.addHandler(logging.NullHandler())
-    kind = ending(path)
-    budget = Budget(2 * most) if budget is None else budget
-    text = readable(kind, budget.read(path, most))
-    require_mesh(path, text)
+    size = require_mesh(path, text)
+    budget.take(size._replace(bodies=max(size.bodies, LEAST_BODIES)))
     try:
         scene = trimesh.load_scene(io.BytesIO(text), file_type=kind, resolver=Beside(path, most, budget))
         bodies = budget.copy(scene)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidRobot, KinseekError
 from kinseek.kernels.arrays import ChainArrays
 from kinseek.robots.chain import Frame, SerialChain
-from kinseek.robots.mesh_files import Budget
+from kinseek.robots.mesh_files import Budget, Size
 from kinseek.robots.meshes import mesh_parts, numbers_of, origin_of
 from kinseek.robots.packages import mesh_path
 from kinseek.robots.urdf_xml import root_element
@@ -74,6 +74,9 @@ def meshes_of(chain: SerialChain | None, packages: Mapping[str, str | Path] | No
     for link, frame in _fixed_to(robot, chain):
         mesh = LinkMesh(chain.arrays_to(frame))
         for visual in link.findall("visual"):
+            if faces > MOST_FACES:
+                found.missing.append(_too_many(link))
+                continue
             try:
                 parts = list(_shapes(visual, path, folders, paints, budget))
             except (KinseekError, ValueError, TypeError, KeyError, OSError) as error:
@@ -81,14 +84,16 @@ def meshes_of(chain: SerialChain | None, packages: Mapping[str, str | Path] | No
                 continue
             faces += sum(len(part.faces) for part in parts)
             if faces > MOST_FACES:
-                found.missing.append(
-                    f"link {link.get('name')!r}: more than {MOST_FACES:,} triangles, left out"
-                )
+                found.missing.append(_too_many(link))
                 continue
             mesh.parts += parts
         if mesh.parts:
             found.links.append(mesh)
     return found
+
+
+def _too_many(link: Any) -> str:
+    return f"link {link.get('name')!r}: more than {MOST_FACES:,} triangles, left out"
 
 
 def _fixed_to(robot: Any, chain: SerialChain) -> Iterator[tuple[Any, Frame]]:
@@ -124,6 +129,8 @@ def _shapes(
     shape = None if shape is None else next(iter(shape), None)
     if shape is None:
         raise InvalidRobot("a visual without geometry")
+    if shape.tag != "mesh":
+        budget.take(Size(bodies=1, corners=0))
     if shape.tag == "mesh":
         parts = mesh_parts(mesh_path(shape.get("filename") or "", path, packages), budget=budget)
         for part in parts:
