@@ -12,6 +12,7 @@ import kinseek
 from kinseek import maps
 from kinseek.maps.cell import whole_cell
 from kinseek.maps.cells import EMPTY, REACHED, UNDECIDED, Judge
+from kinseek.maps.grid import grid_of
 from kinseek.maps.orientations import ball
 from kinseek.maps.search import reached, ruled_out
 from kinseek.maps.whole import around, whole_share
@@ -39,6 +40,15 @@ def test_orientations_cover_with_cells_of_equal_volume(count: int) -> None:
     assert (grid.nearest(grid.matrices) == np.arange(len(grid))).all()
     hits = np.bincount(cell, minlength=len(grid))
     assert hits.std() < 1.3 * np.sqrt(hits.mean())  # As of independent draws.
+
+
+def test_the_grid_of_a_map_is_made_again_of_its_description() -> None:
+    """For 3 orientations a grid has 4, and for 4 it has 6: the number of orientations alone does not tell the grid."""
+    for count in range(1, 140):
+        wanted = maps.Grid((0, 1, 1), (0, 1, 1), (0, 1, 1), maps.orientations(count))
+        again = grid_of(wanted.description())
+        assert np.array_equal(again.orientations.regions, wanted.orientations.regions)
+        assert again.orientations.arcs == wanted.orientations.arcs
 
 
 def test_orientations_are_as_even_as_their_number_allows() -> None:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from kinseek.errors import InvalidMap
 from kinseek.lazy import Lazy, lazy
 
-from .orientations import Orientations, about_z, orientations
+from .orientations import Orientations, about_z, orientations_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -247,7 +247,7 @@ def grid_of(description: dict[str, Any]) -> Grid | Rings:
     """Make the grid that `Cells.description` tells of; the last few are kept.
 
     Raises:
-        InvalidMap: Another version made its orientations.
+        InvalidMap: It tells of no grid, or another version made its orientations.
     """
     return _grid_of(json.dumps(description))
 
@@ -255,9 +255,13 @@ def grid_of(description: dict[str, Any]) -> Grid | Rings:
 @lru_cache(maxsize=8)
 def _grid_of(text: str) -> Grid | Rings:
     description = json.loads(text)
-    turns = orientations(int(description["orientations"]))
-    kind: Any = {"Grid": Grid, "Rings": Rings}[description["kind"]]
-    grid: Grid | Rings = kind(*[tuple(description[name]) for name in kind.names], turns)
+    try:
+        kind: Any = {"Grid": Grid, "Rings": Rings}[description["kind"]]
+        turns = orientations_of(description["orientations"], description["directions"])
+        ranges = [tuple(description[name]) for name in kind.names]
+    except (KeyError, TypeError) as error:
+        raise InvalidMap(f"the map's grid is not described as maps.reach does it: {error!r:.200}") from None
+    grid: Grid | Rings = kind(*ranges, turns)
     if json.dumps(grid.description()) != text:
         raise InvalidMap(
             "the map's orientations are not those that this version of kinseek makes of their number"

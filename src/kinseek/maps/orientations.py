@@ -151,6 +151,20 @@ def orientations(count: int) -> Orientations:
     return min(even, key=lambda grid: (len(grid), grid.covering_radius))
 
 
+def orientations_of(count: int, directions: int) -> Orientations:
+    """Return the grid that has so many orientations and so many directions, as `orientations` has made it.
+
+    Raises:
+        InvalidMap: `orientations` makes none of such numbers.
+    """
+    count = whole("the number of orientations", count, 1, 2 * MOST, InvalidMap)
+    directions = whole("the number of directions", directions, 1, count, InvalidMap)
+    arcs = count // directions
+    if directions * arcs != count or 4 * arcs + 8 < np.cbrt(np.pi * count):
+        raise InvalidMap(f"there is no grid of {count:,} orientations with {directions:,} directions")
+    return _grid(directions, arcs)
+
+
 def _grid(directions: int, arcs: int) -> Orientations:
     begins, counts = _collars(directions)
     regions = [
