@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import math
+import operator
 import os
 import pickle
-from collections.abc import Iterator
+import random
+import shutil
+import time
+import warnings
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import kinseek
@@ -28,14 +35,14 @@ GRID = maps.Grid((-0.9, 0.9, 0.3), (-0.9, 0.9, 0.3), (-0.3, 0.9, 0.3), maps.orie
 SMALL: dict[str, Any] = {"block": 24 * 8}
 
 
+def one_by_one(work: Any, todo: Any, blocks: int, advance: Any, written: Any) -> None:
+    for done, index in enumerate(todo):
+        run._here(work, index, blocks - len(todo) + done, blocks, written)
+
+
 @pytest.fixture(autouse=True)
 def _here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks are done in this process, one after the other, unless a client is given."""
-
-    def one_by_one(work: Any, todo: Any, blocks: int, advance: Any, written: Any) -> None:
-        for done, index in enumerate(todo):
-            run._here(work, index, blocks - len(todo) + done, blocks, written)
-
     monkeypatch.setattr(run, "_in_processes", one_by_one)
 
 
@@ -223,6 +230,171 @@ def test_a_map_from_elsewhere_is_not_unpickled(
     assert not sprung.exists()
     pickle.loads((place / "x" / "0").read_bytes())
     assert sprung.exists()
+
+
+def changes(node: Any) -> Iterator[Callable[[Any], None]]:
+    """Each gives one value of some JSON, or an entry less; `VALUES` has what is put in place."""
+    for key in list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ():
+        for value in VALUES:
+            yield lambda there, key=key, value=value: operator.setitem(there, key, value)
+        yield lambda there, key=key: operator.delitem(there, key)
+        for inner in changes(node[key]):
+            yield lambda there, key=key, inner=inner: inner(there[key])
+
+
+VALUES: list[Any] = [
+    *(None, True, -1, 0, 0.5, 2**31, 2**63, 10**30, 1e308, math.nan, math.inf, [10**9] * 4, [None], ["x"]),
+    *(
+        "",
+        "x",
+        "../..",
+        "\x1b]0;title\x07",
+        "pickle",
+        "datetime64[ns]",
+        "days since 2000-01-01",
+        [],
+        {},
+        {"a": 1},
+    ),
+]
+
+
+def ask(place: Path) -> None:
+    """Open a map and ask for all that it can say."""
+    dataset = maps.open(place)
+    assert "\x1b" not in repr(dataset)
+    poses = np.array([kinseek.pose([0.3, 0.1, 0.2], rpy=[0, 1, 0]), kinseek.pose([9, 0, 0])])
+    for some in (poses, poses[0], poses[:0]):
+        maps.at(dataset, some)
+    _ = maps.capability(dataset).values
+    for question in (maps.volume, lambda of: maps.expand(of, TINY)):
+        with contextlib.suppress(kinseek.InvalidMap):
+            question(dataset)
+
+
+TINY = maps.Grid((-0.6, 0.6, 0.6), (-0.6, 0.6, 0.6), (0, 0.6, 0.6), maps.orientations(8))
+
+
+@pytest.fixture(name="written", scope="module")
+def _written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two small maps, of a grid with proofs and of rings."""
+    place = tmp_path_factory.mktemp("maps")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run, "_in_processes", one_by_one)
+        maps.reach(ARM, TINY, store=place / "grid", prove=True, depth=1, budget=50)
+        maps.reach(ARM, maps.Rings((0, 0.6, 0.3), (0, 0.6, 0.6), maps.orientations(8)), store=place / "rings")
+    return place
+
+
+def damaged(written: Path, kind: str, name: str, change: Callable[[Any], None]) -> None:
+    """Ask a copy of a map for everything, of which one file of metadata is another."""
+    place = written / "damaged"
+    shutil.rmtree(place, ignore_errors=True)
+    shutil.copytree(written / kind, place)
+    told = json.loads((place / name).read_text())
+    change(told)
+    (place / name).write_text(json.dumps(told))
+    ask(place)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["grid", "rings"])
+def test_damaged_metadata_is_read_or_refused(kind: str, written: Path) -> None:
+    """Any other error fails this test, as does a warning."""
+    cases = [
+        (str(path.relative_to(written / kind)), change)
+        for path in sorted((written / kind).rglob("zarr.json"))
+        for change in changes(json.loads(path.read_text()))
+    ]
+    refused = list[str]()
+    began = time.process_time()
+    for name, change in random.Random(0).sample(cases, 60):
+        try:
+            damaged(written, kind, name, change)
+        except kinseek.KinseekError as error:
+            refused.append(str(error))
+    assert 5 < len(refused) < 55
+    assert all(each.isprintable() for each in refused)
+    assert time.process_time() - began < 60 * 3.0
+
+
+ROOT = "zarr.json"
+
+
+@pytest.mark.parametrize(
+    ("name", "where", "value"),
+    [
+        (ROOT, ["attributes", "kinseek"], "a map"),
+        (ROOT, ["attributes", "kinseek"], {}),
+        (ROOT, ["attributes", "kinseek", "variables"], 7),
+        (ROOT, ["attributes", "kinseek", "variables"], [["reached"]]),
+        (ROOT, ["attributes", "kinseek", "variables"], ["turn_from", "turn_to"]),
+        (ROOT, ["attributes", "kinseek", "grid"], None),
+        (ROOT, ["attributes", "kinseek", "grid", "kind"], []),
+        (ROOT, ["attributes", "kinseek", "grid", "orientations"], 10**12),
+        (ROOT, ["attributes", "kinseek", "grid", "directions"], 10**7),
+        (ROOT, ["attributes", "kinseek", "grid", "radius"], [0, 1e9, 1e-9]),
+        (ROOT, ["attributes", "kinseek", "chunks"], [0, 1, 8]),
+        (ROOT, ["attributes", "kinseek", "first_frame"], "here"),
+        (ROOT, ["attributes", "kinseek", "first_turns"], 1e300),
+        (ROOT, ["attributes"], []),
+        (ROOT, ["padding"], "x" * 2**20),
+        ("reached/zarr.json", ["zarr_format"], 2),
+        ("reached/zarr.json", ["data_type"], "float64"),
+        ("reached/zarr.json", ["shape"], [10**9, 10**9, 8]),
+        ("reached/zarr.json", ["codecs"], [{"name": "evil"}]),
+        ("reached/zarr.json", ["codecs"], [{"name": "numcodecs.pickle", "configuration": {}}]),
+        ("reached/zarr.json", ["fill_value"], 1),
+        ("radius/zarr.json", ["attributes"], "x"),
+        ("rotation/zarr.json", ["shape"], [10**9, 3, 3]),
+        ("blocks/done/zarr.json", ["shape"], [10**9, 1, 1]),
+    ],
+)
+def test_a_hostile_map_is_refused(name: str, where: list[str], value: Any, written: Path) -> None:
+    def change(told: Any) -> None:
+        for key in where[:-1]:
+            told = told[key]
+        told[where[-1]] = value
+
+    with pytest.raises(kinseek.InvalidMap):
+        damaged(written, "rings", name, change)
+
+
+def test_names_in_the_folder_of_a_map_are_not_printed(
+    written: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Zarr warns of folders that are none of its own, with their names as they are."""
+    shutil.copytree(written / "rings", tmp_path / "map")
+    (tmp_path / "map" / "\x1b]0;title\x07").mkdir()
+    title = tmp_path / "map" / "zarr.json"
+    title.write_text(title.read_text().replace('"title": "What', '"title": "\\u001b]0;What'))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        ask(tmp_path / "map")
+        print(maps.open(tmp_path / "map"))
+    assert not told
+    written_out = capfd.readouterr()
+    assert "]0;What" in written_out.out
+    assert "\x1b" not in written_out.out + written_out.err
+
+
+def test_a_block_that_cannot_be_decoded_is_said_to_be_so(written: Path, tmp_path: Path) -> None:
+    shutil.copytree(written / "grid", tmp_path / "map")
+    chunk = next(path for path in (tmp_path / "map" / "cell" / "c").rglob("*") if path.is_file())
+    chunk.write_bytes(b"no block")
+    dataset = maps.open(tmp_path / "map")
+    for question in (maps.volume, lambda of: maps.at(of, np.eye(4)), lambda of: maps.expand(of, TINY)):
+        with pytest.raises(kinseek.InvalidMap, match="values of the map cannot be read"):
+            question(dataset)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
+def test_a_pipe_among_the_metadata_is_not_opened(written: Path, tmp_path: Path) -> None:
+    shutil.copytree(written / "grid", tmp_path / "map")
+    (tmp_path / "map" / "reached" / "zarr.json").unlink()
+    os.mkfifo(tmp_path / "map" / "reached" / "zarr.json")
+    with pytest.raises(kinseek.InvalidMap, match="is no regular file"):
+        maps.open(tmp_path / "map")
 
 
 @pytest.fixture(name="client", scope="module")

@@ -23,6 +23,7 @@ from .cells import ATTRIBUTES, SHARES
 from .first_joint import FULL, divided
 from .grid import BLOCK, Grid, Rings
 from .measures import BRANCHES, LIMITS, MEASURES, REACHED, checked
+from .reading import TYPES, opened
 from .run import run
 from .search import PATIENCE
 from .store import Store, compare, require_own
@@ -157,12 +158,11 @@ def open_map(store: str | Path) -> xarray.Dataset:
         store: Its folder.
 
     Raises:
-        InvalidMap: There is no map.
+        InvalidMap: There is no map, or one that `reach` did not make so.
         MissingExtra: xarray, Dask or Zarr is not installed.
     """
     require_extra()
-    dataset: xarray.Dataset = Store.at(str(Path(store).expanduser().resolve())).dataset()
-    return dataset
+    return opened(Store.at(str(Path(store).expanduser().resolve())))
 
 
 def work_of(
@@ -238,7 +238,7 @@ def store_of(arm: Arm, grid: Grid | Rings, work: Work, cluster: bool = False) ->
         if name in work.what
     }
     if isinstance(grid, Rings):
-        variables |= {name: ("float64", np.nan, told) for name, told in TURNS.items()}
+        variables |= {name: (*TYPES[name], told) for name, told in TURNS.items()}
         if BRANCHES in variables:
             variables[BRANCHES][2]["comment"] = "limits of the first joint left out"
         if LIMITS in variables:
@@ -248,9 +248,7 @@ def store_of(arm: Arm, grid: Grid | Rings, work: Work, cluster: bool = False) ->
         for _, _, told in variables.values():
             told["comment"] = "; ".join(filter(None, (told.get("comment"), free)))
     if work.prove:
-        variables["cell"] = ("int8", -1, dict(ATTRIBUTES["cell"]))
-        for name in SHARES:
-            variables[name] = ("float32", np.nan, dict(ATTRIBUTES[name]))
+        variables |= {name: (*TYPES[name], dict(ATTRIBUTES[name])) for name in ("cell", *SHARES)}
     description: dict[str, Any] = {
         "arm": work.arm,
         "name": arm.name,

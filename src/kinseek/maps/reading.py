@@ -2,26 +2,69 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinseek.errors import InvalidMap
+from kinseek.errors import InvalidGoal, InvalidMap
 from kinseek.poses import as_pose
+from kinseek.printable import printable
+from kinseek.reals import number
 from kinseek.transforms import inverse, square
+from kinseek.undisturbed import raise_of_handler
 
 from .cells import EMPTY, SHARES
 from .cells import REACHED as TOUCHED
 from .first_joint import FULL
 from .grid import Grid, Rings, azimuths, grid_of
 from .measures import BRANCHES, MEASURES, REACHED
-from .store import DESCRIPTION
+from .store import DESCRIPTION, Store
 
 if TYPE_CHECKING:
     import xarray
 
 Array = NDArray[np.float64]
+
+
+TURNS = ("turn_from", "turn_to")
+
+TYPES: dict[str, tuple[str, float]] = {
+    **{name: (measure.dtype, measure.fill) for name, measure in MEASURES.items()},
+    **dict.fromkeys(TURNS, ("float64", np.nan)),
+    "cell": ("int8", -1),
+    **dict.fromkeys(SHARES, ("float32", np.nan)),
+}
+"""Of each variable its type, and its value where nothing is known."""
+
+
+MOST_LOADED = 2**30
+"""Bytes of a map that is read as a whole, where parts of it are asked for one after the other."""
+
+
+def opened(store: Store) -> xarray.Dataset:
+    """Return the map in a store, which anybody may have made.
+
+    Raises:
+        InvalidMap: It is not as `reach` makes it.
+    """
+    try:
+        _require_description(store.description)
+        store.require_sound(TYPES)
+        dataset: xarray.Dataset = store.dataset()
+        for each in (dataset, *dataset.variables.values()):  # xarray prints texts as they are.
+            each.attrs = {
+                printable(name): printable(value) if isinstance(value, str) else value
+                for name, value in each.attrs.items()
+            }
+    except InvalidMap:
+        raise
+    except Exception as error:  # Zarr and xarray raise whatever they meet.
+        raise_of_handler(error)
+        raise InvalidMap(f"the map in {store.place!r} cannot be read: {error!s:.500}") from error
+    return dataset
 
 
 def grid_of_map(dataset: xarray.Dataset) -> Grid | Rings:
@@ -43,7 +86,36 @@ def described(dataset: xarray.Dataset) -> dict[str, Any]:
         told: dict[str, Any] = dataset.attrs[DESCRIPTION]
     except (AttributeError, KeyError):
         raise InvalidMap("this is no map that maps.reach made: it lacks the attribute 'kinseek'") from None
+    _require_description(told)
     return told
+
+
+def _require_description(told: Any) -> None:
+    """Refuse what says of a map what cannot be.
+
+    Raises:
+        InvalidMap: Something that is missing, unknown or of another type.
+    """
+    what = "this is no map that maps.reach made: "
+    if not isinstance(told, dict) or not isinstance(told.get("grid"), dict):
+        raise InvalidMap(f"{what}its attribute {DESCRIPTION!r} describes no grid")
+    names, rings = told.get("variables"), isinstance(grid_of(told["grid"]), Rings)
+    if not isinstance(names, list) or not all(isinstance(name, str) and name in TYPES for name in names):
+        raise InvalidMap(f"{what}its variables are {names!r:.200}, expected some of {', '.join(TYPES)}")
+    needed = {REACHED, *(TURNS if rings else ()), *(("cell", *SHARES) if "cell" in names else ())}
+    if len(set(names)) < len(names) or not needed <= set(names):
+        raise InvalidMap(f"{what}its variables are {names!r:.200}, expected {', '.join(sorted(needed))} once")
+    if not isinstance(told.get("name"), str):
+        raise InvalidMap(f"{what}the name of its arm is {told.get('name')!r:.200}")
+    if not rings:
+        return
+    try:
+        shape = as_pose(told.get("first_frame")).shape
+    except InvalidGoal as error:
+        raise InvalidMap(f"{what}its first frame is no pose: {error!s:.200}") from None
+    if shape != (4, 4):
+        raise InvalidMap(f"{what}its first frame is of shape {shape}")
+    number("the share of a turn of its first joint", told.get("first_turns"), 0.0, 1.0, InvalidMap)
 
 
 def at(dataset: xarray.Dataset, poses: ArrayLike) -> dict[str, Array]:
@@ -71,7 +143,7 @@ def at(dataset: xarray.Dataset, poses: ArrayLike) -> dict[str, Array]:
     inside = np.all([cell >= 0 for cell in cells], axis=0)
     values = {}
     for name in told["variables"]:
-        there = dataset[name].transpose(*grid.dims).values[cells]
+        there = _values(dataset[name].transpose(*grid.dims), cells)
         nothing = -1 if np.issubdtype(there.dtype, np.integer) else np.nan
         values[name] = np.where(inside, there, nothing).astype(there.dtype)
     if isinstance(grid, Rings):
@@ -82,6 +154,30 @@ def at(dataset: xarray.Dataset, poses: ArrayLike) -> dict[str, Array]:
             nothing = 0 if name == BRANCHES else MEASURES[name].fill
             values[name] = np.where(values[REACHED] == 0, nothing, values[name]).astype(MEASURES[name].dtype)
     return {**values, "inside": inside}
+
+
+def _values(variable: xarray.DataArray, cells: tuple[Array, ...]) -> Array:
+    """Read the values of some cells, and of a store no other blocks than theirs."""
+    flat, data = tuple(each.ravel() for each in cells), variable.data
+    with _reading():
+        there = data[flat] if isinstance(data, np.ndarray) else data.vindex[flat].compute()
+    return np.asarray(there).reshape(cells[0].shape)
+
+
+@contextmanager
+def _reading() -> Iterator[None]:
+    """Say it of a map if its values cannot be read.
+
+    Raises:
+        InvalidMap: They cannot.
+    """
+    try:
+        yield
+    except InvalidMap:
+        raise
+    except Exception as error:  # Codecs raise whatever they meet.
+        raise_of_handler(error)
+        raise InvalidMap(f"the values of the map cannot be read: {error!s:.500}") from error
 
 
 def expand(dataset: xarray.Dataset, grid: Grid) -> xarray.Dataset:
@@ -100,7 +196,9 @@ def expand(dataset: xarray.Dataset, grid: Grid) -> xarray.Dataset:
     import xarray
 
     told = described(dataset)
-    dataset = dataset.load()
+    if dataset.nbytes <= MOST_LOADED:
+        with _reading():
+            dataset = dataset.load()
     names = [name for name in told["variables"] if name not in ("turn_from", "turn_to", "cell", *SHARES)]
     made = {name: np.empty(grid.shape, dataset[name].dtype) for name in names}
     for i in range(grid.shape[0]):
@@ -163,9 +261,10 @@ def volume(dataset: xarray.Dataset, what: str = "poses") -> Volume:
         raise InvalidMap(f"what must be 'poses' or 'positions', got {what!r}")
     if "cell" not in dataset:
         raise InvalidMap("a volume is bounded by proofs: maps.reach(..., prove=True) makes such a map")
-    known, empty, whole = (dataset[name].transpose(*grid.dims).values for name in ("cell", *SHARES))
-    if (known < 0).any():
-        raise InvalidMap("the map is not finished; the call of maps.reach that began it goes on with it")
+    with _reading():
+        if bool((dataset["cell"] < 0).any()):  # Block by block, and before anything is read as a whole.
+            raise InvalidMap("the map is not finished; the call of maps.reach that began it goes on with it")
+        known, empty, whole = (dataset[name].transpose(*grid.dims).values for name in ("cell", *SHARES))
     weights = np.full(known.shape[:-1], grid.volume / np.prod(known.shape[:-1]))
     if isinstance(grid, Rings):
         ends = grid.places[0][:, None] + np.array([-0.5, 0.5]) * grid.widths[0]

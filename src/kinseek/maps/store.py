@@ -6,10 +6,14 @@ without a mark is made anew, whatever lies there. Zarr writes a chunk beside its
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
+import stat
 import uuid
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -18,6 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidMap
+from kinseek.undisturbed import raise_of_handler
+
+from .grid import grid_of
 
 Array = NDArray[np.float64]
 Index = tuple[int, ...]
@@ -27,6 +34,21 @@ DESCRIPTION = "kinseek"
 
 _DONE = "blocks/done"
 
+_ROTATION = "rotation"
+_METADATA = "zarr.json"
+MOST_BYTES = 2**20
+"""Of a file of metadata."""
+MOST_ARRAYS = 1_000
+"""Entries of a store's folder; a map has some ten."""
+MOST_PLACES = 2**22
+"""Cells along one dimension of positions, of a map that is opened."""
+MOST_BLOCKS = 2**18
+"""Of a map that is opened: 10¹¹ cells in blocks of usual size. Each has an entry in a table of tasks."""
+MOST_CHUNK = 2**26
+"""Cells of a block of a map that is opened."""
+CODECS = frozenset({"blosc", "bytes", "crc32c", "gzip", "zstd"})
+"""What Zarr writes by itself, or by its configuration."""
+
 
 class Store:
     """A map's arrays, on disk or in memory; always of Zarr format 3, of which no codec unpickles anything."""
@@ -35,6 +57,8 @@ class Store:
         """Wrap a Zarr group; `place` is its name for messages."""
         self._group, self.place = group, place
         self.description: dict[str, Any] = group.attrs[DESCRIPTION]
+        if not isinstance(self.description, dict) or not isinstance(self.description.get("variables"), list):
+            raise ValueError(f"its attribute {DESCRIPTION!r} is not what maps.reach writes")
         self._done = group[_DONE]
         self._arrays = {name: group[name] for name in self.description["variables"]}
 
@@ -104,11 +128,13 @@ class Store:
             InvalidMap: There is none.
         """
         try:
-            stamp = os.stat(Path(path) / "zarr.json")  # Another map may stand there since it was opened.
+            _require_small_metadata(Path(path))
+            stamp = os.stat(Path(path) / _METADATA)  # Another map may stand there since it was opened.
             return _opened(path, stamp.st_ino, stamp.st_mtime_ns)
-        except (OSError, KeyError, ValueError) as error:
+        except Exception as error:  # Zarr raises whatever it meets in metadata that is not its own.
+            raise_of_handler(error)
             raise InvalidMap(
-                f"no map in {path!r} ({who()}): {error}. On a cluster the folder must be one that all workers see"
+                f"no map in {path!r} ({who()}): {error!s:.500}. On a cluster the folder must be one that all workers see"
             ) from error
 
     @property
@@ -137,22 +163,131 @@ class Store:
         self._done[index] = self._done[index] + 1
 
     def dataset(self) -> Any:
-        """The map as an ``xarray.Dataset``, read where it is used."""
+        """The map as an ``xarray.Dataset``, read where it is used; the places of its cells are those of its grid."""
         import xarray
 
-        dataset = xarray.open_zarr(self._group.store, zarr_format=3, consolidated=False, chunks={})
-        return dataset.set_coords([name for name in ("rotation",) if name in dataset])
+        grid = grid_of(self.description["grid"])
+        places = dict(zip(grid.dims, (*grid.places, np.arange(grid.shape[-1])), strict=True))
+        with _quiet():
+            attributes = {name: dict(self._group[name].attrs) for name in places}
+            others = set(self._group.array_keys()) - {*self._arrays, _ROTATION}
+            dataset = xarray.open_zarr(
+                self._group.store,
+                zarr_format=3,
+                consolidated=False,
+                chunks={},
+                decode_cf=False,  # A foreign map may have attributes that xarray computes with.
+                drop_variables=others,
+            )
+        dataset = dataset.assign_coords(
+            {name: (name, each, attributes[name]) for name, each in places.items()}
+        )
+        return dataset.set_coords(_ROTATION)
+
+    def require_sound(self, types: Mapping[str, tuple[str, float]]) -> None:
+        """Refuse what `create` does not make of the description: then reading it takes what its grid takes.
+
+        Args:
+            types: Type of each variable, and its value where nothing is known.
+
+        Raises:
+            InvalidMap: Something is different.
+        """
+        told, grid = self.description, grid_of(self.description["grid"])
+        chunks = told.get("chunks")
+        if told.get("dims") != list(grid.dims) or told.get("shape") != list(grid.shape):
+            raise self._unsound("its dimensions and shape are not those of its grid")
+        if max(grid.shape[:-1]) > MOST_PLACES:
+            raise self._unsound(
+                f"it has {max(grid.shape[:-1]):,} cells in a row, at most {MOST_PLACES:,} are read"
+            )
+        if (
+            not isinstance(chunks, list)
+            or len(chunks) != len(grid.shape)
+            or any(
+                type(n) is not int or not 1 <= n <= most for n, most in zip(chunks, grid.shape, strict=True)
+            )
+            or math.prod(chunks) > MOST_CHUNK
+        ):
+            raise self._unsound(f"its blocks are of {chunks!r:.200} cells, at most {MOST_CHUNK:,} are read")
+        blocks = tuple(-(-n // chunk) for n, chunk in zip(grid.shape, chunks, strict=True))
+        if math.prod(blocks) > MOST_BLOCKS:
+            raise self._unsound(f"it has {math.prod(blocks):,} blocks, at most {MOST_BLOCKS:,} are read")
+        turns = (grid.shape[-1], 3, 3)
+        self._require_array(_DONE, blocks, (1,) * len(blocks), "uint8", 0)
+        self._require_array(_ROTATION, turns, None, "float64", 0.0, ("orientation", "row", "column"))
+        for name in self._arrays:
+            self._require_array(name, grid.shape, tuple(chunks), *types[name], grid.dims)
+
+    def _require_array(
+        self,
+        name: str,
+        shape: Index,
+        chunks: Index | None,
+        dtype: str,
+        fill: float,
+        dims: tuple[str, ...] | None = None,
+    ) -> None:
+        """Refuse an array that is not as `create` makes it; `chunks` None: of any that are no larger than it."""
+        array = self._group[name]
+        codecs = {codec.to_dict()["name"] for codec in array.metadata.codecs}
+        there = array.shape, array.dtype, array.metadata.dimension_names
+        if there != (shape, np.dtype(dtype), dims) or not np.array_equal(
+            array.fill_value, fill, equal_nan=True
+        ):
+            raise self._unsound(f"its array {name!r} is not of the shape and type that maps.reach gives it")
+        fits = all(n <= most for n, most in zip(array.chunks, shape, strict=True))
+        if array.chunks != chunks and (chunks is not None or not fits):
+            raise self._unsound(f"the chunks of its array {name!r} are not its blocks")
+        if not codecs <= CODECS or array.shards is not None:
+            raise self._unsound(
+                f"its array {name!r} is encoded by other codecs than {', '.join(sorted(CODECS))}"
+            )
+
+    def _unsound(self, why: str) -> InvalidMap:
+        return InvalidMap(f"no map in {self.place!r} that maps.reach made: {why}")
 
 
 @lru_cache(maxsize=4)
 def _opened(path: str, inode: int, changed: int) -> Store:
     import zarr
 
-    # Not consolidated: such metadata may describe arrays of the other format.
-    group = zarr.open_group(path, mode="r+", zarr_format=3, use_consolidated=False)
-    if group.metadata.zarr_format != 3:  # Zarr itself believes what zarr.json says of the format.
-        raise ValueError("it is of Zarr format 2, which can hold pickles")
-    return Store(group, path)
+    with _quiet():
+        # Not consolidated: such metadata may describe arrays of the other format.
+        group = zarr.open_group(path, mode="r+", zarr_format=3, use_consolidated=False)
+        if group.metadata.zarr_format != 3:  # Zarr itself believes what zarr.json says of the format.
+            raise ValueError("it is of Zarr format 2, which can hold pickles")
+        return Store(group, path)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Zarr from warning: its warnings show names of files as they are, with characters that act on a terminal."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+def _require_small_metadata(folder: Path) -> None:
+    """Refuse metadata that is no regular file or larger than that of a map.
+
+    Raises:
+        InvalidMap: Such a file, or too many entries in the folder.
+    """
+    with os.scandir(folder) as entries:
+        names = [entry.name for entry, _ in zip(entries, range(MOST_ARRAYS + 1), strict=False)]
+    if len(names) > MOST_ARRAYS:
+        raise InvalidMap(f"no map in {str(folder)!r}: it holds more than {MOST_ARRAYS:,} files and folders")
+    for place in ("", _DONE, *names):
+        try:
+            found = os.stat(folder / place / _METADATA)
+        except OSError:  # Zarr says what is missing.
+            continue
+        if not stat.S_ISREG(found.st_mode) or found.st_size > MOST_BYTES:
+            raise InvalidMap(
+                f"no map in {str(folder)!r}: {str(Path(place) / _METADATA)!r} is no regular file of at most "
+                f"{MOST_BYTES:,} bytes"
+            )
 
 
 def compare(place: str, there: dict[str, Any], wanted: dict[str, Any]) -> None:
