@@ -513,12 +513,13 @@ def test_a_robot_that_names_a_large_mesh_many_times(tmp_path: Path, monkeypatch:
     """126 kB that unpack to 9 million corners took 0.4 s each time that they were named, also beyond all limits."""
     from kinseek.viewer import meshes
 
-    read = []
-    monkeypatch.setattr(
-        trimesh,
-        "load_scene",
-        lambda *given, real=trimesh.load_scene, **how: read.append(1) or real(*given, **how),
-    )
+    read = list[int]()
+
+    def counted(*given: Any, real: Any = trimesh.load_scene, **how: Any) -> Any:
+        read.append(1)
+        return real(*given, **how)
+
+    monkeypatch.setattr(trimesh, "load_scene", counted)
     (tmp_path / "large.glb").write_bytes(one_glb(nodes=1000, corners=12))
     (tmp_path / "broken.obj").write_text("v 0 0 0\n")
     chain = kinseek.load(robot_of(tmp_path, *['<mesh filename="large.glb"/>'] * 50)).chain

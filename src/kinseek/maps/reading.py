@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     import xarray
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
 TURNS = ("turn_from", "turn_to")
@@ -54,7 +55,8 @@ def opened(store: Store) -> xarray.Dataset:
         _require_description(store.description)
         store.require_sound(TYPES)
         dataset: xarray.Dataset = store.dataset()
-        for each in (dataset, *dataset.variables.values()):  # xarray prints texts as they are.
+        held: list[Any] = [dataset, *dataset.variables.values()]
+        for each in held:  # xarray prints texts as they are.
             each.attrs = {
                 printable(name): printable(value) if isinstance(value, str) else value
                 for name, value in each.attrs.items()
@@ -156,7 +158,7 @@ def at(dataset: xarray.Dataset, poses: ArrayLike) -> dict[str, Array]:
     return {**values, "inside": inside}
 
 
-def _values(variable: xarray.DataArray, cells: tuple[Array, ...]) -> Array:
+def _values(variable: xarray.DataArray, cells: tuple[Indices, ...]) -> Array:
     """Read the values of some cells, and of a store no other blocks than theirs."""
     flat, data = tuple(each.ravel() for each in cells), variable.data
     with _reading():
