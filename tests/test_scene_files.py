@@ -11,6 +11,7 @@ import pytest
 import kinseek
 from cells import TETRAHEDRON, box_mesh, write_obj
 from kinseek import InvalidScene, Scene
+from kinseek.collision.contents import MOST_BODIES
 from kinseek.collision.obstacles import obstacles
 
 pytest.importorskip("pinocchio")
@@ -291,6 +292,25 @@ def test_a_file_that_is_not_there_and_a_name_that_is_taken(tmp_path: Path, scene
     assert "table" not in scene.bodies
     with pytest.raises(kinseek.InvalidGoal):
         scene.add_file(path, np.zeros(3), prefix="x")
+
+
+def test_a_scene_with_too_many_bodies_is_refused(tmp_path: Path, scene: Scene) -> None:
+    """Each two are a pair: 1 MB of text with 30,000 boxes filled the memory."""
+    room = MOST_BODIES - len(scene.bodies)
+
+    def boxes(count: int) -> Path:
+        each = "".join(f"* o{i}\n1\nbox\n1 1 1\n{i} 0 0\n0 0 0 1\n0 0 0 0\n" for i in range(count))
+        return written(tmp_path, "many.scene", f"world\n{each}.\n")
+
+    before = scene.bodies
+    with pytest.raises(
+        InvalidScene, match=f"{MOST_BODIES + 1:,} bodies, a scene has at most {MOST_BODIES:,}"
+    ):
+        scene.add_file(boxes(room + 1))
+    assert scene.bodies == before
+    scene.add_file(boxes(room))
+    with pytest.raises(InvalidScene, match=f"{MOST_BODIES + 1:,} bodies"):
+        scene.add_box("one more", (1, 1, 1))
 
 
 def test_binary_nonsense_is_no_text(tmp_path: Path, scene: Scene) -> None:

@@ -26,6 +26,10 @@ from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere, length_
 Array = NDArray[np.float64]
 
 
+MOST_BODIES = 2_000
+"""Of a scene: every two of them are a pair, also two that never move against each other."""
+
+
 class Contents:
     """The bodies of a scene, by name, and the pairs of them that never count; what it answers stands in `Scene`."""
 
@@ -35,7 +39,9 @@ class Contents:
         """Put together what `Scene.of` has read."""
         self._samples = samples
         self._chain, self._links = chain, arm.links
-        self._bodies = {body.name: body for body in arm.bodies}
+        self._bodies = dict[str, Body]()
+        self._require_room(len(arm.bodies))
+        self._bodies |= {body.name: body for body in arm.bodies}
         self._never = never
         self._notes = list(arm.notes)
         self._others: dict[str, OtherArm] = {}
@@ -154,6 +160,7 @@ class Contents:
         folders |= package_folders(meshes)
         found, notes = obstacles(Path(path).expanduser(), folders, skip, trusted)
         base = np.eye(4) if pose is None else one_pose(pose, "pose")
+        self._require_room(len(found))
         try:
             names = tuple(self._new(f"{prefix}{body.name}") for body in found)
         except InvalidScene as error:
@@ -238,6 +245,7 @@ class Contents:
         own = [body for body in other._bodies.values() if body.is_link or body.frame.joints]
         arm = OtherArm(self._new(name), other._chain, base, own)
         added = arm.at(other._one(q))
+        self._require_room(len(added))
         for body in added:
             self._new(body.name)
         self._bodies |= {body.name: body for body in added}
@@ -338,6 +346,7 @@ class Contents:
     def _new(self, name: str) -> str:
         if not isinstance(name, str) or not name:
             raise InvalidScene(f"a body needs a name, got {name!r}")
+        self._require_room(1)
         if name in self._bodies or name in self._links or name in self._others:
             if name in self._links:
                 raise InvalidScene(f"{name!r} is a link of the arm already; names are unique")
@@ -346,6 +355,13 @@ class Contents:
                 f"{name!r} is {what} of the scene already; names are unique. remove({name!r}) takes it away"
             )
         return name
+
+    def _require_room(self, count: int) -> None:
+        if (total := len(self._bodies) + count) > MOST_BODIES:
+            raise InvalidScene(
+                f"{total:,} bodies, a scene has at most {MOST_BODIES:,}: put shapes that stand still into one mesh, or "
+                "points into one cloud"
+            )
 
     def _require(self, name: str) -> None:
         if name not in self._bodies:

@@ -18,7 +18,7 @@ NEIGHBOURS = "neighbours: a joint connects them"
 ATTACHED = "attached: it is carried by this link"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Pair:
     """Two bodies, and whether it is looked whether they touch."""
 
@@ -63,11 +63,12 @@ def pairs_of(bodies: Iterable[Body], never: dict[tuple[str, str], str]) -> list[
     bodies = list(bodies)
     pairs = []
     for i, a in enumerate(bodies):
+        where = f"joint {a.frame.joints}" if a.frame.joints else "the base"
+        together = f"neither moves against the other: {where} carries both"
         for b in bodies[i + 1 :]:
             reason = never.get(key(a.name, b.name), "")
             if a.frame.joints == b.frame.joints:
-                where = f"joint {a.frame.joints}" if a.frame.joints else "the base"
-                reason = f"neither moves against the other: {where} carries both"
+                reason = together
             pairs.append(Pair(a.name, b.name, reason))
     return pairs
 
