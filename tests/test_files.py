@@ -284,6 +284,100 @@ def test_properties_that_grow_are_refused(tmp_path: Path) -> None:
         read(write(tmp_path, "r.xacro", XACRO.format(properties + '<link name="${p39}"/>')))
 
 
+COPIED = "<a b=''/>" * 300
+"""What takes xacro long although little is written, and what it is then said to be busy with."""
+BUSY = {
+    "a macro whose body is left out": (
+        f'<xacro:macro name="m"><xacro:if value="0">{COPIED}</xacro:if></xacro:macro>' + "<xacro:m/>" * 400,
+        "copies of macros",
+    ),
+    "a macro within a macro within a macro": (
+        f'<xacro:macro name="m" params="*z"><xacro:if value="0">{COPIED}</xacro:if></xacro:macro>'
+        + ("<xacro:m>" * 40 + "<a/>" + "</xacro:m>" * 40),
+        "copies of macros",
+    ),
+    "a block": (
+        f'<xacro:property name="z"><xacro:if value="0">{COPIED}</xacro:if></xacro:property>'
+        + '<xacro:insert_block name="z"/>' * 400,
+        "copies of blocks",
+    ),
+    "default values": (
+        f'<xacro:macro name="m" params="{" ".join(f"a{i}=1" for i in range(200))}"/>' + "<xacro:m/>" * 100,
+        "values",
+    ),
+    "long names": (
+        f'<xacro:property name="x" value="{"x" * 10_000}"/>' + '<link name="${x}"/>' * 200,
+        "values",
+    ),
+    "many dollars": ('<link name="' + "${1}" * 2000 + '"/>', "values"),
+    "lists of parameters": (f'<xacro:macro name="m" params="{"a " * 3000}"/>', "parameters of macros"),
+    "many beside each other": ("<a/>" * 1500 + '<xacro:if value="0"/>' * 1500, "elements of one parent"),
+    "many elements": ("<a/>" * 8000, "elements, attributes and comments"),
+    "many comments": ("<!---->" * 8000, "elements, attributes and comments"),
+    "many files": ('<xacro:include filename="none.xacro" optional="true"/>' * 100, "files that are opened"),
+    "many patterns": ('<xacro:include filename="*.none"/>' * 10, "patterns of includes"),
+}
+
+
+@pytest.mark.parametrize("what", BUSY)
+def test_what_takes_xacro_long_is_refused(what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert 2**23 < urdf_xml._MOST_WORK <= 2**25, "the limit that was tried with real files"
+    monkeypatch.setattr(urdf_xml, "_MOST_WORK", 2**19)
+    text, busy = BUSY[what]
+    with (
+        soon(2.0),
+        pytest.raises(InvalidRobot, match=f"too much to do, at last with {busy}: .* units of work"),
+    ):
+        read(write(tmp_path, "r.xacro", XACRO.format(text)))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('<xacro:include filename="*/part.xacro"/>', r"the include .*part\.xacro' has \*"),
+        ('<xacro:include filename="[a-z]/../*.xacro"/>', "expected them in the name of the file alone"),
+        (
+            f'<xacro:macro name="m" params="{" ".join(f"a{i}=1" for i in range(257))}"/><xacro:m/>',
+            "257 parameters of one macro, expected at most 256",
+        ),
+        (f'<xacro:property name="{"1;" * 5001}" value="1"/>', "10,002 letters in the name of a property"),
+        (
+            '<xacro:arg name="a" default="x"/><xacro:property name="q" value="arg a)$$(arg a)$$(arg a"/>'
+            '<link name="$(${q})"/>',
+            "in one, expected at most 1",
+        ),
+    ],
+)
+@pytest.mark.parametrize("trusted", [True, False])
+def test_other_things_that_would_take_xacro_long_are_refused(
+    text: str, message: str, trusted: bool, tmp_path: Path
+) -> None:
+    (tmp_path / "folder").mkdir()
+    write(tmp_path / "folder", "part.xacro", "<robot/>")
+    with soon(2.0), pytest.raises(InvalidRobot, match=message):
+        read(write(tmp_path, "r.xacro", XACRO.format(text)), trusted=trusted)
+
+
+def test_a_default_that_could_be_divided_in_many_ways_is_read_soon(tmp_path: Path) -> None:
+    macro = f"""<xacro:macro name="m" params="a:={"b" * 60}'"/>"""
+    with soon(2.0), pytest.raises(InvalidRobot, match="no movable joint"):
+        read(write(tmp_path, "r.xacro", XACRO.format(macro + '<link name="l"/>')))
+
+
+def test_a_document_type_of_many_brackets_is_refused(tmp_path: Path) -> None:
+    brackets = "<!DOCTYPE robot [<!ELEMENT a " + "(" * 300_000 + "a" + ")" * 300_000 + ">]>"
+    with soon(2.0), pytest.raises(InvalidRobot, match="bytes in the document type, expected at most 10,000"):
+        read(write(tmp_path, "r.xacro", brackets + XACRO.format('<link name="l"/>')))
+
+
+def test_a_pattern_in_the_name_of_a_file_is_allowed(tmp_path: Path) -> None:
+    for i in range(2):
+        write(tmp_path, f"part{i}.xacro", XACRO.format(f'<link name="l{i}"/>'))
+    joint = '<joint name="j" type="continuous"><parent link="l0"/><child link="l1"/></joint>'
+    path = write(tmp_path, "r.xacro", XACRO.format('<xacro:include filename="part[01].xacro"/>' + joint))
+    assert read(path).joint_names == ("j",)
+
+
 @pytest.mark.parametrize("suffix", [".urdf", ".xml"])
 def test_entities_that_grow_are_refused(suffix: str, tmp_path: Path) -> None:
     needs(suffix)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import time
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 
 import kinseek
 from kinseek import InvalidRobot
+from kinseek.robots import urdf_xml
 from kinseek.robots.expressions import FUNCTIONS, Refused, evaluate
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "robots"
@@ -106,6 +108,76 @@ def test_yaml_that_grows_when_written_is_refused(tmp_path: Path) -> None:
     (tmp_path / "many.yaml").write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(InvalidRobot, match="entries of a YAML file"):
         upper_of(tmp_path, "${xacro.load_yaml('many.yaml')['a8']}", trusted=False)
+
+
+MAPS = "a0: &a0 {x: 1, y: 2}\n" + "\n".join(
+    f"a{i}: &a{i}\n  <<: [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 9)
+)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (MAPS, "100,001 entries of a YAML file"),
+        ("a: &a [*a]", "100,001 entries of a YAML file"),
+        ("a: &a {<<: *a}", "100,001 entries of a YAML file"),
+        (f"a: &a {'x' * 9000}\nb: [{'*a, ' * 1000}]", "100,001 entries of a YAML file"),
+        ("a: 1" + ":1" * 400, "801 digits of one number"),
+        (f"a: !!int {'1' * 401}", "401 digits of one number"),
+        ("a: [" + "1, " * 70_000 + "]", "too much to do, at last with YAML files"),
+    ],
+)
+def test_yaml_that_takes_long_is_refused(content: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "many.yaml").write_text(content, encoding="utf-8")
+    begin = time.process_time()
+    with pytest.raises(InvalidRobot, match=message):
+        upper_of(tmp_path, "${len(xacro.load_yaml('many.yaml'))}", trusted=False)
+    assert time.process_time() - begin < 2
+
+
+def test_yaml_is_read_as_by_xacro(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text(
+        "base: &base {upper: !degrees 90, name: a}\nj: {<<: *base, name: b}\nlist: [0x10, 1:30, .5, yes]\n",
+        encoding="utf-8",
+    )
+    for text in (
+        "${xacro.load_yaml('a.yaml')['j']['upper']}",
+        "${load_yaml('a.yaml').list[1] / 100 + load_yaml('a.yaml').list[0] / 100}",
+        "${1 if load_yaml('a.yaml')['j'].name == 'b' and load_yaml('a.yaml').list[3] else 2}",
+        "${len(str(load_yaml('a.yaml'))) / 100}",
+    ):
+        assert upper_of(tmp_path, text) == upper_of(tmp_path, text, trusted=False)
+    with pytest.raises(InvalidRobot, match="there is no key 'k'"):
+        upper_of(tmp_path, "${xacro.load_yaml('a.yaml')['j']['k']}", trusted=False)
+
+
+def test_a_yaml_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.yaml").write_text("upper: 0.125\n", encoding="utf-8")
+    calls, read = [], urdf_xml._yaml_content
+
+    def content(*given: Any) -> Any:
+        calls.append(given)
+        return read(*given)
+
+    monkeypatch.setattr(urdf_xml, "_yaml_content", content)
+    text = "${" + " + ".join(["load_yaml('a.yaml').upper"] * 20) + "}"
+    assert upper_of(tmp_path, text, trusted=False) == 2.5
+    assert len(calls) == 1
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[" + ", ".join(["len(big)"] * 100) + "][0]",
+        " == ".join(["big"] * 100),
+        "[" + ", ".join(["text in text"] * 100) + "][0]",
+        "[" + ", ".join(["[big, 1][0][0]"] * 100) + "][0]",
+    ],
+)
+def test_an_expression_that_goes_through_long_values_counts(text: str) -> None:
+    spent: list[int] = []
+    evaluate(text, {"big": [0.5] * 5000, "text": "a" * 5000}, None, spent.append)
+    assert sum(spent) > 2**18
 
 
 def test_xacro_is_as_it_was_afterwards(tmp_path: Path) -> None:

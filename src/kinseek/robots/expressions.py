@@ -17,7 +17,7 @@ MOST_DIGITS = 400
 """A float has no more before or behind its point."""
 
 MOST_ENTRIES = 100_000
-"""Entries of a value or of a YAML file, those of lists within lists counted."""
+"""Entries of a value or of a YAML file, as `entries` counts them."""
 
 MOST_LETTERS = 10_000
 """Of one expression, and of a text or list that it makes."""
@@ -73,13 +73,19 @@ _ROOMS = ("math", "python")
 
 
 def entries(content: Any, most: int) -> int:
-    """Values that are written when everything is, counted a little beyond `most`."""
+    """Count the values and keys that are written when everything is, a little beyond `most`.
+
+    64 letters of a text count as one more value.
+    """
     left, count = [content], 0
     while left and count <= most:
         one = left.pop()
         count += 1
         if isinstance(one, dict | list | tuple):
-            left.extend(one.values() if isinstance(one, dict) else one)
+            left.extend(one)
+            left.extend(one.values() if isinstance(one, dict) else ())
+        elif isinstance(one, str):
+            count += len(one) // 64
     return count
 
 
@@ -88,7 +94,10 @@ class Refused(Exception):
 
 
 def evaluate(
-    expression: str, names: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]] | None = None
+    expression: str,
+    names: Mapping[str, Any],
+    functions: Mapping[str, Callable[..., Any]] | None = None,
+    spend: Callable[[int], None] = lambda units: None,
 ) -> Any:
     """Compute an expression.
 
@@ -96,6 +105,7 @@ def evaluate(
         expression: As xacro writes it.
         names: Values of properties; looked up one by one.
         functions: More that may be called, by their names or by names with a dot.
+        spend: Called with units of work, of some 0.1 µs, where an operation goes through a long value; may raise.
 
     Raises:
         Refused: There is something in it that is not computed here.
@@ -106,14 +116,19 @@ def evaluate(
         raise Refused(f"{len(expression):,} letters in one expression, expected at most {MOST_LETTERS:,}")
     try:
         tree = ast.parse(expression.strip(), mode="eval")
-        return _Reader(names, FUNCTIONS | dict(functions or {})).value(tree.body)
+        return _Reader(names, FUNCTIONS | dict(functions or {}), spend).value(tree.body)
     except (RecursionError, MemoryError):
         raise Refused("too many brackets or signs") from None
 
 
 class _Reader:
-    def __init__(self, names: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]) -> None:
-        self.names, self.functions = names, functions
+    def __init__(
+        self,
+        names: Mapping[str, Any],
+        functions: Mapping[str, Callable[..., Any]],
+        spend: Callable[[int], None],
+    ) -> None:
+        self.names, self.functions, self.spend = names, functions, spend
 
     def value(self, node: ast.expr) -> Any:
         read = getattr(self, f"_{type(node).__name__.lower()}", None)
@@ -125,10 +140,19 @@ class _Reader:
         """Stop what grows."""
         if isinstance(value, str | list | tuple) and len(value) > MOST_LETTERS:
             raise Refused(f"a value of {len(value):,} letters or entries, expected at most {MOST_LETTERS:,}")
-        if isinstance(value, list | tuple) and entries(value, MOST_ENTRIES) > MOST_ENTRIES:
-            raise Refused(f"a value of more than {MOST_ENTRIES:,} entries")
         if isinstance(value, int) and abs(value) > LARGEST:
             raise Refused(f"a whole number beyond {LARGEST:g}")
+        return value
+
+    def _counted(self, value: Any) -> Any:
+        """Stop lists within lists that grow, and report the work of going through them."""
+        if isinstance(value, dict | list | tuple):
+            count = entries(value, MOST_ENTRIES)
+            self.spend(4 * count)
+            if count > MOST_ENTRIES:
+                raise Refused(f"a value of more than {MOST_ENTRIES:,} entries")
+        elif isinstance(value, str):
+            self.spend(len(value))  # To find one text in another takes that long.
         return value
 
     def _constant(self, node: ast.Constant) -> Any:
@@ -154,7 +178,7 @@ class _Reader:
             return float(a) ** float(b) if abs(b) > 64 else a**b
         if not numbers and not (isinstance(node.op, ast.Add) and type(a) is type(b)):
             raise TypeError(f"{ast.unparse(node)[:60]!r}: not of {type(a).__name__} and {type(b).__name__}")
-        return self._apply(node.op, a, b)
+        return self._counted(self._apply(node.op, a, b))
 
     def _unaryop(self, node: ast.UnaryOp) -> Any:
         return self._apply(node.op, self.value(node.operand))
@@ -169,9 +193,9 @@ class _Reader:
         return value
 
     def _compare(self, node: ast.Compare) -> bool:
-        left = self.value(node.left)
+        left = self._counted(self.value(node.left))
         for sign, part in zip(node.ops, node.comparators, strict=True):
-            right = self.value(part)
+            right = self._counted(self.value(part))
             if not self._apply(sign, left, right):
                 return False
             left = right
@@ -185,17 +209,17 @@ class _Reader:
     def _ifexp(self, node: ast.IfExp) -> Any:
         return self.value(node.body if self.value(node.test) else node.orelse)
 
-    def _list(self, node: ast.List) -> list[Any]:
-        return [self.value(part) for part in node.elts]
+    def _list(self, node: ast.List) -> Any:
+        return self._counted([self.value(part) for part in node.elts])
 
-    def _tuple(self, node: ast.Tuple) -> tuple[Any, ...]:
-        return tuple(self.value(part) for part in node.elts)
+    def _tuple(self, node: ast.Tuple) -> Any:
+        return self._counted(tuple(self.value(part) for part in node.elts))
 
     def _subscript(self, node: ast.Subscript) -> Any:
         whole, key = self.value(node.value), self.value(node.slice)
         if not isinstance(whole, str | list | tuple | dict):
             raise TypeError(f"{ast.unparse(node.value)[:60]!r} has no entries")
-        return whole[key]
+        return self._entry(whole, key)
 
     def _attribute(self, node: ast.Attribute) -> Any:
         if node.attr.startswith("_"):
@@ -207,7 +231,12 @@ class _Reader:
             whole, dict
         ):  # Entries of YAML files are written so; nothing else has attributes here.
             raise Refused(f"{ast.unparse(node)[:60]!r}")
-        return whole[node.attr]
+        return self._entry(whole, node.attr)
+
+    def _entry(self, whole: Any, key: Any) -> Any:
+        if isinstance(whole, dict) and key not in whole:
+            raise LookupError(f"there is no key {str(key)[:60]!r}")
+        return whole[key]
 
     def _call(self, node: ast.Call) -> Any:
         name = ast.unparse(node.func)
@@ -215,4 +244,4 @@ class _Reader:
             name = name.removeprefix(f"{room}.")
         if name not in self.functions or node.keywords:
             raise Refused(f"the call of {ast.unparse(node.func)[:60]!r}")
-        return self.functions[name](*(self.value(part) for part in node.args))
+        return self.functions[name](*(self._counted(self.value(part)) for part in node.args))

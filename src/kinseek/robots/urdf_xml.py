@@ -7,18 +7,22 @@ reduced and checked here first; what is left can neither be misread nor name a m
 from __future__ import annotations
 
 import contextlib
+import glob
 import math
+import os
 import re
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
+from xml.parsers import expat
 
 from kinseek.errors import InvalidRobot, suggest
 from kinseek.forks import finish_first, importing
 from kinseek.undisturbed import raise_of_handler
 
-from .expressions import MOST_ENTRIES, Refused, entries, evaluate
+from .expressions import MOST_DIGITS, MOST_ENTRIES, MOST_LETTERS, Refused, entries, evaluate
 from .files import MOST_BYTES, MOST_LINKS, file_bytes, require_few
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
@@ -35,6 +39,26 @@ _LOST_PACKAGE = re.compile(r"Package not found: (\S+)")
 """What xacrodoc says, wrapped by xacro."""
 _MOST_STEPS, _MOST_LETTERS, _MOST_NESTED = 50_000, 2**20, 32
 """Elements that xacro may expand, how long a value may become, and how deep files may include each other."""
+_MOST_PARAMETERS = 256
+"""Parameters of one macro: xacro looks for each of them among all."""
+_MOST_WORK = 2**25
+"""Units of work of one expansion, a unit for a letter of a value; what takes longer counts as more units.
+
+The counts below follow from measured times: no file takes much more than 3 s for all its units.
+"""
+_NODE, _TEXT, _FORMULA, _YAML = 100, 64, 64, 192
+"""Units of an element, attribute or comment that is read or copied; of a value that is looked at, besides its letters; of a
+letter of an expression; of a byte of YAML."""
+_FILE, _PATTERN, _MOVED = 2**14, 2**18, 8
+"""Units of a file that is opened, and of a folder that is searched for a pattern; elements that are passed over in one unit
+when another is put among them."""
+_PARAMETER = re.compile(
+    r"""^\s*([^\s:=]+?)\s*:?=\s*(\^\|?)?(\$\{.*?\}|\$\(.*?\)|(?:'.*?'|".*?"|[^\s'"]+)++|)(?:\s+|$)(.*)"""
+)
+"""A parameter of a macro and the rest, as xacro reads them. xacro's own expression tries all ways to divide a default, which
+are exponentially many; this one (`++`) tries the first."""
+_Spend = Callable[[int, str], None]
+"""Counts units of work, and says what they are for when there are too many."""
 _NUMBERS = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
@@ -122,8 +146,9 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
     with importing:
         from xacrodoc import XacroDoc, packages
 
-    computed = contextlib.nullcontext() if trusted else _computed_xacro(path)
-    with _XACRO_LOCK, _watched_xacro(path), computed:
+    with _XACRO_LOCK, _watched_xacro(path) as spend, contextlib.ExitStack() as stack:
+        if not trusted:
+            stack.enter_context(_computed_xacro(path, spend))
         before = packages._finder
         try:
             # Packages found on the way up from one file must not answer for the next file: use a copy.
@@ -149,64 +174,252 @@ def _expanded(path: Path, arguments: _Arguments, folders: Mapping[str, str], tru
 
 
 @contextlib.contextmanager
-def _watched_xacro(path: Path) -> Iterator[None]:
-    """Let xacro read regular files of a sane size alone, print nothing, and stop what grows without end.
+def _watched_xacro(path: Path) -> Iterator[_Spend]:
+    """Let xacro read regular files of a sane size alone, print nothing, and stop what grows without end or takes very long.
 
     xacro looks these functions up in its own modules, each time that it calls them. `sys.stdout` and `sys.stderr` stay as
     they are: all threads print there.
     """
+    from xacrodoc import packages
     from xacrodoc.xacrodoc import xacro
 
-    opened, left, steps = open, MOST_BYTES, 0
-    evaluate_all, evaluate_text = xacro.eval_all, xacro.eval_text
+    opened, left, steps, work = open, MOST_BYTES, 0, 0
+    own = SimpleNamespace(**vars(xacro))
+
+    def spend(units: int, what: str) -> None:
+        nonlocal work
+        work += units
+        require_few(
+            work, "units of work", _MOST_WORK, f"{path}: xacro has too much to do, at last with {what}"
+        )
 
     def open_file(name: Any, *rest: Any, **options: Any) -> Any:
         nonlocal left
         require_few(
             len(xacro.filestack), "files, each included by the one before", _MOST_NESTED, f"{path}: xacro"
         )
+        spend(_FILE, "files that are opened")
         if Path(name).exists():  # xacro itself says best what is missing.
             left -= len(file_bytes(Path(name), left))
         return opened(name, *rest, **options)
 
-    def eval_all(*arguments: Any) -> Any:
+    def parse(given: Any, name: Any = None) -> Any:
+        if given is None and Path(name).exists():
+            with open_file(name) as file:
+                given = file.read()
+        if isinstance(given, str):
+            _count_nodes(given, spend, str(path if name is None else name))
+        return own.parse(given, name)
+
+    def eval_all(node: Any, *rest: Any) -> Any:
         nonlocal steps
         steps += 1
         require_few(steps, "elements to expand", _MOST_STEPS, f"{path}: xacro")
-        return evaluate_all(*arguments)
+        if node.parentNode is None and node.tagName != "xacro:macro":  # A copy of a block.
+            spend(_units_of(node), "copies of blocks")
+        return own.eval_all(node, *rest)
 
-    def eval_text(*arguments: Any) -> Any:
-        value = evaluate_text(*arguments)
+    def eval_text(text: str, *rest: Any) -> Any:
+        # Each dollar makes xacro copy the rest of the text.
+        spend(_TEXT + len(text) * (1 + text.count("$")), "values")
+        value = own.eval_text(text, *rest)
         if isinstance(value, str):
             require_few(len(value), "letters in one value", _MOST_LETTERS, f"{path}: xacro")
+            spend(len(value), "values")
+        else:
+            spend(_TEXT * entries(value, MOST_ENTRIES), "values")  # It may be written as text.
         return value
 
+    def eval_extension(text: str) -> Any:
+        # A property can hold the text of many; xacro would put the same value in for each of them.
+        require_few(text.count("$("), "$(…) in one", 1, f"{path}: xacro: {text[:80]!r}")
+        return own.eval_extension(text)
+
+    def is_valid_name(name: str) -> bool:
+        # Python's parser looks at it.
+        require_few(len(name), "letters in the name of a property", MOST_LETTERS, f"{path}: xacro")
+        return bool(own.is_valid_name(name))
+
+    def resolve_macro(*arguments: Any) -> Any:
+        """Count the body of a macro, which xacro copies next."""
+        found = own.resolve_macro(*arguments)
+        require_few(len(found[2].params), "parameters of one macro", _MOST_PARAMETERS, f"{path}: xacro")
+        spend(_units_of(found[2].body), "copies of macros")
+        return found
+
+    def parse_macro_arg(text: str) -> Any:
+        spend(_TEXT + len(text), "parameters of macros")
+        return own.parse_macro_arg(text)
+
+    def replace_node(node: Any, by: Any, content_only: bool = False) -> Any:
+        new = by if isinstance(by, list) else [] if by is None else [by]
+        moved = sum(len(one.childNodes) for one in new) if content_only else len(new)
+        # Each of them is put in by a search through all that are there by then.
+        spend((1 + moved) * (moved + len(node.parentNode.childNodes)) // _MOVED, "elements of one parent")
+        return own.replace_node(node, by, content_only)
+
+    def matches(pattern: str) -> list[str]:
+        if re.search(r"[*?[]", os.path.dirname(pattern)):
+            raise InvalidRobot(
+                f"{path}: xacro: the include {pattern!r} has *, ? or [ in the name of a folder, expected them in the "
+                "name of the file alone"
+            )
+        spend(_PATTERN, "patterns of includes")
+        return glob.glob(pattern)
+
+    instead = {
+        "open": open_file,
+        "print": lambda *words, **options: None,
+        "parse": parse,
+        "eval_all": eval_all,
+        "eval_text": eval_text,
+        "eval_extension": eval_extension,
+        "is_valid_name": is_valid_name,
+        "resolve_macro": resolve_macro,
+        "parse_macro_arg": parse_macro_arg,
+        "re_macro_arg": _PARAMETER,
+        "replace_node": replace_node,
+        "remove_previous_comments": lambda node: (
+            None
+        ),  # Comments are not read; to remove one takes long among many.
+        "glob": SimpleNamespace(glob=matches),
+    }
+    # Manifests of packages lie beside the file, and may be anybody's as well.
+    manifests = {"open": open_file, "minidom": SimpleNamespace(parse=lambda file: parse(file.read()))}
+    changed = ((xacro, instead), (xacro.color, {"print": instead["print"]}), (packages, manifests))
+    before = [{name: vars(module)[name] for name in new if name in vars(module)} for module, new in changed]
     try:
-        xacro.open, xacro.eval_all, xacro.eval_text = open_file, eval_all, eval_text
-        xacro.print = xacro.color.print = lambda *words, **options: None
+        for module, new in changed:
+            vars(module).update(new)
         xacro.init_stacks(str(path))  # Or relative includes would be looked for in the working directory.
-        yield
+        yield spend
     finally:
-        xacro.eval_all, xacro.eval_text = evaluate_all, evaluate_text
-        for module, name in ((xacro, "open"), (xacro, "print"), (xacro.color, "print")):
-            vars(module).pop(name, None)
+        for (module, new), old in zip(changed, before, strict=True):
+            for name in new:
+                vars(module).pop(name, None)
+            vars(module).update(old)
+
+
+def _count_nodes(text: str, spend: _Spend, where: str) -> None:
+    """Count what a tree of XML will hold, entities replaced by what they stand for, before it is built.
+
+    Raises:
+        InvalidRobot: The document type is long: Python's parser dies of one with many brackets.
+    """
+    began = 0
+
+    def begin(*parts: Any) -> None:
+        nonlocal began
+        began = parser.CurrentByteIndex
+
+    def end() -> None:
+        require_few(parser.CurrentByteIndex - began, "bytes in the document type", MOST_LETTERS, where)
+
+    def count(*letters: str) -> None:
+        spend(_NODE + sum(map(len, letters)), "elements, attributes and comments")
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        count(name)
+        for attribute, value in attributes.items():
+            count(attribute, value)
+
+    parser = expat.ParserCreate()
+    parser.buffer_text = True
+    parser.StartDoctypeDeclHandler, parser.EndDoctypeDeclHandler = begin, end
+    parser.StartElementHandler = start
+    parser.CommentHandler = parser.CharacterDataHandler = parser.ProcessingInstructionHandler = count
+    parser.StartCdataSectionHandler = count
+    with contextlib.suppress(expat.ExpatError):  # Whoever builds the tree says it.
+        parser.Parse(text, True)
+
+
+def _units_of(node: Any) -> int:
+    """Units of work to copy an element with all that is in it, and to write the copy."""
+    left, units = [node], 0
+    while left:
+        one = left.pop()
+        units += _NODE + len(one.nodeName) + len(one.nodeValue or "")
+        for name, value in one.attributes.items() if one.attributes else ():
+            units += _NODE + len(name) + len(value)
+        left.extend(one.childNodes)
+    return units
+
+
+def _yaml_content(text: bytes, units: Any, where: str) -> Any:
+    """Read YAML as xacro does, unless it is large once its aliases and merges are written out.
+
+    Args:
+        text: The file.
+        units: xacro's tags for units, such as ``!degrees``.
+        where: The file, for messages.
+
+    Raises:
+        InvalidRobot: It holds a number of too many digits, or too many entries when written out.
+        yaml.YAMLError: It is no YAML.
+    """
+    import yaml  # type: ignore[import-untyped]
+
+    class Loader(yaml.SafeLoader):  # type: ignore[misc]
+        """The tags for units would stay in the loader of all other programs."""
+
+    for unit in units:
+        Loader.add_constructor(unit.value.tag, unit.constructor)
+    sizes: dict[Any, int] = {}
+
+    def written(node: Any) -> int:
+        """Entries with all aliases written out; a merge counts as the map that it refers to."""
+        if node not in sizes:
+            sizes[node] = (
+                MOST_ENTRIES + 1
+            )  # As long as nothing else is known: a list that holds itself never ends.
+            if isinstance(node, yaml.ScalarNode):
+                if node.tag.endswith((":int", ":float")):
+                    require_few(len(node.value), "digits of one number", MOST_DIGITS, where)
+                sizes[node] = 1 + len(node.value) // 64
+            else:
+                inner = (
+                    one for entry in node.value for one in (entry if isinstance(entry, tuple) else (entry,))
+                )
+                sizes[node] = min(1 + sum(map(written, inner)), MOST_ENTRIES + 1)
+        return sizes[node]
+
+    loader = Loader(text)
+    try:
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        require_few(written(node), "entries of a YAML file", MOST_ENTRIES, where)
+        return loader.construct_document(node)
+    finally:
+        loader.dispose()
 
 
 @contextlib.contextmanager
-def _computed_xacro(path: Path) -> Iterator[None]:
+def _computed_xacro(path: Path, spend: _Spend) -> Iterator[None]:
     """Keep xacro from Python's `eval` and from the environment: the file may be anybody's."""
     from xacro import substitution_args  # type: ignore[import-untyped]
     from xacrodoc.xacrodoc import xacro
 
+    contents: dict[str, Any] = {}
+
     def load_yaml(name: str) -> Any:
-        content = xacro.load_yaml(name)
-        # Aliases make much of little as soon as it is written out.
-        require_few(entries(content, MOST_ENTRIES), "entries of a YAML file", MOST_ENTRIES, f"{path}: {name}")
-        return content
+        # One content for all who ask: nothing that is computed here can change it.
+        file = xacro.abs_filename_spec(name)
+        if file not in contents:
+            with xacro.open(file, "rb") as opened:
+                text = opened.read()
+            spend(_YAML * len(text), "YAML files")
+            xacro.filestack.append(file)
+            try:
+                contents[file] = _yaml_content(text, xacro.ConstructUnits, f"{path}: {name}")
+            finally:
+                xacro.filestack.pop()
+        return contents[file]
 
     def compute(expression: str, names: Any, functions: Mapping[str, Any]) -> Any:
+        spend(_FORMULA * len(expression), "expressions")
         try:
-            return evaluate(expression, names, functions)
+            return evaluate(expression, names, functions, lambda units: spend(units, "expressions"))
         except Refused as refused:
             raise InvalidRobot(
                 f"{path}: xacro: {expression.strip()[:80]!r} holds {refused}; in a file that is not trusted only plain sums "
