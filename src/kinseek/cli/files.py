@@ -22,6 +22,11 @@ from .words import is_number
 
 Array = NDArray[np.float64]
 
+MOST_VALUES = 2**24
+"""Numbers in a Parquet file of any size."""
+VALUES_OF_A_BYTE = 16
+"""Numbers for each byte of a larger one: those of a column that stays the same take hardly any."""
+
 ENDINGS = (".csv", ".npy", ".parquet")
 
 
@@ -172,21 +177,23 @@ def _explain(rows: Iterator[list[str]], names: list[str], where: str, error: Val
 
 def _npy(path: Path) -> Array:
     try:
-        array = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError) as error:
+        # Mapped, a file cannot claim more than it holds; and this opens no archive, as numpy.load does.
+        array = np.lib.format.open_memmap(path, mode="r")
+    except (ValueError, EOFError, OverflowError) as error:
         raise InvalidGoal(f"{str(path)!r} is no .npy file that can be read: {error}") from None
     if array.ndim != 3 or array.shape[1:] != (4, 4) or array.dtype.kind not in "fiu":
         raise InvalidGoal(
             f"{path}: expected numbers of shape (N, 4, 4), got {array.dtype} of shape {array.shape}"
         )
-    return np.asarray(array, dtype=np.float64)
+    return np.array(array, dtype=np.float64)
 
 
 def _parquet(path: Path) -> dict[str, Array]:
     pyarrow, parquet = _pyarrow()
     try:
-        table = parquet.read_table(path)
-        _refuse_twice(table.column_names, str(path))
+        with parquet.ParquetFile(path) as file:
+            _require_numbers(file, path)
+            table = file.read()
         columns = {name: table.column(name).to_numpy() for name in table.column_names}
     except pyarrow.ArrowException as error:
         raise InvalidGoal(f"{str(path)!r} is no Parquet file that can be read: {error}") from None
@@ -194,6 +201,28 @@ def _parquet(path: Path) -> dict[str, Array]:
         if values.dtype.kind not in "fiu":
             raise InvalidGoal(f"{path}: column {name} holds {values.dtype}, expected numbers")
     return {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}
+
+
+def _require_numbers(file: Any, path: Path) -> None:
+    """Refuse, before it is read, a Parquet file of other columns, or of many more numbers than it has bytes.
+
+    Raises:
+        InvalidGoal: It is refused.
+    """
+    from pyarrow import types
+
+    schema, told = file.schema_arrow, file.metadata
+    _refuse_twice(schema.names, str(path))
+    for column in schema:
+        if not (types.is_integer(column.type) or types.is_floating(column.type)):
+            raise InvalidGoal(f"{path}: column {column.name} holds {column.type!s:.200}, expected numbers")
+    groups = [told.row_group(i) for i in range(told.num_row_groups)]
+    held = sum(group.column(j).num_values for group in groups for j in range(group.num_columns))
+    count = max(held, told.num_rows * len(schema.names))
+    if count > (most := max(MOST_VALUES, VALUES_OF_A_BYTE * path.stat().st_size)):
+        raise InvalidGoal(
+            f"{path}: {count:,} numbers, expected at most {most:,} of so few bytes: {VALUES_OF_A_BYTE} for each"
+        )
 
 
 def _pyarrow() -> tuple[Any, Any]:
