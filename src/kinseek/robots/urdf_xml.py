@@ -49,7 +49,7 @@ The counts below follow from measured times: no file takes much more than 3 s fo
 _NODE, _TEXT, _FORMULA, _YAML = 100, 64, 64, 192
 """Units of an element, attribute or comment that is read or copied; of a value that is looked at, besides its letters; of a
 letter of an expression; of a byte of YAML."""
-_FILE, _PATTERN, _MOVED = 2**14, 2**18, 8
+_FILE, _PATTERN, _MOVED = 2**14, 2**18, 4
 """Units of a file that is opened, and of a folder that is searched for a pattern; elements that are passed over in one unit
 when another is put among them."""
 _PARAMETER = re.compile(
