@@ -264,7 +264,13 @@ def volume(dataset: xarray.Dataset, what: str = "poses") -> Volume:
     if "cell" not in dataset:
         raise InvalidMap("a volume is bounded by proofs: maps.reach(..., prove=True) makes such a map")
     with _reading():
-        if bool((dataset["cell"] < 0).any()):  # Block by block, and before anything is read as a whole.
+        cell = dataset["cell"]
+        last = cell.isel(
+            dict.fromkeys(cell.dims, -1)
+        )  # Of most maps that are not finished, this is not known.
+        if bool(last < 0) or bool(
+            (cell < 0).any()
+        ):  # Block by block, and before anything is read as a whole.
             raise InvalidMap("the map is not finished; the call of maps.reach that began it goes on with it")
         known, empty, whole = (dataset[name].transpose(*grid.dims).values for name in ("cell", *SHARES))
     weights = np.full(known.shape[:-1], grid.volume / np.prod(known.shape[:-1]))
