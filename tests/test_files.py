@@ -86,6 +86,14 @@ def test_what_a_file_includes_is_no_pipe_either(tmp_path: Path) -> None:
         read(write(tmp_path, "n.xml", MODEL.format("<asset><model name='m' file='pipe.xml'/></asset>", "")))
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+def test_the_manifest_of_a_package_is_no_pipe_either(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "package.xml")
+    include = '<xacro:include filename="$(find p)/part.xacro"/>'
+    with pytest.raises(InvalidRobot, match="it is a pipe, expected a regular file"):
+        read(write(tmp_path, "r.xacro", XACRO.format(include)))
+
+
 def test_included_files_count_together(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     part = "<!--" + "x" * (MOST_BYTES // 4) + "-->"
