@@ -80,7 +80,9 @@ def _read(name: str, text: str) -> object:
     except ValueError:
         numbers = ()
     if name == "branching_factor" and max(numbers, default=0) > MOST_FACTOR:
-        raise InvalidSolver(f"{PARAMETERS[name]}: the page takes at most {MOST_FACTOR:,}, got {text.strip()}")
+        raise InvalidSolver(
+            f"{PARAMETERS[name]}: the page takes at most {MOST_FACTOR:,}, got {max(numbers):,}"
+        )
     if name != "tree" and (len(numbers) == 1 or (numbers and name == "breadth")):
         return numbers[0] if len(numbers) == 1 else numbers
     takes = ["a whole number"] if name not in ("tree", "breadth") else []
