@@ -21,7 +21,7 @@ nox.options.reuse_existing_virtualenvs = True
 nox.options.sessions = ("tests", "oldest", "newest", "audit")
 
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
-OLDEST = ("numpy==1.26.*", "numba==0.61.*", "click==8.1.*", "rich==13.*", "scipy==1.12.*")
+OLDEST = ("numpy==1.26.*", "numba==0.62.*", "click==8.1.*", "rich==13.*", "scipy==1.12.*")
 """The least that pyproject.toml allows of what the kernels and the command line stand on."""
 TESTING = ("pytest>=8", "pytest-benchmark>=5", "pytest-xdist>=3.6", "hypothesis>=6.100", "scipy>=1.12")
 PLAIN = tuple(

@@ -16,7 +16,8 @@ from types import CodeType, ModuleType
 import pytest
 
 import kinseek
-from kinseek.kernels.sources import kernel_sources, source_digest
+from kinseek.kernels.sources import PACKAGE as SOURCES
+from kinseek.kernels.sources import _closure, kernel_sources, module_digest, source_digest
 
 pytestmark = [pytest.mark.slow, pytest.mark.jit]
 
@@ -147,6 +148,24 @@ def test_the_digest_sees_every_file_with_kernels(copy: Path, name: str) -> None:
     assert source_digest(package) != before
 
 
+def test_a_change_recompiles_what_is_made_of_it_and_nothing_else(copy: Path) -> None:
+    package = copy / "site" / "kinseek"
+    leaf, user, other = (
+        f"kinseek.kernels.{name}" for name in ("proof.cone", "proof.exclusion", "atlas.one_goal")
+    )
+    layout = "kinseek.kernels.layout"  # It writes functions out, of what any file may declare.
+    changed = copy / "changed" / "kinseek"
+    shutil.copytree(package, changed)
+    with (changed / "kernels" / "proof" / "cone.py").open("a", encoding="utf-8") as file:
+        file.write("\n")
+    same = [
+        name
+        for name in (leaf, user, other, layout)
+        if module_digest(name, package) == module_digest(name, changed)
+    ]
+    assert same == [other]
+
+
 @pytest.mark.parametrize("name", ["cli/words.py", "arm.py", "solvers/base.py"])
 def test_a_change_where_no_kernel_is_recompiles_nothing(copy: Path, name: str) -> None:
     package = copy / "site" / "kinseek"
@@ -171,7 +190,9 @@ def test_kernels_use_nothing_of_ours_from_files_that_the_digest_leaves_out() -> 
                 continue
             looked_at += 1
             for used in set(_names_in(function.__code__)) & set(vars(module)):
-                assert _origin(module, path, used) in digested, f"{function.__qualname__} uses {used}"
+                origin = _origin(module, path, used)
+                assert origin in digested, f"{function.__qualname__} uses {used}"
+                assert origin in _closure(path, SOURCES), f"{function.__qualname__} uses {used}"
     assert looked_at > 100
 
 

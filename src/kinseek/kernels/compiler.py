@@ -1,9 +1,9 @@
 """The one place that asks Numba for anything: its options, its types, and the guard against stale machine code.
 
 Numba's disk cache looks only at the file that holds the compiled function: a kernel whose imported callee
-changed in another file would run on with the old machine code. So the cache lives in a folder named after a
-digest of every source file that holds a kernel or that kernels are made of: change any of them, reinstall in
-place, and the folder is a new one. Files without kernels may change freely.
+changed in another file would run on with the old machine code. So the code of each module's kernels lives in a
+folder named after a digest of every source file that they are made of (`sources.module_digest`): change any of
+them, reinstall in place, and the folder is a new one. Files without kernels may change freely.
 
 Floating point: results hold no NaN (the shell refuses them), the sign of zero carries no meaning, and a
 product may be fused with a sum. Sums are never reordered. Where a bound or a verdict is computed a NaN is not
@@ -24,6 +24,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 import numba
 from llvmlite import ir
 from numba.core import codegen, config, event, sigutils
+from numba.core import compiler as numba_compiler
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.types import unliteral
 from numba.extending import intrinsic
@@ -33,20 +34,20 @@ from kinseek.private import private_folder
 from kinseek.undisturbed import undisturbed
 
 from .kept_code import c_function, keep_code, tell_unwritten
-from .sources import source_digest
+from .sources import module_digest
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 
 def _cache_folder() -> Path | None:
-    """Return a folder for this very state of the sources that this user alone can write to, or None where there is none."""
+    """Return a folder for this very Numba that this user alone can write to, or None where there is none."""
     user_cache = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or "~/.cache"
     user = os.getuid() if hasattr(os, "getuid") else "user"
     candidates: list[tuple[str, ...]] = [(user_cache, "kinseek"), (tempfile.gettempdir(), f"kinseek-{user}")]
     if chosen := os.environ.get("NUMBA_CACHE_DIR"):
         candidates.insert(0, (chosen,))
-    name, refused = f"kinseek-{numba.__version__}-{source_digest()}", list[Exception]()
+    name, refused = f"kinseek-{numba.__version__}", list[Exception]()
     for base, *names in candidates:
         try:
             folder = private_folder(Path(base).expanduser(), *names, name)
@@ -114,9 +115,9 @@ class Compiled:
         with _one_thread:
             if self._code is None:
                 options = {"nopython": True} | numerics(self._function)
-                with _cached():
+                with _cached(self._function) as folder:
                     signature = signature_of(self._signature)
-                    self._code = c_function(signature, self._function, options, _CACHE)
+                    self._code = c_function(signature, self._function, options, folder)
             address: int = self._code.address
             return address
 
@@ -129,24 +130,68 @@ finish_first(_one_thread)
 
 
 @contextmanager
-def _cached() -> Iterator[None]:
-    """Let Numba keep what is decorated here in our folder: it reads its settings when it builds a function's cache."""
+def _cached(function: Callable[..., Any]) -> Iterator[Path | None]:
+    """Let Numba keep what is decorated here in our folder: it reads its settings when it builds a function's cache.
+
+    Gives the folder, for the state of the sources that the function is made of; None where there is none.
+    """
+    folder = None if _CACHE is None else _CACHE / module_digest(function.__module__)
     settings = vars(config)
-    ours = {"CACHE_DIR": str(_CACHE or ""), "CACHE_LOCATOR_CLASSES": ""}
+    ours = {"CACHE_DIR": str(folder or ""), "CACHE_LOCATOR_CLASSES": ""}
     before = {name: settings.get(name, "") for name in ours}
     settings.update(ours)
     try:
-        yield
+        yield folder
     finally:
         settings.update(before)
 
 
+_FIXED: dict[str, Any] = {"_nrt": True, "forceinline": False}
+"""Options that a function would otherwise take from whichever kernel is the first of all to call it."""
+
+_SHIPPED: dict[str, Any] = {}
+"""Further options where everything that is compiled is written down: see `never_run`."""
+
+_JITCodeLibrary: Any = codegen.JITCodeLibrary  # Untyped in Numba itself, as what follows.
+_Compiler: Any = numba_compiler.Compiler
+
+
+class _Simplified(_JITCodeLibrary):  # type: ignore[misc]
+    """LLVM's code of a part: ready to be inlined. The kernel that it becomes part of is optimised as a whole, once.
+
+    Numba would run all passes of LLVM on every part, again on all that calls it, and so on up to the kernel. Only what is
+    always inlined is a part: the code for this process that Numba makes of a library too would else be called, unoptimised.
+    """
+
+    def _optimize_final_module(self) -> None:
+        passes, builder = self._codegen._module_pass_manager(
+            loop_vectorize=False, slp_vectorize=False, opt=0, cost="cheap"
+        )
+        passes.run(self._final_module, builder)
+
+
+class _PartCompiler(_Compiler):  # type: ignore[misc]
+    """Compiles into `_Simplified`."""
+
+    def define_pipelines(self) -> Any:
+        """Numba's own, with our kind of library."""
+        self.state.library = _Simplified(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
+        self.state.library.enable_object_caching()
+        return super().define_pipelines()
+
+
+def part(function: Callable[P, R], **options: Any) -> Callable[P, R]:
+    """Let Numba compile a function that is always inlined."""
+    return compiled(function, pipeline_class=_PartCompiler, **options)
+
+
 def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
     """Let Numba compile a function when it is first called."""
-    made = _njit(nogil=True, no_cfunc_wrapper=True, **(numerics(function) | options))(function)
-    if _CACHE is not None:
-        with _cached():
-            keep_code(made, function, _CACHE)
+    options = _FIXED | _SHIPPED | numerics(function) | options
+    made = _njit(nogil=True, no_cfunc_wrapper=True, **options)(function)
+    with _cached(function) as folder:
+        if folder is not None:
+            keep_code(made, function, folder)
     _ignore_literals(made)
     _compile_undisturbed(made)
     return cast("Callable[P, R]", made)
@@ -238,10 +283,15 @@ _register("numba:compile", _FirstRunNotice())
 def never_run() -> None:
     """Have Numba compile without machine code for this process, where what it makes is written down and never called here.
 
-    It would make some of every kernel and of all that each is made of: a seventh of the time that a library takes. What
-    processes hand each other through the cache is then LLVM's own language.
+    Call it before kernels are imported. Numba would make machine code of every kernel and of all that each is made of, and
+    what lets Python call them: more than a third of the time that a library takes. What processes hand each other through
+    the cache is then LLVM's own language.
     """
-    library: Any = codegen.JITCodeLibrary
+    library, generator = _JITCodeLibrary, cast("Any", codegen.JITCPUCodegen)
+    # Each would ask LLVM for an address, so that machine code is made.
+    library.get_pointer_to_function = lambda self, name: self._ensure_finalized() or 0
+    generator.set_env = lambda self, name, environment: None
     library._finalize_specific = lambda self: None
     library.serialize_using_object_code = library.serialize_using_bitcode
+    _SHIPPED["no_cpython_wrapper"] = True
     _FirstRunNotice.said = True  # It would not be true here.

@@ -57,12 +57,12 @@ def inner(function: Callable[P, R]) -> Callable[P, R]:
     Handing a bundle of arrays to a function costs more than a short function does: some 200 ns for twenty arrays, half of
     it for counting references.
     """
-    return _compiled(function, forceinline=True, _nrt=False)
+    return _part(function, forceinline=True, _nrt=False)
 
 
 def hidden(function: Callable[P, R]) -> Callable[P, R]:
     """Compile an inner kernel that Python never calls: without the wrapper, which takes longer than the kernel."""
-    return _compiled(function, forceinline=True, _nrt=False, no_cpython_wrapper=True)
+    return _part(function, forceinline=True, _nrt=False, no_cpython_wrapper=True)
 
 
 def called(function: Callable[P, R]) -> Callable[P, R]:
@@ -70,7 +70,7 @@ def called(function: Callable[P, R]) -> Callable[P, R]:
 
     It takes handles and memory by address: a bundle of arrays as an argument is a hundred arguments.
     """
-    return _compiled(function, _nrt=True, no_cpython_wrapper=True)
+    return _compiled(function, no_cpython_wrapper=True)
 
 
 def view(function: Callable[P, R]) -> Callable[P, R]:
@@ -79,7 +79,7 @@ def view(function: Callable[P, R]) -> Callable[P, R]:
     What hands back an array or a bundle must count references: its caller gives one back. It has to be said, else Numba
     leaves counting out where the first that calls it, of all, does.
     """
-    return _compiled(function, forceinline=True, _nrt=True, no_cpython_wrapper=True)
+    return _part(function, forceinline=True, _nrt=True, no_cpython_wrapper=True)
 
 
 def spliced(function: Callable[P, R]) -> Callable[P, R]:
@@ -89,7 +89,7 @@ def spliced(function: Callable[P, R]) -> Callable[P, R]:
 
 def exact(function: Callable[P, R]) -> Callable[P, R]:
     """Compile an inner kernel that never fuses a product with a sum: the same bits as NumPy, wherever inlined."""
-    return _compiled(function, forceinline=True, _nrt=False, fastmath=False)
+    return _part(function, forceinline=True, _nrt=False, fastmath=False)
 
 
 def kernel_exact(function: Callable[P, R]) -> Callable[P, R]:
@@ -123,6 +123,11 @@ def _absent(function: Callable[P, R]) -> Callable[P, R]:
 def _compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
     """Leave a function as it is where Numba does not compile: the library holds it, or it runs as Python."""
     return compiler.compiled(function, **options) if COMPILES else function
+
+
+def _part(function: Callable[P, R], **options: Any) -> Callable[P, R]:
+    """The same of a function that is inlined into all kernels that it is part of."""
+    return compiler.part(function, **options) if COMPILES else function
 
 
 class Routine:

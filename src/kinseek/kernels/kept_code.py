@@ -54,8 +54,7 @@ def _words(error: Exception) -> str:
 _Files: Any = caching.IndexDataCacheFile
 _FunctionCache: Any = caching.FunctionCache
 _CFunc: Any = CFunc
-_NAMES = ("UserProvidedCacheLocator", "_UserProvidedCacheLocator")  # The second in Numba 0.61.
-_Folder: Any = next(getattr(caching, name) for name in _NAMES if hasattr(caching, name))
+_Folder: Any = caching.UserProvidedCacheLocator
 
 
 class _CheckedFiles(_Files):  # type: ignore[misc]
@@ -111,12 +110,12 @@ class _CheckedFiles(_Files):  # type: ignore[misc]
 
 
 class _PrivateFolder(_Folder):  # type: ignore[misc]
-    """A folder for each folder of sources, in ours."""
+    """A folder for each folder of sources, in one of ours for each state of the sources."""
 
     def ensure_cache_path(self) -> None:
         """Make it for this user alone, where Numba would follow links and heed the umask."""
         folder = Path(self.get_cache_path())
-        private_folder(folder.parent, folder.name)
+        private_folder(folder.parents[1], folder.parent.name, folder.name)
         super().ensure_cache_path()
 
 

@@ -1,9 +1,12 @@
-"""Which files machine code is made from, and a digest of them: code of another state of the sources must never run."""
+"""Which files machine code is made from, and digests of them: code of another state of the sources must never run."""
 
 from __future__ import annotations
 
+import ast
+import functools
 import hashlib
 import os
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent.parent
@@ -12,6 +15,9 @@ PACKAGE = Path(__file__).resolve().parent.parent
 ELSEWHERE = ("solvers/blind_search.py", "solvers/coordinate_descent.py")
 """Files with kernels outside `kernels/`. They are named: every process asks before its first answer, and to look into all
 files takes as long as to import fifty of them."""
+
+EVERYTHING = ("kinseek.kernels.layout",)
+"""Modules that write functions out, of what other files declare."""
 
 
 def kernel_sources(package: Path = PACKAGE) -> list[Path]:
@@ -24,8 +30,61 @@ def kernel_sources(package: Path = PACKAGE) -> list[Path]:
 
 def source_digest(package: Path = PACKAGE) -> str:
     """Return a digest of `kernel_sources`."""
+    return _digest(kernel_sources(package), package)
+
+
+@functools.cache
+def module_digest(module: str, package: Path = PACKAGE) -> str:
+    """Return a digest of the sources that the kernels of a module are made of: its own, and all that it imports.
+
+    Of a module that is none of ours, or writes functions out, everything counts.
+
+    Args:
+        module: Its full name.
+        package: The folder of kinseek.
+    """
+    path = package.parent.joinpath(*module.split(".")).with_suffix(".py")
+    if module in EVERYTHING or path not in _imports(package):
+        return source_digest(package)
+    return _digest(sorted(_closure(path, package)), package)
+
+
+def _digest(paths: Iterable[Path], package: Path) -> str:
     digest, begin = hashlib.sha256(), len(str(package)) + 1
-    for path in kernel_sources(package):
+    for path in paths:
         digest.update(str(path)[begin:].replace(os.sep, "/").encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
+
+
+def _closure(path: Path, package: Path) -> set[Path]:
+    """A source and all that it imports, directly or not."""
+    found, left = {path}, [path]
+    while left:
+        new = _imports(package)[left.pop()] - found
+        found |= new
+        left += new
+    return found
+
+
+@functools.cache
+def _imports(package: Path) -> dict[Path, set[Path]]:
+    """Of every source the sources that it imports directly."""
+    sources = set(kernel_sources(package))
+    return {path: sources.intersection(_imported(path, package)) for path in sources}
+
+
+def _imported(path: Path, package: Path) -> Iterator[Path]:
+    """Files that a source may mean by what it imports: a module, and each name, which may be a module too."""
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            wholes = [package.parent.joinpath(*each.name.split(".")) for each in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            above = path.parents[node.level - 1] if node.level else package.parent
+            whole = above.joinpath(*(node.module or "").split("."))
+            wholes = [whole, *(whole / each.name for each in node.names)]
+        else:
+            continue
+        for whole in wholes:
+            yield whole.with_suffix(".py")
+            yield whole / "__init__.py"
