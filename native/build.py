@@ -116,14 +116,14 @@ def _own_digest() -> str:
 
 
 def _objects(keep: str | Path | None, place: str) -> Path:
-    """Where object files go: below the folder where they are kept, one of these sources and this Numba, else a place.
+    """Where object files go: below the folder where they are kept, one of this compiler, else a place.
 
     What is found there ends up in the library. So a folder in which others can change something is not used, and one line
     says so.
     """
     if not keep:
         return Path(place)
-    name = f"{source_digest()}-{_own_digest()}-{importlib.metadata.version('numba')}"
+    name = f"{_own_digest()}-{importlib.metadata.version('numba')}-{importlib.metadata.version('llvmlite')}"
     try:
         work: Path = PRIVATE["private_folder"](Path(keep), name)
         for path in work.rglob("*"):
@@ -166,7 +166,7 @@ def build(folder: Path, levels: list[int] | None = None) -> Path:
         work = _objects(os.environ.get("KINSEEK_OBJECTS"), place)
         _emit_all(work, wanted, known)
         table = _table(work, wanted, Path(place))
-        objects = sorted(str(path) for level in wanted for path in work.glob(f"*.{level}.o"))
+        objects = [str(path) for level in wanted for path in _wanted(work, level)]
         hidden = ["-fvisibility=hidden", f"-I{sysconfig.get_path('include')}", f"-I{HERE}"]
         new = Path(place) / library.name
         sources = [str(HERE / "door.c"), str(HERE / "runtime.c"), str(table)]
@@ -199,7 +199,8 @@ def build_for(folder: Path, targets: list[str], keep: Path | None = None) -> lis
             target, at = TARGETS[name], folder / name
             at.mkdir(parents=True, exist_ok=True)
             (into := Path(place) / "tables" / name).mkdir(parents=True)
-            table, objects = _table(work / name, list(target.levels), into), sorted((work / name).glob("*.o"))
+            table = _table(work / name, list(target.levels), into)
+            objects = [path for level in target.levels for path in _wanted(work / name, level)]
             if target.linker:
                 made.append(
                     _link_foreign(at / f"_prebuilt{target.suffix}", target, table, objects, Path(place))
@@ -248,22 +249,23 @@ def _emit_foreign(work: Path, targets: list[str]) -> None:
     _take_up([(work / name, level) for name in targets for level in TARGETS[name].levels])
     asked = {"NUMBA_OPT": "0", "NUMBA_CPU_NAME": "generic", "PYTHONWARNINGS": "ignore"}
     running = _start([str(work), *targets], _environment(work, asked), os.cpu_count() or 1)
-    _wait(running, [work / name for name in targets])
+    _wait(running, [(work / name, level) for name in targets for level in TARGETS[name].levels])
+
+
+def _wanted(place: Path, level: int) -> list[Path]:
+    """The objects of these sources for a level, there by now or not; none where their names are not known yet."""
+    names = place / f"{source_digest()}.{level}.names"
+    return [place / f"{stem}.{level}.o" for stem in names.read_text().split()] if names.exists() else []
 
 
 def _take_up(places: list[tuple[Path, int]]) -> bool:
     """Let what an earlier run began and did not finish be taken again; is anything left to do?"""
     first, level = places[0]
-    marks = list(first.glob(f"*.{level}.taken"))
-    undone = [
-        mark
-        for mark in marks
-        if not all((place / f"{mark.name.split('.')[0]}.{each}.o").exists() for place, each in places)
-    ]
-    for mark in undone:
-        mark.unlink()
-    names = first / f"names.{level}"
-    return not names.exists() or len(marks) - len(undone) < len(names.read_text().split())
+    for mark in first.glob(f"*.{level}.taken"):
+        if not all((place / f"{mark.name.split('.')[0]}.{each}.o").exists() for place, each in places):
+            mark.unlink()
+    wanted = [path for each in places for path in _wanted(*each)]
+    return not wanted or not all(path.exists() for path in wanted)
 
 
 def _environment(work: Path, asked: dict[str, str]) -> dict[str, str]:
@@ -278,6 +280,7 @@ def _environment(work: Path, asked: dict[str, str]) -> dict[str, str]:
             # A build in an environment of its own finds Numba by this path too.
             "PYTHONPATH": os.pathsep.join(filter(None, (str(SOURCE), os.environ.get("PYTHONPATH")))),
             "PYTHONDONTWRITEBYTECODE": "1",
+            "PYTHONHASHSEED": "0",  # Else sets of Numba have another order each time, and so has the code.
         }
         | asked
     )
@@ -291,7 +294,7 @@ def _emit_all(work: Path, levels: list[int], known: dict[int, str]) -> None:
     for level in undone:
         environment = _environment(work, {"NUMBA_CPU_NAME": known[level]})
         running += _start([str(work), str(level)], environment, share)
-    _wait(running, [work])
+    _wait(running, [(work, level) for level in undone])
 
 
 def _start(words: list[str], environment: dict[str, str], count: int) -> list[subprocess.Popen[bytes]]:
@@ -304,7 +307,7 @@ def _start(words: list[str], environment: dict[str, str], count: int) -> list[su
     return [subprocess.Popen([*command, *ends[i % 2]], env=environment) for i in range(count)]
 
 
-def _wait(running: list[subprocess.Popen[bytes]], places: list[Path]) -> None:
+def _wait(running: list[subprocess.Popen[bytes]], places: list[tuple[Path, int]]) -> None:
     """Wait until all have ended, and show how far they are where there is a terminal."""
     began = time.monotonic()
     with _screen() as screen:
@@ -332,10 +335,10 @@ def _screen() -> TextIO:
     return open(os.devnull, "w", encoding="utf-8")
 
 
-def _show(screen: TextIO, places: list[Path], seconds: float) -> None:
+def _show(screen: TextIO, places: list[tuple[Path, int]], seconds: float) -> None:
     """Draw how many are done, in place."""
-    total = sum(len(path.read_text().split()) for place in places for path in place.glob("names.?"))
-    done = sum(len(list(place.glob("*.o"))) for place in places)
+    wanted = [path.exists() for place in places for path in _wanted(*place)]
+    total, done = len(wanted), sum(wanted)
     if total:
         bar = "#" * (30 * done // total)
         screen.write(f"\rkinseek: compiling kernels [{bar:30s}] {done} of {total}, {seconds:.0f} s ")
@@ -344,7 +347,7 @@ def _show(screen: TextIO, places: list[Path], seconds: float) -> None:
 
 def _table(work: Path, levels: list[int], into: Path) -> Path:
     """Write down the symbols of all objects as C, into another folder."""
-    names = {level: (work / f"names.{level}").read_text().split() for level in levels}
+    names = {level: [path.name.partition("-")[0] for path in _wanted(work, level)] for level in levels}
     digest = source_digest()
     lines = ['#include "door.h"', ""]
     lines += [f"extern void {name}_l{level}(void);" for level in levels for name in names[level]]

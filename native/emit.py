@@ -9,6 +9,8 @@ that machine what came out: finished modules hold instructions of the processor 
 
 from __future__ import annotations
 
+import gc
+import hashlib
 import importlib
 import os
 import sys
@@ -24,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "src"))
 
 from kinseek.kernels import entry, jit
 from kinseek.kernels.compiler import never_run
-from kinseek.kernels.sources import PACKAGE, kernel_sources
+from kinseek.kernels.sources import PACKAGE, kernel_sources, module_digest, source_digest
 from kinseek.kernels.wrapper import compiled, wrapper_of
 
 cpu_target: Any = typed_cpu_target  # Half typed in Numba itself.
@@ -38,11 +40,14 @@ def main() -> None:
     os.umask(0o077)  # What is kept is taken up by another build only if nobody else can write to it.
     folder, first, *rest = Path(sys.argv[1]), *sys.argv[2:]
     backwards = rest[-1:] == ["backwards"]
+    never_run()
     for path in kernel_sources():
         importlib.import_module(".".join(["kinseek", *path.relative_to(PACKAGE).with_suffix("").parts]))
-    never_run()
-    jobs: list[Any] = [*jit.ROUTINES.values(), *entry.ENTRIES.values()]
-    names = "\n".join(job.name for job in jobs).encode()
+    # Compiling makes millions of objects that stay, and going through them again and again takes a tenth of the time.
+    gc.set_threshold(100_000, 20, 50)
+    known: list[Any] = [*jit.ROUTINES.values(), *entry.ENTRIES.values()]
+    jobs = {f"{job.name}-{_digest(job)}": job for job in known}
+    stems = "\n".join(jobs).encode()
     if first.isdecimal():
         places: list[tuple[Path, int, Target | None]] = [(folder, int(first), None)]
     else:
@@ -52,21 +57,26 @@ def main() -> None:
         places = [(folder / name, level, one) for name, one in targets.items() for level in one.levels]
     for place, level, _ in places:
         place.mkdir(exist_ok=True)
-        if _taken(place / f"names.{level}.taken"):
-            _put(place / f"names.{level}", names)
-    for job in reversed(jobs) if backwards else jobs:
-        if _taken(places[0][0] / f"{job.name}.{places[0][1]}.taken"):
+        _put(place / f"{source_digest()}.{level}.names", stems)
+    for stem, job in reversed(jobs.items()) if backwards else jobs.items():
+        if _taken(places[0][0] / f"{stem}.{places[0][1]}.taken"):
             made = compiled(job)
             for place, level, target in places:
                 name = f"{job.name}_l{level}"
                 whole = linked(made, wrapper_of(job, made, name), name)
                 data = _native_object(whole) if target is None else _foreign_object(whole, target, level)
-                _put(place / f"{job.name}.{level}.o", data)
+                _put(place / f"{stem}.{level}.o", data)
+
+
+def _digest(job: Any) -> str:
+    """Of the sources that an object is made of."""
+    kernel, wrapper = module_digest(job.function.__module__), module_digest(wrapper_of.__module__)
+    return hashlib.sha256(f"{kernel} {wrapper}".encode()).hexdigest()[:16]
 
 
 def _put(path: Path, data: bytes) -> None:
     """Write a file that is whole from the moment on at which it is there."""
-    new = path.with_name(path.name + ".new")
+    new = path.with_name(f"{path.name}.{os.getpid()}.new")
     new.write_bytes(data)
     new.rename(path)
 
@@ -139,6 +149,10 @@ def _emitted(whole: Any, machine: Any, builder: Any) -> bytes:
     whole.verify()
     if kept := [one.name for one in whole.global_variables if one.name.startswith(DYNAMIC)]:
         raise ValueError(f"{whole.name} holds addresses of this very process: {', '.join(kept)}")
+    # Numba counts what it compiles, and writes the number into each name: two builds would not give the same bytes.
+    inside = [one for one in [*whole.functions, *whole.global_variables] if one.linkage.name == "internal"]
+    for number, one in enumerate(inside):
+        one.name = f"part{number}"
     data: bytes = machine.emit_object(whole)
     return data
 

@@ -19,37 +19,93 @@ BUILD = runpy.run_path(str(ROOT / "native" / "build.py"))
 take_up, objects = BUILD["_take_up"], BUILD["_objects"]
 
 
+def name(folder: Path, level: int, *stems: str) -> None:
+    """Write down what the library is made of for a level, as native/emit.py does."""
+    (folder / f"{BUILD['source_digest']()}.{level}.names").write_text("\n".join(stems))
+
+
 def test_what_an_earlier_run_did_not_finish_is_taken_again(tmp_path: Path) -> None:
     assert take_up([(tmp_path, 3)])
-    for name in ("names.3.taken", "ks_a.3.taken", "ks_b.3.taken", "ks_a.3.o"):
-        (tmp_path / name).touch()
-    (tmp_path / "names.3").write_text("ks_a\nks_b")
+    for each in ("ks_a-1.3.taken", "ks_b-2.3.taken", "ks_a-1.3.o"):
+        (tmp_path / each).touch()
+    name(tmp_path, 3, "ks_a-1", "ks_b-2")
     assert take_up([(tmp_path, 3)])
-    assert (tmp_path / "ks_a.3.taken").exists()
-    assert not (tmp_path / "ks_b.3.taken").exists()
+    assert (tmp_path / "ks_a-1.3.taken").exists()
+    assert not (tmp_path / "ks_b-2.3.taken").exists()
     assert take_up([(tmp_path, 2)])
-    for name in ("ks_b.3.taken", "ks_b.3.o"):
-        (tmp_path / name).touch()
+    for each in ("ks_b-2.3.taken", "ks_b-2.3.o"):
+        (tmp_path / each).touch()
     assert not take_up([(tmp_path, 3)])
+
+
+def test_objects_of_other_sources_are_not_those_of_these(tmp_path: Path) -> None:
+    name(tmp_path, 3, "ks_a-1", "ks_b-2")
+    for each in ("ks_a-1.3.o", "ks_b-old.3.o", "ks_b-2.2.o"):
+        (tmp_path / each).touch()
+    assert take_up([(tmp_path, 3)])
+    assert BUILD["_wanted"](tmp_path, 3) == [tmp_path / "ks_a-1.3.o", tmp_path / "ks_b-2.3.o"]
 
 
 def test_what_is_made_for_two_machines_is_finished_for_both(tmp_path: Path) -> None:
     one, two = tmp_path / "one", tmp_path / "two"
     for folder in (one, two):
         folder.mkdir()
-        (folder / "names.1").write_text("ks_a")
-    (one / "ks_a.1.taken").touch()
-    (one / "ks_a.1.o").touch()
+        name(folder, 1, "ks_a-1")
+    (one / "ks_a-1.1.taken").touch()
+    (one / "ks_a-1.1.o").touch()
     assert take_up([(one, 1), (two, 1)])
-    assert not (one / "ks_a.1.taken").exists()
+    assert not (one / "ks_a-1.1.taken").exists()
 
 
-def test_objects_are_kept_apart_for_each_state_of_the_sources(tmp_path: Path) -> None:
+SOME = """
+import sys
+
+sys.path.insert(0, sys.argv[1])
+import emit
+
+emit.never_run()
+import kinseek.kernels.atlas.range_steps
+from kinseek.kernels.entry import ENTRIES
+from kinseek.kernels.jit import ROUTINES
+
+known = {**ENTRIES, **ROUTINES}
+for name in sys.argv[2:]:
+    made = emit.compiled(known[name])
+    whole = emit.linked(made, emit.wrapper_of(known[name], made, name), name)
+    data = emit._native_object(whole)
+    print(emit.hashlib.sha256(data).hexdigest())
+"""
+
+
+@pytest.mark.slow
+def test_an_object_has_the_same_bytes_whatever_was_compiled_before(tmp_path: Path) -> None:
+    """Numba lets a function take options from whichever kernel calls it first, and counts what it compiles in names."""
+    pytest.importorskip("numba")
+
+    def bytes_of(*names: str) -> dict[str, str]:
+        environment = os.environ | {"KINSEEK_JIT": "1", "NUMBA_CACHE_DIR": str(tmp_path / names[0])}
+        done = subprocess.run(
+            [sys.executable, "-c", SOME, str(ROOT / "native"), *names],
+            env=environment | {"PYTHONHASHSEED": "0", "NUMBA_DISABLE_JIT": "0"},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return dict(zip(names, done.stdout.split(), strict=True))
+
+    one, other = "ks_write_range_errors", "ks_range_judge_routine"
+    first, second = bytes_of(one, other), bytes_of(other, one)
+    assert first == second
+    assert bytes_of(other, one) == first  # With what the caches hold by now.
+
+
+def test_objects_are_kept_apart_for_each_compiler(tmp_path: Path) -> None:
     pytest.importorskip("numba")
     assert objects("", str(tmp_path)) == tmp_path
     kept = objects(str(tmp_path), "elsewhere")
     assert kept.is_dir()
-    assert BUILD["source_digest"]() in kept.name
+    assert BUILD["_own_digest"]() in kept.name
     assert objects(tmp_path, "elsewhere") == kept
 
 
