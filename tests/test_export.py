@@ -386,6 +386,55 @@ def test_bad_folders_are_refused(tmp_path: Path) -> None:
         to_c(PANDA, "")
 
 
+PARTS = Parts(
+    {"kinseek.h": b"/* Written by kinseek", "main.c": b"int main"},
+    TARGETS["thumbv7em"],
+    TARGETS["thumbv7em"].cpus[1],
+    30_000,
+    1500,
+    4000,
+    9,
+    27,
+    "kernels.o",
+)
+
+
+@pytest.mark.parametrize("name", ["main.c", "kernels.o"])
+def test_links_in_the_folder_are_replaced_and_not_followed(tmp_path: Path, name: str) -> None:
+    victim, folder = tmp_path / "victim", tmp_path / "c"
+    victim.write_text("mine")
+    folder.mkdir()
+    (folder / name).symlink_to("../victim")
+    with pytest.raises(InvalidExport, match=f"holds {name}, which kinseek did not write"):
+        PARTS.write(folder)
+    (folder / "kinseek.h").write_text("/* Written by kinseek 1.0 */")
+    PARTS.write(folder)
+    assert victim.read_text() == "mine"
+    assert (folder / "main.c").read_bytes() == b"int main"
+    assert not (folder / name).is_symlink()
+
+
+def test_a_link_that_leads_nowhere_is_not_written_through(tmp_path: Path) -> None:
+    (tmp_path / "main.c").symlink_to("missing")
+    with pytest.raises(InvalidExport, match=r"holds main\.c, which kinseek did not write"):
+        PARTS.write(tmp_path)
+    assert not (tmp_path / "missing").exists()
+
+
+def test_a_folder_that_is_a_link_has_to_be_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("kinseek.cli.commands.export.prepare", lambda *given, **named: PARTS)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "scara4_c").symlink_to("elsewhere")
+    assert run(["export", "scara4", "--to", "c"]) == 2
+    assert "'scara4_c' is a link; name the folder with --folder" in capsys.readouterr().err
+    assert not any((tmp_path / "elsewhere").iterdir())
+    assert run(["export", "scara4", "--to", "c", "--folder", "scara4_c"]) == 0
+    assert (tmp_path / "elsewhere" / "main.c").is_file()
+
+
 def test_without_numba_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compiling, "find_spec", lambda name: None)
     with pytest.raises(MissingExtra, match=r"pip install 'kinseek\[jit\]'"):
@@ -420,18 +469,7 @@ def test_the_command_line_tells_sizes_before_it_writes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given: dict[str, Any] = {}
-    target = TARGETS["thumbv7em"]
-    parts = Parts(
-        {"kinseek.h": b"/* Written by kinseek"},
-        target,
-        target.cpus[1],
-        30_000,
-        1500,
-        4000,
-        9,
-        27,
-        "kernels.o",
-    )
+    parts = PARTS
 
     def known(arm: kinseek.Arm, name: str, **rest: Any) -> Parts:
         given.update(rest)

@@ -15,6 +15,7 @@ import pytest
 import kinseek
 from kinseek.errors import InvalidExport, MissingExtra
 from kinseek.export import to_wasm, wasm, wasm_module
+from kinseek.export.javascript import SCRIPT
 from page_parts import build_script
 
 GOALS, FEW, FAR = 200, 20, 20
@@ -190,12 +191,27 @@ def test_arms_are_checked_before_anything_is_compiled(
         to_wasm([arm, arm], tmp_path / "a")
     with pytest.raises(InvalidExport, match="an arm that is a function cannot be exported"):
         to_wasm([function], tmp_path / "a")
-    with pytest.raises(InvalidExport, match="cannot write into"):
+    with pytest.raises(InvalidExport, match="there is no folder"):
         to_wasm([arm], tmp_path / "no" / "where", b"")
     monkeypatch.setattr(wasm, "find_spec", lambda name: None)
     with pytest.raises(MissingExtra, match=r"pip install 'kinseek\[wasm\]'"):
         wasm_module()
     assert not (tmp_path / "a").exists()
+
+
+def test_files_of_others_and_what_links_lead_to_are_not_overwritten(tmp_path: Path) -> None:
+    arm, victim, folder = kinseek.load("planar2"), tmp_path / "victim", tmp_path / "page"
+    victim.write_text("mine")
+    folder.mkdir()
+    (folder / "arms.json").symlink_to("../victim")
+    with pytest.raises(InvalidExport, match=r"holds arms\.json, which kinseek did not write"):
+        to_wasm([arm], folder, b"")
+    shutil.copy(SCRIPT, folder / "kinseek.js")
+    to_wasm([arm], folder, b"")
+    assert victim.read_text() == "mine"
+    assert not (folder / "arms.json").is_symlink()
+    to_wasm([arm], folder, b"again")  # Its own files may be written again.
+    assert (folder / "kinseek.wasm").read_bytes() == b"again"
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="no Node here")

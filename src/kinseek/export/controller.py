@@ -23,6 +23,7 @@ from .c_calls import c_declarations, c_definitions
 from .c_text import array, defined, guarded, number, string
 from .compiling import compiled
 from .design import C, Design, chain_constants
+from .folder import own_folder, write_files
 from .grid import grid_design
 from .targets import Cpu, Target, target_of
 
@@ -110,14 +111,8 @@ class Parts:
                 it cannot be written.
         """
         place = checked_folder(folder)
-        try:
-            place.mkdir(exist_ok=True)
-            for name in (*FORMS.values(), *_GENERATED):
-                (place / name).unlink(missing_ok=True)  # What an earlier export wrote and this one does not.
-            for name, content in self.files.items():
-                (place / name).write_bytes(content)
-        except OSError as error:
-            raise InvalidExport(f"cannot write into {str(folder)!r}: {error.strerror or error}") from error
+        stale = (*FORMS.values(), *_GENERATED)  # What an earlier export wrote and this one may not.
+        write_files(place, self.files, stale)
         return place
 
 
@@ -127,26 +122,8 @@ def checked_folder(folder: str | Path) -> Path:
     Raises:
         InvalidExport: As `Parts.write`.
     """
-    if not isinstance(folder, str | Path) or not str(folder):
-        raise InvalidExport(f"folder must be a path, got {folder!r}")
-    place = Path(folder)
-    header = place / "kinseek.h"
     names = [*FORMS.values(), *_GENERATED, *(each.name for each in C.rglob("*.[ch]"))]
-    try:
-        exists, fits, around = place.exists(), place.is_dir(), place.parent.is_dir()
-        ours = header.is_file() and header.read_text(encoding="utf-8", errors="replace").startswith(_MARK)
-        foreign = [] if ours else [name for name in names if (place / name).exists()]
-    except (OSError, ValueError) as error:
-        raise InvalidExport(f"cannot look into {str(folder)!r}: {error}") from error
-    if exists and not fits:
-        raise InvalidExport(f"{str(folder)!r} is no folder")
-    if not around:
-        raise InvalidExport(f"there is no folder {str(place.parent)!r} to make {place.name!r} in")
-    if foreign:
-        raise InvalidExport(
-            f"{str(folder)!r} holds {', '.join(sorted(foreign))}, which kinseek did not write; choose another folder"
-        )
-    return place
+    return own_folder(folder, names, "kinseek.h", _MARK)
 
 
 def to_c(

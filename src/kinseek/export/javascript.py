@@ -37,10 +37,14 @@ from kinseek.robots.sampling import low_discrepancy_steps
 from kinseek.transforms import inverse, square
 from kinseek.turns import one_turn
 
+from .folder import own_folder, write_files
 from .wasm import CALLED, PLACES, wasm_module
 
 SCRIPT = Path(__file__).parent / "js" / "kinseek.js"
 """Written as it is."""
+
+_MARK = "// SPDX-License-Identifier: Apache-2.0\n// Inverse kinematics"
+"""The beginning of `SCRIPT`, also of earlier versions."""
 
 _MADE = (
     "atlas.tree.points",
@@ -66,21 +70,15 @@ def to_wasm(arms: Sequence[Arm], folder: str | Path, module: bytes | None = None
         The folder.
 
     Raises:
-        InvalidExport: An arm that is a function, two of one name, or a folder that cannot be written.
+        InvalidExport: An arm that is a function, two of one name, or a folder that cannot be written or holds files of
+            these names that are not kinseek's.
         MissingExtra: Numba or ziglang is not installed.
     """
-    content = {
-        "arms.json": json.dumps(arms_as_data(arms), allow_nan=False).encode(),
-        "kinseek.js": SCRIPT.read_bytes(),
-        "kinseek.wasm": wasm_module() if module is None else module,
-    }
-    place = Path(folder)
-    try:
-        place.mkdir(exist_ok=True)
-        for name, data in content.items():
-            (place / name).write_bytes(data)
-    except OSError as error:
-        raise InvalidExport(f"cannot write into {str(folder)!r}: {error.strerror or error}") from error
+    arms_json = json.dumps(arms_as_data(arms), allow_nan=False).encode()
+    place = own_folder(folder, ("kinseek.js", "arms.json", "kinseek.wasm"), "kinseek.js", _MARK)
+    kernels = wasm_module() if module is None else module
+    files = {"kinseek.js": SCRIPT.read_bytes(), "arms.json": arms_json, "kinseek.wasm": kernels}
+    write_files(place, files)
     return place
 
 

@@ -96,9 +96,7 @@ def command(
     if solver not in _EXPORTED:
         raise InvalidExport(suggest(solver, _EXPORTED, "search for a controller"))
     search = cast("DivideAndConquer | Atlas", make_search(solver, more))
-    place = checked_folder(
-        folder if folder is not None else Path(re.sub(r"[^\w.-]", "_", loaded.name) + "_c")
-    )
+    place = checked_folder(folder if folder is not None else _folder_of(loaded.name))
     parts = prepare(
         loaded,
         target,
@@ -114,3 +112,15 @@ def command(
     parts.write(place)
     report.print_parts(place, parts)
     return 0
+
+
+def _folder_of(name: str) -> Path:
+    """The folder in the working folder that is named after an arm.
+
+    Raises:
+        InvalidExport: It is a link: the user named neither the link nor the folder that it leads to.
+    """
+    place = Path(re.sub(r"[^\w.-]", "_", name) + "_c")
+    if place.is_symlink():
+        raise InvalidExport(f"{str(place)!r} is a link; name the folder with --folder")
+    return place
