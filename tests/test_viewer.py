@@ -202,10 +202,13 @@ def test_what_a_browser_keeps_comes_back(sessions: dict[str, Session]) -> None:
         {"target": [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
         {"q": [1.0]},
         {"q": [float("nan")] * 6},
+        {"q": [1e308] * 6},
+        {"q": [-2e7] * 6},
         {"free": 7},
         {"search": "Oracle"},
         {"search": "DivideAndConquer", "parameters": {"divisions": "<b>"}},
         {"camera": [[0, 0, 0], [0, 0, 0]]},
+        {"camera": [[1e308, 0, 0], [0, 0, 0]]},
         {"camera": "here"},
     ],
 )
@@ -214,6 +217,8 @@ def test_what_a_browser_kept_may_be_anything(damage: dict[str, Any], sessions: d
     values = json.loads(begin.kept()) | damage
     back = read_wishes(json.dumps(values), begin)
     assert sessions["ur5e"].answer(back).reached
+    assert np.abs(back.q).max() <= 1e7
+    assert back.camera is None
     assert read_wishes("[1, 2", begin) is read_wishes(None, begin) is begin
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import http.client
+import json
 import socket
 import time
+import warnings
 from collections.abc import Iterator
 from functools import partial
 from typing import Any
@@ -423,3 +425,43 @@ def test_odd_messages_print_nothing_and_the_page_goes_on(
     gc.collect()  # Faults of tasks are told when these are forgotten.
     time.sleep(0.2)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [{"q": [1e308, 1e308]}, {"q": [-1e8, 0.0]}, {"camera": [[1e308] * 3, [-1e308] * 3]}],
+    ids=["q too large for degrees", "q too large for fk", "camera"],
+)
+def test_what_a_browser_kept_prints_nothing(
+    odd: dict[str, Any],
+    shown: viewer.Viewer,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from kinseek.viewer.page import Page  # Which imports viser.
+
+    kept = json.dumps(json.loads(shown._session.begin.kept()) | odd)
+    monkeypatch.setattr(Page, "_fetch", lambda page: kept)
+    with warnings.catch_warnings(record=True) as warned, websocket(shown.port) as one:
+        warnings.simplefilter("always")
+        one.send(msgspec.msgpack.encode(CAMERA))
+        wait_for(lambda: shown.pages)
+        (mine,) = shown.pages.values()
+        wait_for(lambda: mine.idle)
+        assert mine.answer.reached
+    wait_for(lambda: not shown.pages)
+    assert (warned, capfd.readouterr()) == ([], ("", ""))
+
+
+def test_a_page_that_leaves_is_drawn_on_without_a_warning(shown: viewer.Viewer) -> None:
+    with websocket(shown.port) as one:
+        one.send(msgspec.msgpack.encode(CAMERA))
+        wait_for(lambda: shown.pages)
+        (mine,) = shown.pages.values()
+        wait_for(lambda: mine.idle)
+    wait_for(lambda: not shown.pages)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mine.scene.show_goal(np.eye(4))
+        mine._client.scene.add_frame("/late")
+        mine.panel.told.content = "late"

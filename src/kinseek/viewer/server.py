@@ -90,6 +90,7 @@ class Viewer:
 
         @self._server.on_client_connect
         def _(client: Any) -> None:
+            _leave_quietly(client)
             try:
                 page = Page(client, self._session, self.meshes)
             except Exception:  # viser would print it, and a client that leaves at once is the usual reason.
@@ -218,3 +219,11 @@ def _silence() -> contextlib.AbstractContextManager[Any]:
     from rich import get_console
 
     return get_console().capture()
+
+
+def _leave_quietly(client: Any) -> None:
+    """Keep viser from warning that a page has left: its threads still draw then, and that is no fault.
+
+    viser warns once for each connection; this one has had its warning. A filter would change the warnings of the process.
+    """
+    client._websock_connection.get_message_buffer()._warned_push_after_done = True

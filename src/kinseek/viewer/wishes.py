@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import KinseekError
 from kinseek.goal import Goal
+from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.poses import as_pose
 from kinseek.ranges import AXES
 from kinseek.robots.mechanism import Mechanism
@@ -116,7 +117,7 @@ def read_wishes(text: str | None, begin: Wishes) -> Wishes:
         if not isinstance(values, dict) or values.get("version") != VERSION:
             return begin
         target, q = as_pose(np.array(values["target"], dtype=float)), np.array(values["q"], dtype=float)
-        if target.shape != (4, 4) or q.shape != begin.q.shape or not np.isfinite(q).all():
+        if target.shape != (4, 4) or q.shape != begin.q.shape or not (np.abs(q) <= LARGEST).all():
             return begin
         wishes = begin.but(target=target, q=q, free=tuple(map(str, values["free"])))
     except (ValueError, TypeError, OverflowError, KeyError, RecursionError, KinseekError):
@@ -140,5 +141,6 @@ def _camera(value: Any) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
         eye, at = (tuple(float(each) for each in point) for point in value)
     except (TypeError, ValueError, OverflowError):
         return None
-    sound = len(eye) == len(at) == 3 and all(map(math.isfinite, eye + at)) and math.dist(eye, at) > 1e-6
+    near = all(abs(each) <= LARGEST for each in eye + at)
+    sound = len(eye) == len(at) == 3 and near and math.dist(eye, at) > 1e-6
     return (eye, at) if sound else None
