@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,18 @@ def test_a_map_from_the_shell(
     assert run(["map", "ur5e", *COARSE, "--store", "m.zarr", "--resume"]) == 0
     assert run(["map", "ur10e", *COARSE, "--store", "m.zarr", "--resume"]) == 2
     assert "is of another map" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_picture_does_not_obey_the_working_folder(tmp_path: Path) -> None:
+    (tmp_path / "matplotlibrc").write_text("no.such.key: 1\nbackend: module://nowhere\ntext.usetex: True\n")
+    words = ["map", "planar2", "--step", "1", "--orientations", "12", "--picture", "m.png"]
+    done = subprocess.run(
+        [sys.executable, "-m", "kinseek", *words], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "matplotlibrc" not in done.stderr
+    assert (tmp_path / "m.png").is_file()
 
 
 @pytest.mark.parametrize(

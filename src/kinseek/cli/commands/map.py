@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import time
 from pathlib import Path
@@ -139,6 +140,8 @@ def command(
         raise InvalidMap(f"{str(store)!r} is there already; --resume goes on with it")
     if picture is not None and picture.suffix.lower() != ".png":
         raise InvalidMap(f"--picture must end in .png, got {str(picture)!r}")
+    if picture is not None and not only:
+        _load_matplotlib()
     words = tuple(what.replace(",", " ").split())
     options: dict[str, Any] = {"prove": prove, "depth": depth}
     options |= {"scene": cell.of(loaded), "clearance": cell.clearance}
@@ -164,6 +167,20 @@ def command(
             plots.save(plots.map_slice(dataset), picture)
     print(json.dumps(told) if as_json else "\n".join(f"{name}: {value:.6g}" for name, value in told.items()))
     return 0
+
+
+def _load_matplotlib() -> None:
+    """Import Matplotlib without the ``matplotlibrc`` of the working folder, which may be somebody else's.
+
+    Matplotlib reads that file when it is imported, before those of the user, and has no option against it.
+
+    Raises:
+        MissingExtra: Matplotlib is not installed.
+    """
+    from kinseek.plots.figures import pyplot
+
+    with contextlib.chdir(Path(__file__).parent):
+        pyplot()
 
 
 def _grid(arm: Arm, step: float | None, ranges: str | None, count: int, rings: bool) -> Grid | Rings:
