@@ -175,6 +175,21 @@ def test_a_store_of_another_user_is_read_and_not_written(
     assert make.store_of(ARM, GRID, work).missing() == [(0, 0, 0, 0)]
 
 
+def test_blocks_are_not_written_through_links(tmp_path: Path) -> None:
+    place, victim = tmp_path / "map.zarr", tmp_path / "victim"
+    maps.reach(ARM, GRID, store=place, **SMALL)
+    shutil.rmtree(place / "blocks" / "done" / "c")  # No block is done.
+    shutil.rmtree(place / "reached" / "c" / "0")
+    victim.mkdir()
+    (place / "reached" / "c" / "0").symlink_to("../../../victim")
+    with pytest.raises(kinseek.InvalidMap, match=r"holds a link, 'reached.c.0'"):
+        maps.reach(ARM, GRID, store=place, **SMALL)
+    assert not any(victim.iterdir())
+    (place / "reached" / "c" / "0").unlink()
+    (tmp_path / "link.zarr").symlink_to("map.zarr")  # The user named this one.
+    assert (maps.reach(ARM, GRID, store=tmp_path / "link.zarr", **SMALL).reached.values >= 0).all()
+
+
 class _Trap:
     """Makes a folder when it is unpickled."""
 

@@ -305,13 +305,20 @@ def compare(place: str, there: dict[str, Any], wanted: dict[str, Any]) -> None:
 
 
 def require_own(path: Path) -> None:
-    """Refuse a store of another user: its maker may have put links into it, through which blocks are written elsewhere.
+    """Refuse a store of another user, or with folders that are links, through which blocks are written elsewhere.
 
     Raises:
-        InvalidMap: It belongs to another user.
+        InvalidMap: It belongs to another user, or a folder in it is a link.
     """
     if hasattr(os, "getuid") and (owner := path.lstat().st_uid) != os.getuid():
         raise InvalidMap(
             f"the store {str(path)!r} belongs to user {owner}, and this is user {os.getuid()}: blocks are only written "
             "to a folder of one's own. Take another store, or change its owner"
         )
+    # A store of this user may come from an archive with links. Files that are links are replaced, not followed.
+    for folder, names, _ in os.walk(path):
+        if links := [name for name in names if os.path.islink(os.path.join(folder, name))]:
+            raise InvalidMap(
+                f"the store {str(path)!r} holds a link, {os.path.join(os.path.relpath(folder, path), links[0])!r}: blocks "
+                "are only written to folders in the store. Take another store, or replace the link by its folder"
+            )
