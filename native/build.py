@@ -27,8 +27,15 @@ import sys
 import sysconfig
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
+
+try:
+    import fcntl
+except ImportError:  # Windows.
+    fcntl = None  # type: ignore[assignment]
 
 HERE = Path(__file__).resolve().parent
 SOURCE = HERE.parent / "src"
@@ -36,6 +43,9 @@ TARGETS: dict[str, Any] = runpy.run_path(str(HERE / "targets.py"))["TARGETS"]
 LEVELS: dict[str, dict[int, str]] = runpy.run_path(str(HERE / "targets.py"))["LEVELS"]
 OUTSIDE: dict[str, Any] = runpy.run_path(str(HERE / "outside.py"))
 PRIVATE: dict[str, Any] = runpy.run_path(str(SOURCE / "kinseek" / "private.py"))
+
+MONTH = 30 * 24 * 3600.0
+"""Objects are kept so long, in seconds."""
 
 ALIASES = {"amd64": "x86_64", "x64": "x86_64", "arm64": "aarch64"}
 
@@ -115,6 +125,35 @@ def _own_digest() -> str:
     return own.hexdigest()[:16]
 
 
+def _cache() -> str:
+    """Where objects for this machine are kept: KINSEEK_OBJECTS, else the user's cache."""
+    user = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or "~/.cache"
+    return os.environ.get("KINSEEK_OBJECTS") or os.path.join(os.path.expanduser(user), "kinseek", "objects")
+
+
+@contextmanager
+def _alone(work: Path) -> Iterator[None]:
+    """Let a second build wait for the first one: it would miss what that has taken and not finished."""
+    if fcntl is None:
+        yield
+        return
+    with (work / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def _forget(work: Path) -> None:
+    """Remove what no build has made or taken for a month; what these sources are made of counts as taken."""
+    for level in {path.name.split(".")[1] for path in work.glob("*.names")}:
+        for path in _wanted(work, int(level)):
+            for one in (path, path.with_suffix(".taken")):
+                if one.exists():
+                    os.utime(one)
+    for path in [*work.glob("*.*"), *work.glob("cache/*/*/*/*")]:
+        if path.is_file() and path.stat().st_mtime < time.time() - MONTH:
+            path.unlink(missing_ok=True)
+
+
 def _objects(keep: str | Path | None, place: str) -> Path:
     """Where object files go: below the folder where they are kept, one of this compiler, else a place.
 
@@ -130,7 +169,9 @@ def _objects(keep: str | Path | None, place: str) -> Path:
             if path.is_symlink():
                 raise PRIVATE["NotPrivate"](f"{path} is a link")
             PRIVATE["require_private"](path, path.lstat())
-    except PRIVATE["NotPrivate"] as error:
+    except (
+        OSError
+    ) as error:  # NotPrivate is one; others: a disk that is full, or a home that nobody can write to.
         print(f"native/build.py: compiling every kernel and keeping none, for {error}", file=sys.stderr)
         return Path(place)
     return work
@@ -163,8 +204,10 @@ def build(folder: Path, levels: list[int] | None = None) -> Path:
     if is_current(library, wanted):
         return library
     with tempfile.TemporaryDirectory() as place:
-        work = _objects(os.environ.get("KINSEEK_OBJECTS"), place)
-        _emit_all(work, wanted, known)
+        work = _objects(_cache(), place)
+        with _alone(work):
+            _emit_all(work, wanted, known)
+            _forget(work)
         table = _table(work, wanted, Path(place))
         objects = [str(path) for level in wanted for path in _wanted(work, level)]
         hidden = ["-fvisibility=hidden", f"-I{sysconfig.get_path('include')}", f"-I{HERE}"]

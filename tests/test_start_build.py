@@ -6,6 +6,7 @@ import os
 import runpy
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -55,6 +56,43 @@ def test_what_is_made_for_two_machines_is_finished_for_both(tmp_path: Path) -> N
     (one / "ks_a-1.1.o").touch()
     assert take_up([(one, 1), (two, 1)])
     assert not (one / "ks_a-1.1.taken").exists()
+
+
+def test_a_second_build_waits_for_the_first(tmp_path: Path) -> None:
+    pytest.importorskip("fcntl")
+    order, alone = list[str](), BUILD["_alone"]
+
+    def second() -> None:
+        with alone(tmp_path):
+            order.append("second")
+
+    with alone(tmp_path):
+        waiting = threading.Thread(target=second)
+        waiting.start()
+        waiting.join(0.1)
+        order.append("first")
+    waiting.join()
+    assert order == ["first", "second"]
+
+
+def test_what_nobody_took_for_a_month_is_forgotten(tmp_path: Path) -> None:
+    name(tmp_path, 3, "ks_a-1")
+    deep = tmp_path / "cache" / "kinseek-0" / "digest" / "place"
+    deep.mkdir(parents=True)
+    old = [tmp_path / "ks_a-1.3.o", tmp_path / "ks_a-0.3.o", tmp_path / "ks_a-0.3.taken", deep / "a.nbc"]
+    for path in old:
+        path.touch()
+        os.utime(path, (0, 0))
+    BUILD["_forget"](tmp_path)
+    assert [path.exists() for path in old] == [True, False, False, False]
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() == 0, reason="nothing stops root")
+def test_where_no_objects_can_be_kept_none_are(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("numba")
+    tmp_path.chmod(0o500)
+    assert objects(tmp_path / "kept", "elsewhere") == Path("elsewhere")
+    assert "keeping none, for" in capsys.readouterr().err
 
 
 SOME = """
