@@ -7,10 +7,13 @@ import shutil
 import subprocess
 import sys
 import types
+from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import pytest
 
+import kinseek
 from kinseek.cli.program import run
 
 
@@ -85,18 +88,68 @@ COMPLETED = {
 }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", COMPLETED)
-def test_what_is_completed(case: str) -> None:
-    line, words = COMPLETED[case]
+def completed(words: list[str]) -> str:
+    """What the program prints for a shell that completes the last word."""
     environment = {
         **os.environ,
-        "COMP_WORDS": line,
-        "COMP_CWORD": str(len(line.split()) - 1),
+        "COMP_WORDS": " ".join(words),
+        "COMP_CWORD": str(len(words) - 1),
         "_KINSEEK_COMPLETE": "bash_complete",
     }
     done = subprocess.run(
         [sys.executable, "-m", "kinseek"], capture_output=True, text=True, check=True, env=environment
     )
-    assert {entry.partition(",")[2] for entry in done.stdout.split()} == words
     assert done.stderr == ""
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", COMPLETED)
+def test_what_is_completed(case: str) -> None:
+    line, words = COMPLETED[case]
+    assert {entry.partition(",")[2] for entry in completed(line.split()).split()} == words
+
+
+@pytest.mark.slow
+def test_a_name_that_a_shell_would_act_on_is_not_completed(tmp_path: Path) -> None:
+    """A shell inserts the word unquoted: `$(…)` in it would run as soon as the line does."""
+    hostile = [
+        "a$(touch pwned)",
+        "b`id`",
+        "c;ls",
+        "d\nplain,e",
+        "f\x9b31m",
+        "g h",
+        "i*",
+        "j~",
+        "k'",
+        'l"',
+        "m\u202e",
+    ]
+    names = [*hostile, "shoulder/lift.1:z-1"]
+    links = "".join(f'<link name="l{i}"/>' for i in range(len(names) + 1))
+    joints = "".join(
+        f"<joint name={quoteattr(name)} type='continuous'><parent link='l{i}'/><child link='l{i + 1}'/></joint>"
+        for i, name in enumerate(names)
+    )
+    (tmp_path / "in.urdf").write_text(f"<robot name='r'>{links}{joints}</robot>", encoding="utf-8")
+    assert kinseek.load(tmp_path / "in.urdf").joint_names == tuple(names)
+    assert (
+        completed(["kinseek", "solve", f"{tmp_path / 'in.urdf'}", "--near", ""])
+        == "plain,shoulder/lift.1:z-1=\n"
+    )
+
+
+@pytest.mark.slow
+def test_completion_trusts_no_xacro_file(tmp_path: Path) -> None:
+    """`--untrusted` may follow on the line, and a key is no consent."""
+    text = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="a"/><link name="b"/>
+        <joint name="elbow" type="revolute"><parent link="a"/><child link="b"/>
+        <limit lower="-1" upper="${VALUE}" effort="1" velocity="1"/></joint></robot>"""
+    ways = "[c for c in [].__class__.__base__.__subclasses__() if c.__name__ == '_wrap_close'][0].__init__.__globals__"
+    path, made = tmp_path / "in.urdf.xacro", tmp_path / "made"
+    path.write_text(text.replace("VALUE", f"{ways}['mkdir']('{made}') or 1.0"), encoding="utf-8")
+    assert not completed(["kinseek", "solve", str(path), "--near", ""]).strip()
+    assert not made.exists()
+    path.write_text(text.replace("VALUE", "radians(60)"), encoding="utf-8")
+    assert completed(["kinseek", "solve", str(path), "--near", ""]) == "plain,elbow=\n"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
@@ -54,15 +55,24 @@ class Chain(NamedTuple):
         return load(arm, self.base, self.tip, args=self.args, packages=self.packages, trusted=trusted)
 
 
+_PLAIN = re.compile(r"[A-Za-z0-9_./:-]+")
+"""A name that no shell takes for a command, a pattern, several words or several lines."""
+
+
 def complete_joints(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Joints of the arm that was named before, for JOINT=VALUE."""
+    """Joints of the arm that was named before, for JOINT=VALUE.
+
+    A shell inserts a completion unquoted, so joints with other letters in their names are left out. ``--untrusted`` may
+    still follow on the line, so no file is trusted here.
+    """
     arm = ctx.params.get("arm") or next(iter(ctx.args), "")
     try:
         given: dict[str, Any] = {name: ctx.params.get(name) for name in Chain._fields}
-        names = Chain(**given).load(arm).joint_names
+        names = Chain(**given | {"untrusted": True}).load(arm).joint_names
     except KinseekError:
         return []
-    return [CompletionItem(f"{name}=") for name in names if name.startswith(incomplete)]
+    plain = filter(_PLAIN.fullmatch, names)
+    return [CompletionItem(f"{name}=") for name in plain if name.startswith(incomplete)]
 
 
 def _complete_arms(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
