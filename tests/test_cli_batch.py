@@ -157,6 +157,28 @@ def test_a_parquet_file_that_would_grow_is_refused(tmp_path: Path, monkeypatch: 
         files.read_poses(tmp_path / "in.parquet", False, False)
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
+@pytest.mark.parametrize("ending", files.ENDINGS)
+def test_a_pipe_or_a_device_is_no_table(ending: str, tmp_path: Path) -> None:
+    """A pipe that nobody writes to hung, and /dev/zero filled the memory."""
+    table = tmp_path / f"in{ending}"
+    os.mkfifo(table)
+    with pytest.raises(kinseek.InvalidProblem, match="it is a pipe, expected a regular file"):
+        files.read_poses(table, False, False)
+    table.unlink()
+    table.symlink_to("/dev/null")  # As /dev/zero, which has no end.
+    with pytest.raises(kinseek.InvalidProblem, match="it is a device, expected a regular file"):
+        files.read_poses(table, False, False)
+
+
+def test_the_first_row_has_a_largest_length(tmp_path: Path) -> None:
+    """Such a row was held in memory as a whole, and a file with a hole of 1 TB has few bytes on disk."""
+    with (tmp_path / "in.csv").open("wb") as file:
+        file.truncate(2**22)
+    with pytest.raises(kinseek.InvalidGoal, match="the first row has more than 1,048,576 letters"):
+        files.read_poses(tmp_path / "in.csv", False, False)
+
+
 def test_without_pyarrow_it_says_what_to_install(
     poses: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

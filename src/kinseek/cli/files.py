@@ -16,12 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidGoal, InvalidProblem, MissingExtra
+from kinseek.robots.files import instead_of_a_file
 
 from .columns import VALID, poses_of, rigid
 from .words import is_number
 
 Array = NDArray[np.float64]
 
+MOST_HEADER = 2**20
+"""Letters of the first row of a .csv file."""
 MOST_VALUES = 2**24
 """Numbers in a Parquet file of any size."""
 VALUES_OF_A_BYTE = 16
@@ -40,13 +43,16 @@ def read_poses(path: Path, position_only: bool, deg: bool, option: str = "--batc
         option: What names the file on the command line, for messages.
 
     Raises:
-        InvalidProblem: No such file, or one of another kind.
+        InvalidProblem: No such file, no regular file, or one of another kind.
         InvalidGoal: What is in it are no poses; the message names the column and the row, counted from 1 without the header.
         MissingExtra: A .parquet file, and pyarrow is not installed.
     """
     where = str(path)
     try:
-        match ending(path, option):
+        kind = ending(path, option)
+        if what := instead_of_a_file(path):
+            raise InvalidProblem(f"cannot read {where!r}: it is {what}, expected a regular file")
+        match kind:
             case ".npy":
                 return rigid(_npy(path), where)
             case ".parquet":
@@ -131,7 +137,11 @@ def _whole(path: Path) -> Iterator[BinaryIO]:
 def _csv(path: Path) -> dict[str, Array]:
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            header = file.readline()
+            header = file.readline(MOST_HEADER + 1)
+            if len(header) > MOST_HEADER:
+                raise InvalidGoal(
+                    f"{path}: the first row has more than {MOST_HEADER:,} letters. Valid: {VALID}"
+                )
             delimiter = next((each for each in ",;\t" if each in header), ",")
             names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter), [])]
             if not all(names) or all(map(is_number, names)):

@@ -39,9 +39,7 @@ def file_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
         InvalidRobot: There is no such file, it is no regular file, it cannot be read, or it is too large.
     """
     try:
-        mode = path.stat().st_mode
-        if not stat.S_ISREG(mode):
-            what = next((name for test, name in _NOT_A_FILE if test(mode)), "something else")
+        if what := instead_of_a_file(path):
             raise InvalidRobot(f"cannot read {str(path)!r}: it is {what}, expected a regular file")
         with path.open("rb") as file:
             text = file.read(most + 1)  # Files of the kernel say that they are empty, and never end.
@@ -60,6 +58,18 @@ def file_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
             "a description of a robot is smaller"
         )
     return text
+
+
+def instead_of_a_file(path: Path) -> str:
+    """What is there instead of a regular file, such as ``"a pipe"``; empty if it is one.
+
+    Raises:
+        OSError: There is nothing, or it cannot be looked at.
+    """
+    mode = path.stat().st_mode
+    if stat.S_ISREG(mode):
+        return ""
+    return next((name for test, name in _NOT_A_FILE if test(mode)), "something else")
 
 
 def require_few(count: int, noun: str, most: int, where: str) -> None:
