@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -118,7 +119,10 @@ def test_parquet_in_and_out(poses: Any, tmp_path: Path) -> None:
 
 def npy(shape: str) -> bytes:
     """A file that claims a shape, with the numbers of 16."""
-    header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}}}"
+    return npy_of(f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}}}")
+
+
+def npy_of(header: str) -> bytes:
     header += " " * (117 - len(header)) + "\n"
     return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode() + bytes(128)
 
@@ -128,6 +132,26 @@ def test_an_array_that_claims_more_than_it_holds_is_refused(shape: str, tmp_path
     (tmp_path / "in.npy").write_bytes(npy(shape))
     with pytest.raises(kinseek.InvalidGoal, match=r"no \.npy file that can be read"):
         files.read_poses(tmp_path / "in.npy", False, False)
+
+
+HEADERS = {
+    "many signs": "-" * 9_000 + "1",
+    "a number of Python 2": "(1L," * 1_000,
+    "a truth": "{'descr': '<f8', 'fortran_order': False, 'shape': (True, 4, 4)}",
+    "no type": "{'descr': (), 'fortran_order': False, 'shape': (1, 4, 4)}",
+    "lines": "  1\n 2",
+    "a key": "{[]: 1}",
+    "overflow": f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({2**57 + 1}, 4, 4)}}",
+}
+
+
+@pytest.mark.parametrize("case", HEADERS)
+def test_a_damaged_header_of_an_array_is_refused(case: str, tmp_path: Path) -> None:
+    (tmp_path / "in.npy").write_bytes(npy_of(HEADERS[case]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(kinseek.InvalidGoal, match=r"no \.npy file that can be read: ."):
+            files.read_poses(tmp_path / "in.npy", False, False)
 
 
 def test_an_archive_of_arrays_is_refused_and_an_array_is_read(tmp_path: Path) -> None:

@@ -188,9 +188,15 @@ def _explain(rows: Iterator[list[str]], names: list[str], where: str, error: Val
 def _npy(path: Path) -> Array:
     try:
         # Mapped, a file cannot claim more than it holds; and this opens no archive, as numpy.load does.
-        array = np.lib.format.open_memmap(path, mode="r")
-    except (ValueError, EOFError, OverflowError) as error:
-        raise InvalidGoal(f"{str(path)!r} is no .npy file that can be read: {error}") from None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Of shapes that overflow: they are refused.
+            array = np.lib.format.open_memmap(path, mode="r")
+    except OSError:
+        raise
+    except Exception as error:
+        # Python's parser reads the header; it raises MemoryError, TokenError and others.
+        reason = str(error) or type(error).__name__
+        raise InvalidGoal(f"{str(path)!r} is no .npy file that can be read: {reason}") from None
     if array.ndim != 3 or array.shape[1:] != (4, 4) or array.dtype.kind not in "fiu":
         raise InvalidGoal(
             f"{path}: expected numbers of shape (N, 4, 4), got {array.dtype} of shape {array.shape}"
