@@ -186,10 +186,14 @@ def test_every_reply_says_that_the_page_connects_to_its_own_server_only(
         ("/index.html?darkMode&a=websocket", 200),
         ("/?Websocket=1", 200),
         ("/nowhere", 404),
+        ("/" + "a" * 5_000, 404),  # Longer than the name of a file can be.
         ("/?websocket=ws://evil.test/", 403),
     ):
         status, _, policies = reply(port, mine, path)
-        assert (status, policies) == (expected, [POLICY]), path
+        assert (status, policies) == (expected, [POLICY]), path[:99]
+    broken = {**mine, "Upgrade": "websocket", "Sec-WebSocket-Protocol": PROTOCOL}
+    status, _, policies = reply(port, broken)
+    assert (status, policies) == (426, [POLICY])
 
 
 def headers(*given: tuple[str, str]) -> Any:

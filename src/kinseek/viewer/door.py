@@ -150,10 +150,17 @@ class Door:
             why = "" if self._anyone else refusal(request.headers, self._alone)
             if names_a_server(request.path):
                 why = why or "This page connects to its own server only."
-            reply = connection.respond(HTTPStatus.FORBIDDEN, f"{why}\n") if why else ask(connection, request)
-            if reply is not None:  # None lets a WebSocket in.
-                reply.headers["Content-Security-Policy"] = POLICY
-            return reply
+            if why:
+                return connection.respond(HTTPStatus.FORBIDDEN, f"{why}\n")
+            try:
+                return ask(connection, request)
+            except OSError:  # A name that is too long for a file.
+                return connection.respond(HTTPStatus.NOT_FOUND, "NOT FOUND")
+
+        def with_policy(connection: Any, request: Any, reply: Any) -> None:
+            reply.headers["Content-Security-Policy"] = (
+                POLICY  # Of every reply, also of those of websockets itself.
+            )
 
         class Connection(ServerConnection):
             """One that ignores what no page sends."""
@@ -163,7 +170,8 @@ class Door:
                     pass
                 return message
 
-        options |= {"process_request": checked, "create_connection": Connection, "logger": _log}
+        options |= {"process_request": checked, "process_response": with_policy}
+        options |= {"create_connection": Connection, "logger": _log}
         return serve(handler, *where, **{**options, "max_size": MOST_MESSAGE})
 
 
