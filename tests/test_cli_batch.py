@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import os
 import subprocess
 import sys
+import types
 import warnings
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,7 @@ import pytest
 import kinseek
 from kinseek.cli import files
 from kinseek.cli.columns import MATRIX
+from kinseek.cli.parquet_pages import unpacked_bytes
 from kinseek.cli.program import run
 
 ARM = "planar2"
@@ -179,6 +182,91 @@ def test_a_parquet_file_that_would_grow_is_refused(tmp_path: Path, monkeypatch: 
     parquet.write_table(pa.table({"x": ["a" * 1000] * 1000}), tmp_path / "in.parquet")
     with pytest.raises(kinseek.InvalidGoal, match="column x holds string, expected numbers"):
         files.read_poses(tmp_path / "in.parquet", False, False)
+
+
+def varint(value: int, length: int = 0) -> bytes:
+    """A signed integer as Thrift's compact protocol has it, as long as is asked for."""
+    value = value << 1 if value >= 0 else (-value << 1) - 1
+    sevens = [value >> shift & 127 for shift in range(0, max(7 * length, value.bit_length(), 1), 7)]
+    return bytes([each | 128 for each in sevens[:-1]] + sevens[-1:])
+
+
+def test_a_parquet_page_that_would_grow_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the footer says is small: pyarrow unpacked 8 GB of 264 kB, for it believes the header of the page."""
+    pa = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    path, rows = tmp_path / "in.parquet", 100_001
+    table = pa.table({name: np.zeros(rows) for name in ("x", "y", "z")})
+    options = {
+        "compression": "zstd",
+        "use_dictionary": False,
+        "write_statistics": False,
+        "store_schema": False,
+    }
+    parquet.write_table(table, path, **options)
+    text = path.read_bytes()
+    start = len(text) - 8 - int.from_bytes(text[-8:-4], "little")
+    assert text[start:].count(varint(rows)) >= 4  # In each column, and in the group of them.
+    path.write_bytes(text[:start] + text[start:].replace(varint(rows), varint(4, len(varint(rows)))))
+    assert parquet.read_metadata(path).num_rows == 4
+    monkeypatch.setattr(files, "MOST_VALUES", 1_000)
+    with pytest.raises(kinseek.InvalidGoal, match=r"pages of 2,400,[0-9]{3} bytes, expected at most"):
+        files.read_poses(path, True, False)
+
+
+@pytest.mark.parametrize("codec", ["none", "snappy", "zstd"])
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+@pytest.mark.parametrize("more", [True, False])
+def test_pages_are_added_up(version: str, codec: str, more: bool, tmp_path: Path) -> None:
+    """The footer of a file that pyarrow writes counts the same bytes, and the headers of the pages."""
+    pa = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    rng = np.random.default_rng(0)
+    table = pa.table(
+        {"x": rng.normal(size=20_000), "y": rng.integers(0, 9, 20_000), "z": [None, 1.0] * 10_000}
+    )
+    options = {"use_dictionary": more, "write_statistics": more, "write_page_checksum": more}
+    path = tmp_path / "in.parquet"
+    parquet.write_table(
+        table, path, None, compression=codec, data_page_version=version, data_page_size=9_000, **options
+    )
+    group = parquet.read_metadata(path).row_group(0)
+    with path.open("rb") as file:
+        for column in map(group.column, range(3)):
+            rest = column.total_uncompressed_size - unpacked_bytes(file, column)
+            assert 0 < rest < 100 + column.total_uncompressed_size / 50
+
+
+HEADER = b"\x15\x00\x15" + varint(9) + b"\x15" + varint(3)
+"""Of a page of 3 bytes that unpacks to 9, with nothing more."""
+PAGES = {
+    "a size below zero": HEADER.replace(varint(9), varint(-9)) + b"\x00abc",
+    "a size that is cut off": HEADER.replace(varint(3), varint(2**31 + 3)) + b"\x00abc",
+    "longer than the column": HEADER.replace(varint(3), varint(4)) + b"\x00abc",
+    "no size": HEADER[:5] + b"\x00abc",
+    "an end in the middle": HEADER,
+    "a field twice": HEADER + b"\x05" + varint(2) + varint(10**9) + b"\x00abc",
+    "a field that is cut off": HEADER + b"\x05" + varint(2**16 + 2) + varint(10**9) + b"\x00abc",
+    "an unknown type": HEADER + b"\x1f\x00abc",
+    "structs without an end": HEADER + b"\x1c" * 100_000,
+    "a number without an end": b"\x15" + b"\xff" * 100,
+    "a text without an end": HEADER + b"\x18" + b"\xff" * 9 + b"\x01\x00abc",
+}
+
+
+def column_of(text: bytes) -> Any:
+    return types.SimpleNamespace(
+        data_page_offset=0, dictionary_page_offset=None, total_compressed_size=len(text)
+    )
+
+
+@pytest.mark.parametrize("case", PAGES)
+def test_a_damaged_header_of_a_page_is_refused(case: str) -> None:
+    good = HEADER + b"\x00abc"
+    assert unpacked_bytes(io.BytesIO(2 * good), column_of(2 * good)) == 18
+    text = good + PAGES[case]
+    with pytest.raises(ValueError, match="page"):
+        unpacked_bytes(io.BytesIO(text), column_of(text))
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")

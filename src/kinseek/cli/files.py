@@ -19,6 +19,7 @@ from kinseek.errors import InvalidGoal, InvalidProblem, MissingExtra
 from kinseek.robots.files import instead_of_a_file
 
 from .columns import VALID, poses_of, rigid
+from .parquet_pages import unpacked_bytes
 from .words import is_number
 
 Array = NDArray[np.float64]
@@ -29,6 +30,8 @@ MOST_VALUES = 2**24
 """Numbers in a Parquet file of any size."""
 VALUES_OF_A_BYTE = 16
 """Numbers for each byte of a larger one: those of a column that stays the same take hardly any."""
+BYTES_OF_A_VALUE = 16
+"""Of all pages unpacked, for each number that there may be: 8 in a page of numbers, and as many in a dictionary."""
 
 ENDINGS = (".csv", ".npy", ".parquet")
 
@@ -220,7 +223,7 @@ def _parquet(path: Path) -> dict[str, Array]:
 
 
 def _require_numbers(file: Any, path: Path) -> None:
-    """Refuse, before it is read, a Parquet file of other columns, or of many more numbers than it has bytes.
+    """Refuse, before it is unpacked, a Parquet file of other columns, or of many more numbers than it has bytes.
 
     Raises:
         InvalidGoal: It is refused.
@@ -233,11 +236,23 @@ def _require_numbers(file: Any, path: Path) -> None:
         if not (types.is_integer(column.type) or types.is_floating(column.type)):
             raise InvalidGoal(f"{path}: column {column.name} holds {column.type!s:.200}, expected numbers")
     groups = [told.row_group(i) for i in range(told.num_row_groups)]
-    held = sum(group.column(j).num_values for group in groups for j in range(group.num_columns))
+    parts = [group.column(j) for group in groups for j in range(group.num_columns)]
+    held = sum(abs(part.num_values) for part in parts)  # Of a damaged file one may be below zero.
     count = max(held, told.num_rows * len(schema.names))
     if count > (most := max(MOST_VALUES, VALUES_OF_A_BYTE * path.stat().st_size)):
         raise InvalidGoal(
             f"{path}: {count:,} numbers, expected at most {most:,} of so few bytes: {VALUES_OF_A_BYTE} for each"
+        )
+    try:
+        if sum(abs(part.total_compressed_size) for part in parts) > path.stat().st_size:
+            raise ValueError("columns overlap")  # Else each page could be looked at very often.
+        with path.open("rb") as raw:
+            unpacked = sum(unpacked_bytes(raw, part) for part in parts)
+    except ValueError as error:
+        raise InvalidGoal(f"{str(path)!r} is no Parquet file that can be read: {error}") from None
+    if unpacked > (most := BYTES_OF_A_VALUE * most):
+        raise InvalidGoal(
+            f"{path}: pages of {unpacked:,} bytes, expected at most {most:,} for a file of its size"
         )
 
 
