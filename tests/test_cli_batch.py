@@ -237,6 +237,20 @@ def test_pages_are_added_up(version: str, codec: str, more: bool, tmp_path: Path
             assert 0 < rest < 100 + column.total_uncompressed_size / 50
 
 
+def test_a_parquet_file_with_groups_of_no_rows(tmp_path: Path) -> None:
+    pa = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    schema, path = pa.schema([(name, pa.float64()) for name in ("x", "y", "z")]), tmp_path / "in.parquet"
+    for counts in ((3, 0, 5), (0,)):
+        with parquet.ParquetWriter(path, schema) as writer:
+            for count in counts:
+                writer.write_table(pa.table(dict.fromkeys(schema.names, np.ones(count)), schema=schema))
+        if sum(counts):
+            assert len(files.read_poses(path, True, False)) == 8
+    with pytest.raises(kinseek.InvalidGoal, match="no poses"):
+        files.read_poses(path, True, False)
+
+
 HEADER = b"\x15\x00\x15" + varint(9) + b"\x15" + varint(3)
 """Of a page of 3 bytes that unpacks to 9, with nothing more."""
 PAGES = {
