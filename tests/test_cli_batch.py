@@ -251,12 +251,17 @@ def test_a_parquet_file_with_groups_of_no_rows(tmp_path: Path) -> None:
         files.read_poses(path, True, False)
 
 
-HEADER = b"\x15\x00\x15" + varint(9) + b"\x15" + varint(3)
-"""Of a page of 3 bytes that unpacks to 9, with nothing more."""
+HEADER = b"\x15\x00\x15" + varint(9) + b"\x15" + varint(3) + b"\x2c\x15" + varint(2) + b"\x00"
+"""Of a page of 3 bytes with 2 values that unpacks to 9, with nothing more."""
 PAGES = {
     "a size below zero": HEADER.replace(varint(9), varint(-9)) + b"\x00abc",
     "a size that is cut off": HEADER.replace(varint(3), varint(2**31 + 3)) + b"\x00abc",
     "longer than the column": HEADER.replace(varint(3), varint(4)) + b"\x00abc",
+    "few values": HEADER.replace(varint(2) + b"\x00", varint(1) + b"\x00") + b"\x00abc",
+    "values of no page": HEADER.replace(b"\x15\x00", b"\x15\x02") + b"\x00abc",
+    "values that are no struct": HEADER[:6] + b"\x25\x00\x00abc",
+    "a size that is no number": b"\x15\x00\x1c\x00\x15\x00\x2c\x15\x04\x00\x00abc",
+    "a size that is a text": b"\x15\x00\x15\x00\x18\x00\x2c\x15\x04\x00\x00abc",
     "no size": HEADER[:5] + b"\x00abc",
     "an end in the middle": HEADER,
     "a field twice": HEADER + b"\x05" + varint(2) + varint(10**9) + b"\x00abc",
@@ -270,7 +275,7 @@ PAGES = {
 
 def column_of(text: bytes) -> Any:
     return types.SimpleNamespace(
-        data_page_offset=0, dictionary_page_offset=None, total_compressed_size=len(text)
+        data_page_offset=0, dictionary_page_offset=None, total_compressed_size=len(text), num_values=4
     )
 
 

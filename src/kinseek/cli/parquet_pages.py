@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from typing import Any, BinaryIO
 
-_UNPACKED, _PACKED = 2, 3
-"""Fields of a header: bytes of the page when it is unpacked, and in the file."""
+_KIND, _UNPACKED, _PACKED, _VALUES = 1, 2, 3, 1
+"""Fields of a header: kind of the page, its bytes when it is unpacked, and in the file; of its inner header: values."""
+_INNER = {0: 5, 3: 8}
+"""By the kind of a page with values, the field with its inner header."""
 _BOOLEANS, _BYTE, _INTEGERS, _DOUBLE, _BINARY, _STRUCT = (1, 2), 3, (4, 5, 6), 7, 8, 12
 """Types of a field; a header has no lists."""
 
@@ -28,27 +30,31 @@ def unpacked_bytes(file: BinaryIO, column: Any) -> int:
     at, dictionary = column.data_page_offset, column.dictionary_page_offset
     if dictionary is not None and 0 < dictionary < at:
         at = dictionary
-    end, total = at + column.total_compressed_size, 0
+    end, total, values = at + column.total_compressed_size, 0, 0
     if not 0 <= at <= end:
         raise ValueError("a column has an impossible place")
     while at < end:
         file.seek(at)
         try:
             header = _struct(file)
-            unpacked, packed = header[_UNPACKED], header[_PACKED]
-        except (IndexError, KeyError, OverflowError, RecursionError):
+            held = header[_INNER[header[_KIND]]][_VALUES] if header[_KIND] in _INNER else 0
+            unpacked, packed, held = map(int, (header[_UNPACKED], header[_PACKED], held))
+        except (IndexError, KeyError, TypeError, OverflowError, RecursionError):
             raise ValueError("the header of a page is damaged") from None
         at = file.tell() + packed
         # pyarrow cuts longer numbers off, and would so find other sizes, and other pages behind.
-        if not (0 <= unpacked < 2**31 and 0 <= packed < 2**31 and at <= end):
+        if not (all(0 <= size < 2**31 for size in (unpacked, packed, held)) and at <= end):
             raise ValueError("a page has an impossible size")
         total += unpacked
+        values += held
+    if values < column.num_values:  # pyarrow looks for more behind the column, if an old writer is named.
+        raise ValueError(f"the pages of a column hold {values:,} values, expected {column.num_values:,}")
     return total
 
 
-def _struct(file: BinaryIO) -> dict[int, int]:
-    """Read integers by the number of their field; other values are 0."""
-    fields: dict[int, int] = {}
+def _struct(file: BinaryIO) -> dict[int, Any]:
+    """Read integers and structs by the number of their field; other values are None."""
+    fields: dict[int, Any] = {}
     name = 0
     while kind := file.read(1)[0]:
         name = name + (kind >> 4) if kind >> 4 else _signed(_varint(file))
@@ -58,16 +64,16 @@ def _struct(file: BinaryIO) -> dict[int, int]:
     return fields
 
 
-def _value(file: BinaryIO, kind: int) -> int:
+def _value(file: BinaryIO, kind: int) -> Any:
     if kind in _INTEGERS:
         return _signed(_varint(file))
     if kind == _STRUCT:
-        _struct(file)
-    elif kind in (_BYTE, _DOUBLE, _BINARY):
+        return _struct(file)
+    if kind in (_BYTE, _DOUBLE, _BINARY):
         file.seek({_BYTE: 1, _DOUBLE: 8}.get(kind) or _varint(file), 1)
     elif kind not in _BOOLEANS:
         raise ValueError("the header of a page has a field of an unknown type")
-    return 0
+    return None
 
 
 def _varint(file: BinaryIO) -> int:
