@@ -40,6 +40,12 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
+# Numba obeys a file in the working folder, which may have come with somebody's robot: it could name another processor,
+# files to write, and other machine code to keep. Numba's environment variables count as ever.
+vars(config)["_config_fname"] = os.devnull
+vars(config)["reload_config"]()
+
+
 def _cache_folder() -> Path | None:
     """Return a folder for this very Numba that this user alone can write to, or None where there is none."""
     user_cache = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or "~/.cache"
