@@ -2,6 +2,7 @@
 
 Where kernels run from the library that was built with the package, tests marked `jit` are left out: they call kernels that
 the library has as parts of others only, or are about compiling. `KINSEEK_JIT=1 python -m pytest -m jit` runs them.
+Those marked `thorough` are left out too: `KINSEEK_THOROUGH=1` runs them, and so does `.ci/all`.
 
 Nothing is timed: the first example of a test may compile a kernel, and a busy machine is no failure. With CI set the
 examples are the same in every run; elsewhere they are new ones each time, and a failure prints how to get it again.
@@ -42,10 +43,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     from kinseek.kernels.route import LIBRARY
 
     items.sort(key=lambda item: item.path.name != LONGEST)
-    if LIBRARY is None:
-        return
     for item in items:
-        if item.get_closest_marker("jit"):
+        if item.get_closest_marker("thorough") and not os.environ.get("KINSEEK_THOROUGH"):
+            item.add_marker(pytest.mark.skip(reason="takes long: KINSEEK_THOROUGH=1 runs it"))
+        if item.get_closest_marker("jit") and LIBRARY is not None:
             item.add_marker(
                 pytest.mark.skip(reason="kernels run from the library: KINSEEK_JIT=1 compiles them")
             )

@@ -204,6 +204,7 @@ def test_plain_c_gives_the_same_bits(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="runs what is written for x86-64")
 def test_a_smaller_memory_finds_as_good_nodes(tmp_path: Path) -> None:
     if shutil.which("gcc") is None:
@@ -265,6 +266,7 @@ def test_a_64_bit_arm_finds_the_same(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="runs what is written for x86-64")
 @pytest.mark.skipif(not {"avx2", "fma"} <= levels(), reason="the processor is below x86-64-v3")
 def test_the_atlas_gives_the_same_bits(tmp_path: Path) -> None:

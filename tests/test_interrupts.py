@@ -19,7 +19,7 @@ import kinseek
 from fuzz.interrupts import CALLS, outside
 from kinseek.kernels.arrays import Array
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
 MOMENTS = 4
 """Of each call; `python -m tests.fuzz.interrupts` tries more."""

@@ -25,7 +25,7 @@ CLOSE = 1e-9
 TOLERANCE = 1e-6
 BUNDLED = sorted(path.stem for path in (Path(kinseek.__file__).parent / "robots" / "catalog").glob("*.urdf"))
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
 
 @pytest.fixture(scope="module")

@@ -227,6 +227,7 @@ def test_declarations_are_checked() -> None:
 
 @library
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_the_library_has_the_bits_of_kernels_compiled_for_its_level() -> None:
     pytest.importorskip("numba")
     assert LIBRARY is not None

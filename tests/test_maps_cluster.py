@@ -140,6 +140,7 @@ def undisturbed(place: Path) -> int:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_nothing_is_lost_or_done_twice_when_processes_are_killed(
     tmp_path: Path, machines: list[Machine]

@@ -22,7 +22,7 @@ FRAME = 1000 / 60
 READY = "window.kinseekPage?.state"
 REST = "!kinseekPage.asked && !kinseekPage.glide && !kinseekPage.proof"
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
 
 @pytest.fixture(scope="module")

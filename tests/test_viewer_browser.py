@@ -48,6 +48,7 @@ PATIENCE = 60.0
 """[s] A busy machine without a graphics card draws a few frames a second."""
 
 pytestmark = [
+    pytest.mark.thorough,
     pytest.mark.slow,
     pytest.mark.skipif(CHROMIUM is None and not WANTED, reason="no Chromium here"),
     # Chromium and the server end in any order; what was still on its way then is no fault.
