@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -89,7 +90,10 @@ def test_nothing_listens_and_nothing_lies_in_the_shared_temporary_folder(tmp_pat
 def test_the_command_line_of_a_process_tells_nothing() -> None:
     """Everybody may read it."""
     with processes.Worker() as worker:
-        words = psutil.Process(worker._process.pid).cmdline()
+        started = psutil.Process(worker._process.pid)
+        until = time.monotonic() + 10.0
+        while not (words := started.cmdline()) and time.monotonic() < until:  # The system still loads it.
+            time.sleep(0.01)
         assert words[1:] == ["-P", "-c", processes.PROGRAM]
 
 

@@ -290,8 +290,11 @@ def test_what_the_user_says_of_a_long_path_keeps_the_time(name: str) -> None:
     options = {name: quick[name]}
     arm.follow(T[:40], **options)
     began = time.process_time()
+    arm.follow(T, threads=1, time_limit=1e-3, **options)
+    least = time.process_time() - began  # To read so many poses and to write down what became of them.
+    began = time.process_time()
     path = arm.follow(T, threads=1, time_limit=0.8, **options)
-    assert time.process_time() - began < 1.2
+    assert time.process_time() - began < 1.2 + least
     assert path.out_of_time
     followed(arm, path)
     assert path.planned.sum() > 200
