@@ -77,10 +77,13 @@ def test_a_file_of_settings_in_the_working_folder_is_not_obeyed(
     """It may have come with a robot; `dump_html` has Numba write a file."""
     (tmp_path / "handed").mkdir()
     monkeypatch.chdir(tmp_path / "handed")
-    Path(".numba_config.yaml").write_text("dump_html: notes.txt\nopt: 0\n", encoding="utf-8")
+    settings = "dump_html: notes.txt\nchrome_trace: trace.json\nopt: 0\n"
+    Path(".numba_config.yaml").write_text(settings, encoding="utf-8")
     asked = "import kinseek.kernels.compiler as c; assert (c.config.HTML, int(c.config.OPT)) == (None, 3)\n"
     assert run(copy, asked)[0] == pytest.approx(0.75)
     assert [path.name for path in Path().iterdir()] == [".numba_config.yaml"]
+    Path(".numba_config.yaml").write_text("- no mapping\n", encoding="utf-8")
+    assert run(copy)[0] == pytest.approx(0.75)
 
 
 def test_without_any_writable_folder_it_compiles_each_time(copy: Path) -> None:

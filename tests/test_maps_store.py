@@ -380,6 +380,18 @@ def test_a_hostile_map_is_refused(name: str, where: list[str], value: Any, writt
         damaged(written, "rings", name, partial(put, where, value))
 
 
+def test_a_hostile_map_is_not_gone_on_with(written: Path, tmp_path: Path) -> None:
+    place, grid = tmp_path / "map", maps.Rings((0, 0.6, 0.3), (0, 0.6, 0.6), maps.orientations(8))
+    shutil.copytree(written / "rings", place)
+    metadata = place / "blocks" / "done" / "zarr.json"
+    told = json.loads(metadata.read_text())
+    told["shape"] = told["chunk_grid"]["configuration"]["chunk_shape"] = [3 * 10**9, 1, 1]
+    metadata.write_text(json.dumps(told))
+    shutil.rmtree(place / "blocks" / "done" / "c")
+    with pytest.raises(kinseek.InvalidMap, match="done"):
+        maps.reach(ARM, grid, store=place)
+
+
 def test_names_in_the_folder_of_a_map_are_not_printed(
     written: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

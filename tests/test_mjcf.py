@@ -131,8 +131,9 @@ def test_xml_that_is_a_urdf_is_read_as_one(tmp_path: Path) -> None:
 
 BAD = {
     "broken XML": ("<mujoco>", "broken XML: .*line 1"),
+    "URDF in capitals": ('<ROBOT name="r"/>', "the root of a model is 'ROBOT', expected 'mujoco'"),
     "unknown tag": ("<mujoco><wordbody/></mujoco>", "MuJoCo says: .*wordbody"),
-    "not MJCF": ("<sdf/>", "MuJoCo says"),
+    "not MJCF": ("<sdf/>", "the root of a model is 'sdf', expected 'mujoco'"),
     "endless slide": ('<joint name="s" type="slide"/>', "slide joint 's' has no range"),
     "ball": ('<joint name="s" type="ball"/>', "'s' is a ball joint.*Choose base='b'"),
     "free": ('<freejoint name="s"/>', "'s' is a free joint.*Choose base='b'"),
@@ -148,9 +149,18 @@ BAD = {
 @pytest.mark.parametrize("case", BAD)
 def test_bad_file_is_refused_with_a_reason(case: str, tmp_path: Path) -> None:
     text, message = BAD[case]
-    if not text.startswith(("<mujoco", "<sdf")):
+    if not text.startswith(("<mujoco", "<sdf", "<ROBOT")):
         text = f'<mujoco><worldbody><body name="b">{text}</body></worldbody></mujoco>'
     with pytest.raises(InvalidRobot, match=f"(?s){message}"):
+        read_mjcf(write(tmp_path, text))
+
+
+def test_an_attached_model_is_no_urdf(tmp_path: Path) -> None:
+    """MuJoCo would read it, and open the meshes that it names."""
+    (tmp_path / "inner.xml").write_text('<robot name="r"><link name="a"/></robot>', encoding="utf-8")
+    asset = '<asset><model name="m" file="inner.xml"/></asset>'
+    text = f'<mujoco>{asset}<worldbody><attach model="m" body="a"/></worldbody></mujoco>'
+    with pytest.raises(InvalidRobot, match=r"inner\.xml: the root of a model is 'robot', expected 'mujoco'"):
         read_mjcf(write(tmp_path, text))
 
 

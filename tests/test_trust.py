@@ -180,6 +180,13 @@ def test_an_expression_that_goes_through_long_values_counts(text: str) -> None:
     assert sum(spent) > 2**18
 
 
+def test_an_expression_holds_no_control_characters() -> None:
+    """Python shows a piece of it where it warns, with what would change the terminal."""
+    with pytest.raises(Refused, match="control character"):
+        evaluate("'\\\x1b'", {})
+    assert evaluate("1\t+ 1", {}) == 2
+
+
 def test_xacro_is_as_it_was_afterwards(tmp_path: Path) -> None:
     with pytest.raises(InvalidRobot):
         upper_of(tmp_path, "${[x for x in [1]]}", trusted=False)

@@ -12,6 +12,9 @@ assumed away: every comparison there is written so that it says nothing (see `VE
 
 from __future__ import annotations
 
+from . import away  # noqa: F401  # Before Numba is imported for the first time.
+
+# isort: split
 import os
 import sys
 import tempfile
@@ -40,17 +43,18 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-# Numba obeys a file in the working folder, which may have come with somebody's robot: it could name another processor,
-# files to write, and other machine code to keep. Numba's environment variables count as ever.
-vars(config)["_config_fname"] = os.devnull
-vars(config)["reload_config"]()
-
-
 def _cache_folder() -> Path | None:
     """Return a folder for this very Numba that this user alone can write to, or None where there is none."""
     user_cache = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or "~/.cache"
     user = os.getuid() if hasattr(os, "getuid") else "user"
-    candidates: list[tuple[str, ...]] = [(user_cache, "kinseek"), (tempfile.gettempdir(), f"kinseek-{user}")]
+    candidates: list[tuple[str, ...]] = []
+    if user_cache.startswith("~") or os.path.isabs(
+        user_cache
+    ):  # A relative one does not count, says its specification.
+        candidates.append((user_cache, "kinseek"))
+    temporary = tempfile.gettempdir()  # The working folder, where no other takes files: it may be anybody's.
+    if Path(temporary).resolve() != Path.cwd().resolve():
+        candidates.append((temporary, f"kinseek-{user}"))
     if chosen := os.environ.get("NUMBA_CACHE_DIR"):
         candidates.insert(0, (chosen,))
     name, refused = f"kinseek-{numba.__version__}", list[Exception]()
@@ -61,7 +65,8 @@ def _cache_folder() -> Path | None:
                 return folder
         except (OSError, RuntimeError) as error:  # A RuntimeError: there is no home.
             refused.append(error)
-    tell_unwritten(candidates[0][0], refused[0])
+    if refused:
+        tell_unwritten(candidates[0][0], refused[0])
     return None
 
 

@@ -278,6 +278,7 @@ def store_of(arm: Arm, grid: Grid | Rings, work: Work, cluster: bool = False) ->
             require_own(path)
         kept = Store.at(str(path))
         compare(str(path), kept.description, description)
+        kept.require_sound(TYPES)
         return kept
     attributes: dict[str, Any] = {
         "Conventions": "CF-1.11",

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import math
 import operator
+import unicodedata
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -114,6 +115,8 @@ def evaluate(
     """
     if len(expression) > MOST_LETTERS:
         raise Refused(f"{len(expression):,} letters in one expression, expected at most {MOST_LETTERS:,}")
+    if any(unicodedata.category(letter) == "Cc" and letter not in "\t\n\r" for letter in expression):
+        raise Refused("a control character in an expression")  # Python's warnings would print it.
     try:
         tree = ast.parse(expression.strip(), mode="eval")
         return _Reader(names, FUNCTIONS | dict(functions or {}), spend).value(tree.body)

@@ -109,6 +109,10 @@ class _Reader:
         self.models += 1
         require_few(self.models, "models, copies counted", MOST_MODELS, str(path))
         root = self._root(path)
+        if (
+            root.tag != "mujoco"
+        ):  # MuJoCo reads URDF too, in any case of letters, and the meshes that it names.
+            raise InvalidRobot(f"{path}: the root of a model is {root.tag!r:.100}, expected 'mujoco'")
         self._include(root, path, {path.resolve()})
         sizes = self._attach(root, path, (*above, path.resolve()))
         size = _size(root, sizes)
