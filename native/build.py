@@ -15,6 +15,7 @@ For other machines LLVM optimises what Numba lowered, and ``zig cc`` (PyPI's zig
 from __future__ import annotations
 
 import argparse
+import functools
 import hashlib
 import importlib.metadata
 import os
@@ -170,16 +171,15 @@ def _objects(keep: str | Path | None, place: str) -> Path:
             if path.is_symlink():
                 raise PRIVATE["NotPrivate"](f"{path} is a link")
             PRIVATE["require_private"](path, path.lstat())
-    except (
-        OSError
-    ) as error:  # NotPrivate is one; others: a disk that is full, or a home that nobody can write to.
+    except OSError as error:  # NotPrivate is one; a full disk and a home without room for it are others.
         print(f"native/build.py: compiling every kernel and keeping none, for {error}", file=sys.stderr)
         return Path(place)
     return work
 
 
+@functools.cache
 def source_digest() -> str:
-    """Of the sources as they are, see `kinseek.kernels.sources`."""
+    """Of the sources as they were when first asked for, see `kinseek.kernels.sources`."""
     digest: str = runpy.run_path(str(SOURCE / "kinseek" / "kernels" / "sources.py"))["source_digest"](
         SOURCE / "kinseek"
     )

@@ -279,9 +279,8 @@ def _watched_xacro(path: Path) -> Iterator[_Spend]:
         "parse_macro_arg": parse_macro_arg,
         "re_macro_arg": _PARAMETER,
         "replace_node": replace_node,
-        "remove_previous_comments": lambda node: (
-            None
-        ),  # Comments are not read; to remove one takes long among many.
+        # Comments are not read; to remove one takes long among many.
+        "remove_previous_comments": lambda node: None,
         "glob": SimpleNamespace(glob=matches),
     }
     # Manifests of packages lie beside the file, and may be anybody's as well.
@@ -369,9 +368,8 @@ def _yaml_content(text: bytes, units: Any, where: str) -> Any:
     def written(node: Any) -> int:
         """Entries with all aliases written out; a merge counts as the map that it refers to."""
         if node not in sizes:
-            sizes[node] = (
-                MOST_ENTRIES + 1
-            )  # As long as nothing else is known: a list that holds itself never ends.
+            # As long as nothing else is known: a list that holds itself never ends.
+            sizes[node] = MOST_ENTRIES + 1
             if isinstance(node, yaml.ScalarNode):
                 if node.tag.endswith((":int", ":float")):
                     require_few(len(node.value), "digits of one number", MOST_DIGITS, where)

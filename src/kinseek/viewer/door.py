@@ -158,9 +158,8 @@ class Door:
                 return connection.respond(HTTPStatus.NOT_FOUND, "NOT FOUND")
 
         def with_policy(connection: Any, request: Any, reply: Any) -> None:
-            reply.headers["Content-Security-Policy"] = (
-                POLICY  # Of every reply, also of those of websockets itself.
-            )
+            """Every reply has it, also those of websockets itself."""
+            reply.headers["Content-Security-Policy"] = POLICY
 
         class Connection(ServerConnection):
             """One that ignores what no page sends."""
