@@ -128,8 +128,7 @@ def _own_digest() -> str:
 
 def _cache() -> str:
     """Where objects for this machine are kept: KINSEEK_OBJECTS, else the user's cache."""
-    user = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or ""
-    user = user if os.path.isabs(user) else "~/.cache"
+    user: str = PRIVATE["user_cache"]()
     return os.environ.get("KINSEEK_OBJECTS") or os.path.join(os.path.expanduser(user), "kinseek", "objects")
 
 

@@ -134,6 +134,13 @@ def test_where_the_cache_is(
         home.chmod(0o770)
         in_temporary = temporary / f"kinseek-{os.getuid()}" / found.name
         assert compiler._cache_folder() == in_temporary
+        with (
+            monkeypatch.context() as within
+        ):  # Where no other folder takes files, Python takes the working folder.
+            within.chdir(temporary)
+            assert compiler._cache_folder() is None
+        capsys.readouterr()
+        kept_code._told.clear()
         home.chmod(0o700)
         monkeypatch.delenv("NUMBA_CACHE_DIR")
         with monkeypatch.context() as without_home:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from kinseek import private
-from kinseek.private import NotPrivate, private_folder, read_private
+from kinseek.private import NotPrivate, private_folder, read_private, user_cache
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs POSIX permissions")
 
@@ -29,6 +29,19 @@ def _umask(request: pytest.FixtureRequest) -> object:
 
 
 @pytest.mark.usefixtures("umask")
+@pytest.mark.parametrize(
+    ("named", "folder"),
+    [("/a/b", "/a/b"), ("~/c", "~/c"), ("here", "~/.cache"), ("", "~/.cache")],
+)
+def test_a_relative_folder_for_caches_does_not_count(
+    monkeypatch: pytest.MonkeyPatch, named: str, folder: str
+) -> None:
+    monkeypatch.setenv("HOME", "/home")
+    monkeypatch.delenv("LOCALAPPDATA", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", named)
+    assert user_cache() == folder
+
+
 def test_folders_are_made_for_their_user_alone_whatever_the_umask(tmp_path: Path) -> None:
     made = private_folder(tmp_path / "home" / ".cache", "kinseek", "code")
     assert made == tmp_path.resolve() / "home" / ".cache" / "kinseek" / "code"

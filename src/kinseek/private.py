@@ -19,6 +19,15 @@ class NotPrivate(OSError):
     """Another user may have made, or may change, a folder or file."""
 
 
+def user_cache() -> str:
+    """Return where this user's programs keep caches: `XDG_CACHE_HOME`, else `LOCALAPPDATA`, else ``~/.cache``.
+
+    A relative path does not count: so says the XDG Base Directory Specification.
+    """
+    named = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or ""
+    return named if os.path.isabs(os.path.expanduser(named)) else "~/.cache"
+
+
 def private_folder(base: Path, *names: str) -> Path:
     """Return a folder that no other user can change or replace; what is missing of it is made, for this user alone.
 

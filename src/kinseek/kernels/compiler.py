@@ -33,7 +33,7 @@ from numba.core.types import unliteral
 from numba.extending import intrinsic
 
 from kinseek.forks import finish_first
-from kinseek.private import private_folder
+from kinseek.private import private_folder, user_cache
 from kinseek.undisturbed import undisturbed
 
 from .kept_code import c_function, keep_code, tell_unwritten
@@ -45,15 +45,9 @@ R = TypeVar("R")
 
 def _cache_folder() -> Path | None:
     """Return a folder for this very Numba that this user alone can write to, or None where there is none."""
-    user_cache = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or "~/.cache"
     user = os.getuid() if hasattr(os, "getuid") else "user"
-    candidates: list[tuple[str, ...]] = []
-    if user_cache.startswith("~") or os.path.isabs(
-        user_cache
-    ):  # A relative one does not count, says its specification.
-        candidates.append((user_cache, "kinseek"))
-    temporary = tempfile.gettempdir()  # The working folder, where no other takes files: it may be anybody's.
-    if Path(temporary).resolve() != Path.cwd().resolve():
+    candidates: list[tuple[str, ...]] = [(user_cache(), "kinseek")]
+    if not _is_working_folder(temporary := tempfile.gettempdir()):
         candidates.append((temporary, f"kinseek-{user}"))
     if chosen := os.environ.get("NUMBA_CACHE_DIR"):
         candidates.insert(0, (chosen,))
@@ -65,9 +59,16 @@ def _cache_folder() -> Path | None:
                 return folder
         except (OSError, RuntimeError) as error:  # A RuntimeError: there is no home.
             refused.append(error)
-    if refused:
-        tell_unwritten(candidates[0][0], refused[0])
+    tell_unwritten(candidates[0][0], refused[0])
     return None
+
+
+def _is_working_folder(folder: str) -> bool:
+    """Python takes it for temporary files where no other folder takes any. It may have come from anybody."""
+    try:
+        return os.path.samefile(folder, os.curdir)
+    except OSError:  # One of them is gone.
+        return False
 
 
 _CACHE = _cache_folder()
