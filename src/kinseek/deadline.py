@@ -29,6 +29,7 @@ class Deadline:
         Args:
             time_limit: [s]
         """
+        self.begin = time.monotonic()
         if time_limit is None:
             self.end = math.inf
             return
@@ -37,7 +38,7 @@ class Deadline:
                 f"time_limit must be a number of seconds above 0, or None, got {time_limit!r}"
             )
         # A whole number may be larger than any float.
-        self.end = time.monotonic() + float(time_limit) if time_limit <= MOST else math.inf
+        self.end = self.begin + float(time_limit) if time_limit <= MOST else math.inf
 
     @property
     def limited(self) -> bool:
@@ -61,6 +62,12 @@ class Deadline:
     def share(self, part: float) -> Deadline:
         """A deadline for the first step of some work: it ends when this part of the time left is over."""
         return self if self.left is None else Deadline(part * self.left)
+
+    def before(self, part: float) -> Deadline:
+        """A deadline that leaves time for a last step: this part of the time spent so far, at most half of what is left."""
+        if self.left is None:
+            return self
+        return Deadline(max(self.left / 2, self.left - part * (time.monotonic() - self.begin)))
 
     @property
     def left(self) -> float | None:

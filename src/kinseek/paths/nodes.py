@@ -22,6 +22,9 @@ Flags = NDArray[np.bool_]
 GRACE = 0.1
 """[s] How long a way that is there when the time is up may still be checked."""
 
+LAST_PART = 0.5
+"""Part of the time spent until the costs are asked that the search for the best way may take after them: 0.4 measured."""
+
 
 class Programme:
     """Nodes of a path: answers inside the limits with their full turns."""
@@ -51,13 +54,14 @@ class Programme:
     def _costs(self) -> Array:
         """What the user says that each node costs, (N, nodes); 0 at all poses of which they were not asked in time."""
         assert self.asked.cost is not None
-        costs = np.full((len(self.q), self.nodes), np.inf)
+        # Rows that are never written take no memory: a hundred thousand poses of a UR5e have 400 MB.
+        costs = np.zeros((len(self.q), self.nodes))
+        deadline = self.asked.deadline.before(LAST_PART)
         for i, count in enumerate(self.count):
-            if self.asked.deadline.passed:
-                # Not one pose more is looked at: the programme itself leaves out what lies outside the limits.
-                costs[i:] = 0.0
-                break
+            if deadline.passed:
+                break  # The search for the best way leaves out what lies outside the limits by itself.
             nodes, q = self._inside(i, count)
+            costs[i] = np.inf
             if len(nodes):
                 costs[i, nodes] = cost_of(self.asked.cost, self._clipped(q))
         return costs
