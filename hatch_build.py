@@ -27,7 +27,11 @@ class CompiledKernels(BuildHookInterface):  # type: ignore[misc,type-arg,unused-
     PLUGIN_NAME = "custom"
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Build it; an editable install gets the level of this machine alone, since nobody else runs it."""
+        """Build it.
+
+        An editable install gets the level of this machine alone, since nobody else runs it, and at first only the kernels
+        of forward and inverse kinematics. The others are compiled when they are first called, so it depends on Numba.
+        """
         wanted = os.environ.get("KINSEEK_BUILD", "auto")
         if wanted not in ("auto", "always", "never"):
             raise ValueError(f"KINSEEK_BUILD must be 'auto', 'always' or 'never', got {wanted!r}")
@@ -35,12 +39,16 @@ class CompiledKernels(BuildHookInterface):  # type: ignore[misc,type-arg,unused-
             return self._without(build_data, "KINSEEK_BUILD=never")
         try:
             native = runpy.run_path(str(ROOT / "native" / "build.py"))
-            levels = native["this_level"]() if version == "editable" else _levels()
-            library = native["build"](KERNELS, levels)
+            editable = version == "editable"
+            first = editable and wanted == "auto"
+            levels = native["this_level"]() if editable else _levels()
+            library = native["build"](KERNELS, levels, native["FIRST"] if first else ())
         except Exception as error:
             if wanted == "always":
                 raise
             return self._without(build_data, f"{type(error).__name__}: {error}")
+        if first:
+            build_data["dependencies"] += self.metadata.core.optional_dependencies["jit"]
         build_data["pure_python"] = False
         build_data["artifacts"].append(f"src/kinseek/kernels/{library.name}")
         build_data["tag"] = f"cp311-abi3-{native['platform_tag'](library)}"

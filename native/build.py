@@ -7,6 +7,7 @@ kernels ask of Numba's runtime (``runtime.c``). No optimisation runs a second ti
 
     python native/build.py src/kinseek/kernels          # the library, for every level of this kind of processor
     python native/build.py OUT --levels 3
+    python native/build.py OUT --rooms paths            # some folders of kernels, and those that the library there has
     python native/build.py OUT --target aarch64-linux-gnu arm64-apple-darwin    # for other machines, each in a folder
 
 For other machines LLVM optimises what Numba lowered, and ``zig cc`` (PyPI's ziglang) links: see docs/building.md.
@@ -28,7 +29,7 @@ import sys
 import sysconfig
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
@@ -43,7 +44,14 @@ SOURCE = HERE.parent / "src"
 TARGETS: dict[str, Any] = runpy.run_path(str(HERE / "targets.py"))["TARGETS"]
 LEVELS: dict[str, dict[int, str]] = runpy.run_path(str(HERE / "targets.py"))["LEVELS"]
 OUTSIDE: dict[str, Any] = runpy.run_path(str(HERE / "outside.py"))
+SOURCES: dict[str, Any] = runpy.run_path(str(SOURCE / "kinseek" / "kernels" / "sources.py"))
 PRIVATE: dict[str, Any] = runpy.run_path(str(SOURCE / "kinseek" / "private.py"))
+
+FIRST = ("arm", "structure", "atlas")
+"""Rooms (folders of kernels) that `Arm.fk` and `Arm.ik` need. An editable install has these, and compiles others when they
+are first called."""
+
+ALL = "all"
 
 MONTH = 30 * 24 * 3600.0
 """Objects are kept so long, in seconds."""
@@ -56,15 +64,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("folder", type=Path, help="where the library goes")
     parser.add_argument("--levels", type=int, nargs="*", help="levels of the processor; all by default")
+    parser.add_argument("--rooms", nargs="*", default=(), help="folders of kernels; all by default")
     parser.add_argument("--target", nargs="+", choices=TARGETS, help="build for other machines, every level")
     parser.add_argument(
         "--keep", type=Path, help="where object files for other machines stay; a second run takes them"
     )
     options = parser.parse_args()
     if not options.target:
-        print(build(options.folder, options.levels))
-    elif options.levels:
-        parser.error("--target builds every level")
+        print(build(options.folder, options.levels, options.rooms))
+    elif options.levels or options.rooms:
+        parser.error("--target builds every level, and every room")
     else:
         for path in build_for(options.folder, options.target, options.keep):
             print(path, platform_tag(path, path.parent.name))
@@ -106,16 +115,22 @@ def platform_tag(library: Path, target: str = "") -> str:
     return f"manylinux_{major}_{minor}_{processor}"
 
 
-def is_current(library: Path, levels: list[int]) -> bool:
-    """Was the library that is there made from these sources, for these levels?"""
+def rooms_in(library: Path, levels: list[int]) -> set[str]:
+    """Rooms of the library that is there; none if it was made from other sources, or for other levels."""
     if not library.exists():
-        return False
-    return made_of(levels).encode() in library.read_bytes()
+        return set()
+    found = re.search(re.escape(made_of(levels).encode()) + rb" rooms ([a-z ]+);", library.read_bytes())
+    return set(found[1].decode().split()) if found else set()
+
+
+def has_rooms(there: set[str], rooms: Iterable[str]) -> bool:
+    """Is each of some rooms there, or every one if none is named?"""
+    return ALL in there or (bool(rooms) and there.issuperset(rooms))
 
 
 def made_of(levels: list[int]) -> str:
     """What a library for some levels is made of: the kernels, and what stands in this folder."""
-    return f"kinseek kernels {source_digest()} by {_own_digest()} levels {' '.join(map(str, levels))};"
+    return f"kinseek kernels {source_digest()} by {_own_digest()} levels {' '.join(map(str, levels))}"
 
 
 def _own_digest() -> str:
@@ -146,7 +161,7 @@ def _alone(work: Path) -> Iterator[None]:
 def _forget(work: Path) -> None:
     """Remove what no build has made or taken for a month; what these sources are made of counts as taken."""
     for level in {path.name.split(".")[1] for path in work.glob("*.names")}:
-        for path in _wanted(work, int(level)):
+        for path in _wanted(work, int(level), []):
             for one in (path, path.with_suffix(".taken")):
                 if one.exists():
                     os.utime(one)
@@ -179,17 +194,20 @@ def _objects(keep: str | Path | None, place: str) -> Path:
 @functools.cache
 def source_digest() -> str:
     """Of the sources as they were when first asked for, see `kinseek.kernels.sources`."""
-    digest: str = runpy.run_path(str(SOURCE / "kinseek" / "kernels" / "sources.py"))["source_digest"](
-        SOURCE / "kinseek"
-    )
+    digest: str = SOURCES["source_digest"](SOURCE / "kinseek")
     return digest
 
 
-def build(folder: Path, levels: list[int] | None = None) -> Path:
+def build(folder: Path, levels: list[int] | None = None, rooms: Iterable[str] = ()) -> Path:
     """Compile and link, unless the library that is there is current; return where it is.
 
+    Args:
+        folder: Where the library goes.
+        levels: Levels of the processor; all by default.
+        rooms: Folders of kernels, all by default. Those that a library from these sources has already stay in it.
+
     Raises:
-        BuildError: There is no C compiler, this kind of processor is not known, or a step failed.
+        BuildError: There is no C compiler, this kind of processor or a room is not known, or a step failed.
     """
     known = LEVELS.get(machine())
     if known is None:
@@ -200,16 +218,20 @@ def build(folder: Path, levels: list[int] | None = None) -> Path:
     wanted = levels or list(known)
     if unknown := [level for level in wanted if level not in known]:
         raise BuildError(f"levels {unknown} are not known for {platform.machine()}, known are {list(known)}")
+    known_rooms = {path.parent.name for path in SOURCES["kernel_sources"](SOURCE / "kinseek")}
+    if unknown_rooms := set(rooms) - known_rooms:
+        raise BuildError(f"rooms {sorted(unknown_rooms)} are not known, known are {sorted(known_rooms)}")
     library = folder / f"_prebuilt{'.pyd' if os.name == 'nt' else '.abi3.so'}"
-    if is_current(library, wanted):
+    if has_rooms(rooms_in(library, wanted), rooms):
         return library
-    with tempfile.TemporaryDirectory() as place:
-        work = _objects(_cache(), place)
-        with _alone(work):
-            _emit_all(work, wanted, known)
-            _forget(work)
-        table = _table(work, wanted, Path(place))
-        objects = [str(path) for level in wanted for path in _wanted(work, level)]
+    with tempfile.TemporaryDirectory() as place, _alone(work := _objects(_cache(), place)):
+        if has_rooms(there := rooms_in(library, wanted), rooms):  # Another build made it meanwhile.
+            return library
+        some = sorted({*rooms, *there}) if rooms else []
+        _emit_all(work, wanted, known, some)
+        _forget(work)
+        table = _table(work, wanted, some, Path(place))
+        objects = [str(path) for level in wanted for path in _wanted(work, level, some)]
         hidden = ["-fvisibility=hidden", f"-I{sysconfig.get_path('include')}", f"-I{HERE}"]
         new = Path(place) / library.name
         sources = [str(HERE / "door.c"), str(HERE / "runtime.c"), str(table)]
@@ -242,8 +264,8 @@ def build_for(folder: Path, targets: list[str], keep: Path | None = None) -> lis
             target, at = TARGETS[name], folder / name
             at.mkdir(parents=True, exist_ok=True)
             (into := Path(place) / "tables" / name).mkdir(parents=True)
-            table = _table(work / name, list(target.levels), into)
-            objects = [path for level in target.levels for path in _wanted(work / name, level)]
+            table = _table(work / name, list(target.levels), [], into)
+            objects = [path for level in target.levels for path in _wanted(work / name, level, [])]
             if target.linker:
                 made.append(
                     _link_foreign(at / f"_prebuilt{target.suffix}", target, table, objects, Path(place))
@@ -289,25 +311,27 @@ def _link_foreign(library: Path, target: Any, table: Path, objects: list[Path], 
 
 def _emit_foreign(work: Path, targets: list[str]) -> None:
     """Have everything lowered once, and machine code made for every target."""
-    _take_up([(work / name, level) for name in targets for level in TARGETS[name].levels])
+    places = [(work / name, level) for name in targets for level in TARGETS[name].levels]
+    _take_up(places, [])
     asked = {"NUMBA_OPT": "0", "NUMBA_CPU_NAME": "generic", "PYTHONWARNINGS": "ignore"}
     running = _start([str(work), *targets], _environment(work, asked), os.cpu_count() or 1)
-    _wait(running, [(work / name, level) for name in targets for level in TARGETS[name].levels])
+    _wait(running, places, [])
 
 
-def _wanted(place: Path, level: int) -> list[Path]:
-    """The objects of these sources for a level, there by now or not; none where their names are not known yet."""
+def _wanted(place: Path, level: int, rooms: list[str]) -> list[Path]:
+    """The objects of some rooms for a level, there by now or not; none where their names are not known yet."""
     names = place / f"{source_digest()}.{level}.names"
-    return [place / f"{stem}.{level}.o" for stem in names.read_text().split()] if names.exists() else []
+    known = [line.split() for line in names.read_text().splitlines()] if names.exists() else []
+    return [place / f"{stem}.{level}.o" for room, stem in known if not rooms or room in rooms]
 
 
-def _take_up(places: list[tuple[Path, int]]) -> bool:
+def _take_up(places: list[tuple[Path, int]], rooms: list[str]) -> bool:
     """Let what an earlier run began and did not finish be taken again; is anything left to do?"""
     first, level = places[0]
     for mark in first.glob(f"*.{level}.taken"):
         if not all((place / f"{mark.name.split('.')[0]}.{each}.o").exists() for place, each in places):
             mark.unlink()
-    wanted = [path for each in places for path in _wanted(*each)]
+    wanted = [path for each in places for path in _wanted(*each, rooms)]
     return not wanted or not all(path.exists() for path in wanted)
 
 
@@ -329,15 +353,15 @@ def _environment(work: Path, asked: dict[str, str]) -> dict[str, str]:
     )
 
 
-def _emit_all(work: Path, levels: list[int], known: dict[int, str]) -> None:
-    """Have every entry and routine compiled for each level that is not there yet."""
-    undone = [level for level in levels if _take_up([(work, level)])]
+def _emit_all(work: Path, levels: list[int], known: dict[int, str], rooms: list[str]) -> None:
+    """Have every entry and routine of some rooms compiled for each level that is not there yet."""
+    undone = [level for level in levels if _take_up([(work, level)], rooms)]
     share = max(1, (os.cpu_count() or 1) // max(1, len(undone)))
     running = []
     for level in undone:
         environment = _environment(work, {"NUMBA_CPU_NAME": known[level]})
-        running += _start([str(work), str(level)], environment, share)
-    _wait(running, [(work, level) for level in undone])
+        running += _start([str(work), str(level), *rooms], environment, share)
+    _wait(running, [(work, level) for level in undone], rooms)
 
 
 def _start(words: list[str], environment: dict[str, str], count: int) -> list[subprocess.Popen[bytes]]:
@@ -350,14 +374,18 @@ def _start(words: list[str], environment: dict[str, str], count: int) -> list[su
     return [subprocess.Popen([*command, *ends[i % 2]], env=environment) for i in range(count)]
 
 
-def _wait(running: list[subprocess.Popen[bytes]], places: list[tuple[Path, int]]) -> None:
+def _wait(running: list[subprocess.Popen[bytes]], places: list[tuple[Path, int]], rooms: list[str]) -> None:
     """Wait until all have ended, and show how far they are where there is a terminal."""
     began = time.monotonic()
     with _screen() as screen:
         try:
             while any(one.poll() is None for one in running) and not any(one.poll() for one in running):
                 time.sleep(0.2)
-                _show(screen, places, time.monotonic() - began)
+                _show(
+                    screen,
+                    [path for place in places for path in _wanted(*place, rooms)],
+                    time.monotonic() - began,
+                )
         finally:
             for one in running:
                 one.terminate()
@@ -378,27 +406,27 @@ def _screen() -> TextIO:
     return open(os.devnull, "w", encoding="utf-8")
 
 
-def _show(screen: TextIO, places: list[tuple[Path, int]], seconds: float) -> None:
+def _show(screen: TextIO, wanted: list[Path], seconds: float) -> None:
     """Draw how many are done, in place."""
-    wanted = [path.exists() for place in places for path in _wanted(*place)]
-    total, done = len(wanted), sum(wanted)
+    total, done = len(wanted), sum(path.exists() for path in wanted)
     if total:
         bar = "#" * (30 * done // total)
         screen.write(f"\rkinseek: compiling kernels [{bar:30s}] {done} of {total}, {seconds:.0f} s ")
         screen.flush()
 
 
-def _table(work: Path, levels: list[int], into: Path) -> Path:
-    """Write down the symbols of all objects as C, into another folder."""
-    names = {level: [path.name.partition("-")[0] for path in _wanted(work, level)] for level in levels}
-    digest = source_digest()
+def _table(work: Path, levels: list[int], rooms: list[str], into: Path) -> Path:
+    """Write down the symbols of the objects of some rooms as C, into another folder."""
+    names = {level: [path.name.partition("-")[0] for path in _wanted(work, level, rooms)] for level in levels}
+    digest, named = source_digest(), " ".join(rooms or [ALL])
     lines = ['#include "door.h"', ""]
     lines += [f"extern void {name}_l{level}(void);" for level in levels for name in names[level]]
     rows = [f'    {{"{name}", {level}, {name}_l{level}}},' for level in levels for name in names[level]]
     lines += ["", "const Symbol symbols[] = {", *rows, "    {0, 0, 0}};"]
     told = " ".join(map(str, levels))
     lines += [f'const char digest[] = "{digest}";', f'const char levels_built[] = "{told}";']
-    lines += [f'const char made_of[] = "{made_of(levels)}";', ""]
+    lines += [f'const char rooms_built[] = "{named}";']
+    lines += [f'const char made_of[] = "{made_of(levels)} rooms {named};";', ""]
     path = into / "table.c"
     path.write_text("\n".join(lines))
     return path

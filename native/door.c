@@ -244,7 +244,7 @@ static PyMethodDef methods[] = {
 
 static int fill(PyObject *module) {
     return PyModule_AddStringConstant(module, "digest", digest) || PyModule_AddStringConstant(module, "levels", levels_built) ||
-           PyModule_AddStringConstant(module, "made_of", made_of);
+           PyModule_AddStringConstant(module, "rooms", rooms_built) || PyModule_AddStringConstant(module, "made_of", made_of);
 }
 
 static PyModuleDef_Slot slots[] = {{Py_mod_exec, (void *)fill}, {0}};

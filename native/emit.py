@@ -1,7 +1,7 @@
 """Compile entries and routines, and write an object file of each; several processes may run at once.
 
-    emit.py FOLDER LEVEL [backwards]        # for this machine, a level of its processor
-    emit.py FOLDER TARGET... [backwards]    # for other machines (targets.py), every level of each, in a folder for each
+    emit.py FOLDER LEVEL [ROOM...] [backwards]    # for this machine, a level of its processor; some rooms, or all
+    emit.py FOLDER TARGET... [backwards]          # for other machines (targets.py), every level, in a folder for each
 
 For this machine Numba optimises. For another one Numba types and lowers alone, with ``NUMBA_OPT=0``, and LLVM optimises for
 that machine what came out: finished modules hold instructions of the processor that they were made on.
@@ -47,18 +47,23 @@ def main() -> None:
     gc.set_threshold(100_000, 20, 50)
     known: list[Any] = [*jit.ROUTINES.values(), *entry.ENTRIES.values()]
     jobs = {f"{job.name}-{_digest(job)}": job for job in known}
-    stems = "\n".join(jobs).encode()
+    stems = "\n".join(f"{job.room} {stem}" for stem, job in jobs.items()).encode()
+    rest = rest[: len(rest) - backwards]
     if first.isdecimal():
         places: list[tuple[Path, int, Target | None]] = [(folder, int(first), None)]
+        jobs = {stem: job for stem, job in jobs.items() if not rest or job.room in rest}
     else:
         llvm.initialize_all_targets()
         llvm.initialize_all_asmprinters()
-        targets = {name: TARGETS[name] for name in [first, *rest[: len(rest) - backwards]]}
+        targets = {name: TARGETS[name] for name in [first, *rest]}
         places = [(folder / name, level, one) for name, one in targets.items() for level in one.levels]
     for place, level, _ in places:
         place.mkdir(exist_ok=True)
         _put(place / f"{source_digest()}.{level}.names", stems)
+    parent = os.getppid()
     for stem, job in reversed(jobs.items()) if backwards else jobs.items():
+        if os.getppid() != parent:
+            sys.exit("native/emit.py: the build that asked for kernels has ended")
         if _taken(places[0][0] / f"{stem}.{places[0][1]}.taken"):
             made = compiled(job)
             for place, level, target in places:

@@ -38,6 +38,14 @@ LONGEST = "test_javascript.py"
 test_page.py needs too."""
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Have all kernels compiled before the processes that test begin: an editable install has some of them only."""
+    from kinseek.kernels.route import LIBRARY
+
+    if LIBRARY is not None and not hasattr(config, "workerinput"):
+        LIBRARY.complete()
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Order tests, and leave out what the library cannot run."""
     from kinseek.kernels.route import LIBRARY

@@ -6,6 +6,7 @@ Where none was built, or KINSEEK_JIT=1 has kernels compiled, there is nothing to
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import threading
@@ -166,8 +167,6 @@ def test_numba_is_left_alone_unless_it_is_asked_for() -> None:
 
 def copied(tmp_path: Path) -> Path:
     """A copy of the package, with its library."""
-    import shutil
-
     shutil.copytree(PACKAGE, tmp_path / "kinseek", ignore=shutil.ignore_patterns("__pycache__"))
     return tmp_path / "kinseek"
 
@@ -206,6 +205,45 @@ def test_without_a_library_and_without_numba_one_message_says_what_to_do(tmp_pat
     assert "none was built" in done.stderr
     assert "pip install 'kinseek[jit]'" in done.stderr
     assert run(TOLD, PYTHONPATH=str(tmp_path)).stdout.startswith("Kernels are compiled by Numba")
+
+
+SOME_ROOMS = """
+import kinseek
+from kinseek.kernels.route import LIBRARY
+
+arm = kinseek.load("panda")
+T = arm.fk(arm.lower + 0.3)
+print(LIBRARY.rooms)
+print([float(x).hex() for x in arm.ik(T).q])
+print(LIBRARY.rooms)
+"""
+
+
+@library
+@pytest.mark.slow
+def test_what_a_library_lacks_is_compiled_when_it_is_called(tmp_path: Path) -> None:
+    pytest.importorskip("numba")
+    native, place = PACKAGE.parents[1] / "native", tmp_path / "src"
+    if not native.exists():
+        pytest.skip("only the wheel is here")
+    place.mkdir()
+    library = next((copied(place) / "kernels").glob("_prebuilt.*"))
+    shutil.copytree(native, tmp_path / "native")
+    library.unlink()
+    assert LIBRARY is not None
+    words = [str(library.parent), "--levels", str(LIBRARY.level), "--rooms", "arm"]
+    subprocess.run([sys.executable, str(tmp_path / "native" / "build.py"), *words], check=True)
+    before, q, after = run(SOME_ROOMS, PYTHONPATH=str(place)).stdout.splitlines()
+    assert before == "['arm']"
+    assert after == "['arm', 'atlas', 'structure']"
+    assert q == run(SOME_ROOMS).stdout.splitlines()[1]
+    assert (
+        run(SOME_ROOMS, PYTHONPATH=str(place)).stdout.splitlines()[0] == after
+    )  # Kept for the next process.
+    (tmp_path / "native" / "emit.py").write_text("raise ImportError('no Numba')")
+    done = run(SOME_ROOMS + "arm.branches(T)", PYTHONPATH=str(place))
+    assert "KinseekError: kernels (branches) are not compiled yet, and cannot be: " in done.stderr
+    assert "no Numba" in done.stderr
 
 
 def test_declarations_are_checked() -> None:

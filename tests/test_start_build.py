@@ -20,31 +20,48 @@ BUILD = runpy.run_path(str(ROOT / "native" / "build.py"))
 take_up, objects = BUILD["_take_up"], BUILD["_objects"]
 
 
-def name(folder: Path, level: int, *stems: str) -> None:
+def name(folder: Path, level: int, *stems: str, room: str = "paths") -> None:
     """Write down what the library is made of for a level, as native/emit.py does."""
-    (folder / f"{BUILD['source_digest']()}.{level}.names").write_text("\n".join(stems))
+    (folder / f"{BUILD['source_digest']()}.{level}.names").write_text(
+        "\n".join(f"{room} {stem}" for stem in stems)
+    )
 
 
 def test_what_an_earlier_run_did_not_finish_is_taken_again(tmp_path: Path) -> None:
-    assert take_up([(tmp_path, 3)])
+    assert take_up([(tmp_path, 3)], [])
     for each in ("ks_a-1.3.taken", "ks_b-2.3.taken", "ks_a-1.3.o"):
         (tmp_path / each).touch()
     name(tmp_path, 3, "ks_a-1", "ks_b-2")
-    assert take_up([(tmp_path, 3)])
+    assert take_up([(tmp_path, 3)], [])
     assert (tmp_path / "ks_a-1.3.taken").exists()
     assert not (tmp_path / "ks_b-2.3.taken").exists()
-    assert take_up([(tmp_path, 2)])
+    assert take_up([(tmp_path, 2)], [])
     for each in ("ks_b-2.3.taken", "ks_b-2.3.o"):
         (tmp_path / each).touch()
-    assert not take_up([(tmp_path, 3)])
+    assert not take_up([(tmp_path, 3)], [])
 
 
 def test_objects_of_other_sources_are_not_those_of_these(tmp_path: Path) -> None:
     name(tmp_path, 3, "ks_a-1", "ks_b-2")
     for each in ("ks_a-1.3.o", "ks_b-old.3.o", "ks_b-2.2.o"):
         (tmp_path / each).touch()
-    assert take_up([(tmp_path, 3)])
-    assert BUILD["_wanted"](tmp_path, 3) == [tmp_path / "ks_a-1.3.o", tmp_path / "ks_b-2.3.o"]
+    assert take_up([(tmp_path, 3)], [])
+    assert BUILD["_wanted"](tmp_path, 3, []) == [tmp_path / "ks_a-1.3.o", tmp_path / "ks_b-2.3.o"]
+
+
+def test_only_the_rooms_that_are_asked_for_are_waited_for(tmp_path: Path) -> None:
+    name(tmp_path, 3, "ks_a-1")
+    (tmp_path / "ks_a-1.3.o").touch()
+    assert not take_up([(tmp_path, 3)], ["paths"])
+    assert BUILD["_wanted"](tmp_path, 3, ["proof"]) == []
+    assert BUILD["has_rooms"]({"paths", "proof"}, ["paths"])
+    assert not BUILD["has_rooms"]({"paths", "proof"}, [])
+    assert not BUILD["has_rooms"]({"paths"}, ["proof"])
+    assert BUILD["has_rooms"]({"all"}, ["proof"])
+    with pytest.raises(
+        BUILD["BuildError"], match=r"rooms \['kitchen'\] are not known, known are \['arm', 'atlas', "
+    ):
+        BUILD["build"](tmp_path, None, ["kitchen"])
 
 
 def test_what_is_made_for_two_machines_is_finished_for_both(tmp_path: Path) -> None:
@@ -54,7 +71,7 @@ def test_what_is_made_for_two_machines_is_finished_for_both(tmp_path: Path) -> N
         name(folder, 1, "ks_a-1")
     (one / "ks_a-1.1.taken").touch()
     (one / "ks_a-1.1.o").touch()
-    assert take_up([(one, 1), (two, 1)])
+    assert take_up([(one, 1), (two, 1)], [])
     assert not (one / "ks_a-1.1.taken").exists()
 
 

@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from .sources import room_of
+
 
 @dataclass(frozen=True)
 class Dimension:
@@ -122,6 +124,11 @@ class Entry:
     def name(self) -> str:
         """Of the symbol."""
         return f"ks_{self.function.__name__}"
+
+    @property
+    def room(self) -> str:
+        """Of its module."""
+        return room_of(self.function.__module__)
 
     def leaves(self) -> Iterator[tuple[str, Leaf]]:
         """All numbers and arrays in the order in which they are handed over, bundles taken apart."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 from . import entry as entries
 from .entry import Bundle, Leaf
 from .route import LIBRARY, PLAIN
+from .sources import room_of
 from .without_jit import address_of, plainly
 
 if TYPE_CHECKING or (LIBRARY is None and not PLAIN):
@@ -140,14 +141,14 @@ class Routine:
     def __init__(self, signature: str, function: Callable[..., int]) -> None:
         """Remember what to compile, as a C function of this signature: numbers, and memory by address."""
         self.signature, self.function = signature, function
-        self.name = f"ks_{function.__name__}"
+        self.name, self.room = f"ks_{function.__name__}", room_of(function.__module__)
         self._compiled = compiler.Compiled(signature, function) if COMPILES else None
 
     @property
     def address(self) -> int:
         """Where its machine code stands: compiled by now, or in the library."""
         if LIBRARY is not None:
-            return LIBRARY.address(self.name)
+            return LIBRARY.address(self.name, self.room)
         return address_of(self.function) if self._compiled is None else self._compiled.address
 
 

@@ -6,11 +6,14 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
 from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
+
+from kinseek.forks import Lock
 
 from .entry import Bundle, Entry, Leaf
 from .sources import source_digest
@@ -19,13 +22,27 @@ _FLOAT, _INTEGER, _FLAG, _ARRAY, _BUNDLE = range(5)  # As native/door.c reads th
 _OF = {"f": _FLOAT, "i": _INTEGER, "b": _FLAG}
 _ANY_LENGTH = -2
 
+ALL = "all"
+"""Stands for every room."""
+
 
 class Library:
-    """The machine code that was built with the package, for one level of processors."""
+    """The machine code that was built with the package, for one level of processors.
+
+    An editable install has what `Arm.fk` and `Arm.ik` need. The first call of a kernel from another folder has that folder
+    compiled, and the process then takes it from the larger library.
+    """
 
     def __init__(self, door: Any, level: int) -> None:
         """Take the extension module that holds it."""
         self._door, self.level = door, level
+        self._growing = Lock()
+
+    @property
+    def rooms(self) -> list[str]:
+        """Folders of kernels that it holds; `["all"]` if none is missing."""
+        words: str = self._door.rooms
+        return words.split()
 
     def caller(self, entry: Entry) -> Callable[..., Any]:
         """What Python calls for an entry; it raises TypeError where an argument does not fit the declaration.
@@ -33,6 +50,8 @@ class Library:
         Raises:
             ImportError: The library does not hold it.
         """
+        if not self._has(entry.room):
+            return self._later(entry)
         results = _bytes([_OF[leaf.element] for leaf in entry.returns])
         explain = _Explanation(entry)
         try:
@@ -43,10 +62,42 @@ class Library:
             raise ImportError(f"the library of kernels does not fit the package: {error}") from None
         return made
 
-    def address(self, name: str) -> int:
+    def address(self, name: str, room: str) -> int:
         """Where the machine code of a routine stands."""
+        self._grow(room)
         found: int = self._door.address(name, self.level)
         return found
+
+    def _later(self, entry: Entry) -> Callable[..., Any]:
+        """What compiles its folder when it is called first."""
+
+        @functools.cache
+        def compiled() -> Callable[..., Any]:
+            self._grow(entry.room)
+            return self.caller(entry)
+
+        def call(*given: Any) -> Any:
+            return compiled()(*given)
+
+        return call
+
+    def complete(self) -> None:
+        """Have everything compiled that the library lacks.
+
+        Raises:
+            KinseekError: It cannot be compiled.
+        """
+        self._grow(ALL)
+
+    def _has(self, room: str) -> bool:
+        return not {ALL, room}.isdisjoint(self.rooms)
+
+    def _grow(self, room: str) -> None:
+        with self._growing.now:
+            if not self._has(room):
+                from .more_rooms import with_room
+
+                self._door = with_room(self._door, room)
 
 
 def _program(entry: Entry) -> bytes:
@@ -180,5 +231,7 @@ if LIBRARY is None and not PLAIN and find_spec("numba") is None:
 def told() -> str:
     """How kernels run, in a sentence."""
     if LIBRARY is not None:
-        return f"Kernels run from the library built with the package, level {LIBRARY.level}."
+        rest = f" It has {', '.join(LIBRARY.rooms)}; the rest is compiled when it is first called."
+        whole = LIBRARY.rooms == [ALL]
+        return f"Kernels run from the library built with the package, level {LIBRARY.level}.{'' if whole else rest}"
     return f"Kernels {'run as plain Python' if PLAIN else 'are compiled by Numba'}: there is no library, {WHY_NOT}."

@@ -33,6 +33,11 @@ def source_digest(package: Path = PACKAGE) -> str:
     return _digest(kernel_sources(package), package)
 
 
+def room_of(module: str) -> str:
+    """Return the folder that a module stands in: the library of kernels may hold those of some folders alone."""
+    return module.split(".")[-2]
+
+
 @functools.cache
 def module_digest(module: str, package: Path = PACKAGE) -> str:
     """Return a digest of the sources that the kernels of a module are made of: its own, and all that it imports.
