@@ -14,8 +14,8 @@ from kinseek import Goal
 from kinseek.kernels.atlas.descent import ALIKE, keep_best
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import desk_size, make_desk
-from kinseek.kernels.atlas.range_steps import make_range_desk, range_desk_size
 from kinseek.kernels.atlas.task import Job, task_of
+from kinseek.kernels.ranges.steps import make_range_desk, range_desk_size
 from kinseek.solvers.atlas.index import atlas_of, wanted_of
 
 pytestmark = pytest.mark.slow

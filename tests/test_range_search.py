@@ -9,17 +9,18 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import Goal
 from kinseek.kernels.arm.range_error import QUESTION
-from kinseek.kernels.atlas import memory, range_steps
+from kinseek.kernels.atlas import memory
 from kinseek.kernels.atlas import task as tasks
 from kinseek.kernels.jit import exposed
 from kinseek.kernels.pointers import ROW
+from kinseek.kernels.ranges import steps
 from kinseek.solvers.atlas.index import atlas_of, wanted_of
 
 Array = NDArray[np.float64]
 
 task_of = exposed(tasks.task_of)
-desk_size, range_desk_size = exposed(memory.desk_size), exposed(range_steps.range_desk_size)
-make_range_desk = exposed(range_steps.make_range_desk)
+desk_size, range_desk_size = exposed(memory.desk_size), exposed(steps.range_desk_size)
+make_range_desk = exposed(steps.make_range_desk)
 
 
 def test_only_the_search_itself_is_shared_of_the_routines() -> None:
@@ -38,7 +39,7 @@ def test_only_the_search_itself_is_shared_of_the_routines() -> None:
 def test_a_task_with_ranges_says_so() -> None:
     index, wanted = atlas_of(kinseek.load("scara4").chain, Goal.position((0.2, 0.2, 0.1))), np.arange(7.0)
     plain, ranged = task_of(index.handle, wanted), task_of(index.range_handle, wanted)
-    assert (plain.poses, ranged.poses) == (0, range_steps.POSES)
+    assert (plain.poses, ranged.poses) == (0, steps.POSES)
     assert (ranged.columns > 0.0).all()
     assert ranged.length == plain.length
     assert tuple(ranged.division) == tuple(plain.division)
@@ -71,4 +72,4 @@ def test_memory_of_ranges_begins_where_the_desk_ends(dof: int, joints: int) -> N
     np.testing.assert_array_equal(room[:first], 0.0)
     np.testing.assert_array_equal(room[first:], 1.0)
     assert ranges.question.shape == (QUESTION,)
-    assert ranges.poses.shape == (3 * range_steps.POSES, 4)
+    assert ranges.poses.shape == (3 * steps.POSES, 4)

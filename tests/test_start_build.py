@@ -119,7 +119,7 @@ sys.path.insert(0, sys.argv[1])
 import emit
 
 emit.never_run()
-import kinseek.kernels.atlas.range_steps
+import kinseek.kernels.ranges.steps
 from kinseek.kernels.entry import ENTRIES
 from kinseek.kernels.jit import ROUTINES
 

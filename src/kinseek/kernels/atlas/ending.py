@@ -253,19 +253,6 @@ def follow_valleys(task: Task, desk: Desk, target: Array) -> int:
     return spent
 
 
-@routine("int64(int64, int64, int64, int64, int64)")
-def range_ending_routine(
-    handle_address: int, wanted_address: int, memory_address: int, target_address: int, w: int
-) -> int:
-    """As `ending_routine` for a goal with ranges: the reweighted steps alone, for Newton's method knows only poses."""
-    handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
-    task = task_of(handle, wanted)
-    dof, joints = len(task.lower), len(task.chain.leader)
-    memory, target = part1(memory_address, 0, desk_size(dof, joints)), part2(target_address, 0, 3, 4)
-    desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
-    return reweigh(job, task, desk, target, task.axis_weights[0], POLISH_STEPS, w)
-
-
 @hidden
 def promise(task: Task) -> float:
     """A goal with a smaller weighted error left is worth more work."""

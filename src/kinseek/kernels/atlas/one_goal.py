@@ -290,7 +290,7 @@ def conclude_answer(
 def routines() -> Indices:
     """Addresses of the routines that every goal needs, for `task_arrays`; `add_ending` adds one that few do.
 
-    Those of goals with ranges are in `ranges.range_routines`, that of an arm with a closed form is
+    Those of goals with ranges are in `kernels.ranges.search.range_routines`, that of an arm with a closed form is
     `structure.one_answer.closed_routine`.
     """
     addresses = np.zeros(DISTANT + 1, dtype=np.int64)

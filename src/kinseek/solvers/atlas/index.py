@@ -12,8 +12,6 @@ from kinseek.kernels.arm.division import NONE
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
 from kinseek.kernels.atlas.far import BEYOND, MOST, ROUNDED
 from kinseek.kernels.atlas.one_goal import add_ending, routines
-from kinseek.kernels.atlas.range_steps import POSES
-from kinseek.kernels.atlas.ranges import range_routines
 from kinseek.kernels.atlas.samples import build_atlas
 from kinseek.kernels.atlas.task import (
     AXES,
@@ -33,6 +31,8 @@ from kinseek.kernels.atlas.task import (
     with_ranges,
 )
 from kinseek.kernels.pointers import handle_of
+from kinseek.kernels.ranges.search import range_routines
+from kinseek.kernels.ranges.steps import POSES
 from kinseek.kernels.structure.candidates import KIND
 from kinseek.kernels.structure.candidates import NONE as NO_CLOSED_FORM
 from kinseek.kernels.structure.one_answer import closed_routine

@@ -1,6 +1,6 @@
 """Goals with free axes and ranges, by the atlas: seeds spread over the ranges, steps that look at what sticks out.
 
-See `kernels.atlas.ranges`; `Atlas` hands such goals on to here.
+See `kernels.ranges.search`; `Atlas` hands such goals on to here.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from kinseek.deadline import Deadline
 from kinseek.goal import Goal
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.range_steps import POSES
-from kinseek.kernels.atlas.ranges import solve_ranged
 from kinseek.kernels.atlas.task import EVALUATIONS
+from kinseek.kernels.ranges.search import solve_ranged
+from kinseek.kernels.ranges.steps import POSES
 from kinseek.problem import Problem
 from kinseek.ranges import Ranges
 from kinseek.robots.chain import SerialChain

@@ -23,12 +23,8 @@ from kinseek.kernels.arm.range_error import (
     range_errors,
 )
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.jit import hidden, routine, view
-from kinseek.kernels.layout import Layout, floats, whole
-from kinseek.kernels.pointers import part1
-
-from .descent import LONGEST
-from .lanes import (
+from kinseek.kernels.atlas.descent import LONGEST
+from kinseek.kernels.atlas.lanes import (
     LANES,
     Lanes,
     lanes_forward,
@@ -38,8 +34,11 @@ from .lanes import (
     lanes_move,
     lanes_solve,
 )
-from .memory import Desk, desk_size, make_desk
-from .task import WANTED, Task, handle_at, task_of
+from kinseek.kernels.atlas.memory import Desk, desk_size, make_desk
+from kinseek.kernels.atlas.task import WANTED, Task, handle_at, task_of
+from kinseek.kernels.jit import hidden, routine, view
+from kinseek.kernels.layout import Layout, floats, whole
+from kinseek.kernels.pointers import part1
 
 POSES = 32
 """Poses of the ranges at which starts are looked up."""

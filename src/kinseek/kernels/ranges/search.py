@@ -1,9 +1,9 @@
 """From the atlas to an answer for a goal with free axes and ranges.
 
-The search is that of whole poses, see `one_goal`; what differs is called by address: its step, in `range_steps`, where its
-starts come from, and who judges. Starts are looked up at poses spread over the ranges. What they do not solve gets a second,
-deeper lookup and low-discrepancy restarts; what is then still missed gets the best pose found, polished under the goal's
-weights.
+The search is that of whole poses, see `kernels.atlas.one_goal`; what differs is called by address: its step, in `steps`,
+where its starts come from, and who judges. Starts are looked up at poses spread over the ranges. What they do not solve
+gets a second, deeper lookup and low-discrepancy restarts; what is then still missed gets the best pose found, polished under
+the goal's weights.
 """
 
 from __future__ import annotations
@@ -13,20 +13,15 @@ import numpy as np
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.range_error import QUESTION, deviation, range_errors, range_weighted
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.entry import F64, FLAG, I64
-from kinseek.kernels.jit import entry, routine
-from kinseek.kernels.pointers import part1
-
-from .descent import judge_by_ranges
-from .ending import range_ending_routine
-from .lanes import LANES
-from .memory import desk_size, make_desk
-from .near import load_near
-from .one_goal import routines, search_near
-from .range_steps import POSES, make_range_desk, range_desk_size, range_step_routine
-from .samples import complete_seed
-from .seeds import MARGIN, MORE, into_limits, load_seed, look_up
-from .task import (
+from kinseek.kernels.atlas.descent import POLISH_STEPS, judge_by_ranges
+from kinseek.kernels.atlas.ending import reweigh
+from kinseek.kernels.atlas.lanes import LANES
+from kinseek.kernels.atlas.memory import desk_size, make_desk
+from kinseek.kernels.atlas.near import load_near
+from kinseek.kernels.atlas.one_goal import routines, search_near
+from kinseek.kernels.atlas.samples import complete_seed
+from kinseek.kernels.atlas.seeds import MARGIN, MORE, into_limits, load_seed, look_up
+from kinseek.kernels.atlas.task import (
     ENDING,
     EVALUATIONS,
     HANDLE,
@@ -41,6 +36,11 @@ from .task import (
     handle_at,
     task_of,
 )
+from kinseek.kernels.entry import F64, FLAG, I64
+from kinseek.kernels.jit import entry, routine
+from kinseek.kernels.pointers import part1, part2
+
+from .steps import POSES, make_range_desk, range_desk_size, range_step_routine
 
 
 @routine("int64(int64, int64, int64, int64, int64, int64, int64)")
@@ -103,6 +103,19 @@ def range_judge_routine(
     report[POSITION_ERROR], report[ORIENTATION_ERROR] = place, turn
     report[WEIGHTED_ERROR] = range_weighted(task.position_weight, task.axis_weights[0], place, turn)
     return 0
+
+
+@routine("int64(int64, int64, int64, int64, int64)")
+def range_ending_routine(
+    handle_address: int, wanted_address: int, memory_address: int, target_address: int, w: int
+) -> int:
+    """As `ending_routine` for a goal with ranges: the reweighted steps alone, for Newton's method knows only poses."""
+    handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
+    task = task_of(handle, wanted)
+    dof, joints = len(task.lower), len(task.chain.leader)
+    memory, target = part1(memory_address, 0, desk_size(dof, joints)), part2(target_address, 0, 3, 4)
+    desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
+    return reweigh(job, task, desk, target, task.axis_weights[0], POLISH_STEPS, w)
 
 
 def range_routines() -> Indices:
