@@ -16,15 +16,15 @@ from scipy.spatial.transform import Rotation
 import kinseek
 from kinseek import Goal, Problem, Verdict
 from kinseek.kernels.jit import exposed
-from kinseek.kernels.proof.box import NARROW, Wanted, halve, make_desk
-from kinseek.kernels.proof.exclusion import examine
+from kinseek.kernels.proof.box import NARROW, Wanted, make_desk
 from kinseek.kernels.proof.last_joint import best_twist, twist_noise, twist_slack
 from kinseek.kernels.proof.progress import FOUND, STOPPED
 from kinseek.kernels.proof.taylor import solve
 from kinseek.proof.boxes import excluded
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.isolation import isolate
-from kinseek.proof.reduce import error_question, start_boxes
+from kinseek.proof.look import holds, look
+from kinseek.proof.reduce import error_question, question, start_boxes
 from kinseek.robots.chain import Joint, SerialChain, serial_chain
 from kinseek.solution import Solution, conclude
 from kinseek.transforms import rotation, transform
@@ -109,7 +109,6 @@ def test_a_goal_half_a_turn_from_the_middle_of_the_box(at: float, tip: tuple[flo
     spare=st.sampled_from([1.0, 1.5, 100.0]),
     passes=st.integers(0, 2),
 )
-@pytest.mark.jit
 def test_boxes_at_quarter_turns_keep_goals_at_quarter_turns(
     axes: list[str],
     seed: int,
@@ -134,19 +133,15 @@ def test_boxes_at_quarter_turns_keep_goals_at_quarter_turns(
     error = error_of(fk(chain, known), goal)
     ceiling = error * spare + 1e-14
     for whole in (False, True):
-        form, wanted, roll = error_question(Problem(chain, goal), known * 0.0, 0.5, whole=whole)
-        count = start_boxes(chain, roll.present).shape[1] // 2
+        problem = Problem(chain, goal)
+        asked = error_question(problem, known * 0.0, 0.5, whole=whole)
+        count = start_boxes(chain, asked[2].present).shape[1] // 2
         centre = np.array(middle[:count])
         h = np.abs(known[:count] - centre) + half[:count] + 2e-15
-        result = examine(form, wanted, roll, np.concatenate([centre, h])[None], ceiling, passes)[0]
-        assert result[0] == 1.0, "given up"
-        assert result[1] <= error + 1e-12
-        away = known[:count] - result[2 : 2 + count]
-        for i in [0] * (form.head == 1) + [-1] * (form.tail == 1):
-            away[i] -= (
-                2 * np.pi * np.round(away[i] / (2 * np.pi)) * (abs(away[i]) > result[2 + count :][i] + 1e-9)
-            )
-        assert (np.abs(away) <= result[2 + count :] + 1e-13).all(), "cut"
+        looks = look(problem, asked, np.concatenate([centre, h])[None], ceiling, passes)
+        assert not np.isnan(looks.left).any(), "given up"
+        assert looks.lower[0] <= error + 1e-12
+        assert holds(asked[0], looks.left, known[:count], 1e-13).all(), "cut"
 
 
 @pytest.mark.parametrize("angle", [1.8, 2.4, 3.0, np.pi])
@@ -213,21 +208,27 @@ def test_the_best_twist_and_what_rounding_makes_of_it() -> None:
     assert said > 2000
 
 
-@pytest.mark.jit
-def test_halves_of_a_box_hold_all_of_it() -> None:
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_halves_of_a_box_hold_all_of_it(kind: str) -> None:
     """In exact arithmetic, for slides that stand as far away as a moon as for angles."""
-    desk, rng, cut = exposed(make_desk)(1, 1), np.random.default_rng(6), exposed(halve)
-    boxes = np.zeros((2, 2))
-    for _ in range(5000):
+    rng, tried = np.random.default_rng(6), 0
+    chain = chain_of((kind, AXES["z"], -1.0, 1.0), ("prismatic", AXES["x"], 0.0, 1.0), tip=(0.5, 0.0, 0.0))
+    problem = Problem(chain, Goal.position([0.0, 0.0, 0.0]))
+    form, wanted, roll = question(problem)
+    asked = form, wanted._replace(position=1e11), roll  # So wide that nothing is cut off.
+    for _ in range(2500):
         centre = float(rng.choice([0.0, np.pi, 10.0 ** rng.uniform(-3, 8)]))
         half = float(10.0 ** rng.uniform(-10, 1))
-        desk.c[0], desk.h[0] = centre, half
-        cut(desk, 0, boxes, 0, 1)
-        ends = [(Fraction(c) - Fraction(h), Fraction(c) + Fraction(h)) for c, h in boxes.tolist()]
+        left = look(problem, asked, np.array([[centre, 0.0, half, 0.0]])).left[0]
+        if (left[0] == left[1]).all():
+            assert half < NARROW * (1.0 + centre)
+            continue
+        tried += 1
+        ends = [(Fraction(c) - Fraction(h), Fraction(c) + Fraction(h)) for c, h in left[:, ::2].tolist()]
         assert ends[0][0] <= Fraction(centre) - Fraction(half)
         assert ends[0][1] >= ends[1][0]
         assert ends[1][1] >= Fraction(centre) + Fraction(half)
-        assert desk.c[0] == centre
+    assert tried > 1000
 
 
 def test_isolation_splits_boxes_as_far_as_exclusion_does() -> None:
