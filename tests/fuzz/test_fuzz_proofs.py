@@ -10,7 +10,6 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.jit
 def test_poor_answers_break_no_bound(seed: int) -> None:
     found = [f"case {number}: {', '.join(wrong)}" for number, _, wrong in wrong_cases(1000, seed)]
     assert not found, "\n".join(found)

@@ -90,7 +90,6 @@ def test_the_animation_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert (PICTURES / "kinseek.gif").stat().st_size < 2_000_000
 
 
-@pytest.mark.jit
 def test_pictures_of_the_proof(found: list[str], tmp_path: Path) -> None:
     proof_pictures.draw_cost(proof_pictures.read_rows(proof_pictures.ROWS), tmp_path)
     proof_pictures.draw_tightness(tmp_path)
@@ -136,7 +135,6 @@ def test_an_arm_that_is_missing_is_explained(tmp_path: Path, monkeypatch: pytest
     assert seen == [(4, []), (4, []), (3, ["not run"])]
 
 
-@pytest.mark.jit
 def test_boxes_that_are_left_can_be_seen(tmp_path: Path) -> None:
     from matplotlib.colors import to_rgb
     from matplotlib.image import imread

@@ -91,8 +91,9 @@ def holds(form: Form, left: Array, q: Array, slack: float | Array = 0.0) -> NDAr
     for i in [0] * (form.head == TURN) + [-1] * (form.tail == 1):
         beyond = np.abs(away[..., i]) > half[..., i] + 1e-9
         away[..., i] -= np.where(beyond, np.round(away[..., i] / math.tau) * math.tau, 0.0)
-    inside: NDArray[np.bool_] = (np.abs(away) <= half + slack).all(axis=2).any(axis=1)
-    return inside
+    inside = np.abs(away) <= half + slack
+    first, second = (inside[:, side].all(axis=1) for side in (0, 1))
+    return np.asarray(first | second)
 
 
 def no_places(n: int, dof: int) -> Places:
