@@ -166,7 +166,6 @@ def test_copies_without_number_are_refused() -> None:
     assert few.ik(target, cost=lambda q: np.abs(q).sum(axis=1)).success
 
 
-@pytest.mark.jit
 def test_a_function_whose_joints_move_nothing_gets_a_step_however_small_its_damping() -> None:
     """Three joints do the same, one twice and one four times as fast, and the last does nothing."""
     box: Any = kinseek.Arm.from_fk(
