@@ -33,6 +33,15 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def figure_05(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of a quick run of one experiment."""
+    folder = tmp_path_factory.mktemp("figure_05")
+    assert command.main(["figure_05", "--quick", "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_schema(quick: Path, name: str) -> None:
     module = experiment(name)
@@ -55,6 +64,7 @@ def test_schema(quick: Path, name: str) -> None:
     assert not list(quick.glob("*.part")), "nothing unfinished is left"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_manifest_and_picture(quick: Path, name: str) -> None:
     told = json.loads((quick / f"{name}.json").read_text())
@@ -67,9 +77,10 @@ def test_manifest_and_picture(quick: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["figure_05", "figure_06", "figure_09", "figure_10"])
-@pytest.mark.parametrize("kept", [False, True])
-def test_node_counts_equal_closed_forms(quick: Path, name: str, kept: bool) -> None:
-    rows = read_rows((ROOT / "results" if kept else quick) / f"{name}.csv", experiment(name).COLUMNS)
+@pytest.mark.parametrize("kept", [pytest.param(False, marks=pytest.mark.thorough), True])
+def test_node_counts_equal_closed_forms(request: pytest.FixtureRequest, name: str, kept: bool) -> None:
+    folder = ROOT / "results" if kept else request.getfixturevalue("quick")
+    rows = read_rows(folder / f"{name}.csv", experiment(name).COLUMNS)
     counted = "nodes_created" if name == "figure_10" else "nodes_expanded"
     for row in rows:
         assert row[counted] == row["closed_form"], row
@@ -101,9 +112,9 @@ def test_spacings_of_the_readings() -> None:
 
 
 def test_a_finished_experiment_is_skipped_unless_forced(
-    quick: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    figure_05: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for path in quick.glob("figure_05.*"):
+    for path in figure_05.glob("figure_05.*"):
         shutil.copy(path, tmp_path)
     manifest = tmp_path / "figure_05.json"
     before = manifest.stat().st_mtime_ns
@@ -184,9 +195,11 @@ def test_redraw_without_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert "has not been run" in capsys.readouterr().err
 
 
-def test_rows_of_an_older_version(quick: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_rows_of_an_older_version(
+    figure_05: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "figure_05.csv").write_text("other,columns\n1,2\n")
-    shutil.copy(quick / "figure_05.json", tmp_path)
+    shutil.copy(figure_05 / "figure_05.json", tmp_path)
     assert command.main(["figure_05", "--quick", "--out", str(tmp_path)]) == 2
     assert "--force" in capsys.readouterr().err
 
