@@ -17,10 +17,10 @@ from kinseek import Goal, Problem
 from kinseek.kernels.maps.many_gates import many_gates
 from kinseek.kernels.paths.motion import COUNT as NUMBERS
 from kinseek.kernels.paths.steps import UNPROVED, prove_steps
-from kinseek.kernels.proof.enclosure import Heap
 from kinseek.kernels.proof.exclusion import OFTEN, STEPS
 from kinseek.kernels.proof.gate import least_by_gate
-from kinseek.kernels.proof.isolation import MOST, Places
+from kinseek.kernels.proof.isolation import MOST
+from kinseek.kernels.proof.memory import Heap, Places
 from kinseek.kernels.proof.progress import (
     CEILING,
     COUNT,

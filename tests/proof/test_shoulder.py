@@ -13,7 +13,7 @@ import kinseek
 from chains import awkward_joints
 from kinseek import Goal, Problem
 from kinseek.kernels.arm.pose_error import judge
-from kinseek.kernels.proof.enclosure import Heap
+from kinseek.kernels.proof.memory import Heap
 from kinseek.kernels.proof.multipliers import Shoulder
 from kinseek.kernels.proof.progress import CEILING, COUNT, COUNTS, FIGURES, SEEN, UPPER, USED
 from kinseek.kernels.proof.shoulder import enclose_ball

@@ -28,9 +28,9 @@ from kinseek.kernels.branches.refine_all import ANSWER
 from kinseek.kernels.branches.search import ROWS as MOST_ANSWERS
 from kinseek.kernels.entry import ENTRIES, Bundle, Leaf
 from kinseek.kernels.proof.exclusion import OFTEN, STEPS
-from kinseek.kernels.proof.progress import COUNT, COUNTS, ENDED, FIGURES, FOUND, FULL, SEEN, STUCK
+from kinseek.kernels.proof.progress import COUNT, ENDED, FOUND, FULL, SEEN, STUCK
 from kinseek.problem import Problem
-from kinseek.proof.boxes import roomy, tuning_of
+from kinseek.proof.boxes import Run, tuning_of
 from kinseek.proof.reduce import question, start_boxes
 from kinseek.robots.mechanism import no_axes
 from kinseek.robots.sampling import low_discrepancy_steps
@@ -101,8 +101,6 @@ def arms_as_data(arms: Sequence[Arm]) -> dict[str, Any]:
         "beside": BESIDE,
         "branches": {"most": MOST_ANSWERS, "behind": ANSWER},
         "proof": {
-            "counts": COUNTS,
-            "figures": FIGURES,
             "count": COUNT,
             "seen": SEEN,
             "stuck": STUCK,
@@ -183,24 +181,23 @@ def _proof_as_data(problem: Problem) -> dict[str, Any]:
     chain, fixed = problem.chain, problem.arrays.fixed
     left = inverse(fixed[0]) if form.head != NONE else np.eye(4)[:3]
     right = square(inverse(left)) @ square(wanted.target)  # For the pose of this problem is the identity.
-    given: dict[str, Any] = {}
-    for path, value in _flat("", ENTRIES["ks_exclude_boxes"].takes, {
-        "form": form,
-        "wanted": wanted,
-        "roll": roll,
-        "chain": problem.arrays,
-        "goal": problem.goal.arrays,
-        "tuning": tuning_of(problem, OFTEN, STEPS),
-    }):  # fmt: skip
-        given[path] = _array_as_data(value) if isinstance(value, np.ndarray) else _number(value)
     boxes = start_boxes(chain, roll.present)
+    run = Run(problem, (form, wanted, roll), boxes, np.zeros(chain.dof), tuning_of(problem, OFTEN, STEPS))
+    takes = ENTRIES["ks_search_boxes"].takes
+    told = {"kind": run.kind, "question": run.question, "tuning": run.tuning}
     return {
-        "given": given,
+        "given": {
+            path: _array_as_data(value) if isinstance(value, np.ndarray) else _number(value)
+            for path, value in _flat("", takes, told)
+        },
+        "memory": {
+            path: {"kind": each.dtype.kind, "shape": each.shape}
+            for path, each in _flat("", takes, {"memory": run.memory})
+        },
         "left": left.tolist(),
         "right": right[:3].tolist(),
         "reach": wanted.margin / wanted.margin_a - float(np.linalg.norm(wanted.target[:, 3])),
         "boxes": _array_as_data(boxes),
-        "room": len(roomy(boxes)),
     }
 
 

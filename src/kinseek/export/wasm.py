@@ -23,7 +23,7 @@ CALLED = (
     "ks_solve_plain",
     "ks_solve_plain_near",
     "ks_many_branches",
-    "ks_exclude_boxes",
+    "ks_search_boxes",
 )
 """Entries that JavaScript calls."""
 

@@ -2,37 +2,40 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from kinseek.deadline import Deadline
 from kinseek.kernels.arm.pose_error import judge
-from kinseek.kernels.arrays import Array
+from kinseek.kernels.arrays import Array, Flags
 from kinseek.kernels.proof.box import Form, Wanted
-from kinseek.kernels.proof.enclosure import Heap
 from kinseek.kernels.proof.exclusion import OFTEN, STEPS
-from kinseek.kernels.proof.isolation import Places
 from kinseek.kernels.proof.last_joint import Roll
+from kinseek.kernels.proof.memory import Heap, Memory, Places
 from kinseek.kernels.proof.progress import (
     COUNT,
     COUNTS,
+    ENCLOSE,
     ENDED,
+    EXCLUDE,
     FLOOR,
     FOUND,
     FULL,
+    ISOLATE,
     SEEN,
     STOPPED,
     STUCK,
     UPPER,
+    Question,
     Tuning,
 )
-from kinseek.kernels.proof.search import enclose_boxes, exclude_boxes, isolate_boxes
+from kinseek.kernels.proof.search import search_boxes
 from kinseek.problem import Problem
 from kinseek.solvers.threads import in_threads
 from kinseek.undisturbed import undisturbed
@@ -145,10 +148,12 @@ class Run:
         places: Places | None = None,
     ) -> None:
         """Make room for more boxes than these, (k, 2 dof); q, (n,), is written to. For the rest see `search_boxes`."""
-        self._asked = (*asked, problem.arrays, problem.goal.arrays)
-        self._chunk, self._tuning, self._places = chunk_of(problem), tuning, places
+        self.question = Question(*asked, problem.arrays, problem.goal.arrays)
+        self.kind = ENCLOSE if heap is not None else ISOLATE if places is not None else EXCLUDE
+        self._chunk, self.tuning = chunk_of(problem), tuning
         self.boxes, self.q = roomy(boxes), q
-        self.heap = None if heap is None else heap_for(len(self.boxes), heap)
+        self.heap = heap_for(len(self.boxes), heap)
+        self._places = no_places(len(q), boxes.shape[1] // 2) if places is None else places
         self.counts = np.zeros(COUNTS, dtype=np.int64)
         self.counts[COUNT] = len(boxes)
         self.figures = np.array([np.inf, np.inf, 0.0, np.inf])
@@ -160,30 +165,26 @@ class Run:
         """
         outcome = STOPPED
         while outcome in (STOPPED, FULL) and not (self.seen and watch.over):
-            judge_only = self.heap is not None and watch.over
+            judge_only = self.kind == ENCLOSE and watch.over
             until = 0 if judge_only else min(self.seen + self._chunk, most)
-            outcome = self._search(until, most)
+            outcome = search_boxes(self.kind, self.question, self.tuning, self.memory, until, most)
             if outcome == FULL:
                 self._enlarge()
             elif judge_only or self.seen >= most:
                 break
         return outcome
 
-    def _search(self, until: int, most: int) -> int:
-        asked: list[Any] = [*self._asked, self.boxes]
-        told: list[Any] = [self.q, self._tuning, self.counts, self.figures, until, most]
-        if self.heap is not None:
-            return enclose_boxes(*[*asked, self.heap, *told])
-        if self._places is not None:
-            return isolate_boxes(*[*asked, self._places, *told])
-        return exclude_boxes(*[*asked, *told])
-
     def _enlarge(self) -> None:
-        if self.heap is None:
-            self.boxes = roomy(self.boxes)
-        else:  # A heap keeps the boxes of all depths: it doubles.
+        if self.kind == ENCLOSE:  # A heap keeps the boxes of all depths: it doubles.
             self.boxes = np.concatenate([self.boxes, np.zeros_like(self.boxes)])
-            self.heap = heap_for(len(self.boxes), self.heap)
+        else:
+            self.boxes = roomy(self.boxes)
+        self.heap = heap_for(len(self.boxes), self.heap)
+
+    @property
+    def memory(self) -> Memory:
+        """What the loop goes on from, and writes."""
+        return Memory(self.boxes, self.heap, self._places, self.q, self.counts, self.figures)
 
     @property
     def seen(self) -> int:
@@ -196,12 +197,35 @@ class Run:
         return Search(outcome, self.seen, largest, self.q, 0.0, upper, left, stuck, floor)
 
 
-def heap_for(room: int, given: Heap) -> Heap:
-    """The same order with room for so many rows."""
-    more = Heap(np.zeros(room), np.zeros(room, dtype=np.int64))
-    for new, old in zip(more, given, strict=True):
-        new[: len(old)] = old
+def heap_for(room: int, given: Heap | None = None) -> Heap:
+    """Memory for so many rows; in it the same order, if given."""
+    more = Heap(np.empty(room), np.empty(room, dtype=np.int64))
+    if given is not None:
+        for new, old in zip(more, given, strict=True):
+            new[: len(old)] = old
     return more
+
+
+def places_for(answers: Array, periodic: Flags, most: int) -> Places:
+    """Memory for so many answers and their neighbourhoods; `answers`, (k, n), are known, `periodic`, (reduced n,)."""
+    whole, reduced = answers.shape[1], len(periodic)
+    return Places(
+        answers,
+        periodic,
+        np.zeros(most, dtype=np.bool_),
+        np.zeros(most, dtype=np.int64),
+        np.zeros((most, whole)),
+        np.zeros((most, reduced)),
+        np.zeros((most, reduced)),
+        np.zeros((most, reduced)),
+        np.zeros(most, dtype=np.bool_),
+    )
+
+
+@functools.cache
+def no_places(whole: int, reduced: int) -> Places:
+    """No answers, and room for none: the same for all searches of arms with so many joints, for nothing is written there."""
+    return places_for(np.empty((0, whole)), np.zeros(reduced, dtype=np.bool_), 0)
 
 
 def excluded(
@@ -291,7 +315,7 @@ def _shared(
             if most == 0:
                 break
             dealt = [found.left[part::parts] for part in range(parts)]
-            found = settle(_together(found, in_threads(partial(one, found, most), dealt, threads)))
+            found = settle(_together(found, in_threads(functools.partial(one, found, most), dealt, threads)))
         return found
 
     return undisturbed(rounds, stop=watch.interrupt)
@@ -347,7 +371,6 @@ def enclosed(
         heap = Heap(boxes[:, -1], np.zeros(len(boxes), dtype=np.int64))
         run = Run(problem, (form, wanted, roll), boxes[:, :-1], known.q.copy(), tuning, heap)
         run.go(most, watch)
-        assert run.heap is not None
         bounded = np.c_[run.boxes, run.heap.bound]
         return settle(run.search(STOPPED, 0.0, bounded[run.heap.order[: run.counts[COUNT]]]))
 

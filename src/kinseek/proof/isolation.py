@@ -17,13 +17,13 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.proof.isolation import MOST, OFTEN, STEPS, Places
+from kinseek.kernels.proof.isolation import MOST, OFTEN, STEPS
 from kinseek.kernels.proof.progress import COUNT, KNOWN, LEFT
 from kinseek.problem import Problem, as_joints
 from kinseek.reals import whole
 from kinseek.turns import shortest
 
-from .boxes import ENDLESS, Run, Watch, tuning_of
+from .boxes import ENDLESS, Run, Watch, places_for, tuning_of
 from .reduce import question, start_boxes
 from .rounding import gamma
 
@@ -122,18 +122,8 @@ def isolate(
     if chain.dof > goal.form.constraints:
         nothing, never = np.full(known.shape, np.inf), np.zeros(len(known), dtype=np.bool_)
         return Isolation(False, known, nothing, np.arange(len(known)), never, 0, len(boxes), chain.periodic)
-    dof, most = boxes.shape[1] // 2, MOST + len(known)
-    places = Places(
-        known,
-        chain.periodic[:dof].copy(),
-        np.zeros(most, dtype=np.bool_),
-        np.zeros(most, dtype=np.int64),
-        np.zeros((most, chain.dof)),
-        np.zeros((most, dof)),
-        np.zeros((most, dof)),
-        np.zeros((most, dof)),
-        np.zeros(most, dtype=np.bool_),
-    )
+    dof = boxes.shape[1] // 2
+    places = places_for(known, chain.periodic[:dof].copy(), MOST + len(known))
     run = Run(problem, asked, boxes, np.zeros(chain.dof), tuning_of(problem, OFTEN, STEPS), places=places)
     watch = Watch(deadline)
     run.go(budget, watch)

@@ -11,14 +11,25 @@ from numpy.typing import NDArray
 from kinseek.kernels.arm.division import TURN
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.proof.box import Form, Wanted
-from kinseek.kernels.proof.enclosure import Heap
-from kinseek.kernels.proof.isolation import Places
 from kinseek.kernels.proof.last_joint import Roll
-from kinseek.kernels.proof.progress import CEILING, COUNT, COUNTS, FIGURES, FLOOR, LEFT, UPPER, USED
-from kinseek.kernels.proof.search import enclose_boxes, isolate_boxes
+from kinseek.kernels.proof.memory import Memory
+from kinseek.kernels.proof.progress import (
+    CEILING,
+    COUNT,
+    COUNTS,
+    ENCLOSE,
+    FIGURES,
+    FLOOR,
+    ISOLATE,
+    LEFT,
+    UPPER,
+    USED,
+    Question,
+)
+from kinseek.kernels.proof.search import search_boxes
 from kinseek.problem import Problem
 
-from .boxes import PASSES, tuning_of
+from .boxes import PASSES, heap_for, no_places, tuning_of
 
 
 class Looks(NamedTuple):
@@ -48,24 +59,20 @@ def look(
     """
     dof, n = boxes.shape[1] // 2, problem.chain.dof
     room, counts, figures = np.zeros((3, 2 * dof)), np.zeros(COUNTS, dtype=np.int64), np.zeros(FIGURES)
-    heap, places = Heap(np.zeros(3), np.zeros(3, dtype=np.int64)), no_places(n, dof)
+    heap, question = heap_for(3), Question(*asked, problem.arrays, problem.goal.arrays)
+    memory = Memory(room, heap, no_places(n, dof), np.zeros(n), counts, figures)
     tuning = tuning_of(problem, 1, 0)._replace(spread=np.inf if passes else 0.0, shrink=0.0, passes=passes)
-    given = *asked, problem.arrays, problem.goal.arrays, room
-    told = np.zeros(n), tuning, counts, figures, 1, 1
     left, lower = np.full((len(boxes), 2, 2 * dof), np.nan), np.zeros(len(boxes))
     for k, box in enumerate(boxes):
         room[0] = box
         counts[:], heap.bound[:], heap.order[:] = 0, 0.0, 0
         counts[COUNT] = counts[USED] = 1  # USED: the heap does not begin with the bound of the whole arm.
         if ceiling is None:
-            isolate_boxes(*given, places, *told)
+            search_boxes(ISOLATE, question, tuning, memory, 1, 1)
         else:
-            figures[UPPER], figures[CEILING], figures[FLOOR] = (
-                0.0,
-                ceiling,
-                np.inf,
-            )  # No pose lowers the ceiling.
-            enclose_boxes(*given, heap, *told)
+            # No pose lowers the ceiling.
+            figures[UPPER], figures[CEILING], figures[FLOOR] = 0.0, ceiling, np.inf
+            search_boxes(ENCLOSE, question, tuning, memory, 1, 1)
             lower[k] = figures[FLOOR] if counts[LEFT] else heap.bound[0]
         if counts[LEFT]:
             left[k] = box
@@ -94,18 +101,3 @@ def holds(form: Form, left: Array, q: Array, slack: float | Array = 0.0) -> NDAr
     inside = np.abs(away) <= half + slack
     first, second = (inside[:, side].all(axis=1) for side in (0, 1))
     return np.asarray(first | second)
-
-
-def no_places(n: int, dof: int) -> Places:
-    """No answer is known, and there is room for one."""
-    return Places(
-        answers=np.zeros((0, n)),
-        periodic=np.zeros(dof, dtype=np.bool_),
-        isolated=np.zeros(1, dtype=np.bool_),
-        number=np.zeros(1, dtype=np.int64),
-        q=np.zeros((1, n)),
-        centre=np.zeros((1, dof)),
-        radius=np.zeros((1, dof)),
-        distance=np.zeros((1, dof)),
-        exists=np.zeros(1, dtype=np.bool_),
-    )

@@ -12,8 +12,8 @@ import numpy as np
 from kinseek.kernels.arm.division import TURN
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.proof.box import Form, Wanted
-from kinseek.kernels.proof.enclosure import Heap
 from kinseek.kernels.proof.gate import CROSSED
+from kinseek.kernels.proof.memory import Heap
 from kinseek.kernels.proof.multipliers import Shoulder
 from kinseek.kernels.proof.progress import (
     CEILING,

@@ -266,28 +266,27 @@ class Arm {
 class Proof {
   constructor(arm, pose) {
     const { machine, data } = arm;
-    const { counts, figures, count } = machine.description.proof;
+    const { count } = machine.description.proof;
     this.arm = arm;
     arm.proof ??= {
       given: Object.fromEntries(
         Object.entries(data.proof.given).map(([name, each]) => [name, each?.data === undefined ? each : machine.decoded(each)]),
       ),
+      memory: Object.fromEntries(
+        Object.entries(data.proof.memory).map(([name, { kind, shape }]) => [name, machine.room(kind, shape)]),
+      ),
       start: machine.decoded(data.proof.boxes),
-      boxes: machine.room("f", [data.proof.room, data.proof.boxes.shape[1]]),
-      q: machine.room("f", [arm.dof]),
-      counts: machine.room("i", [counts]),
-      figures: machine.room("f", [figures]),
     };
     const held = arm.proof;
-    machine.view(held.given["goal.target"]).set(pose.slice(0, 12));
+    machine.view(held.given["question.goal.target"]).set(pose.slice(0, 12));
     const target = product(product(data.proof.left.flat(), pose), data.proof.right.flat());
-    machine.view(held.given["wanted.target"]).set(target);
+    machine.view(held.given["question.wanted.target"]).set(target);
     const far = Math.hypot(target[3], target[7], target[11]);
-    held.given["wanted.margin"] = held.given["wanted.margin_a"] * (data.proof.reach + far);
-    machine.view(held.boxes).set(machine.view(held.start));
-    machine.view(held.q).fill(0.0);
-    machine.view(held.counts).fill(0n)[count] = 1n;
-    machine.view(held.figures).set([Infinity, Infinity, 0.0, Infinity]);
+    held.given["question.wanted.margin"] = held.given["question.wanted.margin_a"] * (data.proof.reach + far);
+    this.#memory("boxes").set(machine.view(held.start));
+    this.#memory("q").fill(0.0);
+    this.#memory("counts").fill(0n)[count] = 1n;
+    this.#memory("figures").set([Infinity, Infinity, 0.0, Infinity]);
     this.seen = 0;
   }
 
@@ -298,24 +297,21 @@ class Proof {
     const { outcomes, count, seen, stuck } = machine.description.proof;
     const held = arm.proof;
     this.seen += boxes;
-    const [outcome] = machine.call("ks_exclude_boxes", {
-      ...held.given,
-      boxes: held.boxes,
-      q: held.q,
-      counts: held.counts,
-      figures: held.figures,
-      until: this.seen,
-      budget: 2 ** 31,
-    });
-    const counts = machine.view(held.counts);
+    const [outcome] = machine.call("ks_search_boxes", { ...held.given, ...held.memory, until: this.seen, budget: 2 ** 31 });
+    const counts = this.#memory("counts");
     this.boxes = Number(counts[seen]);
     if (outcome === outcomes.found) {
-      this.q = machine.view(held.q).slice();
+      this.q = this.#memory("q").slice();
       return "reached";
     }
     if (outcome === outcomes.full) return "undecided";
     if (outcome !== outcomes.ended) return "more";
-    return counts[count] === 0n && machine.view(held.figures)[stuck] === 0.0 ? "unreachable" : "undecided";
+    return counts[count] === 0n && this.#memory("figures")[stuck] === 0.0 ? "unreachable" : "undecided";
+  }
+
+  #memory(name) {
+    const { machine, proof } = this.arm;
+    return machine.view(proof.memory[`memory.${name}`]);
   }
 }
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.jit import hidden, kernel
+from kinseek.kernels.jit import kernel, spliced
 
 from .bounds import first_order, wide
 from .box import (
     BELOW,
-    MISS_POINT,
     Desk,
     Form,
     Wanted,
@@ -18,14 +17,11 @@ from .box import (
     make_desk,
     place,
     turn_goal,
-    turned,
-    volume,
     widths,
 )
 from .cone import separate_cone
 from .form import separate, underestimate
 from .last_joint import Roll, cut_twist, roll_fits, twist_cost
-from .progress import AGAIN, GONE, OPEN, Tuning
 
 OFTEN = 16
 """Every so many boxes that are cut, steps from the middle of one look for an answer. By trial on goals near the rim of
@@ -34,29 +30,15 @@ STEPS = 8
 """So many: an answer that they do not come close to is not in the box. By trial: 0.5 % fewer boxes with twice as many."""
 
 
-@hidden
-def exclude_box(form: Form, wanted: Wanted, roll: Roll, desk: Desk, tuning: Tuning) -> tuple[int, float]:
-    """Look once at the box in hand, and cut off it what misses a tolerance.
-
-    Returns:
-        GONE, AGAIN or OPEN; by how much the box turns the hand [rad].
-    """
-    desk.found[MISS_POINT] = np.inf
-    place(form, desk)
-    widths(form, desk)
-    if not first_order(form, wanted, desk, -1.0):
-        return GONE, 0.0
-    spread, before = turned(form, desk, len(form.leader)), volume(desk)
-    if spread < tuning.spread:
-        if not separate(form, wanted, desk, tuning.passes):
-            return GONE, spread
-        if wide(form, wanted) and not separate_cone(form, wanted, desk, tuning.passes):
-            return GONE, spread
-        if roll.present and not roll_fits(form, wanted, roll, desk):
-            return GONE, spread
-        if volume(desk) < tuning.shrink * before:
-            return AGAIN, spread
-    return OPEN, spread
+@spliced
+def exclude(form: Form, wanted: Wanted, roll: Roll, desk: Desk, passes: int) -> bool:
+    """Cut off the box in hand what misses a tolerance, to second order; say whether anything of it is left."""
+    kept = separate(form, wanted, desk, passes)
+    if kept and wide(form, wanted):
+        kept = separate_cone(form, wanted, desk, passes)
+    if kept and roll.present:
+        kept = roll_fits(form, wanted, roll, desk)
+    return kept
 
 
 @kernel

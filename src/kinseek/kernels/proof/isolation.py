@@ -15,16 +15,14 @@ A box inside of such a neighbourhood needs no further look.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from kinseek.kernels.arrays import Array, Flags, Indices
-from kinseek.kernels.entry import F64, FLAG, I64, Bundle
+from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.jit import hidden, spliced
 
 from .approach import step
 from .box import Desk, Form, Wanted, rounding, short_way
+from .memory import Places
 from .neighbourhood import Expansion, neighbourhood
 from .progress import GIVEN, KNOWN, SEEN
 
@@ -46,43 +44,6 @@ By trial twice or half of either changes the count of boxes by 0.2 % at most.
 CENTRING = 3
 """Steps from an answer to the centre of its neighbourhood: an answer is off by a tolerance, mostly 1e-6, and each step
 squares that. A better centre makes the neighbourhood no larger."""
-
-
-class Places(NamedTuple):
-    """Answers and their neighbourhoods; the memory is the caller's."""
-
-    answers: Array
-    """Joint values that are known to meet the tolerances, (k, n); none are needed."""
-    periodic: Flags
-    """Is a whole turn of the variable as good as none? (reduced n,)"""
-    isolated: Flags
-    """Has it a neighbourhood? The first KNOWN of this and of what follows are written, (most,)."""
-    number: Indices
-    """Which of the given answers it is, or -1, (most,)."""
-    q: Array
-    """(most, n)"""
-    centre: Array
-    """Of the neighbourhood, (most, reduced n)."""
-    radius: Array
-    """Half widths of the neighbourhood, (most, reduced n)."""
-    distance: Array
-    """Of anything within the tolerances in its neighbourhood from the centre of it, (most, reduced n)."""
-    exists: Flags
-    """Does exactly one joint vector in its neighbourhood reach the goal exactly, limits left out of account? (most,)"""
-
-
-PLACES = Bundle(
-    Places,
-    answers=F64["*", "n"],
-    periodic=FLAG["reduced"],
-    isolated=FLAG["most"].out,
-    number=I64["most"].out,
-    q=F64["most", "n"].out,
-    centre=F64["most", "reduced"].out,
-    radius=F64["most", "reduced"].out,
-    distance=F64["most", "reduced"].out,
-    exists=FLAG["most"].out,
-)
 
 
 @hidden

@@ -1,10 +1,17 @@
-"""What a search by boxes is told, and what it counts: the memory is the caller's, so that it can go on where it stopped."""
+"""What a search by boxes is asked and told, and what it counts."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+from kinseek.kernels.arrays import CHAIN, GOAL, ChainArrays, GoalArrays
 from kinseek.kernels.entry import F64, I64, Bundle
+
+from .box import FORM, WANTED, Form, Wanted
+from .last_joint import ROLL, Roll
+
+EXCLUDE, ENCLOSE, ISOLATE = 0, 1, 2
+"""What is asked of boxes: one answer, or that there is none; the least weighted error; all answers."""
 
 ENDED, FOUND, STOPPED, FULL = 0, 1, 2, 3
 """No box is left; an answer was found; as many boxes as were asked for have been examined; there is no room for more."""
@@ -46,8 +53,26 @@ FIGURES = 4
 """So many figures."""
 
 
+class Question(NamedTuple):
+    """What is asked, of which arm."""
+
+    form: Form
+    """The part of the arm that the boxes are about."""
+    wanted: Wanted
+    """What is asked of it."""
+    roll: Roll
+    """The last joint, where it is divided out."""
+    chain: ChainArrays
+    """The whole arm, to judge joint values by plain forward kinematics."""
+    goal: GoalArrays
+    """The goal as it was asked."""
+
+
+QUESTION = Bundle(Question, form=FORM, wanted=WANTED, roll=ROLL, chain=CHAIN, goal=GOAL)
+
+
 class Tuning(NamedTuple):
-    """What makes one loop three searches, beside the memory that they are given."""
+    """How hard a search tries, and how near is near enough."""
 
     spread: float
     """Boxes that turn the hand by less [rad] are looked at to second order."""

@@ -35,7 +35,8 @@ from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, hidden
 
 from .box import rounding
-from .enclosure import HEAP, Heap, sift_down, sift_up
+from .enclosure import sift_down, sift_up
+from .memory import HEAP, Heap
 from .multipliers import (
     SHOULDER,
     Shoulder,
