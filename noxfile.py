@@ -24,8 +24,13 @@ PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 OLDEST = ("numpy==1.26.*", "numba==0.62.*", "click==8.1.*", "rich==13.*", "scipy==1.12.*")
 """The least that pyproject.toml allows of what the kernels and the command line stand on."""
 TESTING = ("pytest>=8", "pytest-benchmark>=5", "pytest-xdist>=3.6", "hypothesis>=6.100", "scipy>=1.12")
-PLAIN = tuple(
-    f"tests/test_{name}.py" for name in ("without_jit", "dh", "catalog", "forward", "layout", "pointers")
+PLAIN = (
+    "tests/kernels/test_without_jit.py",
+    "tests/robots/test_dh.py",
+    "tests/robots/test_catalog.py",
+    "tests/kernels/test_forward.py",
+    "tests/kernels/test_layout.py",
+    "tests/kernels/test_pointers.py",
 )
 """Tests that run kernels as plain Python."""
 QUICK = ("-m", "not slow", "-n", "2", "--dist", "loadfile")

@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal, Problem, plots
-from kinseek.kernels.proof.exclusion import examine
+from kinseek.kernels.proof.box import Form, Wanted
+from kinseek.kernels.proof.last_joint import Roll
 from kinseek.kernels.proof.progress import ENDED
 from kinseek.proof.boxes import enclosed, excluded
+from kinseek.proof.look import look
 from kinseek.proof.reduce import question, start_boxes
 from kinseek.solution import Solution
 
@@ -51,29 +53,24 @@ PROVED = (
 )
 
 
-def undivided(problem: Problem) -> tuple[Any, Any, Any, Array]:
-    """The question about both joints of a two-link arm: a position goal, nothing divided out."""
+def undivided(problem: Problem) -> tuple[tuple[Form, Wanted, Roll], Array]:
+    """The question about both joints of a two-link arm: a position goal, nothing divided out; and its first box, (4,)."""
     form, wanted, roll = question(problem)
     fixed = form.fixed.copy()
     fixed[0] = problem.arrays.fixed[0]
     target = np.ascontiguousarray(problem.goal.targets[0])
-    return (
-        form._replace(fixed=fixed, head=0),
-        wanted._replace(target=target),
-        roll,
-        start_boxes(problem.chain, False),
-    )
+    asked = form._replace(fixed=fixed, head=0), wanted._replace(target=target), roll
+    return asked, start_boxes(problem.chain, False)[0]
 
 
 def two_link_boxes(problem: Problem, largest: int) -> list[tuple[Array, bool]]:
     """Boxes in the order examined, as they are before they are cut: the box, (4,), and whether it was kept."""
-    form, wanted, roll, boxes = undivided(problem)
-    queue: list[Array] = [boxes[0]]
+    asked, box = undivided(problem)
+    queue: list[Array] = [box]
     seen: list[tuple[Array, bool]] = []
     while queue and len(seen) < largest:
         box = queue.pop(0)
-        result = examine(form, wanted, roll, box[None].copy(), -1.0, 0)[0]
-        kept = bool(result[0])
+        kept = not np.isnan(look(problem, asked, box[None], passes=0).left).any()
         seen.append((box, kept))
         if kept and box[2:].max() > SMALLEST:
             i = int(np.argmax(box[2:]))
@@ -160,7 +157,7 @@ def draw_tightness(folder: Path) -> None:
     figure, axes = plots.plane(2, size=(8.4, 4.2))
     for axis, name in zip(axes, ("ur5e", "panda"), strict=True):
         arm = kinseek.load(name)
-        for column, label, look in ((0, "radii at the centre", "o"), (1, "link sums", "x")):
+        for column, label, marker in ((0, "radii at the centre", "o"), (1, "link sums", "x")):
             sizes, ratios = [], []
             for _ in range(200):
                 c = rng.uniform(arm.lower, arm.upper)
@@ -170,7 +167,7 @@ def draw_tightness(folder: Path) -> None:
                 bound = first_order_bound(None, c, h, arm)[column]
                 sizes.append(h[0])
                 ratios.append(moves / bound)
-            axis.semilogx(sizes, ratios, look, color=plots.COLOURS[column], markersize=4, label=label)
+            axis.semilogx(sizes, ratios, marker, color=plots.COLOURS[column], markersize=4, label=label)
         axis.set(xlabel="half width of the box [rad]", title=name, ylim=(0, 1.05))
     axes[0].set_ylabel("largest motion of the tip / bound")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)

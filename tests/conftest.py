@@ -30,7 +30,11 @@ settings.register_profile(
 )
 settings.load_profile("kinseek")
 
-collect_ignore = [] if importlib.util.find_spec("pandas") else ["test_field.py", "test_field_page.py"]
+collect_ignore = (
+    []
+    if importlib.util.find_spec("pandas")
+    else ["benchmarks/test_field.py", "benchmarks/test_field_page.py"]
+)
 """Files of tests that are nothing without what they import."""
 
 LONGEST = "test_javascript.py"

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks.targets import plain_fk, random_joints, singular_joints
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import kinseek
+from benchmarks.targets import plain_fk, random_joints, singular_joints
 from chains import poses
 from kinseek import Goal
 from kinseek.errors import InvalidGoal, InvalidProblem

@@ -19,7 +19,7 @@ def test_no_example_is_timed_and_failures_print_how_to_get_them_again() -> None:
 
 def test_no_test_has_a_profile_of_its_own() -> None:
     looked_at = 0
-    for path in Path(__file__).parent.glob("test_*.py"):
+    for path in Path(__file__).parent.rglob("test_*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "settings":
                 looked_at += 1

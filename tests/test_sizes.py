@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import Goal
 from kinseek.errors import InvalidGoal, InvalidProblem, InvalidRobot
-from kinseek.kernels.arm.pose_error import LARGEST, ROUNDING, weighted_error
+from kinseek.kernels.arm.pose_error import LARGEST, ROUNDING, judge_poses
+from kinseek.kernels.arm.range_error import judge_ranges
 from kinseek.poses import as_pose
 from kinseek.robots.chain import Joint, serial_chain
 from kinseek.transforms import transform
@@ -203,29 +204,28 @@ def test_errors_are_never_negative_and_exact_close_to_the_goal(weight: float) ->
     assert (rest >= half * weight * (1 - 1e-6) - 1e-29 * weight - rounding).all()
 
 
-@pytest.mark.jit
 def test_weighted_errors_of_boxes_do_not_cancel() -> None:
     arm = kinseek.load("panda")
-    pose = arm.fk(np.random.default_rng(4).uniform(arm.lower, arm.upper))
+    q = np.random.default_rng(4).uniform(arm.lower, arm.upper)
+    pose = arm.fk(q)
     turn = 1e-9
-    from kinseek.kernels.arm import range_error as deviation
-    from kinseek.kernels.jit import exposed
-
-    weighted = exposed(deviation.range_weighted)(1.0, 1e12, 0.0, turn)
-    assert weighted == pytest.approx(1e12 * turn**2 / 2, rel=1e-9)
+    goal = Goal.pose(
+        pose @ kinseek.pose([0.0, 0.0, 0.0], rotvec=[turn, 0.0, 0.0]), box=dict.fromkeys("xyz", (-0.1, 0.1))
+    )
+    place, found, weighted = judge_ranges(arm.chain.arrays, q[None], goal.questions, 1.0, 1e12)[0]
+    assert place == 0.0
+    assert found == pytest.approx(turn, rel=1e-6)
+    assert weighted == pytest.approx(1e12 * found**2 / 2, rel=1e-9)
     solution = arm.ik(Goal.pose(pose, free="rz", orientation_weight=1e12))
     assert solution.weighted_error >= 0.0
 
 
-@pytest.mark.jit
 def test_the_compiled_weighted_error_is_the_plain_one() -> None:
-    from kinseek.kernels.jit import exposed
-
-    kernel = exposed(weighted_error)
     rng = np.random.default_rng(5)
     arm = kinseek.load("ur5e")
     for _ in range(50):
         q = rng.uniform(arm.lower, arm.upper)
         T, target = arm.fk(q), arm.fk(q + rng.normal(size=6) * 10.0 ** rng.uniform(-9, 0))
         goal = Goal.pose(target)
-        assert kernel(T[:3], goal.arrays) == pytest.approx(plain_weighted_error(T, goal), rel=1e-12, abs=0.0)
+        weighted = judge_poses(T[None], goal.targets, goal.arrays)[0, 2]
+        assert weighted == pytest.approx(plain_weighted_error(T, goal), rel=1e-12, abs=0.0)

@@ -14,8 +14,8 @@ import kinseek
 from kinseek import UnitWarning
 from kinseek.cli import main
 from kinseek.robots import catalog_names
+from places import SHARED
 
-SHARED = Path(__file__).parents[2] / "shared" / "robots"
 ROBOT = (
     '<robot name="r"><link name="a"/><link name="b"/><joint name="elbow" type="{}"><parent link="a"/><child link="b"/>'
     '<origin xyz="0 0 0.5"/><limit lower="{}" upper="{}"/></joint></robot>'

@@ -10,7 +10,6 @@ matters: a good one leaves the bounds little to do.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import time
 from collections.abc import Iterator
@@ -23,8 +22,8 @@ from numpy.typing import NDArray
 from kinseek import Goal, Problem, Verdict
 from kinseek.errors import InternalError, KinseekError
 from kinseek.kernels.arm.forward import forward_many
-from kinseek.kernels.proof.exclusion import examine
 from kinseek.proof.branch_and_bound import prove
+from kinseek.proof.look import holds, look
 from kinseek.proof.reduce import error_question, question, start_boxes
 from kinseek.robots.chain import Joint, SerialChain, serial_chain
 from kinseek.solution import conclude
@@ -229,14 +228,12 @@ def wrong_boxes(case: Case, rng: np.random.Generator) -> list[str]:
             case.goal.kind != "position" and turn > case.goal.orientation_tolerance * (1 - 1e-9) - 1e-9
         ):
             by_error = True
+    asked, ceiling = question(problem), None
     if by_error:
-        form, wanted, roll = error_question(
-            problem, case.q[1], case.gap or 0.5, whole=bool(rng.random() < 0.3)
-        )
+        whole = bool(rng.random() < 0.3)
+        asked = error_question(problem, case.q[1], case.gap or 0.5, whole=whole)
         ceiling = (error + slack) * (1.0 + 10.0 ** rng.uniform(-12, 1))
-    else:
-        form, wanted, roll = question(problem)
-        ceiling = -1.0
+    form, _, roll = asked
     start = start_boxes(case.chain, roll.present)[0]
     count = len(start) // 2
     h = start[count:] * 10.0 ** (-rng.uniform(0, 12, (BOXES, 1)) * (rng.random((BOXES, count)) < 0.7))
@@ -249,23 +246,17 @@ def wrong_boxes(case: Case, rng: np.random.Generator) -> list[str]:
     quarter = np.round(centre / (np.pi / 2)) * np.pi / 2
     centre = np.where((rng.random(centre.shape) < 0.3) & (np.abs(quarter - seen) <= h), quarter, centre)
     h = h + 1e-15 * (1 + np.abs(centre) + h)
-    result = examine(
-        form, wanted, roll, np.ascontiguousarray(np.hstack([centre, h])), ceiling, int(rng.integers(0, 3))
-    )
-    away = seen - result[:, 2 : 2 + count]
-    half = result[:, 2 + count :]
-    for i in [0] * (form.head == 1) + [-1] * (form.tail == 1):  # Angles: any whole turn will do.
-        beyond = np.abs(away[:, i]) > half[:, i] + 1e-9
-        away[:, i] -= np.where(beyond, np.round(away[:, i] / TURN) * TURN, 0.0)
+    looks = look(problem, asked, np.hstack([centre, h]), ceiling, int(rng.integers(0, 3)))
+    given_up = int(np.isnan(looks.left).all(axis=(1, 2)).sum())
     mode = f"by {'the error' if by_error else 'the tolerances'}, form {form.head, form.columns, form.tail, roll.present}"
-    if not np.isfinite(result).all():
+    if given_up:
+        wrong.append(f"{given_up} boxes given up that hold a pose, {mode}")
+    elif not (np.isfinite(looks.left).all() and np.isfinite(looks.lower).all()):
         wrong.append(f"a box that is not finite, {mode}")
-    elif (result[:, 0] == 0.0).any():
-        wrong.append(f"{int((result[:, 0] == 0).sum())} boxes given up that hold a pose, {mode}")
-    elif (np.abs(away) > half + 1e-13 * (1 + np.abs(seen))).any():
+    elif not holds(form, looks.left, seen, 1e-13 * (1 + np.abs(seen))).all():
         wrong.append(f"a box cut so that it loses a pose, {mode}")
-    elif by_error and (result[:, 1] > np.minimum(error, ceiling) * (1 + 1e-12) + slack).any():
-        wrong.append(f"a box bounded by {result[:, 1].max():.6g} that holds an error {error:.6g}, {mode}")
+    elif ceiling is not None and (looks.lower > min(error, ceiling) * (1 + 1e-12) + slack).any():
+        wrong.append(f"a box bounded by {looks.lower.max():.6g} that holds an error {error:.6g}, {mode}")
     return wrong
 
 
@@ -308,9 +299,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    if (
-        "KINSEEK_JIT" not in os.environ
-    ):  # They are looked at from inside, by kernels that are no entries of the library.
-        os.environ["KINSEEK_JIT"] = "1"
-        os.execv(sys.executable, [sys.executable, "-m", "tests.fuzz.proofs", *sys.argv[1:]])
     sys.exit(main())

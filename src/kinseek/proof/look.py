@@ -1,0 +1,111 @@
+"""One look of the searches at single boxes, without the search around it: for tests and pictures."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinseek.kernels.arm.division import TURN
+from kinseek.kernels.arrays import Array
+from kinseek.kernels.proof.box import Form, Wanted
+from kinseek.kernels.proof.enclosure import Heap
+from kinseek.kernels.proof.isolation import Places
+from kinseek.kernels.proof.last_joint import Roll
+from kinseek.kernels.proof.progress import CEILING, COUNT, COUNTS, FIGURES, FLOOR, LEFT, UPPER, USED
+from kinseek.kernels.proof.search import enclose_boxes, isolate_boxes
+from kinseek.problem import Problem
+
+from .boxes import PASSES, tuning_of
+
+
+class Looks(NamedTuple):
+    """What one look leaves of each box."""
+
+    left: Array
+    """Halves of what is left of it, (k, 2, 2 dof): NaN if nothing is left; the box, twice, if it is too narrow to be cut."""
+    lower: Array
+    """Lower bound of the weighted error in it, (k,); 0 if the tolerances decide."""
+
+
+def look(
+    problem: Problem,
+    asked: tuple[Form, Wanted, Roll],
+    boxes: Array,
+    ceiling: float | None = None,
+    passes: int = PASSES,
+) -> Looks:
+    """Let the search for all answers, or for the least weighted error, examine boxes one by one.
+
+    Args:
+        problem: One target.
+        asked: Its question in the form of the kernels, see `question` and `error_question`.
+        boxes: Centres and half widths, (k, 2 dof).
+        ceiling: Weighted error to stay below; None: the tolerances decide.
+        passes: Forms tried to second order; 0 leaves it at first order.
+    """
+    dof, n = boxes.shape[1] // 2, problem.chain.dof
+    room, counts, figures = np.zeros((3, 2 * dof)), np.zeros(COUNTS, dtype=np.int64), np.zeros(FIGURES)
+    heap, places = Heap(np.zeros(3), np.zeros(3, dtype=np.int64)), no_places(n, dof)
+    tuning = tuning_of(problem, 1, 0)._replace(spread=np.inf if passes else 0.0, shrink=0.0, passes=passes)
+    given = *asked, problem.arrays, problem.goal.arrays, room
+    told = np.zeros(n), tuning, counts, figures, 1, 1
+    left, lower = np.full((len(boxes), 2, 2 * dof), np.nan), np.zeros(len(boxes))
+    for k, box in enumerate(boxes):
+        room[0] = box
+        counts[:], heap.bound[:], heap.order[:] = 0, 0.0, 0
+        counts[COUNT] = counts[USED] = 1  # USED: the heap does not begin with the bound of the whole arm.
+        if ceiling is None:
+            isolate_boxes(*given, places, *told)
+        else:
+            figures[UPPER], figures[CEILING], figures[FLOOR] = (
+                0.0,
+                ceiling,
+                np.inf,
+            )  # No pose lowers the ceiling.
+            enclose_boxes(*given, heap, *told)
+            lower[k] = figures[FLOOR] if counts[LEFT] else heap.bound[0]
+        if counts[LEFT]:
+            left[k] = box
+        elif counts[COUNT]:
+            left[k] = room[:2]
+    return Looks(left, lower)
+
+
+def holds(form: Form, left: Array, q: Array, slack: float | Array = 0.0) -> NDArray[np.bool_]:
+    """Is a joint vector in what is left of each box? A joint that is divided out may be any whole turn away.
+
+    Args:
+        form: The part of the arm that the boxes are about.
+        left: See `Looks`, (k, 2, 2 dof).
+        q: Joint values inside each box, (dof,) or (k, dof).
+        slack: How far outside counts as inside [rad] or [m], a number or (dof,).
+
+    Returns:
+        (k,)
+    """
+    dof = q.shape[-1]
+    away, half = (q[:, None] if q.ndim > 1 else q) - left[..., :dof], left[..., dof:]
+    for i in [0] * (form.head == TURN) + [-1] * (form.tail == 1):
+        beyond = np.abs(away[..., i]) > half[..., i] + 1e-9
+        away[..., i] -= np.where(beyond, np.round(away[..., i] / math.tau) * math.tau, 0.0)
+    inside = np.abs(away) <= half + slack
+    first, second = (inside[:, side].all(axis=1) for side in (0, 1))
+    return np.asarray(first | second)
+
+
+def no_places(n: int, dof: int) -> Places:
+    """No answer is known, and there is room for one."""
+    return Places(
+        answers=np.zeros((0, n)),
+        periodic=np.zeros(dof, dtype=np.bool_),
+        isolated=np.zeros(1, dtype=np.bool_),
+        number=np.zeros(1, dtype=np.int64),
+        q=np.zeros((1, n)),
+        centre=np.zeros((1, dof)),
+        radius=np.zeros((1, dof)),
+        distance=np.zeros((1, dof)),
+        exists=np.zeros(1, dtype=np.bool_),
+    )

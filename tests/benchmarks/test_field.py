@@ -1,0 +1,402 @@
+"""The benchmark of all solvers: its judge, what adapters are, that what was measured is kept; with solvers made for it."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import kinseek
+from benchmarks.field import pieces, run, sweep, tasks
+from benchmarks.field.adapters import SOLVERS, adapter, path_of
+from benchmarks.field.agree import apart
+from benchmarks.field.judge import ARMS, bundled, good
+from benchmarks.field.page import as_html, page
+from benchmarks.field.questions import QUESTIONS, SIZES, SWEEP, WRONG, fits
+from benchmarks.field.run import measure
+from benchmarks.field.tables import collect, distinct, interval, marked, quantile_interval, write
+from benchmarks.field.tasks import Field
+from places import ROOT
+
+SOLVER = '''
+"""Solves a plane arm of two links in closed form, and does what a test wants."""
+import os, signal, time
+from pathlib import Path
+import numpy as np
+from benchmarks.field.protocol import Answer
+
+NAME, PACKAGE = "Plane", "numpy"
+RECOMMENDED, SWEEP = {{"off": 0.5}}, ({{"off": 0.0}},)
+LOG = Path({log!r})
+
+
+class Solver:
+    def __init__(self, arm, settings):
+        self.off = settings["off"]
+
+    def solve(self, T, start):
+        {solve}
+        with LOG.open("a") as file:
+            file.write("solve\\n")
+        a, b = 0.5, 0.25
+        x, y = T[:2, 3]
+        c = np.clip((x * x + y * y - a * a - b * b) / (2 * a * b), -1, 1)
+        found = []
+        for q2 in (np.arccos(c), -np.arccos(c)):
+            q1 = np.arctan2(y, x) - np.arctan2(b * np.sin(q2), a + b * np.cos(q2))
+            q = np.array([q1, q2]) % (2 * np.pi)
+            turn = np.arctan2(T[1, 0], T[0, 0]) - q.sum()
+            found.append((abs((turn + np.pi) % (2 * np.pi) - np.pi), tuple(q)))
+        return Answer(np.array(min(found)[1]) + self.off, None)
+
+
+def load(arm, settings):
+    return Solver(arm, settings)
+'''
+
+
+QUICK = SIZES["quick"]
+PINNED = r"[A-Za-z0-9_.\[\]-]+(==[0-9a-z.+]+| @ git\+https://\S+@[0-9a-f]{40})"
+
+
+def a_solver(folder: Path, solve: str = "pass") -> Path:
+    path = folder / "plane.py"
+    path.write_text(SOLVER.format(log=str(folder / "log.txt"), solve=solve), encoding="utf-8")
+    return path
+
+
+def a_field(folder: Path, *names: str) -> Field:
+    asked = [each for each in QUESTIONS if each.name in names]
+    return Field(folder / "out", [bundled("planar2")], asked, size=QUICK)
+
+
+def measured(field: Field, path: Path) -> str:
+    field.folder.mkdir(exist_ok=True)
+    return measure(field, path, adapter(path), Path(sys.executable), lambda what, count: None)
+
+
+def states(field: Field) -> dict[str, str]:
+    _, known = collect(field)
+    return {f"{row.settings} {row.question}": row.state for row in known.itertuples()}
+
+
+@pytest.mark.parametrize("name", ["panda", "gen3", "irb5400", "ur10e_rail"])
+def test_the_judge_reads_arms_as_kinseek_does(name: str) -> None:
+    judge, arm = bundled(name), kinseek.load(name)
+    assert judge.arm.joints == tuple(arm.joint_names)
+    np.testing.assert_array_equal([judge.arm.lower, judge.arm.upper], [arm.lower, arm.upper])
+    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (20, arm.dof))
+    np.testing.assert_allclose(judge.fk(q), arm.fk(q), atol=1e-12)
+    assert (np.linalg.norm(arm.fk(q)[:, :3, 3], axis=1) <= judge.reach + 1e-12).all()
+
+
+def test_the_judge_sees_what_is_off_and_what_is_outside() -> None:
+    judge = bundled("panda")
+    q = np.tile(judge.arm.middle, (4, 1))
+    target = judge.fk(q)
+    q[1, 0] += 1e-5
+    q[2] = np.nan
+    q[3, 3] = judge.arm.upper[3] + 1e-3
+    verdict = judge.judge(q, target)
+    np.testing.assert_array_equal(good(verdict, 1e-6, 1e-6), [True, False, False, False])
+    assert verdict.orientation_error[1] == pytest.approx(1e-5)
+    assert np.isnan(verdict.position_error[2])
+    assert verdict.outside[3] == pytest.approx(1e-3)
+    assert judge.arm.name == "panda"
+
+
+def test_a_continuous_joint_has_no_limits() -> None:
+    judge = bundled("gen3")
+    q = judge.arm.middle[None] + 2 * np.pi * np.array([kind == "continuous" for kind in judge.arm.kinds])
+    assert good(judge.judge(q, judge.fk(judge.arm.middle[None])), 1e-9, 1e-7).all()
+
+
+def test_thirty_arms_and_what_they_are_asked() -> None:
+    assert len(ARMS) == len(set(ARMS)) == 30
+    judge = bundled("ur5e")
+    for question in (*QUESTIONS, SWEEP):
+        one, other = (question.of(judge, seed, QUICK) for seed in (0, 0))
+        np.testing.assert_array_equal(one.poses, other.poses)
+        assert len(one.poses) == max(int(question.count * 0.2), 1)
+        if len(one.origins):
+            assert ((one.origins >= judge.arm.lower) & (one.origins <= judge.arm.upper)).all()
+    far = next(each for each in QUESTIONS if each.name == "unreachable").of(judge, 0, QUICK)
+    assert (np.linalg.norm(far.poses[:, :3, 3], axis=1) > judge.reach).all()
+    limits = next(each for each in QUESTIONS if each.name == "limits").of(judge, 0, QUICK).origins
+    assert ((limits == judge.arm.lower) | (limits == judge.arm.upper)).any(axis=1).all()
+    assert len(WRONG) == sum(each.name.startswith("wrong ") for each in QUESTIONS)
+    every_answer = next(each for each in QUESTIONS if each.name == "branches")
+    assert [fits(every_answer, bundled(name), 0, SIZES["full"]) for name in ("ur5e", "panda")] == [
+        True,
+        False,
+    ]
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_adapters_keep_to_their_protocol(name: str) -> None:
+    path = path_of(name)
+    module = adapter(path)
+    assert module.__doc__
+    for settings in module.SWEEP:
+        assert set(settings) == set(module.RECOMMENDED), "a sweep changes settings, it does not invent them"
+    json.dumps([module.RECOMMENDED, *module.SWEEP])
+    lines = path.with_suffix(".txt").read_text(encoding="utf-8").splitlines()
+    pinned = [line for line in lines if line and not line.startswith(("#", "--"))]
+    assert all(line == "." or re.fullmatch(PINNED, line) for line in pinned), pinned
+
+
+def test_what_is_no_adapter_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="no such adapter; there are kinseek"):
+        adapter(tmp_path / "none.py")
+    (tmp_path / "half.py").write_text("NAME = 'half'", encoding="utf-8")
+    with pytest.raises(ValueError, match="missing: PACKAGE, RECOMMENDED, SWEEP, load"):
+        adapter(tmp_path / "half.py")
+
+
+@pytest.mark.slow
+def test_a_solver_is_swept_measured_judged_and_not_asked_again(tmp_path: Path) -> None:
+    path, field = (
+        a_solver(tmp_path),
+        a_field(tmp_path, "random", "twice", "first", "position", "wrong NaN in the place"),
+    )
+    assert measured(field, path) == "sweep 1", "an answer that is off half a radian is not the best"
+    answers, known = collect(field)
+    shares = marked(answers).groupby(["settings", "question"])["exact"].mean()
+    assert shares["recommended", "random"] == 0.0
+    assert shares["sweep 1", "random"] == 1.0
+    false = marked(answers).groupby("settings")["false"].sum()
+    assert false["sweep 1"] == 0 < false["recommended"]
+    by = known.set_index(["settings", "question"])
+    assert by.loc[("recommended", "twice"), "alike"] == 1.0
+    assert 0 < by.loc[("recommended", "first"), "seconds"] < 60
+    assert by.loc[("recommended", "position"), "state"] == "not offered"
+    assert by.loc[("recommended", "wrong NaN in the place"), "outcome"] == "NaN as joint values"
+    asked = (tmp_path / "log.txt").read_text(encoding="utf-8")
+    assert measured(field, path) == "sweep 1"
+    assert (tmp_path / "log.txt").read_text(encoding="utf-8") == asked, "asked again what was known"
+    (field.folder / "pieces/plane/sweep 1/planar2/random.npz").unlink()
+    measured(field, path)
+    again = (tmp_path / "log.txt").read_text(encoding="utf-8")
+    assert 0 < len(again) - len(asked) <= len("solve\n") * 50, "more than the piece that was missing"
+    write(field, answers, known)
+    assert pd.read_parquet(field.folder / "answers.parquet")["q"].map(len).eq(2).all()
+    text = page(field, marked(answers), known).text
+    assert "## Random poses" in text
+    assert as_html(text).count("<table>") == len(re.findall(r"^\|(-+:?\|)+$", text, re.MULTILINE))
+
+
+@pytest.mark.slow
+def test_a_crash_and_a_hang_are_answers_and_the_rest_is_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "PATIENCE", 1.0)  # the first question of a process has more, to load
+    crash = "if not T[:3, :3].any(): os.kill(os.getpid(), signal.SIGSEGV)"
+    path = a_solver(tmp_path, f"{crash}\n        if np.isinf(T[0, 3]): time.sleep(600)")
+    field = a_field(tmp_path, "random", "wrong infinite place", "wrong turn of zeros", "wrong turn mirrored")
+    field = replace(field, questions=[replace(each, seconds=0.2) for each in field.questions])
+    measured(field, path)
+    found = states(field)
+    assert found["recommended wrong infinite place"].startswith("hangs: nothing for ")
+    assert found["recommended wrong turn of zeros"] == "crashes: SIGSEGV"
+    assert found["recommended wrong turn mirrored"] == found["recommended random"] == pieces.DONE
+
+
+@pytest.mark.slow
+def test_an_arm_on_which_a_solver_hangs_is_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "PATIENCE", 1.0)
+    path = a_solver(tmp_path, "if self.off: time.sleep(600)")
+    field = a_field(tmp_path, "random", "singular", "limits")
+    field = replace(field, questions=[replace(each, seconds=0.2) for each in field.questions])
+    measured(field, path)
+    found = states(field)
+    for question in ("random", "singular", "limits"):
+        assert found[f"recommended {question}"] == "not asked: another question hangs on this arm", (
+            "the sweep"
+        )
+        assert found[f"sweep 1 {question}"] == pieces.DONE
+
+
+def test_who_hangs_on_many_arms_is_asked_no_more(tmp_path: Path) -> None:
+    path, field = a_solver(tmp_path), a_field(tmp_path, "random")
+    one = tasks.task(field, path, field.judges[0], field.questions[0], "best", {"off": 0.5})
+    others = {(f"arm {number}", "best") for number in range(run.HANGS)}
+    assert run._weary(one, set()) is None
+    assert run._weary(one, {(one.arm, "recommended")}) is None, "other settings may do"
+    assert run._weary(one, {(one.arm, "best")}) == "not asked: another question hangs on this arm"
+    assert run._weary(one, others) == f"not asked: it hangs on {run.HANGS} arms"
+    assert run._weary(one, set(list(others)[1:])) is None
+
+
+def test_an_arm_at_which_reading_ends_is_not_read_again(tmp_path: Path) -> None:
+    path, field = a_solver(tmp_path), a_field(tmp_path, "random", "singular")
+    one, two, other = (
+        tasks.task(field, path, field.judges[0], field.questions[place], label, {"off": 0.5})
+        for place, label in ((0, "recommended"), (1, "recommended"), (0, "best"))
+    )
+    current, left = tmp_path / "current.json", [one, two, other]
+    assert run._stuck(current, left) == [one], "nothing is known of where it ended"
+    for loaded, stuck in ((True, [two]), (False, [one, two])):
+        current.write_text(json.dumps({"piece": two.piece, "loaded": loaded}), encoding="utf-8")
+        assert run._stuck(current, left) == stuck
+
+
+def test_what_changed_is_measured_anew(tmp_path: Path) -> None:
+    path, field = a_solver(tmp_path), a_field(tmp_path, "random")
+    question, judge = field.questions[0], field.judges[0]
+    one = tasks.task(field, path, judge, question, "recommended", {"off": 0.5})
+    pieces.save(Path(one.piece), pieces.Piece(pieces.DONE, digest=one.digest))
+    assert tasks.missing([one]) == []
+    answers, known = collect(field)
+    assert "not measured" in page(field, marked(answers), known).text, "a page without any answer"
+    other = tasks.task(field, path, judge, question, "recommended", {"off": 0.0})
+    assert tasks.missing([other]) == [other]
+    a_solver(tmp_path, "T = T")
+    changed = tasks.task(field, path, judge, question, "recommended", {"off": 0.5})
+    assert tasks.missing([changed]) == [changed]
+
+
+def test_answers_are_counted_once_whoever_found_them() -> None:
+    def row(solver: str, q: Sequence[float], near: bool = True) -> dict[str, object]:
+        return {
+            "solver": solver,
+            "arm": "a",
+            "target": 0,
+            "question": "branches",
+            "q": np.array(q),
+            "near": near,
+        }
+
+    table = pd.DataFrame(
+        [
+            *(
+                row("one", [0.0, 0.0]),
+                row("one", [1.0, 1.0]),
+                row("one", [1.0, 1.0]),
+                row("one", [2.0, 0.0], near=False),
+            ),
+            *(row("two", [2 * np.pi, 0.0]), row("two", [0.0, 2 * np.pi])),
+        ]
+    )
+    found = distinct(table, {"a": np.array([True, False])}).set_index("solver")
+    assert found.loc["one", "found"] == 2
+    assert found.loc["two", "found"] == 2
+    assert (found["known"] == 3).all()
+
+
+def test_intervals_hold_what_they_are_of() -> None:
+    low, high = interval(95, 100)
+    assert (round(low, 3), round(high, 3)) == (0.888, 0.978)
+    assert interval(100, 100)[1] == pytest.approx(1.0)
+    rng = np.random.default_rng(0)
+    hits = [
+        low <= 0.0 <= high for low, high in (quantile_interval(rng.normal(size=101), 0.5) for _ in range(400))
+    ]
+    assert 0.92 < np.mean(hits) < 0.99
+    assert quantile_interval(np.arange(80.0), 0.99)[1] == np.inf, (
+        "too few to tell where the last hundredth begins"
+    )
+    low, high = quantile_interval(np.arange(3000.0), 0.99)
+    assert 2950 < low < 2970 < high < 2990
+
+
+@pytest.mark.slow
+def test_the_adapter_of_the_documentation_is_short_and_solves(tmp_path: Path) -> None:
+    pytest.importorskip("scipy")
+    pages = ROOT / "docs" / "field.md"
+    if not pages.is_file():
+        pytest.skip("the documentation is not part of what is tested here")
+    code = pages.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+    assert sum(bool(line.strip()) for line in code.splitlines()) <= 30
+    path = tmp_path / "mine.py"
+    path.write_text(code, encoding="utf-8")
+    random = next(each for each in QUESTIONS if each.name == "random")
+    field = Field(tmp_path / "out", [bundled("ur5e")], [replace(random, count=25, seconds=5.0)], size=QUICK)
+    field.folder.mkdir()
+    asked = [
+        tasks.task(field, path, field.judges[0], field.questions[0], "recommended", adapter(path).RECOMMENDED)
+    ]
+    assert len(list(run.work(Path(sys.executable), path, field.judges, asked, field.folder))) == 1
+    answers, _ = collect(field)
+    assert len(answers) == 5
+    assert marked(answers)["near"].any()
+
+
+def test_runs_agree_where_their_intervals_meet() -> None:
+    def run_of(share: float, median: float) -> pd.DataFrame:
+        rows = {"solver": "a", "settings": "best", "question": "random", "exact": share, "median": median}
+        ends = {
+            "exact_low": share - 1,
+            "exact_high": share + 1,
+            "median_low": median - 1,
+            "median_high": median + 1,
+        }
+        return pd.DataFrame([rows | ends])
+
+    assert apart([run_of(98.0, 10.0), run_of(99.0, 11.0), run_of(98.5, 10.5)]) == (
+        {"exact": 1, "median": 1},
+        [],
+    )
+    _, told = apart([run_of(90.0, 10.0), run_of(99.0, 10.0)])
+    assert told == ["exact of a · best · random: 90, 99"]
+
+
+def test_time_is_spent_where_shares_vary_and_never_less_than_a_part() -> None:
+    known, even, unknown = (
+        sweep.noise(each) for each in (sweep.Swept(300, 300, 1.0), sweep.Swept(50, 100, 1.0), None)
+    )
+    assert known == sweep.LEAST < even == unknown == 1.0
+    assert sweep.noise(sweep.Swept(0, 300, 1.0)) == known
+    slow_and_sure, quick = sweep.Swept(300, 300, 1e4), sweep.Swept(299, 300, 10.0)
+    assert sweep.chosen({"recommended": slow_and_sure, "sweep 1": quick}) == "sweep 1", (
+        "within half a percent, the quicker"
+    )
+    assert sweep.chosen({}) == "recommended"
+
+
+def test_what_is_installed_from_the_repository_is_made_anew_when_its_sources_change(tmp_path: Path) -> None:
+    from benchmarks.field.environments import required
+
+    (tmp_path / "a.txt").write_text("numpy==2.4.6\n", encoding="utf-8")
+    (tmp_path / "b.txt").write_text(".\nnumpy==2.4.6\n", encoding="utf-8")
+    assert required(tmp_path / "none.py") == ""
+    assert len({required(tmp_path / name) for name in ("a.py", "b.py")}) == 2
+
+
+def test_the_page_in_short_is_what_the_speed_table_reads() -> None:
+    from benchmarks.field.summary import summary
+    from benchmarks.speed_table import table
+
+    def rows(solver: str, question: str, microseconds: float) -> list[dict[str, object]]:
+        return [
+            {
+                "solver": solver,
+                "settings": "best",
+                "arm": "panda",
+                "question": question,
+                "microseconds": microseconds + i,
+                "exact": True,
+                "near": True,
+                "false": False,
+            }
+            for i in range(-5, 6)
+        ]
+
+    answers = pd.DataFrame(
+        [*rows("one", "random", 8.0), *rows("one", "singular", 9.0), *rows("two", "random", 20.0)]
+    )
+    text = summary(
+        "some", answers, {"one": "One", "two": "Two", "three": "Three"}, ["**Two** is smaller."]
+    ).text
+    assert "- **Two** is smaller." in text
+    assert "| One | 1 | 100.0 (74.1–100.0) | 100.0 (74.1–100.0) | – | 8.0 | 0 |" in text
+    assert "| panda | Three | – | – | – | – | – | – |" in text
+    assert table(text).splitlines()[2] == "| One | 8.0 | 100.0 – 100.0 % |"

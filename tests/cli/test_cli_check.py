@@ -1,0 +1,342 @@
+"""``kinseek check``: one finding for every fault that is planted, none in sound files."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+import kinseek
+from kinseek.cli.program import run
+from kinseek.robots import catalog_names
+from kinseek.robots.soundness import Severity, check
+from places import SHARED
+
+INERTIAL = (
+    '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+SOUND = f"""<robot name="r">
+<link name="a">{INERTIAL}</link><link name="b">{INERTIAL}</link><link name="c">{INERTIAL}</link>
+<joint name="one" type="revolute"><origin xyz="0 0 1" rpy="0 0 0"/><parent link="a"/><child link="b"/>
+<axis xyz="0 0 1"/><limit lower="-1" upper="2" effort="1" velocity="1"/></joint>
+<joint name="two" type="revolute"><origin xyz="1 0 0" rpy="0 0 0"/><parent link="b"/><child link="c"/>
+<axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" effort="1" velocity="1"/></joint>
+</robot>"""
+ONE, TWO = "joint 'one'", "joint 'two'"
+LIMIT = '<limit lower="-1" upper="2" effort="1" velocity="1"/>'
+SOFT = '<safety_controller k_velocity="9" soft_lower_limit="{}" soft_upper_limit="{}"/>'
+MESH = '<link name="c"><visual><geometry><mesh filename="{}"/></geometry></visual>'
+FAULTS = {
+    "no limit": (LIMIT, "", "error", ONE, "no <limit>: a revolute joint needs lower and upper"),
+    "half a limit": ('lower="-1" ', "", "error", ONE, "<limit> has no lower"),
+    "infinite": ('lower="-1"', 'lower="-inf"', "error", ONE, "lower='-inf' is not finite"),
+    "no number": ('lower="-1"', 'lower="-1_0"', "error", ONE, "lower='-1_0' is no number"),
+    "reversed": ('lower="-1"', 'lower="3"', "error", ONE, "lower limit 3 is above upper limit 2"),
+    "stuck": ('lower="-1"', 'lower="2"', "warning", ONE, "cannot move"),
+    "degrees": ('lower="-1" upper="2"', 'lower="-180" upper="180"', "warning", ONE, "degrees?"),
+    "nearly a turn": (
+        'lower="-1" upper="2"',
+        'lower="-3.14159" upper="3.14159"',
+        "note",
+        ONE,
+        "limits [-3.14159, 3.14159] are 5.3e-06 rad short of a full turn",
+    ),
+    "negative": (
+        'velocity="1"/></joint>\n<joint',
+        'velocity="-1"/></joint>\n<joint',
+        "warning",
+        ONE,
+        "velocity limit -1",
+    ),
+    "no unit axis": (
+        'xyz="0 0 1"/><limit',
+        'xyz="0 0 2"/><limit',
+        "error",
+        ONE,
+        "length 2, expected 1; write 0 0 1",
+    ),
+    "zero axis": ('xyz="0 0 1"/><limit', 'xyz="0 0 0"/><limit', "error", ONE, "length 0, expected 1"),
+    "two numbers": ('xyz="0 0 1"/><limit', 'xyz="0 1"/><limit', "error", ONE, "2 values, expected 3"),
+    "empty axis": ('<axis xyz="0 0 1"/>', "<axis/>", "error", ONE, "<axis> has no xyz"),
+    "no axis": ('<axis xyz="0 0 1"/>', "", "note", ONE, "1 0 0 is taken"),
+    "rpy in degrees": ('rpy="0 0 0"', 'rpy="0 0 90"', "warning", ONE, "more than a full turn"),
+    "millimetres": ('xyz="0 0 1" rpy', 'xyz="0 0 333" rpy', "warning", ONE, "millimetres?"),
+    "no type": (' type="revolute"', "", "error", ONE, "no type"),
+    "misspelt type": ('type="revolute"', 'type="revolut"', "error", ONE, "did you mean 'revolute'"),
+    "floating": ('type="revolute"', 'type="floating"', "warning", ONE, "floating joints are refused"),
+    "continuous": (
+        'type="revolute"',
+        'type="continuous"',
+        "note",
+        ONE,
+        "has limits in <limit>, and is continuous",
+    ),
+    "soft limits": (LIMIT, f"{LIMIT}{SOFT.format('-2', '1')}", "note", ONE, "narrow [-1, 2] to [-1, 1]"),
+    "soft limits of 0": (LIMIT, f"{LIMIT}{SOFT.format('0.0', '0')}", "note", ONE, "as if they were missing"),
+    "stuck softly": (
+        LIMIT,
+        f"{LIMIT}{SOFT.format('2', '3')}",
+        "warning",
+        ONE,
+        "cannot move: its soft limits",
+    ),
+    "soft limits apart": (LIMIT, f"{LIMIT}{SOFT.format('3', '4')}", "error", ONE, "leave no value within"),
+    "no soft number": (LIMIT, f"{LIMIT}{SOFT.format('a', '4')}", "error", ONE, "soft_lower_limit='a' is no"),
+    "two controllers": (
+        LIMIT,
+        f"{LIMIT}{SOFT.format('-1', '1') * 2}",
+        "error",
+        ONE,
+        "2 <safety_controller> elements",
+    ),
+    "soft and continuous": (
+        f'"revolute"><origin xyz="0 0 1" rpy="0 0 0"/><parent link="a"/><child link="b"/>\n<axis xyz="0 0 1"/>{LIMIT}',
+        f'"continuous"><parent link="a"/><child link="b"/>{SOFT.format("-1", "1")}',
+        "note",
+        ONE,
+        "has limits in <safety_controller>, and is continuous",
+    ),
+    "slide": ('lower="-1" upper="2"', 'lower="0" upper="500"', "warning", ONE, "millimetres?"),
+    "mimics nobody": (LIMIT, '<mimic joint="tow"/>', "error", ONE, "unknown joint 'tow'; did you mean 'two'"),
+    "mimics itself": (LIMIT, '<mimic joint="one"/>', "error", ONE, "loop: one -> one"),
+    "mimics with 0": (LIMIT, '<mimic joint="two" multiplier="0"/>', "warning", ONE, "does not move"),
+    "unknown parent": (
+        '<parent link="a"/>',
+        '<parent link="aa"/>',
+        "error",
+        ONE,
+        "its parent: unknown link 'aa'",
+    ),
+    "no parent": ('<parent link="a"/>', "", "error", ONE, "no <parent"),
+    "two parents": (
+        '<child link="b"/>',
+        '<child link="c"/>',
+        "error",
+        "link 'c'",
+        "two parents, 'a' and 'b'",
+    ),
+    "loop": ('<parent link="a"/>', '<parent link="c"/>', "error", "", "form a loop"),
+    "two roots": ('<link name="a">', '<link name="z"/><link name="a">', "error", "", "several root links"),
+    "one name": (
+        '<link name="a">',
+        '<link name="a"/><link name="a">',
+        "error",
+        "link 'a'",
+        "2 links are called so",
+    ),
+    "no name": ('<joint name="one"', "<joint", "error", "joint", "in line 3 has no name"),
+    "massless": ('<mass value="2"/>', '<mass value="0"/>', "warning", "link 'a'", "mass 0 kg"),
+    "no mass": ('<mass value="2"/>', "", "warning", "link 'a'", "has no mass"),
+    "no inertia": ('izz="0.1"', "", "warning", "link 'a'", "inertia has no izz"),
+    "zero inertia": ('izz="0.1"', 'izz="0"', "warning", "link 'a'", "least principal moment is 0"),
+    "no body's": ('izz="0.1"', 'izz="0.3"', "warning", "link 'a'", "0.3 > 0.1 + 0.1"),
+    "negative inertia": ('ixy="0"', 'ixy="0.2"', "warning", "link 'a'", "least principal moment is -0.1"),
+    "one without": (
+        f'<link name="a">{INERTIAL}</link>',
+        '<link name="a"/>',
+        "note",
+        "",
+        "1 of 3 links have no mass: a",
+    ),
+    "lost mesh": (
+        '<link name="c">',
+        MESH.format("meshes/c.stl"),
+        "warning",
+        "mesh 'meshes/c.stl'",
+        "not found",
+    ),
+    "lost package": (
+        '<link name="c">',
+        MESH.format("package://arm/c.stl"),
+        "warning",
+        "package 'arm'",
+        "1 meshes",
+    ),
+    "two tips": (
+        "</robot>",
+        '<link name="d"/><joint name="x" type="fixed"><parent link="b"/><child link="d"/></joint></robot>',
+        "note",
+        "",
+        "2 tips: kinseek.load needs tip=, one of c, d",
+    ),
+}
+
+
+def test_a_sound_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "r.urdf"
+    path.write_text(SOUND, encoding="utf-8")
+    assert run(["check", str(path)]) == 0
+    assert capsys.readouterr().out == f"{path} (3 links, 2 joints, 2 of them move): sound\n"
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_every_fault_is_found(fault: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    old, new, severity, part, what = FAULTS[fault]
+    text = SOUND.replace(old, new, 1)
+    if fault == "slide":
+        text = text.replace('type="revolute"', 'type="prismatic"', 1)
+    assert text != SOUND
+    path = tmp_path / "r.urdf"
+    path.write_text(text, encoding="utf-8")
+    code = run(["check", str(path), "--json"])
+    facts = json.loads(capsys.readouterr().out)
+    found = [each for each in facts["findings"] if what in each["what"]]
+    assert [(each["severity"], each["part"]) for each in found] == [(severity, part)]
+    assert (code, facts["sound"]) == ((0, True) if severity == "note" else (1, False))
+    assert run(["check", str(path)]) == code
+    assert f"{severity}: {part}{': ' if part else ''}{found[0]['what']}" in capsys.readouterr().out
+
+
+def test_several_faults_are_several_lines_the_worst_first(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "r.urdf"
+    text = SOUND.replace('<mass value="2"/>', '<mass value="-2"/>', 1).replace('lower="-1.5"', 'lower="5"')
+    path.write_text(text.replace('<axis xyz="0 0 1"/>', ""), encoding="utf-8")
+    assert run(["check", str(path)]) == 1
+    said = capsys.readouterr().out.splitlines()
+    assert [line.partition(":")[0] for line in said[:3]] == ["error", "warning", "note"]
+    assert said[3].endswith("not sound, 1 error, 1 warning, 1 note")
+
+
+@pytest.mark.parametrize("name", ["meshes/c.stl", "package://arm/c%20d.stl", "file://c.stl"])
+def test_meshes_that_are_there(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "arm" / "urdf"
+    for place in (folder / "meshes" / "c.stl", tmp_path / "arm" / "c d.stl", folder / "c.stl"):
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.touch()
+    path = folder / "r.urdf"
+    path.write_text(SOUND.replace('<link name="c">', MESH.format(name)), encoding="utf-8")
+    assert check(path).findings == []
+    elsewhere = tmp_path / "elsewhere" / "r.urdf"
+    elsewhere.parent.mkdir()
+    elsewhere.write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
+    if name.startswith("package"):  # A folder beside those above the file, too.
+        assert check(elsewhere).findings == []
+        away = tmp_path.parent / f"{tmp_path.name}_away.urdf"
+        away.write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
+        assert [each.severity for each in check(away).findings] == [Severity.WARNING]
+        monkeypatch.setenv("ROS_PACKAGE_PATH", os.pathsep.join(["/nowhere", str(tmp_path)]))
+        assert check(away).findings == []
+
+
+def test_a_tip_of_several_is_looked_at_alone(tmp_path: Path) -> None:
+    path = tmp_path / "r.urdf"
+    path.write_text(SOUND, encoding="utf-8")
+    assert "base 'c' is not above tip 'b'" in check(path, "c", "b").findings[0].what
+    assert check(path, "b", "c").sound
+
+
+@pytest.mark.parametrize("name", ["ur5e", "irb5400", "planar2"])
+def test_bundled_arms_are_sound(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert name in catalog_names()
+    assert run(["check", name]) == 0
+    assert "note: limits: " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["puma560", "so101"])
+def test_limits_that_are_known_to_be_wrong_are_a_warning(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["check", name]) == 1
+    assert "warning: limits: " in capsys.readouterr().out
+
+
+UNREADABLE = {
+    "nowhere.urdf": (None, "no file"),
+    "broken.urdf": ("<robot", "broken XML"),
+    "other.urdf": ("<html/>", "not a robot"),
+    "r.txt": ("<robot/>", "A path must end in .urdf"),
+    "UR5E": (None, "did you mean 'ur5e'"),
+}
+
+
+@pytest.mark.parametrize("name", UNREADABLE)
+def test_what_cannot_be_read(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text, said = UNREADABLE[name]
+    if text is not None:
+        Path(name).write_text(text, encoding="utf-8")
+    assert run(["check", name]) == 2
+    heard = capsys.readouterr()
+    assert said in heard.err
+    assert (heard.out, heard.err.count("\n")) == ("", 1)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the robots are not here")
+def test_real_files(capsys: pytest.CaptureFixture[str]) -> None:
+    for path in sorted(SHARED.glob("*.urdf")):
+        assert check(path).sound, path
+    for name, meshes in (("urdf_meshes_panda/panda.urdf", 20), ("urdf_tree_yumi/yumi.urdf", 20)):
+        warnings = [
+            each for each in check(SHARED / "messy" / name).findings if each.severity is Severity.WARNING
+        ]
+        assert [f"{meshes} meshes" in each.what for each in warnings] == [True]
+    assert not check(
+        SHARED / "messy" / "xacro_wx250s" / "wx250s.urdf.xacro"
+    ).sound  # Its meshes are elsewhere.
+
+
+@pytest.mark.slow
+def test_a_large_file_takes_seconds(tmp_path: Path) -> None:
+    links = "".join(f'<link name="l{i}"/>' for i in range(5001))
+    joint = '<joint name="j{0}" type="fixed"><parent link="l{1}"/><child link="l{2}"/></joint>'
+    path = tmp_path / "r.urdf"
+    ring = "".join(joint.format(i, i, (i + 1) % 5000) for i in range(5000))
+    path.write_text(f'<robot name="r">{links}{ring}</robot>', encoding="utf-8")
+    (loop,) = [each.what for each in check(path).findings if each.severity is Severity.ERROR]
+    assert "form a loop" in loop
+    astray = "".join(joint.format(i, f"x{i}", f"y{i}") for i in range(5000))
+    path.write_text(f'<robot name="r">{links}{astray}</robot>', encoding="utf-8")
+    assert len(check(path).findings) > 10_000
+    path.write_text(f'<robot name="r">{links * 2}</robot>', encoding="utf-8")
+    with pytest.raises(kinseek.InvalidRobot, match="10,002 links, expected at most 10,000"):
+        check(path)
+
+
+def test_mjcf_is_read(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    path = tmp_path / "r.xml"
+    body = "<body name='{}'><joint name='{}' axis='0 0 1' range='-1 1' limited='true'/>{}</body>"
+    path.write_text(f"<mujoco><worldbody>{body.format('a', 'j', '')}</worldbody></mujoco>", encoding="utf-8")
+    assert check(path).findings == []
+    path.write_text(
+        f"<mujoco><worldbody>{body.format('a', 'j', '')}{body.format('b', 'k', '')}</worldbody></mujoco>"
+    )
+    assert [each.severity for each in check(path).findings] == [Severity.NOTE]
+
+
+def test_a_xacro_file_gets_its_arguments_and_packages(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    package = tmp_path / "away" / "parts"
+    (package / "meshes").mkdir(parents=True)
+    (package / "meshes" / "c.stl").touch()
+    (package / "high.xacro").write_text(
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="high" value="$(arg high)"/></robot>'
+    )
+    head = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="high" default="none"/>
+      <xacro:include filename="$(find parts)/high.xacro"/>"""
+    body = SOUND[SOUND.index(">", SOUND.index("<robot")) + 1 :].replace('lower="-1"', 'lower="-${high}"', 1)
+    body = body.replace('<link name="c">', MESH.format("package://parts/meshes/c.stl"))
+    (tmp_path / "here").mkdir()
+    path = tmp_path / "here" / "r.xacro"
+    path.write_text(head + body)
+    given = ["--package", f"parts={package}", "--arg", "high=0.25"]
+    assert run(["check", str(path), *given]) == 0, capsys.readouterr()
+    assert run(["show", str(path), *given]) == 0
+    assert "-0.250000" in capsys.readouterr().out
+    assert run(["show", str(path)]) == 2
+    assert "package 'parts' is not found; say where it is" in capsys.readouterr().err
+    for words, said in (
+        (["--arg", "hihg=1", *given[:2]], "did you mean 'high'"),
+        (["--arg", "high"], "--arg takes NAME=VALUE, got 'high'"),
+        ([*given, "--arg", "high=1"], "--arg names 'high' twice"),
+    ):
+        assert run(["show", str(path), *words]) == 2
+        assert said in capsys.readouterr().err

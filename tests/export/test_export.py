@@ -1,0 +1,506 @@
+"""What is written for controllers runs as C: the same numbers as kinseek, in the memory that was told.
+
+On this machine as plain C; on a Cortex-M7 and on a 64-bit ARM where a compiler and QEMU for them are installed.
+"""
+
+from __future__ import annotations
+
+import platform
+import re
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kinseek
+from kinseek import Atlas, BruteForce, DivideAndConquer, Goal
+from kinseek.cli.program import run
+from kinseek.errors import InvalidExport, InvalidSolver, MissingExtra
+from kinseek.export import TARGETS, Parts, compiling, controller, prepare, to_c
+from kinseek.export.c_calls import c_declarations, c_definitions
+from kinseek.export.c_text import string
+from kinseek.kernels.entry import ENTRIES
+from kinseek.kernels.grid.memory import MOST_LANES
+from places import ROOT
+
+EXAMPLE = ROOT / "examples" / "cortex_m7"
+M7 = [
+    *TARGETS["thumbv7em"].cpus[0].options.split(),
+    "--specs=rdimon.specs",
+    "-nostartfiles",
+    "-Wl,--no-warnings",
+]
+M7 += [str(EXAMPLE / "start.c"), "-T", str(EXAMPLE / "part.ld")]
+BOARD = ["-M", "mps2-an500", "-nographic", "-semihosting-config", "enable=on,target=native", "-kernel"]
+SMALL = DivideAndConquer(branching_factor=360)
+GOALS = 8
+DONE, MISSED = 1, 2
+
+CHECK = """
+#include <stdio.h>
+#include <string.h>
+#include "kinseek.h"
+#include "asked.h"
+
+static void put(double number) {
+    uint32_t half[2];
+    memcpy(half, &number, sizeof half);
+    printf(" %08lx%08lx", (unsigned long)half[1], (unsigned long)half[0]);
+}
+
+int main(void) {
+    for (int k = 0; k < GOALS; k++) {
+        double pose[16], q[KINSEEK_DOF];
+        int fine = kinseek_fk(asked_q[k], pose) == KINSEEK_DONE;
+#ifdef KINSEEK_GRID
+        fine = fine && kinseek_begin(asked_pose[k]) == KINSEEK_MORE;
+        int state = KINSEEK_MORE;
+        while (state == KINSEEK_MORE) state = kinseek_go_on(WORK, q);
+        fine = fine && kinseek_nodes() >= kinseek_evaluations();
+#else
+        int state = kinseek_solve(asked_pose[k], q);
+#endif
+        printf("goal %d %d %ld", fine, state, (long)kinseek_evaluations());
+        for (int i = 0; i < 16; i++) put(pose[i]);
+        for (int i = 0; i < KINSEEK_DOF; i++) put(q[i]);
+        printf("\\n");
+    }
+    double bad[16] = {0.0}, q[KINSEEK_DOF] = {0.0};
+    bad[3] = 1.0 / bad[0];
+    printf("refused %d\\n", kinseek_solve(bad, q) == KINSEEK_NOT_FINITE);
+    return 0;
+}
+"""
+
+
+ASKED = {"NRT_MemInfo_alloc_aligned", "NRT_MemInfo_call_dtor"}
+"""What runtime.c has."""
+MATHEMATICS = {"sin", "cos", "sincos", "sqrt", "atan2", "pow"}
+
+
+def asked(arm: kinseek.Arm) -> tuple[Any, Any]:
+    q = arm.sample(GOALS, seed=3)
+    poses = arm.fk(q)
+    poses[-1, :3, 3] *= 4.0  # Out of reach.
+    return q, poses
+
+
+def answers(folder: Path, arm: kinseek.Arm, build: list[str], start: list[str], work: int) -> list[Any]:
+    """Compile and run the check; of each goal state, evaluations, pose (4, 4) and joint values (n,)."""
+
+    def table(name: str, rows: Any) -> str:
+        text = ",\n".join("{" + ", ".join(float(x).hex() for x in np.ravel(row)) + "}" for row in rows)
+        return f"static const double {name}[][{np.size(rows[0])}] = {{{text}}};\n"
+
+    q, poses = asked(arm)
+    numbers = f"#define GOALS {GOALS}\n#define WORK {work}\n"
+    (folder / "asked.h").write_text(numbers + table("asked_q", q) + table("asked_pose", poses))
+    (folder / "check.c").write_text(CHECK)
+    strict = ["-O2", "-Wall", "-Wextra", "-Werror", "-std=c11"]
+    for program in ("main.c", "check.c"):
+        files = [program, "kinseek.c", "search.c", "calls.c", "runtime.c"]
+        subprocess.run(
+            [build[0], *strict, *files, *build[1:], "-lm", "-o", program[:-2]], cwd=folder, check=True
+        )
+    main = subprocess.run(
+        [*start, "./main"], cwd=folder, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert main.returncode == 0, main.stdout + main.stderr
+    done = subprocess.run(
+        [*start, "./check"], cwd=folder, capture_output=True, text=True, timeout=300, check=True
+    )
+    assert "refused 1" in done.stdout
+    found = []
+    for line in done.stdout.splitlines():
+        if line.startswith("goal"):
+            fine, state, spent, *bits = line.split()[1:]
+            assert fine == "1"
+            values = np.array([struct.unpack(">d", bytes.fromhex(each))[0] for each in bits])
+            found.append((int(state), int(spent), values[:16].reshape(4, 4), values[16:]))
+    assert len(found) == GOALS
+    return found
+
+
+def compare(found: list[Any], arm: kinseek.Arm, search: DivideAndConquer | Atlas, most: float) -> None:
+    """Poses and joint values at most so far from kinseek's, after as much work where that is exact."""
+    q, poses = asked(arm)
+    for (state, spent, pose, answer), one, target in zip(found, q, poses, strict=True):
+        expected = arm.ik(target, solver=search)
+        assert np.abs(pose - arm.fk(one)).max() <= most
+        if isinstance(search, DivideAndConquer):
+            assert state == DONE
+            assert spent == expected.evaluations
+        else:
+            assert state == (DONE if expected.success else MISSED)
+            if most == 0.0:
+                assert spent == expected.evaluations
+            elif not expected.success:
+                continue  # Of the best of what cannot be reached many are as good.
+        assert np.abs(answer - expected.q).max() <= max(
+            most, 0.0 if isinstance(search, DivideAndConquer) else 1e3 * most
+        )
+
+
+def levels() -> set[str]:
+    try:
+        text = Path("/proc/cpuinfo").read_text()
+    except OSError:
+        return set()
+    return set(next((line for line in text.splitlines() if line.startswith("flags")), "").split())
+
+
+FROM_CPP = """
+#include "kinseek.h"
+#include <cstdio>
+
+int main() {
+    double q[KINSEEK_DOF] = {}, pose[16];
+    bool fine = kinseek_finite(q, KINSEEK_DOF) && kinseek_fk(q, pose) == KINSEEK_DONE;
+    for (double number : pose) std::printf("%a ", number);
+    return fine ? 0 : 1;
+}
+"""
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="there is no g++")
+def test_a_cpp_program_calls_the_functions_of_c(tmp_path: Path) -> None:
+    """Without the kernels: C functions of the same names stand in for them."""
+    header = Path(kinseek.__file__).parent / "export" / "c" / "kinseek.h"
+    (tmp_path / "kinseek.h").write_text(header.read_text())
+    (tmp_path / "arm.h").write_text("#define KINSEEK_DOF 2\n#define KINSEEK_GRID\n")
+    (tmp_path / "user.cpp").write_text(FROM_CPP)
+    (tmp_path / "stand_in.c").write_text(
+        '#include "kinseek.h"\n'
+        "bool kinseek_finite(const double *numbers, int count) { return numbers[count - 1] == 0.0; }\n"
+        "int kinseek_fk(const double q[KINSEEK_DOF], double pose[16]) {\n"
+        "    for (int i = 0; i < 16; i++) pose[i] = i + q[0];\n"
+        "    return KINSEEK_DONE;\n}\n"
+    )
+    for compiler in (["gcc", "-std=c11", "-c", "stand_in.c"], ["g++", "-pedantic", "user.cpp", "stand_in.o"]):
+        strict = ["-Wall", "-Wextra", "-Werror"]
+        done = subprocess.run([*compiler, *strict], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+    said = subprocess.run(["./a.out"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    assert [float.fromhex(word) for word in said.split()] == list(range(16))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="runs what is written for x86-64")
+@pytest.mark.skipif(not {"avx2", "fma"} <= levels(), reason="the processor is below x86-64-v3")
+@pytest.mark.parametrize("name", ["panda", "elbow6", "cylindrical3"])
+def test_plain_c_gives_the_same_bits(tmp_path: Path, name: str) -> None:
+    if shutil.which("gcc") is None:
+        pytest.skip("there is no gcc")
+    arm = kinseek.load(name)
+    form = {"panda": "object", "elbow6": "assembly", "cylindrical3": "object"}[name]
+    parts = to_c(arm, tmp_path / "out", search=SMALL, form=form)
+    assert parts.lanes == parts.most_lanes < MOST_LANES
+    file = {"object": "kernels.o", "assembly": "kernels.s"}[form]
+    found = answers(tmp_path / "out", arm, ["gcc", "-march=x86-64-v3", file], [], work=500)
+    compare(found, arm, SMALL, 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.thorough
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="runs what is written for x86-64")
+def test_a_smaller_memory_finds_as_good_nodes(tmp_path: Path) -> None:
+    if shutil.which("gcc") is None:
+        pytest.skip("there is no gcc")
+    arm = kinseek.load("elbow6")
+    parts = to_c(arm, tmp_path / "out", cpu="x86-64-v2", search=SMALL, ram=3 * 1024)
+    assert parts.ram <= 3 * 1024
+    assert parts.lanes < parts.most_lanes
+    assert f"{parts.lanes} tabulated leaves and not {parts.most_lanes}" in str(parts)
+    found = answers(tmp_path / "out", arm, ["gcc", "-march=x86-64-v2", "kernels.o"], [], work=1 << 40)
+    _, poses = asked(arm)
+    for (_, spent, _, q), target in zip(found, poses, strict=True):
+        expected = arm.ik(target, solver=SMALL)
+        assert spent == expected.evaluations
+        error = Goal.pose(target).measure(arm.chain.arrays, q[None])[0, 2]
+        assert error == pytest.approx(expected.weighted_error, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_a_cortex_m7_finds_the_same(tmp_path: Path) -> None:
+    compiler, emulator = shutil.which("arm-none-eabi-gcc"), shutil.which("qemu-system-arm")
+    if compiler is None or emulator is None:
+        pytest.skip("needs arm-none-eabi-gcc and qemu-system-arm")
+    arm, folder = kinseek.load("panda"), tmp_path / "out"
+    parts = to_c(arm, folder, "thumbv7em", search=SMALL, ram=64 * 1024, flash=64 * 1024)
+    options = [*parts.cpu.options.split(), "--specs=rdimon.specs", "-nostartfiles", "-Wl,--no-warnings"]
+    board = [str(EXAMPLE / "start.c"), "-T", str(EXAMPLE / "part.ld")]
+    start = [
+        emulator,
+        "-M",
+        "mps2-an500",
+        "-nographic",
+        "-semihosting-config",
+        "enable=on,target=native",
+        "-kernel",
+    ]
+    found = answers(folder, arm, [compiler, *options, *board, "kernels.o"], start, work=5000)
+    compare(found, arm, SMALL, 1e-14)
+    sizes = subprocess.run(
+        ["arm-none-eabi-nm", "-S", "main"], cwd=folder, capture_output=True, text=True, check=True
+    )
+    taken = {
+        line.split()[3]: int(line.split()[1], 16)
+        for line in sizes.stdout.splitlines()
+        if len(line.split()) == 4
+    }
+    assert 0 <= parts.ram - sum(taken[name] for name in ("memory", "wanted", "at", "room")) <= 8
+
+
+@pytest.mark.slow
+def test_a_64_bit_arm_finds_the_same(tmp_path: Path) -> None:
+    compiler, emulator = shutil.which("aarch64-linux-gnu-gcc"), shutil.which("qemu-aarch64")
+    if compiler is None or emulator is None:
+        pytest.skip("needs aarch64-linux-gnu-gcc and qemu-aarch64")
+    arm = kinseek.load("panda")
+    to_c(arm, tmp_path / "out", "aarch64", search=SMALL)
+    found = answers(tmp_path / "out", arm, [compiler, "-static", "kernels.o"], [emulator], work=1 << 40)
+    compare(found, arm, SMALL, 1e-14)
+
+
+@pytest.mark.slow
+@pytest.mark.thorough
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="runs what is written for x86-64")
+@pytest.mark.skipif(not {"avx2", "fma"} <= levels(), reason="the processor is below x86-64-v3")
+def test_the_atlas_gives_the_same_bits(tmp_path: Path) -> None:
+    if shutil.which("gcc") is None:
+        pytest.skip("there is no gcc")
+    arm, search = kinseek.load("panda"), Atlas(samples=2048)
+    to_c(arm, tmp_path / "out", search=search, flash=1 << 20, ram=32 * 1024)
+    found = answers(tmp_path / "out", arm, ["gcc", "-march=x86-64-v3", "kernels.o"], [], work=0)
+    compare(found, arm, search, 0.0)
+    assert [state for state, *_ in found] == [DONE] * (GOALS - 1) + [MISSED]
+
+
+@pytest.mark.slow
+def test_a_cortex_m7_runs_the_atlas(tmp_path: Path) -> None:
+    compiler, emulator = shutil.which("arm-none-eabi-gcc"), shutil.which("qemu-system-arm")
+    if compiler is None or emulator is None:
+        pytest.skip("needs arm-none-eabi-gcc and qemu-system-arm")
+    arm, search = kinseek.load("panda"), Atlas(samples=2048)
+    parts = to_c(arm, tmp_path / "out", "thumbv7em", search=search)
+    assert set(parts.asks) - MATHEMATICS <= ASKED
+    found = answers(tmp_path / "out", arm, [compiler, *M7, "kernels.o"], [emulator, *BOARD], work=0)
+    compare(found, arm, search, 1e-12)
+
+
+def test_c_has_the_types_that_are_declared() -> None:
+    one = [ENTRIES["ks_write_poses"]]
+    text = c_declarations(one)
+    assert "const double *fixed;  /* (m+1, 3, 4) */" in text
+    assert "const bool *prismatic;" in text
+    assert re.search(
+        r"int32_t kinseek_write_poses\(int64_t m, int64_t n, int64_t k, const KinseekChainArrays \*chain, "
+        r"const double \*q, double \*poses\);",
+        text,
+    )
+    body = c_definitions(one)
+    assert "(int64_t)(uintptr_t)chain->fixed,\n        m + 1,\n        3,\n        4," in body
+    assert "kinseek_bits(goal->position_weight)" in c_definitions([ENTRIES["ks_descend"]])
+
+
+def test_assembly_of_llvm_is_for_clang() -> None:
+    target = TARGETS["riscv32"]
+    parts = Parts({}, target, target.cpus[0], 1, 1, 1, 1, 1, "kernels.ll")
+    assert parts.command.startswith("clang --target=riscv32-unknown-elf -O2 -march=rv32imc")
+
+
+def test_names_are_safe_in_c() -> None:
+    assert string("left_arm 2") == '"left_arm 2"'
+    assert string('*/ "\\\n??/é') == r'"\052\057 \042\134\012\077\077\057\303\251"'
+
+
+FUNCTION = kinseek.Arm.from_fk(lambda q: np.broadcast_to(np.eye(4), (len(q), 4, 4)), [-1.0], [1.0])
+PANDA = kinseek.load("panda")
+
+
+@pytest.mark.parametrize(
+    ("arm", "given", "words"),
+    [
+        (
+            PANDA,
+            {"target": "avr"},
+            "unknown target 'avr'.*Valid: aarch64, riscv32, thumbv7em, wasm32, x86-64",
+        ),
+        (PANDA, {"cpu": "cortex-m7"}, "unknown processor of x86-64 'cortex-m7'"),
+        (PANDA, {"form": "elf"}, "form must be one of 'object', 'assembly', 'llvm', got 'elf'"),
+        (PANDA, {"ram": 0}, "ram \\[bytes\\] must be a whole number of at least 1, got 0"),
+        (PANDA, {"flash": 1e6}, "flash \\[bytes\\] must be a whole number"),
+        (
+            PANDA,
+            {"ram": 2048},
+            r"'panda' with 7 joints needs 2,\d\d\d bytes of RAM at least for this search, got 2,048",
+        ),
+        (FUNCTION, {}, "an arm that is a function cannot be exported"),
+        (PANDA, {"search": DivideAndConquer(tree="static")}, "tree must be 'dynamic'"),
+        (
+            PANDA,
+            {"search": DivideAndConquer(breadth=1.5)},
+            "breadth must be a whole number or one a joint, got 1.5",
+        ),
+        (PANDA, {"search": DivideAndConquer(ties="first")}, "ties must be 'rounding'"),
+        (PANDA, {"goal": Goal.pose(np.stack([np.eye(4)] * 2))}, r"one goal, got a batch of shape \(2,\)"),
+        (PANDA, {"goal": Goal.pointing([0.4, 0, 0.4], [0, 0, 1])}, "a pose or position of the tip"),
+        (PANDA, {"goal": Goal.pose(np.eye(4), free="x")}, "no free axes"),
+        (PANDA, {"search": BruteForce()}, "what can be exported is DivideAndConquer and Atlas"),
+        (PANDA, {"search": Atlas(), "ram": 4096}, r"needs 1\d,\d\d\d bytes of RAM for the atlas, got 4,096"),
+        (
+            PANDA,
+            {"search": Atlas(), "goal": Goal.position([0.4, 0, 0.4])},
+            "answers whole poses.*got another kind",
+        ),
+        (PANDA, {"goal": Goal.pose(np.eye(4), tool=np.eye(4))}, "a pose or position of the tip"),
+    ],
+)
+def test_bad_input_is_refused_before_anything_is_compiled(
+    arm: kinseek.Arm, given: dict[str, Any], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*_: object) -> None:
+        raise AssertionError("it came to compiling")
+
+    monkeypatch.setattr(controller, "compiled", never)
+    with pytest.raises(InvalidExport, match=words):
+        prepare(arm, **given)
+
+
+def test_parameters_of_the_search_are_its_own_to_refuse() -> None:
+    with pytest.raises(InvalidSolver, match="breadth must be one number or 7"):
+        prepare(PANDA, search=DivideAndConquer(breadth=(1, 2)))
+
+
+def test_bad_folders_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidExport, match=r"there is no folder .* to make 'c' in"):
+        to_c(PANDA, tmp_path / "nowhere" / "c")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InvalidExport, match="is no folder"):
+        to_c(PANDA, tmp_path / "file")
+    (tmp_path / "main.c").write_text("int main(void) { return 0; }")
+    with pytest.raises(InvalidExport, match=r"holds main\.c, which kinseek did not write"):
+        to_c(PANDA, tmp_path)
+    with pytest.raises(InvalidExport, match="folder must be a path"):
+        to_c(PANDA, "")
+
+
+PARTS = Parts(
+    {"kinseek.h": b"/* Written by kinseek", "main.c": b"int main"},
+    TARGETS["thumbv7em"],
+    TARGETS["thumbv7em"].cpus[1],
+    30_000,
+    1500,
+    4000,
+    9,
+    27,
+    "kernels.o",
+)
+
+
+@pytest.mark.parametrize("name", ["main.c", "kernels.o"])
+def test_links_in_the_folder_are_replaced_and_not_followed(tmp_path: Path, name: str) -> None:
+    victim, folder = tmp_path / "victim", tmp_path / "c"
+    victim.write_text("mine")
+    folder.mkdir()
+    (folder / name).symlink_to("../victim")
+    with pytest.raises(InvalidExport, match=f"holds {name}, which kinseek did not write"):
+        PARTS.write(folder)
+    (folder / "kinseek.h").write_text("/* Written by kinseek 1.0 */")
+    PARTS.write(folder)
+    assert victim.read_text() == "mine"
+    assert (folder / "main.c").read_bytes() == b"int main"
+    assert not (folder / name).is_symlink()
+
+
+def test_a_link_that_leads_nowhere_is_not_written_through(tmp_path: Path) -> None:
+    (tmp_path / "main.c").symlink_to("missing")
+    with pytest.raises(InvalidExport, match=r"holds main\.c, which kinseek did not write"):
+        PARTS.write(tmp_path)
+    assert not (tmp_path / "missing").exists()
+
+
+def test_a_folder_that_is_a_link_has_to_be_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("kinseek.cli.commands.export.prepare", lambda *given, **named: PARTS)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "scara4_c").symlink_to("elsewhere")
+    assert run(["export", "scara4", "--to", "c"]) == 2
+    assert "'scara4_c' is a link; name the folder with --folder" in capsys.readouterr().err
+    assert not any((tmp_path / "elsewhere").iterdir())
+    assert run(["export", "scara4", "--to", "c", "--folder", "scara4_c"]) == 0
+    assert (tmp_path / "elsewhere" / "main.c").is_file()
+
+
+def test_without_numba_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiling, "find_spec", lambda name: None)
+    with pytest.raises(MissingExtra, match=r"pip install 'kinseek\[jit\]'"):
+        to_c(PANDA, tmp_path / "c")
+    assert not (tmp_path / "c").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["panda"], "Missing option '--to'"),
+        (["panda", "--to", "rust"], "unknown language 'rust'. Valid: c"),
+        (["panda", "--to", "c", "--solver", "brute-force"], "unknown search for a controller 'brute-force'"),
+        (["panda", "--to", "c", "--samples", "64"], "divide-and-conquer has no option --samples"),
+        (["panda", "--to", "c", "--ram", "64q"], "--ram: '64q' is no number of bytes"),
+        (["panda", "--to", "c", "--target", "arm"], "unknown target 'arm'"),
+        (["panda", "--to", "c", "--ram", "1k"], "needs 2,"),
+        (["panda", "--to", "c", "--at", "0.4 0 0.4"], "a goal needs exactly one of"),
+        (["panda", "--to", "c", "--folder", "/no/where"], "there is no folder '/no'"),
+    ],
+)
+def test_the_command_line_refuses_in_one_line(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["export", *words]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+
+
+def test_the_command_line_tells_sizes_before_it_writes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: dict[str, Any] = {}
+    parts = PARTS
+
+    def known(arm: kinseek.Arm, name: str, **rest: Any) -> Parts:
+        given.update(rest)
+        return parts
+
+    monkeypatch.setattr("kinseek.cli.commands.export.prepare", known)
+    words = [
+        "export",
+        "scara4",
+        "--to",
+        "c",
+        "--target",
+        "thumbv7em",
+        "--folder",
+        str(tmp_path / "c"),
+        "--breadth",
+        "2",
+    ]
+    assert (
+        run([*words, "--ram", "64k", "--flash", "1M", "--at", "0.3", "-0.1", "0.2", "--position-only"]) == 0
+    )
+    assert (given["ram"], given["flash"]) == (65536, 1048576)
+    assert given["search"] == DivideAndConquer(breadth=2)
+    assert given["goal"].kind == "position"
+    out, error = capsys.readouterr()
+    assert "flash 31,500 bytes" in error
+    assert "RAM 4,000 bytes" in error
+    assert "kinseek.h" in out
+    assert parts.command in out
+    assert run([*words, "--json"]) == 2
+    assert run(words) == 0  # Its own files may be written again.

@@ -1,0 +1,231 @@
+"""Building the library of kernels: what is kept is taken up again, and a terminal sees how far it is."""
+
+from __future__ import annotations
+
+import os
+import runpy
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from kinseek.kernels.route import LIBRARY, told
+from places import ROOT
+
+if not (ROOT / "native").exists():
+    pytest.skip("only the wheel is here", allow_module_level=True)
+BUILD = runpy.run_path(str(ROOT / "native" / "build.py"))
+take_up, objects = BUILD["_take_up"], BUILD["_objects"]
+
+
+def name(folder: Path, level: int, *stems: str, room: str = "paths") -> None:
+    """Write down what the library is made of for a level, as native/emit.py does."""
+    (folder / f"{BUILD['source_digest']()}.{level}.names").write_text(
+        "\n".join(f"{room} {stem}" for stem in stems)
+    )
+
+
+def test_what_an_earlier_run_did_not_finish_is_taken_again(tmp_path: Path) -> None:
+    assert take_up([(tmp_path, 3)], [])
+    for each in ("ks_a-1.3.taken", "ks_b-2.3.taken", "ks_a-1.3.o"):
+        (tmp_path / each).touch()
+    name(tmp_path, 3, "ks_a-1", "ks_b-2")
+    assert take_up([(tmp_path, 3)], [])
+    assert (tmp_path / "ks_a-1.3.taken").exists()
+    assert not (tmp_path / "ks_b-2.3.taken").exists()
+    assert take_up([(tmp_path, 2)], [])
+    for each in ("ks_b-2.3.taken", "ks_b-2.3.o"):
+        (tmp_path / each).touch()
+    assert not take_up([(tmp_path, 3)], [])
+
+
+def test_objects_of_other_sources_are_not_those_of_these(tmp_path: Path) -> None:
+    name(tmp_path, 3, "ks_a-1", "ks_b-2")
+    for each in ("ks_a-1.3.o", "ks_b-old.3.o", "ks_b-2.2.o"):
+        (tmp_path / each).touch()
+    assert take_up([(tmp_path, 3)], [])
+    assert BUILD["_wanted"](tmp_path, 3, []) == [tmp_path / "ks_a-1.3.o", tmp_path / "ks_b-2.3.o"]
+
+
+def test_only_the_rooms_that_are_asked_for_are_waited_for(tmp_path: Path) -> None:
+    name(tmp_path, 3, "ks_a-1")
+    (tmp_path / "ks_a-1.3.o").touch()
+    assert not take_up([(tmp_path, 3)], ["paths"])
+    assert BUILD["_wanted"](tmp_path, 3, ["proof"]) == []
+    assert BUILD["has_rooms"]({"paths", "proof"}, ["paths"])
+    assert not BUILD["has_rooms"]({"paths", "proof"}, [])
+    assert not BUILD["has_rooms"]({"paths"}, ["proof"])
+    assert BUILD["has_rooms"]({"all"}, ["proof"])
+    with pytest.raises(
+        BUILD["BuildError"], match=r"rooms \['kitchen'\] are not known, known are \['arm', 'atlas', "
+    ):
+        BUILD["build"](tmp_path, None, ["kitchen"])
+
+
+def test_what_is_made_for_two_machines_is_finished_for_both(tmp_path: Path) -> None:
+    one, two = tmp_path / "one", tmp_path / "two"
+    for folder in (one, two):
+        folder.mkdir()
+        name(folder, 1, "ks_a-1")
+    (one / "ks_a-1.1.taken").touch()
+    (one / "ks_a-1.1.o").touch()
+    assert take_up([(one, 1), (two, 1)], [])
+    assert not (one / "ks_a-1.1.taken").exists()
+
+
+def test_a_second_build_waits_for_the_first(tmp_path: Path) -> None:
+    pytest.importorskip("fcntl")
+    order, alone = list[str](), BUILD["_alone"]
+
+    def second() -> None:
+        with alone(tmp_path):
+            order.append("second")
+
+    with alone(tmp_path):
+        waiting = threading.Thread(target=second)
+        waiting.start()
+        waiting.join(0.1)
+        order.append("first")
+    waiting.join()
+    assert order == ["first", "second"]
+
+
+def test_what_nobody_took_for_a_month_is_forgotten(tmp_path: Path) -> None:
+    name(tmp_path, 3, "ks_a-1")
+    deep = tmp_path / "cache" / "kinseek-0" / "digest" / "place"
+    deep.mkdir(parents=True)
+    old = [tmp_path / "ks_a-1.3.o", tmp_path / "ks_a-0.3.o", tmp_path / "ks_a-0.3.taken", deep / "a.nbc"]
+    for path in old:
+        path.touch()
+        os.utime(path, (0, 0))
+    BUILD["_forget"](tmp_path)
+    assert [path.exists() for path in old] == [True, False, False, False]
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() == 0, reason="nothing stops root")
+def test_where_no_objects_can_be_kept_none_are(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("numba")
+    tmp_path.chmod(0o500)
+    assert objects(tmp_path / "kept", "elsewhere") == Path("elsewhere")
+    assert "keeping none, for" in capsys.readouterr().err
+
+
+SOME = """
+import sys
+
+sys.path.insert(0, sys.argv[1])
+import emit
+
+emit.never_run()
+import kinseek.kernels.ranges.steps
+from kinseek.kernels.entry import ENTRIES
+from kinseek.kernels.jit import ROUTINES
+
+known = {**ENTRIES, **ROUTINES}
+for name in sys.argv[2:]:
+    made = emit.compiled(known[name])
+    whole = emit.linked(made, emit.wrapper_of(known[name], made, name), name)
+    data = emit._native_object(whole)
+    print(emit.hashlib.sha256(data).hexdigest())
+"""
+
+
+@pytest.mark.slow
+def test_an_object_has_the_same_bytes_whatever_was_compiled_before(tmp_path: Path) -> None:
+    """Numba lets a function take options from whichever kernel calls it first, and counts what it compiles in names."""
+    pytest.importorskip("numba")
+
+    def bytes_of(*names: str) -> dict[str, str]:
+        environment = os.environ | {"KINSEEK_JIT": "1", "NUMBA_CACHE_DIR": str(tmp_path / names[0])}
+        done = subprocess.run(
+            [sys.executable, "-c", SOME, str(ROOT / "native"), *names],
+            env=environment | {"PYTHONHASHSEED": "0", "NUMBA_DISABLE_JIT": "0"},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return dict(zip(names, done.stdout.split(), strict=True))
+
+    one, other = "ks_write_range_errors", "ks_range_judge_routine"
+    first, second = bytes_of(one, other), bytes_of(other, one)
+    assert first == second
+    assert bytes_of(other, one) == first  # With what the caches hold by now.
+
+
+def test_objects_are_kept_apart_for_each_compiler(tmp_path: Path) -> None:
+    pytest.importorskip("numba")
+    assert objects("", str(tmp_path)) == tmp_path
+    kept = objects(str(tmp_path), "elsewhere")
+    assert kept.is_dir()
+    assert BUILD["_own_digest"]() in kept.name
+    assert objects(tmp_path, "elsewhere") == kept
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs POSIX permissions")
+@pytest.mark.parametrize("how", ["folder", "object", "link", "folder inside"])
+def test_objects_that_others_could_have_put_there_are_not_linked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], how: str
+) -> None:
+    pytest.importorskip("numba")
+    kept = objects(tmp_path / "kept", "elsewhere")
+    (kept / "ks_a.3.o").touch(mode=0o600)
+    (kept / "cache").mkdir(mode=0o700)
+    assert objects(tmp_path / "kept", "elsewhere") == kept
+    assert capsys.readouterr().err == ""
+    if how == "link":
+        (kept / "ks_b.3.o").symlink_to(tmp_path / "planted.o")
+    else:
+        (tmp_path / "kept" if how == "folder" else kept / ("cache" if "inside" in how else "ks_a.3.o")).chmod(
+            0o770
+        )
+    assert objects(tmp_path / "kept", "elsewhere") == Path("elsewhere")
+    said = capsys.readouterr().err
+    assert said.startswith("native/build.py: compiling every kernel and keeping none, for ")
+    assert said.count("\n") == 1
+
+
+@pytest.mark.skipif(LIBRARY is None, reason=told())
+@pytest.mark.skipif(not Path("/proc/cpuinfo").exists(), reason="the system tells it elsewhere")
+def test_what_is_built_for_this_machine_is_the_best_that_its_door_takes() -> None:
+    from kinseek.kernels import _prebuilt as door  # type: ignore[attr-defined,unused-ignore]
+
+    assert BUILD["this_level"]() == [door.best_level()]
+
+
+SHOWN = f"""
+import runpy
+with runpy.run_path({str(ROOT / "native" / "build.py")!r})["_screen"]() as screen:
+    screen.write("seen")
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="other terminals")
+def test_the_progress_is_seen_in_a_terminal_though_output_is_captured() -> None:
+    import pty
+
+    child, terminal = pty.fork()
+    if child == 0:
+        os.execv(
+            sys.executable,
+            [
+                sys.executable,
+                "-c",
+                f"import subprocess, sys\nsubprocess.run([sys.executable, '-c', {SHOWN!r}], capture_output=True)",
+            ],
+        )
+    try:
+        assert os.read(terminal, 100) == b"seen"
+    finally:
+        assert os.waitpid(child, 0)[1] == 0
+        os.close(terminal)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="other terminals")
+def test_without_a_terminal_nothing_is_said() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", SHOWN], capture_output=True, text=True, check=True, start_new_session=True
+    )
+    assert done.stdout + done.stderr == ""

@@ -1,0 +1,440 @@
+"""URDF and xacro: real files against stored poses, random chains against plain NumPy, and every bad input."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.typing import ArrayLike
+
+from kinseek.errors import InvalidRobot
+from kinseek.kernels.arm.forward import forward_many
+from kinseek.robots import SerialChain, files, read, read_urdf, urdf_xml
+from kinseek.robots.chain import Array
+from kinseek.transforms import rotation, transform
+from places import SHARED
+
+NEEDS_SHARED = pytest.mark.skipif(not SHARED.is_dir(), reason="the shared robots are not here")
+FLEET = json.loads((SHARED / "robots.json").read_text()) if SHARED.is_dir() else {}
+MESSY_TIPS = [
+    ("xacro_wx250s", "wx250s/ee_gripper_link"),
+    ("xacro_wx250s", "wx250s/left_finger_link"),
+    ("urdf_meshes_panda", "panda_link8"),
+    ("urdf_meshes_panda", "panda_leftfinger"),
+    ("urdf_tree_yumi", "yumi_link_7_l"),
+    ("urdf_tree_yumi", "gripper_l_finger_r"),
+    ("urdf_tree_yumi", "gripper_r_finger_r"),
+]
+
+
+def fk(chain: SerialChain, q: ArrayLike) -> Array:
+    return forward_many(chain.arrays, np.array(q, dtype=float))
+
+
+def robot(*joints: str, links: str = "a b c") -> str:
+    return (
+        '<robot name="r">'
+        + "".join(f'<link name="{link}"/>' for link in links.split())
+        + "".join(joints)
+        + "</robot>"
+    )
+
+
+def joint(
+    name: str = "j",
+    ends: str = "a b",
+    kind: str = "revolute",
+    inside: str = '<limit lower="-1" upper="2"/>',
+) -> str:
+    parent, child = ends.split()
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{inside}</joint>'
+    )
+
+
+LIMIT = '<limit lower="-1" upper="2"/>'
+SECOND = joint("k", "b c", "fixed", "")
+
+
+def write(folder: Path, text: str, name: str = "r.urdf") -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+# Real files
+
+
+@NEEDS_SHARED
+@pytest.mark.parametrize("name", FLEET)
+def test_fleet_agrees_with_stored_poses(name: str) -> None:
+    stored = np.load(SHARED / "fk" / f"{name}.npz")
+    chain = read_urdf(SHARED / f"{name}.urdf", FLEET[name]["base"], FLEET[name]["tip"])
+    assert chain.joint_names == tuple(stored["joint_names"])
+    assert np.abs(fk(chain, stored["q"]) - stored["T"]).max() < 1e-12
+    limited = np.array([kind != "continuous" for kind in chain.kinds])
+    np.testing.assert_array_equal(chain.lower[limited], stored["lower"][limited])
+    np.testing.assert_array_equal(chain.upper[limited], stored["upper"][limited])
+
+
+@NEEDS_SHARED
+@pytest.mark.parametrize(("name", "tip"), MESSY_TIPS)
+def test_messy_files_agree_with_stored_poses(name: str, tip: str, capfd: pytest.CaptureFixture[str]) -> None:
+    messy = json.loads((SHARED / "messy" / "messy.json").read_text())[name]
+    stored = np.load(SHARED / "messy" / name / "expected_fk.npz")
+    capfd.readouterr()
+    chain = read(SHARED / "messy" / messy["file"], messy["base"], tip)
+    assert capfd.readouterr() == ("", "")
+    columns = [list(stored["joint_names"]).index(joint) for joint in chain.joint_names]
+    expected = stored["T_" + tip.replace("/", "__")]
+    assert np.abs(fk(chain, stored["q"][:, columns]) - expected).max() < 1e-12
+
+
+@NEEDS_SHARED
+def test_follower_whose_leader_is_beside_the_path_is_refused() -> None:
+    path = SHARED / "messy" / "urdf_meshes_panda" / "panda.urdf"
+    with pytest.raises(InvalidRobot, match=r"panda_finger_joint1.*does not move between base and tip"):
+        read_urdf(path, tip="panda_rightfinger")
+
+
+@NEEDS_SHARED
+def test_several_leaves_are_listed() -> None:
+    path = SHARED / "messy" / "urdf_meshes_panda" / "panda.urdf"
+    with pytest.raises(InvalidRobot, match=r"branches.*panda_leftfinger, panda_rightfinger"):
+        read_urdf(path)
+
+
+# Random chains
+
+
+def number(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(low, high, allow_nan=False)
+
+
+LINKS = st.fixed_dictionaries(
+    {
+        "kind": st.sampled_from(["revolute", "continuous", "prismatic", "fixed"]),
+        "xyz": st.tuples(*[number(-1, 1)] * 3),
+        "rpy": st.tuples(*[number(-4, 4)] * 3),
+        "axis": st.tuples(*[number(-1, 1)] * 3).filter(lambda axis: np.linalg.norm(axis) > 0.1),
+        "mimic": st.none() | st.tuples(st.integers(0, 9), number(-2, 2), number(-1, 1)),
+    }
+)
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])
+@given(st.lists(LINKS, min_size=1, max_size=9), st.randoms(use_true_random=False))
+def test_random_chain_is_the_product_of_its_transforms(
+    tmp_path: Path, links: list[dict[str, Any]], random: Random
+) -> None:
+    q = [random.uniform(-3, 3) for _ in links]
+    value: list[float] = []
+    expected = np.eye(4)
+    joints = []
+    variables = []
+    for i, link in enumerate(links):
+        x, y, z = np.eye(3)
+        axis = np.array(link["axis"]) / np.linalg.norm(link["axis"])
+        roll, pitch, yaw = link["rpy"]
+        turn = rotation(z, yaw) @ rotation(y, pitch) @ rotation(x, roll)
+        moves = link["kind"] != "fixed"
+        leaders = [k for k in range(i) if links[k]["kind"] != "fixed"]
+        inside = (
+            f'<origin xyz="{" ".join(map(repr, link["xyz"]))}" rpy="{" ".join(map(repr, link["rpy"]))}"/>'
+            f'<axis xyz="{" ".join(repr(float(v)) for v in axis)}"/>'
+        )
+        if moves and link["mimic"] and leaders:
+            pick, multiplier, offset = link["mimic"]
+            leader = leaders[pick % len(leaders)]
+            inside += f'<mimic joint="j{leader}" multiplier="{multiplier}" offset="{offset}"/>'
+            value.append(multiplier * value[leader] + offset)
+        else:
+            inside += '<limit lower="-9" upper="9"/>'
+            value.append(q[i])
+            if moves:
+                variables.append(q[i])
+        joints.append(joint(f"j{i}", f"l{i} l{i + 1}", link["kind"], inside))
+        expected = expected @ transform(turn, link["xyz"])
+        if link["kind"] == "prismatic":
+            expected = expected @ transform(np.eye(3), value[i] * axis)
+        elif moves:
+            expected = expected @ transform(rotation(axis, value[i]), (0, 0, 0))
+    text = robot(*joints, links=" ".join(f"l{i}" for i in range(len(links) + 1)))
+    path = write(tmp_path, text)
+    if not variables:
+        with pytest.raises(InvalidRobot, match=r"no movable joint"):
+            read_urdf(path)
+        return
+    chain = read_urdf(path)
+    np.testing.assert_allclose(fk(chain, [variables])[0], expected, rtol=0, atol=1e-11)
+
+
+# Small matters
+
+
+def test_defaults_are_those_of_urdf(tmp_path: Path) -> None:
+    chain = read_urdf(write(tmp_path, robot(joint(), links="a b")))
+    assert (chain.base, chain.tip, chain.name) == ("a", "b", "r")
+    np.testing.assert_allclose(
+        fk(chain, [[0.3]])[0, :3, :3], rotation(np.array([1.0, 0, 0]), 0.3), atol=1e-15
+    )
+
+
+def test_meshes_sensors_and_strange_tags_are_never_looked_at(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    noise = (
+        '<!-- x --><gazebo><joint name="j"/></gazebo><transmission name="t"/><material name="m"/><odd/>'
+        '<link name="b"><visual><geometry><mesh filename="package://none/x.stl"/></geometry></visual></link>'
+    )
+    text = robot(joint(inside=f'{LIMIT}<dynamics damping="x"/><odd/>'), noise, links="a")
+    assert read_urdf(write(tmp_path, text)).dof == 1
+    assert capfd.readouterr() == ("", "")
+
+
+def test_chained_mimics_lead_through_a_joint_beside_the_path(tmp_path: Path) -> None:
+    text = robot(
+        joint("j", "a b", inside='<limit lower="-9" upper="9"/>'),
+        joint("side", "b s", inside='<mimic joint="j" multiplier="2" offset="1"/>'),
+        joint("k", "b c", inside='<mimic joint="side" multiplier="3" offset="-1"/>'),
+        links="a b c s",
+    )
+    chain = read_urdf(write(tmp_path, text), tip="c")
+    assert chain.joint_names == ("j",)
+    np.testing.assert_array_equal(chain.multiplier, [1, 6])
+    np.testing.assert_array_equal(chain.offset, [0, 2])
+
+
+@pytest.mark.parametrize(
+    ("leader", "follower", "expected"),
+    [
+        ("-9 9", "-1 2", (-2.5, -1.0)),
+        ("-2 9", "-1 2", (-2.0, -1.0)),
+        ("-9 9", "0 0", (-9.0, 9.0)),
+        (None, "-1 2", (-2.5, -1.0)),
+        ("-0.5 9", "-1 2", None),
+    ],
+)
+def test_a_followers_limits_narrow_its_leader(
+    tmp_path: Path, leader: str | None, follower: str, expected: tuple[float, float] | None
+) -> None:
+    def limit(text: str) -> str:
+        return '<limit lower="{}" upper="{}"/>'.format(*text.split())
+
+    text = robot(
+        joint(inside=limit(leader)) if leader else joint(kind="continuous", inside=""),
+        joint("k", "b c", inside=limit(follower) + '<mimic joint="j" multiplier="-2" offset="-3"/>'),
+    )
+    path = write(tmp_path, text)
+    if expected is None:
+        with pytest.raises(
+            InvalidRobot, match=r"'k' with limits \[-1.0, 2.0\] leaves no value for joint 'j'"
+        ):
+            read_urdf(path)
+        return
+    chain = read_urdf(path)
+    assert (chain.lower[0], chain.upper[0]) == expected
+    assert chain.kinds == ("revolute",)
+
+
+def test_joints_beside_the_path_may_be_anything(tmp_path: Path) -> None:
+    text = robot(
+        joint("float", "w a", "floating", ""),
+        joint(),
+        joint("side", "b s", "planar", ""),
+        joint("loose", "b t", "revolute", ""),
+        links="w a b s t",
+    )
+    assert read_urdf(write(tmp_path, text), base="a", tip="b").joint_names == ("j",)
+    with pytest.raises(InvalidRobot, match=r"'float' is floating.*Choose base='a'"):
+        read_urdf(tmp_path / "r.urdf", tip="b")
+    with pytest.raises(InvalidRobot, match=r"'side' is planar"):
+        read_urdf(tmp_path / "r.urdf", base="a", tip="s")
+
+
+# Bad input
+
+BAD_FILES = {
+    "broken XML": ("<robot><link></robot>", "broken XML.*line 1"),
+    "empty": ("", "broken XML"),
+    "not a robot": ("<sdf/>", "root tag is <sdf>, expected <robot>"),
+    "xacro in a .urdf": (
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="x"/></robot>',
+        "xacro commands; name it .xacro",
+    ),
+    "no links": ("<robot/>", "no links"),
+    "nameless link": ("<robot><link/></robot>", "<link> in line 1 has no name"),
+    "nameless joint": ('<robot><link name="a"/><joint/></robot>', "<joint> in line 1 has no name"),
+    "duplicate link": (robot(joint(), links="a b b"), "duplicate link names: b"),
+    "duplicate joint": (robot(joint(), joint(ends="b c")), "duplicate joint names: j"),
+    "unknown link": (robot(joint(ends="a z"), links="a b"), "joint 'j' refers to link 'z'"),
+    "two parents": (robot(joint(), joint("k", "c b")), "link 'b' has two parents, 'a' and 'c'"),
+    "loop of all": (robot(joint(), joint("k", "b a"), links="a b"), "form a loop: a -> b -> a"),
+    "loop apart": (
+        robot(joint(), joint("k", "c d"), joint("l", "d c"), links="a b c d"),
+        "form a loop: c -> d",
+    ),
+    "several roots": (robot(joint()), "several root links, expected one: a, c"),
+    "unknown type": (
+        robot(joint(kind="revolut"), SECOND),
+        "unknown joint type 'revolut'; did you mean 'revolute'",
+    ),
+    "no type": (robot(joint().replace(' type="revolute"', ""), SECOND), "joint 'j': no type"),
+    "no parent": (robot(joint().replace('<parent link="a"/>', ""), SECOND), "joint 'j': no <parent>"),
+    "parent of nothing": (robot(joint().replace('<parent link="a"/>', "<parent/>")), "<parent> has no link"),
+    "no child": (robot(joint().replace('<child link="b"/>', ""), SECOND), "joint 'j': no <child>"),
+    "no limit": (robot(joint(inside=""), SECOND), "'j' is revolute and needs a <limit> with both"),
+    "half a limit": (
+        robot(joint(inside='<limit lower="-1"/>'), SECOND),
+        "'j' is revolute and needs a <limit>",
+    ),
+    "prismatic without": (robot(joint(kind="prismatic", inside=""), SECOND), "'j' is prismatic and needs"),
+    "inverted": (
+        robot(joint(inside='<limit lower="2" upper="1"/>'), SECOND),
+        "'j': lower limit 2.0 is above",
+    ),
+    "infinite": (robot(joint(inside='<limit lower="-inf" upper="1"/>'), SECOND), "'j'.*'-inf' is not finite"),
+    "not a number": (robot(joint(inside='<limit lower="${x}" upper="1"/>'), SECOND), "'j'.*is not a number"),
+    "underscore": (robot(joint(inside='<limit lower="-1_0" upper="1"/>'), SECOND), "'-1_0' is not a number"),
+    "nan origin": (
+        robot(joint(inside=LIMIT + '<origin xyz="0 nan 0"/>'), SECOND),
+        "<origin> xyz.*not finite",
+    ),
+    "short origin": (robot(joint(inside=LIMIT + '<origin rpy="0 0"/>'), SECOND), "2 values, expected 3"),
+    "two origins": (robot(joint(inside=LIMIT + "<origin/><origin/>"), SECOND), "2 <origin> elements"),
+    "empty axis": (robot(joint(inside=LIMIT + "<axis/>"), SECOND), "<axis> has no xyz"),
+    "zero axis": (robot(joint(inside=LIMIT + '<axis xyz="0 0 0"/>'), SECOND), "'j': axis 0 0 0 has length 0"),
+    "long axis": (
+        robot(joint(inside=LIMIT + '<axis xyz="0 2 0"/>'), SECOND),
+        "length 2, expected 1; write 0 1 0",
+    ),
+    "all fixed": (
+        robot(joint(kind="fixed", inside=""), SECOND),
+        "no movable joint between base 'a' and tip 'c'",
+    ),
+    "mimic of nothing": (robot(joint(inside=LIMIT + "<mimic/>"), SECOND), "<mimic> has no joint"),
+    "mimic unknown": (
+        robot(joint(inside=LIMIT + '<mimic joint="z"/>'), SECOND),
+        "mimics 'z', which does not move",
+    ),
+    "mimic of itself": (robot(joint(inside=LIMIT + '<mimic joint="j"/>'), SECOND), "form a loop: j -> j"),
+    "bad multiplier": (
+        robot(joint(), joint("k", "b c", inside='<mimic joint="j" multiplier="two"/>')),
+        "'k': <mimic> multiplier='two': 'two' is not a number",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_FILES)
+def test_bad_file_is_refused_with_a_reason(
+    case: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    text, message = BAD_FILES[case]
+    with pytest.raises(InvalidRobot, match=message):
+        read_urdf(write(tmp_path, text))
+    assert capfd.readouterr() == ("", "")
+
+
+def test_missing_file_names_its_neighbours(tmp_path: Path) -> None:
+    path = write(tmp_path, robot(joint(), SECOND), "panda.urdf")
+    with pytest.raises(InvalidRobot, match=r"no file .*pandas.urdf.*did you mean 'panda.urdf'"):
+        read_urdf(path.with_name("pandas.urdf"))
+    with pytest.raises(InvalidRobot, match=r"no file .*'$"):
+        read_urdf(tmp_path / "empty" / "x.urdf")
+    (tmp_path / "folder.urdf").mkdir()
+    with pytest.raises(InvalidRobot, match=r"cannot read"):
+        read_urdf(tmp_path / "folder.urdf")
+
+
+def test_base_and_tip_must_exist_and_be_in_order(tmp_path: Path) -> None:
+    path = write(tmp_path, robot(joint(), SECOND))
+    with pytest.raises(InvalidRobot, match=r"unknown link 'aa'; did you mean 'a'.*Valid: a, b, c"):
+        read_urdf(path, base="aa")
+    with pytest.raises(InvalidRobot, match=r"unknown link 'z'. Valid"):
+        read_urdf(path, tip="z")
+    with pytest.raises(InvalidRobot, match=r"base 'c' is not above tip 'b'. Above it, from the root: a"):
+        read_urdf(path, base="c", tip="b")
+
+
+# Xacro
+
+XACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
+
+
+def test_xacro_finds_includes_beside_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    write(tmp_path, XACRO.format('<xacro:property name="up" value="2"/>'), "part.xacro")
+    body = '<xacro:include filename="part.xacro"/><link name="a"/><link name="b"/>' + joint(
+        inside='<limit lower="-1" upper="${up}"/>'
+    )
+    path = write(tmp_path, XACRO.format(body), "r.urdf.xacro")
+    monkeypatch.chdir(tmp_path.parent)
+    before = os.listdir(tmp_path)
+    assert read_urdf(path).upper[0] == 2.0
+    assert read_urdf(os.path.relpath(path)).upper[0] == 2.0
+    assert os.listdir(tmp_path) == before
+    assert capfd.readouterr() == ("", "")
+
+
+def test_same_package_name_in_two_places_stays_apart(tmp_path: Path) -> None:
+    for upper in ("2", "3"):
+        package = tmp_path / upper / "pack"
+        package.mkdir(parents=True)
+        write(package, "<package><name>pack</name></package>", "package.xml")
+        write(package, XACRO.format(f'<xacro:property name="up" value="{upper}"/>'), "part.xacro")
+        body = '<xacro:include filename="$(find pack)/part.xacro"/><link name="a"/><link name="b"/>' + joint(
+            inside='<limit lower="-1" upper="${up}"/>'
+        )
+        assert read_urdf(write(package, XACRO.format(body), "r.xacro")).upper[0] == float(upper)
+
+
+def test_xacro_prints_nothing_and_other_threads_print_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "part.xacro").write_text('<robot name="r"/>', encoding="utf-8")
+    path = tmp_path / "r.xacro"
+    path.write_text(
+        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="pi" value="3"/>'
+        '<xacro:include filename="part.xacro"/><link name="a"/><link name="b"/><joint name="j" type="continuous">'
+        '<parent link="a"/><child link="b"/></joint></robot>',
+        encoding="utf-8",
+    )
+    read_bytes = files.file_bytes
+
+    def file_bytes(file: Path, *most: int) -> bytes:
+        if file.name == "part.xacro":  # xacro is at work now.
+            other = threading.Thread(target=lambda: print("said by another thread", file=sys.stdout))
+            other.start()
+            other.join()
+        return read_bytes(file, *most)
+
+    monkeypatch.setattr(urdf_xml, "file_bytes", file_bytes)
+    assert read_urdf(path).dof == 1
+    assert capsys.readouterr() == ("said by another thread\n", "")
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ('<xacro:include filename="$(find no_such_package)/x.xacro"/>', "no_such_package"),
+        ("<xacro:nothing/>", "nothing"),
+        ('<link name="${1 + oops}"/>', "oops"),
+        ("<link>", "mismatched tag"),
+    ],
+)
+def test_xacros_own_message_is_shown(
+    body: str, message: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(InvalidRobot, match=f"xacro failed: .*{message}"):
+        read_urdf(write(tmp_path, XACRO.format(body), "r.xacro"))
+    assert capfd.readouterr() == ("", "")
