@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 import kinseek
+from inlined import inlined
 from kinseek.errors import InvalidProblem, InvalidUse
 from kinseek.kernels.atlas.memory import LAYOUT
-from kinseek.kernels.jit import exposed
 from kinseek.problem import Problem
 from kinseek.solution import Solution
 from kinseek.solvers import ALL_SOLVERS, Solver
@@ -135,13 +135,11 @@ def test_a_round_of_the_atlas_begins_at_its_samples() -> None:
         assert np.isfinite(trace[0].spacing).any()
 
 
-@pytest.mark.jit
 def test_seeds_are_read_where_the_desk_has_them() -> None:
     # Memory is read by hand there; the kernels' own view of it has to agree.
     dof, joints = 5, 6
     memory = np.zeros(LAYOUT.count.of(dof=dof, joints=joints))
-    desk: Any = exposed(LAYOUT.make)
-    laid = desk(memory.ctypes.data, dof, joints)
+    laid = inlined(LAYOUT.make)(memory.ctypes.data, dof, joints)
     laid.lanes.q[:] = np.arange(8 * dof).reshape(dof, 8)
     laid.state[:] = [0, 2, 1, 0, 2, 2, 2, 2]
     seeds = tracing.filled_lanes(memory, dof, joints)

@@ -11,18 +11,12 @@ from hypothesis import strategies as st
 
 import kinseek
 from chains import serial_chains
-from kinseek.kernels.arm import forward as kernels
-from kinseek.kernels.arm import pose_error
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arm.pose_error import judge
-from kinseek.kernels.arrays import GoalArrays
-from kinseek.kernels.jit import exposed
 from kinseek.robots.chain import SerialChain
-from reference import chordal_error, errors, fk, weighted_error
+from reference import errors, fk, weighted_error
 
 ARMS = ("planar2", "cylindrical3", "scara4", "elbow6", "panda", "irb5400")
-
-forward, chordal_kernel = exposed(kernels.forward), exposed(pose_error.chordal_error)
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -79,12 +73,3 @@ def test_angles_are_accurate_at_both_ends(angle: float) -> None:
     )
     assert solution.q == 0.0
     assert solution.orientation_error == pytest.approx(angle, rel=1e-9, abs=1e-15)
-
-
-@pytest.mark.jit
-def test_chordal_error_agrees_with_the_twin() -> None:
-    arm, goal = kinseek.load("elbow6"), goals()[0]
-    half = goal.orientation_weight**2 / 2
-    squared = GoalArrays(goal.targets[0], goal.position_weight**2, np.array([half, half, half]))
-    for T in arm.fk(np.random.default_rng(3).uniform(arm.lower, arm.upper, (10, 6))):
-        assert chordal_kernel(T[:3].copy(), squared) == pytest.approx(chordal_error(T, goal), rel=1e-12)

@@ -17,7 +17,7 @@ import pytest
 
 import kinseek
 from kinseek.kernels.sources import PACKAGE as SOURCES
-from kinseek.kernels.sources import _closure, kernel_sources, module_digest, source_digest
+from kinseek.kernels.sources import _closure, kernel_sources
 
 pytestmark = [pytest.mark.slow, pytest.mark.jit]
 
@@ -160,34 +160,6 @@ def _no_home(path: Path) -> Path:
     raise RuntimeError("Could not determine home directory.")
 
 
-@pytest.mark.parametrize("name", ["kernels/arm/forward.py", "solvers/blind_search.py"])
-def test_the_digest_sees_every_file_with_kernels(copy: Path, name: str) -> None:
-    package = copy / "site" / "kinseek"
-    before = source_digest(package)
-    assert before == source_digest(PACKAGE)
-    with (package / name).open("a", encoding="utf-8") as file:
-        file.write("\n")
-    assert source_digest(package) != before
-
-
-def test_a_change_recompiles_what_is_made_of_it_and_nothing_else(copy: Path) -> None:
-    package = copy / "site" / "kinseek"
-    leaf, user, other = (
-        f"kinseek.kernels.{name}" for name in ("proof.cone", "proof.exclusion", "atlas.one_goal")
-    )
-    layout = "kinseek.kernels.layout"  # It writes functions out, of what any file may declare.
-    changed = copy / "changed" / "kinseek"
-    shutil.copytree(package, changed)
-    with (changed / "kernels" / "proof" / "cone.py").open("a", encoding="utf-8") as file:
-        file.write("\n")
-    same = [
-        name
-        for name in (leaf, user, other, layout)
-        if module_digest(name, package) == module_digest(name, changed)
-    ]
-    assert same == [other]
-
-
 @pytest.mark.parametrize("name", ["cli/words.py", "arm.py", "solvers/base.py"])
 def test_a_change_where_no_kernel_is_recompiles_nothing(copy: Path, name: str) -> None:
     package = copy / "site" / "kinseek"
@@ -195,11 +167,6 @@ def test_a_change_where_no_kernel_is_recompiles_nothing(copy: Path, name: str) -
     with (package / name).open("a", encoding="utf-8") as file:
         file.write("# A comment.\n")
     assert run(copy)[1] == ""
-
-
-def test_every_file_that_takes_a_decorator_is_digested() -> None:
-    taking = {path for path in PACKAGE.rglob("*.py") if b"kernels.jit import" in path.read_bytes()}
-    assert taking - set(kernel_sources()) == set()
 
 
 def test_kernels_use_nothing_of_ours_from_files_that_the_digest_leaves_out() -> None:

@@ -10,25 +10,23 @@ import pytest
 from numpy.typing import NDArray
 
 import kinseek
+from inlined import inlined
 from kinseek import Goal
 from kinseek.kernels.atlas import memory as desk
 from kinseek.kernels.atlas import task
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.tree import LEAF
-from kinseek.kernels.jit import exposed
 from kinseek.kernels.layout import DOF, JOINTS, Layout, Rows, floats, whole
 from kinseek.kernels.pointers import ROW
 from kinseek.kinds import POSE
 from kinseek.solvers.atlas.index import PLAIN, AtlasIndex, wanted_of
-
-pytestmark = pytest.mark.jit
 
 Array = NDArray[np.float64]
 
 ARMS = [(1, 1), (2, 2), (3, 5), (6, 6), (7, 7), (7, 9), (20, 20)]
 """Variables and joints; more joints where some mimic others."""
 
-desk_size, make_desk, task_of = (exposed(each) for each in (desk.desk_size, desk.make_desk, task.task_of))
+desk_size, make_desk, task_of = (inlined(each) for each in (desk.desk_size, desk.make_desk, task.task_of))
 
 
 def arrays_of(bundle: Any) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -116,7 +114,7 @@ OUTER = Layout(Outer, first=floats(5), inner=INNER, last=floats(2, JOINTS))
 
 
 def test_a_layout_says_where_a_bundle_within_a_bundle_stands() -> None:
-    size, make = exposed(OUTER.size), exposed(OUTER.make)
+    size, make = inlined(OUTER.size), inlined(OUTER.make)
     for dof, joints in ARMS:
         memory = np.zeros(size(dof, joints))
         assert len(memory) == 5 + 3 + 4 * dof + 2 * joints
@@ -167,12 +165,12 @@ def test_a_task_views_the_arrays_it_is_made_of(index: AtlasIndex) -> None:
 def test_numbers_of_a_handle_that_stand_alone(index: AtlasIndex) -> None:
     handle = index._addresses
     assert len(handle) == task.ARRAYS * ROW
-    assert exposed(task.lanes_of)(handle) == LANES
-    np.testing.assert_array_equal(exposed(task.plain_wanted)(handle), PLAIN)
+    assert inlined(task.lanes_of)(handle) == LANES
+    np.testing.assert_array_equal(inlined(task.plain_wanted)(handle), PLAIN)
     np.testing.assert_array_equal(PLAIN, wanted_of(Goal.pose(np.eye(4))))
-    addresses = [exposed(task.routine_at)(handle, k) for k in range(len(index._routines))]
+    addresses = [inlined(task.routine_at)(handle, k) for k in range(len(index._routines))]
     np.testing.assert_array_equal(addresses, index._routines)
-    np.testing.assert_array_equal(exposed(task.handle_at)(handle.ctypes.data), handle)
+    np.testing.assert_array_equal(inlined(task.handle_at)(handle.ctypes.data), handle)
 
 
 def test_an_array_of_other_elements_or_dimensions_is_refused() -> None:

@@ -51,7 +51,6 @@ from kinseek.kernels.paths.programme import (
 from kinseek.kernels.paths.servo import LOWER, NOW, REACH, ROWS, UPPER, look_ahead, servo_step
 from kinseek.kernels.paths.settle import settle_many
 from kinseek.kernels.paths.trace import part_ways, trace
-from kinseek.kernels.proof.exclusion import examine
 from kinseek.kernels.proof.neighbourhood import contractions
 from kinseek.kernels.route import PLAIN
 from kinseek.kernels.without_jit import Bounded, bounded, call_at, unbounded, view_at
@@ -60,6 +59,7 @@ from kinseek.maps.search import ruled_out
 from kinseek.paths.certify import numbers_of, prove_rows
 from kinseek.proof import branch_and_bound, isolation
 from kinseek.proof.boxes import enclosed, excluded
+from kinseek.proof.look import look
 from kinseek.proof.reduce import error_question, question
 from kinseek.proof.shoulder import bounded_by_ball
 from kinseek.solvers.atlas.index import PLAIN as PLAIN_WANTED
@@ -247,11 +247,13 @@ def bounds(arm: kinseek.Arm, kind: str, budget: int) -> Any:
     without = excluded(problem, budget, threads=1)
     least = enclosed(problem, middle, 0.1, budget, threads=1)
     found: list[Any] = [without.boxes, least.boxes, least.lower <= least.upper]
-    for form, wanted, roll in (question(problem), error_question(problem, middle, 0.1)):
+    for asked in (question(problem), error_question(problem, middle, 0.1)):
+        form, wanted, roll = asked
         dof, rng = arm.dof - (1 if roll.present else 0), np.random.default_rng(1)
         half = (arm.upper - arm.lower)[:dof] / 2 * np.array([[1.0], [0.3], [0.1], [0.03], [0.01]])
         boxes = np.hstack([middle[:dof] + rng.uniform(-1, 1, (5, dof)) * (half[0] - half), half])
-        found += [examine(form, wanted, roll, boxes, ceiling, 2)[:, :2] for ceiling in (-1.0, 0.5, 0.05)]
+        for looks in (look(problem, asked, boxes, ceiling) for ceiling in (None, 0.5, 0.05)):
+            found += [np.isnan(looks.left[:, 0, 0]), looks.lower]
         if kind != "cone":  # With more joints than conditions it is next to singular, and nobody asks for it.
             found.append(contractions(form, wanted, boxes))
     return found

@@ -22,7 +22,7 @@ def one_joint(name: str, joint: int, seed: int) -> tuple[kinseek.Arm, Array, kin
     arm = kinseek.load(name)
     rng = np.random.default_rng(seed)
     start, other = rng.uniform(arm.lower, arm.upper, (2, arm.dof))
-    goal = kinseek.Goal.pose(arm.fk(other), orientation_weight=0.5)
+    goal = kinseek.Goal.pose(arm.fk(other), position_weight=3.0, orientation_weight=0.5)
     lower, upper = start.copy(), start.copy()
     lower[joint], upper[joint] = arm.lower[joint], arm.upper[joint]
     chain = kinseek.Arm(type(arm.chain)(**{**fields(arm), "lower": lower, "upper": upper}))

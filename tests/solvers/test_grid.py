@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import kinseek
 from chains import serial_chains
+from inlined import inlined
 from kinseek.kernels.grid.memory import (
     CELLS,
     LAYOUT,
@@ -23,7 +24,6 @@ from kinseek.kernels.grid.memory import (
     memory_size,
 )
 from kinseek.kernels.grid.window import nodes_until, offer, search_window, split_depth, window_nodes
-from kinseek.kernels.jit import exposed
 from kinseek.kernels.layout import Layout, floats
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
@@ -162,18 +162,17 @@ def test_beams_refuse_twins() -> None:
 @pytest.mark.parametrize(
     ("dof", "most", "cells", "children"), [(1, 1, 1, 1), (2, 7, 1, 1), (6, 3, 64, 2), (7, 9, 5, 5)]
 )
-@pytest.mark.jit
 def test_a_bench_fills_its_memory_and_no_part_lies_over_another(
     dof: int, most: int, cells: int, children: int
 ) -> None:
     memory = np.zeros(LAYOUT.count.of(dof=dof, most=most, cells=cells, children=children))
-    bench = exposed(lay_bench)(memory.ctypes.data, dof, most, cells, children)
+    bench = inlined(lay_bench)(memory.ctypes.data, dof, most, cells, children)
     parts = [array for bundle in bench for array in bundle]
     for part in parts:
         begin = (part.ctypes.data - memory.ctypes.data) // 8
         memory[begin : begin + part.size] += 1
     np.testing.assert_array_equal(memory, 1)
-    assert exposed(LAYOUT.size)(dof, most, cells, children) == len(memory)
+    assert inlined(LAYOUT.size)(dof, most, cells, children) == len(memory)
     beam = (cells,), (cells, dof), (cells, dof)
     assert [part.shape for part in parts] == [
         *((9, MOST_LANES), (MOST_LANES,), (dof + 1, 3, 4), (dof,), (dof,)),
@@ -184,7 +183,7 @@ def test_a_bench_fills_its_memory_and_no_part_lies_over_another(
     ]
     given = dof, most, cells, children
     larger = np.zeros(memory_size(*given))
-    lanes = exposed(make_bench)(larger, *given).scratch.lanes
+    lanes = inlined(make_bench)(larger, *given).scratch.lanes
     assert lanes.ctypes.data % 64 == 0
     assert larger.ctypes.data <= lanes.ctypes.data <= larger.ctypes.data + larger.nbytes - memory.nbytes
 

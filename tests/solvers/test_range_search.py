@@ -7,20 +7,20 @@ import pytest
 from numpy.typing import NDArray
 
 import kinseek
+from inlined import inlined
 from kinseek import Goal
 from kinseek.kernels.arm.range_error import QUESTION
 from kinseek.kernels.atlas import memory
 from kinseek.kernels.atlas import task as tasks
-from kinseek.kernels.jit import exposed
 from kinseek.kernels.pointers import ROW
 from kinseek.kernels.ranges import steps
 from kinseek.solvers.atlas.index import atlas_of, wanted_of
 
 Array = NDArray[np.float64]
 
-task_of = exposed(tasks.task_of)
-desk_size, range_desk_size = exposed(memory.desk_size), exposed(steps.range_desk_size)
-make_range_desk = exposed(steps.make_range_desk)
+task_of = inlined(tasks.task_of)
+desk_size, range_desk_size = inlined(memory.desk_size), inlined(steps.range_desk_size)
+make_range_desk = inlined(steps.make_range_desk)
 
 
 def test_only_the_search_itself_is_shared_of_the_routines() -> None:
@@ -35,7 +35,6 @@ def test_only_the_search_itself_is_shared_of_the_routines() -> None:
     assert (routines[[tasks.STARTS, tasks.JUDGE]] == 0).all()
 
 
-@pytest.mark.jit
 def test_a_task_with_ranges_says_so() -> None:
     index, wanted = atlas_of(kinseek.load("scara4").chain, Goal.position((0.2, 0.2, 0.1))), np.arange(7.0)
     plain, ranged = task_of(index.handle, wanted), task_of(index.range_handle, wanted)
@@ -45,7 +44,6 @@ def test_a_task_with_ranges_says_so() -> None:
     assert tuple(ranged.division) == tuple(plain.division)
 
 
-@pytest.mark.jit
 def test_what_is_wanted_stands_where_tasks_look_for_it() -> None:
     goal = Goal.pose(
         np.eye(4),
@@ -61,7 +59,6 @@ def test_what_is_wanted_stands_where_tasks_look_for_it() -> None:
 
 
 @pytest.mark.parametrize(("dof", "joints"), [(2, 2), (7, 9)])
-@pytest.mark.jit
 def test_memory_of_ranges_begins_where_the_desk_ends(dof: int, joints: int) -> None:
     first, count = desk_size(dof, joints), range_desk_size(dof, joints)
     room = np.zeros(first + count)
