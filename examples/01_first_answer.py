@@ -1,4 +1,4 @@
-"""The first answer: load an arm, ask for a pose, look at how good the answer is.
+"""Solve one pose: load an arm, give it a pose, and check the errors of the solution.
 
 Run: python examples/01_first_answer.py
 """

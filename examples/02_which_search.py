@@ -1,4 +1,4 @@
-"""Which search: the same reachable targets for every search, and what each makes of them.
+"""Compare the searches: every search gets the same reachable targets, and a table shows how many it reaches.
 
 Run: python examples/02_which_search.py [ARM] [TARGETS]
 """

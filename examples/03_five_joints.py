@@ -1,4 +1,4 @@
-"""Five joints: a small arm cannot take every pose, so ask for what matters: a position, or a position and a direction.
+"""Use an arm with five joints: it cannot reach most poses, so give it a position, or a position and a direction.
 
 Run: python examples/03_five_joints.py [PICTURE]
 """

@@ -1,4 +1,4 @@
-"""A SCARA arm: four joints, two of them in a plane, one that slides. It places parts flat and in any turn, never tilted.
+"""Place parts with a SCARA arm: four joints, one of which slides, put parts down flat and in any turn, never tilted.
 
 Run: python examples/04_scara.py [PICTURE]
 """

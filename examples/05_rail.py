@@ -1,4 +1,4 @@
-"""A rail under an arm: seven joints for six numbers, so every pose has a whole curve of answers. Say which one you like.
+"""Use an arm on a rail: seven joints for six numbers give a whole curve of solutions, of which you choose one.
 
 Run: python examples/05_rail.py [PICTURE]
 """

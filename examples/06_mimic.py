@@ -1,4 +1,4 @@
-"""A joint that follows another: a crane whose second boom slides out as far as the first. Five axes, four numbers.
+"""Use a mimic joint: the second boom of a crane slides out as far as the first. Five axes, four joint values.
 
 Run: python examples/06_mimic.py [PICTURE]
 """

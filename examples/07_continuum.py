@@ -1,7 +1,7 @@
-"""A continuum robot: three bending sections and no joint at all. Its forward kinematics is a function, and that is enough.
+"""Use black-box kinematics for a continuum robot: three bending sections and no joints, only a function for the pose.
 
-Every section bends to an arc of constant curvature: Webster and Jones 2010, *Design and Kinematic Modeling of Constant
-Curvature Continuum Robots: A Review*, Int. J. Robotics Research 29(13), Sec. 3. An arc of length s that bends by the
+Every section bends to an arc of constant curvature (Webster and Jones 2010, *Design and Kinematic Modeling of Constant
+Curvature Continuum Robots: A Review*, Int. J. Robotics Research 29(13), Sec. 3). An arc of length s that bends by the
 angle θ towards the direction φ ends at (s/θ) · [(1 - cos θ) cos φ, (1 - cos θ) sin φ, sin θ], turned by θ about the axis
 [-sin φ, cos φ, 0]. Here a section is given by u = θ cos φ and v = θ sin φ, which have no seam where it is straight.
 

@@ -1,7 +1,7 @@
-"""A parallel mechanism: five bars in a plane, two motors on the ground, and one place where the chains must meet.
+"""Use black-box kinematics for a parallel mechanism: two motors drive five bars, and both chains meet at the tip.
 
-At some motor angles the bars do not meet. There `fk` answers NaN and the arm is told so by ``partial=True``: the search
-keeps away from such angles, and no answer ever lies there.
+At some motor angles the bars do not meet. `fk` returns NaN there, and the option ``partial=True`` allows this. The search
+avoids such angles, and no solution lies there.
 
 Run: python examples/08_five_bar.py [PICTURE]
 """

@@ -1,4 +1,4 @@
-"""What a search does, pass by pass: the paper's Figures 1 to 3 as pictures of a real search, and searches side by side.
+"""Draw what a search does: the paper's Figures 1 to 3 from a real search, pass by pass, and searches side by side.
 
 Run: python examples/09_trace.py [PICTURE.png] [tree | circles | breadths | windows | progress]
 """

@@ -1,4 +1,4 @@
-"""A weld seam around a cylinder: 600 poses of a torch, which may turn about its own axis and lean within limits.
+"""Follow a weld seam: 600 poses around a cylinder, with a torch that may turn about its axis and lean within limits.
 
 Run: python examples/10_weld_seam.py [PICTURE]
 """

@@ -1,4 +1,4 @@
-"""A raster over a plate: 11 rows of a spray gun, which may turn freely about its own axis.
+"""Follow a raster over a plate: 11 rows of a spray gun, which may turn freely about its own axis.
 
 Run: python examples/11_raster.py [PICTURE]
 """

@@ -1,4 +1,4 @@
-"""A pen on a sphere, held by an arm of five joints: a place and a direction take all five.
+"""Draw on a sphere with five joints: a place and a direction of the pen need all five.
 
 Run: python examples/12_pen_on_a_sphere.py [PICTURE]
 """

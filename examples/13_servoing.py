@@ -1,6 +1,7 @@
-"""Servoing at 500 Hz: a pose comes every 2 ms, and joint values go out that are never too fast.
+"""Servo at 500 Hz: a target pose comes every 2 ms, and the joint values keep the speed limits.
 
-Then the hand moves on until its branch ends: that is told before, with the reason, and so is a branch that goes on.
+Then the hand moves on until its branch ends. The tracker reports the end in advance, with the reason, and it also reports
+a branch that continues.
 
 Run: python examples/13_servoing.py [PICTURE]
 """

@@ -1,4 +1,4 @@
-"""A UR5e at a table with a shelf and a camera pole: of all branches the first that hits nothing, and the way there.
+"""Find a branch without collisions: a UR5e beside a shelf and a camera pole, and the way to the first free branch.
 
 Run: python examples/14_cell.py [PICTURE]
 """

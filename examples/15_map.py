@@ -1,4 +1,4 @@
-"""What a UR5e reaches: its capability with the first joint divided out, and where to put its base for a task.
+"""Map what a UR5e reaches: the capability map with the first joint divided out, and the best base for a task.
 
 Run: python examples/15_map.py [PICTURE]
 """

@@ -1,4 +1,4 @@
-"""Two arms at one table: where the other one stands decides which way a Panda takes, and whether there is one.
+"""Plan beside another arm: where the UR5e stands decides which path the Panda takes, and whether there is one.
 
 Run: python examples/16_two_arms.py [PICTURE]
 """

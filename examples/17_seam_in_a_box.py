@@ -1,4 +1,4 @@
-"""A weld seam inside a box: 300 poses of a torch along the edge at the back, and no link may touch a wall on the way.
+"""Weld inside a box without collisions: 300 poses of a torch along the edge at the back, and no link touches a wall.
 
 Run: python examples/17_seam_in_a_box.py [PICTURE]
 """

@@ -1,8 +1,8 @@
-"""The animation of the README: a UR5e and all its answers, the paper's search closing in, and a goal out of reach.
+"""Make the animation of the README: a UR5e and all its solutions, the paper's search, and a goal out of reach.
 
 Run: python examples/animation.py [PICTURE.gif]
 
-Every frame is a real run, and every time is measured while it is drawn: the median of some calls, on this machine.
+Every frame is a real run. Every time is measured while the frame is drawn: the median of some calls, on this machine.
 """
 
 import sys

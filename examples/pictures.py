@@ -1,4 +1,4 @@
-"""The pictures of docs/plots.md: runs the code of the page, and writes the figure of each block as the picture below it.
+"""Make the pictures of docs/plots.md: run the code of the page, and write the figure of each block as its picture.
 
 Run: python examples/pictures.py [FOLDER]
 """
