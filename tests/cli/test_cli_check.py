@@ -11,6 +11,7 @@ import pytest
 import kinseek
 from kinseek.cli.program import run
 from kinseek.robots import catalog_names, urdf
+from kinseek.robots.packages import mesh_path
 from kinseek.robots.soundness import Severity, check
 from places import SHARED
 
@@ -220,6 +221,42 @@ def test_meshes_that_are_there(name: str, tmp_path: Path, monkeypatch: pytest.Mo
         assert [each.severity for each in check(away).findings] == [Severity.WARNING]
         monkeypatch.setenv("ROS_PACKAGE_PATH", os.pathsep.join(["/nowhere", str(tmp_path)]))
         assert check(away).findings == []
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "package://arm/../secret.stl",
+        "package://arm/meshes/../../secret.stl",
+        "package://arm/%2e%2e/secret.stl",
+        "package://arm/..\\secret.stl",
+        "package://arm/{0}/secret.stl",
+        "package://arm/%2F{0}/secret.stl",
+        "package://arm/C:/secret.stl",
+        "package://../secret.stl",
+        "package://./secret.stl",
+        "package:///secret.stl",
+        "package://..\\.\\secret.stl",
+        "model://arm/../secret.stl",
+    ],
+)
+def test_addresses_that_lead_out_of_their_package_are_refused(name: str, tmp_path: Path) -> None:
+    (tmp_path / "arm" / "meshes").mkdir(parents=True)
+    (tmp_path / "secret.stl").touch()
+    path = tmp_path / "arm" / "r.urdf"
+    name = name.format(tmp_path)
+    with pytest.raises(kinseek.InvalidRobot, match=r"leads out of its package: got .*, expected"):
+        mesh_path(name, path, {"arm": path.parent})
+    path.write_text(SOUND.replace('<link name="c">', MESH.format(name)), encoding="utf-8")
+    (finding,) = check(path).findings
+    assert (finding.severity, "leads out of its package" in finding.what) == (Severity.WARNING, True)
+
+
+def test_an_address_may_go_up_inside_its_package(tmp_path: Path) -> None:
+    (tmp_path / "arm" / "meshes").mkdir(parents=True)
+    (tmp_path / "arm" / "c..stl").touch()
+    found = mesh_path("package://arm/meshes/.././c..stl", tmp_path / "arm" / "r.urdf", {})
+    assert found.samefile(tmp_path / "arm" / "c..stl")
 
 
 def test_a_tip_of_several_is_looked_at_alone(tmp_path: Path) -> None:

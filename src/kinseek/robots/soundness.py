@@ -28,7 +28,7 @@ from .chain import Mimics, SerialChain
 from .files import MOST_LINKS, file_bytes, require_few
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .mjcf import read_mjcf
-from .packages import mesh_path
+from .packages import in_package, mesh_path
 from .urdf import UrdfTree
 from .urdf_xml import JOINT_TYPES, expand_xacro, root_element
 
@@ -393,9 +393,13 @@ def _check_meshes(
     for name in files:
         if not name:
             found.warning("mesh", "a <mesh> has no filename")
-        elif not _is_there(name, path, packages):
-            scheme, _, rest = name.rpartition("://")
-            package = rest.partition("/")[0] if scheme in ("package", "model") else ""
+            continue
+        try:
+            package, _ = in_package(name) or ("", "")
+        except InvalidRobot as error:
+            found.warning("mesh", str(error))
+            continue
+        if not _is_there(name, path, packages):
             lost.setdefault(package, []).append(name)
     for package, names in lost.items():
         if package:
