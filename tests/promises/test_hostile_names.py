@@ -304,6 +304,20 @@ def test_pictures_show_escapes_and_no_formula(picture: str, tmp_path: Path) -> N
     plt.close("all")
 
 
+def test_web_pages_get_names_as_data(folder: Path) -> None:
+    from kinseek.export import to_wasm
+    from kinseek.export.javascript import SCRIPT
+
+    arm = kinseek.load("arm.urdf")
+    to_wasm([arm], "page", module=b"")
+    written = {path.name: path.read_bytes() for path in Path("page").iterdir()}
+    assert written["kinseek.js"] == SCRIPT.read_bytes()
+    assert hidden(written["arms.json"].decode("ascii")) == set()
+    (told,) = json.loads(written["arms.json"])["arms"]
+    assert (told["name"], told["joint_names"]) == (arm.name, list(arm.joint_names))
+    assert set(written) == {"kinseek.js", "arms.json", "kinseek.wasm"}
+
+
 def test_the_viewer_shows_escapes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("viser")
     from kinseek import viewer
