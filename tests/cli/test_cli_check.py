@@ -360,9 +360,14 @@ def test_a_joint_without_a_name_is_not_suggested(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_file_is_parsed_once_for_all_its_tips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    parsed = []
+    parsed: list[str] = []
     parse = urdf._parse
-    monkeypatch.setattr(urdf, "_parse", lambda *given: parsed.append(0) or parse(*given))
+
+    def counted(kinematics: object, where: str) -> object:
+        parsed.append(where)
+        return parse(kinematics, where)
+
+    monkeypatch.setattr(urdf, "_parse", counted)
     axis = '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'
     joint = '<joint name="j{0}" type="revolute"><parent link="l"/><child link="l{0}"/>{1}</joint>'
     path = tmp_path / "r.urdf"
@@ -372,7 +377,7 @@ def test_a_file_is_parsed_once_for_all_its_tips(tmp_path: Path, monkeypatch: pyt
         path.write_text(f'<robot name="r"><link name="l"/>{links}{joints}</robot>', encoding="utf-8")
         parsed.clear()
         found = check(path)
-        assert parsed == [0]
+        assert parsed == [str(path)]
         told = f"only the first {tried} of {count} tips are tried"
         assert (told in [each.what for each in found.findings]) == (tried < count)
 
