@@ -329,7 +329,7 @@ def test_names_are_strings_wherever_c_has_them(search: Any, monkeypatch: pytest.
     files = []
     for name in ("N", html.escape(hostile).replace("\n", "&#10;")):
         # The names of the robot, its links and its joints.
-        named = re.sub('( (?:name|link)=".*?)"', lambda found, end=name: f'{found[1]}{end}"', text)
+        named = re.sub('( (?:name|link)=".*?)"', rf'\1{name.replace(chr(92), chr(92) * 2)}"', text)
         files.append(prepare(kinseek.load(named), "x86-64", search=search).files)
     plain, odd = files
     assert set(odd) == set(plain)

@@ -222,6 +222,11 @@ def pictures(arm: kinseek.Arm) -> dict[str, Callable[[], Any]]:
     def searched() -> kinseek.Solution:
         return arm.ik(target, solver=kinseek.DivideAndConquer(breadth=1), trace=True)
 
+    def answers() -> kinseek.Branches:
+        found = arm.branches(target)
+        assert isinstance(found, kinseek.Branches)
+        return found
+
     def reached() -> Any:
         turns = maps.orientations(4)
         return maps.reach(arm, maps.Grid((0, 0.4, 0.2), (0, 0.4, 0.2), (0, 0.4, 0.2), turns))
@@ -234,8 +239,8 @@ def pictures(arm: kinseek.Arm) -> dict[str, Callable[[], Any]]:
         "arm": lambda: plots.arm(arm, q, goal=target),
         "bases": lambda: plots.bases(maps.best_base(arm, arm.fk(q), [np.eye(4), arm.fk(q)])),
         "boxes": lambda: plots.boxes(arm.prove(target), most=50),
-        "branches": lambda: plots.branches(arm.branches(target)),
-        "branches on given axes": lambda: plots.branches(arm.branches(target), ax=plots.space()[1]),
+        "branches": lambda: plots.branches(answers()),
+        "branches on given axes": lambda: plots.branches(answers(), ax=plots.space()[1]),
         "breadths": lambda: plots.breadths([searched()]),
         "circles": lambda: plots.circles(searched()),
         "cloud": lambda: plots.cloud(reached()),
@@ -243,7 +248,7 @@ def pictures(arm: kinseek.Arm) -> dict[str, Callable[[], Any]]:
         "landscape": lambda: plots.landscape(arm.ik(target), points=9),
         "map_slice": lambda: plots.map_slice(reached(), z=0.1),
         "passes": lambda: plots.passes(searched(), points=9),
-        "progress": lambda: plots.progress(searched()),
+        "progress": lambda: plots.progress([searched()]),
         "samples": lambda: plots.samples(arm, arm.fk(q)),
         "tree": lambda: plots.tree(searched()),
         "volumes": lambda: plots.volumes([proved()]),
