@@ -25,10 +25,14 @@ Two warnings: `UnitWarning(UserWarning)`, a number is taken as it is, and anothe
 from __future__ import annotations
 
 import difflib
+import heapq
 from collections.abc import Iterable
 from typing import Any
 
 from .printable import printable
+
+_LONGEST, _COMPARED = 100, 200
+"""Letters of a name that others are suggested for, and names that it is compared with, at most."""
 
 
 class _OneLine:
@@ -155,8 +159,28 @@ class RepairWarning(_OneLine, UserWarning):
 def suggest(got: str, valid: Iterable[str], noun: str) -> str:
     """Return ``unknown <noun> 'got'``, the near matches and the valid choices, as one sentence."""
     choices = sorted(valid)
+    said = unknown(got, choices, noun)
+    end = "" if said.endswith("?") else "."
+    return f"{said}{end} Valid: {', '.join(map(printable, choices)) or 'none'}"
+
+
+def unknown(got: str, valid: Iterable[str], noun: str) -> str:
+    """Return ``unknown <noun> 'got'`` and the near matches, without the valid choices."""
+    near = near_names(got, valid)
+    return f"unknown {noun} {got!r}" + (f"; did you mean {' or '.join(map(repr, near))}?" if near else "")
+
+
+def near_names(got: str, valid: Iterable[str]) -> list[str]:
+    """Return up to three names that look like a misspelt one, the most similar first.
+
+    Names come from files: `difflib` needs up to a millisecond for two names of 100 letters, and the time grows faster than
+    the square of their length. So longer names are left out, and only the names of the most similar lengths are compared.
+    """
+    if len(got) > _LONGEST:
+        return []
+    names = [name for name in valid if len(name) <= _LONGEST]
     folded = got.casefold()  # A name in other letters, UR5e for ur5e, is the nearest of all.
-    same = [name for name in choices if name.casefold() == folded]
-    near = same or difflib.get_close_matches(got, choices, n=3, cutoff=0.5)
-    hint = f"; did you mean {' or '.join(repr(name) for name in near)}?" if near else "."
-    return f"unknown {noun} {got!r}{hint} Valid: {', '.join(map(printable, choices)) or 'none'}"
+    if same := sorted(name for name in names if name.casefold() == folded):
+        return same[:3]
+    few = heapq.nsmallest(_COMPARED, names, key=lambda name: abs(len(name) - len(got)))
+    return difflib.get_close_matches(got, few, n=3, cutoff=0.5)

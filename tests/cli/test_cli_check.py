@@ -10,7 +10,8 @@ import pytest
 
 import kinseek
 from kinseek.cli.program import run
-from kinseek.robots import catalog_names
+from kinseek.robots import catalog_names, urdf
+from kinseek.robots.packages import mesh_path
 from kinseek.robots.soundness import Severity, check
 from places import SHARED
 
@@ -222,6 +223,42 @@ def test_meshes_that_are_there(name: str, tmp_path: Path, monkeypatch: pytest.Mo
         assert check(away).findings == []
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "package://arm/../secret.stl",
+        "package://arm/meshes/../../secret.stl",
+        "package://arm/%2e%2e/secret.stl",
+        "package://arm/..\\secret.stl",
+        "package://arm/{0}/secret.stl",
+        "package://arm/%2F{0}/secret.stl",
+        "package://arm/C:/secret.stl",
+        "package://../secret.stl",
+        "package://./secret.stl",
+        "package:///secret.stl",
+        "package://..\\.\\secret.stl",
+        "model://arm/../secret.stl",
+    ],
+)
+def test_addresses_that_lead_out_of_their_package_are_refused(name: str, tmp_path: Path) -> None:
+    (tmp_path / "arm" / "meshes").mkdir(parents=True)
+    (tmp_path / "secret.stl").touch()
+    path = tmp_path / "arm" / "r.urdf"
+    name = name.format(tmp_path)
+    with pytest.raises(kinseek.InvalidRobot, match=r"leads out of its package: got .*, expected"):
+        mesh_path(name, path, {"arm": path.parent})
+    path.write_text(SOUND.replace('<link name="c">', MESH.format(name)), encoding="utf-8")
+    (finding,) = check(path).findings
+    assert (finding.severity, "leads out of its package" in finding.what) == (Severity.WARNING, True)
+
+
+def test_an_address_may_go_up_inside_its_package(tmp_path: Path) -> None:
+    (tmp_path / "arm" / "meshes").mkdir(parents=True)
+    (tmp_path / "arm" / "c..stl").touch()
+    found = mesh_path("package://arm/meshes/.././c..stl", tmp_path / "arm" / "r.urdf", {})
+    assert found.samefile(tmp_path / "arm" / "c..stl")
+
+
 def test_a_tip_of_several_is_looked_at_alone(tmp_path: Path) -> None:
     path = tmp_path / "r.urdf"
     path.write_text(SOUND, encoding="utf-8")
@@ -297,6 +334,64 @@ def test_a_large_file_takes_seconds(tmp_path: Path) -> None:
     path.write_text(f'<robot name="r">{links * 2}</robot>', encoding="utf-8")
     with pytest.raises(kinseek.InvalidRobot, match="10,002 links, expected at most 10,000"):
         check(path)
+
+
+def test_names_are_suggested_for_the_first_unknown_ones_alone(tmp_path: Path) -> None:
+    links = "".join(f'<link name="link_{i}"/>' for i in range(300))
+    joint = '<joint name="j{0}" type="fixed"><parent link="link_0"/><child link="lnk_{0}"/></joint>'
+    path = tmp_path / "r.urdf"
+    path.write_text(f'<robot name="r">{links}{"".join(map(joint.format, range(300)))}</robot>')
+    told = [each.what for each in check(path).findings if "unknown link" in each.what]
+    assert len(told) == 300
+    assert told[0].startswith("its child: unknown link 'lnk_0'; did you mean 'link_0'")
+    assert 10 < sum("did you mean" in each for each in told) <= 20
+
+
+def test_a_joint_without_a_name_is_not_suggested(tmp_path: Path) -> None:
+    path = tmp_path / "r.urdf"
+    path.write_text(
+        SOUND.replace(' name="one"', "").replace('upper="1.5"', 'upper="1.5"/><mimic joint="tow"'),
+        encoding="utf-8",
+    )
+    told = [each.what for each in check(path).findings]
+    assert "the <joint> in line 3 has no name" in told
+    assert "mimics unknown joint 'tow'; did you mean 'two'?" in told
+
+
+@pytest.mark.slow
+def test_a_file_is_parsed_once_for_all_its_tips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    parsed: list[str] = []
+    parse = urdf._parse
+
+    def counted(kinematics: object, where: str) -> object:
+        parsed.append(where)
+        return parse(kinematics, where)
+
+    monkeypatch.setattr(urdf, "_parse", counted)
+    axis = '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    joint = '<joint name="j{0}" type="revolute"><parent link="l"/><child link="l{0}"/>{1}</joint>'
+    path = tmp_path / "r.urdf"
+    for count, tried in ((40, 40), (2_000, 19)):
+        links = "".join(f'<link name="l{i}"/>' for i in range(count))
+        joints = "".join(joint.format(i, axis) for i in range(count))
+        path.write_text(f'<robot name="r"><link name="l"/>{links}{joints}</robot>', encoding="utf-8")
+        parsed.clear()
+        found = check(path)
+        assert parsed == [str(path)]
+        told = f"only the first {tried} of {count} tips are tried"
+        assert (told in [each.what for each in found.findings]) == (tried < count)
+
+
+def test_what_cannot_be_parsed_is_said_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise kinseek.InvalidRobot(f"{path}: no tree")
+
+    monkeypatch.setattr(urdf, "_link_tree", refuse)
+    path = tmp_path / "r.urdf"
+    path.write_text(SOUND.replace('parent link="b"', 'parent link="a"'), encoding="utf-8")
+    assert [each for each in check(path).findings if "no tree" in each.what] == [
+        (Severity.ERROR, "", "no tree")
+    ]
 
 
 def test_mjcf_is_read(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ On this machine as plain C; on a Cortex-M7 and on a 64-bit ARM where a compiler 
 
 from __future__ import annotations
 
+import html
 import platform
 import re
 import shutil
@@ -12,6 +13,7 @@ import struct
 import subprocess
 from pathlib import Path
 from typing import Any
+from unittest.mock import ANY
 
 import numpy as np
 import pytest
@@ -25,6 +27,7 @@ from kinseek.export.c_calls import c_declarations, c_definitions
 from kinseek.export.c_text import string
 from kinseek.kernels.entry import ENTRIES
 from kinseek.kernels.grid.memory import MOST_LANES
+from kinseek.robots import catalog_path
 from places import ROOT
 
 EXAMPLE = ROOT / "examples" / "cortex_m7"
@@ -318,6 +321,24 @@ def test_names_are_safe_in_c() -> None:
     assert string('*/ "\\\n??/é') == r'"\052\057 \042\134\012\077\077\057\303\251"'
 
 
+@pytest.mark.parametrize("search", [SMALL, Atlas()])
+def test_names_are_strings_wherever_c_has_them(search: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    told = {"memory": ANY, "sections": [], "asks": []}
+    monkeypatch.setattr(controller, "compiled", lambda *_: (told, b""))
+    hostile, text = "*/ int pwned; /* ??/\n#error \\", catalog_path("planar2").read_text(encoding="utf-8")
+    files = []
+    for name in ("N", html.escape(hostile).replace("\n", "&#10;")):
+        # The names of the robot, its links and its joints.
+        named = re.sub('( (?:name|link)=".*?)"', rf'\1{name.replace(chr(92), chr(92) * 2)}"', text)
+        files.append(prepare(kinseek.load(named), "x86-64", search=search).files)
+    plain, odd = files
+    assert set(odd) == set(plain)
+    assert hostile.encode() not in b"".join(odd.values())
+    assert string(hostile)[1:-1].encode() in odd["goal.h"]
+    for name, content in plain.items():
+        assert odd[name].replace(string(hostile)[1:-1].encode(), b"N") == content, name
+
+
 FUNCTION = kinseek.Arm.from_fk(lambda q: np.broadcast_to(np.eye(4), (len(q), 4, 4)), [-1.0], [1.0])
 PANDA = kinseek.load("panda")
 
@@ -466,6 +487,22 @@ def test_the_command_line_refuses_in_one_line(
     error = capsys.readouterr().err
     assert said in error
     assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["plain_c", "two words", "x;touch PWNED;$(touch PWNED)`'\"", "-P"])
+def test_the_command_that_is_printed_can_be_copied(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("kinseek.cli.commands.export.prepare", lambda *_, **__: PARTS)
+    assert run(["export", "scara4", "--to", "c", f"--folder={name}"]) == 0
+    line = capsys.readouterr().out.splitlines()[-1]
+    told, _, compiler = line.rpartition(" && ")
+    assert compiler == PARTS.command
+    assert told == f"cd {name}" or name != "plain_c"
+    subprocess.run(["sh", "-c", f"{told} && touch here"], cwd=tmp_path, check=True)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name / "here").is_file()
 
 
 def test_the_command_line_tells_sizes_before_it_writes(

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import csv
+import html
+import io
 import json
 import pickle
 import unicodedata
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,7 @@ IN_XML = "&#x9b;31m&#x202e;&#10;&#9;&#xe000;$\\frac$"
 """A control sequence in one character, text from right to left, a line break, private use, half a formula."""
 NAME = "\x9b31m\u202e\n\t\ue000$\\frac$"
 SHOWN = r"\x9b31m\u202e\n\t\ue000$\frac$"
+ENTITIES = {ord(letter): f"&#{ord(letter)};" for letter in NAME if not letter.isprintable()}
 OBJECT = "\x1b]0;owned\x07\x9b31m\u202e"
 """Sets the title of a terminal."""
 
@@ -176,18 +180,147 @@ def test_data_frames_hold_names_as_they_are(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_pictures_show_escapes_and_no_formula(folder: Path) -> None:
+def test_maps_show_escapes(folder: Path) -> None:
+    pytest.importorskip("xarray")
+    pytest.importorskip("zarr")
+    from kinseek import maps
+
+    arm = kinseek.load("arm.urdf")
+    grid = maps.Grid((0, 0.4, 0.2), (0, 0.4, 0.2), (0, 0.4, 0.2), maps.orientations(4))
+    made = [maps.reach(arm, grid), maps.reach(arm, grid, store="m.zarr"), maps.open("m.zarr")]
+    metadata = json.loads(Path("m.zarr/zarr.json").read_text(encoding="utf-8"))
+    metadata["attributes"]["title"] = metadata["attributes"]["note\x1b"] = NAME
+    Path("m.zarr/zarr.json").write_text(
+        json.dumps(metadata), encoding="utf-8"
+    )  # As other versions may write it.
+    made += [maps.reach(arm, grid, store="m.zarr"), maps.open("m.zarr")]
+    assert [each.attrs["title"] for each in made] == [*[f"What r{SHOWN} reaches"] * 3, SHOWN, SHOWN]
+    things = [*made, maps.capability(made[0]), maps.best_base(arm, np.eye(4), np.eye(4))]
+    for thing in things:
+        text = io.StringIO()
+        if hasattr(thing, "info"):
+            thing.info(text)
+        assert (
+            hidden(repr(thing) + str(thing) + thing._repr_html_() + text.getvalue().replace("\t", " "))
+            == set()
+        )
+
+
+HOSTILE = (NAME, "$\\nosuch$")
+"""Names that Matplotlib would draw as they are, and as a formula that it does not know, which is an error."""
+NO_NAMES = {"COLOURS", "draw_arm", "draw_frame", "draw_line", "plane", "same_scale", "save", "space", "trim"}
+"""Of `kinseek.plots`: what gets no name of an arm or joint, or nothing but a text of the caller's own."""
+
+
+def pictures(arm: kinseek.Arm) -> dict[str, Callable[[], Any]]:
+    """Of each function of `kinseek.plots` that draws names: a picture of an arm."""
+    from kinseek import maps, plots
+
+    q = np.full(arm.dof, 0.3)
+    target = kinseek.Goal.pose(arm.fk(q))
+
+    def searched() -> kinseek.Solution:
+        return arm.ik(target, solver=kinseek.DivideAndConquer(breadth=1), trace=True)
+
+    def answers() -> kinseek.Branches:
+        found = arm.branches(target)
+        assert isinstance(found, kinseek.Branches)
+        return found
+
+    def reached() -> Any:
+        turns = maps.orientations(4)
+        return maps.reach(arm, maps.Grid((0, 0.4, 0.2), (0, 0.4, 0.2), (0, 0.4, 0.2), turns))
+
+    def proved() -> Any:
+        rings = maps.Rings((0.2, 0.6, 0.2), (0.0, 0.4, 0.2), maps.orientations(4))
+        return maps.reach(arm, rings, prove=True, depth=0, budget=50)
+
+    return {
+        "arm": lambda: plots.arm(arm, q, goal=target),
+        "bases": lambda: plots.bases(maps.best_base(arm, arm.fk(q), [np.eye(4), arm.fk(q)])),
+        "boxes": lambda: plots.boxes(arm.prove(target), most=50),
+        "branches": lambda: plots.branches(answers()),
+        "branches on given axes": lambda: plots.branches(answers(), ax=plots.space()[1]),
+        "breadths": lambda: plots.breadths([searched()]),
+        "circles": lambda: plots.circles(searched()),
+        "cloud": lambda: plots.cloud(reached()),
+        "joints": lambda: plots.joints(np.linspace(-q, q, 9), arm),
+        "landscape": lambda: plots.landscape(arm.ik(target), points=9),
+        "map_slice": lambda: plots.map_slice(reached(), z=0.1),
+        "passes": lambda: plots.passes(searched(), points=9),
+        "progress": lambda: plots.progress([searched()]),
+        "samples": lambda: plots.samples(arm, arm.fk(q)),
+        "tree": lambda: plots.tree(searched()),
+        "volumes": lambda: plots.volumes([proved()]),
+        "windows": lambda: plots.windows(searched(), points=9),
+        "workspace": lambda: plots.workspace(arm, target, cells=3, budget=50),
+    }
+
+
+PICTURES = (
+    *(
+        "arm",
+        "bases",
+        "boxes",
+        "branches",
+        "branches on given axes",
+        "breadths",
+        "circles",
+        "cloud",
+        "joints",
+    ),
+    *("landscape", "map_slice", "passes", "progress", "samples", "tree", "volumes", "windows", "workspace"),
+)
+
+
+def test_every_picture_is_drawn_with_hostile_names() -> None:
     pytest.importorskip("matplotlib")
     from kinseek import plots
 
-    arm = kinseek.load("arm.urdf")
-    figure = plots.landscape(arm.ik(arm.fk(np.full(6, 0.3))))
-    figure.canvas.draw()
-    axes = figure.axes[0]
-    assert axes.get_xlabel() == rf"j0{SHOWN} [rad]".replace("$", r"\$")
-    import matplotlib.pyplot as plt
+    assert set(plots.__all__) - NO_NAMES == {name.partition(" ")[0] for name in PICTURES}
+    assert set(pictures(kinseek.load("planar2"))) == set(PICTURES)
 
-    plt.close(figure)
+
+@pytest.mark.slow
+@pytest.mark.parametrize("picture", PICTURES)
+def test_pictures_show_escapes_and_no_formula(picture: str, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("xarray")
+    pytest.importorskip("zarr")
+    import matplotlib.pyplot as plt
+    from matplotlib.cbook import is_math_text
+    from matplotlib.text import Text
+
+    from kinseek import plots
+
+    for name in HOSTILE:
+        path = tmp_path / "arm.urdf"
+        path.write_text(urdf().replace(IN_XML, html.escape(name).translate(ENTITIES)), encoding="utf-8")
+        arm = kinseek.load(path)
+        assert arm.name == f"r{name}"
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", message="Glyph")
+            figure = pictures(arm)[picture]()
+            texts = [text for text in figure.findobj(Text) if text.get_visible()]
+            plots.save(figure, tmp_path / "picture.png")
+        drawn = [text.get_text() for text in texts]
+        assert hidden("".join(drawn)) == set()
+        assert not any(is_math_text(text) for text in drawn if "frac" in text or "nosuch" in text)
+    plt.close("all")
+
+
+def test_web_pages_get_names_as_data(folder: Path) -> None:
+    from kinseek.export import to_wasm
+    from kinseek.export.javascript import SCRIPT
+
+    arm = kinseek.load("arm.urdf")
+    to_wasm([arm], "page", module=b"")
+    written = {path.name: path.read_bytes() for path in Path("page").iterdir()}
+    assert written["kinseek.js"] == SCRIPT.read_bytes()
+    assert hidden(written["arms.json"].decode("ascii")) == set()
+    (told,) = json.loads(written["arms.json"])["arms"]
+    assert (told["name"], told["joint_names"]) == (arm.name, list(arm.joint_names))
+    assert set(written) == {"kinseek.js", "arms.json", "kinseek.wasm"}
 
 
 def test_the_viewer_shows_escapes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from kinseek.errors import InvalidRobot
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.robots import SerialChain, files, read, read_urdf, urdf_xml
-from kinseek.robots.chain import Array
+from kinseek.robots.chain import Array, Mimics
 from kinseek.transforms import rotation, transform
 from places import SHARED
 
@@ -212,6 +212,28 @@ def test_chained_mimics_lead_through_a_joint_beside_the_path(tmp_path: Path) -> 
     assert chain.joint_names == ("j",)
     np.testing.assert_array_equal(chain.multiplier, [1, 6])
     np.testing.assert_array_equal(chain.offset, [0, 2])
+
+
+def test_a_long_chain_of_mimics_is_walked_once() -> None:
+    visits = 0
+
+    class Counted(dict[str, tuple[str, float, float]]):
+        def __getitem__(self, name: str) -> tuple[str, float, float]:
+            nonlocal visits
+            visits += 1
+            return super().__getitem__(name)
+
+    count = 2000
+    for names in (range(count), range(count - 1, -1, -1)):
+        mimics = Mimics(Counted({f"j{i}": (f"j{i + 1}", -1.0, 1.0) for i in range(count)}))
+        visits = 0
+        drivers = {i: mimics.driver(f"j{i}") for i in names}
+        assert drivers[0] == (f"j{count}", 1.0, 0.0)
+        assert drivers[1] == (f"j{count}", -1.0, 1.0)
+        assert visits <= 2 * count
+    assert mimics.driver("k") == ("k", 1.0, 0.0)
+    with pytest.raises(InvalidRobot, match=r"mimic joints form a loop: a -> b -> b$"):
+        Mimics({"a": ("b", 1.0, 0.0), "b": ("b", 1.0, 0.0)}).driver("a")
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.errors import InvalidGoal, UnitWarning, suggest
+from kinseek.errors import InvalidGoal, UnitWarning, unknown
 from kinseek.poses import as_pose, pose
 from kinseek.units import warn_of_angles
 
@@ -90,8 +90,8 @@ def _kind_of_rotation(columns: Mapping[str, Array], where: str, position_only: b
     known = {name for names in (POSITION, MATRIX, *ROTATIONS.values()) for name in names}
     for name in columns:
         if name not in known:
-            hint = suggest(name, known, "column").partition(" Valid:")[0]
-            raise InvalidGoal(f"{where}: {hint} Valid: {VALID}")
+            said = unknown(name, known, "column")
+            raise InvalidGoal(f"{where}: {said}{'' if said.endswith('?') else '.'} Valid: {VALID}")
     begun = [kind for kind, names in (*ROTATIONS.items(), ("matrix", MATRIX)) if set(names) & columns.keys()]
     if len(begun) > 1 or ("matrix" in begun and set(POSITION) & columns.keys()):
         raise InvalidGoal(

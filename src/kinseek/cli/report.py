@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path as FilePath
@@ -129,7 +130,9 @@ def print_checkup(name: str, found: Checkup, as_json: bool) -> None:
 def print_parts(folder: FilePath, parts: Parts) -> None:
     """Print what was written for a controller, and how it becomes a program."""
     _print(f"{folder}: {', '.join(sorted(parts.files))}")
-    print(f"cd {printable(str(folder))} && {parts.command}")  # To be copied, so in one line.
+    place = folder.as_posix()  # Which cmd.exe takes unquoted, too.
+    place = f"./{place}" if place.startswith("-") else place
+    print(f"cd {shlex.quote(printable(place))} && {parts.command}")  # To be copied, so in one line.
 
 
 def _units(kinds: Sequence[str]) -> tuple[str, str]:

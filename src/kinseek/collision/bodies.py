@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidProblem, InvalidRobot, InvalidScene, suggest
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.robots import read
-from kinseek.robots.chain import Frame, SerialChain, follow_mimics
+from kinseek.robots.chain import Frame, Mimics, SerialChain
 from kinseek.robots.files import file_bytes
 from kinseek.robots.held import is_text
 from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE, no_axes
@@ -377,7 +377,7 @@ class _Others:
     def __init__(self, robot: Any, chain: SerialChain, joints: Mapping[str, float], path: Path) -> None:
         self.chain, self.given, self.path = chain, joints, path
         self.values: dict[str, float] = {}
-        self.mimics = {
+        followers = {
             joint.get("name"): (
                 joint.find("mimic").get("joint"),
                 float(joint.find("mimic").get("multiplier") or 1.0),
@@ -386,6 +386,7 @@ class _Others:
             for joint in robot.findall("joint")
             if joint.find("mimic") is not None
         }
+        self.mimics = Mimics(followers)
         self.limits = {joint.get("name"): joint.find("limit") for joint in robot.findall("joint")}
 
     def pose(self, joint: Any) -> Array:
@@ -398,7 +399,7 @@ class _Others:
             raise InvalidScene(
                 f"{self.path}: joint {name!r} is {kind}; beside the arm only joints of one axis are known"
             )
-        leader, multiplier, offset = follow_mimics(name, self.mimics)
+        leader, multiplier, offset = self.mimics.driver(name)
         if leader in (*self.chain.joint_names, *dict(self.chain.locked)):
             raise InvalidScene(
                 f"{self.path}: joint {name!r} follows {leader!r} of the arm, and is not between its base and its tip: "

@@ -11,6 +11,7 @@ from kinseek.arm import Arm
 from kinseek.errors import InvalidMap
 from kinseek.goal import Goal
 from kinseek.poses import as_pose
+from kinseek.printable import printable
 from kinseek.transforms import inverse, square
 
 from .measures import DEXTERITY, LIMITS, REACHED, measured
@@ -81,5 +82,5 @@ def best_base(arm: Arm, poses: Any, candidates: Any, by: str = LIMITS) -> xarray
             ),
             "limiting": ("candidate", limiting[order], {"long_name": "number of the worst pose"}),
         },
-        attrs={"title": f"Places for the base of {arm.name}", "by": by, "poses": len(task)},
+        attrs={"title": f"Places for the base of {printable(arm.name)}", "by": by, "poses": len(task)},
     )

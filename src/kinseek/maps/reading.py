@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidGoal, InvalidMap
 from kinseek.poses import as_pose
-from kinseek.printable import printable
 from kinseek.reals import number
 from kinseek.transforms import inverse, square
 from kinseek.undisturbed import raise_of_handler
@@ -55,12 +54,6 @@ def opened(store: Store) -> xarray.Dataset:
         _require_description(store.description)
         store.require_sound(TYPES)
         dataset: xarray.Dataset = store.dataset()
-        held: list[Any] = [dataset, *dataset.variables.values()]
-        for each in held:  # xarray prints texts as they are.
-            each.attrs = {
-                printable(name): printable(value) if isinstance(value, str) else value
-                for name, value in each.attrs.items()
-            }
     except InvalidMap:
         raise
     except Exception as error:  # Zarr and xarray raise whatever they meet.

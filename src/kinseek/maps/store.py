@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidMap
+from kinseek.printable import printable
 from kinseek.undisturbed import raise_of_handler
 
 from .grid import grid_of
@@ -163,7 +164,10 @@ class Store:
         self._done[index] = self._done[index] + 1
 
     def dataset(self) -> Any:
-        """The map as an ``xarray.Dataset``, read where it is used; the places of its cells are those of its grid."""
+        """The map as an ``xarray.Dataset``, read where it is used.
+
+        The places of its cells are those of its grid. Texts among the attributes have escapes for what is not printable.
+        """
         import xarray
 
         grid = grid_of(self.description["grid"])
@@ -182,7 +186,14 @@ class Store:
         dataset = dataset.assign_coords(
             {name: (name, each, attributes[name]) for name, each in places.items()}
         )
-        return dataset.set_coords(_ROTATION)
+        dataset = dataset.set_coords(_ROTATION)
+        held: list[Any] = [dataset, *dataset.variables.values()]
+        for each in held:  # xarray prints texts as they are.
+            each.attrs = {
+                printable(name): printable(value) if isinstance(value, str) else value
+                for name, value in each.attrs.items()
+            }
+        return dataset
 
     def require_sound(self, types: Mapping[str, tuple[str, float]]) -> None:
         """Refuse what `create` does not make of the description: then reading it takes what its grid takes.

@@ -15,7 +15,7 @@ from kinseek.problem import as_joints
 from kinseek.robots.chain import SerialChain, joint_points
 from kinseek.robots.mechanism import Mechanism
 
-from .figures import COLOURS, drawn, given_or_new_space, same_scale, trim
+from .figures import COLOURS, drawn, given_or_new_space, same_scale, text_of, trim
 from .shown import count_of
 
 Array = NDArray[np.float64]
@@ -109,7 +109,7 @@ def branches(
     _draw(axes, problem.mechanism, branches.q[first], problem.goal)
     count = f"{len(branches)} {'answer' if len(branches) == 1 else 'answers'}"
     sample = ", a sample of endlessly many" if branches.sampled else ""
-    title = f"{problem.mechanism.name}: {count}{sample}"
+    title = f"{text_of(problem.mechanism.name)}: {count}{sample}"
     if ax is None:
         trim(figure, axes, title)
     else:

@@ -283,32 +283,44 @@ def joint_points(chain: SerialChain, q: Array) -> Array:
     return np.array([*points, (T @ square(chain.fixed[-1]))[:3, 3]])
 
 
-def follow_mimics(joint: str, mimics: Mapping[str, tuple[str, float, float]]) -> tuple[str, float, float]:
-    """Follow a chain of mimics to the joint that drives it: its name, and the composed multiplier and offset.
+class Mimics:
+    """Joints that follow others, perhaps through further followers; each of them is visited once."""
 
-    Args:
-        joint: Name of the joint to start from.
-        mimics: Of each mimic joint: the joint it follows, multiplier, offset [rad] or [m].
+    def __init__(self, leaders: Mapping[str, tuple[str, float, float]]) -> None:
+        """Of each mimic joint: the joint it follows, multiplier, offset [rad] or [m]."""
+        self._leaders = leaders
+        self._drivers: dict[str, tuple[str, float, float]] = {}
 
-    Raises:
-        InvalidRobot: The mimics form a loop.
-    """
-    multiplier, offset, last, seen = 1.0, 0.0, joint, {joint: None}
-    while last in mimics:
-        leader, factor, shift = mimics[last]
-        multiplier, offset = multiplier * factor, offset + multiplier * shift
-        if leader in seen:
-            raise InvalidRobot(f"mimic joints form a loop: {' -> '.join([*seen, leader])}")
-        seen[leader], last = None, leader
-    return last, multiplier, offset
+    def __contains__(self, joint: str) -> bool:
+        """Does it follow another joint?"""
+        return joint in self._leaders
+
+    def driver(self, joint: str) -> tuple[str, float, float]:
+        """The joint that drives one in the end: its name, and the composed multiplier and offset [rad] or [m].
+
+        Raises:
+            InvalidRobot: The mimics form a loop.
+        """
+        way: dict[str, None] = {}  # In the order in which they were met.
+        last = joint
+        while last in self._leaders and last not in self._drivers:
+            if last in way:
+                raise InvalidRobot(f"mimic joints form a loop: {' -> '.join([*way, last])}")
+            way[last] = None
+            last = self._leaders[last][0]
+        for name in reversed(way):
+            leader, factor, shift = self._leaders[name]
+            first, multiplier, offset = self._drivers.get(leader, (leader, 1.0, 0.0))
+            self._drivers[name] = first, factor * multiplier, shift + factor * offset
+        return self._drivers.get(joint, (joint, 1.0, 0.0))
 
 
 def _drive(joints: Sequence[Joint], index: Mapping[str, int]) -> list[tuple[int, float, float]]:
     """Of each physical joint: index of its variable, multiplier, offset."""
-    mimics = {j.name: (j.mimic, j.multiplier, j.offset) for j in joints if j.mimic is not None}
+    mimics = Mimics({j.name: (j.mimic, j.multiplier, j.offset) for j in joints if j.mimic is not None})
     drive = []
     for joint in joints:
-        leader, multiplier, offset = follow_mimics(joint.name, mimics)
+        leader, multiplier, offset = mimics.driver(joint.name)
         if leader not in index:
             raise InvalidRobot(
                 f"joint {joint.name!r} mimics {leader!r}, which does not move between base and tip. "

@@ -5,13 +5,12 @@ A model is known by where its class comes from, so none of these libraries is im
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import re
 from pathlib import Path
 from typing import Any
 
-from kinseek.errors import InvalidRobot
+from kinseek.errors import InvalidRobot, near_names
 from kinseek.forks import importing
 from kinseek.undisturbed import raise_of_handler
 
@@ -106,7 +105,7 @@ def read_described(name: str, base: str | None, tip: str | None) -> SerialChain:
             "pip install robot_descriptions"
         ) from None
     if name not in known:
-        near = difflib.get_close_matches(name, known, n=3)
+        near = near_names(name, known)
         hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
         raise InvalidRobot(f"robot_descriptions has no {name!r}{hint}")
     try:

@@ -10,7 +10,7 @@ import math
 import os
 import warnings
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
@@ -20,16 +20,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinseek.errors import InvalidRobot, UnitWarning, suggest
+from kinseek.errors import InvalidRobot, UnitWarning, suggest, unknown
 from kinseek.turns import TURN, holds_a_turn
 from kinseek.units import TURNS_OF_A_JOINT
 
-from .chain import SerialChain, follow_mimics
+from .chain import Mimics, SerialChain
 from .files import MOST_LINKS, file_bytes, require_few
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .mjcf import read_mjcf
-from .packages import mesh_path
-from .urdf import read_urdf_text
+from .packages import in_package, mesh_path
+from .urdf import UrdfTree
 from .urdf_xml import JOINT_TYPES, expand_xacro, root_element
 
 READABLE = (".urdf", ".xacro", ".xml")
@@ -42,8 +42,12 @@ _FAR = 100.0
 """Lengths beyond it [m] are asked about: a robot that large was written in millimetres."""
 _ROUNDED = 1e-3
 """How far an axis may be from unit length, angles from a turn, and principal moments from the triangle, when rounded."""
-_COMPARED, _TRIED = 200, 40
-"""Names that a misspelt one is compared with, and tips that are tried, at most."""
+_SUGGESTED = 20
+"""Unknown names that others are suggested for: a file with more of them has another fault than a misspelt name."""
+_TRIED, _WORK = 40, 40_000
+"""Tips that are tried at most, and joints of the file times tips: an arm may have all of them."""
+_HEAD = 1_000
+"""Letters of a reader's message in which the names of links and joints are looked for."""
 _NAMED = 8
 """Links or joints that one line names at most."""
 
@@ -77,6 +81,8 @@ class Checkup:
     joints: int = 0
     moving: int = 0
     """Joints that move."""
+    unknown: int = field(default=0, repr=False)
+    """Names that the file uses and does not define."""
 
     @property
     def sound(self) -> bool:
@@ -144,7 +150,12 @@ def check(
     _check_masses(found, links, space)
     _check_meshes(found, root, space, path, packages or {})
     if not any(finding.severity is Severity.ERROR for finding in found.findings):
-        _check_chains(found, path, partial(read_urdf_text, text, base, where=str(path)), tip, parents)
+        try:
+            tree = UrdfTree(text, str(path))
+        except InvalidRobot as error:
+            found.error("", str(error).removeprefix(f"{path}: "))
+            return found
+        _check_chains(found, path, partial(tree.arm, base), tip, parents)
     return found
 
 
@@ -170,7 +181,7 @@ def _check_tree(found: Checkup, links: list[Any], joints: list[Any], space: str)
             if not ends.get(tag):
                 found.error(_name(joint), f"no <{tag} link=...>")
             elif ends[tag] not in parents:
-                found.error(_name(joint), f"its {tag}: {_unknown(ends[tag], parents, 'link')}")
+                found.error(_name(joint), f"its {tag}: {_unknown(found, ends[tag], parents, 'link')}")
         parent, child = ends.get("parent"), ends.get("child")
         if parent in parents and child in parents:
             if parents[child] is not None:
@@ -316,16 +327,17 @@ def _check_mimics(found: Checkup, joints: list[Any], space: str) -> None:
         here, leader = _name(joint), mimic.get("joint")
         factor, _ = (_numbers(found, here, mimic, name, 1) for name in ("multiplier", "offset"))
         if leader not in kinds:
-            found.error(here, f"mimics {_unknown(str(leader), kinds, 'joint')}")
+            found.error(here, f"mimics {_unknown(found, str(leader), kinds, 'joint')}")
             continue
         if kinds[leader] not in _MOVES:
             found.error(here, f"mimics {leader!r}, which is {kinds[leader]}")
         if factor == (0.0,):
             found.warning(here, "mimics with multiplier 0: it does not move")
         mimics[joint.get("name")] = (leader, 1.0, 0.0)
+    followers = Mimics(mimics)
     for name in mimics:
         try:
-            follow_mimics(name, mimics)
+            followers.driver(name)
         except InvalidRobot as error:
             found.error(f"joint {name!r}", str(error))
             return  # One line a loop, and two loops are rarer than two joints in one.
@@ -383,9 +395,13 @@ def _check_meshes(
     for name in files:
         if not name:
             found.warning("mesh", "a <mesh> has no filename")
-        elif not _is_there(name, path, packages):
-            scheme, _, rest = name.rpartition("://")
-            package = rest.partition("/")[0] if scheme in ("package", "model") else ""
+            continue
+        try:
+            package, _ = in_package(name) or ("", "")
+        except InvalidRobot as error:
+            found.warning("mesh", str(error))
+            continue
+        if not _is_there(name, path, packages):
             lost.setdefault(package, []).append(name)
     for package, names in lost.items():
         if package:
@@ -411,23 +427,29 @@ def _check_chains(
     tip: str | None,
     parents: Mapping[str, str | None],
 ) -> None:
-    """Is there an arm in it? Every tip is tried unless one is given; `read` reads the arm that ends at ``tip=``."""
+    """Is there an arm in it? The first tips are tried unless one is given; `read` reads the arm that ends at ``tip=``."""
     above = set(parents.values())
     ends = [name for name in parents if name not in above]
     if tip is None and len(ends) > 1:
         found.note(
             "", f"{len(ends)} tips: kinseek.load needs tip=, one of {_some(ends)}, or any link before them"
         )
-    told = {finding.part for finding in found.findings}
-    for end in ends[:_TRIED] if tip is None and len(ends) > 1 else [tip]:
+    told = {finding.part for finding in found.findings if finding.part}
+    tried = ends[: min(_TRIED, max(1, _WORK // len(parents)))] if tip is None and len(ends) > 1 else [tip]
+    if tip is None and len(tried) < len(ends):
+        found.note("", f"only the first {len(tried)} of {len(ends)} tips are tried")
+    for end in tried:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UnitWarning)  # Said of each joint already.
                 read(tip=end)
         except InvalidRobot as error:
-            if any(part and part in str(error) for part in told):
-                continue
             why = str(error).removeprefix(f"{path}: ")
+            about = why[
+                :_HEAD
+            ]  # Messages begin with their subject; what follows may list every joint of the file.
+            if any(part in about for part in told):
+                continue
             if end is not tip:
                 found.note(f"tip {end!r}", f"no arm ends there: {why}")
             elif tip is None and why.startswith("the arm branches"):  # MJCF; of URDF the tips are known.
@@ -440,10 +462,11 @@ def _name(joint: Any) -> str:
     return f"joint {joint.get('name')!r}"
 
 
-def _unknown(got: str, names: Collection[str], noun: str) -> str:
-    """Say that there is nothing of that name, and what was meant perhaps: among many names that takes long."""
-    said = suggest(got, names if len(names) <= _COMPARED else (), noun)
-    return said.partition(" Valid:")[0].rstrip(".")
+def _unknown(found: Checkup, got: str, names: Iterable[str | None], noun: str) -> str:
+    """Say that there is nothing of that name, and what was meant perhaps."""
+    found.unknown += 1
+    known = [name for name in names if name] if found.unknown <= _SUGGESTED else []
+    return unknown(got, known, noun)
 
 
 def _some(names: list[str], most: int = _NAMED) -> str:

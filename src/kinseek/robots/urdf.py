@@ -21,7 +21,7 @@ from kinseek.transforms import rotation, transform
 from kinseek.undisturbed import raise_of_handler
 from kinseek.units import warn_of_joints
 
-from .chain import Array, Frame, Joint, SerialChain, follow_mimics, serial_chain
+from .chain import Array, Frame, Joint, Mimics, SerialChain, serial_chain
 from .files import MOST_JOINTS, file_bytes, require_few
 from .mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from .tree import frame_path
@@ -77,56 +77,83 @@ def read_urdf_text(
     Raises:
         InvalidRobot: As `read_urdf`.
     """
-    with np.errstate(all="ignore"):  # What overflows is refused where the chain is put together.
-        chain = _read(text, base, tip, where, name)
-    warn_of_joints(
-        chain.joint_names, chain.kinds, chain.lower, chain.upper, where, "write radians, as URDF has them"
-    )
-    return replace(chain, urdf=text)
+    return UrdfTree(text, where, name).arm(base, tip)
 
 
-def _read(text: bytes, base: str | None, tip: str | None, where: str, name: str) -> SerialChain:
-    root = root_element(text, where)
-    robot = _parse(kinematic_part(root, name, where), where)
-    velocities, softs = joint_velocities(root), soft_limits(root, where)
+class UrdfTree:
+    """The links and joints of a URDF, parsed once; `arm` takes arms of it."""
 
-    parents = _link_tree(robot, where)
-    leaves = parents.keys() - {parent for parent in parents.values() if parent}
-    moved = {joint.child for joint in robot.joints if joint.type != "fixed"}
-    links = frame_path(parents, base, tip, ends=leaves, noun="link", moving=moved)
+    def __init__(self, text: bytes, where: str, name: str = "robot") -> None:
+        """Parse a URDF; the arguments are those of `read_urdf_text`.
 
-    mimics = {
-        joint.name: (
-            joint.mimic.joint,
-            1.0 if joint.mimic.multiplier is None else joint.mimic.multiplier,
-            0.0 if joint.mimic.offset is None else joint.mimic.offset,
+        Raises:
+            InvalidRobot: It cannot be parsed, or its links are no tree.
+        """
+        self._text, self._where = text, where
+        with np.errstate(all="ignore"):
+            root = root_element(text, where)
+            robot = _parse(kinematic_part(root, name, where), where)
+        self._name = robot.name
+        self._velocities, self._softs = joint_velocities(root), soft_limits(root, where)
+        self._parents = _link_tree(robot, where)
+        self._leaves = self._parents.keys() - {parent for parent in self._parents.values() if parent}
+        self._above = {joint.child: joint for joint in robot.joints}
+        self._moved = {joint.child for joint in robot.joints if joint.type != "fixed"}
+        self._mimics = Mimics(
+            {
+                joint.name: (
+                    joint.mimic.joint,
+                    1.0 if joint.mimic.multiplier is None else joint.mimic.multiplier,
+                    0.0 if joint.mimic.offset is None else joint.mimic.offset,
+                )
+                for joint in robot.joints
+                if joint.mimic is not None and joint.type in _MOVES
+            }
         )
-        for joint in robot.joints
-        if joint.mimic is not None and joint.type in _MOVES
-    }
-    joint_above = {joint.child: joint for joint in robot.joints}
-    path_joints = [joint_above[link] for link in links[1:]]
-    count = sum(joint.type != "fixed" for joint in path_joints)
-    require_few(count, "moving joints between base and tip", MOST_JOINTS, where)
-    moving, pose = [], np.eye(4)
-    of_links, of_joints = [], []
-    for joint in path_joints:
-        pose = pose @ _origin(joint)
-        if joint.type != "fixed":
-            velocity, soft = velocities.get(joint.name, np.nan), softs.get(joint.name, (-np.inf, np.inf))
-            moving.append(_moving_joint(joint, pose, mimics, velocity, soft))
-            pose = np.eye(4)
-        of_links.append((joint.child, Frame(len(moving), pose)))
-        of_joints.append((joint.name, Frame(len(moving), pose)))
-    return serial_chain(
-        moving,
-        pose,
-        name=robot.name,
-        base=links[0],
-        tip=links[-1],
-        source=where,
-        links=of_links + of_joints,
-    )
+
+    def arm(self, base: str | None = None, tip: str | None = None) -> SerialChain:
+        """The arm between two links, as `read_urdf` takes them.
+
+        Raises:
+            InvalidRobot: There is no such arm.
+        """
+        with np.errstate(all="ignore"):  # What overflows is refused where the chain is put together.
+            chain = self._arm(base, tip)
+        warn_of_joints(
+            chain.joint_names,
+            chain.kinds,
+            chain.lower,
+            chain.upper,
+            self._where,
+            "write radians, as URDF has them",
+        )
+        return replace(chain, urdf=self._text)
+
+    def _arm(self, base: str | None, tip: str | None) -> SerialChain:
+        links = frame_path(self._parents, base, tip, ends=self._leaves, noun="link", moving=self._moved)
+        path_joints = [self._above[link] for link in links[1:]]
+        count = sum(joint.type != "fixed" for joint in path_joints)
+        require_few(count, "moving joints between base and tip", MOST_JOINTS, self._where)
+        moving, pose = [], np.eye(4)
+        of_links, of_joints = [], []
+        for joint in path_joints:
+            pose = pose @ _origin(joint)
+            if joint.type != "fixed":
+                velocity = self._velocities.get(joint.name, np.nan)
+                soft = self._softs.get(joint.name, (-np.inf, np.inf))
+                moving.append(_moving_joint(joint, pose, self._mimics, velocity, soft))
+                pose = np.eye(4)
+            of_links.append((joint.child, Frame(len(moving), pose)))
+            of_joints.append((joint.name, Frame(len(moving), pose)))
+        return serial_chain(
+            moving,
+            pose,
+            name=self._name,
+            base=links[0],
+            tip=links[-1],
+            source=self._where,
+            links=of_links + of_joints,
+        )
 
 
 def fixed_links(text: bytes, where: str) -> dict[str, Array]:
@@ -225,7 +252,7 @@ def _origin(joint: Any) -> Array:
 def _moving_joint(
     joint: Any,
     origin: Array,
-    mimics: dict[str, tuple[str, float, float]],
+    mimics: Mimics,
     velocity: float,
     soft: tuple[float, float],
 ) -> Joint:
@@ -234,7 +261,7 @@ def _moving_joint(
             f"joint {joint.name!r} is {joint.type}: between base and tip only fixed, {', '.join(_MOVES)} "
             f"joints can be used. Choose base={joint.child!r} to leave it out"
         )
-    leader, multiplier, offset = follow_mimics(joint.name, mimics)
+    leader, multiplier, offset = mimics.driver(joint.name)
     follows = joint.name in mimics
     lower, upper = (joint.limit.lower, joint.limit.upper) if joint.limit else (-np.inf, np.inf)
     if joint.limit is None and joint.type != CONTINUOUS and not follows:
