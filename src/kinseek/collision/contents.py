@@ -27,8 +27,8 @@ Array = NDArray[np.float64]
 
 
 MOST_SHAPES = 2_000
-"""Of all bodies of a scene together. Every two bodies are a pair, also two that never move against each other, and the time in
-which pinocchio takes shapes grows with the cube of their number."""
+"""Of all bodies of a scene together. Every two bodies are a pair, also two that never move against each other, and the time
+in which pinocchio takes shapes grows with the cube of their number."""
 
 
 class Contents:
@@ -359,8 +359,8 @@ class Contents:
     def _require_room(self, bodies: Iterable[Body]) -> None:
         if (total := sum(len(body.parts) for body in (*self._bodies.values(), *bodies))) > MOST_SHAPES:
             raise InvalidScene(
-                f"{total:,} shapes of bodies, a scene has at most {MOST_SHAPES:,}: put shapes that stand still into one mesh, "
-                "or points into one cloud"
+                f"{total:,} shapes of bodies, a scene has at most {MOST_SHAPES:,}: put shapes that stand still into one "
+                "mesh, or points into one cloud"
             )
 
     def _require(self, name: str) -> None:
