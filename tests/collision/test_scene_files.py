@@ -12,6 +12,7 @@ import kinseek
 from cells import TETRAHEDRON, box_mesh, write_obj
 from kinseek import InvalidScene, Scene
 from kinseek.collision import Box
+from kinseek.collision.assembly import MOST_PAIRS
 from kinseek.collision.contents import MOST_SHAPES
 from kinseek.collision.obstacles import obstacles
 
@@ -345,6 +346,18 @@ def test_links_of_too_many_shapes_are_refused() -> None:
     urdf = urdf.replace('<link name="tool0"/>', f'<link name="tool0">{(MOST_SHAPES + 1) * one}</link>')
     with pytest.raises(InvalidScene, match=f"{MOST_SHAPES + 1:,} shapes of bodies"):
         Scene.of(kinseek.load(urdf))
+
+
+def test_too_many_pairs_of_shapes_are_refused(tmp_path: Path) -> None:
+    """A link and an obstacle of 990 shapes each took 6 GB."""
+    one = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
+    urdf = kinseek.load("ur5e").axes.urdf.decode()
+    urdf = urdf.replace('<link name="tool0"/>', f'<link name="tool0">{500 * one}</link>')
+    scene = Scene.of(kinseek.load(urdf))
+    cell = f'<robot name="cell"><link name="table">{500 * one}</link></robot>'
+    scene.add_file(written(tmp_path, "cell.urdf", cell))
+    with pytest.raises(InvalidScene, match=f"250,000 pairs of shapes count, .* at most {MOST_PAIRS:,}"):
+        scene.free(np.zeros(6))
 
 
 def test_binary_nonsense_is_no_text(tmp_path: Path, scene: Scene) -> None:
