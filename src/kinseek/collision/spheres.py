@@ -30,7 +30,7 @@ _CANDIDATES, _SAMPLES = 300, 800
 """Places of inner spheres that are tried, and points of the body by which they are chosen."""
 
 _MOST_CORNERS = 2**13
-"""Of a hull that is cut into pieces; for so many of two circles that takes some ten seconds. Slices hold larger ones."""
+"""Of a hull that is cut into pieces; for so many of two circles that takes some 15 s. Slices hold larger ones."""
 
 _PULLS = np.linspace(0.0, 1.0, 9)[:, None]
 """Shares of the way from the middle of a piece to that of the hull at which the centre of its ball is tried."""
