@@ -9,14 +9,14 @@ from .shapes import library
 
 Array = NDArray[np.float64]
 
-MOST_CORNERS = 2**14
+MOST_CORNERS = 18_000
 """Points that may be corners of one hull. For so many on two circles Qhull takes some seconds, and for twice as many four
 times as long."""
 
 _PRODUCTS = 2**24
 """Of points and planes that are computed at once."""
 
-_DIRECTIONS = (32, 128, 512, 2048)
+_DIRECTIONS = (32, 128, 512, 2048, 8192)
 """In so many directions the farthest points are looked for, until few points lie outside their hull."""
 
 _HELPS = 0.9

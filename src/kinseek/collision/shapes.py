@@ -229,7 +229,7 @@ class Mesh(Shape):
 
     Raises:
         InvalidScene: No triangles, NaN, more than a million triangles that are no hull. When its hull is first needed:
-            more than 16,384 points that may be corners of it.
+            more than 18,000 points that may be corners of it.
     """
 
     vertices: Array
