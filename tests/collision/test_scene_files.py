@@ -11,7 +11,9 @@ import pytest
 import kinseek
 from cells import TETRAHEDRON, box_mesh, write_obj
 from kinseek import InvalidScene, Scene
-from kinseek.collision.contents import MOST_BODIES
+from kinseek.collision import Box
+from kinseek.collision.assembly import MOST_PAIRS
+from kinseek.collision.contents import MOST_SHAPES
 from kinseek.collision.obstacles import obstacles
 
 pytest.importorskip("pinocchio")
@@ -296,7 +298,7 @@ def test_a_file_that_is_not_there_and_a_name_that_is_taken(tmp_path: Path, scene
 
 def test_a_scene_with_too_many_bodies_is_refused(tmp_path: Path, scene: Scene) -> None:
     """Each two are a pair: 1 MB of text with 30,000 boxes filled the memory."""
-    room = MOST_BODIES - len(scene.bodies)
+    room = MOST_SHAPES - len(scene.bodies)
 
     def boxes(count: int) -> Path:
         each = "".join(f"* o{i}\n1\nbox\n1 1 1\n{i} 0 0\n0 0 0 1\n0 0 0 0\n" for i in range(count))
@@ -304,13 +306,58 @@ def test_a_scene_with_too_many_bodies_is_refused(tmp_path: Path, scene: Scene) -
 
     before = scene.bodies
     with pytest.raises(
-        InvalidScene, match=f"{MOST_BODIES + 1:,} bodies, a scene has at most {MOST_BODIES:,}"
+        InvalidScene, match=f"{MOST_SHAPES + 1:,} shapes of bodies, a scene has at most {MOST_SHAPES:,}"
     ):
         scene.add_file(boxes(room + 1))
     assert scene.bodies == before
     scene.add_file(boxes(room))
-    with pytest.raises(InvalidScene, match=f"{MOST_BODIES + 1:,} bodies"):
+    with pytest.raises(InvalidScene, match=f"{MOST_SHAPES + 1:,} shapes of bodies"):
         scene.add_box("one more", (1, 1, 1))
+
+
+@pytest.mark.parametrize("suffix", [".scene", ".urdf"])
+def test_a_body_of_too_many_shapes_is_refused(tmp_path: Path, scene: Scene, suffix: str) -> None:
+    """The first question about 10,000 shapes took minutes, whether one body has them or many."""
+    room = MOST_SHAPES - len(scene.bodies)  # Each has one.
+
+    def spheres(count: int) -> Path:
+        if suffix == ".scene":
+            text = "world\n* many\n" + str(count) + count * "\nsphere\n1\n5 0 0\n0 0 0 1\n0 0 0 0" + "\n.\n"
+        else:
+            one = '<collision><geometry><sphere radius="1"/></geometry></collision>'
+            text = f'<robot name="many"><link name="many">{count * one}</link></robot>'
+        return written(tmp_path, f"many{suffix}", text)
+
+    before = scene.bodies
+    with pytest.raises(
+        InvalidScene, match=f"{MOST_SHAPES + 1:,} shapes of bodies, a scene has at most {MOST_SHAPES:,}"
+    ):
+        scene.add_file(spheres(room + 1))
+    assert scene.bodies == before
+    scene.add_file(spheres(room))
+    with pytest.raises(InvalidScene, match=f"{MOST_SHAPES + 1:,} shapes of bodies"):
+        scene.attach("one more", Box((1, 1, 1)), "tool0")
+    assert scene.bodies == (*before, "many")
+
+
+def test_links_of_too_many_shapes_are_refused() -> None:
+    urdf = kinseek.load("ur5e").axes.urdf.decode()
+    one = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
+    urdf = urdf.replace('<link name="tool0"/>', f'<link name="tool0">{(MOST_SHAPES + 1) * one}</link>')
+    with pytest.raises(InvalidScene, match=f"{MOST_SHAPES + 1:,} shapes of bodies"):
+        Scene.of(kinseek.load(urdf))
+
+
+def test_too_many_pairs_of_shapes_are_refused(tmp_path: Path) -> None:
+    """A link and an obstacle of 990 shapes each took 6 GB."""
+    one = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
+    urdf = kinseek.load("ur5e").axes.urdf.decode()
+    urdf = urdf.replace('<link name="tool0"/>', f'<link name="tool0">{500 * one}</link>')
+    scene = Scene.of(kinseek.load(urdf))
+    cell = f'<robot name="cell"><link name="table">{500 * one}</link></robot>'
+    scene.add_file(written(tmp_path, "cell.urdf", cell))
+    with pytest.raises(InvalidScene, match=f"250,000 pairs of shapes count, .* at most {MOST_PAIRS:,}"):
+        scene.free(np.zeros(6))
 
 
 def test_binary_nonsense_is_no_text(tmp_path: Path, scene: Scene) -> None:

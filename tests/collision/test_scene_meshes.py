@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import kinseek
 from cells import write_arm, write_stl
 from kinseek import InvalidScene, Scene
 from kinseek.collision import Mesh
+from kinseek.collision.hulls import MOST_CORNERS, farthest_beyond, outermost
 from kinseek.collision.simplify import simplified
 from kinseek.robots.meshes import mesh_parts
 
@@ -173,3 +175,53 @@ def test_an_arm_from_text_knows_its_geometry(tmp_path: Path) -> None:
     other = Scene.of(kinseek.load(file, tip="tip"), [tmp_path / "packages"])
     q = arm.sample(50, seed=1)
     assert np.array_equal(scene.free(q), other.free(q))
+
+
+def scattered(count: int) -> np.ndarray:
+    """Points on a ball, as 32-bit numbers, which an STL file holds."""
+    points = np.random.default_rng(0).normal(size=(count, 3))
+    return (points / np.linalg.norm(points, axis=1)[:, None]).astype(np.float32).astype(np.float64)
+
+
+def mesh_of(points: np.ndarray, hull: bool) -> Mesh:
+    return Mesh(points, np.arange(len(points) // 3 * 3).reshape(-1, 3), hull)
+
+
+def test_a_hull_of_too_many_corners_is_refused() -> None:
+    """A file of 400 kB took more than a minute, and one of 10 MB did not end."""
+    points = scattered(MOST_CORNERS + 2)
+    with pytest.raises(
+        InvalidScene, match=r"18,002 of its points may be .* at most 18,000: simplify the mesh"
+    ):
+        mesh_of(points, hull=True).geometry()
+    # Triangles count themselves: the box around them bounds them.
+    box = mesh_of(points, hull=False).corners
+    assert box.shape == (8, 3)
+    assert (box.min(axis=0) == points.min(axis=0)).all()
+    assert (box.max(axis=0) == points.max(axis=0)).all()
+
+
+def test_points_inside_do_not_count_as_corners() -> None:
+    rng = np.random.default_rng(1)
+    outer = scattered(2000) * [1, 1e-3, 50]
+    points = np.concatenate([rng.uniform(-0.5, 0.5, (100_000, 3)) * [1, 1e-3, 50], outer])
+    left = outermost(points)
+    assert len(left) <= MOST_CORNERS
+    assert {tuple(row) for row in outer} <= {tuple(row) for row in left}
+    assert {tuple(row) for row in mesh_of(points, hull=True).corners} == {tuple(row) for row in outer}
+    assert (outermost(points[:100]) == points[:100]).all()
+
+
+def test_depths_below_many_planes_take_little_memory() -> None:
+    """All products at once took 7 GB for a hull of a 1 MB file."""
+    rng = np.random.default_rng(2)
+    points, planes = rng.normal(size=(3200, 3)), rng.normal(size=(4, 20_000))
+    tracemalloc.start()
+    found = farthest_beyond(points, planes)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 400e6
+    some = planes[:, ::100]
+    assert (farthest_beyond(points, some) == (points @ some[:3] + some[3]).max(axis=1)).all()
+    assert (found >= farthest_beyond(points, some) - 1e-12).all()
+    assert found[0] == pytest.approx((points[0] @ planes[:3] + planes[3]).max(), abs=1e-12)

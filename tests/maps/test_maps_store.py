@@ -175,6 +175,53 @@ def test_a_store_of_another_user_is_read_and_not_written(
     assert make.store_of(ARM, GRID, work).missing() == [(0, 0, 0, 0)]
 
 
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="no user ids here")
+@pytest.mark.parametrize("bits", [0o775, 0o757, 0o1777], ids=oct)
+@pytest.mark.parametrize("inner", [".", "reached", "reached/c/0", "blocks/done/c"])
+def test_a_store_that_others_may_write_to_is_read_and_not_written(
+    tmp_path: Path, inner: str, bits: int
+) -> None:
+    """Another user could replace a folder in it by a link to a folder elsewhere, while blocks are written."""
+    place = tmp_path / "a map.zarr"
+    maps.reach(ARM, GRID, store=place, **SMALL)
+    (place / "blocks" / "done" / "c" / "0" / "0" / "0" / "0").unlink()
+    before = files(place)
+    (place / inner).chmod(bits)
+    with pytest.raises(
+        kinseek.InvalidMap, match=rf"others may write to .*\(mode {bits:o}\).*chmod -R go-w '.*/a map.zarr'"
+    ):
+        maps.reach(ARM, GRID, store=place, **SMALL)
+    assert files(place) == before
+    assert (maps.open(place).reached.values >= 0).all()
+    (place / inner).chmod(bits & ~0o1022)
+    assert maps.reach(ARM, GRID, store=place, **SMALL).attrs == maps.open(place).attrs
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root gives folders away")
+def test_a_folder_of_another_user_in_a_store_is_refused(tmp_path: Path) -> None:
+    place = tmp_path / "map.zarr"
+    maps.reach(ARM, GRID, store=place, **SMALL)
+    os.chown(place / "reached" / "c", 65534, -1)
+    (place / "reached" / "c").chmod(0)
+    with pytest.raises(kinseek.InvalidMap, match="reached/c belongs to user 65534, and this is user 0"):
+        maps.reach(ARM, GRID, store=place, **SMALL)
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="no permissions here")
+@pytest.mark.parametrize("umask", [0o000, 0o002, 0o022, 0o077], ids=oct)
+def test_others_may_not_write_to_a_new_store_whatever_the_umask(tmp_path: Path, umask: int) -> None:
+    before = os.umask(umask)
+    try:
+        maps.reach(ARM, GRID, store=tmp_path / "parent" / "map.zarr", **SMALL)
+    finally:
+        os.umask(before)
+    place = tmp_path / "parent" / "map.zarr"
+    folders = [place, *(path for path in place.rglob("*") if path.is_dir())]
+    assert {path.stat().st_mode & 0o777 for path in folders} == {0o755 & ~umask}
+    assert place / "reached" / "c" / "0" / "0" / "0" in folders
+    maps.reach(ARM, GRID, store=place, **SMALL)
+
+
 def test_blocks_are_not_written_through_links(tmp_path: Path) -> None:
     place, victim = tmp_path / "map.zarr", tmp_path / "victim"
     maps.reach(ARM, GRID, store=place, **SMALL)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from kinseek.errors import InvalidScene
 from kinseek.lazy import Lazy, lazy
 from kinseek.robots.chain import SerialChain
 
@@ -15,6 +16,9 @@ from .bodies import Body
 from .engine import Engine, Solid
 from .motion import Speeds
 from .pairs import Pair, key
+
+MOST_PAIRS = 200_000
+"""Of shapes that count: each takes some 6 kB."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,11 @@ class Assembly(Lazy):
 
 
 def assemble(chain: SerialChain, bodies: Iterable[Body], pairs: Iterable[Pair]) -> Assembly:
-    """Make the engine of the pairs that count, with the bodies that are in one."""
+    """Make the engine of the pairs that count, with the bodies that are in one.
+
+    Raises:
+        InvalidScene: Too many pairs of shapes.
+    """
     solids: list[Solid] = []
     numbers: dict[str, list[int]] = {}
     counting = [pair for pair in pairs if pair.counts]
@@ -57,6 +65,11 @@ def assemble(chain: SerialChain, bodies: Iterable[Body], pairs: Iterable[Pair]) 
             Solid(body.frame.joints, part.shape, body.frame.pose @ part.pose, body.padding)
             for part in body.parts
         ]
+    if (total := sum(len(numbers[pair.a]) * len(numbers[pair.b]) for pair in counting)) > MOST_PAIRS:
+        raise InvalidScene(
+            f"{total:,} pairs of shapes count, a scene has at most {MOST_PAIRS:,}: give bodies fewer shapes, such as one "
+            "mesh for several, or leave out pairs with allow()"
+        )
     counted = [
         ((i, j), (pair.a, pair.b)) for pair in counting for i in numbers[pair.a] for j in numbers[pair.b]
     ]

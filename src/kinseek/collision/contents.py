@@ -26,8 +26,9 @@ from .shapes import Box, Capsule, Cylinder, Mesh, Points, Shape, Sphere, length_
 Array = NDArray[np.float64]
 
 
-MOST_BODIES = 2_000
-"""Of a scene: every two of them are a pair, also two that never move against each other."""
+MOST_SHAPES = 2_000
+"""Of all bodies of a scene together. Every two bodies are a pair, also two that never move against each other, and the time
+in which pinocchio takes shapes grows with the cube of their number."""
 
 
 class Contents:
@@ -40,7 +41,7 @@ class Contents:
         self._samples = samples
         self._chain, self._links = chain, arm.links
         self._bodies = dict[str, Body]()
-        self._require_room(len(arm.bodies))
+        self._require_room(arm.bodies)
         self._bodies |= {body.name: body for body in arm.bodies}
         self._never = never
         self._notes = list(arm.notes)
@@ -160,7 +161,7 @@ class Contents:
         folders |= package_folders(meshes)
         found, notes = obstacles(Path(path).expanduser(), folders, skip, trusted)
         base = np.eye(4) if pose is None else one_pose(pose, "pose")
-        self._require_room(len(found))
+        self._require_room(found)
         try:
             names = tuple(self._new(f"{prefix}{body.name}") for body in found)
         except InvalidScene as error:
@@ -245,7 +246,7 @@ class Contents:
         own = [body for body in other._bodies.values() if body.is_link or body.frame.joints]
         arm = OtherArm(self._new(name), other._chain, base, own)
         added = arm.at(other._one(q))
-        self._require_room(len(added))
+        self._require_room(added)
         for body in added:
             self._new(body.name)
         self._bodies |= {body.name: body for body in added}
@@ -346,7 +347,6 @@ class Contents:
     def _new(self, name: str) -> str:
         if not isinstance(name, str) or not name:
             raise InvalidScene(f"a body needs a name, got {name!r}")
-        self._require_room(1)
         if name in self._bodies or name in self._links or name in self._others:
             if name in self._links:
                 raise InvalidScene(f"{name!r} is a link of the arm already; names are unique")
@@ -356,11 +356,11 @@ class Contents:
             )
         return name
 
-    def _require_room(self, count: int) -> None:
-        if (total := len(self._bodies) + count) > MOST_BODIES:
+    def _require_room(self, bodies: Iterable[Body]) -> None:
+        if (total := sum(len(body.parts) for body in (*self._bodies.values(), *bodies))) > MOST_SHAPES:
             raise InvalidScene(
-                f"{total:,} bodies, a scene has at most {MOST_BODIES:,}: put shapes that stand still into one mesh, or "
-                "points into one cloud"
+                f"{total:,} shapes of bodies, a scene has at most {MOST_SHAPES:,}: put shapes that stand still into one "
+                "mesh, or points into one cloud"
             )
 
     def _require(self, name: str) -> None:
@@ -368,6 +368,7 @@ class Contents:
             raise InvalidScene(suggest(str(name), self._bodies, "body"))
 
     def _enter(self, body: Body) -> None:
+        self._require_room([body])
         self._bodies[body.name] = body
         self._assembly = None
         shapes = [part.shape for part in body.parts]

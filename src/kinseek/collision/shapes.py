@@ -228,7 +228,8 @@ class Mesh(Shape):
     """Triangles, or their convex hull. `Mesh.read` makes them of a file.
 
     Raises:
-        InvalidScene: No triangles, NaN, more than a million triangles that are no hull.
+        InvalidScene: No triangles, NaN, more than a million triangles that are no hull. When its hull is first needed:
+            more than 18,000 points that may be corners of it.
     """
 
     vertices: Array
@@ -325,8 +326,15 @@ class Mesh(Shape):
 
     @lazy
     def corners(self) -> Array:
-        """The corners of its hull."""
-        return np.array(self._hull.points()) if self._is_solid else self.vertices
+        """The corners of its hull; of the box around it if it is no hull and coal cannot make one."""
+        if not self._is_solid:
+            return self.vertices
+        try:
+            return np.array(self._hull.points())
+        except InvalidScene:
+            if self.hull:
+                raise
+            return box_corners(self.vertices)
 
     @lazy
     def closed(self) -> bool:
@@ -375,8 +383,16 @@ class Mesh(Shape):
         coal = library("coal")
         if not self._is_solid:
             raise InvalidScene(f"{self.name} is flat: it has no convex hull; use its triangles, hull=False")
+        from .hulls import MOST_CORNERS, outermost
+
+        outer = outermost(np.unique(self.vertices, axis=0))
+        if len(outer) > MOST_CORNERS:
+            raise InvalidScene(
+                f"{self.name}: {len(outer):,} of its points may be corners of its convex hull, expected at most "
+                f"{MOST_CORNERS:,}: simplify the mesh, so that it has fewer vertices where it is curved"
+            )
         points = coal.StdVec_Vec3s()
-        for vertex in np.unique(self.vertices, axis=0):
+        for vertex in outer:
             points.append(vertex)
         try:  # Flat sides stay whole: cut into triangles, a corner may have more neighbours than coal takes.
             return coal.ConvexBase.convexHull(points, False, "")
@@ -436,14 +452,19 @@ class Points(Shape):
     @lazy
     def corners(self) -> Array:
         """The corners of the box around all points."""
-        ends = np.stack([self.places.min(axis=0), self.places.max(axis=0)])
-        return np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
+        return box_corners(self.places)
 
     def geometry(self) -> Any:
         """What coal takes."""
         grain = GRAIN * np.array([[1.0, 0.0, 0.0], [-0.5, 0.75, 0.25], [-0.5, -0.75, -0.25]])
         vertices = (self.places[:, None] + grain).reshape(-1, 3)
         return triangles(vertices, np.arange(len(vertices)).reshape(-1, 3))
+
+
+def box_corners(points: Array) -> Array:
+    """The corners of the box around points, (k, 3) -> (8, 3)."""
+    ends = np.stack([points.min(axis=0), points.max(axis=0)])
+    return np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
 
 
 def triangles(vertices: Array, faces: NDArray[np.int64]) -> Any:

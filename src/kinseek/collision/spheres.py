@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from kinseek.lazy import lazy
 
+from .hulls import farthest_beyond
 from .shapes import Box, Capsule, Shape, Sphere, library
 
 Array = NDArray[np.float64]
@@ -27,6 +28,9 @@ FEW, COUNT = 8, 32
 
 _CANDIDATES, _SAMPLES = 300, 800
 """Places of inner spheres that are tried, and points of the body by which they are chosen."""
+
+_MOST_CORNERS = 2**13
+"""Of a hull that is cut into pieces; for so many of two circles that takes some 15 s. Slices hold larger ones."""
 
 _PULLS = np.linspace(0.0, 1.0, 9)[:, None]
 """Shares of the way from the middle of a piece to that of the hull at which the centre of its ball is tried."""
@@ -78,7 +82,7 @@ def cover_of(shape: Shape) -> Cover:
         more = pieces_of(surface, planes, COUNT, few)
         rough, outer = (np.array([ball for _, ball, _ in pieces]).T for pieces in (few, more))
         rough[3], outer[3] = rough[3] + shape.thickness, outer[3] + shape.thickness
-    inner = _balls_inside(shape)
+    inner = _balls_inside(shape, hull if solid else _hull(shape.inner_corners))
     half = (high - low) / 2
     spheres = (_padded(rough, FEW), _padded(outer), _padded(inner))
     return Cover(*spheres, core, half, simple, corners, solid, ball_around(corners))
@@ -229,13 +233,12 @@ def cut(triangles: Array, direction: Array, at: float) -> tuple[Array, Array]:
     return np.concatenate(below), np.concatenate(beyond)
 
 
-def _balls_inside(shape: Shape) -> Array:
-    """Balls inside a shape, those first that hold the most of it."""
-    hull = _hull(shape.inner_corners) if len(shape.inner_corners) else None
+def _balls_inside(shape: Shape, hull: Any) -> Array:
+    """Balls inside a shape with this hull of its inner corners, or None; those first that hold the most of it."""
     if hull is None:
         if not len(shape.inner_corners):
             return np.zeros((4, 0))
-        # A ball, a piece of a line or a flat one: made thicker, every point of it is the middle of a ball.
+        # A ball, a line, a flat hull or one of too many corners: made thicker, every point of it is the middle of a ball.
         ends = shape.inner_corners
         share = np.linspace(0.0, 1.0, COUNT)[:, None] if len(ends) > 1 else np.zeros((1, 1))
         places = ends[0] + share * (ends[-1] - ends[0])
@@ -244,7 +247,7 @@ def _balls_inside(shape: Shape) -> Array:
     rng, ends = np.random.default_rng(0), hull.points[hull.vertices]
     low, high = ends.min(axis=0), ends.max(axis=0)
     points = rng.uniform(low, high, (4 * _SAMPLES, 3))
-    depths = -(points @ planes[:3] + planes[3]).max(axis=1)
+    depths = -farthest_beyond(points, planes)
     points, depths = points[depths > 0][:_SAMPLES], depths[depths > 0][:_SAMPLES]
     if not len(points):
         return np.zeros((4, 0))
@@ -280,8 +283,11 @@ def _frame_of(corners: Array) -> Array:
 
 
 def _hull(corners: Array) -> Any:
-    """The convex hull of points, or None where they span no volume."""
-    if len(corners) < 4 or np.linalg.matrix_rank(corners - corners.mean(axis=0), tol=1e-9) < 3:
+    """The convex hull of points, or None if they span no volume or are too many."""
+    if (
+        not 4 <= len(corners) <= _MOST_CORNERS
+        or np.linalg.matrix_rank(corners - corners.mean(axis=0), tol=1e-9) < 3
+    ):
         return None
     spatial = library("scipy.spatial")
     try:

@@ -117,8 +117,8 @@ def reach(
             is. All but the first ask for every answer, which takes ten to thirty times as long. With joints to spare the
             answers are a sample of endlessly many.
         store: A folder that the map is written to, block by block. Where it holds a part of this map, that is not done
-            again; unless a client is given, it has to belong to this user. On a cluster all workers have to see it. Without
-            it the map stays in memory.
+            again. Unless a client is given, it and all folders in it have to belong to this user, and nobody else may write
+            to them. On a cluster all workers have to see it. Without it the map stays in memory.
         client: A ``distributed.Client`` of a cluster; otherwise a process is started for each core of this machine, which
             nobody else can reach. Who may connect to the cluster is up to its settings.
         progress: Show a progress bar.
@@ -130,8 +130,8 @@ def reach(
         it is used.
 
     Raises:
-        InvalidMap: A function as an arm, unknown measures, a store of another map or another user, workers with another
-            version, rings in a scene.
+        InvalidMap: A function as an arm, unknown measures, a store of another map or that another user can change, workers
+            with another version, rings in a scene.
         InvalidScene: A scene of another arm, or a clearance that is no length.
         MapInterrupted: Scheduler gone, disk full, or a block that workers do not survive: the same call goes on.
         MissingExtra: xarray, Dask or Zarr is not installed.
@@ -227,10 +227,10 @@ def store_of(arm: Arm, grid: Grid | Rings, work: Work, cluster: bool = False) ->
         arm: What is mapped.
         grid: Where.
         work: What workers are told.
-        cluster: May the store belong to another user? A cluster may run as one.
+        cluster: May another user own or change the store? A cluster may run as one.
 
     Raises:
-        InvalidMap: It is of another map or another user, or cannot be made.
+        InvalidMap: It is of another map, another user can change it, or it cannot be made.
     """
     variables: dict[str, tuple[str, float, dict[str, Any]]] = {
         name: (measure.dtype, measure.fill, dict(measure.attributes))

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 import os
+import shlex
 import shutil
 import stat
 import uuid
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidMap
 from kinseek.printable import printable
+from kinseek.private import NotPrivate, require_private
 from kinseek.undisturbed import raise_of_handler
 
 from .grid import grid_of
@@ -49,6 +51,7 @@ MOST_CHUNK = 2**26
 """Cells of a block of a map that is opened."""
 CODECS = frozenset({"blosc", "bytes", "crc32c", "gzip", "zstd"})
 """What Zarr writes by itself, or by its configuration."""
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 class Store:
@@ -60,6 +63,7 @@ class Store:
         self.description: dict[str, Any] = group.attrs[DESCRIPTION]
         if not isinstance(self.description, dict) or not isinstance(self.description.get("variables"), list):
             raise ValueError(f"its attribute {DESCRIPTION!r} is not what maps.reach writes")
+        self._folder: Path | None = getattr(group.store, "root", None)
         self._done = group[_DONE]
         self._arrays = {name: group[name] for name in self.description["variables"]}
 
@@ -90,6 +94,9 @@ class Store:
         dims, shape, chunks = description["dims"], tuple(description["shape"]), tuple(description["chunks"])
         making = None if path is None else path.with_name(f".{path.name}.{uuid.uuid4().hex}")
         try:
+            if making is not None:
+                making.parent.mkdir(parents=True, exist_ok=True)
+                making.mkdir(mode=0o700)  # Nobody else can look inside until all folders have their modes.
             memory: Any = MemoryStore() if making is None else LocalStore(making)
             group = zarr.create_group(
                 memory, zarr_format=3, attributes={**attributes, DESCRIPTION: description}
@@ -109,6 +116,7 @@ class Store:
             blocks = tuple(-(-n // chunk) for n, chunk in zip(shape, chunks, strict=True))
             group.create_array(_DONE, shape=blocks, chunks=(1,) * len(blocks), dtype="uint8", fill_value=0)
             if making is not None and path is not None:
+                _forbid_others_to_write(making)
                 os.rename(making, path)
                 return cls.at(str(path))
             return cls(group, "memory")
@@ -159,6 +167,9 @@ class Store:
         """
         chunks = self.description["chunks"]
         part = tuple(slice(i * n, (i + 1) * n) for i, n in zip(index, chunks, strict=True))
+        if self._folder is not None:
+            for array in (*self._arrays.values(), self._done):
+                _make_folders(self._folder, Path(array.path, array.metadata.encode_chunk_key(index)).parent)
         for name, array in self._arrays.items():
             array[part] = values[name]
         self._done[index] = self._done[index] + 1
@@ -315,20 +326,44 @@ def compare(place: str, there: dict[str, Any], wanted: dict[str, Any]) -> None:
 
 
 def require_own(path: Path) -> None:
-    """Refuse a store of another user, or with folders that are links, through which blocks are written elsewhere.
+    """Refuse a store that another user can change, or with folders that are links: blocks could be written elsewhere.
 
     Raises:
-        InvalidMap: It belongs to another user, or a folder in it is a link.
+        InvalidMap: A folder belongs to another user, others may write to it, or it is a link.
     """
-    if hasattr(os, "getuid") and (owner := path.lstat().st_uid) != os.getuid():
-        raise InvalidMap(
-            f"the store {str(path)!r} belongs to user {owner}, and this is user {os.getuid()}: blocks are only written "
-            "to a folder of one's own. Take another store, or change its owner"
-        )
-    # A store of this user may come from an archive with links. Files that are links are replaced, not followed.
+    _require_own_folder(path, path)
     for folder, names, _ in os.walk(path):
-        if links := [name for name in names if os.path.islink(os.path.join(folder, name))]:
-            raise InvalidMap(
-                f"the store {str(path)!r} holds a link, {os.path.join(os.path.relpath(folder, path), links[0])!r}: blocks "
-                "are only written to folders in the store. Take another store, or replace the link by its folder"
-            )
+        for name in names:
+            _require_own_folder(path, Path(folder, name))
+
+
+def _require_own_folder(store: Path, folder: Path) -> None:
+    # A store of this user may come from an archive with links. Files that are links are replaced, not followed.
+    if folder.is_symlink():
+        raise InvalidMap(
+            f"the store {str(store)!r} holds a link, {str(folder.relative_to(store))!r}: blocks are only written to "
+            "folders in the store. Take another store, or replace the link by its folder"
+        )
+    try:
+        require_private(folder, folder.lstat())
+    except NotPrivate as error:
+        at = shlex.quote(str(store))
+        raise InvalidMap(
+            f"{error}, and this is user {os.getuid()}: blocks are only written to folders that no other user can change. "
+            f"Take another store, or make this one private: chown -R {os.getuid()} {at}; chmod -R go-w {at}"
+        ) from None
+
+
+def _forbid_others_to_write(folder: Path) -> None:
+    """Give a new store and the folders in it the modes that the umask asks for, without write permission for others."""
+    mode = stat.S_IMODE((folder / _DONE).stat().st_mode) & ~_OTHERS_WRITE
+    for inner, _, _ in os.walk(folder, topdown=False):
+        os.chmod(inner, mode)
+
+
+def _make_folders(base: Path, below: Path) -> None:
+    """Make folders below a base that only this user may write to; Zarr would follow the umask alone."""
+    for part in below.parts:
+        base /= part
+        with suppress(FileExistsError):
+            base.mkdir(mode=0o777 & ~_OTHERS_WRITE)
