@@ -30,7 +30,7 @@ from .errors import (
     UnitWarning,
 )
 from .goal import Goal
-from .later import later as _later
+from .lazy_imports import lazy_names as _lazy_names
 from .poses import pose
 from .problem import Problem
 from .proof.certificate import Certificate, Verdict
@@ -100,7 +100,7 @@ __all__ = [
     "pose",
 ]
 
-__getattr__, __dir__ = _later(
+__getattr__, __dir__ = _lazy_names(
     globals(),
     {
         "ALL_SOLVERS": ".solvers",

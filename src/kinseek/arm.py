@@ -11,17 +11,16 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, Unpack, cast, o
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .bad_rows import without_bad
 from .deadline import Deadline
 from .errors import InvalidProblem
 from .goal import Goal
+from .invalid_targets import without_invalid
 from .kernels.atlas.near import solve_plain_near
 from .kernels.atlas.one_goal import solve_plain
 from .kinematics import ForwardArm
 from .poses import plain_array
 from .problem import Problem, as_joints
 from .proof.certificate import Certificate, Verdict
-from .reals import whole
 from .robots import Mechanism, SerialChain, read
 from .shapes import Joints, ManyGoals, OneGoal, UnshapedGoal
 from .solution import Solution, Status, quick_solution
@@ -31,6 +30,7 @@ from .solvers.atlas.quick import answers_quickly, quick_answer
 from .solvers.black_box.samples import Samples, samples_of
 from .solvers.checks import as_solver, warn_if_far, with_progress
 from .units import warn_of_distance
+from .validation import as_integer
 
 if TYPE_CHECKING:
     from .branches.index import BranchIndex
@@ -202,7 +202,7 @@ class Arm(ForwardArm):
             InvalidSolver: The solver's parameters do not fit the arm, or `threads` is no whole number of at least 1.
         """
         if threads is not None:
-            threads = whole("threads", threads, 1)
+            threads = as_integer("threads", threads, 1)
         wishes = prefer is not None or cost is not None or valid is not None or scene is not None
         plain = (
             solver is None and not prove and not wishes and time_limit is None and not trace and not clearance
@@ -240,7 +240,9 @@ class Arm(ForwardArm):
                 "time_limit": time_limit,
                 "trace": trace,
             }
-            return without_bad(bad, goal, near, self._mechanism, lambda T, q: self.ik(T, near=q, **options))
+            return without_invalid(
+                bad, goal, near, self._mechanism, lambda T, q: self.ik(T, near=q, **options)
+            )
         deadline = Deadline(time_limit)
         if prove:
             self._require_axes(_NO_PROOF)
@@ -341,7 +343,7 @@ class Arm(ForwardArm):
             InvalidSolver: `threads` is no whole number of at least 1.
         """
         if threads is not None:
-            threads = whole("threads", threads, 1)
+            threads = as_integer("threads", threads, 1)
         plain = (
             near is None and order == "mid-range" and cost is None and valid is None and not (copies or prove)
         )
@@ -403,7 +405,7 @@ class Arm(ForwardArm):
         """
         self._require_axes(_NO_PROOF)
         if threads is not None:
-            threads = whole("threads", threads, 1)
+            threads = as_integer("threads", threads, 1)
         from .proof.branch_and_bound import prove
 
         deadline = Deadline(time_limit)
@@ -482,7 +484,7 @@ class Arm(ForwardArm):
 
             clearance = judge_of(scene, self._mechanism, clearance, None).clearance
         if threads is not None:
-            threads = whole("threads", threads, 1)
+            threads = as_integer("threads", threads, 1)
         wishes: dict[str, Any] = {
             "start": start,
             "end": end,
@@ -537,9 +539,9 @@ class Arm(ForwardArm):
         """
         from .paths.stream import stream
 
-        window, look_ahead = whole("window", window, 1), whole("look_ahead", look_ahead, 0)
+        window, look_ahead = as_integer("window", window, 1), as_integer("look_ahead", look_ahead, 0)
         if threads is not None:
-            threads = whole("threads", threads, 1)
+            threads = as_integer("threads", threads, 1)
         wishes: dict[str, Any] = {"start": start, "end": None, "closed": False, "max_step": max_step}
         wishes |= {"times": None, "velocity": velocity, "weights": weights, "cost": cost, "valid": valid}
         return stream(self._mechanism, poses, window, look_ahead, wishes, threads)

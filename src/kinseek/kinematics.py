@@ -20,13 +20,13 @@ from .lazy import Lazy
 from .poses import one_pose
 from .printable import printable
 from .problem import Problem, as_joints
-from .reals import whole
 from .robots import Mechanism, SerialChain, as_mechanism, black_box, read_dh
 from .robots.geometry import arm_length
 from .robots.mechanism import no_axes
 from .robots.variants import with_limits, with_locked, with_tool
 from .shapes import Joints, Matrix, Pose, Poses, Rows, Unshaped, Vector
 from .structure.structure import FUNCTION, Structure, structure_of
+from .validation import as_integer
 
 Array = NDArray[np.float64]
 
@@ -208,8 +208,8 @@ class ForwardArm(Lazy):
         Raises:
             InvalidProblem: `n` or `seed` is no whole number of at least 0, or the values would take more than 16 GiB.
         """
-        rows = whole("n", n, 0, error=InvalidProblem)
-        seed = whole("seed", seed, 0, _LARGEST_SEED, InvalidProblem)
+        rows = as_integer("n", n, 0, error=InvalidProblem)
+        seed = as_integer("seed", seed, 0, _LARGEST_SEED, InvalidProblem)
         if rows * self.dof > MOST_NUMBERS:
             raise InvalidProblem(
                 f"n must be at most {MOST_NUMBERS // self.dof:,} for {self.dof} joints, got {rows:,}: the joint values "

@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidGoal, RepairWarning
 from .kernels.arm.pose_error import LARGEST, all_rigid, rigid_each
-from .reals import floats
 from .shapes import Pose
 from .transforms import from_quaternion, from_rpy, rotation_onto, rotations
 from .units import warn_of_angles
+from .validation import as_float_array
 
 Array = NDArray[np.float64]
 
@@ -287,7 +287,7 @@ def _matrix_of(target: Any) -> Array:
         if any(hasattr(first, name) for name in _CARRIERS):
             target = [_matrix_of(each) for each in target]
     try:
-        return floats(target)
+        return as_float_array(target)
     except (TypeError, ValueError, OverflowError) as error:
         raise InvalidGoal(
             f"a pose must be a (..., 4, 4) array or an object with .homogeneous, .A or .as_matrix(), "
@@ -375,7 +375,7 @@ def _at(position: ArrayLike, turn: Array) -> Array:
 
 def _finite(value: ArrayLike, name: str, size: int) -> Array:
     try:
-        numbers = floats(value)
+        numbers = as_float_array(value)
     except (TypeError, ValueError, OverflowError) as error:
         raise InvalidGoal(f"{name} must be numbers of shape (..., {size}): {error}") from error
     if numbers.ndim == 0 or numbers.shape[-1] != size:

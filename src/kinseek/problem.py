@@ -15,11 +15,11 @@ from .goal import Goal
 from .kernels.arm.pose_error import LARGEST
 from .kernels.arrays import ChainArrays
 from .lazy import Lazy, Made, lazy
-from .reals import floats, whole
 from .robots.chain import SerialChain
 from .robots.mechanism import Mechanism, no_axes
 from .robots.named import in_order
 from .turns import TURN, nearest_turns
+from .validation import as_float_array, as_integer
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ class Problem(Lazy):
                 raise InvalidProblem(f"near must have shape {shapes}, got {near.shape}{why}")
             object.__setattr__(self, "near", near)
         if self.budget is not None:
-            object.__setattr__(self, "budget", whole("budget", self.budget, 1, error=InvalidProblem))
+            object.__setattr__(self, "budget", as_integer("budget", self.budget, 1, error=InvalidProblem))
         if self.time_limit is not None:
             Deadline(self.time_limit)
 
@@ -175,7 +175,7 @@ def as_joints(arm: Mechanism, q: object, name: str = "q") -> Array:
     if not isinstance(q, np.ndarray | list | tuple):
         q = in_order(q, arm.joint_names, name, InvalidProblem)
     try:
-        joints = floats(q)
+        joints = as_float_array(q)
     except (TypeError, ValueError, OverflowError) as error:
         raise InvalidProblem(f"{name} must be numbers of shape (..., {arm.dof}): {error}") from error
     if joints.ndim == 0 or joints.shape[-1] != arm.dof:

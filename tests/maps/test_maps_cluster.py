@@ -127,7 +127,7 @@ class Processes:
             process.wait()
 
 
-def undisturbed(place: Path) -> int:
+def uninterrupted(place: Path) -> int:
     """Make the same map block by block in this process, and say how many blocks it has."""
     arm, (x, y, z) = kinseek.load("ur5e"), NUMBERS["ranges"]
     grid, options = maps.Grid(x, y, z, maps.orientations(NUMBERS["orientations"])), make.DEFAULTS.copy()
@@ -146,7 +146,7 @@ def test_nothing_is_lost_or_done_twice_when_processes_are_killed(
     tmp_path: Path, machines: list[Machine]
 ) -> None:
     """A worker is killed at 30 %, the scheduler at 60 %, a client at 80 %; the next client ends the work."""
-    whole, place = undisturbed(tmp_path / "calm.zarr"), tmp_path / "map.zarr"
+    whole, place = uninterrupted(tmp_path / "calm.zarr"), tmp_path / "map.zarr"
     assert whole == 72
     processes = Processes(tmp_path)
 

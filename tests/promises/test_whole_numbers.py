@@ -15,7 +15,7 @@ import kinseek
 from kinseek import KinseekError, maps
 from kinseek.maps.orientations import orientations
 from kinseek.problem import Problem
-from kinseek.reals import whole
+from kinseek.validation import as_integer
 from verbs import arm_of, asked, scene_of
 
 ARM = kinseek.load("planar2")
@@ -156,10 +156,10 @@ def test_a_sample_that_does_not_fit_into_memory_is_refused(n: Any) -> None:
 
 
 def test_the_bounds_belong_to_the_range() -> None:
-    assert [whole("n", value, 2, 4) for value in (2, 3, 4)] == [2, 3, 4]
+    assert [as_integer("n", value, 2, 4) for value in (2, 3, 4)] == [2, 3, 4]
     for value in (1, 5):
         with pytest.raises(kinseek.InvalidSolver, match=f"n must be a whole number from 2 to 4, got {value}"):
-            whole("n", value, 2, 4)
+            as_integer("n", value, 2, 4)
 
 
 def test_there_is_one_reader() -> None:

@@ -16,12 +16,12 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.branches.refine_all import ANSWER, CENTRE, RATES
 from kinseek.kernels.branches.search import ROWS, many_branches
 from kinseek.problem import Problem
-from kinseek.reals import whole
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import open_limits
 from kinseek.solvers.atlas.index import wanted_of
 from kinseek.solvers.threads import GoOn, spread
 from kinseek.turns import TURN
+from kinseek.validation import as_integer
 
 from .index import SPREAD, BranchIndex, index_of
 from .order import ORDERS, Cost, Wishes, scores, which_valid
@@ -71,7 +71,7 @@ def _checked(problem: Problem, wishes: Wishes) -> Wishes:
     if order not in ORDERS:
         raise InvalidProblem(suggest(str(order), ORDERS, "order"))
     if wishes.count is not None:
-        wishes = replace(wishes, count=whole("count", wishes.count, 1, MOST, InvalidProblem))
+        wishes = replace(wishes, count=as_integer("count", wishes.count, 1, MOST, InvalidProblem))
     chosen = [name for name, given in _given(problem, order, wishes.cost) if given]
     if len(chosen) > 1:
         raise InvalidProblem(f"{' and '.join(chosen)} both say what comes first; give one of them")

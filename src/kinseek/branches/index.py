@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.caching import WeakCache
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.kernels.arm.forward import forward_many
@@ -23,7 +24,6 @@ from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length
 from kinseek.robots.sampling import weyl
-from kinseek.shelf import Shelf
 from kinseek.solvers.atlas.index import KEPT, PLAIN, AtlasIndex, atlas_of, wanted_of
 from kinseek.turns import shortest
 
@@ -138,7 +138,7 @@ _Key = tuple[Kind, bytes | None]
 """Kind of goal, and what moves the tip; None where nothing does."""
 
 
-_indices: Shelf[SerialChain, _Key, BranchIndex] = Shelf(KEPT, lambda key: key[1] is not None)
+_indices: WeakCache[SerialChain, _Key, BranchIndex] = WeakCache(KEPT, lambda key: key[1] is not None)
 
 
 def index_of(problem: Problem) -> BranchIndex:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from kinseek.errors import InvalidProblem, InvalidRobot, InvalidScene, suggest
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.robots import read
+from kinseek.robots.adapters import is_text
 from kinseek.robots.chain import Frame, Mimics, SerialChain
 from kinseek.robots.files import file_bytes
-from kinseek.robots.held import is_text
 from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE, no_axes
 from kinseek.robots.mesh_files import Budget
 from kinseek.robots.meshes import numbers_of, origin_of

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from kinseek.errors import InvalidRobot, InvalidScene
 from kinseek.printable import printable
+from kinseek.robots.adapters import is_text
 from kinseek.robots.files import file_bytes
-from kinseek.robots.held import is_text
 from kinseek.robots.urdf_xml import root_element
 
 from .bodies import ArmBodies, Body

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidProblem, InvalidScene, suggest
 from kinseek.problem import as_joints
-from kinseek.reals import equal, whole
 from kinseek.robots.mechanism import Mechanism
+from kinseek.validation import arrays_equal, as_integer
 
 from .assembly import digest
 from .bodies import arm_bodies, chain_of, package_folders
@@ -90,7 +90,7 @@ class Scene(Contents):
         meshes, skip = read_missing(meshes, missing)
         if never not in ("check", "skip"):
             raise InvalidScene(suggest(str(never), ("check", "skip"), "value of never"))
-        samples = whole("samples", samples, 1, error=InvalidScene)
+        samples = as_integer("samples", samples, 1, error=InvalidScene)
         padding = length_or_zero("padding", padding)
         if not isinstance(joints, Mapping | None):
             raise InvalidScene(f"joints must be a mapping from names to values, got {joints!r:.80}")
@@ -124,7 +124,7 @@ class Scene(Contents):
         joints = as_joints(self._chain, q)
         least = length_or_zero("clearance", clearance)
         if threads is not None:
-            threads = whole("threads", threads, 1)
+            threads = as_integer("threads", threads, 1)
         free = self._asked.free(joints.reshape(-1, self._chain.dof), least, threads)
         return free.reshape(joints.shape[:-1]) if joints.ndim > 1 else bool(free[0])
 
@@ -263,9 +263,9 @@ class Scene(Contents):
             chain is not None
             and chain.joint_names == own.joint_names
             and chain.fixed.shape == own.fixed.shape
-            and equal(chain.fixed[:-1], own.fixed[:-1])
-            and equal(chain.leader, own.leader)
-            and equal([chain.multiplier, chain.offset], [own.multiplier, own.offset])
+            and arrays_equal(chain.fixed[:-1], own.fixed[:-1])
+            and arrays_equal(chain.leader, own.leader)
+            and arrays_equal([chain.multiplier, chain.offset], [own.multiplier, own.offset])
         )
 
     @property

@@ -14,9 +14,9 @@ from kinseek.errors import InvalidExport
 from kinseek.goal import Goal
 from kinseek.kernels.entry import ENTRIES
 from kinseek.problem import Problem
-from kinseek.reals import whole
 from kinseek.robots.mechanism import no_axes
 from kinseek.solvers import Atlas, DivideAndConquer
+from kinseek.validation import as_integer
 
 from .atlas import atlas_design
 from .c_calls import c_declarations, c_definitions
@@ -204,7 +204,7 @@ def prepare(
         raise InvalidExport(f"form must be one of {', '.join(map(repr, FORMS))}, got {form!r}")
     for name, limit in (("ram", ram), ("flash", flash)):
         if limit is not None:
-            whole(f"{name} [bytes]", limit, 1, error=InvalidExport)
+            as_integer(f"{name} [bytes]", limit, 1, error=InvalidExport)
     if arm.axes is None:
         why = "a controller is given the axes and links of an arm"
         raise InvalidExport(f"an arm that is a function cannot be exported: {no_axes(arm.mechanism, why)}")

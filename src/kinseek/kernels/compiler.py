@@ -33,8 +33,8 @@ from numba.core.types import unliteral
 from numba.extending import intrinsic
 
 from kinseek.forks import finish_first
+from kinseek.interrupts import uninterrupted
 from kinseek.private import private_folder, user_cache
-from kinseek.undisturbed import undisturbed
 
 from .kept_code import c_function, keep_code, tell_unwritten
 from .sources import module_digest
@@ -121,7 +121,7 @@ class Compiled:
     @property
     def address(self) -> int:
         """Where its machine code stands, compiled by now or read from disk."""
-        return undisturbed(self._address)
+        return uninterrupted(self._address)
 
     def _address(self) -> int:
         with _one_thread:
@@ -254,7 +254,7 @@ carray: Any = vars(numba)["carray"]
 
 def _compile_undisturbed(compiled: Any) -> None:
     compile_for_args = compiled._compile_for_args
-    compiled._compile_for_args = lambda *args, **kws: undisturbed(lambda: compile_for_args(*args, **kws))
+    compiled._compile_for_args = lambda *args, **kws: uninterrupted(lambda: compile_for_args(*args, **kws))
 
 
 def _ignore_literals(compiled: Any) -> None:

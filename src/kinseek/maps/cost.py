@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from kinseek.arm import Arm
 from kinseek.errors import InvalidMap
-from kinseek.reals import whole
+from kinseek.validation import as_integer
 
 from .block import Desk, answered
 from .cells import SHARES
@@ -98,7 +98,7 @@ def estimate(
         MissingExtra: Processes would be started, and what they need is not installed.
     """
     if cores is not None:
-        cores = whole("cores", cores, 1, error=InvalidMap)
+        cores = as_integer("cores", cores, 1, error=InvalidMap)
     work = work_of(arm, grid, what, **options_of(options), store=None)
     desk, rng, cost = Desk(work), np.random.default_rng(0), list[float]()
     number = min(_ROW, grid.shape[-1]) if work.prove else _MANY

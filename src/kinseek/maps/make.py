@@ -15,8 +15,8 @@ from kinseek.arm import Arm
 from kinseek.collision import Scene
 from kinseek.collision.answers import judge_of
 from kinseek.errors import InvalidMap, MissingExtra, suggest
-from kinseek.reals import whole
 from kinseek.tolerances import DEFAULT_TOLERANCE, TOLERANCES, check_tolerance
+from kinseek.validation import as_integer
 
 from .block import Work, digest, slim, version
 from .cells import ATTRIBUTES, SHARES
@@ -182,7 +182,7 @@ def work_of(
         value = given[name]
         if name in ("patience", "block") and value is None:
             continue
-        whole(name, value, least, error=InvalidMap)
+        as_integer(name, value, least, error=InvalidMap)
     for name in TOLERANCES:
         check_tolerance(name, given[name])
     if isinstance(grid, Rings):

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidMap
 from kinseek.lazy import Lazy, lazy
-from kinseek.reals import whole
+from kinseek.validation import as_integer
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -138,7 +138,7 @@ def orientations(count: int) -> Orientations:
     Raises:
         InvalidMap: `count` is no whole number in that range.
     """
-    count = whole("count", count, 1, MOST, InvalidMap)
+    count = as_integer("count", count, 1, MOST, InvalidMap)
     middle = round(float(np.cbrt(np.pi * count)))  # Arcs as wide as regions: (2π/m)² = 4π/n and n m = count.
     fits = [m for m in range(max(1, middle // 2), 2 * middle + 1) if count % m == 0]
     tried = {
@@ -157,8 +157,8 @@ def orientations_of(count: int, directions: int) -> Orientations:
     Raises:
         InvalidMap: `orientations` makes none of such numbers.
     """
-    count = whole("the number of orientations", count, 1, 2 * MOST, InvalidMap)
-    directions = whole("the number of directions", directions, 1, count, InvalidMap)
+    count = as_integer("the number of orientations", count, 1, 2 * MOST, InvalidMap)
+    directions = as_integer("the number of directions", directions, 1, count, InvalidMap)
     arcs = count // directions
     if directions * arcs != count or 4 * arcs + 8 < np.cbrt(np.pi * count):
         raise InvalidMap(f"there is no grid of {count:,} orientations with {directions:,} directions")

@@ -13,7 +13,7 @@ from contextlib import suppress
 from queue import SimpleQueue
 from typing import IO, Any, cast
 
-from kinseek.undisturbed import Aside, told
+from kinseek.interrupts import SignalSafeThread, next_item
 
 from .block import Index, Work, do
 
@@ -161,12 +161,12 @@ def compute_all(work: Work, todo: Sequence[Index], done: Callable[[Index, Any], 
         except BaseException as error:
             results.put(error)
 
-    crew = [Aside(drain) for _ in range(min(os.cpu_count() or 1, len(todo)))]
+    crew = [SignalSafeThread(drain) for _ in range(min(os.cpu_count() or 1, len(todo)))]
     try:
         for each in crew:
             each.begin()
         for _ in todo:
-            result = told(results)
+            result = next_item(results)
             if isinstance(result, BaseException):
                 raise result
             done(*result)

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.errors import InvalidGoal, InvalidMap
+from kinseek.interrupts import raise_of_handler
 from kinseek.poses import as_pose
-from kinseek.reals import number
 from kinseek.transforms import inverse, square
-from kinseek.undisturbed import raise_of_handler
+from kinseek.validation import as_number
 
 from .cells import EMPTY, SHARES
 from .cells import REACHED as TOUCHED
@@ -110,7 +110,7 @@ def _require_description(told: Any) -> None:
         raise InvalidMap(f"{what}its first frame is no pose: {error!s:.200}") from None
     if shape != (4, 4):
         raise InvalidMap(f"{what}its first frame is of shape {shape}")
-    number("the share of a turn of its first joint", told.get("first_turns"), 0.0, 1.0, InvalidMap)
+    as_number("the share of a turn of its first joint", told.get("first_turns"), 0.0, 1.0, InvalidMap)
 
 
 def at(dataset: xarray.Dataset, poses: ArrayLike) -> dict[str, Array]:

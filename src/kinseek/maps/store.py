@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidMap
+from kinseek.interrupts import raise_of_handler
 from kinseek.printable import printable
 from kinseek.private import NotPrivate, require_private
-from kinseek.undisturbed import raise_of_handler
 
 from .grid import grid_of
 

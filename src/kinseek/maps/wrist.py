@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.caching import WeakCache
 from kinseek.robots import SerialChain
-from kinseek.shelf import Shelf
 from kinseek.transforms import inverse
 
 Array = NDArray[np.float64]
@@ -60,7 +60,7 @@ class Circle(NamedTuple):
         return np.asarray(near > self.length + MARGIN * lengths)
 
 
-_kept: Shelf[SerialChain, None, list[Circle]] = Shelf()
+_kept: WeakCache[SerialChain, None, list[Circle]] = WeakCache()
 
 
 def circles(chain: SerialChain) -> list[Circle]:

@@ -14,10 +14,10 @@ from kinseek.branches.order import Cost, Valid
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidGoal, InvalidProblem
 from kinseek.goal import Goal
+from kinseek.interrupts import raise_of_handler
 from kinseek.problem import Problem, as_joints
-from kinseek.reals import equal
 from kinseek.robots.mechanism import Mechanism
-from kinseek.undisturbed import raise_of_handler
+from kinseek.validation import arrays_equal
 
 from .allowed import Allowed, Obstacles
 
@@ -172,7 +172,7 @@ def together(rows: list[Any]) -> Goal:
             )
         for name in (each.name for each in fields(Goal)):
             mine, other = getattr(row, name), getattr(first, name)
-            if name != "target" and not equal(mine, other):
+            if name != "target" and not arrays_equal(mine, other):
                 raise InvalidGoal(
                     f"the goals of a path differ in their target alone: goal {i} has {name}={mine!r}, those before it "
                     f"{other!r}"

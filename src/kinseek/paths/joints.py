@@ -7,11 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.caching import WeakCache
 from kinseek.errors import InvalidProblem
 from kinseek.kernels.paths.programme import COPIED, ENDLESS, ROOM, STRAIGHT
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.mechanism import CONTINUOUS, REVOLUTE
-from kinseek.shelf import Shelf
 from kinseek.turns import TURN
 
 Array = NDArray[np.float64]
@@ -104,7 +104,7 @@ class Turning:
         return np.where(self.kind == ENDLESS, smooth, q)
 
 
-_opened: Shelf[SerialChain, str, SerialChain] = Shelf()
+_opened: WeakCache[SerialChain, str, SerialChain] = WeakCache()
 
 
 def opened(chain: SerialChain) -> SerialChain:

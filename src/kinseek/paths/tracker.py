@@ -32,9 +32,9 @@ from kinseek.kernels.paths.servo import (
 from kinseek.kernels.paths.servo import TRACKING as TRACKED
 from kinseek.poses import as_pose, one_pose, plain_array
 from kinseek.problem import Problem, as_joints
-from kinseek.reals import number, whole
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.atlas.index import PLAIN, atlas_of
+from kinseek.validation import as_integer, as_number
 
 from .ahead import poses_ahead
 from .asked import positive
@@ -124,7 +124,7 @@ class Tracker:
         """Stand at joint values; see `Arm.track`."""
         if arm.axes is None:
             raise InvalidProblem(f"{arm.name!r} is a function: a tracker works along axes, and it has none")
-        period = number("period, in seconds,", period, *TIMES, InvalidProblem)
+        period = as_number("period, in seconds,", period, *TIMES, InvalidProblem)
         if not isinstance(recover, bool):
             raise InvalidProblem(f"recover must be True or False, got {recover!r:.200}")
         start = as_joints(arm, q0, "q0")
@@ -385,8 +385,8 @@ class Tracker:
         """Poses to come, so many and some for longer, (k, 4, 4), and how many periods each is after the one before."""
         if self._given < 2:
             raise InvalidProblem("to look ahead takes two poses: call step(T) twice first")
-        looks = whole("looks", looks, 1, error=InvalidProblem)
-        seconds = number("seconds", seconds, *TIMES, InvalidProblem)
+        looks = as_integer("looks", looks, 1, error=InvalidProblem)
+        seconds = as_number("seconds", seconds, *TIMES, InvalidProblem)
         at_once = max(1, round(seconds / looks / self.period))
         count = int(np.ceil((seconds + longer) / self.period / at_once - 1e-9))
         apart = max(1, min(self._apart, (self._given - 1) // 2))

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidUse
-from kinseek.reals import whole
 from kinseek.solution import Solution
 from kinseek.trace import Pass, Trace
+from kinseek.validation import as_integer
 
 from .figures import text_of
 
@@ -66,7 +66,7 @@ def named(traces: Mapping[str, Trace | Solution] | Sequence[Trace | Solution]) -
 def joint_of(names: Sequence[str], joint: int | str) -> int:
     """The number of a joint, from 0 on."""
     if not isinstance(joint, str):
-        return whole("a joint, unless it is a name,", joint, 0, len(names) - 1, InvalidUse)
+        return as_integer("a joint, unless it is a name,", joint, 0, len(names) - 1, InvalidUse)
     if joint not in names:
         raise InvalidUse(f"there is no joint {joint!r}; valid: {', '.join(names)}")
     return list(names).index(joint)
@@ -82,7 +82,7 @@ def turning(trace: Trace, joint: int | str) -> int:
 
 def pass_of(trace: Trace, number: int) -> Pass:
     """Pass by its number, from 1 on."""
-    return trace[whole("number, that of a pass of this search,", number, 1, len(trace), InvalidUse) - 1]
+    return trace[as_integer("number, that of a pass of this search,", number, 1, len(trace), InvalidUse) - 1]
 
 
 def with_windows(trace: Trace) -> list[Pass]:
@@ -111,7 +111,7 @@ def two_joints(names: Sequence[str], joints: object) -> tuple[int, int]:
 
 def count_of(name: str, value: int, least: int) -> int:
     """A whole number of at least so many."""
-    return whole(name, value, least, error=InvalidUse)
+    return as_integer(name, value, least, error=InvalidUse)
 
 
 UNITS = {"prismatic": "m", "number": ""}

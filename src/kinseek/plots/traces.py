@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.errors import InvalidUse
-from kinseek.reals import whole
 from kinseek.solution import Solution
 from kinseek.trace import Pass, Trace
+from kinseek.validation import as_integer
 
 from .figures import COLOURS, drawn, given_or_new, plane, text_of
 from .landscapes import LEAST_ERROR, MARKS, errors_at
@@ -166,7 +166,7 @@ def circles(solution: Solution | Trace, joint: int | str = 0, passes: int = 3, s
     """
     trace = trace_of(solution)
     d = turning(trace, joint)
-    passes = whole("passes", passes, 1, error=InvalidUse)
+    passes = as_integer("passes", passes, 1, error=InvalidUse)
     moved = [each for each in with_windows(trace) if len(each.values(d)) > 1]
     if not moved:
         raise InvalidUse(

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kinseek.deadline import Deadline
+from kinseek.interrupts import uninterrupted
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array, Flags
 from kinseek.kernels.proof.box import Form, Wanted
@@ -38,7 +39,6 @@ from kinseek.kernels.proof.progress import (
 from kinseek.kernels.proof.search import search_boxes
 from kinseek.problem import Problem
 from kinseek.solvers.threads import in_threads
-from kinseek.undisturbed import undisturbed
 
 from .reduce import error_question, question, start_boxes
 from .shoulder import bounded_by_ball
@@ -318,7 +318,7 @@ def _shared(
             found = settle(_together(found, in_threads(functools.partial(one, found, most), dealt, threads)))
         return found
 
-    return undisturbed(rounds, stop=watch.interrupt)
+    return uninterrupted(rounds, stop=watch.interrupt)
 
 
 def _untouched(search: Search, boxes: Array) -> Search:

@@ -21,9 +21,9 @@ from kinseek.kernels.arrays import Array
 from kinseek.kernels.proof.gate import least_by_gate
 from kinseek.kernels.proof.progress import ENDED, FOUND
 from kinseek.problem import Problem
-from kinseek.reals import whole
 from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.solver import Atlas
+from kinseek.validation import as_integer
 
 from .boxes import ENDLESS, Watch, enclosed, excluded
 from .certificate import Certificate, Verdict
@@ -64,7 +64,7 @@ def prove(
     if gap is not None and not (isinstance(gap, int | float | np.floating) and 0.0 < gap < 1.0):
         raise InvalidProblem(f"gap must be a number in (0, 1), got {gap!r:.200}")
     refuse_ranges(problem.goal)
-    budget = whole("budget", budget, 0, error=InvalidProblem)
+    budget = as_integer("budget", budget, 0, error=InvalidProblem)
     best = answer if answer is not None else Atlas().solve(replace(problem, budget=None))
     if best.success:
         return _certificate(problem, Verdict.REACHABLE, best.q, 0.0, 0, 0.0)

@@ -20,8 +20,8 @@ from kinseek.kernels.arrays import Array
 from kinseek.kernels.proof.isolation import MOST, OFTEN, STEPS
 from kinseek.kernels.proof.progress import COUNT, KNOWN, LEFT
 from kinseek.problem import Problem, as_joints
-from kinseek.reals import whole
 from kinseek.turns import shortest
+from kinseek.validation import as_integer
 
 from .boxes import ENDLESS, Run, Watch, places_for, tuning_of
 from .reduce import question, start_boxes
@@ -114,7 +114,7 @@ def isolate(
     goal, chain = problem.goal, problem.chain
     if goal.shape:
         raise InvalidProblem(f"a proof is about one target, got a batch of shape {goal.shape}")
-    budget = whole("budget", budget, 0, error=InvalidProblem)
+    budget = as_integer("budget", budget, 0, error=InvalidProblem)
     known = _checked(problem, answers)
     asked = question(problem, trust)
     without_last = asked[2].present

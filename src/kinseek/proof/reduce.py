@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from kinseek.caching import WeakCache
 from kinseek.errors import InvalidProblem
 from kinseek.kernels.arm.division import NONE, TURN
 from kinseek.kernels.arm.forward import forward_many
@@ -16,7 +17,6 @@ from kinseek.kernels.proof.last_joint import Roll
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length, divide
-from kinseek.shelf import Shelf
 from kinseek.transforms import inverse, square
 
 from . import rounding
@@ -313,4 +313,4 @@ def _sizes_of_arm(chain: SerialChain) -> Sizes:
     )
 
 
-_arms: Shelf[SerialChain, None, Sizes] = Shelf()
+_arms: WeakCache[SerialChain, None, Sizes] = WeakCache()

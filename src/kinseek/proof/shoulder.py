@@ -30,8 +30,8 @@ from kinseek.kernels.proof.progress import (
 )
 from kinseek.kernels.proof.shoulder import enclose_ball
 from kinseek.problem import Problem
-from kinseek.reals import equal
 from kinseek.transforms import rotation
+from kinseek.validation import arrays_equal
 
 from .reduce import ON_AXIS, question_without_last, start_boxes
 from .rounding import Sizes, defect_of, gamma, of_points
@@ -126,7 +126,7 @@ def shoulder_of(
         The arm on its ball; the first joint behind it.
     """
     joints = len(form.leader)
-    plain = equal(form.leader, np.arange(joints)) and not form.prismatic.any()
+    plain = arrays_equal(form.leader, np.arange(joints)) and not form.prismatic.any()
     plain = plain and bool((form.multiplier == 1.0).all() and (form.offset == 0.0).all())
     if not plain or form.head != TURN or form.columns > 1 or problem.chain.dof < FEWEST:
         return None

@@ -10,12 +10,12 @@ from typing import Any
 
 from kinseek.errors import InvalidRobot, suggest
 
+from .adapters import hint_at, is_described, is_text, read_described, read_model_of_library, read_text
 from .blackbox import BlackBox, black_box
 from .bundled import read_bundled
 from .catalog import CatalogEntry, catalog_entry, catalog_names, catalog_path
 from .chain import SerialChain
 from .dh import read_dh
-from .held import hint_at, is_described, is_text, read_described, read_held, read_text
 from .mechanism import Mechanism
 from .mjcf import read_mjcf
 from .urdf import read_urdf
@@ -68,7 +68,7 @@ def read(
     _require_mappings(args, packages)
     if not isinstance(source, str | os.PathLike) or is_text(source):
         _refuse_options(args, packages, "what is no file")
-        return _read_held(source, base, tip)
+        return _read_model_of_library(source, base, tip)
     path = _path(source)
     if path.suffix.lower() == ".xacro":
         return read_urdf(path, base, tip, args=args, packages=packages, trusted=trusted)
@@ -91,10 +91,10 @@ def _read_bundled(name: str, base: str | None, tip: str | None) -> SerialChain:
     return read_urdf(catalog_path(name), base or entry.base, tip or entry.tip)
 
 
-def _read_held(source: Any, base: str | None, tip: str | None) -> SerialChain:
+def _read_model_of_library(source: Any, base: str | None, tip: str | None) -> SerialChain:
     if is_text(source):
         return read_text(source, base, tip)
-    if (chain := read_held(source, base, tip)) is not None:
+    if (chain := read_model_of_library(source, base, tip)) is not None:
         return chain
     kind = type(source)
     package = kind.__module__.partition(".")[0]

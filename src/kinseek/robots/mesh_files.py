@@ -23,7 +23,7 @@ import numpy as np
 
 from kinseek.errors import InvalidRobot
 from kinseek.forks import importing
-from kinseek.undisturbed import raise_of_handler
+from kinseek.interrupts import raise_of_handler
 
 from .files import file_bytes
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidRobot
 from kinseek.forks import importing
+from kinseek.interrupts import raise_of_handler
 from kinseek.transforms import rotation, transform
-from kinseek.undisturbed import raise_of_handler
 
 from .mesh_files import LEAST_BODIES, Beside, Budget, ending, readable, require_mesh
 

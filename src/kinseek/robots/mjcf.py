@@ -18,8 +18,8 @@ import numpy as np
 
 from kinseek.errors import InvalidRobot, MissingExtra
 from kinseek.forks import importing
+from kinseek.interrupts import raise_of_handler
 from kinseek.transforms import rotation, transform
-from kinseek.undisturbed import raise_of_handler
 from kinseek.units import warn_of_joints
 
 from .chain import Array, Frame, Joint, SerialChain, serial_chain

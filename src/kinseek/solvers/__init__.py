@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import typing
 
-from kinseek.later import later as _later
+from kinseek.lazy_imports import lazy_names as _lazy_names
 
 from .atlas.solver import Atlas
 from .base import Solver
@@ -36,7 +36,7 @@ __all__ = [
     "Solver",
 ]
 
-__getattr__, __dir__ = _later(
+__getattr__, __dir__ = _lazy_names(
     globals(),
     {
         "ALL_SOLVERS": ".every",

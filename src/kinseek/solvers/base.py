@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from kinseek.deadline import Deadline
 from kinseek.problem import Problem
-from kinseek.reals import NO_BOUND, whole
 from kinseek.solution import Solution, conclude, with_traces
 from kinseek.trace import Trace
+from kinseek.validation import NO_BOUND, as_integer
 
 from .threads import Watch, progress_bar, unwatched
 
@@ -23,7 +23,7 @@ def require_whole(solver: object, name: str, least: int, most: int = NO_BOUND) -
     Raises:
         InvalidSolver: It is not.
     """
-    object.__setattr__(solver, name, whole(name, getattr(solver, name), least, most))
+    object.__setattr__(solver, name, as_integer(name, getattr(solver, name), least, most))
 
 
 class Solver(Protocol):

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.caching import WeakCache
 from kinseek.goal import Goal
 from kinseek.robots.mechanism import Mechanism
-from kinseek.shelf import Shelf
 
 Array = NDArray[np.float64]
 Joints = tuple[int, ...]
@@ -220,7 +220,7 @@ class _Known(NamedTuple):
 KEPT = 16
 """Kinds of goal, tools and tool axes that are kept for an arm, the last ones used."""
 
-_known: Shelf[Mechanism, tuple[int, bytes | None], _Known] = Shelf(KEPT)
+_known: WeakCache[Mechanism, tuple[int, bytes | None], _Known] = WeakCache(KEPT)
 
 
 def known_of(chain: Mechanism, goal: Goal) -> _Known:

@@ -9,8 +9,8 @@ import numpy as np
 
 from kinseek.deadline import Deadline
 from kinseek.problem import Problem
-from kinseek.reals import equal
 from kinseek.solution import Solution, conclude, with_traces
+from kinseek.validation import arrays_equal
 
 from .base import Solver
 from .checks import as_solver
@@ -74,7 +74,7 @@ class Polished:
             merged = {name: value.item() for name, value in merged.items()}
         q = np.where(pick[..., None], first.q, last.q)
         # The last one stayed near the first, and may have left [-π, π] to do so.
-        if not equal(problem.placed(q), q):
+        if not arrays_equal(problem.placed(q), q):
             work = [np.ravel(merged[name]) for name in ("evaluations", "nodes_created", "nodes_expanded")]
             placed = problem.placed(q).reshape(-1, q.shape[-1])
             solution = conclude(problem, placed, np.stack(work, axis=1))

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinseek.problem import Problem
-from kinseek.reals import equal
 from kinseek.solution import Solution, judge
 from kinseek.trace import Pass, Trace, require_memory
+from kinseek.validation import arrays_equal
 
 from .base import Found
 
@@ -253,7 +253,7 @@ def joined(name: str, answer: Solution, first: Solution, last: Solution | None) 
             return None
         passes += [replace(each, name=begin + each.name) for each in trace]
         notes += [f"{trace.search}: {note}" for note in trace.notes]
-    if passes and not equal(passes[-1].q, answer.q):
+    if passes and not arrays_equal(passes[-1].q, answer.q):
         errors = answer.weighted_error, answer.position_error, answer.orientation_error
         passes.append(Pass("the better of both", answer.q, *errors, evaluations=0, memory=passes[-1].memory))
     chain = answer.problem.mechanism

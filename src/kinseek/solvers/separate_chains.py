@@ -20,9 +20,9 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.goal import Goal
 from kinseek.problem import Problem
-from kinseek.reals import equal
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution, with_traces
+from kinseek.validation import arrays_equal
 
 from .base import Found, solve_each, watch_each
 from .breadth_tuning import window_leaves
@@ -293,7 +293,7 @@ class _Account:
         found = Found(self.best, evaluations, created, expanded, self.late)
         if self.recorder is None:
             return found
-        if evaluations and not equal(self.best, self.q):
+        if evaluations and not arrays_equal(self.best, self.q):
             self.recorder.add(
                 "the best of all", self.best, evaluations, created, expanded, memory=self.memory
             )

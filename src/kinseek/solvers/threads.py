@@ -11,7 +11,7 @@ from typing import TypeVar
 
 from kinseek.deadline import Deadline
 from kinseek.errors import MissingExtra
-from kinseek.undisturbed import Aside, told
+from kinseek.interrupts import SignalSafeThread, next_item
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -62,13 +62,13 @@ def spread(
             work(begin, end, go_on)
             finished.put(end - begin)
 
-    crew = [Aside(drain, lambda: finished.put(0)) for _ in range(workers)]
+    crew = [SignalSafeThread(drain, lambda: finished.put(0)) for _ in range(workers)]
     try:
         for each in crew:
             each.begin()
         ended = 0
         while ended < workers:
-            targets = told(finished)
+            targets = next_item(finished)
             ended += targets == 0
             advance(targets)
     finally:
@@ -93,7 +93,7 @@ def in_threads(work: Callable[[T], R], items: Sequence[T], threads: int | None) 
         for i in left:  # Each thread takes the next item that nobody has.
             results[i] = work(items[i])
 
-    crew = [Aside(drain) for _ in range(min(threads or os.cpu_count() or 1, len(items)))]
+    crew = [SignalSafeThread(drain) for _ in range(min(threads or os.cpu_count() or 1, len(items)))]
     try:
         for each in crew:
             each.begin()

@@ -19,7 +19,7 @@ import numpy as np
 from kinseek.arm import Arm
 from kinseek.errors import InvalidUse, MissingExtra
 from kinseek.printable import printable
-from kinseek.reals import whole
+from kinseek.validation import as_integer
 
 from .door import Door, is_loopback
 from .meshes import meshes_of
@@ -171,7 +171,7 @@ def free_port(host: str, port: int) -> int:
     Raises:
         InvalidUse: No port, not an address of this machine, or none is free.
     """
-    port = whole("port, of which 0 is any free one,", port, 0, 65535, InvalidUse)
+    port = as_integer("port, of which 0 is any free one,", port, 0, 65535, InvalidUse)
     try:
         family, *_, address = socket.getaddrinfo(
             host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE

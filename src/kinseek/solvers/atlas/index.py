@@ -7,6 +7,7 @@ import time
 import numpy as np
 from numpy.typing import ArrayLike
 
+from kinseek.caching import WeakCache
 from kinseek.goal import Goal
 from kinseek.kernels.arm.division import NONE
 from kinseek.kernels.arrays import Array, ChainArrays, Indices
@@ -42,7 +43,6 @@ from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import RADIAN_PART, arm_length, divide, open_limits, span_of
 from kinseek.robots.sampling import middle_samples
-from kinseek.shelf import Shelf
 from kinseek.structure.leads import choose_leads
 from kinseek.structure.structure import NO_STRUCTURE, Structure, structure_of, with_tip
 from kinseek.tolerances import DEFAULT_TOLERANCE
@@ -158,7 +158,7 @@ _Key = tuple[Kind, int, bytes | None]
 """Kind of goal, number of samples, and what moves the tip; None where nothing does."""
 
 
-_indices: Shelf[SerialChain, _Key, AtlasIndex] = Shelf(KEPT, lambda key: key[2] is not None)
+_indices: WeakCache[SerialChain, _Key, AtlasIndex] = WeakCache(KEPT, lambda key: key[2] is not None)
 
 
 def atlas_of(chain: SerialChain, goal: Goal | None = None, samples: int = SAMPLES) -> AtlasIndex:

@@ -11,13 +11,13 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.caching import WeakCache
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.grid.sinusoid import minimise_pair, minimiser
 from kinseek.problem import Problem
 from kinseek.robots.blackbox import NUMBER, PRISMATIC
 from kinseek.robots.mechanism import Mechanism
-from kinseek.shelf import Shelf
 from kinseek.solvers.base import Found
 from kinseek.solvers.recording import Recorder
 from kinseek.solvers.traits import listed
@@ -35,7 +35,7 @@ PROBES, PLACES = 7, 3
 FITS = 1e-8
 """Largest misfit that passes, as a part of what the joint moves: rounding leaves 1e-12, single precision fails."""
 
-_forms: Shelf[Mechanism, None, Flags] = Shelf()
+_forms: WeakCache[Mechanism, None, Flags] = WeakCache()
 
 
 def answer(

@@ -11,12 +11,12 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
+from kinseek.caching import LRUCache, WeakCache
 from kinseek.errors import InvalidRobot
 from kinseek.goal import Goal
 from kinseek.kinds import Kind
 from kinseek.robots.mechanism import Mechanism
 from kinseek.robots.sampling import spread_inside
-from kinseek.shelf import Kept, Shelf
 
 from .asking import features
 
@@ -59,7 +59,7 @@ class Samples:
         """[bytes], without the features."""
         self.build_time = time.perf_counter() - began
         """[s]"""
-        self._features: Kept[tuple[Kind, bytes | None], Array] = Kept(MOST_FEATURES)
+        self._features: LRUCache[tuple[Kind, bytes | None], Array] = LRUCache(MOST_FEATURES)
 
     def nearest(self, goal: Goal, target: Array, count: int) -> NDArray[np.int64]:
         """Samples nearest to the features of a target, (m,), nearest first, (k,)."""
@@ -81,7 +81,7 @@ class Samples:
         return f"Samples({self.samples} samples, {self.memory / 2**20:.1f} MiB, built in {self.build_time * 1e3:.0f} ms)"
 
 
-_samples: Shelf[Mechanism, int, Samples] = Shelf()
+_samples: WeakCache[Mechanism, int, Samples] = WeakCache()
 
 
 def samples_of(box: Mechanism, count: int) -> Samples:

@@ -12,7 +12,7 @@ from typing import Any
 
 from kinseek.errors import InvalidRobot, near_names
 from kinseek.forks import importing
-from kinseek.undisturbed import raise_of_handler
+from kinseek.interrupts import raise_of_handler
 
 from .chain import SerialChain
 from .mjcf import read_mjcf, read_model
@@ -46,7 +46,7 @@ def read_text(text: str | bytes, base: str | None, tip: str | None) -> SerialCha
     return read_urdf_text(text.lstrip(), base, tip, where="the URDF text")
 
 
-def read_held(source: Any, base: str | None, tip: str | None) -> SerialChain | None:
+def read_model_of_library(source: Any, base: str | None, tip: str | None) -> SerialChain | None:
     """Read a model of yourdfpy, urdf_parser_py, pinocchio or MuJoCo; None where it is none of these.
 
     Raises:

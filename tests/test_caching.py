@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 import kinseek
-from kinseek.shelf import Kept, Shelf
+from kinseek.caching import LRUCache, WeakCache
 from kinseek.solvers.atlas.index import SAMPLES
 from kinseek.solvers.black_box import coordinates, samples
 
@@ -26,7 +26,7 @@ class Owner:
 
 
 def test_threads_make_a_thing_once() -> None:
-    shelf: Shelf[Owner, int, object] = Shelf()
+    shelf: WeakCache[Owner, int, object] = WeakCache()
     owner, made = Owner(), []
     gate = threading.Barrier(8)
 
@@ -46,13 +46,13 @@ def test_threads_make_a_thing_once() -> None:
 
 
 def test_making_one_thing_may_ask_for_another() -> None:
-    kept: Kept[str, str] = Kept()
+    kept: LRUCache[str, str] = LRUCache()
     assert kept.get("tool", lambda: "of " + kept.get("tip", lambda: "the tip")) == "of the tip"
     assert len(kept) == 2
 
 
 def test_those_used_last_are_kept_and_some_always() -> None:
-    kept: Kept[tuple[str, int], list[int]] = Kept(2, lambda key: key[0] == "tool")
+    kept: LRUCache[tuple[str, int], list[int]] = LRUCache(2, lambda key: key[0] == "tool")
     own = kept.get(("tip", 0), lambda: [])
     first = kept.get(("tool", 1), lambda: [1])
     kept.get(("tool", 2), lambda: [2])
@@ -65,7 +65,7 @@ def test_those_used_last_are_kept_and_some_always() -> None:
 
 
 def test_what_could_not_be_made_is_asked_for_again() -> None:
-    kept: Kept[int, int] = Kept()
+    kept: LRUCache[int, int] = LRUCache()
     with pytest.raises(ZeroDivisionError):
         kept.get(1, lambda: 1 // 0)
     assert len(kept) == 0
@@ -73,7 +73,7 @@ def test_what_could_not_be_made_is_asked_for_again() -> None:
 
 
 def test_things_go_with_their_owner_and_stay_with_others() -> None:
-    shelf: Shelf[Owner, int, Owner] = Shelf()
+    shelf: WeakCache[Owner, int, Owner] = WeakCache()
     one, other = Owner(), Owner()
     gone = weakref.ref(shelf.of(one).get(0, Owner))
     stays = shelf.of(other).get(0, Owner)
@@ -87,7 +87,7 @@ def test_things_go_with_their_owner_and_stay_with_others() -> None:
 def test_nothing_else_is_kept_by_weak_references() -> None:
     package = Path(kinseek.__file__).parent
     files = {path.name for path in package.rglob("*.py") if "weakref" in path.read_text(encoding="utf-8")}
-    assert files == {"shelf.py"}
+    assert files == {"caching.py"}
 
 
 def test_branches_and_samples_are_dropped_with_their_arms() -> None:

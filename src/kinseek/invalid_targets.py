@@ -22,7 +22,7 @@ WAYS = ("error", "skip")
 """What may be done with a target that is no pose."""
 
 
-def without_bad(
+def without_invalid(
     bad: str, target: Any, near: Any, mechanism: Mechanism, ask: Callable[[Array, Any], Solution]
 ) -> Solution:
     """Answer the targets that are poses, and mark those that are none.

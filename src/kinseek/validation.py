@@ -15,7 +15,7 @@ NO_BOUND = 2**62
 """Kernels take numbers of 64 bits; a bound as large as this is only named to who exceeds it."""
 
 
-def floats(values: Any) -> NDArray[np.float64]:
+def as_float_array(values: Any) -> NDArray[np.float64]:
     """Make an array of floats, of the caller's own, of values that lose nothing by it.
 
     Raises:
@@ -36,7 +36,7 @@ def floats(values: Any) -> NDArray[np.float64]:
     return np.array(values, dtype=np.float64)
 
 
-def equal(one: Any, other: Any) -> bool:
+def arrays_equal(one: Any, other: Any) -> bool:
     """Return whether two arrays have the same shape and the same elements.
 
     `numpy.array_equal` returns False if a signal handler raises an `Exception` inside of it.
@@ -45,7 +45,7 @@ def equal(one: Any, other: Any) -> bool:
     return a.shape == b.shape and bool(np.all(a == b))
 
 
-def number(name: str, value: Any, least: float, most: float, error: type[KinseekError]) -> float:
+def as_number(name: str, value: Any, least: float, most: float, error: type[KinseekError]) -> float:
     """Read a real number in a range: of Python, NumPy or another library, but no bool and no text.
 
     Args:
@@ -64,7 +64,7 @@ def number(name: str, value: Any, least: float, most: float, error: type[Kinseek
     raise error(f"{name} must be a number from {least:g} to {most:g}, got {value!r:.200}")
 
 
-def whole(
+def as_integer(
     name: str, value: Any, least: int, most: int = NO_BOUND, error: type[KinseekError] = InvalidSolver
 ) -> int:
     """Read a whole number in a range: an integer of Python, NumPy or another library, but no bool and no float.

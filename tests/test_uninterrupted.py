@@ -14,18 +14,18 @@ import numpy as np
 import pytest
 
 import kinseek
-from kinseek.reals import equal
-from kinseek.undisturbed import raise_of_handler, undisturbed
+from kinseek.interrupts import raise_of_handler, uninterrupted
+from kinseek.validation import arrays_equal
 
 
 def test_it_gives_what_the_work_gives_in_a_thread_of_its_own() -> None:
-    thread = undisturbed(threading.current_thread)
+    thread = uninterrupted(threading.current_thread)
     assert thread is not threading.main_thread()
 
 
 def test_it_raises_what_the_work_raises() -> None:
     with pytest.raises(ZeroDivisionError):
-        undisturbed(lambda: 1 // 0)
+        uninterrupted(lambda: 1 // 0)
 
 
 def test_who_waits_hears_that_there_are_no_more_threads(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -34,7 +34,7 @@ def test_who_waits_hears_that_there_are_no_more_threads(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(threading.Thread, "start", start)
     with pytest.raises(RuntimeError, match="can't start"):
-        undisturbed(lambda: 1)
+        uninterrupted(lambda: 1)
 
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timers that interrupt")
@@ -50,7 +50,7 @@ def test_an_interrupt_stops_the_work_and_waits_for_its_end() -> None:
     try:
         signal.setitimer(signal.ITIMER_REAL, 0.05)
         with pytest.raises(KeyboardInterrupt):
-            undisturbed(work, stop=stopped.set)
+            uninterrupted(work, stop=stopped.set)
     finally:
         signal.signal(signal.SIGALRM, handler)
     assert ended.is_set()
@@ -173,7 +173,7 @@ def outcomes(call: Callable[[], Any]) -> list[str]:
 def test_what_is_raised_at_any_line_of_a_comparison_comes_out() -> None:
     """As a handler might raise it, which Python calls between any two steps. `numpy.array_equal` would return False."""
     one, other = np.arange(6.0), np.arange(6.0)
-    calls: list[Callable[[], Any]] = [lambda: equal(one, other), lambda: equal("tool", "tool")]
+    calls: list[Callable[[], Any]] = [lambda: arrays_equal(one, other), lambda: arrays_equal("tool", "tool")]
     for call in calls:
         call()
         seen = outcomes(call)

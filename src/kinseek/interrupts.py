@@ -21,14 +21,14 @@ OFTEN = 0.1
 """So often a thread that waits looks up [s]: a signal that comes just before it falls asleep does not wake it."""
 
 
-def told(queue: SimpleQueue[R]) -> R:
+def next_item(queue: SimpleQueue[R]) -> R:
     """Wait for the next thing that another thread puts there."""
     while True:
         with suppress(Empty):
             return queue.get(timeout=OFTEN)
 
 
-class Aside(Generic[R]):
+class SignalSafeThread(Generic[R]):
     """Something to be done in a thread of its own."""
 
     def __init__(
@@ -41,7 +41,7 @@ class Aside(Generic[R]):
             ended: Called there at the end.
             kept: Python waits for it before it ends itself. To begin takes several times as long.
         """
-        self._work, self._told, self._kept = work, ended, kept
+        self._work, self._on_end, self._kept = work, ended, kept
         self._ended, self._results, self._errors = SimpleQueue[None](), list[R](), list[BaseException]()
         self._begun = self._done = False
 
@@ -69,12 +69,12 @@ class Aside(Generic[R]):
     def _end(self) -> None:
         self._done = True
         self._ended.put(None)
-        self._told()
+        self._on_end()
 
     def wait(self) -> None:
         """Wait for the end. After a wait that Ctrl-C broke off, wait again."""
         if self._begun and not self._done:
-            told(self._ended)
+            next_item(self._ended)
 
     def outcome(self) -> R:
         """What came of it: ask after the end."""
@@ -83,7 +83,7 @@ class Aside(Generic[R]):
         return self._results[0]
 
 
-def undisturbed(work: Callable[[], R], stop: Callable[[], object] | None = None) -> R:
+def uninterrupted(work: Callable[[], R], stop: Callable[[], object] | None = None) -> R:
     """Do some work where no signal handler runs.
 
     Args:
@@ -93,7 +93,7 @@ def undisturbed(work: Callable[[], R], stop: Callable[[], object] | None = None)
     """
     if threading.get_ident() != threading.main_thread().ident:
         return work()
-    aside = Aside(work, kept=stop is None)
+    aside = SignalSafeThread(work, kept=stop is None)
     try:
         aside.begin()
         aside.wait()

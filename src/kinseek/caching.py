@@ -14,7 +14,7 @@ Key = TypeVar("Key", bound=Hashable)
 Thing = TypeVar("Thing")
 
 
-class Kept(Generic[Key, Thing]):
+class LRUCache(Generic[Key, Thing]):
     """Things under their keys, each made once; of those that may go, the ones used last are kept. Shared by threads."""
 
     def __init__(self, most: int | None = None, may_go: Callable[[Key], bool] = lambda key: True) -> None:
@@ -50,19 +50,19 @@ class Kept(Generic[Key, Thing]):
         return len(self._things)
 
 
-class Shelf(Generic[Owner, Key, Thing]):
-    """A `Kept` for each owner, that goes when its owner goes. What is kept must not hold its owner itself."""
+class WeakCache(Generic[Owner, Key, Thing]):
+    """A `LRUCache` for each owner, that goes when its owner goes. What is kept must not hold its owner itself."""
 
     def __init__(self, most: int | None = None, may_go: Callable[[Key], bool] = lambda key: True) -> None:
-        """Keep nothing yet; see `Kept`, whose arguments hold for each owner."""
+        """Keep nothing yet; see `LRUCache`, whose arguments hold for each owner."""
         self._most, self._may_go = most, may_go
-        self._owners: weakref.WeakKeyDictionary[Owner, Kept[Key, Thing]] = weakref.WeakKeyDictionary()
+        self._owners: weakref.WeakKeyDictionary[Owner, LRUCache[Key, Thing]] = weakref.WeakKeyDictionary()
         self._adding = Lock()
 
-    def of(self, owner: Owner) -> Kept[Key, Thing]:
+    def of(self, owner: Owner) -> LRUCache[Key, Thing]:
         """What is kept for one owner."""
         with self._adding.now:
             mine = self._owners.get(owner)
             if mine is None:
-                mine = self._owners[owner] = Kept(self._most, self._may_go)
+                mine = self._owners[owner] = LRUCache(self._most, self._may_go)
             return mine
