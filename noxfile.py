@@ -25,7 +25,7 @@ OLDEST = ("numpy==1.26.*", "numba==0.62.*", "click==8.1.*", "rich==13.*", "scipy
 """The least that pyproject.toml allows of what the kernels and the command line stand on."""
 TESTING = ("pytest>=8", "pytest-benchmark>=5", "pytest-xdist>=3.6", "hypothesis>=6.100", "scipy>=1.12")
 PLAIN = (
-    "tests/kernels/test_without_jit.py",
+    "tests/kernels/test_python_backend.py",
     "tests/robots/test_dh.py",
     "tests/robots/test_catalog.py",
     "tests/kernels/test_forward.py",

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import kinseek
-from kinseek.kernels.route import LIBRARY
+from kinseek.kernels.backend import LIBRARY
 from kinseek.robots import catalog_entry
 from kinseek.robots.catalog import catalog_path
 

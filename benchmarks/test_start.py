@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from kinseek.kernels.route import LIBRARY, told
+from kinseek.kernels.backend import LIBRARY, told
 
 LOAD = "import kinseek; arm = kinseek.load('elbow6'); T = arm.fk(arm.lower + 0.3); "
 FIRST = {

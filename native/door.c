@@ -13,7 +13,7 @@
 #define MOST_NAMES 32
 #define MOST_RESULTS 8
 
-enum { FLOAT, INTEGER, FLAG, ARRAY, BUNDLE };  /* As src/kinseek/kernels/route.py writes them. */
+enum { FLOAT, INTEGER, FLAG, ARRAY, BUNDLE };  /* As src/kinseek/kernels/backend.py writes them. */
 
 typedef struct {
     int32_t (*code)(int64_t *);

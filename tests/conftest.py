@@ -44,7 +44,7 @@ test_page.py needs too."""
 
 def pytest_configure(config: pytest.Config) -> None:
     """Have all kernels compiled before the processes that test begin: an editable install has some of them only."""
-    from kinseek.kernels.route import LIBRARY
+    from kinseek.kernels.backend import LIBRARY
 
     if LIBRARY is not None and not hasattr(config, "workerinput"):
         LIBRARY.complete()
@@ -52,7 +52,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Order tests, and leave out what the library cannot run."""
-    from kinseek.kernels.route import LIBRARY
+    from kinseek.kernels.backend import LIBRARY
 
     items.sort(key=lambda item: item.path.name != LONGEST)
     for item in items:

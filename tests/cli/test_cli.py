@@ -17,7 +17,7 @@ import kinseek
 from kinseek.cli import main
 from kinseek.cli.searches import make_search, option_of, parameters, searches
 from kinseek.cli.words import gather
-from kinseek.kernels.route import told
+from kinseek.kernels.backend import told
 
 REACHABLE = ("--at", "-0.3", "0.4", "0")
 

@@ -20,8 +20,8 @@ import kinseek
 from kinseek.kernels.arm.forward import write_poses
 from kinseek.kernels.arm.pose_error import first_loose
 from kinseek.kernels.atlas.one_goal import solve_plain
+from kinseek.kernels.backend import LIBRARY, told
 from kinseek.kernels.entry import ENTRIES, F64, FLAG, I64, Bundle, Dimension, declare
-from kinseek.kernels.route import LIBRARY, told
 from kinseek.kernels.sources import PACKAGE
 
 library = pytest.mark.skipif(LIBRARY is None, reason=told())
@@ -145,7 +145,7 @@ def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-TOLD = "import kinseek; from kinseek.kernels.route import told; print(told())"
+TOLD = "import kinseek; from kinseek.kernels.backend import told; print(told())"
 
 
 @library
@@ -209,7 +209,7 @@ def test_without_a_library_and_without_numba_one_message_says_what_to_do(tmp_pat
 
 SOME_ROOMS = """
 import kinseek
-from kinseek.kernels.route import LIBRARY
+from kinseek.kernels.backend import LIBRARY
 
 arm = kinseek.load("panda")
 T = arm.fk(arm.lower + 0.3)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from kinseek.kernels.route import LIBRARY, told
+from kinseek.kernels.backend import LIBRARY, told
 from places import ROOT
 
 if not (ROOT / "native").exists():

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from kinseek.kernels.route import LIBRARY
+from kinseek.kernels.backend import LIBRARY
 
 HEAVY = (
     *(

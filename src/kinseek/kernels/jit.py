@@ -1,4 +1,4 @@
-"""What makes a function a kernel. How kernels run is decided in `route`, and how they are compiled in `compiler`.
+"""What makes a function a kernel. How kernels run is decided in `backend`, and how they are compiled in `compiler`.
 
 Kernels take and give numbers, arrays and named tuples of them, and use nothing of ours from outside this folder.
 """
@@ -9,10 +9,10 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from . import entry as entries
+from .backend import LIBRARY, PLAIN
 from .entry import Bundle, Leaf
-from .route import LIBRARY, PLAIN
+from .python_backend import address_of, plainly
 from .sources import room_of
-from .without_jit import address_of, plainly
 
 if TYPE_CHECKING or (LIBRARY is None and not PLAIN):
     from . import compiler
@@ -52,7 +52,7 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     return plainly(function) if PLAIN else _compiled(function)
 
 
-def inner(function: Callable[P, R]) -> Callable[P, R]:
+def inlined_with_wrapper(function: Callable[P, R]) -> Callable[P, R]:
     """Compile an inner kernel: always inlined, and without reference counts, so it must not allocate or hand back arrays.
 
     Handing a bundle of arrays to a function costs more than a short function does: some 200 ns for twenty arrays, half of
@@ -61,21 +61,21 @@ def inner(function: Callable[P, R]) -> Callable[P, R]:
     return _part(function, forceinline=True, _nrt=False)
 
 
-def hidden(function: Callable[P, R]) -> Callable[P, R]:
+def inlined(function: Callable[P, R]) -> Callable[P, R]:
     """Compile an inner kernel that Python never calls: without the wrapper, which takes longer than the kernel."""
     return _part(function, forceinline=True, _nrt=False, no_cpython_wrapper=True)
 
 
-def called(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a hidden kernel that is long, and call it: inlining would compile it for every place that needs it.
+def noinline(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a long kernel without a Python wrapper, and call it: inlining would compile it for every place that needs it.
 
     It takes handles and memory by address: a bundle of arrays as an argument is a hundred arguments.
     """
     return _compiled(function, no_cpython_wrapper=True)
 
 
-def view(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a hidden kernel that makes or hands back views of memory somebody else owns.
+def array_view(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile an inlined kernel that makes or hands back views of memory somebody else owns.
 
     What hands back an array or a bundle must count references: its caller gives one back. It has to be said, else Numba
     leaves counting out where the first that calls it, of all, does.
@@ -83,7 +83,7 @@ def view(function: Callable[P, R]) -> Callable[P, R]:
     return _part(function, forceinline=True, _nrt=True, no_cpython_wrapper=True)
 
 
-def spliced(function: Callable[P, R]) -> Callable[P, R]:
+def ir_inlined(function: Callable[P, R]) -> Callable[P, R]:
     """Make a long function part of the one kernel that calls it, before anything is compiled: it is compiled once less."""
     return _compiled(function, inline="always")
 
@@ -101,7 +101,7 @@ def kernel_exact(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def exposed(function: Callable[P, R]) -> Callable[P, R]:
-    """Let Python call a hidden kernel, to test it or to draw what it does.
+    """Let Python call an inlined kernel, to test it or to draw what it does.
 
     Where kernels run from the library, which holds entries alone, it raises a RuntimeError when called.
     """

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import pointers
-from .jit import hidden, view
+from .jit import array_view, inlined
 
 
 @dataclass(frozen=True)
@@ -123,9 +123,9 @@ class Layout:
             self.count = self.count + part.count
         name, self._given = name or bundle.__name__.lower(), ", ".join(made_for)
         below = {f"make_{each}": part.make for each, part in parts.items() if isinstance(part, Layout)}
-        self.size: Any = hidden(_function(f"{name}_size({self._given})", str(self.count), {}))
+        self.size: Any = inlined(_function(f"{name}_size({self._given})", str(self.count), {}))
         """A kernel of what the memory is made for: the numbers that it takes."""
-        self.make: Any = view(
+        self.make: Any = array_view(
             _function(f"make_{name}(address, {self._given})", _bundled(bundle, views), below, bundle)
         )
         """A kernel of an address and what the memory is made for: the views."""
@@ -178,7 +178,7 @@ class Rows:
             self.count += count
         below = {f"make_{name}": row.make for name, row in rows.items() if isinstance(row, Rows)}
         signature = f"{bundle.__name__.lower()}_of(handle, first)"
-        self.make: Any = view(_function(signature, _bundled(bundle, views), below, bundle))
+        self.make: Any = array_view(_function(signature, _bundled(bundle, views), below, bundle))
         """A kernel of a handle and the row to begin with: the views."""
 
     def arrays(self, values: Any) -> list[NDArray[Any]]:

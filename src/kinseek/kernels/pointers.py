@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import COMPILES, view
-from .without_jit import call_at, pointer_at, view_at
+from .jit import COMPILES, array_view
+from .python_backend import call_at, pointer_at, view_at
 
 if TYPE_CHECKING:  # Rows of a chain are declared beside its arrays, and made of what stands here.
     from .arrays import Array, Indices
@@ -41,21 +41,21 @@ def handle_of(arrays: list[NDArray[Any]]) -> Indices:
     return np.array(rows, dtype=np.int64).ravel()
 
 
-@view
+@array_view
 def floats1(handle: Indices, k: int) -> Array:
     """View array k, one-dimensional."""
     seen: Array = carray(_floats(handle[ROW * k]), (handle[ROW * k + 1],))
     return seen
 
 
-@view
+@array_view
 def floats2(handle: Indices, k: int) -> Array:
     """View array k, two-dimensional."""
     seen: Array = carray(_floats(handle[ROW * k]), (handle[ROW * k + 1], handle[ROW * k + 2]))
     return seen
 
 
-@view
+@array_view
 def floats3(handle: Indices, k: int) -> Array:
     """View array k, three-dimensional."""
     o = ROW * k
@@ -63,56 +63,56 @@ def floats3(handle: Indices, k: int) -> Array:
     return seen
 
 
-@view
+@array_view
 def integers(handle: Indices, k: int) -> Indices:
     """View array k, one-dimensional, of integers."""
     seen: Indices = carray(_integers(handle[ROW * k]), (handle[ROW * k + 1],))
     return seen
 
 
-@view
+@array_view
 def integers2(handle: Indices, k: int) -> Indices:
     """View array k, two-dimensional, of integers."""
     seen: Indices = carray(_integers(handle[ROW * k]), (handle[ROW * k + 1], handle[ROW * k + 2]))
     return seen
 
 
-@view
+@array_view
 def flags(handle: Indices, k: int) -> NDArray[np.bool_]:
     """View array k, one-dimensional, of truth values."""
     seen: NDArray[np.bool_] = carray(_bools(handle[ROW * k]), (handle[ROW * k + 1],))
     return seen
 
 
-@view
+@array_view
 def part1(address: int, first: int, count: int) -> Array:
     """View `count` floats of a memory from number `first` on."""
     seen: Array = carray(_floats(address + 8 * first), (count,))
     return seen
 
 
-@view
+@array_view
 def part2(address: int, first: int, rows: int, columns: int) -> Array:
     """View a table of floats in a memory from number `first` on."""
     seen: Array = carray(_floats(address + 8 * first), (rows, columns))
     return seen
 
 
-@view
+@array_view
 def integer_part(address: int, first: int, count: int) -> Indices:
     """View `count` integers in a memory of 8-byte numbers from number `first` on."""
     seen: Indices = carray(_integers(address + 8 * first), (count,))
     return seen
 
 
-@view
+@array_view
 def integer_part2(address: int, first: int, rows: int, columns: int) -> Indices:
     """View a table of integers in a memory of 8-byte numbers from number `first` on."""
     seen: Indices = carray(_integers(address + 8 * first), (rows, columns))
     return seen
 
 
-@view
+@array_view
 def part3(address: int, first: int, tables: int, rows: int, columns: int) -> Array:
     """View tables of floats in a memory from number `first` on."""
     seen: Array = carray(_floats(address + 8 * first), (tables, rows, columns))

@@ -26,7 +26,7 @@ from kinseek.kernels.grid.memory import (
     make_window,
 )
 from kinseek.kernels.grid.window import PART, PAUSED, nodes_until, search_part, window_nodes
-from kinseek.kernels.jit import entry, inner
+from kinseek.kernels.jit import entry, inlined_with_wrapper
 from kinseek.problem import Problem
 from kinseek.solution import Solution
 
@@ -247,7 +247,7 @@ def walk(
     return True
 
 
-@inner
+@inlined_with_wrapper
 def combinations(chain: ChainArrays, wraps: Flags, q: Array, step: float, window: Window) -> None:
     """Put q - Δ, q and q + Δ, held inside the limits, into the window."""
     for d in range(len(q)):

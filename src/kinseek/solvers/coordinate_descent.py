@@ -21,7 +21,7 @@ from kinseek.kernels.arm.pose_error import chordal_error, errors
 from kinseek.kernels.arrays import CHAIN, GOAL, Array, ChainArrays, GoalArrays, Indices
 from kinseek.kernels.entry import F64, FLAG, I64
 from kinseek.kernels.grid.sinusoid import TURN, coefficients, minimise_pair, minimiser
-from kinseek.kernels.jit import entry, inner, kernel
+from kinseek.kernels.jit import entry, inlined_with_wrapper, kernel
 from kinseek.problem import Problem
 from kinseek.solution import Solution
 
@@ -134,7 +134,7 @@ def error_at(chain: ChainArrays, squared: GoalArrays, q: Array, T: Array) -> flo
     return chordal_error(T, squared)
 
 
-@inner
+@inlined_with_wrapper
 def samples(chain: ChainArrays, i: int, kinds: Array) -> tuple[float, float]:
     """Return how far to step a joint for its samples, and 0 or that step as its `slide`."""
     if kinds[i] == 1:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from kinseek.cli.help import Command
-from kinseek.kernels.route import told
+from kinseek.kernels.backend import told
 
 
 @click.command("kernels", cls=Command, examples=["kinseek kernels"])

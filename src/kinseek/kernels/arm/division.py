@@ -9,7 +9,7 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.entry import F64, I64, Bundle
-from kinseek.kernels.jit import hidden
+from kinseek.kernels.jit import inlined
 
 NONE, TURN, SLIDE = 0, 1, 2
 
@@ -30,7 +30,7 @@ class Division(NamedTuple):
 DIVISION = Bundle(Division, head=I64, tail=I64, columns=I64, length=F64)
 
 
-@hidden
+@inlined
 def product(A: Array, B: Array, C: Array) -> None:
     """Write the product of two transforms, (3, 4), into C."""
     for r in range(3):
@@ -39,7 +39,7 @@ def product(A: Array, B: Array, C: Array) -> None:
         C[r, 3] += A[r, 3]
 
 
-@hidden
+@inlined
 def nearest_copy(value: float, low: float, high: float, to: float) -> float:
     """Add full turns to bring an angle into [low, high], near `to`; where none fits, as near to the range as it gets."""
     turn = 2.0 * math.pi

@@ -8,7 +8,7 @@ import numpy as np
 
 from kinseek.kernels.arrays import CHAIN, Array, ChainArrays
 from kinseek.kernels.entry import F64
-from kinseek.kernels.jit import entry, hidden
+from kinseek.kernels.jit import entry, inlined
 
 from .trigonometry import sine_cosine
 
@@ -16,7 +16,7 @@ FAR = 1e4
 """Beyond this angle [rad] the library's sine serves: the quick one is good to an ulp up to ten times as far."""
 
 
-@hidden
+@inlined
 def advance(A: Array, prismatic: bool, value: float, T: Array) -> None:
     """Multiply T, (3, 4), in place by the fixed transform A and a joint at `value` [rad] or [m]."""
     cosine, sine, slide = 1.0, 0.0, 0.0
@@ -38,7 +38,7 @@ def advance(A: Array, prismatic: bool, value: float, T: Array) -> None:
         T[r, 3] = p + z * slide
 
 
-@hidden
+@inlined
 def identity(T: Array) -> None:
     """Set T, (3, 4), to the identity."""
     for r in range(3):
@@ -46,7 +46,7 @@ def identity(T: Array) -> None:
             T[r, c] = 1.0 if r == c else 0.0
 
 
-@hidden
+@inlined
 def copy_pose(source: Array, T: Array) -> None:
     """Copy a pose, (3, 4) or (4, 4), into T, (3, 4)."""
     for r in range(3):
@@ -54,7 +54,7 @@ def copy_pose(source: Array, T: Array) -> None:
             T[r, c] = source[r, c]
 
 
-@hidden
+@inlined
 def advance_segment(chain: ChainArrays, first: int, last: int, q: Array, T: Array) -> None:
     """Multiply T in place by physical joints first … last-1 at the variables q, (n,)."""
     for k in range(first, last):
@@ -62,7 +62,7 @@ def advance_segment(chain: ChainArrays, first: int, last: int, q: Array, T: Arra
         advance(chain.fixed[k], chain.prismatic[k], value, T)
 
 
-@hidden
+@inlined
 def forward(chain: ChainArrays, q: Array, T: Array) -> None:
     """Write the pose of the tip in the base at joint values q, (n,), into T, (3, 4), lengths in [m]."""
     joints = len(chain.prismatic)

@@ -8,7 +8,7 @@ import numpy as np
 
 from kinseek.kernels.arrays import CHAIN, GOAL, Array, ChainArrays, Flags, GoalArrays
 from kinseek.kernels.entry import F64, FLAG, I64
-from kinseek.kernels.jit import entry, exact, hidden
+from kinseek.kernels.jit import entry, exact, inlined
 
 from .forward import forward
 
@@ -27,21 +27,21 @@ up to `LARGEST` these stay within 1e±90, far from where doubles end; beyond a r
 errors is rounding of the larger anyway."""
 
 
-@hidden
+@inlined
 def distance(T: Array, target: Array) -> float:
     """Distance between the origins of two poses, (3, 4) or (4, 4), in [m]."""
     x, y, z = T[0, 3] - target[0, 3], T[1, 3] - target[1, 3], T[2, 3] - target[2, 3]
     return math.sqrt(x * x + y * y + z * z)
 
 
-@hidden
+@inlined
 def axis_dot(T: Array, target: Array, c: int) -> float:
     """Dot product of column c of two rotations."""
     dot: float = T[0, c] * target[0, c] + T[1, c] * target[1, c] + T[2, c] * target[2, c]
     return dot
 
 
-@hidden
+@inlined
 def rotation_angle(T: Array, target: Array) -> float:
     """Angle of the rotation between two poses, in [rad], accurate at 0 and at π alike."""
     xx, yy, zz = axis_dot(T, target, 0), axis_dot(T, target, 1), axis_dot(T, target, 2)
@@ -53,7 +53,7 @@ def rotation_angle(T: Array, target: Array) -> float:
     return math.atan2(math.sqrt(sx * sx + sy * sy + sz * sz), xx + yy + zz - 1.0)
 
 
-@hidden
+@inlined
 def axis_angle(T: Array, target: Array) -> float:
     """Angle between the x columns of two poses, in [rad]."""
     ax, ay, az = T[0, 0], T[1, 0], T[2, 0]
@@ -62,7 +62,7 @@ def axis_angle(T: Array, target: Array) -> float:
     return math.atan2(math.sqrt(cx * cx + cy * cy + cz * cz), ax * bx + ay * by + az * bz)
 
 
-@hidden
+@inlined
 def weighted_error(T: Array, goal: GoalArrays) -> float:
     """``K_P |p - p_g| + Σ K_c (1 - c·c_g)`` over the columns c that matter (the paper, Sec. 2.2).
 
@@ -75,7 +75,7 @@ def weighted_error(T: Array, goal: GoalArrays) -> float:
     return error
 
 
-@hidden
+@inlined
 def chordal_error(T: Array, goal: GoalArrays) -> float:
     """``K_P |p - p_g|² + Σ K_c |c - c_g|²``: along one joint an exact sinusoid or parabola."""
     error = 0.0
@@ -90,7 +90,7 @@ def chordal_error(T: Array, goal: GoalArrays) -> float:
     return error
 
 
-@hidden
+@inlined
 def errors(T: Array, goal: GoalArrays) -> tuple[float, float]:
     """Position error [m] and orientation error [rad], each zero where the goal does not ask for it."""
     position = distance(T, goal.target) if goal.position_weight > 0.0 else 0.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from kinseek.kernels.arrays import CHAIN, Array, ChainArrays
 from kinseek.kernels.entry import F64
-from kinseek.kernels.jit import called, entry, hidden
+from kinseek.kernels.jit import entry, inlined, noinline
 
 from .forward import forward
 
@@ -26,7 +26,7 @@ ALONG = 0.6
 """An axis whose x is less than this is across x far enough to make an axis across it; one of any three is below 0.58."""
 
 
-@hidden
+@inlined
 def rotation_vector(D: Array, out: Array) -> None:
     """Write the rotation vector of D, nine numbers row by row, into out[3:6], accurate at 0 and at π alike."""
     trace = D[0] + D[4] + D[8]
@@ -45,7 +45,7 @@ def rotation_vector(D: Array, out: Array) -> None:
     out[3], out[4], out[5] = scale * x, scale * y, scale * z
 
 
-@called
+@noinline
 def deviation(T: Array, question: Array, out: Array, work: Array) -> None:
     """Write the six components of the deviation of T, (3, 4), into out, (6,), and what `rows_of` needs into work, (27,)."""
     F, target = question[FRAME:LOW], question[:FRAME]
@@ -87,13 +87,13 @@ def deviation(T: Array, question: Array, out: Array, work: Array) -> None:
     work[9], work[10], work[11] = ux, uy, uz
 
 
-@hidden
+@inlined
 def beyond(value: float, low: float, high: float) -> float:
     """How far a value is outside a range."""
     return max(low - value, value - high, 0.0)
 
 
-@hidden
+@inlined
 def range_errors(out: Array, question: Array) -> tuple[float, float]:
     """Lengths of what sticks out of a deviation, (6,): position error [m] and orientation error [rad]."""
     place, turn = 0.0, 0.0
@@ -107,7 +107,7 @@ def range_errors(out: Array, question: Array) -> tuple[float, float]:
     return math.sqrt(place), math.sqrt(turn)
 
 
-@hidden
+@inlined
 def range_weighted(weight_p: float, weight_o: float, place: float, turn: float) -> float:
     """``K_P e_p + K_A (1 - cos e_o)``, by the half angle: near 0 the difference would cancel."""
     half = math.sin(0.5 * turn)

@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 
-from kinseek.kernels.jit import hidden
+from kinseek.kernels.jit import inlined
 
 _TWO_OVER_PI = 2.0 / math.pi
 _HALF_PI_HIGH = 1.5707963267341256  # π/2 in two parts, the first with trailing zeros (Cody and Waite 1980).
 _HALF_PI_LOW = 6.077100506506192e-11
 
 
-@hidden
+@inlined
 def sine_cosine(x: float) -> tuple[float, float]:
     """Sine and cosine without a branch, good to 1 ulp for |x| < 1e5."""
     k = np.floor(x * _TWO_OVER_PI + 0.5)
@@ -36,7 +36,7 @@ def sine_cosine(x: float) -> tuple[float, float]:
     return sign * (c if odd else s), sign * (-s if odd else c)
 
 
-@hidden
+@inlined
 def rough_angle(y: float, x: float) -> float:
     """``atan2(y, x)`` to 2e-4 rad and without a branch: enough to start from; 0 at the origin."""
     ax, ay = abs(x), abs(y)

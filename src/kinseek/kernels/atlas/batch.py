@@ -8,7 +8,7 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
 from kinseek.kernels.entry import F64, I64
-from kinseek.kernels.jit import entry, hidden, view
+from kinseek.kernels.jit import array_view, entry, inlined
 from kinseek.kernels.pointers import integer_part
 
 from .descent import FIRST_STEPS, is_hopeless, iterate, reset_weights, within
@@ -36,7 +36,7 @@ class Queue(NamedTuple):
     """FK evaluations spent on the target, (LANES,)."""
 
 
-@hidden
+@inlined
 def stand_still(lanes: Lanes, l: int) -> None:
     """Forget what lane l was at: with no pose, no axes and no error its next step is zero, whatever they were."""
     for k in range(lanes.axes.shape[0]):
@@ -50,7 +50,7 @@ def stand_still(lanes: Lanes, l: int) -> None:
         lanes.error[r * LANES + l] = 0.0
 
 
-@hidden
+@inlined
 def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int, w: int) -> bool:
     """Put lane l at the next sample of its target that is worth a try; say whether there was one.
 
@@ -75,7 +75,7 @@ def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int, w: i
     return False
 
 
-@view
+@array_view
 def next_candidate(job: Job, task: Task, desk: Desk, queue: Queue, targets: Array, l: int, w: int) -> bool:
     """Put lane l at the next candidate of a nearby arm for its target; say whether there was one."""
     target, q, asked = targets[queue.target[l]], desk.found[l], OFFER + queue.next[l]
@@ -87,7 +87,7 @@ def next_candidate(job: Job, task: Task, desk: Desk, queue: Queue, targets: Arra
     return offered > 0
 
 
-@hidden
+@inlined
 def take_target(
     task: Task, lanes: Lanes, queue: Queue, targets: Array, results: Array, number: int, l: int
 ) -> None:
@@ -197,7 +197,7 @@ def solve_some(
     return end - begin
 
 
-@view
+@array_view
 def run_closed(
     job: Job,
     task: Task,
@@ -228,7 +228,7 @@ def run_closed(
     return leftover
 
 
-@hidden
+@inlined
 def run_lanes(
     job: Job,
     task: Task,
@@ -289,7 +289,7 @@ def run_lanes(
     return leftover
 
 
-@hidden
+@inlined
 def write_result(task: Task, desk: Desk, queue: Queue, targets: Array, results: Array, l: int) -> None:
     """Judge lane l by plain FK and write its row."""
     i, dof = queue.target[l], len(task.lower)

@@ -10,7 +10,7 @@ from kinseek.kernels.arm.division import nearest_copy
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import weighted_error
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
-from kinseek.kernels.jit import hidden, routine, view
+from kinseek.kernels.jit import array_view, inlined, routine
 from kinseek.kernels.pointers import call, part1
 
 from .lanes import (
@@ -69,7 +69,7 @@ LONGEST = 0.8
 """No joint moves farther in one step [rad or m]: beyond, the straight line says nothing of where the hand goes."""
 
 
-@hidden
+@inlined
 def make_stubborn(lanes: Lanes, stubborn: float) -> None:
     """Make every other lane stubborn, or none, see `lanes_hold`; nothing is known of a last step."""
     for l in range(LANES):
@@ -78,7 +78,7 @@ def make_stubborn(lanes: Lanes, stubborn: float) -> None:
             lanes.step[i, l] = 0.0
 
 
-@hidden
+@inlined
 def lowest(values: Array) -> float:
     """The least of some values."""
     least: float = values[0]
@@ -87,7 +87,7 @@ def lowest(values: Array) -> float:
     return least
 
 
-@hidden
+@inlined
 def lowest_row(values: Array) -> int:
     """The first row that holds the least value."""
     row = 0
@@ -97,7 +97,7 @@ def lowest_row(values: Array) -> int:
     return row
 
 
-@hidden
+@inlined
 def reset_weights(task: Task, desk: Desk) -> None:
     """Scale residuals so that metres and radians compare."""
     lanes = desk.lanes
@@ -110,19 +110,19 @@ def reset_weights(task: Task, desk: Desk) -> None:
         lanes.weight[LANES + l] = 1.0 if task.columns[0] > 0.0 else 0.0
 
 
-@view
+@array_view
 def goal_of(task: Task, target: Array) -> GoalArrays:
     """A target, (3, 4), with the weights of the task."""
     return GoalArrays(target, task.position_weight, task.axis_weights)
 
 
-@hidden
+@inlined
 def free_turn(task: Task) -> float:
     """Return 1 if a turn about the tool's x axis does not count, else 0."""
     return 1.0 if task.columns[0] > 0.0 and task.columns[1] == 0.0 else 0.0
 
 
-@view
+@array_view
 def iterate(handle: Indices, wanted: Array, memory: Array, move: bool, w: int) -> int:
     """One damped step of every lane, if `move`, and the poses, residuals and errors where it ends.
 
@@ -152,7 +152,7 @@ def iterate_routine(handle_address: int, wanted_address: int, memory_address: in
     return 0
 
 
-@hidden
+@inlined
 def within(task: Task, lanes: Lanes, l: int) -> bool:
     """Is lane l inside both tolerances?"""
     position, orientation = task.position_tolerance, task.orientation_tolerance
@@ -174,7 +174,7 @@ def within(task: Task, lanes: Lanes, l: int) -> bool:
     return ahead and small
 
 
-@hidden
+@inlined
 def is_hopeless(lanes: Lanes, made: int, l: int) -> bool:
     """Is lane l, one of the first samples, to be given up after so many steps? Asked after every step."""
     error, before = lanes.error[3 * LANES + l], lanes.work[BEFORE + l]
@@ -182,7 +182,7 @@ def is_hopeless(lanes: Lanes, made: int, l: int) -> bool:
     return made >= HOPELESS and error > LEAST_HOPE and error > 0.5 * before
 
 
-@hidden
+@inlined
 def descend_lanes(job: Job, task: Task, desk: Desk, steps: int, everyone: bool, w: int) -> tuple[int, int]:
     """Refine the eight lanes; return the first lane that converged, or -1, and the steps made.
 
@@ -222,7 +222,7 @@ def descend_lanes(job: Job, task: Task, desk: Desk, steps: int, everyone: bool, 
     return -1, steps  # Never: the last step returns.
 
 
-@hidden
+@inlined
 def farthest_joint(rows: Array, row: int, q: Array) -> float:
     """The largest difference of a joint between a row and q, (n,), [rad or m]."""
     far = 0.0
@@ -231,7 +231,7 @@ def farthest_joint(rows: Array, row: int, q: Array) -> float:
     return far
 
 
-@hidden
+@inlined
 def keep_seed(desk: Desk, error: float) -> None:
     """Put the desk's seed among the eight best if its weighted error is less than the worst's, or its twin's.
 
@@ -249,7 +249,7 @@ def keep_seed(desk: Desk, error: float) -> None:
         keep_joints(desk.best, worst, desk.seed)
 
 
-@view
+@array_view
 def judge_by_ranges(job: Job, q: Array, report: Array) -> int:
     """Judge joint values, (n,), by plain FK against ranges: errors [m], [rad] and weighted into a report."""
     at = (job.handle.ctypes.data, job.wanted.ctypes.data, job.memory.ctypes.data)
@@ -257,7 +257,7 @@ def judge_by_ranges(job: Job, q: Array, report: Array) -> int:
     return done
 
 
-@hidden
+@inlined
 def keep_best(job: Job, task: Task, desk: Desk, target: Array) -> None:
     """Remember the eight best configurations seen, no two alike, for a goal that may be out of reach."""
     dof, goal = len(task.lower), goal_of(task, target)
@@ -275,7 +275,7 @@ def keep_best(job: Job, task: Task, desk: Desk, target: Array) -> None:
             keep_seed(desk, weighted_error(desk.spare, goal))
 
 
-@hidden
+@inlined
 def start(task: Task, desk: Desk, target: Array) -> None:
     """Clear the desk for a target, (3, 4)."""
     for l in range(LANES):
@@ -284,7 +284,7 @@ def start(task: Task, desk: Desk, target: Array) -> None:
     reset_weights(task, desk)
 
 
-@hidden
+@inlined
 def joint_distance(task: Task, q: Array, near: Array) -> float:
     """Squared distance of two joint vectors, a continuous joint measured the short way round."""
     total = 0.0
@@ -298,7 +298,7 @@ def joint_distance(task: Task, q: Array, near: Array) -> float:
     return total
 
 
-@hidden
+@inlined
 def keep_closest(task: Task, desk: Desk, near: Array, closest: float, q: Array) -> float:
     """Write the lane that converged nearest to `near`, (n,), into q if it is nearer than `closest`, squared; what is now."""
     for l in range(LANES):

@@ -11,7 +11,7 @@ from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, weighted_error
 from kinseek.kernels.arm.range_error import range_weighted
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
-from kinseek.kernels.jit import hidden, routine, spliced, view
+from kinseek.kernels.jit import array_view, inlined, ir_inlined, routine
 from kinseek.kernels.pointers import call, part1, part2
 
 from .descent import (
@@ -74,7 +74,7 @@ NEAREST = 1e-9
 """From this distance on [m] the weight K_P/|Δp| of the squared distance grows no more: there it would be infinite."""
 
 
-@hidden
+@inlined
 def flip(q: Array, i: int) -> None:
     """Flip the joint values, (n,), about joint i."""
     q[i - 1] += math.pi
@@ -82,7 +82,7 @@ def flip(q: Array, i: int) -> None:
     q[i + 1] += math.pi
 
 
-@hidden
+@inlined
 def fill_from_flips(task: Task, desk: Desk) -> int:
     """Put flips of the best into the lanes, ``(q_i + π, -q_{i+1}, q_{i+2} + π)``; return the lanes filled.
 
@@ -110,7 +110,7 @@ def fill_from_flips(task: Task, desk: Desk) -> int:
     return filled
 
 
-@view
+@array_view
 def find_nearest_pose(handle: Indices, wanted: Array, memory: Array, target: Array, w: int) -> int:
     """Lead the eight best to the nearest pose to a target, (3, 4), that is out of reach; return FK evaluations."""
     at = (handle.ctypes.data, wanted.ctypes.data, memory.ctypes.data, target.ctypes.data)
@@ -138,7 +138,7 @@ def ending_routine(
     return spent
 
 
-@spliced
+@ir_inlined
 def reweigh(job: Job, task: Task, desk: Desk, target: Array, largest: float, steps: int, w: int) -> int:
     """Minimise the weighted error itself from the eight best, by so many reweighted steps; return FK evaluations.
 
@@ -193,7 +193,7 @@ def reweigh(job: Job, task: Task, desk: Desk, target: Array, largest: float, ste
     return steps * LANES
 
 
-@spliced
+@ir_inlined
 def polish(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
     """Minimise the weighted error itself from the eight best; return FK evaluations.
 
@@ -216,7 +216,7 @@ def polish(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
     return spent
 
 
-@hidden
+@inlined
 def follow_valleys(task: Task, desk: Desk, target: Array) -> int:
     """Follow the valleys that the eight best lie in until one leads to an answer, the new best; return FK evaluations.
 
@@ -253,14 +253,14 @@ def follow_valleys(task: Task, desk: Desk, target: Array) -> int:
     return spent
 
 
-@hidden
+@inlined
 def promise(task: Task) -> float:
     """A goal with a smaller weighted error left is worth more work."""
     limit: float = PROMISING * (task.position_weight * task.length + 1.0)
     return limit
 
 
-@spliced
+@ir_inlined
 def look_around(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
     """Reach the best pose found by other ways, for one of them may lead on to a better; return FK evaluations.
 

@@ -15,7 +15,7 @@ import numpy as np
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import weighted_error
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.jit import hidden, routine, view
+from kinseek.kernels.jit import array_view, inlined, routine
 from kinseek.kernels.pointers import call, floats1, part1, part2
 
 from .descent import farthest_joint, goal_of, keep_best, lowest, lowest_row, start
@@ -66,7 +66,7 @@ MOST = (STEPS + STEPS_AFTER + 2 * WALK) * LANES
 """FK evaluations at most."""
 
 
-@view
+@array_view
 def is_far(handle: Indices, wanted: Array, target: Array) -> bool:
     """Is a target, (3, 4), farther away than `BEYOND` times what the links allow?"""
     lengths = floats1(handle, LENGTHS)
@@ -81,7 +81,7 @@ def is_far(handle: Indices, wanted: Array, target: Array) -> bool:
     return far
 
 
-@view
+@array_view
 def nearest_to_far(handle: Indices, wanted: Array, memory: Array, target: Array, q: Array, w: int) -> int:
     """Write the nearest pose to a target that `is_far` into q, (n,); return FK evaluations."""
     at = (handle.ctypes.data, wanted.ctypes.data, memory.ctypes.data, target.ctypes.data)
@@ -89,7 +89,7 @@ def nearest_to_far(handle: Indices, wanted: Array, memory: Array, target: Array,
     return spent
 
 
-@hidden
+@inlined
 def settle_best(task: Task, desk: Desk, target: Array) -> int:
     """Walk from the best of the eight, the least error first, to the end; return FK evaluations."""
     goal, spent = goal_of(task, target), 0

@@ -28,7 +28,7 @@ from kinseek.kernels.arm.links import (
 )
 from kinseek.kernels.arm.trigonometry import sine_cosine
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.jit import hidden
+from kinseek.kernels.jit import inlined
 from kinseek.kernels.layout import DOF, JOINTS, Layout, floats
 
 LANES = 8
@@ -90,7 +90,7 @@ LAYOUT = Layout(
 """Where the lanes of an arm stand in memory."""
 
 
-@hidden
+@inlined
 def lanes_forward(leader: Indices, links: Array, lanes: Lanes, w: int) -> None:
     """Forward kinematics of every lane, keeping every joint's axis.
 
@@ -141,7 +141,7 @@ def lanes_forward(leader: Indices, links: Array, lanes: Lanes, w: int) -> None:
             T[o + 3 * W + l] = x * A[3] + y * A[7] + z * A[11] + p
 
 
-@hidden
+@inlined
 def lanes_residual(lanes: Lanes, columns: Array, w: int) -> None:
     """Residual and errors of every lane.
 
@@ -175,7 +175,7 @@ def lanes_residual(lanes: Lanes, columns: Array, w: int) -> None:
         error[3 * W + l] = weight[l] * weight[l] * error[l] + wo * wo * error[W + l]
 
 
-@hidden
+@inlined
 def lanes_jacobian(leader: Indices, links: Array, lanes: Lanes, free: float, w: int) -> None:
     """Scaled geometric Jacobian of every lane; with `free` 1 a turn about the tool's x axis does not count."""
     W, T, J, axes, weight = LANES, lanes.pose, lanes.jacobian, lanes.axes, lanes.weight
@@ -205,7 +205,7 @@ def lanes_jacobian(leader: Indices, links: Array, lanes: Lanes, free: float, w: 
             J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l] = j3, j4, j5
 
 
-@hidden
+@inlined
 def lanes_hold(lower: Array, upper: Array, lanes: Lanes, w: int) -> None:
     """Take every joint that stands at a limit and is pushed outward out of the Jacobian.
 
@@ -229,7 +229,7 @@ def lanes_hold(lower: Array, upper: Array, lanes: Lanes, w: int) -> None:
             J[i, 3 * W + l], J[i, 4 * W + l], J[i, 5 * W + l] = move * j3, move * j4, move * j5
 
 
-@hidden
+@inlined
 def lanes_gram(damping: float, floor: Array, lanes: Lanes, w: int) -> None:
     """J Jᵀ + λ I of every lane, where λ is damping · |e|² and a floor, (LANES,), at least `LOST`: the factor is finite.
 
@@ -279,7 +279,7 @@ def lanes_gram(damping: float, floor: Array, lanes: Lanes, w: int) -> None:
         A[20 * W + l] += damp
 
 
-@hidden
+@inlined
 def lanes_solve(lanes: Lanes, w: int) -> None:
     """Solve the 6x6 systems by Cholesky's factorisation L D Lᵀ, in place of the residual."""
     W, A, e = LANES, lanes.gram, lanes.residual
@@ -319,7 +319,7 @@ def lanes_solve(lanes: Lanes, w: int) -> None:
         e[l], e[W + l], e[2 * W + l], e[3 * W + l], e[4 * W + l], e[5 * W + l] = x0, x1, x2, x3, x4, x5
 
 
-@hidden
+@inlined
 def lanes_move(lower: Array, upper: Array, longest: float, lanes: Lanes, w: int) -> None:
     """Take the step dq = Jᵀ x, no joint farther than `longest`, every joint inside its limits."""
     W, J, x, q = LANES, lanes.jacobian, lanes.residual, lanes.q

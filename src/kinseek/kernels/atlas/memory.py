@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.jit import view
+from kinseek.kernels.jit import array_view
 from kinseek.kernels.layout import DOF, Layout, floats, whole
 
 from .lanes import LANES, Lanes
@@ -80,7 +80,7 @@ LAYOUT = Layout(
 desk_size, lay_desk = LAYOUT.size, LAYOUT.make
 
 
-@view
+@array_view
 def make_desk(memory: Array, dof: int, joints: int) -> Desk:
     """Lay a desk out in a memory of `desk_size` numbers."""
     desk: Desk = lay_desk(memory.ctypes.data, dof, joints)

@@ -9,7 +9,7 @@ import numpy as np
 from kinseek.kernels.arm.pose_error import LARGEST, is_rigid
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.entry import F64, FLAG, I64
-from kinseek.kernels.jit import called, entry, exact, hidden, view
+from kinseek.kernels.jit import array_view, entry, exact, inlined, noinline
 from kinseek.kernels.pointers import part1
 
 from .descent import DEEP_STEPS, descend_lanes, goal_of, keep_closest, start
@@ -39,7 +39,7 @@ CLOSE = 0.2
 """An answer this close to where the user wants it [rad or m] ends the search for a closer one."""
 
 
-@hidden
+@inlined
 def load_near(task: Task, desk: Desk, near: Array) -> None:
     """Put the first lane at joint values, (n,), brought into the limits where they bind."""
     for i in range(len(near)):
@@ -53,7 +53,7 @@ def load_near(task: Task, desk: Desk, near: Array) -> None:
     load_seed(desk.lanes, 0, desk.seed)
 
 
-@called
+@noinline
 def walk_near(
     handle: Indices, wanted: Array, memory: Array, target: Array, near: Array, q: Array, w: int
 ) -> int:
@@ -101,7 +101,7 @@ def walk_near(
     return spent
 
 
-@view
+@array_view
 def conclude_near(
     handle: Indices, wanted: Array, memory: Array, target: Array, near: Array, q: Array, report: Array
 ) -> None:

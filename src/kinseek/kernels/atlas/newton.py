@@ -22,7 +22,7 @@ import numpy as np
 from kinseek.kernels.arm.forward import advance, forward, identity
 from kinseek.kernels.arm.pose_error import chordal_error, weighted_error
 from kinseek.kernels.arrays import Array, ChainArrays, Flags, GoalArrays
-from kinseek.kernels.jit import called, hidden
+from kinseek.kernels.jit import inlined, noinline
 
 WALK_STEPS = 40
 """Newton steps of a walk down the weighted error at most."""
@@ -65,7 +65,7 @@ LONGEST = 0.5
 """No joint moves farther in one step [rad or m]."""
 
 
-@hidden
+@inlined
 def derivatives(
     chain: ChainArrays,
     goal: GoalArrays,
@@ -156,7 +156,7 @@ def derivatives(
                 H[high, low] += value
 
 
-@hidden
+@inlined
 def damped_step(H: Array, g: Array, held: Flags, damping: float, L: Array, step: Array) -> bool:
     """Solve (H + damping · I) step = -g over the joints that are not held; False where the matrix is not positive."""
     n = len(g)
@@ -187,13 +187,13 @@ def damped_step(H: Array, g: Array, held: Flags, damping: float, L: Array, step:
     return True
 
 
-@hidden
+@inlined
 def error_of(T: Array, goal: GoalArrays, squared: bool) -> float:
     """The error that is walked down, of a pose."""
     return 0.5 * chordal_error(T, goal) if squared else weighted_error(T, goal)
 
 
-@hidden
+@inlined
 def bring_back(
     chain: ChainArrays,
     goal: GoalArrays,
@@ -250,7 +250,7 @@ def bring_back(
         trial[i] = min(max(trial[i] + step, lower[i]), upper[i])
 
 
-@called
+@noinline
 def settle(
     chain: ChainArrays,
     goal: GoalArrays,

@@ -14,7 +14,7 @@ from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, is_rigid, weighted_error
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
 from kinseek.kernels.entry import F64, FLAG, I64
-from kinseek.kernels.jit import entry, hidden, kernel, routine, view
+from kinseek.kernels.jit import array_view, entry, inlined, kernel, routine
 from kinseek.kernels.pointers import call, part1, part2
 
 from .descent import (
@@ -88,7 +88,7 @@ KICK, WIDE_KICK = 0.5, 1.5
 """How far around the best found a restart begins [rad or m], by turns: beside it, and where another of its kind may be."""
 
 
-@view
+@array_view
 def solve_target(
     handle: Indices, wanted: Array, memory: Array, target: Array, budget: float, q: Array, w: int
 ) -> int:
@@ -119,7 +119,7 @@ CORRECTIONS = 4
 """Steps at most from a candidate of a nearby arm."""
 
 
-@view
+@array_view
 def closed_answer(
     handle: Indices,
     wanted: Array,
@@ -139,7 +139,7 @@ def closed_answer(
     return tried
 
 
-@view
+@array_view
 def search_near(
     handle: Indices,
     wanted: Array,
@@ -158,7 +158,7 @@ def search_near(
     return spent
 
 
-@view
+@array_view
 def fill_from_ranges(job: Job, near: Array, close: int, begin: int, most: int) -> int:
     """Put the samples nearest to poses of the ranges from number `begin` on into the lanes; return the next number.
 
@@ -267,7 +267,7 @@ def search_routine(
     return spent
 
 
-@hidden
+@inlined
 def finish(task: Task, desk: Desk, goal: GoalArrays, near: Array, q: Array, report: Array) -> None:
     """Bring q inside the limits and judge it by plain FK: errors [m], [rad] and weighted into `report`, (4,)."""
     into_limits(task, q, near)
@@ -276,7 +276,7 @@ def finish(task: Task, desk: Desk, goal: GoalArrays, near: Array, q: Array, repo
     report[WEIGHTED_ERROR] = weighted_error(desk.spare, goal)
 
 
-@view
+@array_view
 def conclude_answer(
     handle: Indices, wanted: Array, memory: Array, target: Array, q: Array, report: Array
 ) -> None:
@@ -345,7 +345,7 @@ def solve_pose(handle: Indices, wanted: Array, target: Array, w: int) -> Array:
     return result
 
 
-@hidden
+@inlined
 def outcome(task: Task, report: Array) -> tuple[float, float, float, int, bool]:
     """What `solve_plain` returns, of a report, (4,)."""
     position, orientation = report[POSITION_ERROR], report[ORIENTATION_ERROR]

@@ -19,7 +19,7 @@ from kinseek.kernels.arm.forward import advance, advance_segment, identity
 from kinseek.kernels.arm.trigonometry import rough_angle
 from kinseek.kernels.arrays import CHAIN, Array, ChainArrays
 from kinseek.kernels.entry import F64, I64, Bundle
-from kinseek.kernels.jit import entry, hidden
+from kinseek.kernels.jit import entry, inlined
 
 from .tree import TREE, Tree, make_tree, sort_tree
 
@@ -38,7 +38,7 @@ class Atlas(NamedTuple):
     """A_tip⁻¹ where the last joint is divided out, else the inverse of a tool that the samples leave out, (3, 4)."""
 
 
-@hidden
+@inlined
 def coordinates(K: Array, division: Division, out: Array) -> int:
     """Write the coordinates that are left of a pose, (3, 4), into `out`; return how many."""
     x, y, z = K[0, 3], K[1, 3], K[2, 3]
@@ -93,7 +93,7 @@ def build_atlas(
     return atlas
 
 
-@hidden
+@inlined
 def within_limits(chain: ChainArrays, i: int, value: float) -> float:
     """A value of joint i, brought back to the limit where rounding has led beyond.
 
@@ -135,7 +135,7 @@ def fill_atlas(chain: ChainArrays, division: Division, middle: Array, first: int
                 atlas.poses[i, r, c] = poses[order[i], r, c]
 
 
-@hidden
+@inlined
 def complete_seed(
     atlas: Atlas, division: Division, G: Array, i: int, lower: Array, upper: Array, margin: float, q: Array
 ) -> bool:

@@ -6,7 +6,7 @@ import math
 
 from kinseek.kernels.arm.division import nearest_copy, product
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.jit import hidden
+from kinseek.kernels.jit import inlined
 
 from .lanes import LANES, Lanes
 from .memory import Desk
@@ -35,21 +35,21 @@ CONVERGED = 30
 """Turns after which the root of x^(n+1) = x + 1 stands: each leaves less than a third of what it is off."""
 
 
-@hidden
+@inlined
 def copy_joints(rows: Array, row: int, q: Array) -> None:
     """Copy one row of joint values."""
     for i in range(len(q)):
         q[i] = rows[row, i]
 
 
-@hidden
+@inlined
 def keep_joints(rows: Array, row: int, q: Array) -> None:
     """Overwrite one row of joint values."""
     for i in range(len(q)):
         rows[row, i] = q[i]
 
 
-@hidden
+@inlined
 def load_target(lanes: Lanes, lane: int, target: Array) -> None:
     """Give one lane its target, (3, 4)."""
     for r in range(3):
@@ -57,28 +57,28 @@ def load_target(lanes: Lanes, lane: int, target: Array) -> None:
             lanes.target[(4 * r + c) * LANES + lane] = target[r, c]
 
 
-@hidden
+@inlined
 def load_seed(lanes: Lanes, lane: int, seed: Array) -> None:
     """Put one lane at a start, (n,)."""
     for i in range(len(seed)):
         lanes.q[i, lane] = seed[i]
 
 
-@hidden
+@inlined
 def load_seed_row(lanes: Lanes, lane: int, rows: Array) -> None:
     """Put one lane at the start in its row, (LANES, n)."""
     for i in range(rows.shape[1]):
         lanes.q[i, lane] = rows[lane, i]
 
 
-@hidden
+@inlined
 def see(task: Task, desk: Desk, target: Array) -> None:
     """Write a target, (3, 4), as the atlas sees it into the desk."""
     product(task.atlas.inverse_head, target, desk.between)
     product(desk.between, task.atlas.inverse_tip, desk.seen)
 
 
-@hidden
+@inlined
 def look_up(task: Task, desk: Desk, target: Array, most: int) -> int:
     """Find the samples nearest to a target, (3, 4), so many at most; return how many."""
     see(task, desk, target)
@@ -86,7 +86,7 @@ def look_up(task: Task, desk: Desk, target: Array, most: int) -> int:
     return nearest(task.atlas.tree, desk.point, most, desk.distance, desk.neighbour, desk.stack, desk.bound)
 
 
-@hidden
+@inlined
 def fill_from_lookup(task: Task, desk: Desk, begin: int, found: int) -> tuple[int, int]:
     """Put neighbours into the lanes from number `begin` on; return the next number and the lanes filled."""
     filled = 0
@@ -104,7 +104,7 @@ def fill_from_lookup(task: Task, desk: Desk, begin: int, found: int) -> tuple[in
     return begin, filled
 
 
-@hidden
+@inlined
 def scan(task: Task, desk: Desk, target: Array, w: int) -> int:
     """Measure the samples beside a target, (3, 4), for `fill_from_scan`; return the leaf it lies in."""
     see(task, desk, target)
@@ -112,7 +112,7 @@ def scan(task: Task, desk: Desk, target: Array, w: int) -> int:
     return scan_beside(task.atlas.tree, desk.point, desk.distance, desk.bound, w)
 
 
-@hidden
+@inlined
 def stands_at_limit(q: Array, lower: Array, upper: Array) -> bool:
     """Does the first joint or the last stand at a limit?"""
     last = len(q) - 1
@@ -121,7 +121,7 @@ def stands_at_limit(q: Array, lower: Array, upper: Array) -> bool:
     return first_does or last_does
 
 
-@hidden
+@inlined
 def take_seed(task: Task, desk: Desk, leaf: int, taken: int, w: int) -> tuple[int, bool]:
     """Put the next sample of a scan into the desk's seed; return how many are taken by now, and whether it is worth a try.
 
@@ -144,7 +144,7 @@ def take_seed(task: Task, desk: Desk, leaf: int, taken: int, w: int) -> tuple[in
     return taken, worth
 
 
-@hidden
+@inlined
 def fill_from_scan(task: Task, desk: Desk, leaf: int, taken: int, w: int) -> tuple[int, int]:
     """Put the next samples of a scan into lanes; return how many are taken by now and the lanes filled."""
     filled = 0
@@ -161,14 +161,14 @@ def fill_from_scan(task: Task, desk: Desk, leaf: int, taken: int, w: int) -> tup
     return taken, filled
 
 
-@hidden
+@inlined
 def turns_fully(task: Task, i: int) -> bool:
     """Does the range of joint i hold a full turn? Then its limits are open, infinitely so where it never ends."""
     full: bool = task.lower[i] <= -OPEN
     return full
 
 
-@hidden
+@inlined
 def into_limits(task: Task, q: Array, near: Array) -> None:
     """Bring every joint that turns fully inside its limits by whole turns, near `near`, (n,).
 
@@ -183,20 +183,20 @@ def into_limits(task: Task, q: Array, near: Array) -> None:
         q[i] = min(max(q[i], low), high)
 
 
-@hidden
+@inlined
 def middle(task: Task, q: Array) -> None:
     """Write the middle of every range into q, (n,)."""
     for i in range(len(q)):
         q[i] = 0.5 * (task.chain.lower[i] + task.chain.upper[i])
 
 
-@hidden
+@inlined
 def restart(task: Task, number: int, q: Array) -> None:
     """Write start `number` of a low-discrepancy sequence over the limits (Roberts 2018, R_d)."""
     spread_start(task, spread_root(len(q)), number, q)
 
 
-@hidden
+@inlined
 def spread_root(dof: int) -> float:
     """The root of x^(n+1) = x + 1, which takes longer to find than a start does."""
     g = 2.0
@@ -205,7 +205,7 @@ def spread_root(dof: int) -> float:
     return g
 
 
-@hidden
+@inlined
 def spread_start(task: Task, g: float, number: int, q: Array) -> None:
     """As `restart`, with the root of `spread_root`."""
     step = 1.0
@@ -215,7 +215,7 @@ def spread_start(task: Task, g: float, number: int, q: Array) -> None:
         q[i] = low + ((0.5 + (number + 1) * step) % 1.0) * (high - low)
 
 
-@hidden
+@inlined
 def kick(task: Task, rows: Array, row: int, size: float, q: Array) -> None:
     """Turn a start that is spread over the limits, (n,), into one around a row, brought back to the limits.
 

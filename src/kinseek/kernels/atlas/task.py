@@ -11,7 +11,7 @@ from kinseek.kernels.arm.division import Division
 from kinseek.kernels.arm.links import links_of
 from kinseek.kernels.arrays import CHAIN_ROWS, Array, ChainArrays, Indices
 from kinseek.kernels.entry import I64
-from kinseek.kernels.jit import view
+from kinseek.kernels.jit import array_view
 from kinseek.kernels.layout import Rows
 from kinseek.kernels.pointers import ROW, floats1, integer_part, integers, part1
 
@@ -176,28 +176,28 @@ def with_ranges(arrays: list[NDArray[Any]], poses: int, routines: Indices) -> li
     return changed
 
 
-@view
+@array_view
 def handle_at(address: int) -> Indices:
     """View a handle by its own address."""
     seen: Indices = integer_part(address, 0, ARRAYS * ROW)
     return seen
 
 
-@view
+@array_view
 def plain_wanted(handle: Indices) -> Array:
     """Tolerances and weights of a plain pose, (WANTED,)."""
     seen: Array = floats1(handle, PLAIN)
     return seen
 
 
-@view
+@array_view
 def routine_at(handle: Indices, k: int) -> int:
     """Address of routine k."""
     address: int = integers(handle, ROUTINES)[k]
     return address
 
 
-@view
+@array_view
 def lanes_of(handle: Indices) -> int:
     """LANES, as a number that the compiler cannot know."""
     count: int = integers(handle, NUMBERS)[WIDTH]
@@ -207,7 +207,7 @@ def lanes_of(handle: Indices) -> int:
 rows_of = ROWS.make
 
 
-@view
+@array_view
 def task_of(handle: Indices, wanted: Array) -> Task:
     """View a task by its handle.
 

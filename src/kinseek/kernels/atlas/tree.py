@@ -13,7 +13,7 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.entry import F64, I64, Bundle
-from kinseek.kernels.jit import called, hidden, kernel, view
+from kinseek.kernels.jit import array_view, inlined, kernel, noinline
 from kinseek.kernels.pointers import part1
 
 LEAF = 8
@@ -104,7 +104,7 @@ def sort_tree(points: Array, order: Indices, tree: Tree) -> None:
     _list_leaves_beside(packed, tree.beside)
 
 
-@called
+@noinline
 def _list_leaves_beside(points: Array, beside: Indices) -> None:
     """List the leaves beside each leaf in a list of nothing but -1, see `Tree`."""
     leaves, dimensions = points.shape[0], points.shape[1]
@@ -137,7 +137,7 @@ def _list_leaves_beside(points: Array, beside: Indices) -> None:
             gaps[at], beside[leaf * BESIDE + at] = value, other
 
 
-@called
+@noinline
 def _select(points: Array, d: int, order: Indices, first: int, last: int, middle: int) -> None:
     """Rearrange order[first … last] so that place `middle` holds what sorting by dimension d would put there."""
     begin, end = first, last
@@ -163,7 +163,7 @@ def _select(points: Array, d: int, order: Indices, first: int, last: int, middle
             return
 
 
-@hidden
+@inlined
 def nearest(
     tree: Tree, point: Array, most: int, distance: Array, index: Indices, stack: Indices, bound: Array
 ) -> int:
@@ -220,7 +220,7 @@ def nearest(
     return found
 
 
-@view
+@array_view
 def scan_beside(tree: Tree, point: Array, distance: Array, least: Array, w: int) -> int:
     """Measure the points of the leaves beside a point.
 
@@ -272,7 +272,7 @@ def scan_beside(tree: Tree, point: Array, distance: Array, least: Array, w: int)
     return own
 
 
-@hidden
+@inlined
 def take_nearest(tree: Tree, own: int, distance: Array, least: Array) -> int:
     """Take the nearest point that is left after `scan_beside`; return its place in the leaves, -1 if none is left."""
     low, which, place = least[0], 0, 0

@@ -20,7 +20,7 @@ from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import make_desk
 from kinseek.kernels.atlas.task import task_of
-from kinseek.kernels.jit import hidden, kernel
+from kinseek.kernels.jit import inlined, kernel
 from kinseek.kernels.structure.candidates import DEVIATION, H5, H6, SIZE, WORK, H, joint_of
 from kinseek.kernels.structure.closed import TOLD, TRIED, closed_starts
 from kinseek.kernels.structure.subproblems import dot, turned
@@ -39,7 +39,7 @@ BESIDE = 0.05
 """Starts this close [rad] to an answer or to each other are one."""
 
 
-@hidden
+@inlined
 def least_lean(structure: Array, rows: Array, count: int) -> float:
     """Sine of the least angle between axis 6 and the parallel ones in any row, (capacity, n); 1 if there is no row."""
     S, i, least = structure, joint_of(structure, 4, rows.shape[1]), 1.0
@@ -51,7 +51,7 @@ def least_lean(structure: Array, rows: Array, count: int) -> float:
     return least
 
 
-@hidden
+@inlined
 def distance(k: int) -> float:
     """How far the k-th poses lie, by trial, in deviations of the arm; on the other side if negative."""
     if k == 0:
@@ -61,7 +61,7 @@ def distance(k: int) -> float:
     return -10.0 if k == 2 else 30.0
 
 
-@hidden
+@inlined
 def corner(way: int, i: int) -> float:
     """Part i of six of a corner of the simplex, whose corners are of length 1 and -1/6 of each other."""
     if way == 0:

@@ -25,7 +25,7 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import Desk
 from kinseek.kernels.atlas.seeds import turns_fully
 from kinseek.kernels.atlas.task import Task
-from kinseek.kernels.jit import hidden
+from kinseek.kernels.jit import inlined
 from kinseek.kernels.structure.candidates import (
     ROOTS,
     SIZE,
@@ -101,7 +101,7 @@ HALVINGS = 12
 """How often steps along the curves are halved at most, where there are too few answers."""
 
 
-@hidden
+@inlined
 def swept_range(task: Task, D: Array) -> tuple[float, float]:
     """Values of the joint in front that are looked at: its range, but one turn at most, or as far as the arm reaches."""
     i, S = front(task.structure, len(task.lower)), task.structure
@@ -115,7 +115,7 @@ def swept_range(task: Task, D: Array) -> tuple[float, float]:
     return low, high
 
 
-@hidden
+@inlined
 def tell(
     task: Task, D: Array, value: float, halves: Array, rest: Array, work: Array, told: Array, w: int
 ) -> None:
@@ -149,14 +149,14 @@ def tell(
             told[ROOM, l] = min(told[ROOM, l], half - abs(angle))
 
 
-@hidden
+@inlined
 def is_answer(told: Array, k: int, l: int) -> bool:
     """Is there an answer in a lane at value k?"""
     there: bool = told[k, LEAST, l] >= 0.0 and told[k, ROOM, l] >= 0.0
     return there
 
 
-@hidden
+@inlined
 def farthest(told: Array, a: int, b: int, l: int) -> float:
     """Largest change of an angle of a lane from value a to b, the short way round [rad]."""
     far = 0.0
@@ -165,7 +165,7 @@ def farthest(told: Array, a: int, b: int, l: int) -> float:
     return far
 
 
-@hidden
+@inlined
 def slope(values: Array, told: Array, before: int, k: int, after: int, row: int, l: int) -> float:
     """Slope of a row at value k, by the parabola through its neighbours."""
     left, right = values[k] - values[before], values[after] - values[k]
@@ -175,7 +175,7 @@ def slope(values: Array, told: Array, before: int, k: int, after: int, row: int,
     return there
 
 
-@hidden
+@inlined
 def peak(values: Array, told: Array, left: int, a: int, b: int, right: int, l: int) -> float:
     """Where all roots of a lane may be above zero between two values where some are not, in parts of the way; else -1.
 
@@ -203,7 +203,7 @@ def peak(values: Array, told: Array, left: int, a: int, b: int, right: int, l: i
     return 0.5 if at < 0.0 else at
 
 
-@hidden
+@inlined
 def fold(values: Array, told: Array, a: int, b: int, l: int, far: float) -> float:
     """Where between two values, one of which has no root, it is looked beside the fold, in parts of the way; else -1."""
     here, there = (a, b) if told[b, LEAST, l] >= 0.0 else (b, a)
@@ -218,7 +218,7 @@ def fold(values: Array, told: Array, a: int, b: int, l: int, far: float) -> floa
     return way if here == a else 1.0 - way
 
 
-@hidden
+@inlined
 def allowed(told: Array, halves: Array, a: int, b: int, l: int, far: float) -> float:
     """Where between two values with angles limits may allow an answer that these do not tell of, in parts; else -1."""
     known = is_answer(told, a, l) or is_answer(told, b, l)
@@ -245,7 +245,7 @@ def allowed(told: Array, halves: Array, a: int, b: int, l: int, far: float) -> f
     return min(max(begin + share * (end - begin), 0.05), 0.95)
 
 
-@hidden
+@inlined
 def between(
     values: Array, told: Array, halves: Array, left: int, a: int, b: int, right: int, far: float, close: float
 ) -> float:
@@ -263,7 +263,7 @@ def between(
     return -1.0
 
 
-@hidden
+@inlined
 def refine_sweep(
     task: Task,
     D: Array,
@@ -297,7 +297,7 @@ def refine_sweep(
     return count
 
 
-@hidden
+@inlined
 def goes_on(told: Array, halves: Array, a: int, b: int, l: int) -> bool:
     """Do answers of a lane at two values belong to one curve, as far as is seen: no limit lies between them?"""
     for row in range(ANGLES, UNDER):
@@ -306,7 +306,7 @@ def goes_on(told: Array, halves: Array, a: int, b: int, l: int) -> bool:
     return is_answer(told, b, l)
 
 
-@hidden
+@inlined
 def step_length(told: Array, values: Array, a: int, b: int, l: int) -> float:
     """Distance of the answers of a lane at two values [rad], the joint in front included."""
     total = (values[b] - values[a]) * (values[b] - values[a])
@@ -316,7 +316,7 @@ def step_length(told: Array, values: Array, a: int, b: int, l: int) -> float:
     return math.sqrt(total)
 
 
-@hidden
+@inlined
 def write_answer(task: Task, value: float, told: Array, k: int, l: int, q: Array) -> None:
     """Write the joint values of a lane at value k, (n,)."""
     dof = len(q)
@@ -327,7 +327,7 @@ def write_answer(task: Task, value: float, told: Array, k: int, l: int, q: Array
             q[i] = 0.5 * (task.chain.lower[i] + task.chain.upper[i]) + told[k, ANGLES + row, l]
 
 
-@hidden
+@inlined
 def take_along(
     task: Task,
     values: Array,
@@ -371,7 +371,7 @@ def take_along(
     return many, total
 
 
-@hidden
+@inlined
 def answers_among(told: Array, count: int) -> int:
     """How many answers there are at all values."""
     many = 0
@@ -381,7 +381,7 @@ def answers_among(told: Array, count: int) -> int:
     return many
 
 
-@hidden
+@inlined
 def swept_starts(
     task: Task,
     desk: Desk,

@@ -16,7 +16,7 @@ from kinseek.kernels.arm.division import nearest_copy
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.task import task_of
-from kinseek.kernels.jit import called, hidden
+from kinseek.kernels.jit import inlined, noinline
 from kinseek.kernels.structure.candidates import displacement
 
 from .watched import APART, AXIS, BEGIN, LANE_ROWS, OTHER, PLACES, SAMPLES, SEARCHED, between, complete, watch
@@ -47,7 +47,7 @@ MANY, TWINS, UNSURE = range(3)
 answers that no start leads to, else 0."""
 
 
-@hidden
+@inlined
 def crossing(y0: float, y1: float, y2: float, y3: float) -> float:
     """Where between 1 and 2 a cubic through values at 0, 1, 2 and 3 is nought, its sign being different there."""
     low, high, at_low = 1.0, 2.0, y1
@@ -67,7 +67,7 @@ def crossing(y0: float, y1: float, y2: float, y3: float) -> float:
     return x
 
 
-@hidden
+@inlined
 def segment(kind: int, row: int, begin: float, end: float, segments: Array, count: int) -> int:
     """Note a place to look at; return how many there are."""
     if count < SEGMENTS:
@@ -75,7 +75,7 @@ def segment(kind: int, row: int, begin: float, end: float, segments: Array, coun
     return count + 1
 
 
-@hidden
+@inlined
 def find_places(S: Array, seen: Array, covered: Array, segments: Array) -> int:
     """Find where branches end, or an equation comes close to having one answer; return how many places there are.
 
@@ -138,7 +138,7 @@ def find_places(S: Array, seen: Array, covered: Array, segments: Array) -> int:
     return count
 
 
-@hidden
+@inlined
 def root(value: float, branch: int, roots: Array, count: int) -> int:
     """Note a root; return how many there are."""
     if count < ROOTS:
@@ -150,7 +150,7 @@ def root(value: float, branch: int, roots: Array, count: int) -> int:
     return count + 1
 
 
-@hidden
+@inlined
 def find_roots(
     S: Array, seen: Array, covered: Array, segments: Array, places: int, roots: Array
 ) -> tuple[int, int, int]:
@@ -187,7 +187,7 @@ def find_roots(
     return count, places, flat
 
 
-@hidden
+@inlined
 def turns_back(a: float, b: float, c: float) -> bool:
     """Does a number come close to nought at the second of three samples, and turn back?"""
     sign = 1.0 if b > 0.0 else -1.0
@@ -196,7 +196,7 @@ def turns_back(a: float, b: float, c: float) -> bool:
     return close
 
 
-@hidden
+@inlined
 def look_closely(
     S: Array, close: Array, segments: Array, places: int, roots: Array, count: int
 ) -> tuple[int, int]:
@@ -248,7 +248,7 @@ def look_closely(
     return count, dips
 
 
-@called
+@noinline
 def searched_starts(
     handle: Indices, wanted: Array, S: Array, table: Array, target: Array, seeds: Array, told: Indices, w: int
 ) -> None:

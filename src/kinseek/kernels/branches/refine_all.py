@@ -17,7 +17,7 @@ from kinseek.kernels.atlas.samples import complete_seed
 from kinseek.kernels.atlas.seeds import MARGIN, into_limits
 from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR, Task, task_of
 from kinseek.kernels.atlas.tree import nearest
-from kinseek.kernels.jit import hidden, kernel
+from kinseek.kernels.jit import inlined, kernel
 
 CENTRE, SCALE, RATES = range(3)
 """Rows of a view: where the answers are seen from, the weight of each joint, and one over 2π for each that has the same
@@ -70,7 +70,7 @@ NEAR, HEADING, WITHIN_SIGHT = 0.1, 0.5, 0.6
 """A start ends this close to a known answer, or within sight of it if the last step halved the distance."""
 
 
-@hidden
+@inlined
 def joint_gap(a: float, b: float, rate: float) -> float:
     """Difference of two joint values, the short way round where `rate` is one over 2π and not 0."""
     gap: float = a - b
@@ -78,7 +78,7 @@ def joint_gap(a: float, b: float, rate: float) -> float:
     return gap
 
 
-@hidden
+@inlined
 def squared_gap(rates: Array, rows: Array, row: int, q: Array) -> float:
     """Squared distance between a row of joint values and q, modulo full turns."""
     total = 0.0
@@ -88,7 +88,7 @@ def squared_gap(rates: Array, rows: Array, row: int, q: Array) -> float:
     return total
 
 
-@hidden
+@inlined
 def match(
     task: Task,
     desk: Desk,
@@ -129,7 +129,7 @@ def match(
     return -1
 
 
-@hidden
+@inlined
 def head_for_known(lanes: Lanes, rates: Array, rows: Array, count: int, heading: Array, w: int) -> None:
     """Which lanes are at one of the first `count` rows, or were brought much closer to one by their last step?
 
@@ -255,7 +255,7 @@ def refine_all(
     return count
 
 
-@hidden
+@inlined
 def starts(
     task: Task,
     desk: Desk,
@@ -275,7 +275,7 @@ def starts(
     return many
 
 
-@hidden
+@inlined
 def sorted_rows(
     task: Task, desk: Desk, target: Array, rows: Array, count: int, centre: Array, scale: Array, result: Array
 ) -> int:

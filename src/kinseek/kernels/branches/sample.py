@@ -13,7 +13,7 @@ from kinseek.kernels.atlas.one_goal import solve_pose
 from kinseek.kernels.atlas.samples import coordinates
 from kinseek.kernels.atlas.seeds import kick, restart, see
 from kinseek.kernels.atlas.task import EVALUATIONS, task_of
-from kinseek.kernels.jit import called, hidden
+from kinseek.kernels.jit import inlined, noinline
 from kinseek.kernels.structure.candidates import SWEPT, WORK
 
 from . import curves
@@ -42,7 +42,7 @@ CURVES = 128
 """Room for so many starts more, one or two of each curve."""
 
 
-@called
+@noinline
 def sample_branches(
     handle: Indices, wanted: Array, target: Array, view: Array, number: int, result: Array, w: int
 ) -> int:
@@ -149,7 +149,7 @@ def sample_branches(
     return kept + 1
 
 
-@hidden
+@inlined
 def spread(
     rates: Array, rows: Array, count: int, must: int, columns: Array, chosen: Array, distance: Array
 ) -> int:

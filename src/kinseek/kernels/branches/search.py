@@ -41,7 +41,7 @@ from kinseek.kernels.atlas.task import (
     task_of,
 )
 from kinseek.kernels.entry import F64, I64
-from kinseek.kernels.jit import called, entry, hidden
+from kinseek.kernels.jit import entry, inlined, noinline
 from kinseek.kernels.structure.candidates import DEVIATION, KIND, LOOSE, NUMBERS, PARALLEL, ROUNDING, WORK
 from kinseek.kernels.structure.closed import FOLDED, LOST, SURE, TOLD, TRIED, UNSURE, closed_starts, serves
 
@@ -110,7 +110,7 @@ having one answer: by so much the lean is another as well, but never more than t
 the target leave open shows by an odd number, by trial."""
 
 
-@hidden
+@inlined
 def may_hide(leans: float, folded: float) -> bool:
     """May answers hide that are near to none of poses around the target?
 
@@ -121,7 +121,7 @@ def may_hide(leans: float, folded: float) -> bool:
     return leans < LITTLE and (leans - HARDLY) * math.sqrt(folded) < ASIDE
 
 
-@hidden
+@inlined
 def in_doubt(task: Task, count: int) -> bool:
     """Is the number of answers suspicious: none, or odd where no joint has limits?"""
     full = True
@@ -130,7 +130,7 @@ def in_doubt(task: Task, count: int) -> bool:
     return count == 0 or (full and count % 2 == 1)
 
 
-@called
+@noinline
 def find_branches(
     handle: Indices,
     fine: Indices,

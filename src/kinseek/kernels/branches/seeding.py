@@ -21,7 +21,7 @@ from kinseek.kernels.atlas.seeds import MARGIN
 from kinseek.kernels.atlas.task import HANDLE, Task, plain_wanted, task_of
 from kinseek.kernels.atlas.tree import LEAF
 from kinseek.kernels.entry import F64, I64
-from kinseek.kernels.jit import entry, hidden
+from kinseek.kernels.jit import entry, inlined
 
 DAMPED = 0.03
 """Damping of the steps in the table, by trial on three arms: less overshoots, for the samples are far from the goal."""
@@ -116,7 +116,7 @@ def fill_steps(handle: Indices, steps: Array, w: int) -> None:
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
 
 
-@hidden
+@inlined
 def measure_samples(points: Array, point: Array, distance: Array) -> None:
     """Squared distances of all samples from a point.
 
@@ -136,7 +136,7 @@ def measure_samples(points: Array, point: Array, distance: Array) -> None:
                 distance[o + j] += gap * gap
 
 
-@hidden
+@inlined
 def radius(distance: Array, most: int) -> float:
     """A squared distance that about `most` samples are closer than, a tenth fewer or more; infinite if there are no more."""
     count, total = len(distance), 0.0
@@ -159,7 +159,7 @@ def radius(distance: Array, most: int) -> float:
     return square
 
 
-@hidden
+@inlined
 def sort_samples(distance: Array, low: float, high: float, most: int, apart: Indices, order: Indices) -> int:
     """Write the samples between two distances, nearest first; return how many, `most` at most.
 
@@ -192,7 +192,7 @@ def sort_samples(distance: Array, low: float, high: float, most: int, apart: Ind
     return min(found, most)
 
 
-@hidden
+@inlined
 def complete_eight(task: Task, K: Array, G: Array, order: Indices, begin: int, end: int, w: int) -> None:
     """Complete samples begin … begin + 7 of an order, or the last again, as `samples.complete_seed` does: one in each lane.
 
@@ -277,7 +277,7 @@ def complete_eight(task: Task, K: Array, G: Array, order: Indices, begin: int, e
         K[FIRST * W + l], K[FINAL * W + l], K[BEYOND * W + l] = first, final, beyond
 
 
-@hidden
+@inlined
 def answer(row: Array, K: Array, l: int, i: int) -> float:
     """How far joint i moves for what is left of the pose in a lane, by the table's numbers for a sample, (6, LANES)."""
     W = LANES
@@ -286,7 +286,7 @@ def answer(row: Array, K: Array, l: int, i: int) -> float:
     return value
 
 
-@hidden
+@inlined
 def step_ahead(task: Task, K: Array, l: int, sample: int, steps: Array, move: Array, q: Array) -> None:
     """Write the start in a lane of `complete_eight`, a step nearer by the table, into q, (n,); `move` is memory."""
     row, last = steps[sample], len(q) - 1
@@ -302,7 +302,7 @@ def step_ahead(task: Task, K: Array, l: int, sample: int, steps: Array, move: Ar
         q[i] = min(max(q[i] + move[i] * far, task.lower[i]), task.upper[i])
 
 
-@hidden
+@inlined
 def is_alike(known: Array, kept: int, rates: Array, q: Array) -> bool:
     """Is a start, (n,), closer than `APART` to one of those kept, modulo full turns?
 
@@ -335,7 +335,7 @@ def is_alike(known: Array, kept: int, rates: Array, q: Array) -> bool:
     return close > 0
 
 
-@hidden
+@inlined
 def spread_starts(
     task: Task,
     desk: Desk,

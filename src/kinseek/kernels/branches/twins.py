@@ -19,7 +19,7 @@ from kinseek.kernels.atlas.lanes import (
 )
 from kinseek.kernels.atlas.memory import make_desk
 from kinseek.kernels.atlas.task import Task, task_of
-from kinseek.kernels.jit import hidden, kernel
+from kinseek.kernels.jit import inlined, kernel
 
 from .refine_all import CONTINUA, EQUAL, EVALUATED, WEAKEST, squared_gap
 
@@ -176,7 +176,7 @@ def twins(
     return many
 
 
-@hidden
+@inlined
 def images(
     task: Task,
     mirrors: Array,

@@ -12,7 +12,7 @@ import math
 
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.jit import hidden
+from kinseek.kernels.jit import inlined
 from kinseek.kernels.structure import candidates
 from kinseek.kernels.structure.candidates import H1, H6, P1, P2, P3, SENSE, SIZE, E, H, rotated
 from kinseek.kernels.structure.subproblems import angle, cross, dot, meet, spin, turned
@@ -50,7 +50,7 @@ LANE_ROWS = ROOM + 4
 """Rows of numbers that the lanes work on."""
 
 
-@hidden
+@inlined
 def seen_by(
     D: Array, x: float, y: float, z: float, tx: float, ty: float, tz: float
 ) -> tuple[float, float, float, float]:
@@ -63,7 +63,7 @@ def seen_by(
     )
 
 
-@hidden
+@inlined
 def triangle(
     g0: float, g1: float, m0: float, m1: float, u0: float, u1: float, square: float, per: float, least: float
 ) -> tuple[float, float, float]:
@@ -92,7 +92,7 @@ def triangle(
     return part * (u0 * along + u1 * beside), across * (u1 * along - u0 * beside), 0.25 * rest * per / square
 
 
-@hidden
+@inlined
 def watch(S: Array, D: Array, table: Array, many: int, seen: Array, work: Array, w: int) -> None:
     """Write what is watched, and the room of its equations, into seen, (8, many).
 
@@ -188,7 +188,7 @@ def watch(S: Array, D: Array, table: Array, many: int, seen: Array, work: Array,
                 seen[r, begin + l] = work[(VALUE + r) * W + l]
 
 
-@hidden
+@inlined
 def link(S: Array) -> tuple[float, float]:
     """From axis 2 to axis 3, across them."""
     sx, sy, sz = S[P3] - S[P2], S[P3 + 1] - S[P2 + 1], S[P3 + 2] - S[P2 + 2]
@@ -196,7 +196,7 @@ def link(S: Array) -> tuple[float, float]:
     return dot(S[E], S[E + 1], S[E + 2], sx, sy, sz), dot(fx, fy, fz, sx, sy, sz)
 
 
-@hidden
+@inlined
 def complete(S: Array, D: Array, table: Array, begin: int, roots: Array, work: Array, w: int) -> None:
     """Write six joint values of every lane into work, six rows, in the order 1, 2, 3, searched, other, last.
 
@@ -276,7 +276,7 @@ def complete(S: Array, D: Array, table: Array, begin: int, roots: Array, work: A
         work[3 * W + l], work[4 * W + l], work[5 * W + l] = value, other, last
 
 
-@hidden
+@inlined
 def between(S: Array, table: Array, value: float, rows: int, into: Array, place: int) -> None:
     """Write rows of the table at a value of the joint into a column of another, by cubics through four samples."""
     x = (value - S[BEGIN]) / S[APART]

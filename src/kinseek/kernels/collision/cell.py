@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from kinseek.kernels.arm.trigonometry import sine_cosine
 from kinseek.kernels.arrays import CHAIN_ROWS, Array, ChainArrays, Flags, Indices
-from kinseek.kernels.jit import hidden, view
+from kinseek.kernels.jit import array_view, inlined
 from kinseek.kernels.layout import DOF, JOINTS, Layout, Rows, floats, named, plain, whole
 
 LANES, BLOCK = 8, 16
@@ -188,7 +188,7 @@ STANDS, UNKNOWN = -1, -2
 """In `Here.known` and `Here.centred`: a part of the base is where it was; or nothing was worked out yet."""
 
 
-@hidden
+@inlined
 def memory_for(cell: Cell) -> int:
     """Numbers that `make_here` needs."""
     size: int = here_size(
@@ -202,7 +202,7 @@ def memory_for(cell: Cell) -> int:
     return size
 
 
-@view
+@array_view
 def make_here(cell: Cell, memory: Array) -> Here:
     """Lay it out in a memory; nothing is known yet but where the base is."""
     here: Here = lay_here(
@@ -226,7 +226,7 @@ def make_here(cell: Cell, memory: Array) -> Here:
     return here
 
 
-@hidden
+@inlined
 def load_lanes(q: Array, first: int, lanes: Array) -> None:
     """Eight q from row `first` on, (n, LANES); beyond the end the last one again."""
     for l in range(LANES):
@@ -235,7 +235,7 @@ def load_lanes(q: Array, first: int, lanes: Array) -> None:
             lanes[i, l] = q[k, i]
 
 
-@hidden
+@inlined
 def lanes_frames(chain: ChainArrays, here: Here, w: int) -> None:
     """Frames of all joints at the eight q.
 
@@ -271,13 +271,13 @@ def lanes_frames(chain: ChainArrays, here: Here, w: int) -> None:
             S[r] = T[r]
 
 
-@hidden
+@inlined
 def enter(here: Here, lane: int) -> None:
     """Go to the q of one lane; what stands stays known."""
     here.now[0], here.now[1] = lane, here.now[1] + 1
 
 
-@hidden
+@inlined
 def frame_of(here: Here, k: int) -> None:
     """Work out ``here.frame[k]``, if it is not known."""
     if k == 0 or here.framed[k] == here.now[1]:
@@ -288,7 +288,7 @@ def frame_of(here: Here, k: int) -> None:
         frame[r] = frames[r * LANES + lane]
 
 
-@hidden
+@inlined
 def centre(cell: Cell, here: Here, p: int) -> None:
     """Work out where the middle of a part's ball is, if that is not known."""
     k = cell.joint[p]
@@ -301,7 +301,7 @@ def centre(cell: Cell, here: Here, p: int) -> None:
         middle[r] = T[4 * r] * B[0] + T[4 * r + 1] * B[1] + T[4 * r + 2] * B[2] + T[4 * r + 3]
 
 
-@hidden
+@inlined
 def place(cell: Cell, here: Here, p: int) -> None:
     """Work out the way into a part's core, and its joint's frame, if that is not known."""
     k = cell.joint[p]

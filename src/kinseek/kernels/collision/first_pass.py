@@ -9,7 +9,7 @@ import numpy as np
 from kinseek.kernels.arm.forward import FAR
 from kinseek.kernels.arrays import Array, Flags, Indices
 from kinseek.kernels.entry import F64, FLAG, I64
-from kinseek.kernels.jit import entry, hidden
+from kinseek.kernels.jit import entry, inlined
 
 from .cell import (
     LANES,
@@ -38,7 +38,7 @@ from .gaps import (
 )
 
 
-@hidden
+@inlined
 def keep(memory: Array) -> None:
     """Use a memory for the last time: views by address do not hold it, and Numba gives back what is not used any more."""
     memory[0] = 0.0
@@ -47,7 +47,7 @@ def keep(memory: Array) -> None:
 PART_OF_TURN = 0.5 / math.pi
 
 
-@hidden
+@inlined
 def lanes_balls(cell: Cell, here: Here, moving: bool, w: int) -> None:
     """Middles of the balls of all groups that move, or of all that stand, at the eight q."""
     W = LANES
@@ -62,7 +62,7 @@ def lanes_balls(cell: Cell, here: Here, moving: bool, w: int) -> None:
                 B[r * W + l] = T[o + l] * x + T[o + W + l] * y + T[o + 2 * W + l] * z + T[o + 3 * W + l]
 
 
-@hidden
+@inlined
 def lanes_inside(cell: Cell, here: Here, w: int) -> bool:
     """Are all of the eight q inside the limits?"""
     outside = 0
@@ -73,7 +73,7 @@ def lanes_inside(cell: Cell, here: Here, w: int) -> bool:
     return outside == 0
 
 
-@hidden
+@inlined
 def lanes_near(cell: Cell, here: Here, least: float, w: int) -> None:
     """Note for each of the eight q which meetings have to be looked at: whose groups the balls do not show to be free."""
     inside = lanes_inside(cell, here, w)
@@ -118,7 +118,7 @@ def lanes_near(cell: Cell, here: Here, least: float, w: int) -> None:
             counts[l] += 1 if gaps[l] <= 0.0 else 0
 
 
-@hidden
+@inlined
 def look_up(cell: Cell, here: Here, m: int, least: float, w: int) -> None:
     """Mark in `Here.gaps` where the chart of a meeting tells enough, and in `Here.hits` where it tells that groups touch."""
     axes, chart, gaps, hits = cell.chart_axes[cell.chart_of[m]], cell.chart, here.gaps, here.hits
@@ -135,7 +135,7 @@ def look_up(cell: Cell, here: Here, m: int, least: float, w: int) -> None:
         hits[l] = 1 if bound < 0.0 else hits[l]
 
 
-@hidden
+@inlined
 def look_closer(cell: Cell, here: Here, m: int) -> float:
     """What the chart of a meeting tells of the q that is looked at, down to the smallest part of its cell."""
     axes, chart, below, l = cell.chart_axes[cell.chart_of[m]], cell.chart, cell.below, here.now[0]
@@ -161,7 +161,7 @@ def look_closer(cell: Cell, here: Here, m: int) -> float:
     return bound
 
 
-@hidden
+@inlined
 def glance_at_meeting(cell: Cell, here: Here, m: int, clearance: float, least: float, left: int) -> int:
     """Add pairs of two groups that are left to be decided to so many others, and count all; -1 where some touch."""
     if cell.chart_of[m] >= 0:
@@ -190,7 +190,7 @@ def glance_at_meeting(cell: Cell, here: Here, m: int, clearance: float, least: f
     return left
 
 
-@hidden
+@inlined
 def settle_left(
     cell: Cell, here: Here, left: int, clearance: float, least: float, steps: int, doubts: Flags
 ) -> int:
@@ -209,7 +209,7 @@ def settle_left(
     return verdict
 
 
-@hidden
+@inlined
 def is_far(q: Array) -> bool:
     """Is a joint value beyond those at which the quick sine is good to the last bits, or no number?"""
     far = False
@@ -218,7 +218,7 @@ def is_far(q: Array) -> bool:
     return far
 
 
-@hidden
+@inlined
 def is_number(q: Array) -> bool:
     """Is every joint value finite?"""
     finite = True

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.jit import hidden
+from kinseek.kernels.jit import inlined
 
 from .cell import Cell, Here, centre, frame_of, place
 
@@ -24,7 +24,7 @@ WHOLE = 1.5 * 2.0**52
 """Added to a number below 2^51 it leaves a whole one in the last bits."""
 
 
-@hidden
+@inlined
 def way_into(cell: Cell, here: Here, a: int, b: int) -> None:
     """The way from the joint's frame that carries a into the core of b, (12,), into ``here.spot``."""
     frame_of(here, cell.joint[a])
@@ -37,7 +37,7 @@ def way_into(cell: Cell, here: Here, a: int, b: int) -> None:
         spot[r + 3] += i3
 
 
-@hidden
+@inlined
 def near_core(spheres: Array, way: Array, half: Array, least: float) -> int:
     """How many of some spheres, (4, s), are not farther than `least` from a core; counted, which lanes do side by side."""
     a0, a1, a2, a3, b0, b1, b2, b3 = way[0], way[1], way[2], way[3], way[4], way[5], way[6], way[7]
@@ -52,7 +52,7 @@ def near_core(spheres: Array, way: Array, half: Array, least: float) -> int:
     return count
 
 
-@hidden
+@inlined
 def gap_to_core(spheres: Array, way: Array, half: Array) -> float:
     """The nearest of some spheres, (4, s), to a core: distance less radius."""
     a0, a1, a2, a3, b0, b1, b2, b3 = way[0], way[1], way[2], way[3], way[4], way[5], way[6], way[7]
@@ -67,7 +67,7 @@ def gap_to_core(spheres: Array, way: Array, half: Array) -> float:
     return least
 
 
-@hidden
+@inlined
 def ball_gap(cell: Cell, here: Here, a: int, b: int) -> float:
     """Distance of the balls around two parts."""
     centre(cell, here, a)
@@ -78,7 +78,7 @@ def ball_gap(cell: Cell, here: Here, a: int, b: int) -> float:
     return gap
 
 
-@hidden
+@inlined
 def gap_below(cell: Cell, here: Here, a: int, b: int) -> float:
     """No two points of two parts are closer than this, by the same."""
     way_into(cell, here, a, b)
@@ -88,7 +88,7 @@ def gap_below(cell: Cell, here: Here, a: int, b: int) -> float:
     return max(one, other)
 
 
-@hidden
+@inlined
 def depth_below(cell: Cell, here: Here, a: int, b: int) -> float:
     """So far at least two parts have to move to be free of each other, by spheres inside both; below 0 it says nothing."""
     frame_of(here, cell.joint[a])
@@ -111,7 +111,7 @@ def depth_below(cell: Cell, here: Here, a: int, b: int) -> float:
     return depth
 
 
-@hidden
+@inlined
 def farthest(cell: Cell, here: Here, p: int, x: float, y: float, z: float, at: int) -> None:
     """The corner of a part that lies farthest in a direction, in the base, into ``here.spot[at : at + 3]``."""
     if cell.exact[p]:
@@ -151,7 +151,7 @@ def farthest(cell: Cell, here: Here, p: int, x: float, y: float, z: float, at: i
     here.spot[at + 2] = T[8] * cx + T[9] * cy + T[10] * cz + T[11]
 
 
-@hidden
+@inlined
 def lean(S: Array, share: Array, i: int, j: int, k: int) -> float:
     """The point of a triangle nearest to the origin, as shares of corners; its squared distance (Ericson 2005, 5.1.5)."""
     ax, ay, az = S[i, 0], S[i, 1], S[i, 2]
@@ -189,7 +189,7 @@ def lean(S: Array, share: Array, i: int, j: int, k: int) -> float:
     return square
 
 
-@hidden
+@inlined
 def turned(S: Array, i: int, j: int, k: int) -> float:
     """Six times the volume between a triangle and the origin, with its sign."""
     x = S[j, 1] * S[k, 2] - S[j, 2] * S[k, 1]
@@ -199,7 +199,7 @@ def turned(S: Array, i: int, j: int, k: int) -> float:
     return volume
 
 
-@hidden
+@inlined
 def nearest_mixture(here: Here, count: int) -> int:
     """The mixture of so many corners that is nearest to the origin, into ``here.spot[6:9]``; the others are dropped.
 
@@ -243,7 +243,7 @@ def nearest_mixture(here: Here, count: int) -> int:
     return kept
 
 
-@hidden
+@inlined
 def first_look(cell: Cell, here: Here, a: int, b: int) -> None:
     """Where to look for a plane first, into ``here.spot[6:9]``: from b's core to the nearest of a few spheres around a."""
     way_into(cell, here, a, b)
@@ -264,7 +264,7 @@ def first_look(cell: Cell, here: Here, a: int, b: int) -> None:
         spot[6 + r] = into[r] * x + into[4 + r] * y + into[8 + r] * z
 
 
-@hidden
+@inlined
 def straddle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float, steps: int) -> int:
     """Look for a plane between two parts, or for a point in both: each verdict is a proof, and there may be none.
 
@@ -322,7 +322,7 @@ def straddle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float,
     return verdict
 
 
-@hidden
+@inlined
 def glance(cell: Cell, here: Here, a: int, b: int, least: float, touch: float) -> int:
     """Are two parts farther apart than `least`, nearer than `touch`, or in doubt, by spheres and cores alone?"""
     # A few spheres around one part and the core of the other; spheres inside it, where the core is the very part.
@@ -341,7 +341,7 @@ def glance(cell: Cell, here: Here, a: int, b: int, least: float, touch: float) -
     return DOUBT
 
 
-@hidden
+@inlined
 def settle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float, steps: int) -> int:
     """The same by planes between them, or points in both."""
     i, j = cell.within[a], cell.within[b]

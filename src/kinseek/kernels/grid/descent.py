@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from kinseek.kernels.arrays import CHAIN, GOAL, Array, ChainArrays, GoalArrays, Indices
 from kinseek.kernels.entry import F64, FLAG, I64, Bundle
-from kinseek.kernels.jit import entry, exact, inner, view
+from kinseek.kernels.jit import array_view, entry, exact, inlined_with_wrapper
 
 from .memory import Beam, Scratch, Window, make_bench
 from .window import EARLY, PAUSED, WHOLE, clear, nodes_until, offer, search_part, window_nodes
@@ -78,7 +78,7 @@ def node_value(grid: Grid, d: int, node: int) -> float:
     return value
 
 
-@inner
+@inlined_with_wrapper
 def first_window(grid: Grid, first: Indices, counts: Indices, window: Window) -> None:
     """Take the nodes of the first pass as they are planned."""
     for d in range(len(counts)):
@@ -88,7 +88,7 @@ def first_window(grid: Grid, first: Indices, counts: Indices, window: Window) ->
             window.values[d, i] = node_value(grid, d, first[d, i])
 
 
-@inner
+@inlined_with_wrapper
 def later_window(
     grid: Grid, centre: Indices, spacing: int, counts: Indices, clips: bool, window: Window
 ) -> None:
@@ -203,7 +203,7 @@ def descend(
     return done
 
 
-@inner
+@inlined_with_wrapper
 def copy_best(beam: Beam, least: float, q: Array) -> float:
     """Write the best leaf of a beam into q, (n,), if its error is less than `least`; return what is least now."""
     for k in range(len(beam.errors)):
@@ -214,7 +214,7 @@ def copy_best(beam: Beam, least: float, q: Array) -> float:
     return least
 
 
-@view
+@array_view
 def go_on(
     chain: ChainArrays,
     goal: GoalArrays,
@@ -287,7 +287,7 @@ def go_on(
     return True
 
 
-@inner
+@inlined_with_wrapper
 def keep_best(cells: Beam, beam: Beam) -> None:
     """Start a pass with the best so far, which is also a node of its own window."""
     clear(beam)

@@ -8,7 +8,7 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.entry import F64, I64, Bundle
-from kinseek.kernels.jit import view
+from kinseek.kernels.jit import array_view
 from kinseek.kernels.layout import DOF, Layout, floats, named, plain, whole
 
 MOST_LANES = 8000
@@ -137,7 +137,7 @@ def memory_size(dof: int, most: int, cells: int, children: int) -> int:
     return LINE // 8 + LAYOUT.count.of(dof=dof, most=most, cells=cells, children=children)
 
 
-@view
+@array_view
 def make_bench(memory: Array, dof: int, most: int, cells: int, children: int) -> Bench:
     """Lay a bench out in a memory of `memory_size` numbers."""
     address = (memory.ctypes.data + LINE - 1) // LINE * LINE

@@ -13,12 +13,12 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array, Flags
 from kinseek.kernels.entry import F64, FLAG
-from kinseek.kernels.jit import entry, inner, kernel
+from kinseek.kernels.jit import entry, inlined_with_wrapper, kernel
 
 TURN = 2.0 * math.pi
 
 
-@inner
+@inlined_with_wrapper
 def coefficients(f0: float, f1: float, f2: float, slide: float) -> tuple[float, float, float]:
     """Fit the error along one joint.
 
@@ -34,7 +34,7 @@ def coefficients(f0: float, f1: float, f2: float, slide: float) -> tuple[float, 
     return a, f0 - a, (f1 - f2) / math.sqrt(3.0)
 
 
-@inner
+@inlined_with_wrapper
 def value_at(a: float, b: float, c: float, delta: float, revolute: bool) -> float:
     """Evaluate the fit."""
     if revolute:
@@ -61,7 +61,7 @@ def minimiser(a: float, b: float, c: float, low: float, high: float, revolute: b
     return high
 
 
-@inner
+@inlined_with_wrapper
 def basis(delta: float, revolute: bool, phi: Array) -> None:
     """Write (1, cos δ, sin δ) or (1, δ, δ²) into phi, (3,)."""
     phi[0] = 1.0

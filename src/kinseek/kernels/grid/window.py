@@ -23,7 +23,7 @@ import numpy as np
 from kinseek.kernels.arm.forward import advance, advance_segment, copy_pose, identity
 from kinseek.kernels.arrays import CHAIN, GOAL, Array, ChainArrays, GoalArrays, Indices
 from kinseek.kernels.entry import F64, I64
-from kinseek.kernels.jit import entry, inner, kernel
+from kinseek.kernels.jit import entry, inlined_with_wrapper, kernel
 
 from .memory import MOST_LANES, TAKEN_BEAM, TAKEN_SCRATCH, TAKEN_WINDOW, Beam, Scratch, Window
 
@@ -37,14 +37,14 @@ WHOLE, EARLY, PAUSED = 0, 1, 2
 """How a part of a search ended: everything is searched; a stop or the budget ended it; there is more to do."""
 
 
-@inner
+@inlined_with_wrapper
 def clear(beam: Beam) -> None:
     """Empty a beam."""
     for k in range(len(beam.errors)):
         beam.errors[k] = np.inf
 
 
-@inner
+@inlined_with_wrapper
 def split_depth(chain: ChainArrays, counts: Indices) -> int:
     """Choose how many joints s form the prefix; the other n - s are tabulated.
 
@@ -102,7 +102,7 @@ def tabulate(chain: ChainArrays, window: Window, s: int, scratch: Scratch) -> in
         path[d] += 1
 
 
-@inner
+@inlined_with_wrapper
 def lane_errors(P: Array, goal: GoalArrays, lanes: Array, count: int, errors: Array) -> float:
     """Write the weighted error of every tabulated leaf below the prefix pose P; return the smallest."""
     G = goal.target
@@ -128,7 +128,7 @@ def lane_errors(P: Array, goal: GoalArrays, lanes: Array, count: int, errors: Ar
     return smallest
 
 
-@inner
+@inlined_with_wrapper
 def offer(beam: Beam, error: float, nodes: Indices, q: Array) -> float:
     """Put a leaf into the beam unless it is there already; return the error to beat from now on."""
     worst, twin = 0, False
@@ -145,7 +145,7 @@ def offer(beam: Beam, error: float, nodes: Indices, q: Array) -> float:
     return worst_error(beam)
 
 
-@inner
+@inlined_with_wrapper
 def worst_error(beam: Beam) -> float:
     """Return the error a leaf must beat to enter a beam."""
     worst: float = beam.errors[0]
@@ -154,7 +154,7 @@ def worst_error(beam: Beam) -> float:
     return worst
 
 
-@inner
+@inlined_with_wrapper
 def same_nodes(beam: Beam, k: int, nodes: Indices) -> bool:
     """Return whether place k of a beam holds these nodes."""
     same = True
@@ -163,7 +163,7 @@ def same_nodes(beam: Beam, k: int, nodes: Indices) -> bool:
     return same
 
 
-@inner
+@inlined_with_wrapper
 def choose_lane(window: Window, s: int, lane: int, scratch: Scratch, nodes: Indices) -> None:
     """Write the leaf that a lane stands for below the current prefix: nodes and, in scratch.q, values."""
     for d in range(len(window.counts)):
@@ -176,7 +176,7 @@ def choose_lane(window: Window, s: int, lane: int, scratch: Scratch, nodes: Indi
         scratch.q[d] = window.values[d, value]
 
 
-@inner
+@inlined_with_wrapper
 def nodes_until(counts: Indices, leaf: int) -> int:
     """Nodes that a depth-first search has expanded once it comes to leaf number `leaf`, itself included."""
     total, below = 0, 1
@@ -310,7 +310,7 @@ def search_window(
     return leaves, ended != WHOLE
 
 
-@inner
+@inlined_with_wrapper
 def window_nodes(counts: Indices) -> int:
     """Nodes of the full tree over a window: Σ_d Π_{i ≤ d} counts_i, Eq. 1 of the paper where all are B."""
     total, level = 0, 1

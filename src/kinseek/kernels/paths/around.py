@@ -17,7 +17,7 @@ import numpy as np
 
 from kinseek.kernels.arrays import CHAIN, Array, ChainArrays, Flags
 from kinseek.kernels.entry import F64, FLAG
-from kinseek.kernels.jit import entry, hidden
+from kinseek.kernels.jit import entry, inlined
 from kinseek.kernels.proof.taylor import rests
 
 from .motion import COUNT, MARGIN, MARGIN_A, Motion, lead, make_motion
@@ -27,7 +27,7 @@ GOAL = 2
 """The hand and its goal are compared behind the two joints that stand still: so no joint moves the goal, nor t with it."""
 
 
-@hidden
+@inlined
 def begin_around(motion: Motion, middle: int, position: float, angle: float) -> None:
     """Write v, and a, for goals that are moved by so much at most [m] and turned by so much [rad]."""
     form, desk, tube = motion.form, motion.desk, motion.tube

@@ -6,10 +6,10 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.entry import F64
-from kinseek.kernels.jit import entry, hidden
+from kinseek.kernels.jit import entry, inlined
 
 
-@hidden
+@inlined
 def invert(A: Array) -> None:
     """Invert a symmetric positive definite matrix, (n, n), in place (Gauss and Jordan, no pivots are needed)."""
     n = A.shape[0]

@@ -18,7 +18,7 @@ from kinseek.kernels.atlas.lanes import (
 from kinseek.kernels.atlas.memory import desk_size, make_desk
 from kinseek.kernels.atlas.task import HANDLE, WANTED, task_of
 from kinseek.kernels.entry import F64, I64
-from kinseek.kernels.jit import called, entry, hidden
+from kinseek.kernels.jit import entry, inlined, noinline
 
 from .programme import COPIED, ROOM, STRAIGHT
 from .settle import load_lane, settle
@@ -39,7 +39,7 @@ LEANING = 0.37
 """No coordinate of the direction whose part along the self-motion is taken is special."""
 
 
-@hidden
+@inlined
 def crowded(q: Array, rows: Array, count: int, turning: Indices, near: float) -> bool:
     """Is any of the first rows, full turns left out, as near as that in every joint?"""
     for k in range(count):
@@ -57,7 +57,7 @@ def crowded(q: Array, rows: Array, count: int, turning: Indices, near: float) ->
     return False
 
 
-@hidden
+@inlined
 def into_first_turn(q: Array, lower: Array, upper: Array, turning: Indices) -> bool:
     """Bring values of joints with copies into the first turn of their range; do all lie inside their limits then?"""
     inside = True
@@ -70,7 +70,7 @@ def into_first_turn(q: Array, lower: Array, upper: Array, turning: Indices) -> b
     return inside
 
 
-@hidden
+@inlined
 def joined(
     one: Array, lower: Array, upper: Array, turning: Indices, apart: float, q: Array, count: int
 ) -> int:
@@ -84,7 +84,7 @@ def joined(
     return count + 1
 
 
-@hidden
+@inlined
 def sign_of(A: Array) -> float:
     """Sign of the determinant of a square matrix, (m, m), which is used up."""
     m, sign = len(A), 1.0
@@ -108,7 +108,7 @@ def sign_of(A: Array) -> float:
     return sign
 
 
-@called
+@noinline
 def along_lanes(
     handle: Indices, wanted: Array, memory: Array, q: Array, first: int, last: int, way: Array, w: int
 ) -> int:
@@ -351,7 +351,7 @@ def gather(
     return count
 
 
-@called
+@noinline
 def settled(
     handle: Indices,
     wanted: Array,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kinseek.kernels.arrays import Array, ChainArrays
-from kinseek.kernels.jit import hidden, view
+from kinseek.kernels.jit import array_view, inlined
 from kinseek.kernels.proof.box import Desk, Form, make_desk
 
 
@@ -77,7 +77,7 @@ LENGTH, MARGIN, MARGIN_A, COUNT = range(4)
 """Numbers of a motion: what a radian counts as [m]; margins for rounding, of the point [m] and of the columns; how many."""
 
 
-@view
+@array_view
 def make_motion(chain: ChainArrays, columns: int, begin: Array, hold: Array, numbers: Array) -> Motion:
     """Allocate the memory for the steps of one path; the first two joints are set by `lead`."""
     m, n = len(chain.leader), len(chain.lower)
@@ -118,7 +118,7 @@ def make_motion(chain: ChainArrays, columns: int, begin: Array, hold: Array, num
     )
 
 
-@hidden
+@inlined
 def frame_along(x: float, y: float, z: float, size: float, frame: Array) -> None:
     """Write axes whose third has the direction of a vector of length `size` into the rotation of `frame`, (3, 4)."""
     if size > 0.0:
@@ -139,7 +139,7 @@ def frame_along(x: float, y: float, z: float, size: float, frame: Array) -> None
     frame[0, 2], frame[1, 2], frame[2, 2] = x, y, z
 
 
-@hidden
+@inlined
 def lead(motion: Motion, chain: ChainArrays, target: Array, slide: Array, turn: Array) -> None:
     """Set the two joints that undo the hand's way from a target, (3, 4), by d [m] and w [rad], (3,) each, in the base."""
     form, goal = motion.form, motion.desk.goal
@@ -167,7 +167,7 @@ def lead(motion: Motion, chain: ChainArrays, target: Array, slide: Array, turn: 
             fixed[2, r, c] = along[0, r] * first[0, c] + along[1, r] * first[1, c] + along[2, r] * first[2, c]
 
 
-@hidden
+@inlined
 def across_by(motion: Motion, a: int, q: Array, s: float) -> float:
     """How far joint values are from where they are held at s, in one of the directions."""
     off = 0.0

@@ -12,7 +12,7 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array, Flags, Indices
 from kinseek.kernels.entry import F64, FLAG, I64
-from kinseek.kernels.jit import entry, hidden
+from kinseek.kernels.jit import entry, inlined
 
 STRAIGHT, COPIED, ENDLESS = range(3)
 """How a joint turns: no full turn is free; it has copies inside its limits; it has no limits."""
@@ -25,7 +25,7 @@ ROOM = 1e-9
 """By so much [rad or m] an answer may stand beyond a limit: it is brought back, and judged there."""
 
 
-@hidden
+@inlined
 def copies_of(value: float, low: float, high: float, turning: int) -> int:
     """How many full turns, from none on, leave a value inside its limits; values of COPIED joints begin at the lower one."""
     if turning == ENDLESS:
@@ -35,7 +35,7 @@ def copies_of(value: float, low: float, high: float, turning: int) -> int:
     return 1 + math.floor((high + ROOM - value) / (2.0 * math.pi)) if turning == COPIED else 1
 
 
-@hidden
+@inlined
 def moved_turns(
     digits: Indices, s: int, turns: Indices, room: Indices, b: int, turning: Indices, units: Indices
 ) -> int:

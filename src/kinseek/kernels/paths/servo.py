@@ -13,7 +13,7 @@ from kinseek.kernels.atlas.memory import Desk, desk_size, make_desk
 from kinseek.kernels.atlas.newton import settle as descend
 from kinseek.kernels.atlas.task import WANTED, Task, handle_at, lanes_of, task_of
 from kinseek.kernels.entry import F64, I64
-from kinseek.kernels.jit import called, entry, hidden
+from kinseek.kernels.jit import entry, inlined, noinline
 
 from .settle import load_lane, settle
 
@@ -41,7 +41,7 @@ INSIDE = 1e-12
 """Part of a joint's way within a period that is left unused, so that rounding never makes it too fast."""
 
 
-@hidden
+@inlined
 def go_nearer(task: Task, desk: Desk, target: Array, state: Array) -> None:
     """Walk down the weighted error from where the arm is, within what the joints may do in this period, into `desk.seed`.
 
@@ -59,7 +59,7 @@ def go_nearer(task: Task, desk: Desk, target: Array, state: Array) -> None:
     descend(task.chain, squares, True, NEAREST_STEPS, 0.0, state[LOW], state[HIGH], desk.seed)
 
 
-@called
+@noinline
 def one_period(
     address: int, wanted: Array, target: Array, memory: Array, state: Array
 ) -> tuple[float, float, int]:

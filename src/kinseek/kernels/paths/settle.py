@@ -19,13 +19,13 @@ from kinseek.kernels.atlas.lanes import (
 from kinseek.kernels.atlas.memory import Desk, desk_size, make_desk
 from kinseek.kernels.atlas.task import HANDLE, WANTED, task_of
 from kinseek.kernels.entry import F64, I64
-from kinseek.kernels.jit import called, entry, hidden
+from kinseek.kernels.jit import entry, inlined, noinline
 
 EXACT = 1e-18
 """Squared scaled error to converge to: far inside the tolerances, for what comes next starts from here."""
 
 
-@called
+@noinline
 def settle(
     handle: Indices, wanted: Array, memory: Array, lower: Array, upper: Array, steps: int, w: int
 ) -> int:
@@ -64,7 +64,7 @@ def settle(
     return made
 
 
-@hidden
+@inlined
 def load_lane(desk: Desk, lane: int, target: Array, q: Array) -> None:
     """Give one lane a target, (3, 4), and a start, (n,)."""
     for r in range(3):

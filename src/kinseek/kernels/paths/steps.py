@@ -8,7 +8,7 @@ import numpy as np
 
 from kinseek.kernels.arrays import CHAIN, Array, ChainArrays, Flags, Indices
 from kinseek.kernels.entry import F64, FLAG, I64
-from kinseek.kernels.jit import entry, hidden
+from kinseek.kernels.jit import entry, inlined
 from kinseek.kernels.proof.box import LEAST
 from kinseek.kernels.proof.box import place as place_arm
 
@@ -32,13 +32,13 @@ WITHIN = 1e-12
 """What is inside of a tube is so by this part of its width and by `LEAST` of the numbers: a thousand roundings."""
 
 
-@hidden
+@inlined
 def clearly_inside(off: float, half: float, value: float) -> bool:
     """Is ``off`` from the middle within half a tube's width, whatever rounding did to joint values as large as `value`?"""
     return off <= half * (1.0 - WITHIN) - 4.0 * LEAST * (1.0 + abs(value))
 
 
-@hidden
+@inlined
 def misses(motion: Motion, q: Array, s: float) -> tuple[float, float]:
     """How far the hand is from its way at joint values q: of the point [m] and of the columns, rounding included."""
     desk, form, n = motion.desk, motion.form, len(q)
@@ -56,7 +56,7 @@ def misses(motion: Motion, q: Array, s: float) -> tuple[float, float]:
     return math.sqrt(point) + motion.numbers[MARGIN], math.sqrt(column) + motion.numbers[MARGIN_A]
 
 
-@hidden
+@inlined
 def correct(motion: Motion, q: Array, s: float) -> None:
     """Bring joint values in the tube nearer to its branch, by a step of Newton's with the tube's M."""
     desk, tube, hold = motion.desk, motion.tube, motion.hold
@@ -72,7 +72,7 @@ def correct(motion: Motion, q: Array, s: float) -> None:
         q[i] = desk.c[i] - off
 
 
-@hidden
+@inlined
 def distance(
     motion: Motion, q: Array, s: float, miss_point: float, miss_column: float, rim: float
 ) -> tuple[float, float]:
@@ -109,7 +109,7 @@ def distance(
     return farthest, shifted
 
 
-@hidden
+@inlined
 def is_held(hold: Array, j: int) -> bool:
     """Is joint j by itself one of the directions in which the joints are held?"""
     for a in range(hold.shape[0]):
@@ -121,7 +121,7 @@ def is_held(hold: Array, j: int) -> bool:
     return False
 
 
-@hidden
+@inlined
 def room_at(motion: Motion, q: Array, shifted: float, lower: Array, upper: Array) -> bool:
     """Is all within `shifted` widths of the tube of joint values at a pose inside the limits, with joints to spare?
 
@@ -137,7 +137,7 @@ def room_at(motion: Motion, q: Array, shifted: float, lower: Array, upper: Array
     return True
 
 
-@hidden
+@inlined
 def room_between(motion: Motion, shifted: float) -> float:
     """How far so many widths of the tube reach, with joints to spare; else nothing."""
     widest = 0.0
@@ -146,7 +146,7 @@ def room_between(motion: Motion, shifted: float) -> float:
     return shifted * widest if motion.hold.shape[0] > 0 else 0.0
 
 
-@hidden
+@inlined
 def place_of(motion: Motion, h: float, lower: Array, upper: Array) -> int:
     """Where the branch in a tube over s within h of its centre is: INSIDE the limits, OUTSIDE at one end, or SOMEWHERE.
 
@@ -170,7 +170,7 @@ def place_of(motion: Motion, h: float, lower: Array, upper: Array) -> int:
     return place
 
 
-@hidden
+@inlined
 def prove_step(
     motion: Motion,
     lower: Array,

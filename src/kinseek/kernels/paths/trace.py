@@ -12,7 +12,7 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import desk_size, make_desk
 from kinseek.kernels.atlas.task import HANDLE, WANTED, task_of
 from kinseek.kernels.entry import F64, I64
-from kinseek.kernels.jit import called, entry, hidden
+from kinseek.kernels.jit import entry, inlined, noinline
 
 from .settle import load_lane, settle
 
@@ -30,7 +30,7 @@ ENDED, JOINED, TAKEN = 0, 1, 2
 piece of itself; it came to where another branch is that was there before, so that one of the two is lost."""
 
 
-@called
+@noinline
 def trace_lanes(
     handle: Indices,
     wanted: Array,
@@ -143,7 +143,7 @@ def trace(
     trace_lanes(handle, wanted, targets, begin, end, many, longest, q, ends, w)
 
 
-@hidden
+@inlined
 def same(q: Array, other: Array, turns: Indices) -> bool:
     """Are two rows of joint values, (n,), one answer?"""
     for d in range(len(q)):

@@ -29,7 +29,7 @@ from __future__ import annotations
 import math
 
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.jit import hidden
+from kinseek.kernels.jit import inlined
 from kinseek.kernels.proof.box import LEAST, Desk, Form, place
 from kinseek.kernels.proof.taylor import derivatives, differentiate, normal_matrix, rests
 
@@ -61,7 +61,7 @@ NARROWING = 3
 """How often the enclosure of the branch is made narrower. By trial more gain nothing."""
 
 
-@hidden
+@inlined
 def invert(A: Array) -> None:
     """Invert a symmetric positive definite matrix in place; where it is singular, what comes is finite and useless."""
     n = A.shape[0]
@@ -85,7 +85,7 @@ def invert(A: Array) -> None:
                 A[i, j] -= factor * A[k, j]
 
 
-@hidden
+@inlined
 def aim(motion: Motion) -> None:
     """Place the arm at the desk's centre, and write down M there and M f(c)."""
     form, desk, tube, hold = motion.form, motion.desk, motion.tube, motion.hold
@@ -130,7 +130,7 @@ def aim(motion: Motion) -> None:
         tube.point[row], tube.column[row] = math.sqrt(point), math.sqrt(column)
 
 
-@hidden
+@inlined
 def expand(motion: Motion, middle: int) -> None:
     """Write down what M makes of the derivatives at the centre where `aim` was, and the tangent."""
     form, desk, tube, hold = motion.form, motion.desk, motion.tube, motion.hold
@@ -155,7 +155,7 @@ def expand(motion: Motion, middle: int) -> None:
         tube.u[row] = -bent(tube, row, tube.t, tube.t)
 
 
-@hidden
+@inlined
 def bent(tube: Tube, row: int, x: Array, y: Array) -> float:
     """A row of M H x y."""
     total = 0.0
@@ -167,7 +167,7 @@ def bent(tube: Tube, row: int, x: Array, y: Array) -> float:
     return total
 
 
-@hidden
+@inlined
 def begin_tube(motion: Motion, middle: int, h: float) -> None:
     """Write a, how far N moves the middle of a tube over s within h of the centre."""
     form, desk, tube = motion.form, motion.desk, motion.tube
@@ -197,7 +197,7 @@ def begin_tube(motion: Motion, middle: int, h: float) -> None:
             tube.start[row] += abs(tube.across[row, a]) * motion.numbers[MARGIN]
 
 
-@hidden
+@inlined
 def gains(form: Form, desk: Desk, tube: Tube, middle: int) -> float:
     """Write ∂rest/∂δ of every physical joint within ``desk.half``; return how far hand or goal turn, at most [rad]."""
     m, most = len(form.leader), 0.0
@@ -227,7 +227,7 @@ def gains(form: Form, desk: Desk, tube: Tube, middle: int) -> float:
     return most
 
 
-@hidden
+@inlined
 def contract(motion: Motion, middle: int, half: Array, out: Array) -> float:
     """Write a + C ``half`` of a tube as wide as that into `out`; return how far hand or goal turn in it, at most [rad]."""
     form, desk, tube = motion.form, motion.desk, motion.tube
@@ -254,14 +254,14 @@ def contract(motion: Motion, middle: int, half: Array, out: Array) -> float:
     return turned
 
 
-@hidden
+@inlined
 def middle_at(tube: Tube, i: int, tau: float) -> float:
     """Where the middle of the tube is, of joint i at s = σ + τ."""
     value: float = tube.c[i] + tau * (tube.t[i] + 0.5 * tau * tube.u[i])
     return value
 
 
-@hidden
+@inlined
 def aim_at_answer(motion: Motion) -> bool:
     """Aim from the desk's centre, moved by one step to the answer beside it; is M good for a proof there?"""
     desk, tube = motion.desk, motion.tube
@@ -286,7 +286,7 @@ def aim_at_answer(motion: Motion) -> bool:
     return True
 
 
-@hidden
+@inlined
 def inflate(motion: Motion, middle: int, least: float) -> bool:
     """Look for a tube, no joint narrower than `least`, from what was written of its middle; is there one?
 
@@ -317,7 +317,7 @@ def inflate(motion: Motion, middle: int, least: float) -> bool:
     return True
 
 
-@hidden
+@inlined
 def find_tube(motion: Motion, middle: int, h: float, least: float) -> bool:
     """Look for a tube around the desk's centre over s within h of it, no joint narrower than `least`; is there one?
 

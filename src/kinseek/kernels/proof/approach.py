@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from kinseek.kernels.arm.division import TURN
 from kinseek.kernels.arrays import Array, ChainArrays
-from kinseek.kernels.jit import hidden, spliced
+from kinseek.kernels.jit import inlined, ir_inlined
 
 from .box import LEAST, Desk, Form, Wanted, place, turn_goal
 from .last_joint import Roll, complete, roll_fits
@@ -18,7 +18,7 @@ part of some 1e-9 a step at best, and three steps meet every tolerance. Twice as
 """
 
 
-@hidden
+@inlined
 def step(form: Form, wanted: Wanted, desk: Desk) -> None:
     """Write the Gauss-Newton step from the middle of the box to the goal into ``desk.delta``."""
     scale = 1.0 / (wanted.length * wanted.length + LEAST)
@@ -33,7 +33,7 @@ def step(form: Form, wanted: Wanted, desk: Desk) -> None:
     solve(desk.N, desk.D, desk.delta)
 
 
-@spliced
+@ir_inlined
 def approach(
     form: Form, wanted: Wanted, roll: Roll, chain: ChainArrays, steps: int, desk: Desk, q: Array
 ) -> None:

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 
 from kinseek.kernels.arm.division import SLIDE, TURN
-from kinseek.kernels.jit import hidden
+from kinseek.kernels.jit import inlined
 
 from .box import BELOW, Desk, Form, Wanted, motion, rounding, short_way, turning
 
@@ -39,7 +39,7 @@ WIDE = 0.3
 hardly larger than the cone. It decides what is tried, not what is proved."""
 
 
-@hidden
+@inlined
 def arc(rc: float, zc: float, rg: float, zg: float, rho: float) -> float:
     """How far a turn about z may miss, [rad], to bring a point at radius rc, height zc within `rho` of one at rg, zg.
 
@@ -54,7 +54,7 @@ def arc(rc: float, zc: float, rg: float, zg: float, rho: float) -> float:
     return 2.0 * math.asin(math.sqrt(left / full)) + OF_ANGLES
 
 
-@hidden
+@inlined
 def cut_arc(desk: Desk, i: int, middle: float, psi: float) -> bool:
     """Cut the range of variable i, which turns one joint, to the arc middle ± psi [rad]; say whether anything is left."""
     if psi >= math.pi:
@@ -74,7 +74,7 @@ def cut_arc(desk: Desk, i: int, middle: float, psi: float) -> bool:
     return True
 
 
-@hidden
+@inlined
 def least_error(wanted: Wanted, far: float, tilt: float, b: float) -> float:
     """Least weighted error with a point b [m] from the tip `far` away [m] and the last axis off by a chord of `tilt`.
 
@@ -89,13 +89,13 @@ def least_error(wanted: Wanted, far: float, tilt: float, b: float) -> float:
     return error
 
 
-@hidden
+@inlined
 def wide(form: Form, wanted: Wanted) -> bool:
     """Do the tolerances let the hand's one axis that counts lie in a wide cone about the goal's?"""
     return form.columns == 1 and wanted.angle > WIDE
 
 
-@hidden
+@inlined
 def lean_beyond(wanted: Wanted, turn: float) -> float:
     """How far an axis that a box turns by a chord of `turn` may be from the goal's at its centre, as a chord.
 
@@ -105,7 +105,7 @@ def lean_beyond(wanted: Wanted, turn: float) -> float:
     return 2.0 * math.sin(0.5 * min(angle, math.pi)) + wanted.margin_a
 
 
-@hidden
+@inlined
 def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
     """Compare azimuth, radius, height and last axis with the goal's; say whether anything of the box is left.
 

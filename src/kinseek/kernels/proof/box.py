@@ -15,7 +15,7 @@ from kinseek.kernels.arm.division import SLIDE, TURN
 from kinseek.kernels.arm.forward import advance, identity
 from kinseek.kernels.arrays import Array, Flags, Indices
 from kinseek.kernels.entry import F64, FLAG, I64, Bundle
-from kinseek.kernels.jit import hidden, view
+from kinseek.kernels.jit import array_view, inlined
 
 TINY = 1e-300
 """Keeps what may be zero out of a denominator; nothing that is measured is as small, so any value near it would do."""
@@ -190,7 +190,7 @@ class Desk(NamedTuple):
     """What is known of the box, by the module's constants `MISS_POINT` and following, (FOUND,)."""
 
 
-@view
+@array_view
 def make_desk(joints: int, dof: int) -> Desk:
     """Allocate the memory of one search."""
     return Desk(
@@ -219,7 +219,7 @@ def make_desk(joints: int, dof: int) -> Desk:
     )
 
 
-@hidden
+@inlined
 def place(form: Form, desk: Desk) -> None:
     """Axes and hand at the centre of the box, seen from the frame that the first joint moves where it is divided out."""
     T, m = desk.T, len(form.leader)
@@ -247,7 +247,7 @@ def place(form: Form, desk: Desk) -> None:
     advance(form.fixed[m], True, 0.0, T)
 
 
-@hidden
+@inlined
 def chord_of(angle: float) -> float:
     """An upper bound of 2 sin(angle/2) for angle ≥ 0, and 2 beyond π: its Taylor polynomial ends on a positive term.
 
@@ -260,7 +260,7 @@ def chord_of(angle: float) -> float:
     return min(angle * (1.0 - square * (1.0 / 24.0 - square / 1920.0)), 2.0)
 
 
-@hidden
+@inlined
 def widths(form: Form, desk: Desk) -> None:
     """Half widths and chords of the physical joints."""
     for k in range(len(form.leader)):
@@ -268,7 +268,7 @@ def widths(form: Form, desk: Desk) -> None:
         desk.chord[k] = desk.half[k] if form.prismatic[k] else chord_of(desk.half[k])
 
 
-@hidden
+@inlined
 def short_way(angle: float) -> float:
     """The same turn without whole ones, from -π to π [rad]."""
     turn = 2.0 * math.pi
@@ -276,7 +276,7 @@ def short_way(angle: float) -> float:
     return left
 
 
-@hidden
+@inlined
 def turned(form: Form, desk: Desk, count: int) -> float:
     """How far the first `count` joints turn what they carry, at most, each from the centre of the box [rad]."""
     total = 0.0
@@ -285,7 +285,7 @@ def turned(form: Form, desk: Desk, count: int) -> float:
     return total
 
 
-@hidden
+@inlined
 def turn_goal(form: Form, wanted: Wanted, desk: Desk) -> None:
     """The target as the frame after the first joint sees it, with that joint at the centre of its range."""
     goal, target = desk.goal, wanted.target
@@ -304,7 +304,7 @@ def turn_goal(form: Form, wanted: Wanted, desk: Desk) -> None:
         goal[2, 3] -= desk.c[0]
 
 
-@hidden
+@inlined
 def motion(form: Form, desk: Desk, begin: int, end: int, wx: float, wy: float, wz: float) -> float:
     """Largest motion of the point w by joints begin … end-1 within the box [m]; leaves their radii in the desk."""
     total = 0.0
@@ -324,7 +324,7 @@ def motion(form: Form, desk: Desk, begin: int, end: int, wx: float, wy: float, w
     return total
 
 
-@hidden
+@inlined
 def turning(form: Form, desk: Desk, begin: int, end: int, ax: float, ay: float, az: float) -> float:
     """Largest motion of the unit vector a by joints begin … end-1 within the box; leaves the sines in the desk."""
     total = 0.0
@@ -339,7 +339,7 @@ def turning(form: Form, desk: Desk, begin: int, end: int, ax: float, ay: float, 
     return total
 
 
-@hidden
+@inlined
 def widest(form: Form, wanted: Wanted, desk: Desk, head: float) -> int:
     """The variable whose range moves the hand most; a first joint that turns counts for `head`."""
     best, index = -1.0, 0
@@ -358,7 +358,7 @@ def widest(form: Form, wanted: Wanted, desk: Desk, head: float) -> int:
     return index
 
 
-@hidden
+@inlined
 def load_box(boxes: Array, row: int, desk: Desk) -> None:
     """Take a box from row `row` of the list."""
     dof = len(desk.c)
@@ -367,7 +367,7 @@ def load_box(boxes: Array, row: int, desk: Desk) -> None:
         desk.h[i] = boxes[row, dof + i]
 
 
-@hidden
+@inlined
 def store_box(boxes: Array, row: int, desk: Desk) -> None:
     """Write the box of the desk to row `row`."""
     dof = len(desk.c)
@@ -376,7 +376,7 @@ def store_box(boxes: Array, row: int, desk: Desk) -> None:
         boxes[row, dof + i] = desk.h[i]
 
 
-@hidden
+@inlined
 def rounding(centre: float, half: float) -> float:
     """By how much a half width grows where its box is moved or cut, so that rounding of either end loses nothing.
 
@@ -386,7 +386,7 @@ def rounding(centre: float, half: float) -> float:
     return LEAST * (1.0 + abs(centre) + half)
 
 
-@hidden
+@inlined
 def halve(desk: Desk, i: int, boxes: Array, first: int, second: int) -> None:
     """Cut the box in half along variable i, and write the halves to two rows; the desk keeps the middle."""
     centre, half = desk.c[i], 0.5 * desk.h[i]
@@ -398,7 +398,7 @@ def halve(desk: Desk, i: int, boxes: Array, first: int, second: int) -> None:
     desk.c[i] = centre
 
 
-@hidden
+@inlined
 def volume(desk: Desk) -> float:
     """Volume of the box."""
     product = 1.0

@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import math
 
-from kinseek.kernels.jit import hidden, spliced
+from kinseek.kernels.jit import inlined, ir_inlined
 
 from .box import TINY, Desk, Form, Wanted, place, turn_goal, widths
 from .form import ROUND, Rests, cut_box, size_of_point, weigh
 from .taylor import differentiate, downhill, normal_matrix, rests, solve, step_miss
 
 
-@hidden
+@inlined
 def steepness(form: Form, desk: Desk) -> None:
     """Write how fast each variable takes the hand's axis away from the goal's, as ``-a·g``, into ``desk.v``."""
     goal = desk.goal
@@ -31,7 +31,7 @@ def steepness(form: Form, desk: Desk) -> None:
         desk.v[form.leader[k]] -= form.multiplier[k] * slope
 
 
-@spliced
+@ir_inlined
 def separate_cone(form: Form, wanted: Wanted, desk: Desk, passes: int) -> bool:
     """Look for a form that lies between the box and the goal's point and cone; cut the box; is anything left?
 

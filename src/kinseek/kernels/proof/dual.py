@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from kinseek.kernels.jit import hidden
+from kinseek.kernels.jit import inlined
 
 from .box import TINY, Desk, Form, Wanted, turned
 from .taylor import normal_matrix, slope, solve, step_miss, weight_miss
@@ -30,7 +30,7 @@ BLUNT = 1e-3
 """Distance, in units of the ceiling, at which the length of v_p is rounded off: its direction jumps at zero. By trial."""
 
 
-@hidden
+@inlined
 def support(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> None:
     """Write the form of a nearly least step inside the box into ``desk.y``; the part for the point is at most K_P long.
 
@@ -76,7 +76,7 @@ def support(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> None:
             desk.delta[i] = min(max(desk.delta[i] + desk.g[i], -desk.h[i]), desk.h[i])
 
 
-@hidden
+@inlined
 def count_side(wanted: Wanted, desk: Desk) -> float:
     """Where a second column of the hand counts, add its part to the form's first column; what it adds to ``|v_c|²``.
 
@@ -94,7 +94,7 @@ def count_side(wanted: Wanted, desk: Desk) -> float:
     return added
 
 
-@hidden
+@inlined
 def side(wanted: Wanted, desk: Desk) -> tuple[float, float, float]:
     """The goal's second column that counts, where there is one; else zero."""
     a, b, goal = wanted.side_y, wanted.side_z, desk.goal
@@ -105,7 +105,7 @@ def side(wanted: Wanted, desk: Desk) -> tuple[float, float, float]:
     )
 
 
-@hidden
+@inlined
 def gain_of_side(form: Form, wanted: Wanted, desk: Desk, middle: int) -> float:
     """What a second column that counts adds to the bound: its value; its slope goes to ``desk.g``.
 

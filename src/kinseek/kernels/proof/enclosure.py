@@ -5,7 +5,7 @@ from __future__ import annotations
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import weighted_error
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.jit import hidden, spliced
+from kinseek.kernels.jit import inlined, ir_inlined
 
 from .box import BELOW, MIDDLE_ERROR, turn_goal, widths
 from .form import underestimate
@@ -18,7 +18,7 @@ FINE = 1.2
 By trial: 2.5 % more boxes with twice as much."""
 
 
-@hidden
+@inlined
 def sift_up(heap: Array, order: Indices, at: int) -> None:
     """Bring the entry at `at` up to its place; `heap` holds the bound of each row, `order` the rows."""
     while at > 0:
@@ -29,7 +29,7 @@ def sift_up(heap: Array, order: Indices, at: int) -> None:
         at = parent
 
 
-@hidden
+@inlined
 def sift_down(heap: Array, order: Indices, size: int) -> None:
     """Bring the entry at the top down to its place."""
     at = 0
@@ -45,7 +45,7 @@ def sift_down(heap: Array, order: Indices, size: int) -> None:
         at = child
 
 
-@hidden
+@inlined
 def start_heap(question: Question, tuning: Tuning, memory: Memory, T: Array, least: float) -> None:
     """Put the first boxes in order, none with a bound below `least`, and judge the joint values known."""
     heap, counts = memory.heap, memory.counts
@@ -57,13 +57,13 @@ def start_heap(question: Question, tuning: Tuning, memory: Memory, T: Array, lea
     improve(weighted_error(T, question.goal), tuning, memory.figures)
 
 
-@hidden
+@inlined
 def improve(error: float, tuning: Tuning, figures: Array) -> None:
     """Better joint values are known: fewer boxes count."""
     figures[UPPER], figures[CEILING] = error, (1.0 - tuning.gap) * error
 
 
-@spliced
+@ir_inlined
 def enclose(
     question: Question, tuning: Tuning, memory: Memory, scratch: Scratch, below: float
 ) -> tuple[bool, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.jit import kernel, spliced
+from kinseek.kernels.jit import ir_inlined, kernel
 
 from .bounds import first_order, wide
 from .box import (
@@ -30,7 +30,7 @@ STEPS = 8
 """So many: an answer that they do not come close to is not in the box. By trial: 0.5 % fewer boxes with twice as many."""
 
 
-@spliced
+@ir_inlined
 def exclude(form: Form, wanted: Wanted, roll: Roll, desk: Desk, passes: int) -> bool:
     """Cut off the box in hand what misses a tolerance, to second order; say whether anything of it is left."""
     kept = separate(form, wanted, desk, passes)

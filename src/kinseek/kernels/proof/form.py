@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kinseek.kernels.jit import hidden, spliced
+from kinseek.kernels.jit import inlined, ir_inlined
 
 from .box import (
     BELOW,
@@ -70,7 +70,7 @@ class Rests(NamedTuple):
     """Of the point that lies back along the first column [m]."""
 
 
-@hidden
+@inlined
 def expand(form: Form, wanted: Wanted, desk: Desk) -> Rests:
     """Write down what the hand misses at the centre of the box, and its derivatives; what they leave over.
 
@@ -98,7 +98,7 @@ def expand(form: Form, wanted: Wanted, desk: Desk) -> Rests:
     return Rests(middle, two_p, two_c, three_p, three_c, three_b)
 
 
-@spliced
+@ir_inlined
 def underestimate(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
     """Bound the weighted error from below by one form; cut the box where it excludes an end; say whether anything is left.
 
@@ -117,7 +117,7 @@ def underestimate(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> boo
     return True
 
 
-@spliced
+@ir_inlined
 def separate(form: Form, wanted: Wanted, desk: Desk, passes: int) -> bool:
     """Look for a form that lies between box and tolerances; cut the box where it excludes an end; is anything left?
 
@@ -156,7 +156,7 @@ def separate(form: Form, wanted: Wanted, desk: Desk, passes: int) -> bool:
     return True
 
 
-@hidden
+@inlined
 def weigh(form: Form, wanted: Wanted, desk: Desk, rest: Rests, slack_p: float, slack_c: float) -> float:
     """The least value that the form in ``desk.y`` has anywhere in the box, slacks taken off: of point and columns.
 
@@ -197,14 +197,14 @@ def weigh(form: Form, wanted: Wanted, desk: Desk, rest: Rests, slack_p: float, s
     return least_value
 
 
-@hidden
+@inlined
 def size_of_point(desk: Desk) -> float:
     """Length of the form's part for the point."""
     y = desk.y
     return math.sqrt(y[0, 3] * y[0, 3] + y[1, 3] * y[1, 3] + y[2, 3] * y[2, 3])
 
 
-@hidden
+@inlined
 def size_of_columns(form: Form, desk: Desk) -> float:
     """Length of the form's part for the columns."""
     total = 0.0
@@ -214,7 +214,7 @@ def size_of_columns(form: Form, desk: Desk) -> float:
     return math.sqrt(total)
 
 
-@hidden
+@inlined
 def curvature(desk: Desk) -> float:
     """A lower bound of ½ δᵀHδ in the box, by completing squares: those with a positive weight are dropped.
 
@@ -257,7 +257,7 @@ def curvature(desk: Desk) -> float:
     return 0.5 * best
 
 
-@hidden
+@inlined
 def least(g: float, H: float, h: float) -> float:
     """Least value of g δ + ½ H δ² for |δ| ≤ h."""
     if H * h > abs(g):
@@ -265,7 +265,7 @@ def least(g: float, H: float, h: float) -> float:
     return -abs(g) * h + 0.5 * H * h * h
 
 
-@hidden
+@inlined
 def cut_box(desk: Desk, spare: float) -> None:
     """Keep of every variable what can stay within `spare` above the least value of the separable polynomial."""
     dof = len(desk.c)

@@ -12,7 +12,7 @@ import math
 
 from kinseek.kernels.arrays import CHAIN, ChainArrays
 from kinseek.kernels.entry import F64
-from kinseek.kernels.jit import entry, hidden
+from kinseek.kernels.jit import entry, inlined
 
 from .box import FORM, WANTED, Form, Wanted
 
@@ -21,7 +21,7 @@ CROSSED = 1e-4
 so that rounding of its place stays within the margin."""
 
 
-@hidden
+@inlined
 def gate(form: Form, wanted: Wanted, chain: ChainArrays) -> tuple[bool, float]:
     """Can the hand be within both tolerances, as far as lengths and angles tell? And a lower bound of the weighted error."""
     far = max(out_of_annulus(form, wanted, chain, False), out_of_annulus(form, wanted, chain, True), 0.0)
@@ -45,7 +45,7 @@ def least_by_gate(form: Form, wanted: Wanted, chain: ChainArrays) -> float:
     return gate(form, wanted, chain)[1]
 
 
-@hidden
+@inlined
 def out_of_annulus(form: Form, wanted: Wanted, chain: ChainArrays, normals: bool) -> float:
     """How far the goal's point lies outside of what the lengths allow [m], negative inside.
 
@@ -81,7 +81,7 @@ def out_of_annulus(form: Form, wanted: Wanted, chain: ChainArrays, normals: bool
     return beyond
 
 
-@hidden
+@inlined
 def out_of_tilt(form: Form, wanted: Wanted, column: int) -> float:
     """How far a column of the goal is tilted beyond what the angles between the axes allow [rad], negative inside."""
     last = len(form.leader) - 1
@@ -110,7 +110,7 @@ def out_of_tilt(form: Form, wanted: Wanted, column: int) -> float:
     return beyond
 
 
-@hidden
+@inlined
 def outside(value: float, low: float, high: float, trust: float) -> float:
     """How far a value lies outside of an interval, negative inside; tests shrink the interval by `trust`."""
     middle, half = 0.5 * (low + high), 0.5 * (high - low) * trust

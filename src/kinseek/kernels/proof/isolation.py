@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.jit import hidden, spliced
+from kinseek.kernels.jit import inlined, ir_inlined
 
 from .approach import step
 from .box import Desk, Form, Wanted, rounding, short_way
@@ -46,7 +46,7 @@ CENTRING = 3
 squares that. A better centre makes the neighbourhood no larger."""
 
 
-@hidden
+@inlined
 def inside(desk: Desk, places: Places, begin: int, end: int, width: float) -> int:
     """Number of the first neighbourhood, of those from `begin` to `end`, that holds the box in hand, or -1.
 
@@ -66,7 +66,7 @@ def inside(desk: Desk, places: Places, begin: int, end: int, width: float) -> in
     return -1
 
 
-@spliced
+@ir_inlined
 def admit(
     form: Form,
     wanted: Wanted,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from kinseek.kernels.arm.division import TURN, nearest_copy
 from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.entry import F64, FLAG, Bundle
-from kinseek.kernels.jit import hidden
+from kinseek.kernels.jit import inlined
 
 from .bounds import OF_ANGLES, cut_arc
 from .box import BEST_ROLL, Desk, Form, Wanted, place, short_way, turn_goal, turned, widths
@@ -28,7 +28,7 @@ class Roll(NamedTuple):
 ROLL = Bundle(Roll, present=FLAG, lower=F64, upper=F64, weight=F64)
 
 
-@hidden
+@inlined
 def best_twist(desk: Desk) -> tuple[float, float]:
     """The turn of the last joint that brings the other columns nearest to the goal's [rad]; cosine of the axis' tilt.
 
@@ -45,7 +45,7 @@ def best_twist(desk: Desk) -> tuple[float, float]:
     return math.atan2(m10 - m01, m00 + m11), dot
 
 
-@hidden
+@inlined
 def twist_noise(wanted: Wanted, dot: float) -> float:
     """How far rounding may turn the best twist where the axis leans by acos(dot) [rad]; π: anything.
 
@@ -59,7 +59,7 @@ def twist_noise(wanted: Wanted, dot: float) -> float:
     return 4.0 * margin / length + OF_ANGLES
 
 
-@hidden
+@inlined
 def twist_slack(wanted: Wanted, omega: float, dot: float) -> float:
     """How far the best twist may be off where the others turn by omega and the axis leans by acos(dot) [rad]; π: anything.
 
@@ -74,7 +74,7 @@ def twist_slack(wanted: Wanted, omega: float, dot: float) -> float:
     return min(2.0 * math.asin(moved / math.sqrt(square)) + twist_noise(wanted, dot), math.pi)
 
 
-@hidden
+@inlined
 def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
     """Can the last joint, within its limits, make up for what is left of the rotation? Its best value goes to BEST_ROLL.
 
@@ -97,7 +97,7 @@ def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
     return not abs(short_way(best - middle)) > half + miss
 
 
-@hidden
+@inlined
 def twist_cost(form: Form, wanted: Wanted, roll: Roll, desk: Desk, ceiling: float) -> float:
     """What the limits of the last joint add to the weighted error at least, where nothing above `ceiling` matters.
 
@@ -115,7 +115,7 @@ def twist_cost(form: Form, wanted: Wanted, roll: Roll, desk: Desk, ceiling: floa
     return max(2.0 * roll.weight - ceiling, 0.0) * 2.0 * math.sin(0.5 * beta) ** 2
 
 
-@hidden
+@inlined
 def cut_twist(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
     """Cut the range of a last joint that is part of the box to what the ceiling leaves; say whether anything is left.
 
@@ -150,7 +150,7 @@ def cut_twist(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
     return left
 
 
-@hidden
+@inlined
 def complete(form: Form, roll: Roll, chain: ChainArrays, desk: Desk, q: Array) -> None:
     """Joint values of the box' centre, (n,), inside the limits."""
     for i in range(len(q)):

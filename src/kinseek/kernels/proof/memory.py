@@ -12,7 +12,7 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array, Flags, Indices
 from kinseek.kernels.entry import F64, FLAG, I64, Bundle
-from kinseek.kernels.jit import view
+from kinseek.kernels.jit import array_view
 
 from .box import Desk, make_desk
 from .neighbourhood import Expansion, make_expansion
@@ -109,7 +109,7 @@ class Scratch(NamedTuple):
     """Where they bring the hand, columns x, y, z and p, (3, 4)."""
 
 
-@view
+@array_view
 def make_scratch(joints: int, memory: Memory) -> Scratch:
     """Allocate it for so many joints of the arm that the boxes are about."""
     dof = memory.boxes.shape[1] // 2

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.entry import F64, Bundle
-from kinseek.kernels.jit import hidden
+from kinseek.kernels.jit import inlined
 
 from .box import TINY
 from .products import Sheet, rise
@@ -75,7 +75,7 @@ SHOULDER = Bundle(
 )
 
 
-@hidden
+@inlined
 def stand(
     shoulder: Shoulder, goal: Array, s: float, u: float, height: float, lean: float, place: Array
 ) -> float:
@@ -117,7 +117,7 @@ def stand(
     return error
 
 
-@hidden
+@inlined
 def multiply(shoulder: Shoulder, goal: Array, place: Array, upright: bool, by: Array) -> None:
     """Write the multipliers that say how the error grows with the invariants where tip and column are in their place.
 
@@ -149,7 +149,7 @@ def multiply(shoulder: Shoulder, goal: Array, place: Array, upright: bool, by: A
     by[0], by[1], by[2], by[3], by[4] = 0.5 * twice, mu, eta, theta, m
 
 
-@hidden
+@inlined
 def dual_value(shoulder: Shoulder, reach: float, terms: Array, by: Array) -> float:
     """A lower bound of the error where the invariants are the first of their terms, if the tip is within `reach` [m].
 
@@ -177,7 +177,7 @@ def dual_value(shoulder: Shoulder, reach: float, terms: Array, by: Array) -> flo
     return value
 
 
-@hidden
+@inlined
 def promised(shoulder: Shoulder, reach: float, sheet: Sheet, by: Array) -> float:
     """The bound that multipliers give in the box if each joint moved alone."""
     terms, ends = sheet.terms, sheet.ends
@@ -193,7 +193,7 @@ def promised(shoulder: Shoulder, reach: float, sheet: Sheet, by: Array) -> float
     return value
 
 
-@hidden
+@inlined
 def improve_multipliers(shoulder: Shoulder, reach: float, enough: float, sheet: Sheet) -> None:
     """Look for multipliers that promise more, one after the other, up and down."""
     by, trial, before, steps = sheet.by, sheet.trial, sheet.before, sheet.steps
@@ -243,7 +243,7 @@ def improve_multipliers(shoulder: Shoulder, reach: float, enough: float, sheet: 
             trial[k] = by[k]
 
 
-@hidden
+@inlined
 def take_better(shoulder: Shoulder, reach: float, sheet: Sheet, given: Array, best: float) -> float:
     """Take other multipliers if they promise more than the best so far."""
     value: float = promised(shoulder, reach, sheet, given)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.jit import hidden, kernel, view
+from kinseek.kernels.jit import array_view, inlined, kernel
 
 from .box import LEAST, Desk, Form, Wanted, load_box, make_desk, place, turn_goal
 from .taylor import derivatives, differentiate, normal_matrix, rests, solve
@@ -70,7 +70,7 @@ class Expansion(NamedTuple):
     """Largest entry of the inverse of the normal matrix, times its trace; how far the centre misses the goal, (2,)."""
 
 
-@view
+@array_view
 def make_expansion(dof: int) -> Expansion:
     """Allocate the memory of one search."""
     return Expansion(
@@ -86,7 +86,7 @@ def make_expansion(dof: int) -> Expansion:
     )
 
 
-@hidden
+@inlined
 def expand(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
     """Invert the Jacobian at the centre, and write down what the inverse makes of the hand's polynomial."""
     m, dof, T, goal, columns = len(form.leader), len(desk.c), desk.T, desk.goal, form.columns
@@ -144,7 +144,7 @@ def expand(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
                 around.bend[row, i, j] = abs(desk.H[i, j])
 
 
-@hidden
+@inlined
 def contract(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
     """Write κ(ρ) of ρ = ``around.half``. Margins stand beside the tolerances: they cover rounding for ρ up to `LARGEST`."""
     dof = len(desk.c)
@@ -186,7 +186,7 @@ def contractions(form: Form, wanted: Wanted, boxes: Array) -> Array:
     return result
 
 
-@hidden
+@inlined
 def has_solution(form: Form, desk: Desk, around: Expansion, radius: Array, distance: Array) -> bool:
     """Has a neighbourhood, beside a fixed point of N, a solution there? With as many joints as the goal has constraints.
 
@@ -208,7 +208,7 @@ def has_solution(form: Form, desk: Desk, around: Expansion, radius: Array, dista
     return result
 
 
-@hidden
+@inlined
 def neighbourhood(
     form: Form, wanted: Wanted, desk: Desk, around: Expansion, radius: Array, distance: Array
 ) -> tuple[bool, bool]:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.jit import hidden, view
+from kinseek.kernels.jit import array_view, inlined
 
 from .form import OF_SQUARES
 
@@ -63,7 +63,7 @@ class Sheet(NamedTuple):
     """Joints left, slopes, what makes the form convex, and a place in the box, (4, n)."""
 
 
-@view
+@array_view
 def make_sheet(kinds: int, n: int) -> Sheet:
     """Allocate the memory of one search."""
     return Sheet(
@@ -84,7 +84,7 @@ def make_sheet(kinds: int, n: int) -> Sheet:
     )
 
 
-@hidden
+@inlined
 def recentre(given: Array, c: Array, out: Array) -> None:
     """Write a sum of products of ``1, cos q, sin q`` as one of ``1, 1 - cos δ, sin δ`` with q = c + δ."""
     for t in range(len(given)):
@@ -102,7 +102,7 @@ def recentre(given: Array, c: Array, out: Array) -> None:
                 out[t + 2 * stride] = y * cosine - x * sine
 
 
-@hidden
+@inlined
 def spread_of(h: Array, ranges: Array) -> None:
     """Write what the products of ``1, 1 - cos δ, sin δ`` are in a box at most, (3ⁿ,); below zero stands for either sign."""
     count = 1
@@ -121,7 +121,7 @@ def spread_of(h: Array, ranges: Array) -> None:
         ranges[stride] = ranges[2 * stride] = 0.0
 
 
-@hidden
+@inlined
 def most_above(terms: Array, sheet: Sheet, share: Array) -> float:
     """How far a sum of products rises above its middle in the box, at most; and how much of that every joint has a share in.
 
@@ -151,7 +151,7 @@ def most_above(terms: Array, sheet: Sheet, share: Array) -> float:
     return min(alone + together, most_curved(terms, sheet) + together)
 
 
-@hidden
+@inlined
 def most_curved(terms: Array, sheet: Sheet) -> float:
     """What may stand in the place of the joints alone where they are taken in pairs, to second order.
 
@@ -202,7 +202,7 @@ def most_curved(terms: Array, sheet: Sheet) -> float:
     return total + OF_FORMS * size
 
 
-@hidden
+@inlined
 def bend(sheet: Sheet) -> float:
     """Make a quadratic form convex, by what is added to its diagonal; how much that is at most where no |x| is above 1.
 
@@ -244,7 +244,7 @@ def bend(sheet: Sheet) -> float:
     return 0.5 * least
 
 
-@hidden
+@inlined
 def lacking(S: Array, left: Array, i: int) -> float:
     """What a row of a quadratic form lacks to be dominated by its diagonal."""
     total = -S[i, i]
@@ -254,7 +254,7 @@ def lacking(S: Array, left: Array, i: int) -> float:
     return max(float(total), 0.0)
 
 
-@hidden
+@inlined
 def rise(even: float, odd: float, wide: float, cosine: float, sine: float) -> float:
     """The most that ``even (1 - cos δ) + odd sin δ`` is for |δ| ≤ wide, odd ≥ 0."""
     if wide >= math.pi or even * sine + odd * cosine < 0.0:  # The highest place of all lies inside.

@@ -20,7 +20,7 @@ import numpy as np
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors, weighted_error
 from kinseek.kernels.entry import I64
-from kinseek.kernels.jit import entry, hidden, spliced
+from kinseek.kernels.jit import entry, inlined, ir_inlined
 
 from .approach import approach
 from .bounds import first_order
@@ -100,7 +100,7 @@ def search_boxes(
     return search(kind, question, tuning, memory, scratch, until, budget)
 
 
-@hidden
+@inlined
 def search(
     kind: int, question: Question, tuning: Tuning, memory: Memory, scratch: Scratch, until: int, budget: int
 ) -> int:
@@ -140,7 +140,7 @@ def search(
                 return FOUND
 
 
-@spliced
+@ir_inlined
 def next_trial(
     kind: int, question: Question, tuning: Tuning, memory: Memory, scratch: Scratch, until: int, budget: int
 ) -> int:
@@ -201,7 +201,7 @@ def next_trial(
     return ENDED
 
 
-@hidden
+@inlined
 def look(
     kind: int, question: Question, tuning: Tuning, memory: Memory, scratch: Scratch, below: float
 ) -> tuple[int, float, float]:
@@ -234,7 +234,7 @@ def look(
     return AGAIN if volume(desk) < tuning.shrink * before else OPEN, spread, below
 
 
-@hidden
+@inlined
 def drop(best_first: bool, memory: Memory, row: int) -> None:
     """The box in hand is done with."""
     heap, counts = memory.heap, memory.counts
@@ -245,7 +245,7 @@ def drop(best_first: bool, memory: Memory, row: int) -> None:
         sift_down(heap.bound, order, count)
 
 
-@hidden
+@inlined
 def split(best_first: bool, memory: Memory, desk: Desk, row: int, variable: int, below: float) -> None:
     """Put the halves of the box in hand where it was and into another row."""
     heap, counts = memory.heap, memory.counts

@@ -32,7 +32,7 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.entry import F64, I64
-from kinseek.kernels.jit import entry, hidden
+from kinseek.kernels.jit import entry, inlined
 
 from .box import rounding
 from .enclosure import sift_down, sift_up
@@ -64,7 +64,7 @@ COARSE = 0.9
 some hundred boxes, and is a lower bound still."""
 
 
-@hidden
+@inlined
 def bound_ball(
     shoulder: Shoulder, ceiling: float, c: Array, h: Array, above: Array, sheet: Sheet
 ) -> tuple[float, float]:
@@ -112,7 +112,7 @@ def bound_ball(
     return bound, error
 
 
-@hidden
+@inlined
 def settled_bound(shoulder: Shoulder, reach: float, sheet: Sheet, share: Array) -> float:
     """The bound that the multipliers give in the box; `share`, (n,), becomes what each joint has to do with its loss."""
     terms, by, kinds = sheet.terms, sheet.by, len(shoulder.invariants)

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.jit import hidden
+from kinseek.kernels.jit import inlined
 
 from .box import TINY, Desk, Form, Wanted
 
@@ -24,7 +24,7 @@ ABOVE = 1.0 + 1e-12
 1e-12th."""
 
 
-@hidden
+@inlined
 def halfway(form: Form, wanted: Wanted, desk: Desk) -> int:
     """The joint from which on the hand is moved, and before which the goal: where the rests of third order are least."""
     m, T, goal = len(form.leader), desk.T, desk.goal
@@ -56,7 +56,7 @@ def halfway(form: Form, wanted: Wanted, desk: Desk) -> int:
     return best
 
 
-@hidden
+@inlined
 def differentiate(form: Form, desk: Desk, middle: int, columns: int) -> None:
     """Write down how the joints move what the hand misses, as seen halfway: those before `middle` move the goal instead."""
     T, goal = desk.T, desk.goal
@@ -83,7 +83,7 @@ def differentiate(form: Form, desk: Desk, middle: int, columns: int) -> None:
         desk.s[k] = math.sqrt(square)
 
 
-@hidden
+@inlined
 def radii_behind(form: Form, desk: Desk, middle: int, back: float) -> None:
     """Write the radii of the point that lies `back` [m] back along the first column."""
     for k in range(len(form.leader)):
@@ -99,7 +99,7 @@ def radii_behind(form: Form, desk: Desk, middle: int, back: float) -> None:
         desk.back[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
 
 
-@hidden
+@inlined
 def rests(form: Form, desk: Desk, radii: Array, middle: int) -> tuple[float, float, float, float]:
     """Rests of the Taylor polynomials of degrees one and two: of the point, the columns, the point, the columns.
 
@@ -127,7 +127,7 @@ def rests(form: Form, desk: Desk, radii: Array, middle: int) -> tuple[float, flo
     return two_p, two_c, three_p, three_c
 
 
-@hidden
+@inlined
 def normal_matrix(form: Form, desk: Desk, weight_p: float, weight_c: float, columns: int) -> None:
     """Write ``JᵀWJ`` of the point and the columns into N, lower half."""
     m, dof = len(form.leader), len(desk.c)
@@ -148,7 +148,7 @@ def normal_matrix(form: Form, desk: Desk, weight_p: float, weight_c: float, colu
                 desk.N[i, i] += dot
 
 
-@hidden
+@inlined
 def step_miss(form: Form, desk: Desk, columns: int) -> None:
     """Write what the hand misses after the step in ``desk.delta``, to first order, into ``desk.y``."""
     for r in range(3):
@@ -163,7 +163,7 @@ def step_miss(form: Form, desk: Desk, columns: int) -> None:
                 desk.y[r, i] += step * desk.slopes[k, i, r]
 
 
-@hidden
+@inlined
 def weight_miss(desk: Desk, weight_p: float, weight_c: float, columns: int) -> None:
     """Multiply point and columns of ``desk.y`` by their weights."""
     for r in range(3):
@@ -172,7 +172,7 @@ def weight_miss(desk: Desk, weight_p: float, weight_c: float, columns: int) -> N
             desk.y[r, i] *= weight_c
 
 
-@hidden
+@inlined
 def slope(form: Form, desk: Desk, columns: int, out: Array) -> None:
     """Write ``Jᵀ y`` of the form in ``desk.y`` into `out`, (n,)."""
     for i in range(len(out)):
@@ -186,7 +186,7 @@ def slope(form: Form, desk: Desk, columns: int, out: Array) -> None:
         out[form.leader[k]] += form.multiplier[k] * total
 
 
-@hidden
+@inlined
 def downhill(form: Form, desk: Desk, weight_p: float, weight_c: float, columns: int) -> None:
     """Write ``-JᵀWf`` of what the hand misses into ``desk.delta``."""
     for i in range(len(desk.delta)):
@@ -196,7 +196,7 @@ def downhill(form: Form, desk: Desk, weight_p: float, weight_c: float, columns: 
     slope(form, desk, columns, desk.delta)
 
 
-@hidden
+@inlined
 def solve(N: Array, D: Array, x: Array) -> None:
     """Solve ``(N + diag D) x = b`` in place by LDLᵀ, N given by its lower half.
 
@@ -226,7 +226,7 @@ def solve(N: Array, D: Array, x: Array) -> None:
             x[i] -= N[k, i] * x[k]
 
 
-@hidden
+@inlined
 def derivatives(form: Form, desk: Desk, middle: int, columns: int) -> None:
     """First and second derivatives of ``y·f`` by the variables, at the centre, as seen halfway.
 

@@ -36,7 +36,7 @@ from kinseek.kernels.atlas.lanes import (
 )
 from kinseek.kernels.atlas.memory import Desk, desk_size, make_desk
 from kinseek.kernels.atlas.task import WANTED, Task, handle_at, task_of
-from kinseek.kernels.jit import hidden, routine, view
+from kinseek.kernels.jit import array_view, inlined, routine
 from kinseek.kernels.layout import Layout, floats, whole
 from kinseek.kernels.pointers import part1
 
@@ -90,14 +90,14 @@ LAYOUT = Layout(
 range_desk_size, lay_range_desk = LAYOUT.size, LAYOUT.make
 
 
-@view
+@array_view
 def make_range_desk(memory_address: int, dof: int, joints: int) -> RangeDesk:
     """Lay it out behind the desk, in a memory of `desk_size` and `range_desk_size` numbers."""
     ranges: RangeDesk = lay_range_desk(memory_address + 8 * desk_size(dof, joints), dof, joints)
     return ranges
 
 
-@hidden
+@inlined
 def way_in(value: float, low: float, high: float, tolerance: float, hold: bool) -> tuple[float, float]:
     """The way from a value into its range, and whether it has a row, 1 or 0.
 
@@ -113,7 +113,7 @@ def way_in(value: float, low: float, high: float, tolerance: float, hold: bool) 
     return 0.0, 0.0
 
 
-@hidden
+@inlined
 def past_the_half_turn(out: Array, question: Array) -> None:
     """Write the rotation vector in out[3:6], where it is long, as the turn the other way round if that is nearer.
 
@@ -135,7 +135,7 @@ def past_the_half_turn(out: Array, question: Array) -> None:
             out[i] *= other
 
 
-@hidden
+@inlined
 def rows_of(task: Task, desk: Desk, ranges: RangeDesk, l: int) -> None:
     """Residual, errors and rows of lane l at its pose."""
     W, question, lanes, rows, out, work = (
@@ -200,7 +200,7 @@ def rows_of(task: Task, desk: Desk, ranges: RangeDesk, l: int) -> None:
     lanes.error[3 * W + l] = total
 
 
-@hidden
+@inlined
 def turn_rows(lanes: Lanes, rows: Array, w: int) -> None:
     """Multiply the rows of every lane's Jacobian by the lane's matrices."""
     W, J = LANES, lanes.jacobian

@@ -22,7 +22,7 @@ import math
 
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.jit import hidden
+from kinseek.kernels.jit import inlined
 
 from .subproblems import angle, cross, dot, meet, spin, turned
 
@@ -131,7 +131,7 @@ WORK = (SIGNS + 3) * LANES
 """Numbers of all these."""
 
 
-@hidden
+@inlined
 def set_signs(work: Array) -> None:
     """Give the lanes their signs."""
     for l in range(LANES):
@@ -139,7 +139,7 @@ def set_signs(work: Array) -> None:
             work[(SIGNS + k) * LANES + l] = 1.0 - 2.0 * ((l >> k) & 1)
 
 
-@hidden
+@inlined
 def displacement(structure: Array, target: Array, D: Array) -> None:
     """Write what the axes make together, or its inverse for an arm that is taken backwards, into D, (3, 4)."""
     if structure[BACKWARD] > 0.0:
@@ -161,7 +161,7 @@ def displacement(structure: Array, target: Array, D: Array) -> None:
                 D[r, c] += target[r, k] * structure[HOME + 4 * k + c]
 
 
-@hidden
+@inlined
 def row_of(structure: Array, i: int, dof: int) -> int:
     """Row of joint i among the candidates of an arm with so many."""
     place = dof - 1 - i if structure[BACKWARD] > 0.0 else i
@@ -170,14 +170,14 @@ def row_of(structure: Array, i: int, dof: int) -> int:
     return place
 
 
-@hidden
+@inlined
 def joint_of(structure: Array, row: int, dof: int) -> int:
     """Joint whose angles stand in a row, see `row_of`."""
     place = row + 1 if structure[SWEPT] > 0.0 else row
     return dof - 1 - place if structure[BACKWARD] > 0.0 else place
 
 
-@hidden
+@inlined
 def candidates(structure: Array, D: Array, far: float, work: Array, w: int) -> None:
     """Write the angles of eight candidates and what is told of them into work.
 
@@ -201,7 +201,7 @@ def candidates(structure: Array, D: Array, far: float, work: Array, w: int) -> N
         parallel_three(structure, D, far, work, w)
 
 
-@hidden
+@inlined
 def parallel_pair(structure: Array, D: Array, far: float, work: Array, w: int) -> None:
     """Decide the first three joints of which the last two are parallel, by where the wrist is."""
     W, S, size = LANES, structure, 1.0 / structure[SIZE]
@@ -260,7 +260,7 @@ def parallel_pair(structure: Array, D: Array, far: float, work: Array, w: int) -
         work[AGAIN * W + l] = 1.0 if again1 or again3 else 0.0
 
 
-@hidden
+@inlined
 def meeting_pair(structure: Array, D: Array, far: float, work: Array, w: int) -> None:
     """Decide the first three joints of which the first two meet, by where the wrist is."""
     W, S, size = LANES, structure, 1.0 / structure[SIZE]
@@ -319,7 +319,7 @@ def meeting_pair(structure: Array, D: Array, far: float, work: Array, w: int) ->
         work[AGAIN * W + l] = 1.0 if again2 or again3 else 0.0
 
 
-@hidden
+@inlined
 def rotated(D: Array, S: Array, first: int) -> tuple[float, float, float]:
     """Turn a vector of a structure by D."""
     x, y, z = S[first], S[first + 1], S[first + 2]
@@ -330,7 +330,7 @@ def rotated(D: Array, S: Array, first: int) -> tuple[float, float, float]:
     )
 
 
-@hidden
+@inlined
 def wrist(structure: Array, far: float, work: Array, w: int) -> None:
     """Decide the last three joints by what is left of the orientation."""
     W, S = LANES, structure
@@ -368,7 +368,7 @@ def wrist(structure: Array, far: float, work: Array, w: int) -> None:
         work[AGAIN * W + l] = 1.0 if again else work[AGAIN * W + l]
 
 
-@hidden
+@inlined
 def parallel_three(structure: Array, D: Array, far: float, work: Array, w: int) -> None:
     """Decide all joints of an arm whose axes 2, 3 and 4 are parallel, and whose axes 5 and 6 meet."""
     W, S, size = LANES, structure, 1.0 / structure[SIZE]

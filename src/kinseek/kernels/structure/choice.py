@@ -13,7 +13,7 @@ from kinseek.kernels.atlas.memory import Desk
 from kinseek.kernels.atlas.one_goal import CORRECTIONS, finish
 from kinseek.kernels.atlas.seeds import copy_joints, load_seed, turns_fully
 from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR, Job, Task
-from kinseek.kernels.jit import hidden
+from kinseek.kernels.jit import inlined
 
 from .candidates import (
     AGAIN,
@@ -45,7 +45,7 @@ EDGE = 1e-7
 """Beyond a limit by no more than that [rad] is at it: rounding shall not turn a joint once round."""
 
 
-@hidden
+@inlined
 def place(task: Task, near: Array, close: bool, work: Array, w: int) -> None:
     """Bring the candidates into the limits by full turns, and measure how far each is from where it is wanted.
 
@@ -89,7 +89,7 @@ def place(task: Task, near: Array, close: bool, work: Array, w: int) -> None:
             work[COST * W + l] = cost if max(low - value, value - high) <= beside else np.inf
 
 
-@hidden
+@inlined
 def order_candidates(task: Task, desk: Desk, given: float, near: Array, close: bool, w: int) -> bool:
     """Write the candidates for what all joints make, in `desk.between`, into the desk, for `take_candidate`.
 
@@ -117,7 +117,7 @@ def order_candidates(task: Task, desk: Desk, given: float, near: Array, close: b
     return sure
 
 
-@hidden
+@inlined
 def take_candidate(task: Task, desk: Desk, q: Array) -> int:
     """Write the nearest candidate that is left into q, (n,), and return its lane; -1 where there is none."""
     work, best, dof = desk.distance, 0, len(q)
@@ -131,7 +131,7 @@ def take_candidate(task: Task, desk: Desk, q: Array) -> int:
     return best
 
 
-@hidden
+@inlined
 def first_that_reaches(task: Task, desk: Desk, target: Array, near: Array, q: Array) -> int:
     """Write the nearest candidate that reaches the target, (3, 4), by plain forward kinematics, into q, (n,).
 
@@ -157,7 +157,7 @@ def first_that_reaches(task: Task, desk: Desk, target: Array, near: Array, q: Ar
     return -judged
 
 
-@hidden
+@inlined
 def take_start(task: Task, desk: Desk, q: Array) -> bool:
     """Write the nearest candidate that is left into q, (n,), inside the limits; say whether there was one."""
     if take_candidate(task, desk, q) < 0:
@@ -167,7 +167,7 @@ def take_start(task: Task, desk: Desk, q: Array) -> bool:
     return True
 
 
-@hidden
+@inlined
 def clear_lanes(lanes: Lanes) -> None:
     """Put all lanes at zero, with no step made: what stood in the memory is nothing that may be computed with."""
     for i in range(lanes.q.shape[0]):
@@ -177,7 +177,7 @@ def clear_lanes(lanes: Lanes) -> None:
         lanes.work[r] = 0.0
 
 
-@hidden
+@inlined
 def first_that_converges(job: Job, task: Task, desk: Desk, target: Array, q: Array, w: int) -> int:
     """Refine the candidates of a nearby arm side by side; write the nearest that becomes an answer into q, (n,).
 

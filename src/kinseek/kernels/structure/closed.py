@@ -9,7 +9,7 @@ from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.seeds import turns_fully
 from kinseek.kernels.atlas.task import Task
-from kinseek.kernels.jit import hidden
+from kinseek.kernels.jit import inlined
 
 from .candidates import (
     AGAIN,
@@ -47,7 +47,7 @@ ASKEW = 5.0
 each other it magnifies that."""
 
 
-@hidden
+@inlined
 def serves(task: Task, structure: Array) -> bool:
     """Has the arm a closed form of all its joints, and are the tolerances such that it tells all?"""
     tight = max(task.position_tolerance, task.orientation_tolerance) <= LOOSE
@@ -55,7 +55,7 @@ def serves(task: Task, structure: Array) -> bool:
     return has
 
 
-@hidden
+@inlined
 def closed_starts(
     task: Task, structure: Array, target: Array, D: Array, work: Array, seeds: Array, told: Array, w: int
 ) -> None:

@@ -15,19 +15,19 @@ from kinseek.kernels.arm.division import nearest_copy
 from kinseek.kernels.arm.trigonometry import sine_cosine
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.task import Task
-from kinseek.kernels.jit import hidden
+from kinseek.kernels.jit import inlined
 
 from .candidates import AS, BACKWARD, HS, PS, SLIDES, SWEPT, X
 from .subproblems import angle, cross, dot
 
 
-@hidden
+@inlined
 def front(structure: Array, dof: int) -> int:
     """Which joint of an arm stands in front."""
     return dof - 1 if structure[BACKWARD] > 0.0 else 0
 
 
-@hidden
+@inlined
 def direction(structure: Array, D: Array) -> float:
     """Where the point that the last axes leave alone is seen from the joint in front: an angle, or a place along it."""
     S = structure
@@ -41,7 +41,7 @@ def direction(structure: Array, D: Array) -> float:
     return angle(dot(bx, by, bz, ux, uy, uz), dot(ax, ay, az, ux, uy, uz))
 
 
-@hidden
+@inlined
 def taken_off(structure: Array, D: Array, value: float, rest: Array) -> None:
     """Write what the other joints have to make, (3, 4), where the joint in front has a value; all if there is none."""
     S = structure
@@ -74,7 +74,7 @@ def taken_off(structure: Array, D: Array, value: float, rest: Array) -> None:
         rest[0, c], rest[1, c], rest[2, c] = x, y, z
 
 
-@hidden
+@inlined
 def given_value(task: Task, value: float, near: Array) -> tuple[float, bool]:
     """Bring a value of the joint in front inside its limits by full turns, near the middle; say whether it is inside."""
     i = front(task.structure, len(task.lower))
@@ -86,7 +86,7 @@ def given_value(task: Task, value: float, near: Array) -> tuple[float, bool]:
     return value, low <= value <= high
 
 
-@hidden
+@inlined
 def end_value(task: Task, which: int) -> tuple[float, bool]:
     """The lower end of the range of the joint in front, or the upper (0 or 1); say whether it has one."""
     i = front(task.structure, len(task.lower))

@@ -8,25 +8,25 @@ from __future__ import annotations
 
 import math
 
-from kinseek.kernels.jit import hidden
+from kinseek.kernels.jit import inlined
 
 TINY = 1e-30
 """Keeps what has no length from being divided by zero; what comes of it is told as weak."""
 
 
-@hidden
+@inlined
 def dot(a: float, b: float, c: float, x: float, y: float, z: float) -> float:
     """Product of two vectors, a number."""
     return a * x + b * y + c * z
 
 
-@hidden
+@inlined
 def cross(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Product of two vectors, a vector."""
     return b * z - c * y, c * x - a * z, a * y - b * x
 
 
-@hidden
+@inlined
 def turned(
     a: float, b: float, c: float, cosine: float, sine: float, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
@@ -39,7 +39,7 @@ def turned(
     )
 
 
-@hidden
+@inlined
 def meet(a: float, b: float, c: float, sign: float) -> tuple[float, float, float, float]:
     """Solve ``a cos θ + b sin θ = c``: subproblems 3 and 4 of Paden and Kahan, and of Elias and Wen (2022).
 
@@ -61,7 +61,7 @@ def meet(a: float, b: float, c: float, sign: float) -> tuple[float, float, float
     return cosine, sine, rest / max(square, TINY), length
 
 
-@hidden
+@inlined
 def spin(x: float, y: float) -> tuple[float, float, float]:
     """Cosine and sine of the direction (x, y), and how long it is: subproblem 1 of Paden and Kahan, in the plane."""
     length = math.sqrt(x * x + y * y)
@@ -70,7 +70,7 @@ def spin(x: float, y: float) -> tuple[float, float, float]:
     return 1.0 if lost else x * share, 0.0 if lost else y * share, length
 
 
-@hidden
+@inlined
 def angle(y: float, x: float) -> float:
     """``atan2(y, x)`` to an ulp or two and without a branch; 0 at the origin."""
     ax, ay = abs(x), abs(y)

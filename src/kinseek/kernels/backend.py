@@ -1,7 +1,7 @@
 """How the kernels of this process run: from the library that was built with the package, or compiled here by Numba.
 
 `KINSEEK_JIT=1` has them compiled, `KINSEEK_LEVEL` chooses among the levels of processors that a library holds, and
-`NUMBA_DISABLE_JIT=1` runs them as plain Python, for tests (`without_jit`).
+`NUMBA_DISABLE_JIT=1` runs them as plain Python, for tests (`python_backend`).
 """
 
 from __future__ import annotations

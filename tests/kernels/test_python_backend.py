@@ -5,7 +5,7 @@ answers in another process. In the ordinary suite it is skipped: `.ci/run` runs 
 covered than it covered before.
 
 Plain arrays, like compiled ones, take a negative index from their end without a word. What kernels are given and what they
-view by address refuses it here, see `kernels.without_jit`; arrays that a kernel makes for itself do not.
+view by address refuses it here, see `kernels.python_backend`; arrays that a kernel makes for itself do not.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from kinseek.collision.broad import Broad
 from kinseek.collision.engine import Solid
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import LAYOUT as DESK
+from kinseek.kernels.backend import PLAIN
 from kinseek.kernels.maps.many_closed import many_closed
 from kinseek.kernels.paths.around import answers_around
 from kinseek.kernels.paths.band import solve_band
@@ -52,8 +53,7 @@ from kinseek.kernels.paths.servo import LOWER, NOW, REACH, ROWS, UPPER, look_ahe
 from kinseek.kernels.paths.settle import settle_many
 from kinseek.kernels.paths.trace import part_ways, trace
 from kinseek.kernels.proof.neighbourhood import contractions
-from kinseek.kernels.route import PLAIN
-from kinseek.kernels.without_jit import Bounded, bounded, call_at, unbounded, view_at
+from kinseek.kernels.python_backend import Bounded, bounded, call_at, unbounded, view_at
 from kinseek.kinds import POINTING, POSE
 from kinseek.maps.search import ruled_out
 from kinseek.paths.certify import numbers_of, prove_rows
