@@ -13,7 +13,7 @@ from benchmarks.branches import apart, eaik
 from benchmarks.targets import plain_fk, random_joints, strict
 from kinseek.kernels.jit import exposed
 from kinseek.kernels.structure.candidates import ROUNDING
-from kinseek.kernels.structure.subproblems import angle, meet
+from kinseek.kernels.structure.subproblems import angle, solve_trig
 from kinseek.robots import catalog_names
 from kinseek.structure.axes import Axes, axes_of, meeting
 from kinseek.structure.structure import NEARLY
@@ -141,9 +141,9 @@ def test_an_arm_is_taken_backwards_where_its_structure_is_at_the_other_end(rows:
 def test_backwards_is_the_inverse() -> None:
     axes = axes_of(dh(SHOULDER).chain.arrays)
     assert isinstance(axes, Axes)
-    again = axes.backwards().backwards()
-    np.testing.assert_array_equal(again.direction, axes.direction)
-    np.testing.assert_array_equal(again.point, axes.point)
+    duplicate = axes.backwards().backwards()
+    np.testing.assert_array_equal(duplicate.direction, axes.direction)
+    np.testing.assert_array_equal(duplicate.point, axes.point)
 
 
 def test_lines_meet_where_they_do() -> None:
@@ -368,7 +368,7 @@ def test_the_angle_is_that_of_the_library() -> None:
 
 @pytest.mark.jit
 def test_both_answers_of_an_equation_are_found_and_what_comes_closest_where_there_is_none() -> None:
-    solve: Any = exposed(meet)
+    solve: Any = exposed(solve_trig)
     for a, b, c in np.random.default_rng(2).uniform(-1.0, 1.0, (200, 3)):
         turns = [solve(a, b, c, sign) for sign in (1.0, -1.0)]
         for cosine, sine, rest, length in turns:

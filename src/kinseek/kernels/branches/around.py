@@ -23,7 +23,7 @@ from kinseek.kernels.atlas.task import task_of
 from kinseek.kernels.jit import inlined, kernel
 from kinseek.kernels.structure.candidates import DEVIATION, H5, H6, SIZE, WORK, H, joint_of
 from kinseek.kernels.structure.closed import TOLD, TRIED, closed_starts
-from kinseek.kernels.structure.subproblems import dot, turned
+from kinseek.kernels.structure.subproblems import dot, rotate
 
 from .refine_all import squared_gap
 
@@ -45,7 +45,7 @@ def least_lean(structure: Array, rows: Array, count: int) -> float:
     S, i, least = structure, joint_of(structure, 4, rows.shape[1]), 1.0
     for j in range(count):
         c, s = math.cos(rows[j, i]), math.sin(rows[j, i])
-        x, y, z = turned(S[H5], S[H5 + 1], S[H5 + 2], c, s, S[H6], S[H6 + 1], S[H6 + 2])
+        x, y, z = rotate(S[H5], S[H5 + 1], S[H5 + 2], c, s, S[H6], S[H6 + 1], S[H6 + 2])
         along = dot(S[H], S[H + 1], S[H + 2], x, y, z)
         least = min(least, math.sqrt(max(1.0 - along * along, 0.0)))
     return least
@@ -119,7 +119,7 @@ def starts_around(
         rx, ry, rz = rx / length, ry / length, rz / length
         cosine, sine = math.cos(far * length), math.sin(far * length)
         for c in range(3):
-            x, y, z = turned(rx, ry, rz, cosine, sine, target[0, c], target[1, c], target[2, c])
+            x, y, z = rotate(rx, ry, rz, cosine, sine, target[0, c], target[1, c], target[2, c])
             pose[0, c], pose[1, c], pose[2, c] = x, y, z
         for r in range(3):
             pose[r, 3] = target[r, 3] + far * structure[SIZE] * corner(k % WAYS, r)

@@ -35,7 +35,7 @@ from kinseek.kernels.structure.candidates import (
     joint_of,
     row_of,
 )
-from kinseek.kernels.structure.front import direction, front, taken_off
+from kinseek.kernels.structure.swept_joint import direction, swept_joint, taken_off
 
 from .refine_all import joint_gap
 
@@ -104,7 +104,7 @@ HALVINGS = 12
 @inlined
 def swept_range(task: Task, D: Array) -> tuple[float, float]:
     """Values of the joint in front that are looked at: its range, but one turn at most, or as far as the arm reaches."""
-    i, S = front(task.structure, len(task.lower)), task.structure
+    i, S = swept_joint(task.structure, len(task.lower)), task.structure
     low, high = task.chain.lower[i], task.chain.upper[i]
     if S[SLIDES] > 0.0:
         centre, far = direction(S, D), S[SIZE]
@@ -322,7 +322,7 @@ def write_answer(task: Task, value: float, told: Array, k: int, l: int, q: Array
     dof = len(q)
     for i in range(dof):
         q[i] = value
-        if i != front(task.structure, dof):
+        if i != swept_joint(task.structure, dof):
             row = row_of(task.structure, i, dof)
             q[i] = 0.5 * (task.chain.lower[i] + task.chain.upper[i]) + told[k, ANGLES + row, l]
 

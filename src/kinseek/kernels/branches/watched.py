@@ -15,7 +15,7 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.jit import inlined
 from kinseek.kernels.structure import candidates
 from kinseek.kernels.structure.candidates import H1, H6, P1, P2, P3, SENSE, SIZE, E, H, rotated
-from kinseek.kernels.structure.subproblems import angle, cross, dot, meet, spin, turned
+from kinseek.kernels.structure.subproblems import angle, cross, dot, rotate, solve_trig, unit_angle
 
 SAMPLES = 128
 """Samples of the joint."""
@@ -156,7 +156,7 @@ def watch(S: Array, D: Array, table: Array, many: int, seen: Array, work: Array,
             work[ROOM * W + l], work[(ROOM + 3) * W + l] = rest * scale, length * scale
             mm = m0 * m0 + m1 * m1
             per = 1.0 / max(mm, least)
-            # p cos + q sin = r, in the order of `subproblems.meet`.
+            # p cos + q sin = r, in the order of `subproblems.solve_trig`.
             c, s = (p * r - q * side) * share, (q * r + p * side) * share
             high = o0 * (nh + c * vh + s * wh) - work[COSINE * W + l]
             g0, g1, q0, q1 = (
@@ -240,19 +240,19 @@ def complete(S: Array, D: Array, table: Array, begin: int, roots: Array, work: A
         )
         height = dot(ax, ay, az, ux, uy, uz)
         p, q = dot(hx, hy, hz, ux, uy, uz) - along * height, dot(nx, ny, nz, ux, uy, uz)
-        c1, s1, _, _ = meet(p, q, work[HEIGHT * W + l] - along * height, one)
-        gx, gy, gz = turned(ax, ay, az, c1, -s1, ux, uy, uz)
+        c1, s1, _, _ = solve_trig(p, q, work[HEIGHT * W + l] - along * height, one)
+        gx, gy, gz = rotate(ax, ay, az, c1, -s1, ux, uy, uz)
         gx, gy, gz = gx + ox, gy + oy, gz + oz
         g0, g1 = dot(ex, ey, ez, gx, gy, gz), dot(fx, fy, fz, gx, gy, gz)
         m0, m1 = work[LINK * W + l], work[(LINK + 1) * W + l]
         ta, tb, sides = l0 * m0 + l1 * m1, l1 * m0 - l0 * m1, square + m0 * m0 + m1 * m1
-        c3, s3, _, _ = meet(ta, tb, 0.5 * (g0 * g0 + g1 * g1 - sides), two)
+        c3, s3, _, _ = solve_trig(ta, tb, 0.5 * (g0 * g0 + g1 * g1 - sides), two)
         v0, v1 = l0 + c3 * m0 - s3 * m1, l1 + c3 * m1 + s3 * m0
-        c2, s2, _ = spin(v0 * g0 + v1 * g1, v0 * g1 - v1 * g0)
+        c2, s2, _ = unit_angle(v0 * g0 + v1 * g1, v0 * g1 - v1 * g0)
         c, s = c2 * c3 - s2 * s3, s2 * c3 + c2 * s3
         # The last axis as the searched joint leaves it is turned about the other one onto what is wanted of it.
-        qx, qy, qz = turned(ax, ay, az, c1, -s1, vx, vy, vz)
-        qx, qy, qz = turned(hx, hy, hz, c, -s, qx, qy, qz)
+        qx, qy, qz = rotate(ax, ay, az, c1, -s1, vx, vy, vz)
+        qx, qy, qz = rotate(hx, hy, hz, c, -s, qx, qy, qz)
         o0, o1, o2 = work[FIRST * W + l], work[(FIRST + 1) * W + l], work[(FIRST + 2) * W + l]
         bx, by, bz = o0 * hx + o1 * ex + o2 * fx, o0 * hy + o1 * ey + o2 * fy, o0 * hz + o1 * ez + o2 * fz
         nnx, nny, nnz = work[AXIS * W + l], work[(AXIS + 1) * W + l], work[(AXIS + 2) * W + l]
@@ -260,8 +260,8 @@ def complete(S: Array, D: Array, table: Array, begin: int, roots: Array, work: A
         flat = dot(nnx, nny, nnz, qx, qy, qz) - dot(bx, by, bz, nnx, nny, nnz) * dot(bx, by, bz, qx, qy, qz)
         other = angle(dot(bx, by, bz, kx, ky, kz), flat)
         # The other axis in the frame of the tip, and what is turned onto it back from there.
-        bx, by, bz = turned(hx, hy, hz, c, s, bx, by, bz)
-        bx, by, bz = turned(ax, ay, az, c1, s1, bx, by, bz)
+        bx, by, bz = rotate(hx, hy, hz, c, s, bx, by, bz)
+        bx, by, bz = rotate(ax, ay, az, c1, s1, bx, by, bz)
         rx, ry, rz = (
             d00 * bx + d10 * by + d20 * bz,
             d01 * bx + d11 * by + d21 * bz,

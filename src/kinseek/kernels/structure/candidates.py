@@ -13,7 +13,7 @@ is what x has, for turns about h leave it, and that decides q₁. Then there is 
 - Axis 4 parallel as well, axes 5 and 6 meet in x: the orientation of h decides q₅ and q₆, the triangle the rest.
 
 Where such a wrist stands behind axes 1 and 2 that meet, its distance from where they do decides q₃, and the direction q₂
-and q₁. An arm with a seventh joint in front has all this for each value of that joint, see `front`.
+and q₁. An arm with a seventh joint in front has all this for each value of that joint, see `swept_joint`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.jit import inlined
 
-from .subproblems import angle, cross, dot, meet, spin, turned
+from .subproblems import angle, cross, dot, rotate, solve_trig, unit_angle
 
 NONE, WRIST, PARALLEL, MEETING = range(4)
 """Kinds: no closed form, a spherical wrist behind two parallel axes, three parallel axes before two that meet, a spherical
@@ -61,15 +61,15 @@ HS, PS, AS = range(P4 + 5, P4 + 5 + 3 * 3, 3)
 """Where vectors of that joint begin: its direction, a point on it, and one across it."""
 
 
-LEADS = AS + 3
-"""From here on what is tried of it, see `front`: how far it leads [rad] or [m]."""
+SWEPT_VALUES = AS + 3
+"""From here on what is tried of it, see `swept_joint`: how far it leads [rad] or [m]."""
 
 
 VALUES = 8
 """How many these are at most."""
 
 
-NUMBERS = LEADS + VALUES
+NUMBERS = SWEPT_VALUES + VALUES
 """Numbers of a structure."""
 
 
@@ -82,7 +82,7 @@ LOOSE = 1e-5
 nothing."""
 
 
-LACKING, BESIDE = 0.02, 1e-3
+INFEASIBLE, BESIDE = 0.02, 1e-3
 """A candidate is tried if no equation lacks more, and if it lies no farther beyond a limit [rad]; farther where the arm is
 off its structure, and where the tolerances reach farther."""
 
@@ -99,7 +99,7 @@ SPREAD = 10.0
 """An arm that is off its structure by so much has equations that are off by so many times as much."""
 
 
-LACK, WEAK, FOLD, AGAIN = range(6, 10)
+INFEASIBILITY, CONDITIONING, DISCRIMINANT, DUPLICATE = range(6, 10)
 """Rows behind the six angles of a lane: by how much the worst of its equations has no answer, 0 where all have; how close
 any angle is to being left to choose, 0 where it is; how close any equation is to having one answer, less where it decides
 little; and 1 for a lane that is another once more, for they differ where both answers are one."""
@@ -187,7 +187,7 @@ def candidates(structure: Array, D: Array, far: float, work: Array, w: int) -> N
         structure: See `KIND`, (NUMBERS,).
         D: See `displacement`, (3, 4).
         far: Where an equation lacks more than that, those behind it tell nothing.
-        work: See `LACK`, (WORK,).
+        work: See `INFEASIBILITY`, (WORK,).
         w: LANES.
     """
     set_signs(work)
@@ -233,31 +233,34 @@ def parallel_pair(structure: Array, D: Array, far: float, work: Array, w: int) -
     sense2, sense3 = S[SENSE], S[SENSE + 1]
     for l in range(w):
         one, two = work[SIGNS * W + l], work[(SIGNS + 1) * W + l]
-        c1, s1, rest1, length1 = meet(a, b, c, one)
-        gx, gy, gz = turned(ax, ay, az, c1, -s1, ux, uy, uz)
+        c1, s1, rest1, length1 = solve_trig(a, b, c, one)
+        gx, gy, gz = rotate(ax, ay, az, c1, -s1, ux, uy, uz)
         gx, gy, gz = gx + ox, gy + oy, gz + oz
         g0, g1 = dot(ex, ey, ez, gx, gy, gz), dot(fx, fy, fz, gx, gy, gz)
-        c3, s3, rest3, _ = meet(ta, tb, 0.5 * (g0 * g0 + g1 * g1 - sides), two)
+        c3, s3, rest3, _ = solve_trig(ta, tb, 0.5 * (g0 * g0 + g1 * g1 - sides), two)
         v0, v1 = l0 + c3 * m0 - s3 * m1, l1 + c3 * m1 + s3 * m0
-        c2, s2, length2 = spin(v0 * g0 + v1 * g1, v0 * g1 - v1 * g0)
+        c2, s2, length2 = unit_angle(v0 * g0 + v1 * g1, v0 * g1 - v1 * g0)
         cosine, sine = c2 * c3 - s2 * s3, s2 * c3 + c2 * s3
         work[l] = angle(s1, c1)
         work[W + l], work[2 * W + l] = sense2 * angle(s2, c2), sense3 * angle(s3, c3)
-        qx, qy, qz = turned(ax, ay, az, c1, -s1, zx, zy, zz)
-        qx, qy, qz = turned(hx, hy, hz, cosine, -sine, qx, qy, qz)
+        qx, qy, qz = rotate(ax, ay, az, c1, -s1, zx, zy, zz)
+        qx, qy, qz = rotate(hx, hy, hz, cosine, -sine, qx, qy, qz)
         work[MIDDLE * W + l], work[(MIDDLE + 1) * W + l], work[(MIDDLE + 2) * W + l] = qx, qy, qz
-        qx, qy, qz = turned(ax, ay, az, c1, -s1, vx, vy, vz)
-        qx, qy, qz = turned(hx, hy, hz, cosine, -sine, qx, qy, qz)
+        qx, qy, qz = rotate(ax, ay, az, c1, -s1, vx, vy, vz)
+        qx, qy, qz = rotate(hx, hy, hz, cosine, -sine, qx, qy, qz)
         work[AXIS * W + l], work[(AXIS + 1) * W + l], work[(AXIS + 2) * W + l] = qx, qy, qz
         weak1, weak2, fold1, fold3 = length1 * size, math.sqrt(length2) * size, abs(rest1), abs(rest3)
         fold3 = fold3 if rest1 > -far else 1.0
         weak2 = weak2 if min(rest1, rest3) > -far else 1.0
-        work[LACK * W + l] = max(-rest1, -rest3, 0.0)
+        work[INFEASIBILITY * W + l] = max(-rest1, -rest3, 0.0)
         work[LEFT * W + l], work[(LEFT + 1) * W + l] = rest1 * weak1 * weak1, rest3
-        work[WEAK * W + l], work[FOLD * W + l] = min(weak1, weak2), min(fold1 * min(weak1, 1.0), fold3)
+        work[CONDITIONING * W + l], work[DISCRIMINANT * W + l] = (
+            min(weak1, weak2),
+            min(fold1 * min(weak1, 1.0), fold3),
+        )
         again1 = rest1 <= 0.0 and one < 0.0
         again3 = rest3 <= 0.0 and two < 0.0
-        work[AGAIN * W + l] = 1.0 if again1 or again3 else 0.0
+        work[DUPLICATE * W + l] = 1.0 if again1 or again3 else 0.0
 
 
 @inlined
@@ -287,36 +290,39 @@ def meeting_pair(structure: Array, D: Array, far: float, work: Array, w: int) ->
     ex, ey, ez = rotated(D, S, A6)
     for l in range(w):
         one, two = work[SIGNS * W + l], work[(SIGNS + 1) * W + l]
-        c3, s3, rest3, _ = meet(a, b, c, two)
-        vx, vy, vz = turned(hx, hy, hz, c3, s3, rx, ry, rz)
+        c3, s3, rest3, _ = solve_trig(a, b, c, two)
+        vx, vy, vz = rotate(hx, hy, hz, c3, s3, rx, ry, rz)
         vx, vy, vz = vx + mx, vy + my, vz + mz
         level = dot(bx, by, bz, vx, vy, vz) * between
-        c2, s2, rest2, length2 = meet(
+        c2, s2, rest2, length2 = solve_trig(
             dot(ax, ay, az, vx, vy, vz) - level, dot(kx, ky, kz, vx, vy, vz), height - level, one
         )
-        vx, vy, vz = turned(bx, by, bz, c2, s2, vx, vy, vz)
+        vx, vy, vz = rotate(bx, by, bz, c2, s2, vx, vy, vz)
         nx, ny, nz = cross(vx, vy, vz, ux, uy, uz)
         flat = dot(vx, vy, vz, ux, uy, uz) - dot(ax, ay, az, vx, vy, vz) * height
-        c1, s1, length1 = spin(flat, dot(ax, ay, az, nx, ny, nz))
+        c1, s1, length1 = unit_angle(flat, dot(ax, ay, az, nx, ny, nz))
         work[l], work[W + l], work[2 * W + l] = angle(s1, c1), angle(s2, c2), angle(s3, c3)
-        qx, qy, qz = turned(ax, ay, az, c1, -s1, zx, zy, zz)
-        qx, qy, qz = turned(bx, by, bz, c2, -s2, qx, qy, qz)
-        qx, qy, qz = turned(hx, hy, hz, c3, -s3, qx, qy, qz)
+        qx, qy, qz = rotate(ax, ay, az, c1, -s1, zx, zy, zz)
+        qx, qy, qz = rotate(bx, by, bz, c2, -s2, qx, qy, qz)
+        qx, qy, qz = rotate(hx, hy, hz, c3, -s3, qx, qy, qz)
         work[MIDDLE * W + l], work[(MIDDLE + 1) * W + l], work[(MIDDLE + 2) * W + l] = qx, qy, qz
-        qx, qy, qz = turned(ax, ay, az, c1, -s1, ex, ey, ez)
-        qx, qy, qz = turned(bx, by, bz, c2, -s2, qx, qy, qz)
-        qx, qy, qz = turned(hx, hy, hz, c3, -s3, qx, qy, qz)
+        qx, qy, qz = rotate(ax, ay, az, c1, -s1, ex, ey, ez)
+        qx, qy, qz = rotate(bx, by, bz, c2, -s2, qx, qy, qz)
+        qx, qy, qz = rotate(hx, hy, hz, c3, -s3, qx, qy, qz)
         work[AXIS * W + l], work[(AXIS + 1) * W + l], work[(AXIS + 2) * W + l] = qx, qy, qz
         weak1, weak2, fold2, fold3 = math.sqrt(length1) * size, length2 * size, abs(rest2), abs(rest3)
         work[LEFT * W + l], work[(LEFT + 1) * W + l] = rest2 * weak2 * weak2, rest3
         fold2 = fold2 if rest3 > -far else 1.0
         weak2 = weak2 if rest3 > -far else 1.0
         weak1 = weak1 if min(rest2, rest3) > -far else 1.0
-        work[LACK * W + l] = max(-rest2, -rest3, 0.0)
-        work[WEAK * W + l], work[FOLD * W + l] = min(weak1, weak2), min(fold2 * min(weak2, 1.0), fold3)
+        work[INFEASIBILITY * W + l] = max(-rest2, -rest3, 0.0)
+        work[CONDITIONING * W + l], work[DISCRIMINANT * W + l] = (
+            min(weak1, weak2),
+            min(fold2 * min(weak2, 1.0), fold3),
+        )
         again2 = rest2 <= 0.0 and one < 0.0
         again3 = rest3 <= 0.0 and two < 0.0
-        work[AGAIN * W + l] = 1.0 if again2 or again3 else 0.0
+        work[DUPLICATE * W + l] = 1.0 if again2 or again3 else 0.0
 
 
 @inlined
@@ -347,25 +353,31 @@ def wrist(structure: Array, far: float, work: Array, w: int) -> None:
         qx, qy, qz = work[MIDDLE * W + l], work[(MIDDLE + 1) * W + l], work[(MIDDLE + 2) * W + l]
         vx, vy, vz = work[AXIS * W + l], work[(AXIS + 1) * W + l], work[(AXIS + 2) * W + l]
         height = dot(ax, ay, az, qx, qy, qz)
-        c5, s5, rest5, _ = meet(a, b, height - along, three)
-        rx, ry, rz = turned(bx, by, bz, c5, s5, zx, zy, zz)
+        c5, s5, rest5, _ = solve_trig(a, b, height - along, three)
+        rx, ry, rz = rotate(bx, by, bz, c5, s5, zx, zy, zz)
         # E₄ takes r to q: both have the same height along axis 4.
         nx, ny, nz = cross(rx, ry, rz, qx, qy, qz)
         flat = dot(rx, ry, rz, qx, qy, qz) - dot(ax, ay, az, rx, ry, rz) * height
-        c4, s4, length4 = spin(flat, dot(ax, ay, az, nx, ny, nz))
-        vx, vy, vz = turned(ax, ay, az, c4, -s4, vx, vy, vz)
-        vx, vy, vz = turned(bx, by, bz, c5, -s5, vx, vy, vz)
+        c4, s4, length4 = unit_angle(flat, dot(ax, ay, az, nx, ny, nz))
+        vx, vy, vz = rotate(ax, ay, az, c4, -s4, vx, vy, vz)
+        vx, vy, vz = rotate(bx, by, bz, c5, -s5, vx, vy, vz)
         work[ROOTS * W + l], work[(ROOTS + 1) * W + l] = work[LEFT * W + l], work[(LEFT + 1) * W + l]
         work[(ROOTS + 2) * W + l] = rest5
         work[3 * W + l], work[4 * W + l] = angle(s4, c4), angle(s5, c5)
         work[5 * W + l] = angle(dot(fx, fy, fz, vx, vy, vz), dot(ex, ey, ez, vx, vy, vz))
-        lack, weak, fold = work[LACK * W + l], work[WEAK * W + l], work[FOLD * W + l]
+        infeasibility, conditioning, discriminant = (
+            work[INFEASIBILITY * W + l],
+            work[CONDITIONING * W + l],
+            work[DISCRIMINANT * W + l],
+        )
         weak4, fold5 = math.sqrt(length4), abs(rest5)
-        work[LACK * W + l] = max(lack, -rest5)
-        work[WEAK * W + l] = min(weak, weak4) if max(lack, -rest5) < far else weak
-        work[FOLD * W + l] = min(fold, fold5) if lack < far else fold
-        again = rest5 <= 0.0 and three < 0.0
-        work[AGAIN * W + l] = 1.0 if again else work[AGAIN * W + l]
+        work[INFEASIBILITY * W + l] = max(infeasibility, -rest5)
+        work[CONDITIONING * W + l] = (
+            min(conditioning, weak4) if max(infeasibility, -rest5) < far else conditioning
+        )
+        work[DISCRIMINANT * W + l] = min(discriminant, fold5) if infeasibility < far else discriminant
+        duplicate = rest5 <= 0.0 and three < 0.0
+        work[DUPLICATE * W + l] = 1.0 if duplicate else work[DUPLICATE * W + l]
 
 
 @inlined
@@ -405,43 +417,43 @@ def parallel_three(structure: Array, D: Array, far: float, work: Array, w: int) 
     sense2, sense3, sense4 = S[SENSE], S[SENSE + 1], S[SENSE + 2]
     for l in range(w):
         one, two, three = work[SIGNS * W + l], work[(SIGNS + 1) * W + l], work[(SIGNS + 2) * W + l]
-        c1, s1, rest1, length1 = meet(a, b, c, one)
+        c1, s1, rest1, length1 = solve_trig(a, b, c, one)
         # h as E₁ leaves it, and what of it D and E₆ have to make h turned back by E₅.
-        rx, ry, rz = turned(ax, ay, az, c1, s1, hx, hy, hz)
-        c5, s5, rest5, _ = meet(a5, b5, dot(rx, ry, rz, wx, wy, wz) - along5, three)
+        rx, ry, rz = rotate(ax, ay, az, c1, s1, hx, hy, hz)
+        c5, s5, rest5, _ = solve_trig(a5, b5, dot(rx, ry, rz, wx, wy, wz) - along5, three)
         gx, gy, gz = (
             d00 * rx + d10 * ry + d20 * rz,
             d01 * rx + d11 * ry + d21 * rz,
             d02 * rx + d12 * ry + d22 * rz,
         )
-        vx, vy, vz = turned(bx, by, bz, c5, -s5, hx, hy, hz)
+        vx, vy, vz = rotate(bx, by, bz, c5, -s5, hx, hy, hz)
         nx, ny, nz = cross(gx, gy, gz, vx, vy, vz)
         flat = dot(gx, gy, gz, vx, vy, vz) - dot(zx, zy, zz, gx, gy, gz) * dot(zx, zy, zz, vx, vy, vz)
-        c6, s6, length6 = spin(flat, dot(zx, zy, zz, nx, ny, nz))
+        c6, s6, length6 = unit_angle(flat, dot(zx, zy, zz, nx, ny, nz))
         # What E₂ E₃ E₄ make of e.
-        vx, vy, vz = turned(bx, by, bz, c5, -s5, ex, ey, ez)
-        gx, gy, gz = turned(zx, zy, zz, c6, -s6, vx, vy, vz)
+        vx, vy, vz = rotate(bx, by, bz, c5, -s5, ex, ey, ez)
+        gx, gy, gz = rotate(zx, zy, zz, c6, -s6, vx, vy, vz)
         vx, vy, vz = (
             dot(d00, d01, d02, gx, gy, gz),
             dot(d10, d11, d12, gx, gy, gz),
             dot(d20, d21, d22, gx, gy, gz),
         )
-        gx, gy, gz = turned(ax, ay, az, c1, -s1, vx, vy, vz)
+        gx, gy, gz = rotate(ax, ay, az, c1, -s1, vx, vy, vz)
         all0, all1 = dot(ex, ey, ez, gx, gy, gz), dot(fx, fy, fz, gx, gy, gz)
         # Where E₂ E₃ take the point on axis 4.
-        vx, vy, vz = turned(bx, by, bz, c5, -s5, tx, ty, tz)
-        gx, gy, gz = turned(zx, zy, zz, c6, -s6, vx, vy, vz)
+        vx, vy, vz = rotate(bx, by, bz, c5, -s5, tx, ty, tz)
+        gx, gy, gz = rotate(zx, zy, zz, c6, -s6, vx, vy, vz)
         vx, vy, vz = (
             dot(d00, d01, d02, gx, gy, gz),
             dot(d10, d11, d12, gx, gy, gz),
             dot(d20, d21, d22, gx, gy, gz),
         )
-        gx, gy, gz = turned(ax, ay, az, c1, -s1, vx + ux, vy + uy, vz + uz)
+        gx, gy, gz = rotate(ax, ay, az, c1, -s1, vx + ux, vy + uy, vz + uz)
         gx, gy, gz = gx + ox, gy + oy, gz + oz
         g0, g1 = dot(ex, ey, ez, gx, gy, gz), dot(fx, fy, fz, gx, gy, gz)
-        c3, s3, rest3, _ = meet(ta, tb, 0.5 * (g0 * g0 + g1 * g1 - sides), two)
+        c3, s3, rest3, _ = solve_trig(ta, tb, 0.5 * (g0 * g0 + g1 * g1 - sides), two)
         v0, v1 = l0 + c3 * m0 - s3 * m1, l1 + c3 * m1 + s3 * m0
-        c2, s2, length2 = spin(v0 * g0 + v1 * g1, v0 * g1 - v1 * g0)
+        c2, s2, length2 = unit_angle(v0 * g0 + v1 * g1, v0 * g1 - v1 * g0)
         cosine, sine = c2 * c3 - s2 * s3, s2 * c3 + c2 * s3
         work[l], work[4 * W + l], work[5 * W + l] = angle(s1, c1), angle(s5, c5), angle(s6, c6)
         work[W + l], work[2 * W + l] = sense2 * angle(s2, c2), sense3 * angle(s3, c3)
@@ -452,11 +464,11 @@ def parallel_three(structure: Array, D: Array, far: float, work: Array, w: int) 
         weak6 = weak6 if min(rest1, rest5) > -far else 1.0
         fold3 = fold3 if min(rest1, rest5) > -far else 1.0
         weak2 = weak2 if min(rest1, rest3, rest5) > -far else 1.0
-        work[LACK * W + l] = max(-rest1, -rest3, -rest5, 0.0)
+        work[INFEASIBILITY * W + l] = max(-rest1, -rest3, -rest5, 0.0)
         work[ROOTS * W + l], work[(ROOTS + 1) * W + l] = rest1 * weak1 * weak1, rest3
         work[(ROOTS + 2) * W + l] = rest5
-        work[WEAK * W + l] = min(weak1, weak2, weak6)
-        work[FOLD * W + l] = min(fold1 * min(weak1, 1.0), fold3, fold5)
+        work[CONDITIONING * W + l] = min(weak1, weak2, weak6)
+        work[DISCRIMINANT * W + l] = min(fold1 * min(weak1, 1.0), fold3, fold5)
         again1, again3 = rest1 <= 0.0 and one < 0.0, rest3 <= 0.0 and two < 0.0
         again5 = rest5 <= 0.0 and three < 0.0
-        work[AGAIN * W + l] = 1.0 if again1 or again3 or again5 else 0.0
+        work[DUPLICATE * W + l] = 1.0 if again1 or again3 or again5 else 0.0

@@ -16,25 +16,25 @@ from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR, Job, T
 from kinseek.kernels.jit import inlined
 
 from .candidates import (
-    AGAIN,
     BESIDE,
     CLEAR,
+    CONDITIONING,
     DEVIATION,
-    FOLD,
+    DISCRIMINANT,
+    DUPLICATE,
     FREE,
     GIVEN,
-    LACK,
-    LACKING,
+    INFEASIBILITY,
+    INFEASIBLE,
     LOOSE,
     MIDDLE,
     SPREAD,
     SWEPT,
-    WEAK,
     candidates,
     joint_of,
     row_of,
 )
-from .front import taken_off
+from .swept_joint import taken_off
 
 COST = MIDDLE
 """Row of the squared distance of a candidate from where it is wanted, infinite if it is none; its first use is over by
@@ -54,13 +54,13 @@ def place(task: Task, near: Array, close: bool, work: Array, w: int) -> None:
         near: Where the answer is wanted, (n,): with `close` where the arm is, else the middle of the ranges, from which
             each joint is measured in half its range.
         close: See `near`.
-        work: The candidates, see `candidates.LACK`, (WORK,).
+        work: The candidates, see `candidates.INFEASIBILITY`, (WORK,).
         w: LANES.
     """
     W, dof, off = LANES, len(task.lower), SPREAD * task.structure[DEVIATION]
     turn, rate, beside = 2.0 * math.pi, 0.5 / math.pi, BESIDE + off
     for l in range(w):
-        lost = work[AGAIN * W + l] > 0.0 or work[LACK * W + l] > LACKING + off
+        lost = work[DUPLICATE * W + l] > 0.0 or work[INFEASIBILITY * W + l] > INFEASIBLE + off
         work[COST * W + l] = np.inf if lost else 0.0
     # A joint in front is inside its limits, and the same in all lanes.
     for row in range(dof - 1 if task.structure[SWEPT] > 0.0 else dof):
@@ -108,10 +108,10 @@ def order_candidates(task: Task, desk: Desk, given: float, near: Array, close: b
     # Memory of a look-up, which comes later if at all.
     S, work = task.structure, desk.distance
     taken_off(S, desk.between, given, desk.spare)
-    candidates(S, desk.spare, LACKING + SPREAD * S[DEVIATION], work, w)
+    candidates(S, desk.spare, INFEASIBLE + SPREAD * S[DEVIATION], work, w)
     sure = max(task.position_tolerance, task.orientation_tolerance) <= LOOSE
     for l in range(LANES):
-        sure = sure and work[WEAK * LANES + l] >= FREE and work[FOLD * LANES + l] >= CLEAR
+        sure = sure and work[CONDITIONING * LANES + l] >= FREE and work[DISCRIMINANT * LANES + l] >= CLEAR
         work[GIVEN * LANES + l] = given
     place(task, near, close, work, w)
     return sure

@@ -12,15 +12,16 @@ from kinseek.kernels.atlas.task import Task
 from kinseek.kernels.jit import inlined
 
 from .candidates import (
-    AGAIN,
     BESIDE,
     CLEAR,
+    CONDITIONING,
     DEVIATION,
-    FOLD,
+    DISCRIMINANT,
+    DUPLICATE,
     FREE,
+    INFEASIBILITY,
+    INFEASIBLE,
     KIND,
-    LACK,
-    LACKING,
     LOOSE,
     NONE,
     ROOTS,
@@ -28,7 +29,6 @@ from .candidates import (
     SIZE,
     SPREAD,
     SWEPT,
-    WEAK,
     candidates,
     displacement,
     row_of,
@@ -73,21 +73,27 @@ def closed_starts(
     """
     off = SPREAD * structure[DEVIATION]
     exact = structure[DEVIATION] <= ROUNDING
-    far, beside = LACKING + ASKEW * off, BESIDE + off
+    far, beside = INFEASIBLE + ASKEW * off, BESIDE + off
     slack = off + max(task.position_tolerance / structure[SIZE], task.orientation_tolerance)
     many, sure, unsure, lost = 0, 0, 0.0, 0.0
     displacement(structure, target, D)
     candidates(structure, D, far, work, w)
     for l in range(LANES):
-        lack, weak, fold = work[LACK * LANES + l], work[WEAK * LANES + l], work[FOLD * LANES + l]
-        again = work[AGAIN * LANES + l] > 0.0
-        if weak < FREE + off or (not exact and (fold < off or (not again and 0.0 < lack <= beside))):
+        infeasibility, conditioning, discriminant = (
+            work[INFEASIBILITY * LANES + l],
+            work[CONDITIONING * LANES + l],
+            work[DISCRIMINANT * LANES + l],
+        )
+        duplicate = work[DUPLICATE * LANES + l] > 0.0
+        if conditioning < FREE + off or (
+            not exact and (discriminant < off or (not duplicate and 0.0 < infeasibility <= beside))
+        ):
             unsure = 1.0
-            lost = 1.0 if lack > 0.0 else lost
-        if again or lack > far:
+            lost = 1.0 if infeasibility > 0.0 else lost
+        if duplicate or infeasibility > far:
             continue
         # What an angle may be off by: more where little decides it.
-        wide = slack / max(weak * math.sqrt(fold), FREE)
+        wide = slack / max(conditioning * math.sqrt(discriminant), FREE)
         inside, fits = True, True
         for i in range(len(task.lower)):
             value = work[row_of(structure, i, len(task.lower)) * LANES + l]
@@ -100,7 +106,7 @@ def closed_starts(
             seeds[many, i] = value
         if fits:
             many += 1
-            if inside and lack <= 0.0 and fold > CLEAR + off:
+            if inside and infeasibility <= 0.0 and discriminant > CLEAR + off:
                 sure += 1
     told[TRIED], told[SURE], told[UNSURE], told[LOST] = many, sure, unsure, lost
     told[FOLDED] = abs(work[ROOTS * LANES])

@@ -11,9 +11,9 @@ from kinseek.kernels.atlas.task import WANTED, Job, handle_at, task_of
 from kinseek.kernels.jit import routine
 from kinseek.kernels.pointers import part1, part2
 
-from .candidates import KIND, LEADS, NONE, SWEPT, displacement
+from .candidates import KIND, NONE, SWEPT, SWEPT_VALUES, displacement
 from .choice import first_that_converges, first_that_reaches, order_candidates, take_start
-from .front import direction, end_value, given_value
+from .swept_joint import direction, end_value, given_value
 
 ENOUGH = (CORRECTIONS + 1) * LANES
 """After more FK evaluations than these no other value of a joint in front is tried."""
@@ -73,7 +73,9 @@ def closed_routine(
             break
         if values > 0:
             value, inside = (
-                end_value(task, k - values) if k >= values else given_value(task, ahead + S[LEADS + k], near)
+                end_value(task, k - values)
+                if k >= values
+                else given_value(task, ahead + S[SWEPT_VALUES + k], near)
             )
             if not inside:
                 continue

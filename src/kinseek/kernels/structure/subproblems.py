@@ -27,7 +27,7 @@ def cross(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[f
 
 
 @inlined
-def turned(
+def rotate(
     a: float, b: float, c: float, cosine: float, sine: float, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
     """Turn the vector (x, y, z) about the unit vector (a, b, c) (Rodrigues 1840)."""
@@ -40,7 +40,7 @@ def turned(
 
 
 @inlined
-def meet(a: float, b: float, c: float, sign: float) -> tuple[float, float, float, float]:
+def solve_trig(a: float, b: float, c: float, sign: float) -> tuple[float, float, float, float]:
     """Solve ``a cos θ + b sin θ = c``: subproblems 3 and 4 of Paden and Kahan, and of Elias and Wen (2022).
 
     There are two answers, one for each sign. Where there is none, both are the θ that comes closest, as in
@@ -62,7 +62,7 @@ def meet(a: float, b: float, c: float, sign: float) -> tuple[float, float, float
 
 
 @inlined
-def spin(x: float, y: float) -> tuple[float, float, float]:
+def unit_angle(x: float, y: float) -> tuple[float, float, float]:
     """Cosine and sine of the direction (x, y), and how long it is: subproblem 1 of Paden and Kahan, in the plane."""
     length = math.sqrt(x * x + y * y)
     lost = length < TINY

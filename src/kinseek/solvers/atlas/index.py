@@ -43,8 +43,8 @@ from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import RADIAN_PART, arm_length, divide, open_limits, span_of
 from kinseek.robots.sampling import middle_samples
-from kinseek.structure.leads import choose_leads
 from kinseek.structure.structure import NO_STRUCTURE, Structure, structure_of, with_tip
+from kinseek.structure.swept_values import choose_swept_values
 from kinseek.tolerances import DEFAULT_TOLERANCE
 from kinseek.transforms import inverse
 
@@ -107,7 +107,7 @@ class AtlasIndex(Lazy):
         )
         self._addresses = handle_of(self._arrays)
         if not known:
-            choose_leads(self.structure, self._addresses, size, samples)
+            choose_swept_values(self.structure, self._addresses, size, samples)
         self._range_routines = np.zeros_like(self._routines)
         self._range_arrays = with_ranges(self._arrays, POSES, self._range_routines)
         self._range_addresses = handle_of(self._range_arrays)

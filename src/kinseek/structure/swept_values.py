@@ -7,11 +7,11 @@ import numpy as np
 from kinseek.kernels.arrays import Indices
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.structure import candidates as form
-from kinseek.kernels.structure.leads import try_leads
+from kinseek.kernels.structure.swept_values import try_swept_values
 
 from .structure import Structure
 
-LEADS = 24
+SWEPT_VALUES = 24
 """Leads that are tried of each pose of the trial."""
 
 
@@ -19,7 +19,7 @@ SAMPLES = 64
 """One pose of the trial for so many samples of the atlas."""
 
 
-def choose_leads(structure: Structure, handle: Indices, size: float, samples: int) -> None:
+def choose_swept_values(structure: Structure, handle: Indices, size: float, samples: int) -> None:
     """Write down which leads of the joint in front are tried, if there is one: each serves most of what those before leave.
 
     Args:
@@ -32,14 +32,14 @@ def choose_leads(structure: Structure, handle: Indices, size: float, samples: in
     if not numbers[form.SWEPT]:
         return
     farthest = size if numbers[form.SLIDES] else np.pi
-    leads = farthest * (2.0 * np.arange(LEADS) / LEADS - 1.0)
-    told = np.zeros((max(samples // SAMPLES, 1), LEADS), dtype=np.int64)
-    try_leads(handle, leads, told, LANES)
+    swept_values = farthest * (2.0 * np.arange(SWEPT_VALUES) / SWEPT_VALUES - 1.0)
+    told = np.zeros((max(samples // SAMPLES, 1), SWEPT_VALUES), dtype=np.int64)
+    try_swept_values(handle, swept_values, told, LANES)
     for k in range(form.VALUES):
         served = told.sum(axis=0)
         best = int(np.argmax(served))
         if not served[best]:
             break
         numbers[form.SWEPT] = k + 1
-        numbers[form.LEADS + k] = leads[best]
+        numbers[form.SWEPT_VALUES + k] = swept_values[best]
         told[told[:, best] == 1] = 0

@@ -3,7 +3,7 @@
 With the joint in front given, the others are an arm with a closed form. Which values leave an answer inside the limits
 depends on where the hand is, and mostly on its direction about the joint's axis, or its place along it if it slides: at a
 fixed angle ahead of that direction the joint leaves the other joints much the same work wherever the hand is. Which angles
-serve best is found by trial when an arm is loaded, see `leads`. Of an arm whose last joint is in front, taken backwards,
+serve best is found by trial when an arm is loaded, see `swept_values`. Of an arm whose last joint is in front, taken backwards,
 the same holds of the shoulder as the hand sees it.
 """
 
@@ -22,7 +22,7 @@ from .subproblems import angle, cross, dot
 
 
 @inlined
-def front(structure: Array, dof: int) -> int:
+def swept_joint(structure: Array, dof: int) -> int:
     """Which joint of an arm stands in front."""
     return dof - 1 if structure[BACKWARD] > 0.0 else 0
 
@@ -77,7 +77,7 @@ def taken_off(structure: Array, D: Array, value: float, rest: Array) -> None:
 @inlined
 def given_value(task: Task, value: float, near: Array) -> tuple[float, bool]:
     """Bring a value of the joint in front inside its limits by full turns, near the middle; say whether it is inside."""
-    i = front(task.structure, len(task.lower))
+    i = swept_joint(task.structure, len(task.lower))
     low, high = task.chain.lower[i], task.chain.upper[i]
     if task.structure[SLIDES] == 0.0:
         if math.isinf(task.lower[i]):
@@ -89,6 +89,6 @@ def given_value(task: Task, value: float, near: Array) -> tuple[float, bool]:
 @inlined
 def end_value(task: Task, which: int) -> tuple[float, bool]:
     """The lower end of the range of the joint in front, or the upper (0 or 1); say whether it has one."""
-    i = front(task.structure, len(task.lower))
+    i = swept_joint(task.structure, len(task.lower))
     value = task.lower[i] if which == 0 else task.upper[i]
     return value, not math.isinf(value)

@@ -1,4 +1,4 @@
-"""Which values of a joint in front serve: what is asked once, when an arm is loaded; see `front`."""
+"""Which values of a joint in front serve: what is asked once, when an arm is loaded; see `swept_joint`."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from kinseek.kernels.jit import entry
 
 from .candidates import displacement
 from .choice import order_candidates, take_candidate
-from .front import direction, given_value
+from .swept_joint import direction, given_value
 
 
-@entry(handle=HANDLE, leads=F64["m"], told=I64["k", "m"].out, w=I64)
-def try_leads(handle: Indices, leads: Array, told: Indices, w: int) -> None:
+@entry(handle=HANDLE, swept_values=F64["m"], told=I64["k", "m"].out, w=I64)
+def try_swept_values(handle: Indices, swept_values: Array, told: Indices, w: int) -> None:
     """Find out which leads of the joint in front serve which poses, made of joint values spread over the limits.
 
     Args:
         handle: The task, see `task_of`.
-        leads: (m,), [rad] or [m].
+        swept_values: (m,), [rad] or [m].
         told: Receives 1 where a lead leaves a candidate inside the limits, else 0, of each pose, (k, m).
         w: LANES.
     """
@@ -38,8 +38,8 @@ def try_leads(handle: Indices, leads: Array, told: Indices, w: int) -> None:
         forward(task.chain, q, target)
         displacement(task.structure, target, desk.between)
         ahead = direction(task.structure, desk.between)
-        for k in range(len(leads)):
-            value, inside = given_value(task, ahead + leads[k], near)
+        for k in range(len(swept_values)):
+            value, inside = given_value(task, ahead + swept_values[k], near)
             told[t, k] = 0
             if inside:
                 order_candidates(task, desk, value, near, False, w)
