@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kinseek.kernels.arrays import Array, ChainArrays
-from kinseek.kernels.branches import watched as search
+from kinseek.kernels.branches import one_joint_residual as search
 from kinseek.kernels.structure import candidates as form
 from kinseek.structure.axes import meeting, nearest_on, slant
 from kinseek.transforms import inverse, rotation, square, transform
@@ -30,7 +30,7 @@ BENT = 0.1
 
 
 BESIDE = 0.12
-"""The joint is searched so far beyond its limits, or beyond half a turn [rad]: what is watched is seen on both sides of an
+"""The joint is searched so far beyond its limits, or beyond half a turn [rad]: the residual is seen on both sides of an
 answer there."""
 
 
@@ -42,9 +42,9 @@ class OneJoint(NamedTuple):
     """What `kernels.branches.one_joint` takes of an arm."""
 
     numbers: Array
-    """See `kernels.branches.watched.BEGIN`, (NUMBERS,)."""
+    """See `kernels.branches.one_joint_residual.BEGIN`, (NUMBERS,)."""
     table: Array
-    """See `kernels.branches.watched.HEIGHT`, (PLACES, SAMPLES); of no samples for an arm that is not so."""
+    """See `kernels.branches.one_joint_residual.HEIGHT`, (PLACES, SAMPLES); of no samples for an arm that is not so."""
 
 
 NOTHING = OneJoint(np.zeros(search.NUMBERS), np.zeros((search.PLACES, 0)))

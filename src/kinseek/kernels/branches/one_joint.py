@@ -1,9 +1,9 @@
-"""Every answer of an arm of which one joint is searched: where what is watched changes its sign, see `watched`.
+"""Every answer of an arm of which one joint is searched: where the residual changes its sign, see `one_joint_residual`.
 
 The joint is sampled. Between two samples of different signs there is an answer. A way ends where one of its equations has
-one answer only: there two ways are one curve, and what is watched goes with the root of the distance from the end.
+one answer only: there two ways are one curve, and the residual goes with the root of the distance from the end.
 Between the last samples and the end eight more are looked at, so spaced that it is smooth along them. So are places where
-an equation nearly has one answer, and where what is watched comes close to nought and turns back.
+an equation nearly has one answer, and where the residual comes close to nought and turns back.
 """
 
 from __future__ import annotations
@@ -19,7 +19,19 @@ from kinseek.kernels.atlas.task import task_of
 from kinseek.kernels.jit import inlined, noinline
 from kinseek.kernels.structure.candidates import displacement
 
-from .watched import APART, AXIS, BEGIN, LANE_ROWS, OTHER, PLACES, SAMPLES, SEARCHED, between, complete, watch
+from .one_joint_residual import (
+    APART,
+    AXIS,
+    BEGIN,
+    LANE_ROWS,
+    OTHER,
+    PLACES,
+    SAMPLES,
+    SEARCHED,
+    between,
+    complete,
+    write_residuals,
+)
 
 SEGMENTS, ROOTS = 48, 48
 """Places that are looked at more closely, and answers, at most."""
@@ -34,11 +46,11 @@ BESIDE = 0.02
 
 
 NARROW, LOW = 2.0, 0.2
-"""How close is close: an equation, and the number that is watched, in parts of how much they bend from sample to sample."""
+"""How close is close: an equation, and the residual, in parts of how much they bend from sample to sample."""
 
 
 FLAT, FREE = 1e-4, 2e-4
-"""Where what is watched is less than that from sample to sample, or the point is that close to axis 1 in parts of the arm's
+"""Where the residual is less than that from sample to sample, or the point is that close to axis 1 in parts of the arm's
 size, a joint is left to choose: answers are continua, within the tolerances."""
 
 
@@ -81,7 +93,7 @@ def find_places(S: Array, seen: Array, covered: Array, segments: Array) -> int:
 
     Args:
         S: Numbers of the arm.
-        seen: See `watch`.
+        seen: See `write_residuals`.
         covered: Receives 1 for an interval of an equation that is looked at more closely, else 0, (3, samples).
         segments: Receives of each place its kind, which equation it is, and where its eight samples begin and end, where
             they crowd, (SEGMENTS, 4).
@@ -105,7 +117,7 @@ def find_places(S: Array, seen: Array, covered: Array, segments: Array) -> int:
                 y3 = 2.0 * y2 - y1 if k == many - 2 else y3
                 at = t0 + (k - 1 + crossing(y0, y1, y2, y3)) * dt
                 begin = k if y1 > 0.0 else k + 1
-                # One sample more, if it is there: what is watched is steep there.
+                # One sample more, if it is there: the residual is steep there.
                 further = begin - 1 if y1 > 0.0 else begin + 1
                 covered[e, k] = 1.0
                 if (
@@ -154,18 +166,18 @@ def root(value: float, branch: int, roots: Array, count: int) -> int:
 def find_roots(
     S: Array, seen: Array, covered: Array, segments: Array, places: int, roots: Array
 ) -> tuple[int, int, int]:
-    """Find where what is watched changes its sign from sample to sample, and where it may have been nought between two.
+    """Find where the residual changes its sign from sample to sample, and where it may have been nought between two.
 
     Args:
         S: Numbers of the arm.
-        seen: See `watch`.
+        seen: See `write_residuals`.
         covered: See `find_places`.
         segments: See `find_places`; receives more places.
         places: How many there are.
         roots: Receives the value of the joint and two signs of each root, (3, ROOTS).
 
     Returns:
-        How many roots there are, how many places, and between how many samples what is watched stays nought, nearly.
+        How many roots there are, how many places, and between how many samples the residual stays nought, nearly.
     """
     many, count, flat, t0, dt = seen.shape[1], 0, 0, S[BEGIN], S[APART]
     for b in range(4):
@@ -204,7 +216,7 @@ def look_closely(
 
     Args:
         S: Numbers of the arm.
-        close: See `watch`, eight samples of each place, (8, places * LANES).
+        close: See `write_residuals`, eight samples of each place, (8, places * LANES).
         segments: See `find_places`.
         places: How many there are.
         roots: See `find_roots`.
@@ -257,7 +269,7 @@ def searched_starts(
     Args:
         handle: The task, see `task_of`.
         wanted: See `task_of`.
-        S: Numbers of the arm, see `watched.BEGIN`.
+        S: Numbers of the arm, see `one_joint_residual.BEGIN`.
         table: See `HEIGHT`, (PLACES, SAMPLES).
         target: (4, 4), lengths in [m].
         seeds: Receives joint values, (at least ROOTS, n).
@@ -268,7 +280,7 @@ def searched_starts(
     seen, covered, segments = np.empty((8, SAMPLES)), np.empty((3, SAMPLES)), np.empty((SEGMENTS, 4))
     roots, work = np.zeros((3, ROOTS)), np.empty(LANE_ROWS * LANES)
     displacement(S, target, D)
-    watch(S, D, table, SAMPLES, seen, work, w)
+    write_residuals(S, D, table, SAMPLES, seen, work, w)
     places = find_places(S, seen, covered, segments)
     count, places, flat = find_roots(S, seen, covered, segments, places, roots)
     free = np.inf
@@ -291,11 +303,11 @@ def searched_starts(
                     column,
                     i * LANES + j,
                 )
-        watch(S, D, column, places * LANES, close, work, w)
+        write_residuals(S, D, column, places * LANES, close, work, w)
         count, dips = look_closely(S, close, segments, places, roots, count)
     unsure = unsure or count > ROOTS
     count = min(count, ROOTS)
-    # Branches are closed curves: what is watched changes its sign an even number of times.
+    # Branches are closed curves: the residual changes its sign an even number of times.
     once, around = 0, S[APART] * (SAMPLES - 1) >= 2.0 * math.pi
     for k in range(count):
         once += 1 if roots[0, k] < S[BEGIN] + 2.0 * math.pi else 0

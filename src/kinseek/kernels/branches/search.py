@@ -45,7 +45,7 @@ from kinseek.kernels.jit import entry, inlined, noinline
 from kinseek.kernels.structure.candidates import DEVIATION, KIND, LOOSE, NUMBERS, PARALLEL, ROUNDING, WORK
 from kinseek.kernels.structure.closed import FOLDED, LOST, SURE, TOLD, TRIED, UNSURE, closed_starts, serves
 
-from . import one_joint, watched
+from . import one_joint, one_joint_residual
 from .around import FINAL, FIRST, least_lean, starts_around
 from .refine_all import (
     ANSWERS,
@@ -153,7 +153,7 @@ def find_branches(
         wanted: See `task_of`.
         mirrors: Of each mirror image, see `twins.SIGNS`, (k, 3, n).
         structure: See `structure.candidates.KIND`, (NUMBERS,).
-        joint: Of an arm of which one joint is searched, see `watched.BEGIN`, (watched.NUMBERS,).
+        joint: Of an arm of which one joint is searched, see `one_joint_residual.BEGIN`, (one_joint_residual.NUMBERS,).
         table: See `one_joint.HEIGHT`, (PLACES, SAMPLES); of no samples for other arms.
         steps: See `seeding.fill_steps`, (samples of the coarse atlas, 6, LANES).
         target: (4, 4), lengths in [m].
@@ -301,8 +301,8 @@ def find_branches(
     wanted=F64[WANTED],
     mirrors=F64["*", 3, "n"],
     structure=F64[NUMBERS],
-    joint=F64[watched.NUMBERS],
-    table=F64[watched.PLACES, "*"],
+    joint=F64[one_joint_residual.NUMBERS],
+    table=F64[one_joint_residual.PLACES, "*"],
     steps=F64["*", 6, LANES],
     targets=F64["k", 4, 4],
     views=F64["*", 3, "n"],

@@ -1,4 +1,4 @@
-"""What is watched of an arm of which one joint is searched, and its other joints once that one is known.
+"""Residual of an arm of which one joint is searched, and its other joints once that one is known.
 
 The arm is a product of turns about its axes as they stand at q = 0, see `structure.candidates`. The searched joint tells
 which point joints 1, 2 and 3 have to take where: in up to four ways, told apart by two signs. Each way turns what is
@@ -43,7 +43,7 @@ PLACES = SECOND + 3
 
 
 VALUE, ROOM = 16, 20
-"""Rows of the lanes behind those of the table: what is watched, of four ways; and room, see `watch`, four rows."""
+"""Rows of the lanes behind those of the table: the residual, of four ways; and room, see `write_residuals`, four rows."""
 
 
 LANE_ROWS = ROOM + 4
@@ -93,17 +93,17 @@ def triangle(
 
 
 @inlined
-def watch(S: Array, D: Array, table: Array, many: int, seen: Array, work: Array, w: int) -> None:
-    """Write what is watched, and the room of its equations, into seen, (8, many).
+def write_residuals(S: Array, D: Array, table: Array, many: int, seen: Array, work: Array, w: int) -> None:
+    """Write the residual, and the room of its equations, into seen, (8, many).
 
-    Where an equation has no answer what is watched goes on, and means nothing.
+    Where an equation has no answer the residual goes on, and means nothing.
 
     Args:
         S: Numbers of the arm, see `BEGIN`.
         D: See `candidates.displacement`, (3, 4).
         table: See `HEIGHT`, (PLACES, many).
         many: How many, a multiple of LANES.
-        seen: Receives what is watched of four ways, told apart by the answer of joint 1 and then by that of joint 3; how far
+        seen: Receives the residual of four ways, told apart by the answer of joint 1 and then by that of joint 3; how far
             the equation of joint 1 is from having one answer, and that of joint 3 for both answers of joint 1, less than 0
             where there is none; and the squared distance of the point from axis 1, in parts of the arm's size.
         work: Memory, (LANE_ROWS * LANES,).
