@@ -11,7 +11,7 @@ import numpy as np
 import kinseek
 from benchmarks.page import Page
 from kinseek import maps
-from kinseek.maps.block import Desk, answered
+from kinseek.maps.block import BlockScratch, answered
 from kinseek.maps.cells import EMPTY, REACHED, UNDECIDED
 
 from .cells import Array, Numbers, cpu, half_of, rings_around, section, work_of
@@ -75,11 +75,11 @@ class Rows:
     def judge(self, depth: int) -> Callable[[Cells], Row]:
         """What judges a row, so deep."""
         work = work_of(self.arm, self.rings, None, prove=True, depth=depth)
-        desk = Desk(work)
-        desk.arm.ik(np.eye(4))  # Builds the atlas.
+        scratch = BlockScratch(work)
+        scratch.arm.ik(np.eye(4))  # Builds the atlas.
 
         def judged(part: Cells) -> Row:
-            took, values = cpu(answered, work, desk, self.rings.poses(part), part)
+            took, values = cpu(answered, work, scratch, self.rings.poses(part), part)
             reached, empty, undecided = (
                 float((values["cell"] == word).mean()) for word in (REACHED, EMPTY, UNDECIDED)
             )
@@ -238,12 +238,12 @@ def wholes(page: Page, number: int) -> None:
                 cells = list(touched(arm, grid, number))
                 for depth in WHOLE_DEPTHS:
                     work = work_of(arm, grid, None, prove=True, depth=depth)
-                    desk = Desk(work)
-                    desk.arm.ik(np.eye(4))  # Builds the atlas.
+                    scratch = BlockScratch(work)
+                    scratch.arm.ik(np.eye(4))  # Builds the atlas.
                     took, shares = cpu(
-                        lambda work=work, desk=desk, grid=grid, cells=cells: np.array(
+                        lambda work=work, scratch=scratch, grid=grid, cells=cells: np.array(
                             [
-                                answered(work, desk, grid.poses(cell), cell)["whole_share"].item()
+                                answered(work, scratch, grid.poses(cell), cell)["whole_share"].item()
                                 for cell in cells
                             ]
                         )

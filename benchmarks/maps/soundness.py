@@ -15,7 +15,7 @@ from benchmarks.branches import eaik
 from benchmarks.page import Page
 from kinseek import maps
 from kinseek.branches.result import BranchesBatch
-from kinseek.maps.block import Desk, Work, answered
+from kinseek.maps.block import BlockScratch, Work, answered
 from kinseek.maps.cells import EMPTY
 from kinseek.maps.orientations import about_z
 from kinseek.maps.search import reached, ruled_out
@@ -38,22 +38,22 @@ SIZES = ((0.1, 576), (0.05, 4608))
 """Widths of cells [m], and orientations."""
 
 
-def judge(work: Work, desk: Desk, cell: Index) -> int:
+def judge(work: Work, scratch: BlockScratch, cell: Index) -> int:
     """What is known of one whole cell."""
     part = tuple(slice(i, i + 1) for i in cell)
-    return int(answered(work, desk, desk.grid.poses(part), part)["cell"].item())
+    return int(answered(work, scratch, scratch.grid.poses(part), part)["cell"].item())
 
 
-def empty_cells(work: Work, desk: Desk, number: int) -> Numbers:
+def empty_cells(work: Work, scratch: BlockScratch, number: int) -> Numbers:
     """Cells that are proved empty, (number, dimensions): half of them such that lengths alone do not tell it."""
     kept: dict[bool, list[Any]] = {True: [], False: []}
-    for cells in batches(desk.grid):
+    for cells in batches(scratch.grid):
         goal = kinseek.Goal.pose(
-            np.concatenate([desk.grid.poses(one(cell)).reshape(1, 4, 4) for cell in cells])
+            np.concatenate([scratch.grid.poses(one(cell)).reshape(1, 4, 4) for cell in cells])
         )
-        for cell, far in zip(cells, ruled_out(desk.arm, goal), strict=True):
+        for cell, far in zip(cells, ruled_out(scratch.arm, goal), strict=True):
             some = kept[bool(far)]
-            if len(some) < number // 2 and judge(work, desk, tuple(cell)) == EMPTY:
+            if len(some) < number // 2 and judge(work, scratch, tuple(cell)) == EMPTY:
                 some.append(cell)
         if all(len(some) >= number // 2 for some in kept.values()):
             break
@@ -112,17 +112,17 @@ def _both(asked: tuple[str, float, int, int, int]) -> tuple[list[str], list[str]
     return _poses(arm, width, count, poses, ARMS[name]), _vectors(arm, width, count, vectors)
 
 
-def _work(arm: kinseek.Arm, width: float, count: int) -> tuple[Work, Desk]:
+def _work(arm: kinseek.Arm, width: float, count: int) -> tuple[Work, BlockScratch]:
     work = work_of(arm, rings_around(arm, width, count), prove=True, depth=DEPTH)
-    return work, Desk(work)
+    return work, BlockScratch(work)
 
 
 def _poses(arm: kinseek.Arm, width: float, count: int, poses: int, known: bool) -> list[str]:
-    work, desk = _work(arm, width, count)
-    cells, rng = empty_cells(work, desk, max(poses // EACH, 2)), np.random.default_rng(3)
+    work, scratch = _work(arm, width, count)
+    cells, rng = empty_cells(work, scratch, max(poses // EACH, 2)), np.random.default_rng(3)
     turned = np.tile(np.eye(4), (len(cells) * EACH, 1, 1))
     turned[:, :3, :3] = about_z(rng.uniform(-np.pi, np.pi, len(turned)))
-    T, reach = turned @ inside(desk.grid, np.repeat(cells, EACH, axis=0), rng), desk.arm
+    T, reach = turned @ inside(scratch.grid, np.repeat(cells, EACH, axis=0), rng), scratch.arm
     good = reach.fk(reach.sample(max(len(T) // 10, 1), seed=4))
     theirs = _eaik(reach) if known else None
     return [
@@ -146,14 +146,14 @@ def _eaik(arm: kinseek.Arm) -> Callable[[Array], NDArray[np.bool_]]:
 
 
 def _vectors(arm: kinseek.Arm, width: float, count: int, vectors: int) -> list[str]:
-    work, desk = _work(arm, width, count)
-    grid, reach = desk.grid, desk.arm
+    work, scratch = _work(arm, width, count)
+    grid, reach = scratch.grid, scratch.arm
     cells = np.stack(grid.cells_of(reach.fk(reach.sample(vectors, seed=5))), axis=1)
     cells = cells[(cells >= 0).all(axis=1)]
     distinct, times = np.unique(cells, axis=0, return_counts=True)
     T = np.concatenate([grid.poses(one(cell)).reshape(1, 4, 4) for cell in distinct])
     unsure = np.flatnonzero(~reached(reach, kinseek.Goal.pose(T)))
-    empty = sum(judge(work, desk, tuple(distinct[i])) == EMPTY for i in unsure)
+    empty = sum(judge(work, scratch, tuple(distinct[i])) == EMPTY for i in unsure)
     return [
         arm.name,
         f"{width * 100:.0f} cm, {count:,}",

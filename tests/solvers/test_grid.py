@@ -17,10 +17,10 @@ from kinseek.kernels.grid.memory import (
     MOST_LANES,
     Beam,
     Window,
-    lay_bench,
+    lay_grid_scratch,
     make_beam,
-    make_bench,
-    make_scratch,
+    make_grid_scratch,
+    make_node_scratch,
     memory_size,
 )
 from kinseek.kernels.grid.window import nodes_until, offer, search_window, split_depth, window_nodes
@@ -54,7 +54,7 @@ def search(
 ) -> tuple[Beam, int, bool]:
     beam = make_beam(keep, chain.dof)
     arrays = Problem(chain, goal).arrays
-    return beam, *search_window(arrays, goal.arrays, window, stop, budget, beam, make_scratch(chain.dof))
+    return beam, *search_window(arrays, goal.arrays, window, stop, budget, beam, make_node_scratch(chain.dof))
 
 
 def best_first(beam: Beam) -> np.ndarray:
@@ -166,8 +166,8 @@ def test_a_bench_fills_its_memory_and_no_part_lies_over_another(
     dof: int, most: int, cells: int, children: int
 ) -> None:
     memory = np.zeros(LAYOUT.count.of(dof=dof, most=most, cells=cells, children=children))
-    bench = inlined(lay_bench)(memory.ctypes.data, dof, most, cells, children)
-    parts = [array for bundle in bench for array in bundle]
+    grid_scratch = inlined(lay_grid_scratch)(memory.ctypes.data, dof, most, cells, children)
+    parts = [array for bundle in grid_scratch for array in bundle]
     for part in parts:
         begin = (part.ctypes.data - memory.ctypes.data) // 8
         memory[begin : begin + part.size] += 1
@@ -183,7 +183,7 @@ def test_a_bench_fills_its_memory_and_no_part_lies_over_another(
     ]
     given = dof, most, cells, children
     larger = np.zeros(memory_size(*given))
-    lanes = inlined(make_bench)(larger, *given).scratch.lanes
+    lanes = inlined(make_grid_scratch)(larger, *given).scratch.lanes
     assert lanes.ctypes.data % 64 == 0
     assert larger.ctypes.data <= lanes.ctypes.data <= larger.ctypes.data + larger.nbytes - memory.nbytes
 

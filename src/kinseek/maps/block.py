@@ -89,7 +89,7 @@ def slim(chain: SerialChain) -> SerialChain:
     return replace(chain, urdf=b"", packages={}, frames={}, source="")
 
 
-class Desk:
+class BlockScratch:
     """What a process keeps for an arm and a grid."""
 
     def __init__(self, work: Work) -> None:
@@ -104,47 +104,47 @@ class Desk:
             self.scene.free(self.arm.sample(1))  # Fits its spheres now, and not in what is timed.
 
 
-_desks: dict[str, Desk] = {}
+_desks: dict[str, BlockScratch] = {}
 _making = Lock()
 
 
-def desk_of(work: Work) -> Desk:
+def desk_of(work: Work) -> BlockScratch:
     """The desk of this process for such work; the last few are kept."""
     key = f"{work.arm} {work.cell} {sorted(work.grid.items())}"
     with _making.now:
         if key not in _desks:
             while len(_desks) > 3:
                 _desks.pop(next(iter(_desks)))
-            _desks[key] = Desk(work)
+            _desks[key] = BlockScratch(work)
         return _desks[key]
 
 
 def compute(work: Work, index: Index) -> dict[str, Array]:
     """Answer the poses of one block: an array of each variable."""
-    desk = desk_of(work)
-    return answered(work, desk, desk.grid.poses(work.part(index)), work.part(index))
+    scratch = desk_of(work)
+    return answered(work, scratch, scratch.grid.poses(work.part(index)), work.part(index))
 
 
-def answered(work: Work, desk: Desk, poses: Array, part: Sequence[slice]) -> dict[str, Array]:
+def answered(work: Work, scratch: BlockScratch, poses: Array, part: Sequence[slice]) -> dict[str, Array]:
     """Of each variable an array, for poses, (..., 4, 4), that are the middles of a part of the grid's cells."""
 
     def goal(T: Array) -> Goal:
         position, orientation = work.position_tolerance, work.orientation_tolerance
         return Goal.pose(T, position_tolerance=position, orientation_tolerance=orientation)
 
-    free = int(desk.first is not None)
-    values = measured(desk.arm, poses, work.what, goal, free, work.patience, desk.scene, work.clearance)
-    if desk.first is not None:
+    free = int(scratch.first is not None)
+    values = measured(scratch.arm, poses, work.what, goal, free, work.patience, scratch.scene, work.clearance)
+    if scratch.first is not None:
         found = values[REACHED].ravel() == 1
-        begins, ends = turns(desk.first, desk.arm, poses.reshape(-1, 4, 4), found, goal)
+        begins, ends = turns(scratch.first, scratch.arm, poses.reshape(-1, 4, 4), found, goal)
         values["turn_from"], values["turn_to"] = (each.reshape(found.shape) for each in (begins, ends))
         values = {name: each.reshape(poses.shape[:-2]) for name, each in values.items()}
     if work.prove:
         found = values[REACHED] == 1
-        judge = Judge(desk.arm, desk.grid, work.depth, work.budget, goal(np.eye(4)))
-        cells = cells_of_block(judge, part, found, wholly=desk.scene is None)
+        judge = Judge(scratch.arm, scratch.grid, work.depth, work.budget, goal(np.eye(4)))
+        cells = cells_of_block(judge, part, found, wholly=scratch.scene is None)
         # A scene takes poses away: what is empty stays so, but what else is known of a cell is known without it.
-        if desk.scene is not None:
+        if scratch.scene is not None:
             cells["cell"][(cells["cell"] == TOUCHED) & ~found] = UNDECIDED
         values |= cells
     return values

@@ -17,7 +17,7 @@ from kinseek.arm import Arm
 from kinseek.errors import InvalidMap
 from kinseek.validation import as_integer
 
-from .block import Desk, answered
+from .block import BlockScratch, answered
 from .cells import SHARES
 from .grid import Grid, Rings
 from .make import options_of, require_extra, work_of
@@ -100,7 +100,7 @@ def estimate(
     if cores is not None:
         cores = as_integer("cores", cores, 1, error=InvalidMap)
     work = work_of(arm, grid, what, **options_of(options), store=None)
-    desk, rng, cost = Desk(work), np.random.default_rng(0), list[float]()
+    scratch, rng, cost = BlockScratch(work), np.random.default_rng(0), list[float]()
     number = min(_ROW, grid.shape[-1]) if work.prove else _MANY
 
     def some() -> tuple[Array, tuple[slice, ...]]:
@@ -112,7 +112,7 @@ def estimate(
         return grid.poses(part), part
 
     began = time.perf_counter()
-    answered(work, desk, *some())  # Builds the atlas.
+    answered(work, scratch, *some())  # Builds the atlas.
     start = time.perf_counter() - began
     if cores is None and math.prod(-(-n // m) for n, m in zip(grid.shape, work.chunks, strict=True)) > 1:
         start += _processes()
@@ -120,7 +120,7 @@ def estimate(
     while len(cost) < 8 or time.perf_counter() < until:
         poses, part = some()
         began = time.perf_counter()
-        answered(work, desk, poses, part)
+        answered(work, scratch, poses, part)
         cost.append((time.perf_counter() - began) / number)
     mean = float(np.mean(cost))
     each = sum(np.dtype(MEASURES[name].dtype).itemsize for name in work.what)

@@ -19,10 +19,10 @@ from kinseek.kernels.grid.memory import (
     TAKEN_SCRATCH,
     TAKEN_WINDOW,
     Beam,
-    Scratch,
+    NodeScratch,
     Window,
     make_beam,
-    make_scratch,
+    make_node_scratch,
     make_window,
 )
 from kinseek.kernels.grid.window import PART, PAUSED, nodes_until, search_part, window_nodes
@@ -102,7 +102,7 @@ class BlindSearch:
         goal = problem.goal
         tolerances = np.array([goal.position_tolerance, goal.orientation_tolerance])
         dof, best, at = len(q), np.array([self.step, np.inf]), np.zeros(4, dtype=np.int64)
-        memory = Memory(make_window(dof, 3), make_scratch(dof), make_beam(1, dof), best)
+        memory = Memory(make_window(dof, 3), make_node_scratch(dof), make_beam(1, dof), best)
         given = problem.arrays, goal.arrays, problem.chain.wraps, tolerances, parameters
         recorder = Recorder(problem, self) if problem.trace else None
         if recorder:
@@ -162,7 +162,7 @@ class Memory(NamedTuple):
     """Memory of a walk, and what it knows."""
 
     window: Window
-    scratch: Scratch
+    scratch: NodeScratch
     beam: Beam
     """Of one leaf."""
     now: Array

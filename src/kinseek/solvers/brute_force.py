@@ -12,7 +12,7 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidSolver
 from kinseek.kernels.arrays import Indices
 from kinseek.kernels.grid.descent import Grid
-from kinseek.kernels.grid.memory import Window, make_beam, make_scratch
+from kinseek.kernels.grid.memory import Window, make_beam, make_node_scratch
 from kinseek.kernels.grid.window import nodes_until, search_window
 from kinseek.problem import Problem
 from kinseek.robots.mechanism import Mechanism
@@ -108,7 +108,7 @@ class BruteForce:
             return self._told(problem, grid, asked, 2 * order.nbytes) if problem.trace else asked
         window = Window(grid.values_of(order), order, np.full(dof, count, dtype=np.int64))
         budget = count**dof if problem.budget is None else problem.budget
-        beam, scratch = make_beam(1, dof), make_scratch(dof)
+        beam, scratch = make_beam(1, dof), make_node_scratch(dof)
         leaves, early = search_window(
             problem.arrays,
             problem.goal.arrays,

@@ -15,7 +15,7 @@ from kinseek.kernels.arrays import CHAIN, GOAL, Array, ChainArrays, GoalArrays, 
 from kinseek.kernels.entry import F64, FLAG, I64, Bundle
 from kinseek.kernels.jit import array_view, entry, exact, inlined_with_wrapper
 
-from .memory import Beam, Scratch, Window, make_bench
+from .memory import Beam, NodeScratch, Window, make_grid_scratch
 from .window import EARLY, PAUSED, WHOLE, clear, nodes_until, offer, search_part, window_nodes
 
 
@@ -183,7 +183,9 @@ def descend(
     most = passes.first.shape[1]
     for d in range(dof):
         most = max(most, passes.later[d])
-    scratch, window, first, second, litter = make_bench(memory, dof, most, passes.beam, passes.children)
+    scratch, window, first, second, litter = make_grid_scratch(
+        memory, dof, most, passes.beam, passes.children
+    )
     if at[PASS] == 0 and at[CELL] < 0:
         clear(first)
         clear(second)
@@ -223,7 +225,7 @@ def go_on(
     budget: int,
     work: int,
     window: Window,
-    scratch: Scratch,
+    scratch: NodeScratch,
     first: Beam,
     second: Beam,
     litter: Beam,

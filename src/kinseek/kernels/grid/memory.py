@@ -37,7 +37,7 @@ class Beam(NamedTuple):
     """Their joint values, (K, n)."""
 
 
-class Scratch(NamedTuple):
+class NodeScratch(NamedTuple):
     """Memory of one search."""
 
     lanes: Array
@@ -55,7 +55,7 @@ class Scratch(NamedTuple):
 TAKEN_WINDOW = Bundle(Window, values=F64["n", "most"].out, nodes=I64["n", "most"].out, counts=I64["n"].out)
 TAKEN_BEAM = Bundle(Beam, errors=F64["cells"].out, nodes=I64["cells", "n"].out, q=F64["cells", "n"].out)
 TAKEN_SCRATCH = Bundle(
-    Scratch,
+    NodeScratch,
     lanes=F64[9, MOST_LANES].out,
     errors=F64[MOST_LANES].out,
     poses=F64["n+1", 3, 4].out,
@@ -65,9 +65,9 @@ TAKEN_SCRATCH = Bundle(
 """The same as arrays anywhere, for kernels that take them as such."""
 
 
-def make_scratch(dof: int) -> Scratch:
+def make_node_scratch(dof: int) -> NodeScratch:
     """Allocate the memory that one search needs."""
-    return Scratch(
+    return NodeScratch(
         np.empty((9, MOST_LANES)),
         np.empty(MOST_LANES),
         np.empty((dof + 1, 3, 4)),
@@ -86,10 +86,10 @@ def make_window(dof: int, most: int) -> Window:
     return Window(np.empty((dof, most)), np.empty((dof, most), dtype=np.int64), np.empty(dof, dtype=np.int64))
 
 
-class Bench(NamedTuple):
+class GridScratch(NamedTuple):
     """Memory of a descent."""
 
-    scratch: Scratch
+    scratch: NodeScratch
     window: Window
     first: Beam
     """Of the first pass, the third, and so on."""
@@ -104,7 +104,7 @@ MADE_FOR = ("dof", "most", "cells", "children")
 MOST, CELLS, CHILDREN = (named(each) for each in MADE_FOR[1:])
 
 SCRATCH = Layout(
-    Scratch,
+    NodeScratch,
     MADE_FOR,
     lanes=floats(9, MOST_LANES),
     errors=floats(MOST_LANES),
@@ -122,14 +122,14 @@ LITTER = Layout(
     nodes=whole(CHILDREN, DOF),
     q=floats(CHILDREN, DOF),
 )
-LAYOUT = Layout(Bench, MADE_FOR, scratch=SCRATCH, window=WINDOW, first=BEAM, second=BEAM, litter=LITTER)
+LAYOUT = Layout(GridScratch, MADE_FOR, scratch=SCRATCH, window=WINDOW, first=BEAM, second=BEAM, litter=LITTER)
 """Where the bench of a descent stands in memory: one array and not thirty, for each that a kernel takes costs a third of a
 microsecond."""
 
 LINE = 64
 """[bytes] of a line of the processor's cache: the tabulated leaves are read fastest from the beginning of one."""
 
-lay_bench = LAYOUT.make
+lay_grid_scratch = LAYOUT.make
 
 
 def memory_size(dof: int, most: int, cells: int, children: int) -> int:
@@ -138,8 +138,8 @@ def memory_size(dof: int, most: int, cells: int, children: int) -> int:
 
 
 @array_view
-def make_bench(memory: Array, dof: int, most: int, cells: int, children: int) -> Bench:
+def make_grid_scratch(memory: Array, dof: int, most: int, cells: int, children: int) -> GridScratch:
     """Lay a bench out in a memory of `memory_size` numbers."""
     address = (memory.ctypes.data + LINE - 1) // LINE * LINE
-    bench: Bench = lay_bench(address, dof, most, cells, children)
-    return bench
+    grid_scratch: GridScratch = lay_grid_scratch(address, dof, most, cells, children)
+    return grid_scratch

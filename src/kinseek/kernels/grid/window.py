@@ -25,7 +25,7 @@ from kinseek.kernels.arrays import CHAIN, GOAL, Array, ChainArrays, GoalArrays, 
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, inlined_with_wrapper, kernel
 
-from .memory import MOST_LANES, TAKEN_BEAM, TAKEN_SCRATCH, TAKEN_WINDOW, Beam, Scratch, Window
+from .memory import MOST_LANES, TAKEN_BEAM, TAKEN_SCRATCH, TAKEN_WINDOW, Beam, NodeScratch, Window
 
 PART = 1 << 22
 """Work of one part of a search, in leaves: some ten milliseconds."""
@@ -71,7 +71,7 @@ def split_depth(chain: ChainArrays, counts: Indices) -> int:
 
 
 @kernel
-def tabulate(chain: ChainArrays, window: Window, s: int, scratch: Scratch) -> int:
+def tabulate(chain: ChainArrays, window: Window, s: int, scratch: NodeScratch) -> int:
     """Fill the lanes with the tip's pose for every combination of joints s … n-1; return how many."""
     dof, joints = len(window.counts), len(chain.prismatic)
     path, q, poses, T = scratch.path, scratch.q, scratch.poses, np.empty((3, 4))
@@ -164,7 +164,7 @@ def same_nodes(beam: Beam, k: int, nodes: Indices) -> bool:
 
 
 @inlined_with_wrapper
-def choose_lane(window: Window, s: int, lane: int, scratch: Scratch, nodes: Indices) -> None:
+def choose_lane(window: Window, s: int, lane: int, scratch: NodeScratch, nodes: Indices) -> None:
     """Write the leaf that a lane stands for below the current prefix: nodes and, in scratch.q, values."""
     for d in range(len(window.counts)):
         nodes[d] = window.nodes[d, scratch.path[d]]
@@ -209,7 +209,7 @@ def search_part(
     begin: int,
     work: int,
     beam: Beam,
-    scratch: Scratch,
+    scratch: NodeScratch,
 ) -> tuple[int, int, int]:
     """Search a window from a leaf on, last joint fastest, and keep the best leaves.
 
@@ -224,7 +224,7 @@ def search_part(
         begin: Leaf to begin at; where it is not 0 the scratch has to be as the part before left it.
         work: What this part may do, in leaves; it does a little more.
         beam: The best leaves so far; a leaf replaces the worst only if it is strictly better, by more than `tie`.
-        scratch: Memory from `make_scratch`.
+        scratch: Memory from `make_node_scratch`.
 
     Returns:
         Leaves evaluated in order from the first of the window on, WHOLE, EARLY or PAUSED, and the work left over.
@@ -290,7 +290,7 @@ def search_window(
     stop_below: float,
     budget: int,
     beam: Beam,
-    scratch: Scratch,
+    scratch: NodeScratch,
     out_of_time: Callable[[], bool] = lambda: False,
     part: int = PART,
     tie: float = 0.0,

@@ -110,7 +110,7 @@ class Scratch(NamedTuple):
 
 
 @array_view
-def make_scratch(joints: int, memory: Memory) -> Scratch:
+def make_node_scratch(joints: int, memory: Memory) -> Scratch:
     """Allocate it for so many joints of the arm that the boxes are about."""
     dof = memory.boxes.shape[1] // 2
     return Scratch(make_desk(joints, dof), make_expansion(dof), np.empty(len(memory.q)), np.empty((3, 4)))

@@ -46,7 +46,7 @@ from .exclusion import exclude
 from .gate import gate
 from .isolation import admit, inside
 from .last_joint import cut_twist
-from .memory import MEMORY, Memory, Scratch, make_scratch
+from .memory import MEMORY, Memory, Scratch, make_node_scratch
 from .progress import (
     AGAIN,
     CEILING,
@@ -96,7 +96,7 @@ def search_boxes(
     Returns:
         ENDED, FOUND, STOPPED or FULL; ENDED too where there is room for no more answers.
     """
-    scratch = make_scratch(len(question.form.leader), memory)
+    scratch = make_node_scratch(len(question.form.leader), memory)
     return search(kind, question, tuning, memory, scratch, until, budget)
 
 
