@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import kinseek
 from inlined import inlined
 from kinseek import Goal
-from kinseek.kernels.atlas import memory as desk
+from kinseek.kernels.atlas import memory as scratch
 from kinseek.kernels.atlas import task
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.tree import LEAF
@@ -26,7 +26,9 @@ Array = NDArray[np.float64]
 ARMS = [(1, 1), (2, 2), (3, 5), (6, 6), (7, 7), (7, 9), (20, 20)]
 """Variables and joints; more joints where some mimic others."""
 
-desk_size, make_desk, task_of = (inlined(each) for each in (desk.desk_size, desk.make_desk, task.task_of))
+scratch_size, make_scratch, task_of = (
+    inlined(each) for each in (scratch.scratch_size, scratch.make_scratch, task.task_of)
+)
 
 
 def arrays_of(bundle: Any) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -52,8 +54,8 @@ def owners(memory: Array, bundle: Any) -> NDArray[np.int64]:
 
 @pytest.mark.parametrize(("dof", "joints"), ARMS)
 def test_a_desk_fills_its_memory_and_no_part_lies_over_another(dof: int, joints: int) -> None:
-    memory = np.zeros(desk_size(dof, joints))
-    laid = make_desk(memory, dof, joints)
+    memory = np.zeros(scratch_size(dof, joints))
+    laid = make_scratch(memory, dof, joints)
     np.testing.assert_array_equal(owners(memory, laid), 1)
     assert {name: array.shape for name, array in arrays_of(laid)} == {
         "lanes.q": (dof, LANES),
@@ -71,8 +73,8 @@ def test_a_desk_fills_its_memory_and_no_part_lies_over_another(dof: int, joints:
         "spare": (3, 4),
         "between": (3, 4),
         "point": (9,),
-        "distance": (desk.DEEP,),
-        "neighbour": (desk.DEEP,),
+        "distance": (scratch.DEEP,),
+        "neighbour": (scratch.DEEP,),
         "stack": (64,),
         "bound": (64 + LEAF,),
         "seed": (dof,),
@@ -90,8 +92,8 @@ def test_a_desk_fills_its_memory_and_no_part_lies_over_another(dof: int, joints:
 
 @pytest.mark.parametrize(("dof", "joints"), ARMS)
 def test_what_is_written_to_one_part_stands_in_no_other(dof: int, joints: int) -> None:
-    memory = np.zeros(desk_size(dof, joints))
-    parts = list(arrays_of(make_desk(memory, dof, joints)))
+    memory = np.zeros(scratch_size(dof, joints))
+    parts = list(arrays_of(make_scratch(memory, dof, joints)))
     for number, (_, part) in enumerate(parts, start=1):
         part[...] = number
     for number, (name, part) in enumerate(parts, start=1):

@@ -64,7 +64,7 @@ def test_a_scene_travels_as_over_a_wire(scene: Scene, free: Any) -> None:
     buffers: list[pickle.PickleBuffer] = []
     sent = pickle.dumps(work, protocol=5, buffer_callback=buffers.append)
     there = pickle.loads(sent, buffers=[bytes(buffer) for buffer in buffers])
-    block._desks.clear()
+    block._scratches.clear()
     values = block.compute(there, (0, 0, 0, 0))
     for name in ("reached", "branches"):
         np.testing.assert_array_equal(values[name], free[name].values)
@@ -91,7 +91,7 @@ def test_nothing_is_proved_to_be_reached_wholly_in_a_scene(scene: Scene) -> None
     for options in ({}, {"scene": scene}, {"scene": scene, "clearance": 0.01}):
         asked = maps.make.options_of({"prove": True, "depth": 4, **options})
         work = maps.make.work_of(ARM, fine, ("reached",), store=None, **asked)
-        told.append(block.answered(work, block.desk_of(work), fine.poses(part), part))
+        told.append(block.answered(work, block.scratch_of(work), fine.poses(part), part))
     assert [float(values["whole_share"].item()) for values in told] == [1.0, 0.0, 0.0]
     assert told[0]["cell"].item() == REACHED
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 import kinseek
 from kinseek import Goal, Problem, Verdict
 from kinseek.kernels.jit import exposed
-from kinseek.kernels.proof.box import NARROW, Wanted, make_desk
+from kinseek.kernels.proof.box import NARROW, Wanted, make_box_scratch
 from kinseek.kernels.proof.last_joint import best_twist, twist_noise, twist_slack
 from kinseek.kernels.proof.progress import FOUND, STOPPED
 from kinseek.kernels.proof.taylor import solve
@@ -187,7 +187,7 @@ def test_the_slack_of_a_twist_holds_where_the_axis_points_backwards() -> None:
 @pytest.mark.jit
 def test_the_best_twist_and_what_rounding_makes_of_it() -> None:
     """Entries that are off by half the margin turn the best twist by no more than is said."""
-    desk = exposed(make_desk)(2, 2)
+    scratch = exposed(make_box_scratch)(2, 2)
     twist, noise, rng = exposed(best_twist), exposed(twist_noise), np.random.default_rng(5)
     wanted = question_of(1e-9)
     said = 0
@@ -198,8 +198,8 @@ def test_the_best_twist_and_what_rounding_makes_of_it() -> None:
         G = Rotation.random(random_state=int(rng.integers(2**31))).as_matrix()
         # The hand's columns are axis, x and y: it lies on the axis x here.
         hand = G @ (rotation(axis, lean) @ rotation(AXES["x"], turn)).T
-        desk.T[:, :3], desk.goal[:, :3] = hand + rng.uniform(-0.5e-9, 0.5e-9, (3, 3)) / 3, G
-        best, dot = twist(desk)
+        scratch.T[:, :3], scratch.goal[:, :3] = hand + rng.uniform(-0.5e-9, 0.5e-9, (3, 3)) / 3, G
+        best, dot = twist(scratch)
         bound = noise(wanted, float(dot))
         off = abs((best - turn + np.pi) % (2 * np.pi) - np.pi)
         off = min(off, abs((best + turn + np.pi) % (2 * np.pi) - np.pi))  # Signs are tested elsewhere.

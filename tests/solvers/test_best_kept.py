@@ -13,9 +13,9 @@ import kinseek
 from kinseek import Goal
 from kinseek.kernels.atlas.descent import ALIKE, keep_best
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.memory import desk_size, make_desk
+from kinseek.kernels.atlas.memory import make_scratch, scratch_size
 from kinseek.kernels.atlas.task import Job, task_of
-from kinseek.kernels.ranges.steps import make_range_desk, range_desk_size
+from kinseek.kernels.ranges.steps import make_range_scratch, range_scratch_size
 from kinseek.solvers.atlas.index import atlas_of, wanted_of
 
 pytestmark = pytest.mark.slow
@@ -27,23 +27,23 @@ def _kept(handle: Any, wanted: Array, target: Array, question: Array, rounds: Ar
     """The eight best of some rounds of eight, (r, LANES, n): their joint values and errors, (LANES, n + 1)."""
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
-    memory = np.zeros(desk_size(dof, joints) + range_desk_size(dof, joints))
-    desk, result = make_desk(memory, dof, joints), np.empty((LANES, dof + 1))
-    ranges = make_range_desk(memory.ctypes.data, dof, joints)
+    memory = np.zeros(scratch_size(dof, joints) + range_scratch_size(dof, joints))
+    scratch, result = make_scratch(memory, dof, joints), np.empty((LANES, dof + 1))
+    ranges = make_range_scratch(memory.ctypes.data, dof, joints)
     for k in range(len(question)):
         ranges.question[k] = question[k]
     for l in range(LANES):
-        desk.best_error[l] = np.inf
+        scratch.best_error[l] = np.inf
     for k in range(len(rounds)):
         for l in range(LANES):
-            desk.state[l] = 0
+            scratch.state[l] = 0
             for i in range(dof):
-                desk.lanes.q[i, l] = rounds[k, l, i]
-        keep_best(Job(handle, wanted, memory), task, desk, target)
+                scratch.lanes.q[i, l] = rounds[k, l, i]
+        keep_best(Job(handle, wanted, memory), task, scratch, target)
     for l in range(LANES):
-        result[l, dof] = desk.best_error[l]
+        result[l, dof] = scratch.best_error[l]
         for i in range(dof):
-            result[l, i] = desk.best[l, i]
+            result[l, i] = scratch.best[l, i]
     memory[0] = 0.0  # Views do not keep it alive.
     return result
 

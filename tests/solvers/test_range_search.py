@@ -19,8 +19,8 @@ from kinseek.solvers.atlas.index import atlas_of, wanted_of
 Array = NDArray[np.float64]
 
 task_of = inlined(tasks.task_of)
-desk_size, range_desk_size = inlined(memory.desk_size), inlined(steps.range_desk_size)
-make_range_desk = inlined(steps.make_range_desk)
+scratch_size, range_scratch_size = inlined(memory.scratch_size), inlined(steps.range_scratch_size)
+make_range_scratch = inlined(steps.make_range_scratch)
 
 
 def test_only_the_search_itself_is_shared_of_the_routines() -> None:
@@ -60,9 +60,9 @@ def test_what_is_wanted_stands_where_tasks_look_for_it() -> None:
 
 @pytest.mark.parametrize(("dof", "joints"), [(2, 2), (7, 9)])
 def test_memory_of_ranges_begins_where_the_desk_ends(dof: int, joints: int) -> None:
-    first, count = desk_size(dof, joints), range_desk_size(dof, joints)
+    first, count = scratch_size(dof, joints), range_scratch_size(dof, joints)
     room = np.zeros(first + count)
-    ranges = make_range_desk(room.ctypes.data, dof, joints)
+    ranges = make_range_scratch(room.ctypes.data, dof, joints)
     for part in ranges:
         view = part.view(np.float64)
         view += 1.0

@@ -44,8 +44,8 @@ def atlas_design(search: Atlas, problem: Problem, ram: int | None) -> Design:
         rows.append((len(blob), *each.shape, *(1,) * (ROW - 1 - each.ndim)))
         blob.extend(each.astype(each.dtype.newbyteorder("<")).tobytes())
     # What a call works on; and of the last resort, which walks to the nearest pose, what `settle` makes.
-    desk = LAYOUT.count.of(dof=dof, joints=joints) + EVALUATIONS + 1
-    room = room_for(desk, 12, 6 * joints, 3 * joints, dof, dof, dof, dof * dof, dof * dof, dof)
+    scratch = LAYOUT.count.of(dof=dof, joints=joints) + EVALUATIONS + 1
+    room = room_for(scratch, 12, 6 * joints, 3 * joints, dof, dof, dof, dof * dof, dof * dof, dof)
     taken = room + 8 * (DISTANT + 1 + ROW * len(rows) + 1)
     if ram is not None and taken > ram:
         raise InvalidExport(

@@ -104,24 +104,24 @@ class BlockScratch:
             self.scene.free(self.arm.sample(1))  # Fits its spheres now, and not in what is timed.
 
 
-_desks: dict[str, BlockScratch] = {}
+_scratches: dict[str, BlockScratch] = {}
 _making = Lock()
 
 
-def desk_of(work: Work) -> BlockScratch:
-    """The desk of this process for such work; the last few are kept."""
+def scratch_of(work: Work) -> BlockScratch:
+    """The scratch memory of this process for such work; the last few are kept."""
     key = f"{work.arm} {work.cell} {sorted(work.grid.items())}"
     with _making.now:
-        if key not in _desks:
-            while len(_desks) > 3:
-                _desks.pop(next(iter(_desks)))
-            _desks[key] = BlockScratch(work)
-        return _desks[key]
+        if key not in _scratches:
+            while len(_scratches) > 3:
+                _scratches.pop(next(iter(_scratches)))
+            _scratches[key] = BlockScratch(work)
+        return _scratches[key]
 
 
 def compute(work: Work, index: Index) -> dict[str, Array]:
     """Answer the poses of one block: an array of each variable."""
-    scratch = desk_of(work)
+    scratch = scratch_of(work)
     return answered(work, scratch, scratch.grid.poses(work.part(index)), work.part(index))
 
 

@@ -13,7 +13,7 @@ from kinseek.kernels.pointers import integer_part
 
 from .descent import FIRST_STEPS, is_hopeless, iterate, reset_weights, within
 from .lanes import LANES, Lanes
-from .memory import Desk, desk_size, make_desk
+from .memory import Scratch, make_scratch, scratch_size
 from .one_goal import CORRECTIONS, MIDMOST, OFFER, closed_answer, finish, solve_pose
 from .seeds import FIRST, TAKES, load_seed, middle, scan, take_seed
 from .task import CLOSED, EVALUATIONS, HANDLE, WANTED, Job, Task, routine_at, task_of
@@ -51,39 +51,41 @@ def stand_still(lanes: Lanes, l: int) -> None:
 
 
 @inlined
-def next_seed(task: Task, desk: Desk, queue: Queue, targets: Array, l: int, w: int) -> bool:
+def next_seed(task: Task, scratch: Scratch, queue: Queue, targets: Array, l: int, w: int) -> bool:
     """Put lane l at the next sample of its target that is worth a try; say whether there was one.
 
     A second sample is seldom needed, so the scan is made again rather than remembered for every lane.
     """
     for r in range(3):
         for c in range(4):
-            desk.spare[r, c] = targets[queue.target[l], r, c]
-    leaf = scan(task, desk, desk.spare, w)
+            scratch.spare[r, c] = targets[queue.target[l], r, c]
+    leaf = scan(task, scratch, scratch.spare, w)
     taken = queue.next[l]
     for _ in range(taken % FIRST):
-        take_nearest(task.atlas.tree, leaf, desk.distance, desk.bound)
+        take_nearest(task.atlas.tree, leaf, scratch.distance, scratch.bound)
     for _ in range(TAKES):
         if taken == TAKES:
             break
-        taken, worth = take_seed(task, desk, leaf, taken, w)
+        taken, worth = take_seed(task, scratch, leaf, taken, w)
         if worth:
             queue.next[l], queue.steps[l] = taken, 0
-            load_seed(desk.lanes, l, desk.seed)
-            stand_still(desk.lanes, l)
+            load_seed(scratch.lanes, l, scratch.seed)
+            stand_still(scratch.lanes, l)
             return True
     return False
 
 
 @array_view
-def next_candidate(job: Job, task: Task, desk: Desk, queue: Queue, targets: Array, l: int, w: int) -> bool:
+def next_candidate(
+    job: Job, task: Task, scratch: Scratch, queue: Queue, targets: Array, l: int, w: int
+) -> bool:
     """Put lane l at the next candidate of a nearby arm for its target; say whether there was one."""
-    target, q, asked = targets[queue.target[l]], desk.found[l], OFFER + queue.next[l]
+    target, q, asked = targets[queue.target[l]], scratch.found[l], OFFER + queue.next[l]
     offered = closed_answer(job.handle, job.wanted, job.memory, target, task.budget, q, asked, q, w)
     queue.next[l], queue.steps[l] = queue.next[l] + 1, 0
     if offered > 0:
-        load_seed(desk.lanes, l, q)
-        stand_still(desk.lanes, l)
+        load_seed(scratch.lanes, l, q)
+        stand_still(scratch.lanes, l)
     return offered > 0
 
 
@@ -140,8 +142,8 @@ def solve_many(
     """
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
-    memory = np.zeros(desk_size(dof, joints))
-    desk = make_desk(memory, dof, joints)
+    memory = np.zeros(scratch_size(dof, joints))
+    scratch = make_scratch(memory, dof, joints)
     numbers = np.zeros(4 * LANES, dtype=np.int64)
     at = numbers.ctypes.data
     queue = Queue(
@@ -153,7 +155,7 @@ def solve_many(
     count, job = 0, Job(handle, wanted, memory)
     closed = routine_at(handle, CLOSED) != 0
     if closed and task.exact == 1:
-        count = run_closed(job, task, desk, targets, results, left, begin, end, w)
+        count = run_closed(job, task, scratch, targets, results, left, begin, end, w)
     else:
         for i in range(begin, end):
             left[count], results[i, dof + EVALUATIONS] = i, 0.0
@@ -161,7 +163,7 @@ def solve_many(
     # First from candidates of a nearby arm, then from samples; in one loop, for what is called twice is compiled twice.
     for nearby in (True, False):
         if not nearby or (closed and task.exact == 0):
-            count = run_lanes(job, task, desk, queue, targets, results, left, count, nearby, w)
+            count = run_lanes(job, task, scratch, queue, targets, results, left, count, nearby, w)
     memory[0], numbers[0] = 0.0, 0  # Their last use, see `solve_pose`.
     return count
 
@@ -201,7 +203,7 @@ def solve_some(
 def run_closed(
     job: Job,
     task: Task,
-    desk: Desk,
+    scratch: Scratch,
     targets: Array,
     results: Array,
     left: Indices,
@@ -218,9 +220,9 @@ def run_closed(
         q, report = results[t, :dof], results[t, dof:]
         tried = closed_answer(job.handle, job.wanted, job.memory, targets[t], task.budget, q, MIDMOST, q, w)
         if tried > 0:
-            # It is judged already, where the desk keeps bounds.
+            # It is judged already, where the scratch memory keeps bounds.
             for k in range(EVALUATIONS):
-                report[k] = desk.bound[k]
+                report[k] = scratch.bound[k]
             report[EVALUATIONS] = tried
         else:
             left[leftover], report[EVALUATIONS] = t, -tried
@@ -232,7 +234,7 @@ def run_closed(
 def run_lanes(
     job: Job,
     task: Task,
-    desk: Desk,
+    scratch: Scratch,
     queue: Queue,
     targets: Array,
     results: Array,
@@ -245,8 +247,8 @@ def run_lanes(
 
     They start from samples, or with `nearby` from candidates of the nearby arm.
     """
-    lanes, dof, steps = desk.lanes, len(task.lower), CORRECTIONS if nearby else FIRST_STEPS
-    reset_weights(task, desk)
+    lanes, dof, steps = scratch.lanes, len(task.lower), CORRECTIONS if nearby else FIRST_STEPS
+    reset_weights(task, scratch)
     leftover, number, active = 0, 0, LANES
     for l in range(LANES):
         queue.target[l] = -1
@@ -263,7 +265,7 @@ def run_lanes(
             if busy:
                 queue.spent[l] += 1
                 if within(task, lanes, l):
-                    write_result(task, desk, queue, targets, results, l)
+                    write_result(task, scratch, queue, targets, results, l)
                     busy = False
                 elif queue.steps[l] == steps or (not nearby and is_hopeless(lanes, queue.steps[l], l)):
                     more = True
@@ -275,9 +277,9 @@ def run_lanes(
                     take_target(task, lanes, queue, targets, results, left[number], l)
                     number += 1
                 if nearby:
-                    busy = next_candidate(job, task, desk, queue, targets, l, w)
+                    busy = next_candidate(job, task, scratch, queue, targets, l, w)
                 else:
-                    busy = next_seed(task, desk, queue, targets, l, w)
+                    busy = next_seed(task, scratch, queue, targets, l, w)
                 more = False
                 if not busy:
                     target = queue.target[l]
@@ -290,12 +292,12 @@ def run_lanes(
 
 
 @inlined
-def write_result(task: Task, desk: Desk, queue: Queue, targets: Array, results: Array, l: int) -> None:
+def write_result(task: Task, scratch: Scratch, queue: Queue, targets: Array, results: Array, l: int) -> None:
     """Judge lane l by plain FK and write its row."""
     i, dof = queue.target[l], len(task.lower)
     for j in range(dof):
-        results[i, j] = desk.lanes.q[j, l]
+        results[i, j] = scratch.lanes.q[j, l]
     goal = GoalArrays(targets[i], task.position_weight, task.axis_weights)
-    middle(task, desk.seed)
-    finish(task, desk, goal, desk.seed, results[i, :dof], results[i, dof:])
+    middle(task, scratch.seed)
+    finish(task, scratch, goal, scratch.seed, results[i, :dof], results[i, dof:])
     results[i, dof + EVALUATIONS] = queue.spent[l]

@@ -26,7 +26,7 @@ from .lanes import (
     lanes_residual,
     lanes_solve,
 )
-from .memory import Desk, desk_size, make_desk
+from .memory import Scratch, make_scratch, scratch_size
 from .seeds import copy_joints, keep_joints, load_target, turns_fully
 from .task import ITERATE, JUDGE, WANTED, WEIGHTED_ERROR, Job, Task, handle_at, routine_at, task_of
 
@@ -98,14 +98,14 @@ def lowest_row(values: Array) -> int:
 
 
 @inlined
-def reset_weights(task: Task, desk: Desk) -> None:
+def reset_weights(task: Task, scratch: Scratch) -> None:
     """Scale residuals so that metres and radians compare."""
-    lanes = desk.lanes
+    lanes = scratch.lanes
     for c in range(3):
-        desk.columns[c] = task.columns[c]
-    desk.damping[0] = DAMPING
+        scratch.columns[c] = task.columns[c]
+    scratch.damping[0] = DAMPING
     for l in range(LANES):
-        desk.floor[l] = FLOOR
+        scratch.floor[l] = FLOOR
         lanes.weight[l] = 1.0 / task.length
         lanes.weight[LANES + l] = 1.0 if task.columns[0] > 0.0 else 0.0
 
@@ -138,17 +138,17 @@ def iterate_routine(handle_address: int, wanted_address: int, memory_address: in
     """See `iterate`."""
     handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
     task = task_of(handle, wanted)
-    memory = part1(memory_address, 0, desk_size(len(task.lower), len(task.chain.leader)))
-    desk = make_desk(memory, len(task.lower), len(task.chain.leader))
-    lanes = desk.lanes
+    memory = part1(memory_address, 0, scratch_size(len(task.lower), len(task.chain.leader)))
+    scratch = make_scratch(memory, len(task.lower), len(task.chain.leader))
+    lanes = scratch.lanes
     if move:
         lanes_jacobian(task.chain.leader, task.links, lanes, free_turn(task), w)
         lanes_hold(task.lower, task.upper, lanes, w)
-        lanes_gram(desk.damping[0], desk.floor, lanes, w)
+        lanes_gram(scratch.damping[0], scratch.floor, lanes, w)
         lanes_solve(lanes, w)
         lanes_move(task.lower, task.upper, LONGEST, lanes, w)
     lanes_forward(task.chain.leader, task.links, lanes, w)
-    lanes_residual(lanes, desk.columns, w)
+    lanes_residual(lanes, scratch.columns, w)
     return 0
 
 
@@ -183,28 +183,30 @@ def is_hopeless(lanes: Lanes, made: int, l: int) -> bool:
 
 
 @inlined
-def descend_lanes(job: Job, task: Task, desk: Desk, steps: int, everyone: bool, w: int) -> tuple[int, int]:
+def descend_lanes(
+    job: Job, task: Task, scratch: Scratch, steps: int, everyone: bool, w: int
+) -> tuple[int, int]:
     """Refine the eight lanes; return the first lane that converged, or -1, and the steps made.
 
     The nearest seed has the first say: a later lane's answer counts only once all before it have had their steps. With
     `everyone`, every lane gets its steps. All stop where none has come much nearer for a while: such a goal is out of reach,
     or another seed is needed. With ranges every lane has all its steps.
     """
-    lanes, dof, patient = desk.lanes, len(task.lower), steps <= FIRST_STEPS or task.poses > 0
+    lanes, dof, patient = scratch.lanes, len(task.lower), steps <= FIRST_STEPS or task.poses > 0
     first_ones = steps == FIRST_STEPS and task.poses == 0 and not everyone
     for made in range(steps + 1):
         iterate(job.handle, job.wanted, job.memory, made > 0, w)
         waiting, first = 0, -1
         for l in range(LANES):
-            if desk.state[l] == 0 and within(task, lanes, l):
-                desk.state[l] = 1
+            if scratch.state[l] == 0 and within(task, lanes, l):
+                scratch.state[l] = 1
                 for i in range(dof):
-                    desk.found[l, i] = lanes.q[i, l]
-            if desk.state[l] == 0 and first_ones and is_hopeless(lanes, made, l):
-                desk.state[l] = 3
-            if desk.state[l] == 0:
+                    scratch.found[l, i] = lanes.q[i, l]
+            if scratch.state[l] == 0 and first_ones and is_hopeless(lanes, made, l):
+                scratch.state[l] = 3
+            if scratch.state[l] == 0:
                 waiting += 1
-            elif desk.state[l] == 1 and first < 0:
+            elif scratch.state[l] == 1 and first < 0:
                 first = l
                 if waiting == 0 and not everyone:
                     return first, made
@@ -215,7 +217,7 @@ def descend_lanes(job: Job, task: Task, desk: Desk, steps: int, everyone: bool, 
             for l in range(LANES):
                 error = lanes.error[3 * LANES + l]
                 hopeful = error < 0.5 * lanes.work[BEFORE + l] or error < NEARLY * NEARLY
-                moving = moving or (desk.state[l] == 0 and hopeful)
+                moving = moving or (scratch.state[l] == 0 and hopeful)
                 lanes.work[BEFORE + l] = error
             if not moving:
                 return first, made
@@ -232,21 +234,21 @@ def farthest_joint(rows: Array, row: int, q: Array) -> float:
 
 
 @inlined
-def keep_seed(desk: Desk, error: float) -> None:
-    """Put the desk's seed among the eight best if its weighted error is less than the worst's, or its twin's.
+def keep_seed(scratch: Scratch, error: float) -> None:
+    """Put the scratch memory's seed among the eight best if its weighted error is less than the worst's, or its twin's.
 
     No two of the eight are alike: eight copies of one configuration would all be polished to the same end.
     """
     worst, twin = 0, -1
     for k in range(LANES):
-        if desk.best_error[k] > desk.best_error[worst]:
+        if scratch.best_error[k] > scratch.best_error[worst]:
             worst = k
-        if desk.best_error[k] < np.inf and farthest_joint(desk.best, k, desk.seed) < ALIKE:
+        if scratch.best_error[k] < np.inf and farthest_joint(scratch.best, k, scratch.seed) < ALIKE:
             twin = k
     worst = twin if twin >= 0 else worst
-    if error < desk.best_error[worst]:
-        desk.best_error[worst] = error
-        keep_joints(desk.best, worst, desk.seed)
+    if error < scratch.best_error[worst]:
+        scratch.best_error[worst] = error
+        keep_joints(scratch.best, worst, scratch.seed)
 
 
 @array_view
@@ -258,30 +260,30 @@ def judge_by_ranges(job: Job, q: Array, report: Array) -> int:
 
 
 @inlined
-def keep_best(job: Job, task: Task, desk: Desk, target: Array) -> None:
+def keep_best(job: Job, task: Task, scratch: Scratch, target: Array) -> None:
     """Remember the eight best configurations seen, no two alike, for a goal that may be out of reach."""
     dof, goal = len(task.lower), goal_of(task, target)
     for l in range(LANES):
-        if desk.state[l] == 2:
+        if scratch.state[l] == 2:
             continue
         for i in range(dof):
-            desk.seed[i] = desk.lanes.q[i, l]
+            scratch.seed[i] = scratch.lanes.q[i, l]
         if task.poses > 0:
             # Coordinates are of no use any more once the samples are looked up.
-            judge_by_ranges(job, desk.seed, desk.point)
-            keep_seed(desk, desk.point[WEIGHTED_ERROR])
+            judge_by_ranges(job, scratch.seed, scratch.point)
+            keep_seed(scratch, scratch.point[WEIGHTED_ERROR])
         else:
-            forward(task.chain, desk.seed, desk.spare)
-            keep_seed(desk, weighted_error(desk.spare, goal))
+            forward(task.chain, scratch.seed, scratch.spare)
+            keep_seed(scratch, weighted_error(scratch.spare, goal))
 
 
 @inlined
-def start(task: Task, desk: Desk, target: Array) -> None:
-    """Clear the desk for a target, (3, 4)."""
+def start(task: Task, scratch: Scratch, target: Array) -> None:
+    """Clear the scratch memory for a target, (3, 4)."""
     for l in range(LANES):
-        load_target(desk.lanes, l, target)
-        desk.best_error[l] = np.inf
-    reset_weights(task, desk)
+        load_target(scratch.lanes, l, target)
+        scratch.best_error[l] = np.inf
+    reset_weights(task, scratch)
 
 
 @inlined
@@ -299,13 +301,13 @@ def joint_distance(task: Task, q: Array, near: Array) -> float:
 
 
 @inlined
-def keep_closest(task: Task, desk: Desk, near: Array, closest: float, q: Array) -> float:
+def keep_closest(task: Task, scratch: Scratch, near: Array, closest: float, q: Array) -> float:
     """Write the lane that converged nearest to `near`, (n,), into q if it is nearer than `closest`, squared; what is now."""
     for l in range(LANES):
-        if desk.state[l] == 1:
-            copy_joints(desk.found, l, desk.seed)
-            far = joint_distance(task, desk.seed, near)
+        if scratch.state[l] == 1:
+            copy_joints(scratch.found, l, scratch.seed)
+            far = joint_distance(task, scratch.seed, near)
             if far < closest:
                 closest = far
-                copy_joints(desk.found, l, q)
+                copy_joints(scratch.found, l, q)
     return closest

@@ -27,7 +27,7 @@ from .descent import (
     reset_weights,
 )
 from .lanes import LANES
-from .memory import DEEP, Desk, desk_size, make_desk
+from .memory import DEEP, Scratch, make_scratch, scratch_size
 from .newton import VALLEY_STEPS, WALK, WALK_STEPS, settle
 from .seeds import (
     MORE,
@@ -83,30 +83,30 @@ def flip(q: Array, i: int) -> None:
 
 
 @inlined
-def fill_from_flips(task: Task, desk: Desk) -> int:
+def fill_from_flips(task: Task, scratch: Scratch) -> int:
     """Put flips of the best into the lanes, ``(q_i + π, -q_{i+1}, q_{i+2} + π)``; return the lanes filled.
 
     Where three axes meet, a shoulder or a wrist, that is another way to hold the hand just so; elsewhere it is a start.
     Lanes that are left get two flips at once, of neighbours that share a joint.
     """
-    chain, best, filled = task.chain, lowest_row(desk.best_error), 0
+    chain, best, filled = task.chain, lowest_row(scratch.best_error), 0
     for apart in (0, SHARED):
         for i in range(1, len(task.lower) - 1 - apart):
             if filled == LANES:
                 break
-            copy_joints(desk.best, best, desk.seed)
-            flip(desk.seed, i)
+            copy_joints(scratch.best, best, scratch.seed)
+            flip(scratch.seed, i)
             if apart > 0:
-                flip(desk.seed, i + apart)
+                flip(scratch.seed, i + apart)
             for j in range(i - 1, i + 2 + apart):
                 low, high = chain.lower[j], chain.upper[j]
-                value = nearest_copy(desk.seed[j], low, high, 0.5 * (low + high))
-                desk.seed[j] = min(max(value, low), high)
-            load_seed(desk.lanes, filled, desk.seed)
-            desk.state[filled] = 0
+                value = nearest_copy(scratch.seed[j], low, high, 0.5 * (low + high))
+                scratch.seed[j] = min(max(value, low), high)
+            load_seed(scratch.lanes, filled, scratch.seed)
+            scratch.state[filled] = 0
             filled += 1
     for l in range(filled, LANES):
-        desk.state[l] = 2
+        scratch.state[l] = 2
     return filled
 
 
@@ -126,20 +126,20 @@ def ending_routine(
     handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
-    memory, target = part1(memory_address, 0, desk_size(dof, joints)), part2(target_address, 0, 3, 4)
-    desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
+    memory, target = part1(memory_address, 0, scratch_size(dof, joints)), part2(target_address, 0, 3, 4)
+    scratch, job = make_scratch(memory, dof, joints), Job(handle, wanted, memory)
     spent = 0
     for turn in range(2):
         if turn > 0:
-            spent += look_around(job, task, desk, target, w)
-        spent += polish(job, task, desk, target, w)
-    if lowest(desk.best_error) <= promise(task):
-        spent += follow_valleys(task, desk, target)
+            spent += look_around(job, task, scratch, target, w)
+        spent += polish(job, task, scratch, target, w)
+    if lowest(scratch.best_error) <= promise(task):
+        spent += follow_valleys(task, scratch, target)
     return spent
 
 
 @ir_inlined
-def reweigh(job: Job, task: Task, desk: Desk, target: Array, largest: float, steps: int, w: int) -> int:
+def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, largest: float, steps: int, w: int) -> int:
     """Minimise the weighted error itself from the eight best, by so many reweighted steps; return FK evaluations.
 
     `largest` is the largest K_A.
@@ -147,17 +147,17 @@ def reweigh(job: Job, task: Task, desk: Desk, target: Array, largest: float, ste
     ``K_P |Δp| + ½ Σ K_c |c - c_g|²`` has in |Δp| a kink that least squares lacks: the squared distance is weighted by
     K_P/|Δp|, anew in every step (Weiszfeld 1937). A lane whose step does not help goes back and damps more.
     """
-    goal, lanes, dof, floor = goal_of(task, target), desk.lanes, len(task.lower), desk.floor
+    goal, lanes, dof, floor = goal_of(task, target), scratch.lanes, len(task.lower), scratch.floor
     for l in range(LANES):
         # K_P is read anew for each lane: held in a register, its product would not be fused with the sum, and answers have
         # other last bits.
         floor[l] = POLISH_FLOOR * (job.wanted[WEIGHT] * task.length + largest)
-        desk.state[l] = 0
-        load_seed_row(lanes, l, desk.best)
+        scratch.state[l] = 0
+        load_seed_row(lanes, l, scratch.best)
         lanes.weight[LANES + l] = math.sqrt(largest)
     for c in range(3):
-        desk.columns[c] = goal.axis_weights[c]
-    desk.damping[0] = 0.0
+        scratch.columns[c] = goal.axis_weights[c]
+    scratch.damping[0] = 0.0
     for step in range(steps):
         iterate(job.handle, job.wanted, job.memory, step > 0, w)
         for l in range(LANES):
@@ -170,22 +170,22 @@ def reweigh(job: Job, task: Task, desk: Desk, target: Array, largest: float, ste
             else:
                 for r in range(3):
                     for c in range(4):
-                        desk.spare[r, c] = lanes.pose[(4 * r + c) * LANES + l]
-                error = weighted_error(desk.spare, goal)
+                        scratch.spare[r, c] = lanes.pose[(4 * r + c) * LANES + l]
+                error = weighted_error(scratch.spare, goal)
                 # Rows are scaled by the roots of the weights. The orientation rows hold K_A times √K_A by now.
                 scale_o = 1.0 / largest if largest > 0.0 else 0.0
             lanes.weight[l] = far
-            if error <= desk.best_error[l]:
-                if desk.state[l] == 0:
+            if error <= scratch.best_error[l]:
+                if scratch.state[l] == 0:
                     floor[l] = max(LESS * floor[l], LEAST)
-                desk.state[l] = 0
-                desk.best_error[l] = error
+                scratch.state[l] = 0
+                scratch.best_error[l] = error
                 for i in range(dof):
-                    desk.best[l, i] = lanes.q[i, l]
+                    scratch.best[l, i] = lanes.q[i, l]
             else:
                 floor[l] *= MORE_DAMPING
-                desk.state[l] = 1
-                load_seed_row(lanes, l, desk.best)
+                scratch.state[l] = 1
+                load_seed_row(lanes, l, scratch.best)
                 scale_p, scale_o = 0.0, 0.0  # This lane stands still once, and steps anew from its best.
             for r in range(3):
                 lanes.residual[r * LANES + l] *= scale_p
@@ -194,30 +194,30 @@ def reweigh(job: Job, task: Task, desk: Desk, target: Array, largest: float, ste
 
 
 @ir_inlined
-def polish(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
+def polish(job: Job, task: Task, scratch: Scratch, target: Array, w: int) -> int:
     """Minimise the weighted error itself from the eight best; return FK evaluations.
 
     After the reweighted steps Newton's method, lane by lane, does the rest.
     """
     goal = goal_of(task, target)
     largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
-    spent = reweigh(job, task, desk, target, largest, POLISH_STEPS, w)
-    worth = HOPELESS * lowest(desk.best_error)
+    spent = reweigh(job, task, scratch, target, largest, POLISH_STEPS, w)
+    worth = HOPELESS * lowest(scratch.best_error)
     for l in range(LANES):
-        if desk.best_error[l] > worth:
+        if scratch.best_error[l] > worth:
             continue
-        copy_joints(desk.best, l, desk.seed)
-        spent += settle(task.chain, goal, False, WALK_STEPS, 0.0, task.lower, task.upper, desk.seed)
-        forward(task.chain, desk.seed, desk.spare)
-        error = weighted_error(desk.spare, goal)
-        if error < desk.best_error[l]:
-            desk.best_error[l] = error
-            keep_joints(desk.best, l, desk.seed)
+        copy_joints(scratch.best, l, scratch.seed)
+        spent += settle(task.chain, goal, False, WALK_STEPS, 0.0, task.lower, task.upper, scratch.seed)
+        forward(task.chain, scratch.seed, scratch.spare)
+        error = weighted_error(scratch.spare, goal)
+        if error < scratch.best_error[l]:
+            scratch.best_error[l] = error
+            keep_joints(scratch.best, l, scratch.seed)
     return spent
 
 
 @inlined
-def follow_valleys(task: Task, desk: Desk, target: Array) -> int:
+def follow_valleys(task: Task, scratch: Scratch, target: Array) -> int:
     """Follow the valleys that the eight best lie in until one leads to an answer, the new best; return FK evaluations.
 
     What is nearest by the weights may miss one tolerance where an answer beside it meets both: here squares are walked down,
@@ -229,20 +229,22 @@ def follow_valleys(task: Task, desk: Desk, target: Array) -> int:
     # The half sum of the squares of what meets both tolerances, both counted in radians.
     least = 0.5 * level * level if both else 0.0
     for l in range(LANES):
-        if desk.best_error[l] == np.inf:
+        if scratch.best_error[l] == np.inf:
             continue
         weight = 0.0
         if task.position_weight > 0.0:
             weight = (level / near) ** 2 if both else 1.0 / (task.length * task.length)
-        copy_joints(desk.best, l, desk.seed)
+        copy_joints(scratch.best, l, scratch.seed)
         for _ in range(BALANCES):
             squares = GoalArrays(target, weight, task.columns)
-            spent += settle(task.chain, squares, True, VALLEY_STEPS, least, task.lower, task.upper, desk.seed)
-            forward(task.chain, desk.seed, desk.spare)
-            position, orientation = errors(desk.spare, goal)
+            spent += settle(
+                task.chain, squares, True, VALLEY_STEPS, least, task.lower, task.upper, scratch.seed
+            )
+            forward(task.chain, scratch.seed, scratch.spare)
+            position, orientation = errors(scratch.spare, goal)
             if position <= near and orientation <= level:
-                desk.best_error[0] = 0.0
-                keep_joints(desk.best, 0, desk.seed)
+                scratch.best_error[0] = 0.0
+                keep_joints(scratch.best, 0, scratch.seed)
                 return spent
             # From where one is missed by far, or both are, a balance of them leads to no answer.
             one = (position <= near) != (orientation <= level)
@@ -261,30 +263,30 @@ def promise(task: Task) -> float:
 
 
 @ir_inlined
-def look_around(job: Job, task: Task, desk: Desk, target: Array, w: int) -> int:
+def look_around(job: Job, task: Task, scratch: Scratch, target: Array, w: int) -> int:
     """Reach the best pose found by other ways, for one of them may lead on to a better; return FK evaluations.
 
     The nearest poses to a goal out of reach often come in mirror images, as near as each other but for the limits.
     """
-    pose, spent, begin = desk.spare, 0, -1
-    copy_joints(desk.best, lowest_row(desk.best_error), desk.seed)
-    forward(task.chain, desk.seed, pose)
-    reset_weights(task, desk)
+    pose, spent, begin = scratch.spare, 0, -1
+    copy_joints(scratch.best, lowest_row(scratch.best_error), scratch.seed)
+    forward(task.chain, scratch.seed, pose)
+    reset_weights(task, scratch)
     for l in range(LANES):
-        load_target(desk.lanes, l, pose)
-    promising = lowest(desk.best_error) <= promise(task)
-    found = look_up(task, desk, pose, DEEP if promising else MORE)
+        load_target(scratch.lanes, l, pose)
+    promising = lowest(scratch.best_error) <= promise(task)
+    found = look_up(task, scratch, pose, DEEP if promising else MORE)
     for _ in range(DEEP + 1):  # The flips, then passes that each take at least one of the samples.
         if begin == found:
             break
         if begin < 0:
-            begin, filled = 0, fill_from_flips(task, desk)
+            begin, filled = 0, fill_from_flips(task, scratch)
         else:
-            begin, filled = fill_from_lookup(task, desk, begin, found)
+            begin, filled = fill_from_lookup(task, scratch, begin, found)
         if filled > 0:
-            _, made = descend_lanes(job, task, desk, DEEP_STEPS if promising else FIRST_STEPS, True, w)
+            _, made = descend_lanes(job, task, scratch, DEEP_STEPS if promising else FIRST_STEPS, True, w)
             spent += (made + 1) * LANES
-            keep_best(job, task, desk, target)
+            keep_best(job, task, scratch, target)
     for l in range(LANES):
-        load_target(desk.lanes, l, target)
+        load_target(scratch.lanes, l, target)
     return spent

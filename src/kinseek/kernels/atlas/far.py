@@ -21,7 +21,7 @@ from kinseek.kernels.pointers import call, floats1, part1, part2
 from .descent import farthest_joint, goal_of, keep_best, lowest, lowest_row, start
 from .ending import fill_from_flips, reweigh
 from .lanes import LANES
-from .memory import Desk, desk_size, make_desk
+from .memory import Scratch, make_scratch, scratch_size
 from .newton import WALK, WALK_STEPS, settle
 from .seeds import copy_joints, fill_from_lookup, keep_joints, look_up, restart
 from .task import (
@@ -60,7 +60,7 @@ TWIN = 0.1
 """Configurations closer than this in every joint [rad or m] end alike."""
 
 SETTLED = 3
-"""The state of a lane that has been walked to the end, see `Desk.state`."""
+"""The state of a lane that has been walked to the end, see `Scratch.state`."""
 
 MOST = (STEPS + STEPS_AFTER + 2 * WALK) * LANES
 """FK evaluations at most."""
@@ -90,30 +90,32 @@ def nearest_to_far(handle: Indices, wanted: Array, memory: Array, target: Array,
 
 
 @inlined
-def settle_best(task: Task, desk: Desk, target: Array) -> int:
+def settle_best(task: Task, scratch: Scratch, target: Array) -> int:
     """Walk from the best of the eight, the least error first, to the end; return FK evaluations."""
     goal, spent = goal_of(task, target), 0
     for _ in range(LANES):
-        least, row = lowest(desk.best_error), -1
+        least, row = lowest(scratch.best_error), -1
         for l in range(LANES):
-            fresh = desk.state[l] != SETTLED
-            if fresh and (row < 0 or desk.best_error[l] < desk.best_error[row]):
+            fresh = scratch.state[l] != SETTLED
+            if fresh and (row < 0 or scratch.best_error[l] < scratch.best_error[row]):
                 row = l
-        if row < 0 or desk.best_error[row] > WORTH * least:
+        if row < 0 or scratch.best_error[row] > WORTH * least:
             break
-        copy_joints(desk.best, row, desk.seed)
+        copy_joints(scratch.best, row, scratch.seed)
         twin = False
         for l in range(LANES):
-            twin = twin or (desk.state[l] == SETTLED and farthest_joint(desk.best, l, desk.seed) < TWIN)
-        desk.state[row] = SETTLED
+            twin = twin or (
+                scratch.state[l] == SETTLED and farthest_joint(scratch.best, l, scratch.seed) < TWIN
+            )
+        scratch.state[row] = SETTLED
         if twin:
             continue
-        spent += settle(task.chain, goal, False, WALK_STEPS, 0.0, task.lower, task.upper, desk.seed)
-        forward(task.chain, desk.seed, desk.spare)
-        error = weighted_error(desk.spare, goal)
-        if error < desk.best_error[row]:
-            desk.best_error[row] = error
-            keep_joints(desk.best, row, desk.seed)
+        spent += settle(task.chain, goal, False, WALK_STEPS, 0.0, task.lower, task.upper, scratch.seed)
+        forward(task.chain, scratch.seed, scratch.spare)
+        error = weighted_error(scratch.spare, goal)
+        if error < scratch.best_error[row]:
+            scratch.best_error[row] = error
+            keep_joints(scratch.best, row, scratch.seed)
     return spent
 
 
@@ -125,36 +127,36 @@ def far_routine(
     handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
-    memory = part1(memory_address, 0, desk_size(dof, joints))
+    memory = part1(memory_address, 0, scratch_size(dof, joints))
     target, q = part2(target_address, 0, 3, 4), part1(q_address, 0, dof)
-    desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
+    scratch, job = make_scratch(memory, dof, joints), Job(handle, wanted, memory)
     goal = goal_of(task, target)
     largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
-    start(task, desk, target)
-    begin, found = 0, look_up(task, desk, target, BESIDE)
+    start(task, scratch, target)
+    begin, found = 0, look_up(task, scratch, target, BESIDE)
     for _ in range(BESIDE):
         if begin == found:
             break
-        begin, filled = fill_from_lookup(task, desk, begin, found)
+        begin, filled = fill_from_lookup(task, scratch, begin, found)
         if filled > 0:
-            keep_best(job, task, desk, target)
+            keep_best(job, task, scratch, target)
     top, spent = -1, 0
     for turn in range(2):
         if turn > 0:
-            top = lowest_row(desk.best_error)
-            fill_from_flips(task, desk)
+            top = lowest_row(scratch.best_error)
+            fill_from_flips(task, scratch)
             for l in range(LANES):
-                desk.best_error[l] = desk.best_error[l] if l == top else np.inf
-            keep_best(job, task, desk, target)
+                scratch.best_error[l] = scratch.best_error[l] if l == top else np.inf
+            keep_best(job, task, scratch, target)
         for l in range(LANES):
-            if desk.best_error[l] == np.inf:  # Too few samples, or flips: whatever else there is.
-                restart(task, LANES * turn + l, desk.seed)
-                forward(task.chain, desk.seed, desk.spare)
-                desk.best_error[l] = weighted_error(desk.spare, goal)
-                keep_joints(desk.best, l, desk.seed)
-        spent += reweigh(job, task, desk, target, largest, STEPS if turn == 0 else STEPS_AFTER, w)
+            if scratch.best_error[l] == np.inf:  # Too few samples, or flips: whatever else there is.
+                restart(task, LANES * turn + l, scratch.seed)
+                forward(task.chain, scratch.seed, scratch.spare)
+                scratch.best_error[l] = weighted_error(scratch.spare, goal)
+                keep_joints(scratch.best, l, scratch.seed)
+        spent += reweigh(job, task, scratch, target, largest, STEPS if turn == 0 else STEPS_AFTER, w)
         if top >= 0:
-            desk.state[top] = SETTLED
-        spent += settle_best(task, desk, target)
-    copy_joints(desk.best, lowest_row(desk.best_error), q)
+            scratch.state[top] = SETTLED
+        spent += settle_best(task, scratch, target)
+    copy_joints(scratch.best, lowest_row(scratch.best_error), q)
     return spent

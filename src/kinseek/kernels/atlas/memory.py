@@ -16,7 +16,7 @@ DEEP = 160
 """Samples looked up at most for one goal."""
 
 
-class Desk(NamedTuple):
+class Scratch(NamedTuple):
     """Memory of one call."""
 
     lanes: Lanes
@@ -55,7 +55,7 @@ class Desk(NamedTuple):
 
 
 LAYOUT = Layout(
-    Desk,
+    Scratch,
     lanes=LANES_LAYOUT,
     seen=floats(3, 4),
     spare=floats(3, 4),
@@ -74,14 +74,14 @@ LAYOUT = Layout(
     columns=floats(3),
     damping=floats(1),
 )
-"""Where the desk of an arm stands in memory."""
+"""Where the scratch memory of an arm stands in memory."""
 
 
-desk_size, lay_desk = LAYOUT.size, LAYOUT.make
+scratch_size, lay_scratch = LAYOUT.size, LAYOUT.make
 
 
 @array_view
-def make_desk(memory: Array, dof: int, joints: int) -> Desk:
-    """Lay a desk out in a memory of `desk_size` numbers."""
-    desk: Desk = lay_desk(memory.ctypes.data, dof, joints)
-    return desk
+def make_scratch(memory: Array, dof: int, joints: int) -> Scratch:
+    """Lay a scratch memory out in a memory of `scratch_size` numbers."""
+    scratch: Scratch = lay_scratch(memory.ctypes.data, dof, joints)
+    return scratch

@@ -15,7 +15,7 @@ from kinseek.kernels.pointers import part1
 from .descent import DEEP_STEPS, descend_lanes, goal_of, keep_closest, start
 from .far import is_far
 from .lanes import LANES
-from .memory import Desk, desk_size, make_desk
+from .memory import Scratch, make_scratch, scratch_size
 from .one_goal import NEAREST, closed_answer, conclude_answer, finish, outcome, solve_target
 from .seeds import MORE, fill_from_lookup, load_seed, look_up, turns_fully
 from .task import (
@@ -40,17 +40,17 @@ CLOSE = 0.2
 
 
 @inlined
-def load_near(task: Task, desk: Desk, near: Array) -> None:
+def load_near(task: Task, scratch: Scratch, near: Array) -> None:
     """Put the first lane at joint values, (n,), brought into the limits where they bind."""
     for i in range(len(near)):
         low, high = task.chain.lower[i], task.chain.upper[i]
         if not turns_fully(task, i):
-            desk.seed[i] = min(max(near[i], low), high)
+            scratch.seed[i] = min(max(near[i], low), high)
         elif abs(near[i]) < FAR:
-            desk.seed[i] = near[i]
+            scratch.seed[i] = near[i]
         else:
-            desk.seed[i] = near[i] - 2.0 * math.pi * np.rint(near[i] / (2.0 * math.pi))
-    load_seed(desk.lanes, 0, desk.seed)
+            scratch.seed[i] = near[i] - 2.0 * math.pi * np.rint(near[i] / (2.0 * math.pi))
+    load_seed(scratch.lanes, 0, scratch.seed)
 
 
 @noinline
@@ -66,35 +66,35 @@ def walk_near(
     """
     task, job = task_of(handle, wanted), Job(handle, wanted, memory)
     dof = len(task.lower)
-    desk = make_desk(memory, dof, len(task.chain.leader))
+    scratch = make_scratch(memory, dof, len(task.chain.leader))
     if routine_at(handle, DISTANT) != 0 and is_far(handle, wanted, target):
         return solve_target(handle, wanted, memory, target, task.budget, q, w)
     tried = closed_answer(handle, wanted, memory, target, task.budget, near, NEAREST, q, w)
     if tried > 0:
         return tried
-    start(task, desk, target)
-    load_near(task, desk, near)
+    start(task, scratch, target)
+    load_near(task, scratch, near)
     for l in range(LANES):
-        desk.state[l] = 0 if l == 0 else 2
+        scratch.state[l] = 0 if l == 0 else 2
     if tried < 0:
         # The nearest in closed form is a start like the others.
-        load_seed(desk.lanes, 1, q)
-        desk.state[1] = 0
+        load_seed(scratch.lanes, 1, q)
+        scratch.state[1] = 0
     closest, spent, begin, found, looked_up = np.inf, -tried, 0, 0, False
     for _ in range(MORE + 2):  # The walk from `near`, then passes that each take at least one of the samples.
         if spent + (DEEP_STEPS + 1) * LANES > task.budget:
             break
-        _, made = descend_lanes(job, task, desk, DEEP_STEPS, True, w)
+        _, made = descend_lanes(job, task, scratch, DEEP_STEPS, True, w)
         spent += (made + 1) * LANES
-        closest = keep_closest(task, desk, near, closest, q)
+        closest = keep_closest(task, scratch, near, closest, q)
         if not looked_up:
             if closest < CLOSE * CLOSE:
                 break
             looked_up = True
-            found = look_up(task, desk, target, MORE)
+            found = look_up(task, scratch, target, MORE)
         if begin == found:
             break
-        begin, _ = fill_from_lookup(task, desk, begin, found)
+        begin, _ = fill_from_lookup(task, scratch, begin, found)
     if closest == np.inf:
         more = solve_target(handle, wanted, memory, target, task.budget - spent, q, w)
         spent = spent + more if more >= 0 else -1
@@ -107,8 +107,8 @@ def conclude_near(
 ) -> None:
     """As `one_goal.conclude_answer`, full turns chosen near a start, (n,)."""
     task = task_of(handle, wanted)
-    desk = make_desk(memory, len(task.lower), len(task.chain.leader))
-    finish(task, desk, goal_of(task, target), near, q, report)
+    scratch = make_scratch(memory, len(task.lower), len(task.chain.leader))
+    finish(task, scratch, goal_of(task, target), near, q, report)
 
 
 @exact
@@ -136,7 +136,7 @@ def solve_plain_near(
     handle = handle_at(address)
     wanted = plain_wanted(handle)
     task = task_of(handle, wanted)
-    size = desk_size(len(task.lower), len(task.chain.leader))
+    size = scratch_size(len(task.lower), len(task.chain.leader))
     memory = np.zeros(size + EVALUATIONS + 1)
     report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
     report[EVALUATIONS] = walk_near(handle, wanted, memory, target, near, q, lanes_of(handle))
@@ -173,7 +173,7 @@ def solve_goal(
     """
     handle = handle_at(address)
     task = task_of(handle, wanted)
-    size, w = desk_size(len(task.lower), len(task.chain.leader)), lanes_of(handle)
+    size, w = scratch_size(len(task.lower), len(task.chain.leader)), lanes_of(handle)
     memory = np.zeros(size + EVALUATIONS + 1)
     report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
     if close:
@@ -203,7 +203,7 @@ def solve_many_near(
     """Targets begin … end-1, each with its row of near, (k, n); results as `one_goal.solve_pose`, (k, n + 4)."""
     task = task_of(handle, wanted)
     dof = len(task.lower)
-    memory = np.zeros(desk_size(dof, len(task.chain.leader)))
+    memory = np.zeros(scratch_size(dof, len(task.chain.leader)))
     for i in range(begin, end):
         # Nothing of one target is left for the next: the same bits whatever else is in the batch.
         for k in range(len(memory)):

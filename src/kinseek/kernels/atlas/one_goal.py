@@ -38,7 +38,7 @@ from .ending import ENDGAME, ending_routine, find_nearest_pose, promise
 from .far import MOST as FAR_MOST
 from .far import far_routine, is_far, nearest_to_far
 from .lanes import LANES
-from .memory import DEEP, Desk, desk_size, make_desk
+from .memory import DEEP, Scratch, make_scratch, scratch_size
 from .seeds import (
     MORE,
     MORE_RESTARTS,
@@ -185,11 +185,11 @@ def search_routine(
     handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
-    memory = part1(memory_address, 0, desk_size(dof, joints))
+    memory = part1(memory_address, 0, scratch_size(dof, joints))
     target, q, near = part2(target_address, 0, 3, 4), part1(q_address, 0, dof), part1(near_address, 0, dof)
-    desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
-    lanes = desk.lanes
-    start(task, desk, target)
+    scratch, job = make_scratch(memory, dof, joints), Job(handle, wanted, memory)
+    lanes = scratch.lanes
+    start(task, scratch, target)
     spent, rounds, looked, begin, found, persisted, number = 0, 0, 0, 0, task.poses, 0, 0
     restarts, patience, most, taken, leaf, closest = RESTARTS, DEEP_STEPS, MORE, 0, 0, np.inf
     ranges = task.poses > 0
@@ -197,13 +197,13 @@ def search_routine(
         # Samples are looked up at poses of the ranges, none at the target itself.
         taken, looked = TAKES, DEEP
     else:
-        leaf = scan(task, desk, target, w)
+        leaf = scan(task, scratch, target, w)
     for _ in range(PASSES):
         if taken == TAKES and begin == found and looked < most:
             looked = most
-            begin, found = 0, look_up(task, desk, target, most)
+            begin, found = 0, look_up(task, scratch, target, most)
         if taken < TAKES:
-            taken, filled = fill_from_scan(task, desk, leaf, taken, w)
+            taken, filled = fill_from_scan(task, scratch, leaf, taken, w)
             if filled == 0:
                 continue
             steps = FIRST_STEPS
@@ -211,7 +211,7 @@ def search_routine(
             if ranges:
                 begin = fill_from_ranges(job, near, close, begin, most)
             else:
-                begin, filled = fill_from_lookup(task, desk, begin, found)
+                begin, filled = fill_from_lookup(task, scratch, begin, found)
                 if filled == 0:
                     continue
             steps = patience
@@ -221,59 +221,61 @@ def search_routine(
                 if routine_at(handle, ENDING) == 0:
                     return -1
                 spent += find_nearest_pose(handle, wanted, memory, target, w)
-                reset_weights(task, desk)
-            if lowest(desk.best_error) > promise(task):
+                reset_weights(task, scratch)
+            if lowest(scratch.best_error) > promise(task):
                 continue
             if persisted == 1:
                 # What looked promising may be a mirror image of the answer; this time nobody is called back early.
                 restarts, patience, most, begin, found = MORE_RESTARTS, PERSIST_STEPS, DEEP, 0, task.poses
             for l in range(LANES):
-                desk.state[l] = 0 if desk.best_error[l] < np.inf else 2
-                load_seed_row(lanes, l, desk.best)
+                scratch.state[l] = 0 if scratch.best_error[l] < np.inf else 2
+                load_seed_row(lanes, l, scratch.best)
             make_stubborn(lanes, 0.0 if ranges else 1.0)
             steps = PERSIST_STEPS
         elif number < restarts:
             root = spread_root(dof)
             for l in range(LANES):
-                spread_start(task, root, number + l, desk.seed)
+                spread_start(task, root, number + l, scratch.seed)
                 if restarts == MORE_RESTARTS and number % (2 * LANES) == 0:
-                    kick(task, desk.best, l, KICK if number % (4 * LANES) == 0 else WIDE_KICK, desk.seed)
-                load_seed(lanes, l, desk.seed)
-                desk.state[l] = 0
+                    kick(
+                        task, scratch.best, l, KICK if number % (4 * LANES) == 0 else WIDE_KICK, scratch.seed
+                    )
+                load_seed(lanes, l, scratch.seed)
+                scratch.state[l] = 0
             number += LANES
             steps = RESTART_STEPS
         else:
             break
         if spent + (steps + 1) * LANES > budget:
             break
-        lane, made = descend_lanes(job, task, desk, steps, close != 0, w)
+        lane, made = descend_lanes(job, task, scratch, steps, close != 0, w)
         make_stubborn(lanes, 0.0)
         spent += (made + 1) * LANES
         if close != 0:
-            closest = keep_closest(task, desk, near, closest, q)
+            closest = keep_closest(task, scratch, near, closest, q)
             if closest < np.inf and begin == found:
                 return spent
         elif lane >= 0:
-            copy_joints(desk.found, lane, q)
+            copy_joints(scratch.found, lane, q)
             return spent
-        keep_best(job, task, desk, target)
+        keep_best(job, task, scratch, target)
         rounds += 1
     if closest < np.inf:
         return spent
     if rounds == 0:
         middle(task, q)
         return spent
-    copy_joints(desk.best, lowest_row(desk.best_error), q)
+    copy_joints(scratch.best, lowest_row(scratch.best_error), q)
     return spent
 
 
 @inlined
-def finish(task: Task, desk: Desk, goal: GoalArrays, near: Array, q: Array, report: Array) -> None:
+def finish(task: Task, scratch: Scratch, goal: GoalArrays, near: Array, q: Array, report: Array) -> None:
     """Bring q inside the limits and judge it by plain FK: errors [m], [rad] and weighted into `report`, (4,)."""
     into_limits(task, q, near)
-    forward(task.chain, q, desk.spare)
-    report[POSITION_ERROR], report[ORIENTATION_ERROR] = errors(desk.spare, goal)
-    report[WEIGHTED_ERROR] = weighted_error(desk.spare, goal)
+    forward(task.chain, q, scratch.spare)
+    report[POSITION_ERROR], report[ORIENTATION_ERROR] = errors(scratch.spare, goal)
+    report[WEIGHTED_ERROR] = weighted_error(scratch.spare, goal)
 
 
 @array_view
@@ -282,9 +284,9 @@ def conclude_answer(
 ) -> None:
     """Judge an answer, q, (n,): errors [m], [rad] and weighted into report, (4,)."""
     task = task_of(handle, wanted)
-    desk = make_desk(memory, len(task.lower), len(task.chain.leader))
-    middle(task, desk.seed)
-    finish(task, desk, goal_of(task, target), desk.seed, q, report)
+    scratch = make_scratch(memory, len(task.lower), len(task.chain.leader))
+    middle(task, scratch.seed)
+    finish(task, scratch, goal_of(task, target), scratch.seed, q, report)
 
 
 def routines() -> Indices:
@@ -336,7 +338,7 @@ def solve_pose(handle: Indices, wanted: Array, target: Array, w: int) -> Array:
     task = task_of(handle, wanted)
     dof = len(task.lower)
     result = np.empty(dof + EVALUATIONS + 1)
-    memory = np.empty(desk_size(dof, len(task.chain.leader)))
+    memory = np.empty(scratch_size(dof, len(task.chain.leader)))
     address = result.ctypes.data
     q, report = part1(address, 0, dof), part1(address, dof, EVALUATIONS + 1)
     report[EVALUATIONS] = solve_target(handle, wanted, memory, target, task.budget, q, w)
@@ -371,7 +373,7 @@ def solve_plain(address: int, target: Array, q: Array) -> tuple[float, float, fl
     handle = handle_at(address)
     wanted = plain_wanted(handle)
     task = task_of(handle, wanted)
-    size = desk_size(len(task.lower), len(task.chain.leader))
+    size = scratch_size(len(task.lower), len(task.chain.leader))
     memory = np.empty(size + EVALUATIONS + 1)
     report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
     # Called here and not one floor below: Numba compiles what a function calls anew for every floor above it.

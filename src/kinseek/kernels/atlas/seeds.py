@@ -9,7 +9,7 @@ from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import inlined
 
 from .lanes import LANES, Lanes
-from .memory import Desk
+from .memory import Scratch
 from .samples import complete_seed, coordinates
 from .task import OPEN, Task
 from .tree import nearest, scan_beside, take_nearest
@@ -72,44 +72,59 @@ def load_seed_row(lanes: Lanes, lane: int, rows: Array) -> None:
 
 
 @inlined
-def see(task: Task, desk: Desk, target: Array) -> None:
-    """Write a target, (3, 4), as the atlas sees it into the desk."""
-    product(task.atlas.inverse_head, target, desk.between)
-    product(desk.between, task.atlas.inverse_tip, desk.seen)
+def see(task: Task, scratch: Scratch, target: Array) -> None:
+    """Write a target, (3, 4), as the atlas sees it into the scratch memory."""
+    product(task.atlas.inverse_head, target, scratch.between)
+    product(scratch.between, task.atlas.inverse_tip, scratch.seen)
 
 
 @inlined
-def look_up(task: Task, desk: Desk, target: Array, most: int) -> int:
+def look_up(task: Task, scratch: Scratch, target: Array, most: int) -> int:
     """Find the samples nearest to a target, (3, 4), so many at most; return how many."""
-    see(task, desk, target)
-    coordinates(desk.seen, task.division, desk.point)
-    return nearest(task.atlas.tree, desk.point, most, desk.distance, desk.neighbour, desk.stack, desk.bound)
+    see(task, scratch, target)
+    coordinates(scratch.seen, task.division, scratch.point)
+    return nearest(
+        task.atlas.tree,
+        scratch.point,
+        most,
+        scratch.distance,
+        scratch.neighbour,
+        scratch.stack,
+        scratch.bound,
+    )
 
 
 @inlined
-def fill_from_lookup(task: Task, desk: Desk, begin: int, found: int) -> tuple[int, int]:
+def fill_from_lookup(task: Task, scratch: Scratch, begin: int, found: int) -> tuple[int, int]:
     """Put neighbours into the lanes from number `begin` on; return the next number and the lanes filled."""
     filled = 0
     while begin < found and filled < LANES:
-        i = desk.neighbour[begin]
+        i = scratch.neighbour[begin]
         begin += 1
         if complete_seed(
-            task.atlas, task.division, desk.seen, i, task.chain.lower, task.chain.upper, MARGIN, desk.seed
+            task.atlas,
+            task.division,
+            scratch.seen,
+            i,
+            task.chain.lower,
+            task.chain.upper,
+            MARGIN,
+            scratch.seed,
         ):
-            load_seed(desk.lanes, filled, desk.seed)
-            desk.state[filled] = 0
+            load_seed(scratch.lanes, filled, scratch.seed)
+            scratch.state[filled] = 0
             filled += 1
     for l in range(filled, LANES):
-        desk.state[l] = 2
+        scratch.state[l] = 2
     return begin, filled
 
 
 @inlined
-def scan(task: Task, desk: Desk, target: Array, w: int) -> int:
+def scan(task: Task, scratch: Scratch, target: Array, w: int) -> int:
     """Measure the samples beside a target, (3, 4), for `fill_from_scan`; return the leaf it lies in."""
-    see(task, desk, target)
-    coordinates(desk.seen, task.division, desk.point)
-    return scan_beside(task.atlas.tree, desk.point, desk.distance, desk.bound, w)
+    see(task, scratch, target)
+    coordinates(scratch.seen, task.division, scratch.point)
+    return scan_beside(task.atlas.tree, scratch.point, scratch.distance, scratch.bound, w)
 
 
 @inlined
@@ -122,42 +137,42 @@ def stands_at_limit(q: Array, lower: Array, upper: Array) -> bool:
 
 
 @inlined
-def take_seed(task: Task, desk: Desk, leaf: int, taken: int, w: int) -> tuple[int, bool]:
-    """Put the next sample of a scan into the desk's seed; return how many are taken by now, and whether it is worth a try.
+def take_seed(task: Task, scratch: Scratch, leaf: int, taken: int, w: int) -> tuple[int, bool]:
+    """Put the next sample of a scan into the scratch memory's seed; return how many are taken by now, and whether it is worth a try.
 
     There are two rounds: first those whose first and last joint come out inside their limits, for most of the others fail;
     then those that are within the margin, and stand at a limit now.
     """
     chain, worth = task.chain, False
-    i = take_nearest(task.atlas.tree, leaf, desk.distance, desk.bound)
+    i = take_nearest(task.atlas.tree, leaf, scratch.distance, scratch.bound)
     if i >= 0:
         margin = MARGIN if taken >= FIRST else 0.0
         worth = complete_seed(
-            task.atlas, task.division, desk.seen, i, chain.lower, chain.upper, margin, desk.seed
+            task.atlas, task.division, scratch.seen, i, chain.lower, chain.upper, margin, scratch.seed
         )
-        worth = worth and (taken < FIRST or stands_at_limit(desk.seed, chain.lower, chain.upper))
+        worth = worth and (taken < FIRST or stands_at_limit(scratch.seed, chain.lower, chain.upper))
         taken += 1
     else:
         taken = FIRST if taken < FIRST else TAKES
     if taken == FIRST:
-        scan_beside(task.atlas.tree, desk.point, desk.distance, desk.bound, w)
+        scan_beside(task.atlas.tree, scratch.point, scratch.distance, scratch.bound, w)
     return taken, worth
 
 
 @inlined
-def fill_from_scan(task: Task, desk: Desk, leaf: int, taken: int, w: int) -> tuple[int, int]:
+def fill_from_scan(task: Task, scratch: Scratch, leaf: int, taken: int, w: int) -> tuple[int, int]:
     """Put the next samples of a scan into lanes; return how many are taken by now and the lanes filled."""
     filled = 0
     for _ in range(TAKES):
         if taken == TAKES or filled == AT_ONCE:
             break
-        taken, worth = take_seed(task, desk, leaf, taken, w)
+        taken, worth = take_seed(task, scratch, leaf, taken, w)
         if worth:
-            load_seed(desk.lanes, filled, desk.seed)
-            desk.state[filled] = 0
+            load_seed(scratch.lanes, filled, scratch.seed)
+            scratch.state[filled] = 0
             filled += 1
     for l in range(filled, LANES):
-        desk.state[l] = 2
+        scratch.state[l] = 2
     return taken, filled
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.memory import make_desk
+from kinseek.kernels.atlas.memory import make_scratch
 from kinseek.kernels.atlas.task import task_of
 from kinseek.kernels.jit import inlined, kernel
 from kinseek.kernels.structure.candidates import DEVIATION, H5, H6, SIZE, WORK, H, joint_of
@@ -90,7 +90,7 @@ def starts_around(
     Args:
         handle: The task, see `task_of`.
         wanted: See `task_of`.
-        memory: The desk.
+        memory: The scratch memory.
         structure: See `candidates.KIND`, (NUMBERS,).
         target: (4, 4), lengths in [m].
         rates: See `refine_all.joint_gap`, (n,).
@@ -103,7 +103,7 @@ def starts_around(
     """
     task = task_of(handle, wanted)
     dof = len(task.lower)
-    desk = make_desk(memory, dof, len(task.chain.leader))
+    scratch = make_scratch(memory, dof, len(task.chain.leader))
     pose, fresh, told, work, one = (
         np.empty((4, 4)),
         np.empty((LANES, dof)),
@@ -123,7 +123,7 @@ def starts_around(
             pose[0, c], pose[1, c], pose[2, c] = x, y, z
         for r in range(3):
             pose[r, 3] = target[r, 3] + far * structure[SIZE] * corner(k % WAYS, r)
-        closed_starts(task, structure, pose, desk.spare, work, fresh, told, w)
+        closed_starts(task, structure, pose, scratch.spare, work, fresh, told, w)
         for l in range(int(told[TRIED])):
             fits = many < len(seeds)
             for i in range(dof):

@@ -22,7 +22,7 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.memory import Desk
+from kinseek.kernels.atlas.memory import Scratch
 from kinseek.kernels.atlas.seeds import turns_fully
 from kinseek.kernels.atlas.task import Task
 from kinseek.kernels.jit import inlined
@@ -384,7 +384,7 @@ def answers_among(told: Array, count: int) -> int:
 @inlined
 def swept_starts(
     task: Task,
-    desk: Desk,
+    scratch: Scratch,
     target: Array,
     number: int,
     values: Array,
@@ -399,7 +399,7 @@ def swept_starts(
 
     Args:
         task: The task, of an arm with a joint in front of its structure.
-        desk: Its memory.
+        scratch: Its memory.
         target: (4, 4), lengths in [m].
         number: How many answers are wanted.
         values: Memory, (k,): at most so many values of the joint in front are looked at.
@@ -410,7 +410,7 @@ def swept_starts(
         seeds: Receives joint values, (most, n).
         w: LANES.
     """
-    D, rest = desk.between, desk.spare
+    D, rest = scratch.between, scratch.spare
     displacement(task.structure, target, D)
     low, high = swept_range(task, D)
     if not low < high:

@@ -12,7 +12,7 @@ from kinseek.kernels.arrays import Array, GoalArrays, Indices
 from kinseek.kernels.atlas.batch import stand_still
 from kinseek.kernels.atlas.descent import iterate, within
 from kinseek.kernels.atlas.lanes import LANES, Lanes
-from kinseek.kernels.atlas.memory import Desk, make_desk
+from kinseek.kernels.atlas.memory import Scratch, make_scratch
 from kinseek.kernels.atlas.samples import complete_seed
 from kinseek.kernels.atlas.seeds import MARGIN, into_limits
 from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR, Task, task_of
@@ -91,7 +91,7 @@ def squared_gap(rates: Array, rows: Array, row: int, q: Array) -> float:
 @inlined
 def match(
     task: Task,
-    desk: Desk,
+    scratch: Scratch,
     goal: GoalArrays,
     rates: Array,
     rows: Array,
@@ -105,7 +105,7 @@ def match(
 
     Args:
         task: The task.
-        desk: Its memory.
+        scratch: Its memory.
         goal: The goal.
         rates: See `joint_gap`, (n,).
         rows: Answers, (capacity, n).
@@ -122,8 +122,8 @@ def match(
         if gap < ALIKE * ALIKE and max(error, left[j]) > EXACT:
             for i in range(len(q)):
                 half[i] = q[i] + 0.5 * joint_gap(rows[j, i], q[i], rates[i])
-            forward(task.chain, half, desk.spare)
-            position, orientation = errors(desk.spare, goal)
+            forward(task.chain, half, scratch.spare)
+            position, orientation = errors(scratch.spare, goal)
             if position <= task.position_tolerance and orientation <= task.orientation_tolerance:
                 return j
     return -1
@@ -179,7 +179,7 @@ def refine_all(
     Args:
         handle: The task, see `task_of`.
         wanted: See `task_of`.
-        memory: The desk, its target and weights set.
+        memory: The scratch memory, its target and weights set.
         target: (4, 4), lengths in [m].
         seeds: Joint values to start from, (k, n).
         surely: From this seed on a new answer is late.
@@ -194,8 +194,8 @@ def refine_all(
     """
     task = task_of(handle, wanted)
     dof = len(task.lower)
-    desk = make_desk(memory, dof, len(task.chain.leader))
-    goal, lanes = GoalArrays(target, task.position_weight, task.axis_weights), desk.lanes
+    scratch = make_scratch(memory, dof, len(task.chain.leader))
+    goal, lanes = GoalArrays(target, task.position_weight, task.axis_weights), scratch.lanes
     busy, made = np.zeros(LANES, dtype=np.int64), np.zeros(LANES, dtype=np.int64)
     strikes, own = np.zeros(LANES, dtype=np.int64), np.zeros(LANES, dtype=np.int64)
     before, half, heading = np.zeros(LANES), np.zeros(dof), np.zeros(LANES)
@@ -231,10 +231,10 @@ def refine_all(
                 done = error < exact or made[l] >= most + MORE_STEPS
                 if done and count < len(rows):
                     for i in range(dof):
-                        desk.seed[i] = lanes.q[i, l]
+                        scratch.seed[i] = lanes.q[i, l]
                     j = -1
                     if mode != SAMPLED:
-                        j = match(task, desk, goal, rates, rows, left, count, error, desk.seed, half)
+                        j = match(task, scratch, goal, rates, rows, left, count, error, scratch.seed, half)
                     if j < 0:
                         j = count
                         count += 1
@@ -243,7 +243,7 @@ def refine_all(
                     if error < left[j]:
                         left[j] = error
                         for i in range(dof):
-                            rows[j, i] = desk.seed[i]
+                            rows[j, i] = scratch.seed[i]
             elif not done:
                 done = made[l] >= PATIENCE and strikes[l] >= STRIKES
                 if mode == SEEDED and made[l] > 1 and not done:
@@ -258,26 +258,35 @@ def refine_all(
 @inlined
 def starts(
     task: Task,
-    desk: Desk,
+    scratch: Scratch,
     most: int,
     distance: Array,
     neighbour: Indices,
     seeds: Array,
 ) -> int:
     """Complete the `most` nearest samples into seeds, nearest first; return how many."""
-    found = nearest(task.atlas.tree, desk.point, most, distance, neighbour, desk.stack, desk.bound)
+    found = nearest(task.atlas.tree, scratch.point, most, distance, neighbour, scratch.stack, scratch.bound)
     lower, upper, many = task.chain.lower, task.chain.upper, 0
     for k in range(found):
-        if complete_seed(task.atlas, task.division, desk.seen, neighbour[k], lower, upper, MARGIN, desk.seed):
-            for i in range(len(desk.seed)):
-                seeds[many, i] = desk.seed[i]
+        if complete_seed(
+            task.atlas, task.division, scratch.seen, neighbour[k], lower, upper, MARGIN, scratch.seed
+        ):
+            for i in range(len(scratch.seed)):
+                seeds[many, i] = scratch.seed[i]
             many += 1
     return many
 
 
 @inlined
 def sorted_rows(
-    task: Task, desk: Desk, target: Array, rows: Array, count: int, centre: Array, scale: Array, result: Array
+    task: Task,
+    scratch: Scratch,
+    target: Array,
+    rows: Array,
+    count: int,
+    centre: Array,
+    scale: Array,
+    result: Array,
 ) -> int:
     """Judge rows by plain FK, and write those that reach the target sorted by their distance from `centre`.
 
@@ -286,17 +295,17 @@ def sorted_rows(
     goal, dof, kept = GoalArrays(target, task.position_weight, task.axis_weights), len(centre), 0
     for j in range(count):
         for i in range(dof):
-            desk.seed[i] = rows[j, i]
-        into_limits(task, desk.seed, centre)
-        forward(task.chain, desk.seed, desk.spare)
-        position, orientation = errors(desk.spare, goal)
+            scratch.seed[i] = rows[j, i]
+        into_limits(task, scratch.seed, centre)
+        forward(task.chain, scratch.seed, scratch.spare)
+        position, orientation = errors(scratch.spare, goal)
         if position > task.position_tolerance or orientation > task.orientation_tolerance:
             continue
         score = 0.0
         for i in range(dof):
-            gap = desk.seed[i] - centre[i]
+            gap = scratch.seed[i] - centre[i]
             if math.isinf(task.lower[i]):
-                gap = joint_gap(desk.seed[i], centre[i], 0.5 / math.pi)
+                gap = joint_gap(scratch.seed[i], centre[i], 0.5 / math.pi)
             score += gap * gap * scale[i] * scale[i]
         at = kept
         while at > 0 and result[at - 1, dof + SCORE] > score:
@@ -304,7 +313,7 @@ def sorted_rows(
                 result[at, i] = result[at - 1, i]
             at -= 1
         for i in range(dof):
-            result[at, i] = desk.seed[i]
+            result[at, i] = scratch.seed[i]
         result[at, dof + POSITION_ERROR], result[at, dof + ORIENTATION_ERROR] = position, orientation
         result[at, dof + SCORE] = score
         kept += 1

@@ -8,7 +8,7 @@ from kinseek.kernels.arm.pose_error import is_rigid
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import start
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.memory import desk_size, make_desk
+from kinseek.kernels.atlas.memory import make_scratch, scratch_size
 from kinseek.kernels.atlas.one_goal import solve_pose
 from kinseek.kernels.atlas.samples import coordinates
 from kinseek.kernels.atlas.seeds import kick, restart, see
@@ -69,20 +69,20 @@ def sample_branches(
     dof, joints = len(task.lower), len(task.chain.leader)
     if not is_rigid(target):
         return 0
-    memory = np.zeros(desk_size(dof, joints))
-    desk = make_desk(memory, dof, joints)
+    memory = np.zeros(scratch_size(dof, joints))
+    scratch = make_scratch(memory, dof, joints)
     swept = task.structure[SWEPT] > 0.0
     most = max(number + number // 2, 4 * LANES) + (CURVES if swept else 0)
     rows, chosen, seeds = np.empty((most, dof)), np.empty((number, dof)), np.empty((most, dof))
     columns, left = np.empty((dof, most)), np.empty(most)
     distance, neighbour, tally = np.empty(2 * most), np.empty(most, dtype=np.int64), np.zeros(TALLY)
-    start(task, desk, target)
+    start(task, scratch, target)
     first, many, count = 0, 0, 0
     if swept:
         size = curves.GRID + curves.SPARE + number
         first, many = curves.swept_starts(
             task,
-            desk,
+            scratch,
             target,
             number,
             np.empty(size),
@@ -98,9 +98,9 @@ def sample_branches(
         )
         seeds = seeds[first:]
     if many == 0:
-        see(task, desk, target)
-        coordinates(desk.seen, task.division, desk.point)
-        many = starts(task, desk, most, distance, neighbour, seeds)
+        see(task, scratch, target)
+        coordinates(scratch.seen, task.division, scratch.point)
+        many = starts(task, scratch, most, distance, neighbour, seeds)
     must, many = count, many - first
     count = refine_all(
         handle, wanted, memory, target, seeds, many, many, rows, left, count, view[RATES], SAMPLED, tally, w
@@ -123,10 +123,10 @@ def sample_branches(
                     rows[k, i] = chosen[k, i]
             must = min(must, kept)
             for k in range(many):
-                restart(task, rounds * many + k, desk.seed)
-                kick(task, rows, (rounds * many + k) % count, SAMPLE_KICK, desk.seed)
+                restart(task, rounds * many + k, scratch.seed)
+                kick(task, rows, (rounds * many + k) % count, SAMPLE_KICK, scratch.seed)
                 for i in range(dof):
-                    seeds[k, i] = desk.seed[i]
+                    seeds[k, i] = scratch.seed[i]
         count = refine_all(
             handle,
             wanted,
@@ -143,7 +143,9 @@ def sample_branches(
             tally,
             w,
         )
-    result[kept, ANSWERS] = sorted_rows(task, desk, target, chosen, kept, view[CENTRE], view[SCALE], result)
+    result[kept, ANSWERS] = sorted_rows(
+        task, scratch, target, chosen, kept, view[CENTRE], view[SCALE], result
+    )
     result[kept, SPENT], result[kept, CONTINUUM] = tally[EVALUATED], 1.0
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return kept + 1

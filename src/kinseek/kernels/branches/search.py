@@ -27,7 +27,7 @@ from kinseek.kernels.arm.pose_error import is_rigid
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import start
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.memory import desk_size, make_desk
+from kinseek.kernels.atlas.memory import make_scratch, scratch_size
 from kinseek.kernels.atlas.one_goal import solve_pose
 from kinseek.kernels.atlas.samples import coordinates
 from kinseek.kernels.atlas.seeds import see, turns_fully
@@ -169,17 +169,17 @@ def find_branches(
     dof, joints = len(task.lower), len(task.chain.leader)
     if not is_rigid(target):
         return 0
-    memory = np.zeros(desk_size(dof, joints))
-    desk = make_desk(memory, dof, joints)
+    memory = np.zeros(scratch_size(dof, joints))
+    scratch = make_scratch(memory, dof, joints)
     rows, seeds = np.empty((ROWS, dof)), np.empty((DEEP_STARTS, dof))
     tally, image, left, asked = np.zeros(TALLY), np.empty(dof), np.empty(ROWS), np.empty(TOLD)
     starts_told = np.zeros(3, dtype=np.int64)
     tally[WEAKEST] = np.inf
-    start(task, desk, target)
+    start(task, scratch, target)
     count, told, rounds, kept, done, unsure, reached, settling = 0, 0, 0, 0, False, False, False, False
     left_to_try, tried, known_before, leans = PLAIN, 0, 0, 1.0
     if serves(task, structure):
-        closed_starts(task, structure, target, desk.spare, np.empty(WORK), seeds, asked, w)
+        closed_starts(task, structure, target, scratch.spare, np.empty(WORK), seeds, asked, w)
         many = int(asked[TRIED])
         count = refine_all(
             handle, wanted, memory, target, seeds, many, many, rows, left, 0, view[RATES], SIBLING, tally, w
@@ -247,14 +247,14 @@ def find_branches(
         ):
             known_before = count
             if rounds == 0 and samples > 0:
-                see(task, desk, target)
-                coordinates(desk.seen, task.division, desk.point)
-                measure_samples(task.atlas.tree.points, desk.point, distance)
+                see(task, scratch, target)
+                coordinates(scratch.seen, task.division, scratch.point)
+                measure_samples(task.atlas.tree.points, scratch.point, distance)
             most, limit = (STARTS, FIRST_ROOM) if rounds == 0 else (DEEP_STARTS, DEEP_STARTS)
             begin, end = end, radius(distance, most)
             found = sort_samples(distance, begin, end, limit, near, order)
             thin = rounds == 0 or not (unsure or tally[WEAKEST] < WEAK)
-            many = spread_starts(task, desk, steps, order, found, view[RATES], thin, known, kept, seeds, w)
+            many = spread_starts(task, scratch, steps, order, found, view[RATES], thin, known, kept, seeds, w)
             surely = int(SURELY * many) if rounds == 0 else surely
             kept, rounds = kept + many, rounds + 1
         elif rounds == 2 and count == 0:
@@ -288,7 +288,9 @@ def find_branches(
             for i in range(dof):
                 rows[0, i] = seeds[0, i]
             count, reached = 1, False
-    result[count, ANSWERS] = sorted_rows(task, desk, target, rows, count, view[CENTRE], view[SCALE], result)
+    result[count, ANSWERS] = sorted_rows(
+        task, scratch, target, rows, count, view[CENTRE], view[SCALE], result
+    )
     endless = tally[CONTINUA] > 0.0 or count == ROWS
     result[count, SPENT], result[count, CONTINUUM] = tally[EVALUATED], 1.0 if endless else 0.0
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.

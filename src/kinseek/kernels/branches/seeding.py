@@ -16,7 +16,7 @@ from kinseek.kernels.arm.trigonometry import rough_angle, sine_cosine
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import free_turn, reset_weights
 from kinseek.kernels.atlas.lanes import LANES, lanes_forward, lanes_gram, lanes_jacobian, lanes_solve
-from kinseek.kernels.atlas.memory import Desk, desk_size, make_desk
+from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
 from kinseek.kernels.atlas.seeds import MARGIN
 from kinseek.kernels.atlas.task import HANDLE, Task, plain_wanted, task_of
 from kinseek.kernels.atlas.tree import LEAF
@@ -67,13 +67,13 @@ def fill_steps(handle: Indices, steps: Array, w: int) -> None:
     """
     task = task_of(handle, plain_wanted(handle))
     dof, W, atlas = len(task.lower), LANES, task.atlas
-    memory = np.zeros(desk_size(dof, len(task.chain.leader)))
-    desk = make_desk(memory, dof, len(task.chain.leader))
-    lanes, first = desk.lanes, 0 if task.division.head == NONE else 1
+    memory = np.zeros(scratch_size(dof, len(task.chain.leader)))
+    scratch = make_scratch(memory, dof, len(task.chain.leader))
+    lanes, first = scratch.lanes, 0 if task.division.head == NONE else 1
     away, row = np.empty(3), np.empty(6)
-    reset_weights(task, desk)
+    reset_weights(task, scratch)
     for l in range(LANES):
-        desk.floor[l] = DAMPED
+        scratch.floor[l] = DAMPED
     T, J, e = lanes.pose, lanes.jacobian, lanes.residual
     for group in range(len(steps) // LANES):
         for l in range(LANES):
@@ -99,7 +99,7 @@ def fill_steps(handle: Indices, steps: Array, w: int) -> None:
                     for c in range(3):
                         J[i, r * W + l] += atlas.inverse_head[r, c] * row[c]
                         J[i, (3 + r) * W + l] += atlas.inverse_head[r, c] * row[3 + c]
-        lanes_gram(0.0, desk.floor, lanes, w)
+        lanes_gram(0.0, scratch.floor, lanes, w)
         for part in range(6):
             for r in range(6 * LANES):
                 e[r] = 0.0
@@ -338,7 +338,7 @@ def is_alike(known: Array, kept: int, rates: Array, q: Array) -> bool:
 @inlined
 def spread_starts(
     task: Task,
-    desk: Desk,
+    scratch: Scratch,
     steps: Array,
     order: Indices,
     found: int,
@@ -353,7 +353,7 @@ def spread_starts(
 
     Args:
         task: The task.
-        desk: Its memory, the goal in `seen`.
+        scratch: Its memory, the goal in `seen`.
         steps: See `fill_steps`.
         order: See `sort_samples`.
         found: How many samples there are in it.
@@ -364,13 +364,13 @@ def spread_starts(
         seeds: Receives the new starts, (at least found, n).
         w: LANES.
     """
-    many, q, K = 0, desk.seed, desk.lanes.gram
+    many, q, K = 0, scratch.seed, scratch.lanes.gram
     for begin in range(0, found, LANES):
-        complete_eight(task, K, desk.seen, order, begin, found, w)
+        complete_eight(task, K, scratch.seen, order, begin, found, w)
         for lane in range(min(LANES, found - begin)):
             if K[BEYOND * LANES + lane] > MARGIN:
                 continue
-            step_ahead(task, K, lane, order[begin + lane], steps, desk.bound, q)
+            step_ahead(task, K, lane, order[begin + lane], steps, scratch.bound, q)
             if thin and is_alike(known, kept + many, rates, q):
                 continue
             at = kept + many

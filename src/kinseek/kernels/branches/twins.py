@@ -17,7 +17,7 @@ from kinseek.kernels.atlas.lanes import (
     lanes_residual,
     lanes_solve,
 )
-from kinseek.kernels.atlas.memory import make_desk
+from kinseek.kernels.atlas.memory import make_scratch
 from kinseek.kernels.atlas.task import Task, task_of
 from kinseek.kernels.jit import inlined, kernel
 
@@ -81,22 +81,22 @@ def twins(
     """
     task = task_of(handle, wanted)
     dof = len(task.lower)
-    desk = make_desk(memory, dof, len(task.chain.leader))
-    lanes, W = desk.lanes, LANES
+    scratch = make_scratch(memory, dof, len(task.chain.leader))
+    lanes, W = scratch.lanes, LANES
     U, e, J, work = lanes.gram, lanes.residual, lanes.jacobian, lanes.work
     way = np.empty(dof)
     for l in range(LANES):
         for i in range(dof):
             lanes.q[i, l] = rows[min(first + l, last - 1), i]
         # Rows that no joint can move make J Jᵀ singular.
-        desk.floor[l] = FULL_FLOOR if dof >= 6 else SHORT_FLOOR
+        scratch.floor[l] = FULL_FLOOR if dof >= 6 else SHORT_FLOOR
         work[W + l] = 0.0
     for phase in range(PHASES):
         lanes_forward(task.chain.leader, task.links, lanes, w)
-        lanes_residual(lanes, desk.columns, w)
+        lanes_residual(lanes, scratch.columns, w)
         if phase == 0:
             lanes_jacobian(task.chain.leader, task.links, lanes, free_turn(task), w)
-            lanes_gram(0.0, desk.floor, lanes, w)
+            lanes_gram(0.0, scratch.floor, lanes, w)
             for i in range(dof):
                 for l in range(w):
                     lanes.step[i, l] = 1.0 - LEAN * i
@@ -158,7 +158,7 @@ def twins(
                 lanes.q[i, l] += shift * lanes.step[i, l]
     many = 0
     for l in range(LANES):
-        desk.floor[l] = FLOOR
+        scratch.floor[l] = FLOOR
         if first + l >= last:
             continue
         tally[EVALUATED] += PHASES

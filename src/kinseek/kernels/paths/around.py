@@ -30,14 +30,14 @@ GOAL = 2
 @inlined
 def begin_around(motion: Motion, middle: int, position: float, angle: float) -> None:
     """Write v, and a, for goals that are moved by so much at most [m] and turned by so much [rad]."""
-    form, desk, tube = motion.form, motion.desk, motion.tube
+    form, scratch, tube = motion.form, motion.scratch, motion.tube
     n = len(tube.half)
     for i in range(n):
         tube.wide[i] = tube.point[i] * position + tube.column[i] * math.sqrt(2.0) * angle
     tube.wide[n] = 0.0
     for k in range(len(form.leader)):
-        desk.half[k] = abs(form.multiplier[k]) * tube.wide[form.leader[k]]
-    _, _, three_p, three_c = rests(form, desk, desk.r, middle)
+        scratch.half[k] = abs(form.multiplier[k]) * tube.wide[form.leader[k]]
+    _, _, three_p, three_c = rests(form, scratch, scratch.r, middle)
     three_p += motion.numbers[MARGIN]
     three_c += motion.numbers[MARGIN_A] + math.sqrt(0.5) * angle * angle
     for row in range(n):
@@ -91,10 +91,10 @@ def answers_around(
     tube, middle = motion.tube, GOAL
     for i in range(len(q)):
         for j in range(n):
-            motion.begin[j] = motion.end[j] = motion.desk.c[j] = q[i, j]
+            motion.begin[j] = motion.end[j] = motion.scratch.c[j] = q[i, j]
             for a in range(hold.shape[1]):
                 motion.hold[a, j] = hold[i, a, j]
-        motion.desk.c[n] = 0.0
+        motion.scratch.c[n] = 0.0
         lead(motion, chain, targets[i], still, still)
         # A goal that is turned farther may be half a turn from the hand.
         good = orientation[i] < TURNED and aim_at_answer(motion)

@@ -15,7 +15,7 @@ from kinseek.kernels.atlas.lanes import (
     lanes_jacobian,
     lanes_solve,
 )
-from kinseek.kernels.atlas.memory import desk_size, make_desk
+from kinseek.kernels.atlas.memory import make_scratch, scratch_size
 from kinseek.kernels.atlas.task import HANDLE, WANTED, task_of
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, inlined, noinline
@@ -119,8 +119,8 @@ def along_lanes(
     """
     task = task_of(handle, wanted)
     dof = len(task.lower)
-    desk = make_desk(memory, dof, len(task.chain.leader))
-    lanes, W = desk.lanes, LANES
+    scratch = make_scratch(memory, dof, len(task.chain.leader))
+    lanes, W = scratch.lanes, LANES
     free = free_turn(task)
     for l in range(LANES):
         for i in range(dof):
@@ -146,7 +146,7 @@ def along_lanes(
             for r in range(6):
                 for l in range(w):
                     lanes.residual[r * W + l] += lanes.jacobian[i, r * W + l] * v
-        lanes_gram(0.0, desk.floor, lanes, w)
+        lanes_gram(0.0, scratch.floor, lanes, w)
         lanes_solve(lanes, w)
         for l in range(last - first):
             size = 0.0
@@ -228,9 +228,9 @@ def lead_on(
     task = task_of(handle, wanted)
     rows, dof = len(targets), len(task.lower)
     ways, ends = np.zeros((rows, LANES, dof)), np.zeros(LANES, dtype=np.int64)
-    memory = np.zeros(desk_size(dof, len(task.chain.leader)))
-    desk = make_desk(memory, dof, len(task.chain.leader))
-    reset_weights(task, desk)
+    memory = np.zeros(scratch_size(dof, len(task.chain.leader)))
+    scratch = make_scratch(memory, dof, len(task.chain.leader))
+    reset_weights(task, scratch)
     for first in range(0, len(q), LANES):
         many = min(LANES, len(q) - first)
         for l in range(many):
@@ -308,10 +308,10 @@ def gather(
     """
     task = task_of(handle, wanted)
     dof, most = len(lower), len(q)
-    memory = np.zeros(desk_size(dof, len(task.chain.leader)))
-    desk = make_desk(memory, dof, len(task.chain.leader))
+    memory = np.zeros(scratch_size(dof, len(task.chain.leader)))
+    scratch = make_scratch(memory, dof, len(task.chain.leader))
     one = np.zeros(dof)
-    reset_weights(task, desk)
+    reset_weights(task, scratch)
     count, told = 0, 0
     for part in range(2):
         for k in range(0 if part == 0 else first, first if part == 0 else len(given)):
@@ -331,8 +331,8 @@ def gather(
                         one[d] = q[k, d] + (1.0 - 2.0 * side) * beside * along[k, d]
                     if crowded(one, q, count, turning, AGAIN * beside):
                         continue
-                    load_lane(desk, filled, target, one)
-                    desk.state[filled] = 0
+                    load_lane(scratch, filled, target, one)
+                    scratch.state[filled] = 0
                     filled += 1
                     if filled == LANES:
                         count = settled(
@@ -369,22 +369,22 @@ def settled(
     """Bring the first lanes onto their targets and append those that get there, and stand by themselves, to q."""
     task = task_of(handle, wanted)
     dof = len(lower)
-    desk = make_desk(memory, dof, len(task.chain.leader))
+    scratch = make_scratch(memory, dof, len(task.chain.leader))
     for l in range(filled, LANES):
-        desk.state[l] = 2
+        scratch.state[l] = 2
     for d in range(dof):
         for l in range(LANES):
             k = min(l, filled - 1)
-            desk.lanes.q[d, l] = min(max(desk.lanes.q[d, k], task.lower[d]), task.upper[d])
+            scratch.lanes.q[d, l] = min(max(scratch.lanes.q[d, k], task.lower[d]), task.upper[d])
     for r in range(12):
         for l in range(filled, LANES):
-            desk.lanes.target[r * LANES + l] = desk.lanes.target[r * LANES]
+            scratch.lanes.target[r * LANES + l] = scratch.lanes.target[r * LANES]
     settle(handle, wanted, memory, task.lower, task.upper, STEPS, w)
     for l in range(filled):
-        if not within(task, desk.lanes, l):
+        if not within(task, scratch.lanes, l):
             continue
         for d in range(dof):
-            one[d] = desk.lanes.q[d, l]
+            one[d] = scratch.lanes.q[d, l]
         count = joined(one, lower, upper, turning, apart, q, count)
     memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
     return count

@@ -9,11 +9,11 @@ import numpy as np
 
 from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.jit import array_view, inlined
-from kinseek.kernels.proof.box import Desk, Form, make_desk
+from kinseek.kernels.proof.box import BoxScratch, Form, make_box_scratch
 
 
 class Tube(NamedTuple):
-    """Memory of one tube around the desk's centre, and what is known of it; rows are joints."""
+    """Memory of one tube around the scratch memory's centre, and what is known of it; rows are joints."""
 
     c: Array
     """Centre, (n+1,)."""
@@ -60,7 +60,7 @@ class Motion(NamedTuple):
 
     form: Form
     """The arm on them."""
-    desk: Desk
+    scratch: BoxScratch
     """Its centre has s as the last number."""
     tube: Tube
     hold: Array
@@ -114,7 +114,7 @@ def make_motion(chain: ChainArrays, columns: int, begin: Array, hold: Array, num
     )
     form = Form(fixed, prismatic, leader, multiplier, offset, 0, columns, 0, 0.0)
     return Motion(
-        form, make_desk(m + 2, n + 1), tube, hold.copy(), begin.copy(), begin.copy(), numbers.copy()
+        form, make_box_scratch(m + 2, n + 1), tube, hold.copy(), begin.copy(), begin.copy(), numbers.copy()
     )
 
 
@@ -142,13 +142,13 @@ def frame_along(x: float, y: float, z: float, size: float, frame: Array) -> None
 @inlined
 def lead(motion: Motion, chain: ChainArrays, target: Array, slide: Array, turn: Array) -> None:
     """Set the two joints that undo the hand's way from a target, (3, 4), by d [m] and w [rad], (3,) each, in the base."""
-    form, goal = motion.form, motion.desk.goal
+    form, goal = motion.form, motion.scratch.goal
     fixed = form.fixed
     way = math.sqrt(slide[0] * slide[0] + slide[1] * slide[1] + slide[2] * slide[2])
     angle = math.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
     form.multiplier[0], form.multiplier[1] = -angle, -way
     frame_along(turn[0], turn[1], turn[2], angle, fixed[0])
-    along = motion.desk.T  # Free until the arm is placed.
+    along = motion.scratch.T  # Free until the arm is placed.
     frame_along(slide[0], slide[1], slide[2], way, along)
     for r in range(3):
         fixed[0, r, 3] = target[r, 3]

@@ -9,7 +9,7 @@ from kinseek.kernels.arm.pose_error import distance, errors, is_rigid
 from kinseek.kernels.arrays import Array, GoalArrays
 from kinseek.kernels.atlas.descent import goal_of, reset_weights, within
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.memory import Desk, desk_size, make_desk
+from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
 from kinseek.kernels.atlas.newton import settle as descend
 from kinseek.kernels.atlas.task import WANTED, Task, handle_at, lanes_of, task_of
 from kinseek.kernels.entry import F64, I64
@@ -42,8 +42,8 @@ INSIDE = 1e-12
 
 
 @inlined
-def go_nearer(task: Task, desk: Desk, target: Array, state: Array) -> None:
-    """Walk down the weighted error from where the arm is, within what the joints may do in this period, into `desk.seed`.
+def go_nearer(task: Task, scratch: Scratch, target: Array, state: Array) -> None:
+    """Walk down the weighted error from where the arm is, within what the joints may do in this period, into `scratch.seed`.
 
     The weighted error ``K_P d + Σ K_c (1 - c·c_g)`` has a kink at d = 0, along which steps are tiny. Its majorant
     ``K_P d² / 2 d_0 + Σ K_c (1 - c·c_g)`` touches it at the present distance d_0 and is smooth (iteratively reweighted least
@@ -52,11 +52,11 @@ def go_nearer(task: Task, desk: Desk, target: Array, state: Array) -> None:
     overshoot there in every period, since the Jacobian is singular at the end of the reach.
     """
     for d in range(len(task.lower)):
-        desk.seed[d] = min(max(state[NOW, d], state[LOW, d]), state[HIGH, d])
-    forward(task.chain, desk.seed, desk.spare)
-    weight = task.position_weight / max(distance(desk.spare, target), NEAR)
+        scratch.seed[d] = min(max(state[NOW, d], state[LOW, d]), state[HIGH, d])
+    forward(task.chain, scratch.seed, scratch.spare)
+    weight = task.position_weight / max(distance(scratch.spare, target), NEAR)
     squares = GoalArrays(target, weight, task.axis_weights)
-    descend(task.chain, squares, True, NEAREST_STEPS, 0.0, state[LOW], state[HIGH], desk.seed)
+    descend(task.chain, squares, True, NEAREST_STEPS, 0.0, state[LOW], state[HIGH], scratch.seed)
 
 
 @noinline
@@ -69,10 +69,10 @@ def one_period(
     handle = handle_at(address)
     task = task_of(handle, wanted)
     dof, joints, w = len(task.lower), len(task.chain.leader), lanes_of(handle)
-    for k in range(desk_size(dof, joints)):
+    for k in range(scratch_size(dof, joints)):
         memory[k] = 0.0  # The same bits whatever came before.
-    desk = make_desk(memory, dof, joints)
-    reset_weights(task, desk)
+    scratch = make_scratch(memory, dof, joints)
+    reset_weights(task, scratch)
     for d in range(dof):
         here, reach = state[NOW, d], state[REACH, d] * (1.0 - INSIDE)
         # From outside its limits a joint comes back, as fast as it may.
@@ -81,36 +81,36 @@ def one_period(
         state[HIGH, d] = min(here + reach, upper) if here <= upper else max(here - reach, upper)
     for l in range(LANES):
         share = min(l, STARTS - 1) / (STARTS - 1.0)
-        load_lane(desk, l, target, state[NOW])
-        desk.state[l] = 0 if l < STARTS else 2
+        load_lane(scratch, l, target, state[NOW])
+        scratch.state[l] = 0 if l < STARTS else 2
         for d in range(dof):
             value = state[NOW, d] + share * state[LAST, d]
-            desk.lanes.q[d, l] = min(max(value, state[LOW, d]), state[HIGH, d])
+            scratch.lanes.q[d, l] = min(max(value, state[LOW, d]), state[HIGH, d])
     settle(handle, wanted, memory, state[LOW], state[HIGH], STEPS, w)
     best = 0
     for l in range(1, STARTS):
-        reached = within(task, desk.lanes, l) and not within(task, desk.lanes, best)
+        reached = within(task, scratch.lanes, l) and not within(task, scratch.lanes, best)
         if reached or (
-            not within(task, desk.lanes, best)
-            and desk.lanes.error[3 * LANES + l] < desk.lanes.error[3 * LANES + best]
+            not within(task, scratch.lanes, best)
+            and scratch.lanes.error[3 * LANES + l] < scratch.lanes.error[3 * LANES + best]
         ):
             best = l
-    if within(task, desk.lanes, best):
+    if within(task, scratch.lanes, best):
         for d in range(dof):
-            desk.seed[d] = desk.lanes.q[d, best]
+            scratch.seed[d] = scratch.lanes.q[d, best]
     else:
-        go_nearer(task, desk, target, state)
+        go_nearer(task, scratch, target, state)
     fast, stopped = False, False
     for d in range(dof):
-        value = desk.seed[d]
+        value = scratch.seed[d]
         at_end = value <= state[LOW, d] or value >= state[HIGH, d]
         at_limit = at_end and (value <= state[LOWER, d] or value >= state[UPPER, d])
         fast = fast or (at_end and not at_limit)
         stopped = stopped or at_limit
         state[LAST, d] = value - state[NOW, d]
         state[NOW, d] = value
-    forward(task.chain, state[NOW], desk.spare)
-    position, orientation = errors(desk.spare, goal_of(task, target))
+    forward(task.chain, state[NOW], scratch.spare)
+    position, orientation = errors(scratch.spare, goal_of(task, target))
     ended = SINGULAR
     if position <= task.position_tolerance and orientation <= task.orientation_tolerance:
         ended = TRACKING
@@ -144,7 +144,7 @@ def servo_step(
         address: Address of the handle of the task, see `task_of`.
         wanted: See `task_of`.
         target: (4, 4), lengths in [m].
-        memory: At least `desk_size` numbers.
+        memory: At least `scratch_size` numbers.
         state: See `LOWER`, (ROWS, n).
 
     Returns:

@@ -16,7 +16,7 @@ from kinseek.kernels.atlas.lanes import (
     lanes_residual,
     lanes_solve,
 )
-from kinseek.kernels.atlas.memory import Desk, desk_size, make_desk
+from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
 from kinseek.kernels.atlas.task import HANDLE, WANTED, task_of
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, inlined, noinline
@@ -34,44 +34,44 @@ def settle(
     Args:
         handle: The task, see `task_of`.
         wanted: See `task_of`.
-        memory: The desk, its targets, weights, states and joint values set.
+        memory: The scratch memory, its targets, weights, states and joint values set.
         lower: Limits that no step leaves, (n,); infinite where there are none.
         upper: (n,)
         steps: How many steps at most.
         w: LANES.
     """
     task = task_of(handle, wanted)
-    desk = make_desk(memory, len(lower), len(task.chain.leader))
-    lanes, turn, made = desk.lanes, free_turn(task), 0
+    scratch = make_scratch(memory, len(lower), len(task.chain.leader))
+    lanes, turn, made = scratch.lanes, free_turn(task), 0
     lanes_forward(task.chain.leader, task.links, lanes, w)
-    lanes_residual(lanes, desk.columns, w)
+    lanes_residual(lanes, scratch.columns, w)
     for _ in range(steps):
         away = 0
         for l in range(LANES):
-            if desk.state[l] == 0 and lanes.error[3 * LANES + l] > EXACT:
+            if scratch.state[l] == 0 and lanes.error[3 * LANES + l] > EXACT:
                 away += 1
         if away == 0:
             break
         lanes_jacobian(task.chain.leader, task.links, lanes, turn, w)
         lanes_hold(lower, upper, lanes, w)
-        lanes_gram(desk.damping[0], desk.floor, lanes, w)
+        lanes_gram(scratch.damping[0], scratch.floor, lanes, w)
         lanes_solve(lanes, w)
         lanes_move(lower, upper, LONGEST, lanes, w)
         lanes_forward(task.chain.leader, task.links, lanes, w)
-        lanes_residual(lanes, desk.columns, w)
+        lanes_residual(lanes, scratch.columns, w)
         made += 1
     memory[0] += 0.0  # Its last use, see `one_goal.solve_pose`.
     return made
 
 
 @inlined
-def load_lane(desk: Desk, lane: int, target: Array, q: Array) -> None:
+def load_lane(scratch: Scratch, lane: int, target: Array, q: Array) -> None:
     """Give one lane a target, (3, 4), and a start, (n,)."""
     for r in range(3):
         for c in range(4):
-            desk.lanes.target[(4 * r + c) * LANES + lane] = target[r, c]
+            scratch.lanes.target[(4 * r + c) * LANES + lane] = target[r, c]
     for i in range(len(q)):
-        desk.lanes.q[i, lane] = q[i]
+        scratch.lanes.q[i, lane] = q[i]
 
 
 @entry(
@@ -111,18 +111,18 @@ def settle_many(
     """
     task = task_of(handle, wanted)
     dof, joints = len(lower), len(task.chain.leader)
-    memory = np.zeros(desk_size(dof, joints))
-    desk = make_desk(memory, dof, joints)
-    reset_weights(task, desk)
+    memory = np.zeros(scratch_size(dof, joints))
+    scratch = make_scratch(memory, dof, joints)
+    reset_weights(task, scratch)
     count = len(q)
     for first in range(0, count, LANES):
         for l in range(LANES):
             k = min(first + l, count - 1)
-            load_lane(desk, l, targets[k], q[k])
-            desk.state[l] = 0
+            load_lane(scratch, l, targets[k], q[k])
+            scratch.state[l] = 0
         settle(handle, wanted, memory, lower, upper, steps, w)
         for l in range(min(LANES, count - first)):
-            left[first + l] = desk.lanes.error[3 * LANES + l]
+            left[first + l] = scratch.lanes.error[3 * LANES + l]
             for i in range(dof):
-                q[first + l, i] = desk.lanes.q[i, l]
+                q[first + l, i] = scratch.lanes.q[i, l]
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.

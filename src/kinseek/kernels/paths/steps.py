@@ -41,17 +41,17 @@ def clearly_inside(off: float, half: float, value: float) -> bool:
 @inlined
 def misses(motion: Motion, q: Array, s: float) -> tuple[float, float]:
     """How far the hand is from its way at joint values q: of the point [m] and of the columns, rounding included."""
-    desk, form, n = motion.desk, motion.form, len(q)
+    scratch, form, n = motion.scratch, motion.form, len(q)
     for i in range(n):
-        desk.c[i] = q[i]
-    desk.c[n] = s
-    place_arm(form, desk)
+        scratch.c[i] = q[i]
+    scratch.c[n] = s
+    place_arm(form, scratch)
     point = column = 0.0
     for r in range(3):
-        off = desk.T[r, 3] - desk.goal[r, 3]
+        off = scratch.T[r, 3] - scratch.goal[r, 3]
         point += off * off
         for c in range(form.columns):
-            off = desk.T[r, c] - desk.goal[r, c]
+            off = scratch.T[r, c] - scratch.goal[r, c]
             column += off * off
     return math.sqrt(point) + motion.numbers[MARGIN], math.sqrt(column) + motion.numbers[MARGIN_A]
 
@@ -59,17 +59,17 @@ def misses(motion: Motion, q: Array, s: float) -> tuple[float, float]:
 @inlined
 def correct(motion: Motion, q: Array, s: float) -> None:
     """Bring joint values in the tube nearer to its branch, by a step of Newton's with the tube's M."""
-    desk, tube, hold = motion.desk, motion.tube, motion.hold
+    scratch, tube, hold = motion.scratch, motion.tube, motion.hold
     n = len(q)
     misses(motion, q, s)
     for i in range(n):
         off = 0.0
         for r in range(3):
             for c in range(4):
-                off += tube.rows[i, r, c] * (desk.T[r, c] - desk.goal[r, c])
+                off += tube.rows[i, r, c] * (scratch.T[r, c] - scratch.goal[r, c])
         for a in range(hold.shape[0]):
-            off += tube.across[i, a] * across_by(motion, a, desk.c, s)
-        q[i] = desk.c[i] - off
+            off += tube.across[i, a] * across_by(motion, a, scratch.c, s)
+        q[i] = scratch.c[i] - off
 
 
 @inlined
@@ -183,7 +183,7 @@ def prove_step(
     within: Array,
 ) -> int:
     """Go along one step, tube after tube, and say what is proved of it; see `prove_steps`."""
-    desk, tube, n = motion.desk, motion.tube, len(lower)
+    scratch, tube, n = motion.scratch, motion.tube, len(lower)
     middle = 2 + (len(motion.form.leader) - 2) // 2
     least = 4.0 * max(rim_begin, rim_end)
     begin_point, begin_column = misses(motion, motion.begin, 0.0)
@@ -198,8 +198,8 @@ def prove_step(
             break
         h = 0.5 * part
         for i in range(n):
-            desk.c[i] = known[i] + h / (1.0 - s) * (motion.end[i] - known[i])
-        desk.c[n] = s + h
+            scratch.c[i] = known[i] + h / (1.0 - s) * (motion.end[i] - known[i])
+        scratch.c[n] = s + h
         good, last = find_tube(motion, middle, h, least), s + part == 1.0
         if good and s == 0.0:
             within[0], shifted = distance(motion, known, 0.0, begin_point, begin_column, rim_begin)

@@ -9,7 +9,7 @@ import numpy as np
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import reset_weights, within
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.memory import desk_size, make_desk
+from kinseek.kernels.atlas.memory import make_scratch, scratch_size
 from kinseek.kernels.atlas.task import HANDLE, WANTED, task_of
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, inlined, noinline
@@ -46,42 +46,42 @@ def trace_lanes(
     """See `trace`; return how many branches get to the end."""
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
-    memory = np.zeros(desk_size(dof, joints))
-    desk = make_desk(memory, dof, joints)
-    reset_weights(task, desk)
+    memory = np.zeros(scratch_size(dof, joints))
+    scratch = make_scratch(memory, dof, joints)
+    reset_weights(task, scratch)
     curved = np.zeros(LANES)
     way = 1 if end >= begin else -1
     active = many
     for l in range(LANES):
         ends[l] = begin
-        desk.state[l] = 0 if l < many else 2
-        load_lane(desk, l, targets[begin], q[begin, min(l, many - 1)])
+        scratch.state[l] = 0 if l < many else 2
+        load_lane(scratch, l, targets[begin], q[begin, min(l, many - 1)])
     for passed in range(abs(end - begin)):
         if active == 0:
             break
         i = begin + way * passed
         j = i + way
         for l in range(many):
-            if desk.state[l] != 0:
+            if scratch.state[l] != 0:
                 continue
             for r in range(3):
                 for c in range(4):
-                    desk.lanes.target[(4 * r + c) * LANES + l] = targets[j, r, c]
+                    scratch.lanes.target[(4 * r + c) * LANES + l] = targets[j, r, c]
             for d in range(dof):
                 value = q[i, l, d]
                 if passed > 0:
                     value += q[i, l, d] - q[i - way, l, d]
                 if passed > 1:
                     value += curved[l] * (q[i, l, d] - 2.0 * q[i - way, l, d] + q[i - 2 * way, l, d])
-                desk.lanes.q[d, l] = min(max(value, task.lower[d]), task.upper[d])
+                scratch.lanes.q[d, l] = min(max(value, task.lower[d]), task.upper[d])
         settle(handle, wanted, memory, task.lower, task.upper, STEPS, w)
         for l in range(many):
-            if desk.state[l] != 0:
+            if scratch.state[l] != 0:
                 continue
-            good = within(task, desk.lanes, l)
+            good = within(task, scratch.lanes, l)
             line, parabola = 0.0, 0.0
             for d in range(dof):
-                value = desk.lanes.q[d, l]
+                value = scratch.lanes.q[d, l]
                 q[j, l, d] = value
                 good = good and abs(value - q[i, l, d]) <= longest[d]
                 if passed > 1:
@@ -93,7 +93,7 @@ def trace_lanes(
             if good:
                 ends[l] = j
             else:
-                desk.state[l] = 2
+                scratch.state[l] = 2
                 active -= 1
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return active

@@ -30,7 +30,7 @@ import math
 
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import inlined
-from kinseek.kernels.proof.box import LEAST, Desk, Form, place
+from kinseek.kernels.proof.box import LEAST, BoxScratch, Form, place
 from kinseek.kernels.proof.taylor import derivatives, differentiate, normal_matrix, rests
 
 from .motion import LENGTH, MARGIN, MARGIN_A, Motion, Tube, across_by
@@ -87,17 +87,17 @@ def invert(A: Array) -> None:
 
 @inlined
 def aim(motion: Motion) -> None:
-    """Place the arm at the desk's centre, and write down M there and M f(c)."""
-    form, desk, tube, hold = motion.form, motion.desk, motion.tube, motion.hold
+    """Place the arm at the scratch memory's centre, and write down M there and M f(c)."""
+    form, scratch, tube, hold = motion.form, motion.scratch, motion.tube, motion.hold
     n, columns, held = len(tube.half), form.columns, motion.hold.shape[0]
-    T, goal = desk.T, desk.goal
+    T, goal = scratch.T, scratch.goal
     weight = 1.0 / (motion.numbers[LENGTH] * motion.numbers[LENGTH])
-    place(form, desk)
-    differentiate(form, desk, 0, columns)
-    normal_matrix(form, desk, weight, 1.0, columns)
+    place(form, scratch)
+    differentiate(form, scratch, 0, columns)
+    normal_matrix(form, scratch, weight, 1.0, columns)
     for i in range(n):
         for j in range(i + 1):
-            total = desk.N[i, j]
+            total = scratch.N[i, j]
             for a in range(held):
                 total += hold[a, i] * hold[a, j]
             tube.D[i, j] = tube.D[j, i] = total
@@ -109,7 +109,7 @@ def aim(motion: Motion) -> None:
             for j in range(n):
                 gain += tube.D[row, j] * hold[a, j]
             tube.across[row, a] = gain
-            value += gain * across_by(motion, a, desk.c, desk.c[n])
+            value += gain * across_by(motion, a, scratch.c, scratch.c[n])
         for r in range(3):
             for c in range(4):
                 if columns <= c < 3:
@@ -117,7 +117,7 @@ def aim(motion: Motion) -> None:
                     continue
                 part = 0.0
                 for k in range(2, len(form.leader)):
-                    moved = desk.velocity[k, r] if c == 3 else desk.slopes[k, c, r]
+                    moved = scratch.velocity[k, r] if c == 3 else scratch.slopes[k, c, r]
                     part += form.multiplier[k] * tube.D[row, form.leader[k]] * moved
                 if c == 3:
                     part *= weight
@@ -133,18 +133,18 @@ def aim(motion: Motion) -> None:
 @inlined
 def expand(motion: Motion, middle: int) -> None:
     """Write down what M makes of the derivatives at the centre where `aim` was, and the tangent."""
-    form, desk, tube, hold = motion.form, motion.desk, motion.tube, motion.hold
+    form, scratch, tube, hold = motion.form, motion.scratch, motion.tube, motion.hold
     n, held = len(tube.half), motion.hold.shape[0]
-    differentiate(form, desk, middle, form.columns)
+    differentiate(form, scratch, middle, form.columns)
     for row in range(n):
         for r in range(3):
             for c in range(4):
-                desk.y[r, c] = tube.rows[row, r, c]
-        derivatives(form, desk, middle, form.columns)
+                scratch.y[r, c] = tube.rows[row, r, c]
+        derivatives(form, scratch, middle, form.columns)
         for i in range(n + 1):
-            tube.slope[row, i] = desk.g[i]
+            tube.slope[row, i] = scratch.g[i]
             for j in range(n + 1):
-                tube.bend[row, i, j] = desk.H[i, j]
+                tube.bend[row, i, j] = scratch.H[i, j]
         for a in range(held):
             gain = tube.across[row, a]
             for j in range(n):
@@ -170,13 +170,13 @@ def bent(tube: Tube, row: int, x: Array, y: Array) -> float:
 @inlined
 def begin_tube(motion: Motion, middle: int, h: float) -> None:
     """Write a, how far N moves the middle of a tube over s within h of the centre."""
-    form, desk, tube = motion.form, motion.desk, motion.tube
+    form, scratch, tube = motion.form, motion.scratch, motion.tube
     n = len(tube.half)
     for i in range(n + 1):
         tube.wide[i] = h * abs(tube.t[i]) + 0.5 * h * h * abs(tube.u[i])
     for k in range(len(form.leader)):
-        desk.half[k] = abs(form.multiplier[k]) * tube.wide[form.leader[k]]
-    _, _, three_p, three_c = rests(form, desk, desk.r, middle)
+        scratch.half[k] = abs(form.multiplier[k]) * tube.wide[form.leader[k]]
+    _, _, three_p, three_c = rests(form, scratch, scratch.r, middle)
     three_p += motion.numbers[MARGIN]
     three_c += motion.numbers[MARGIN_A]
     for row in range(n):
@@ -198,15 +198,15 @@ def begin_tube(motion: Motion, middle: int, h: float) -> None:
 
 
 @inlined
-def gains(form: Form, desk: Desk, tube: Tube, middle: int) -> float:
-    """Write ∂rest/∂δ of every physical joint within ``desk.half``; return how far hand or goal turn, at most [rad]."""
+def gains(form: Form, scratch: BoxScratch, tube: Tube, middle: int) -> float:
+    """Write ∂rest/∂δ of every physical joint within ``scratch.half``; return how far hand or goal turn, at most [rad]."""
     m, most = len(form.leader), 0.0
     for side in range(2):
         count = m - middle if side == 0 else middle
         spread = 0.0
         for index in range(count):
             k = middle + index if side == 0 else middle - 1 - index
-            spread += 0.0 if form.prismatic[k] else desk.half[k]
+            spread += 0.0 if form.prismatic[k] else scratch.half[k]
             tube.spread[k] = spread
         most = max(most, spread)
         tail_point = tail_column = 0.0
@@ -216,28 +216,28 @@ def gains(form: Form, desk: Desk, tube: Tube, middle: int) -> float:
             upto = tube.spread[k]
             if form.prismatic[k]:
                 tube.gain_point[k], tube.gain_column[k] = 0.5 * upto * upto, 0.0
-                tail_point += desk.half[k] * upto
+                tail_point += scratch.half[k] * upto
                 continue
-            before = upto - desk.half[k]
-            tube.gain_point[k] = tail_point + 0.5 * desk.r[k] * upto * upto
-            tube.gain_column[k] = tail_column + 0.5 * desk.s[k] * upto * upto
-            square = 0.5 * (upto + before) * desk.half[k]
-            tail_point += desk.r[k] * square
-            tail_column += desk.s[k] * square
+            before = upto - scratch.half[k]
+            tube.gain_point[k] = tail_point + 0.5 * scratch.r[k] * upto * upto
+            tube.gain_column[k] = tail_column + 0.5 * scratch.s[k] * upto * upto
+            square = 0.5 * (upto + before) * scratch.half[k]
+            tail_point += scratch.r[k] * square
+            tail_column += scratch.s[k] * square
     return most
 
 
 @inlined
 def contract(motion: Motion, middle: int, half: Array, out: Array) -> float:
     """Write a + C ``half`` of a tube as wide as that into `out`; return how far hand or goal turn in it, at most [rad]."""
-    form, desk, tube = motion.form, motion.desk, motion.tube
+    form, scratch, tube = motion.form, motion.scratch, motion.tube
     n = len(half)
     for i in range(n):
-        desk.h[i] = tube.wide[i] + half[i]
-    desk.h[n] = tube.wide[n]
+        scratch.h[i] = tube.wide[i] + half[i]
+    scratch.h[n] = tube.wide[n]
     for k in range(len(form.leader)):
-        desk.half[k] = abs(form.multiplier[k]) * desk.h[form.leader[k]]
-    turned = gains(form, desk, tube, middle)
+        scratch.half[k] = abs(form.multiplier[k]) * scratch.h[form.leader[k]]
+    turned = gains(form, scratch, tube, middle)
     more_point = more_column = 0.0
     for k in range(2, len(form.leader)):
         width = abs(form.multiplier[k]) * half[form.leader[k]]
@@ -248,7 +248,7 @@ def contract(motion: Motion, middle: int, half: Array, out: Array) -> float:
         for j in range(n):
             part = abs(tube.slope[row, j] - (1.0 if j == row else 0.0))
             for l in range(n + 1):
-                part += abs(tube.bend[row, j, l]) * desk.h[l]
+                part += abs(tube.bend[row, j, l]) * scratch.h[l]
             total += part * half[j]
         out[row] = total
     return turned
@@ -263,26 +263,26 @@ def middle_at(tube: Tube, i: int, tau: float) -> float:
 
 @inlined
 def aim_at_answer(motion: Motion) -> bool:
-    """Aim from the desk's centre, moved by one step to the answer beside it; is M good for a proof there?"""
-    desk, tube = motion.desk, motion.tube
+    """Aim from the scratch memory's centre, moved by one step to the answer beside it; is M good for a proof there?"""
+    scratch, tube = motion.scratch, motion.tube
     n = len(tube.half)
     aim(motion)
     for i in range(n):
         if not abs(tube.value[i]) <= LARGEST:
             return False
-        desk.c[i] -= tube.value[i]
+        scratch.c[i] -= tube.value[i]
     aim(motion)
     askew = 0.0
     for r in range(3):
         for c in range(motion.form.columns):
-            askew += (desk.T[r, c] - desk.goal[r, c]) * (desk.T[r, c] - desk.goal[r, c])
+            askew += (scratch.T[r, c] - scratch.goal[r, c]) * (scratch.T[r, c] - scratch.goal[r, c])
     if not askew <= ASKEW * ASKEW:
         return False
     for i in range(n):
         if not (tube.point[i] <= STEEP and tube.column[i] <= STEEP):
             return False
     for i in range(n + 1):
-        tube.c[i] = desk.c[i]
+        tube.c[i] = scratch.c[i]
     return True
 
 
@@ -319,7 +319,7 @@ def inflate(motion: Motion, middle: int, least: float) -> bool:
 
 @inlined
 def find_tube(motion: Motion, middle: int, h: float, least: float) -> bool:
-    """Look for a tube around the desk's centre over s within h of it, no joint narrower than `least`; is there one?
+    """Look for a tube around the scratch memory's centre over s within h of it, no joint narrower than `least`; is there one?
 
     It is in ``tube.half``, and ``tube.away`` is how far from its middle the branch is, at most.
     """

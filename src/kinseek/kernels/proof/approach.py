@@ -6,7 +6,7 @@ from kinseek.kernels.arm.division import TURN
 from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.jit import inlined, ir_inlined
 
-from .box import LEAST, Desk, Form, Wanted, place, turn_goal
+from .box import LEAST, BoxScratch, Form, Wanted, place, turn_goal
 from .last_joint import Roll, complete, roll_fits
 from .taylor import differentiate, downhill, normal_matrix, solve
 
@@ -19,33 +19,33 @@ part of some 1e-9 a step at best, and three steps meet every tolerance. Twice as
 
 
 @inlined
-def step(form: Form, wanted: Wanted, desk: Desk) -> None:
-    """Write the Gauss-Newton step from the middle of the box to the goal into ``desk.delta``."""
+def step(form: Form, wanted: Wanted, scratch: BoxScratch) -> None:
+    """Write the Gauss-Newton step from the middle of the box to the goal into ``scratch.delta``."""
     scale = 1.0 / (wanted.length * wanted.length + LEAST)
     weight = 1.0 if form.columns > 0 else 0.0
-    place(form, desk)
-    turn_goal(form, wanted, desk)
-    differentiate(form, desk, 0, form.columns)
-    normal_matrix(form, desk, scale, weight, form.columns)
-    downhill(form, desk, scale, weight, form.columns)
-    for i in range(len(desk.c)):
-        desk.D[i] = DAMPING
-    solve(desk.N, desk.D, desk.delta)
+    place(form, scratch)
+    turn_goal(form, wanted, scratch)
+    differentiate(form, scratch, 0, form.columns)
+    normal_matrix(form, scratch, scale, weight, form.columns)
+    downhill(form, scratch, scale, weight, form.columns)
+    for i in range(len(scratch.c)):
+        scratch.D[i] = DAMPING
+    solve(scratch.N, scratch.D, scratch.delta)
 
 
 @ir_inlined
 def approach(
-    form: Form, wanted: Wanted, roll: Roll, chain: ChainArrays, steps: int, desk: Desk, q: Array
+    form: Form, wanted: Wanted, roll: Roll, chain: ChainArrays, steps: int, scratch: BoxScratch, q: Array
 ) -> None:
     """Gauss-Newton steps from the middle of the box; the joint values they lead to, (n,), inside the limits."""
     for _ in range(steps):
-        step(form, wanted, desk)
-        for i in range(len(desk.c)):
-            desk.c[i] += desk.delta[i]
+        step(form, wanted, scratch)
+        for i in range(len(scratch.c)):
+            scratch.c[i] += scratch.delta[i]
             if i > 0 or form.head != TURN:
-                desk.c[i] = min(max(desk.c[i], chain.lower[i]), chain.upper[i])
-    place(form, desk)
-    turn_goal(form, wanted, desk)
+                scratch.c[i] = min(max(scratch.c[i], chain.lower[i]), chain.upper[i])
+    place(form, scratch)
+    turn_goal(form, wanted, scratch)
     if roll.present:
-        roll_fits(form, wanted, roll, desk)
-    complete(form, roll, chain, desk, q)
+        roll_fits(form, wanted, roll, scratch)
+    complete(form, roll, chain, scratch, q)

@@ -21,7 +21,7 @@ import math
 from kinseek.kernels.arm.division import SLIDE, TURN
 from kinseek.kernels.jit import inlined
 
-from .box import BELOW, Desk, Form, Wanted, motion, rounding, short_way, turning
+from .box import BELOW, BoxScratch, Form, Wanted, motion, rounding, short_way, turning
 
 OF_ANGLES = 64.0 * 2.0**-53
 """Margin for rounding of the angles that arc functions give [rad]. Two angles within π are off by 16 unit roundoffs each,
@@ -55,11 +55,11 @@ def arc(rc: float, zc: float, rg: float, zg: float, rho: float) -> float:
 
 
 @inlined
-def cut_arc(desk: Desk, i: int, middle: float, psi: float) -> bool:
+def cut_arc(scratch: BoxScratch, i: int, middle: float, psi: float) -> bool:
     """Cut the range of variable i, which turns one joint, to the arc middle ± psi [rad]; say whether anything is left."""
     if psi >= math.pi:
         return True
-    c, h = desk.c[i], desk.h[i]
+    c, h = scratch.c[i], scratch.h[i]
     psi += 4.0 * rounding(c, h)
     off = short_way(middle - c)
     if abs(off) > h + psi:
@@ -67,10 +67,10 @@ def cut_arc(desk: Desk, i: int, middle: float, psi: float) -> bool:
     # Two pieces are left. A full turn becomes the arc; limits stay until the arc is smaller.
     if abs(off) > 2.0 * math.pi - h - psi:
         if h > FULL_TURN:
-            desk.c[i], desk.h[i] = c + off, psi
+            scratch.c[i], scratch.h[i] = c + off, psi
         return True
     low, high = max(-h, off - psi), min(h, off + psi)
-    desk.c[i], desk.h[i] = c + 0.5 * (low + high), max(0.5 * (high - low), 0.0) + rounding(c, h)
+    scratch.c[i], scratch.h[i] = c + 0.5 * (low + high), max(0.5 * (high - low), 0.0) + rounding(c, h)
     return True
 
 
@@ -106,13 +106,13 @@ def lean_beyond(wanted: Wanted, turn: float) -> float:
 
 
 @inlined
-def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
+def first_order(form: Form, wanted: Wanted, scratch: BoxScratch, ceiling: float) -> bool:
     """Compare azimuth, radius, height and last axis with the goal's; say whether anything of the box is left.
 
     With `ceiling` negative the tolerances decide, else the weighted error: what cannot stay below `ceiling` is gone. The
-    first joint's range is cut to what the azimuths leave. ``desk.found[BELOW]`` becomes a lower bound of the weighted error.
+    first joint's range is cut to what the azimuths leave. ``scratch.found[BELOW]`` becomes a lower bound of the weighted error.
     """
-    T, m = desk.T, len(form.leader)
+    T, m = scratch.T, len(form.leader)
     trust, margin, margin_a = wanted.trust, wanted.margin, wanted.margin_a
     begin = 1 if form.head != 0 else 0
     end = m
@@ -121,11 +121,11 @@ def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
     column = 0
     if form.tail == 1:
         end, goal, column = m - 1, wanted.last, 2
-        a0, a1, a2 = desk.z[end, 0], desk.z[end, 1], desk.z[end, 2]
+        a0, a1, a2 = scratch.z[end, 0], scratch.z[end, 1], scratch.z[end, 2]
         w0, w1, w2 = (
-            desk.p[end, 0] + form.foot * a0,
-            desk.p[end, 1] + form.foot * a1,
-            desk.p[end, 2] + form.foot * a2,
+            scratch.p[end, 0] + form.foot * a0,
+            scratch.p[end, 1] + form.foot * a1,
+            scratch.p[end, 2] + form.foot * a2,
         )
     g0, g1, g2 = goal[0, 3], goal[1, 3], goal[2, 3]
     b0, b1, b2 = goal[0, column], goal[1, column], goal[2, column]
@@ -139,23 +139,23 @@ def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
         else:
             d2 = e2 if form.head == SLIDE else d2
             behind = math.sqrt((e0 - d0) * (e0 - d0) + (e1 - d1) * (e1 - d1) + (e2 - d2) * (e2 - d2))
-        behind -= trust * motion(form, desk, begin, end, e0, e1, e2) + margin
-    rho = trust * motion(form, desk, begin, end, w0, w1, w2) + margin
+        behind -= trust * motion(form, scratch, begin, end, e0, e1, e2) + margin
+    rho = trust * motion(form, scratch, begin, end, w0, w1, w2) + margin
     if begin == 1:
-        desk.lever[0] = math.sqrt(w0 * w0 + w1 * w1) if form.head == TURN else 1.0
+        scratch.lever[0] = math.sqrt(w0 * w0 + w1 * w1) if form.head == TURN else 1.0
     sigma = 0.0
     if form.columns > 0:
-        sigma = trust * turning(form, desk, begin, end, a0, a1, a2) + margin_a
+        sigma = trust * turning(form, scratch, begin, end, a0, a1, a2) + margin_a
     if form.head == TURN:
         rw, rg = math.sqrt(w0 * w0 + w1 * w1), math.sqrt(g0 * g0 + g1 * g1)
         ra, rb = math.sqrt(a0 * a0 + a1 * a1), math.sqrt(b0 * b0 + b1 * b1)
-        desk.s[0] = ra  # For `widest`: what became of the box before must not matter.
+        scratch.s[0] = ra  # For `widest`: what became of the box before must not matter.
         far = math.sqrt((rw - rg) * (rw - rg) + (w2 - g2) * (w2 - g2))
         tilt = math.sqrt((ra - rb) * (ra - rb) + (a2 - b2) * (a2 - b2))
     else:
         d2 = w2 - g2
         if form.head == SLIDE:
-            d2 = desk.s[0] = 0.0
+            d2 = scratch.s[0] = 0.0
         far = math.sqrt((w0 - g0) * (w0 - g0) + (w1 - g1) * (w1 - g1) + d2 * d2)
         tilt = math.sqrt((a0 - b0) * (a0 - b0) + (a1 - b1) * (a1 - b1) + (a2 - b2) * (a2 - b2))
     if form.columns == 0:
@@ -172,7 +172,7 @@ def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
         bound = least_error(wanted, far - rho, tilt - sigma, wanted.offset)
         if wanted.back != 0.0:
             bound = max(bound, least_error(wanted, behind, tilt - sigma, abs(wanted.back)))
-        desk.found[BELOW] = max(desk.found[BELOW], bound)
+        scratch.found[BELOW] = max(scratch.found[BELOW], bound)
         if bound > ceiling:
             return False
         largest = 2.0
@@ -183,21 +183,21 @@ def first_order(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
     if form.head == TURN:
         psi = arc(rw, w2, rg, g2, rho)
         if psi < 0.0 or not (
-            psi >= math.pi or cut_arc(desk, 0, math.atan2(g1, g0) - math.atan2(w1, w0), psi)
+            psi >= math.pi or cut_arc(scratch, 0, math.atan2(g1, g0) - math.atan2(w1, w0), psi)
         ):
             return False
         if form.columns > 0:
             psi = arc(ra, a2, rb, b2, sigma)
             if psi < 0.0 or not (
-                psi >= math.pi or cut_arc(desk, 0, math.atan2(b1, b0) - math.atan2(a1, a0), psi)
+                psi >= math.pi or cut_arc(scratch, 0, math.atan2(b1, b0) - math.atan2(a1, a0), psi)
             ):
                 return False
     elif form.head == SLIDE:
         reach = math.sqrt(max(rho * rho - far * far, 0.0))
-        low = max(desk.c[0] - desk.h[0], g2 - w2 - reach)
-        high = min(desk.c[0] + desk.h[0], g2 - w2 + reach)
+        low = max(scratch.c[0] - scratch.h[0], g2 - w2 - reach)
+        high = min(scratch.c[0] + scratch.h[0], g2 - w2 + reach)
         if low > high:
             return False
-        grown = rounding(desk.c[0], desk.h[0])
-        desk.c[0], desk.h[0] = 0.5 * (low + high), 0.5 * (high - low) + grown
+        grown = rounding(scratch.c[0], scratch.h[0])
+        scratch.c[0], scratch.h[0] = 0.5 * (low + high), 0.5 * (high - low) + grown
     return True

@@ -35,7 +35,7 @@ An axis that is off by a quarter turn or more, which this all but is, no longer 
 HEAD = 0.3
 """How much less urgent it is to split a first joint that turns: its range is cut as the others' ranges shrink. By trial."""
 
-# Of `Desk.found`.
+# Of `BoxScratch.found`.
 MISS_POINT = 0
 """How far the hand at the centre of the box misses the goal's point [m]."""
 MISS_COLUMNS = 1
@@ -141,7 +141,7 @@ WANTED = Bundle(
 )
 
 
-class Desk(NamedTuple):
+class BoxScratch(NamedTuple):
     """Memory of one search."""
 
     T: Array
@@ -191,9 +191,9 @@ class Desk(NamedTuple):
 
 
 @array_view
-def make_desk(joints: int, dof: int) -> Desk:
+def make_box_scratch(joints: int, dof: int) -> BoxScratch:
     """Allocate the memory of one search."""
-    return Desk(
+    return BoxScratch(
         np.zeros((3, 4)),
         np.zeros((joints, 3)),
         np.zeros((joints, 3)),
@@ -220,21 +220,21 @@ def make_desk(joints: int, dof: int) -> Desk:
 
 
 @inlined
-def place(form: Form, desk: Desk) -> None:
+def place(form: Form, scratch: BoxScratch) -> None:
     """Axes and hand at the centre of the box, seen from the frame that the first joint moves where it is divided out."""
-    T, m = desk.T, len(form.leader)
+    T, m = scratch.T, len(form.leader)
     identity(T)
     begin = 0
     if form.head != 0:
         for i in range(3):
-            desk.z[0, i], desk.p[0, i] = 0.0, 0.0
-        desk.z[0, 2] = 1.0
+            scratch.z[0, i], scratch.p[0, i] = 0.0, 0.0
+        scratch.z[0, 2] = 1.0
         begin = 1
     for k in range(begin, m):
         advance(form.fixed[k], True, 0.0, T)
         for i in range(3):
-            desk.z[k, i], desk.p[k, i] = T[i, 2], T[i, 3]
-        value = form.multiplier[k] * desk.c[form.leader[k]] + form.offset[k]
+            scratch.z[k, i], scratch.p[k, i] = T[i, 2], T[i, 3]
+        value = form.multiplier[k] * scratch.c[form.leader[k]] + form.offset[k]
         if form.prismatic[k]:
             for i in range(3):
                 T[i, 3] += value * T[i, 2]
@@ -261,11 +261,11 @@ def chord_of(angle: float) -> float:
 
 
 @inlined
-def widths(form: Form, desk: Desk) -> None:
+def widths(form: Form, scratch: BoxScratch) -> None:
     """Half widths and chords of the physical joints."""
     for k in range(len(form.leader)):
-        desk.half[k] = abs(form.multiplier[k]) * desk.h[form.leader[k]]
-        desk.chord[k] = desk.half[k] if form.prismatic[k] else chord_of(desk.half[k])
+        scratch.half[k] = abs(form.multiplier[k]) * scratch.h[form.leader[k]]
+        scratch.chord[k] = scratch.half[k] if form.prismatic[k] else chord_of(scratch.half[k])
 
 
 @inlined
@@ -277,20 +277,20 @@ def short_way(angle: float) -> float:
 
 
 @inlined
-def turned(form: Form, desk: Desk, count: int) -> float:
+def turned(form: Form, scratch: BoxScratch, count: int) -> float:
     """How far the first `count` joints turn what they carry, at most, each from the centre of the box [rad]."""
     total = 0.0
     for k in range(count):
-        total += 0.0 if form.prismatic[k] else desk.half[k]
+        total += 0.0 if form.prismatic[k] else scratch.half[k]
     return total
 
 
 @inlined
-def turn_goal(form: Form, wanted: Wanted, desk: Desk) -> None:
+def turn_goal(form: Form, wanted: Wanted, scratch: BoxScratch) -> None:
     """The target as the frame after the first joint sees it, with that joint at the centre of its range."""
-    goal, target = desk.goal, wanted.target
+    goal, target = scratch.goal, wanted.target
     if form.head == TURN:
-        cosine, sine = math.cos(desk.c[0]), math.sin(desk.c[0])
+        cosine, sine = math.cos(scratch.c[0]), math.sin(scratch.c[0])
         for i in range(4):
             x, y = target[0, i], target[1, i]
             goal[0, i] = cosine * x + sine * y
@@ -301,79 +301,79 @@ def turn_goal(form: Form, wanted: Wanted, desk: Desk) -> None:
         for i in range(4):
             goal[r, i] = target[r, i]
     if form.head == SLIDE:
-        goal[2, 3] -= desk.c[0]
+        goal[2, 3] -= scratch.c[0]
 
 
 @inlined
-def motion(form: Form, desk: Desk, begin: int, end: int, wx: float, wy: float, wz: float) -> float:
-    """Largest motion of the point w by joints begin … end-1 within the box [m]; leaves their radii in the desk."""
+def motion(form: Form, scratch: BoxScratch, begin: int, end: int, wx: float, wy: float, wz: float) -> float:
+    """Largest motion of the point w by joints begin … end-1 within the box [m]; leaves their radii in the scratch memory."""
     total = 0.0
     for k in range(begin, end):
-        z0, z1, z2 = desk.z[k, 0], desk.z[k, 1], desk.z[k, 2]
+        z0, z1, z2 = scratch.z[k, 0], scratch.z[k, 1], scratch.z[k, 2]
         if form.prismatic[k]:
-            desk.velocity[k, 0], desk.velocity[k, 1], desk.velocity[k, 2] = z0, z1, z2
-            desk.r[k] = 1.0
-            desk.lever[k] = 1.0
+            scratch.velocity[k, 0], scratch.velocity[k, 1], scratch.velocity[k, 2] = z0, z1, z2
+            scratch.r[k] = 1.0
+            scratch.lever[k] = 1.0
         else:
-            v0, v1, v2 = wx - desk.p[k, 0], wy - desk.p[k, 1], wz - desk.p[k, 2]
+            v0, v1, v2 = wx - scratch.p[k, 0], wy - scratch.p[k, 1], wz - scratch.p[k, 2]
             x0, x1, x2 = z1 * v2 - z2 * v1, z2 * v0 - z0 * v2, z0 * v1 - z1 * v0
-            desk.velocity[k, 0], desk.velocity[k, 1], desk.velocity[k, 2] = x0, x1, x2
-            desk.r[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
-            desk.lever[k] = desk.r[k]
-        total += desk.r[k] * desk.chord[k]
+            scratch.velocity[k, 0], scratch.velocity[k, 1], scratch.velocity[k, 2] = x0, x1, x2
+            scratch.r[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
+            scratch.lever[k] = scratch.r[k]
+        total += scratch.r[k] * scratch.chord[k]
     return total
 
 
 @inlined
-def turning(form: Form, desk: Desk, begin: int, end: int, ax: float, ay: float, az: float) -> float:
-    """Largest motion of the unit vector a by joints begin … end-1 within the box; leaves the sines in the desk."""
+def turning(form: Form, scratch: BoxScratch, begin: int, end: int, ax: float, ay: float, az: float) -> float:
+    """Largest motion of the unit vector a by joints begin … end-1 within the box; leaves the sines in the scratch memory."""
     total = 0.0
     for k in range(begin, end):
         if form.prismatic[k]:
-            desk.s[k] = 0.0
+            scratch.s[k] = 0.0
             continue
-        z0, z1, z2 = desk.z[k, 0], desk.z[k, 1], desk.z[k, 2]
+        z0, z1, z2 = scratch.z[k, 0], scratch.z[k, 1], scratch.z[k, 2]
         x0, x1, x2 = z1 * az - z2 * ay, z2 * ax - z0 * az, z0 * ay - z1 * ax
-        desk.s[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
-        total += desk.s[k] * desk.chord[k]
+        scratch.s[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
+        total += scratch.s[k] * scratch.chord[k]
     return total
 
 
 @inlined
-def widest(form: Form, wanted: Wanted, desk: Desk, head: float) -> int:
+def widest(form: Form, wanted: Wanted, scratch: BoxScratch, head: float) -> int:
     """The variable whose range moves the hand most; a first joint that turns counts for `head`."""
     best, index = -1.0, 0
-    for i in range(len(desk.c)):
-        desk.delta[i] = 0.0
+    for i in range(len(scratch.c)):
+        scratch.delta[i] = 0.0
     for k in range(len(form.leader)):
-        turn = 0.0 if form.prismatic[k] else wanted.length * (desk.s[k] if form.columns == 1 else 1.0)
+        turn = 0.0 if form.prismatic[k] else wanted.length * (scratch.s[k] if form.columns == 1 else 1.0)
         if form.columns == 0:
             turn = 0.0
         i = form.leader[k]
         share = head if k == 0 and form.head == TURN else 1.0
-        desk.delta[i] += abs(form.multiplier[k]) * desk.h[i] * (desk.lever[k] + turn) * share
-    for i in range(len(desk.c)):
-        if desk.delta[i] > best:
-            best, index = desk.delta[i], i
+        scratch.delta[i] += abs(form.multiplier[k]) * scratch.h[i] * (scratch.lever[k] + turn) * share
+    for i in range(len(scratch.c)):
+        if scratch.delta[i] > best:
+            best, index = scratch.delta[i], i
     return index
 
 
 @inlined
-def load_box(boxes: Array, row: int, desk: Desk) -> None:
+def load_box(boxes: Array, row: int, scratch: BoxScratch) -> None:
     """Take a box from row `row` of the list."""
-    dof = len(desk.c)
+    dof = len(scratch.c)
     for i in range(dof):
-        desk.c[i] = boxes[row, i]
-        desk.h[i] = boxes[row, dof + i]
+        scratch.c[i] = boxes[row, i]
+        scratch.h[i] = boxes[row, dof + i]
 
 
 @inlined
-def store_box(boxes: Array, row: int, desk: Desk) -> None:
-    """Write the box of the desk to row `row`."""
-    dof = len(desk.c)
+def store_box(boxes: Array, row: int, scratch: BoxScratch) -> None:
+    """Write the box of the scratch memory to row `row`."""
+    dof = len(scratch.c)
     for i in range(dof):
-        boxes[row, i] = desk.c[i]
-        boxes[row, dof + i] = desk.h[i]
+        boxes[row, i] = scratch.c[i]
+        boxes[row, dof + i] = scratch.h[i]
 
 
 @inlined
@@ -387,21 +387,21 @@ def rounding(centre: float, half: float) -> float:
 
 
 @inlined
-def halve(desk: Desk, i: int, boxes: Array, first: int, second: int) -> None:
-    """Cut the box in half along variable i, and write the halves to two rows; the desk keeps the middle."""
-    centre, half = desk.c[i], 0.5 * desk.h[i]
-    desk.h[i] = half + rounding(centre, half)
-    desk.c[i] = centre - half
-    store_box(boxes, first, desk)
-    desk.c[i] = centre + half
-    store_box(boxes, second, desk)
-    desk.c[i] = centre
+def halve(scratch: BoxScratch, i: int, boxes: Array, first: int, second: int) -> None:
+    """Cut the box in half along variable i, and write the halves to two rows; the scratch memory keeps the middle."""
+    centre, half = scratch.c[i], 0.5 * scratch.h[i]
+    scratch.h[i] = half + rounding(centre, half)
+    scratch.c[i] = centre - half
+    store_box(boxes, first, scratch)
+    scratch.c[i] = centre + half
+    store_box(boxes, second, scratch)
+    scratch.c[i] = centre
 
 
 @inlined
-def volume(desk: Desk) -> float:
+def volume(scratch: BoxScratch) -> float:
     """Volume of the box."""
     product = 1.0
-    for i in range(len(desk.h)):
-        product *= desk.h[i]
+    for i in range(len(scratch.h)):
+        product *= scratch.h[i]
     return product

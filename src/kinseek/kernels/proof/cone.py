@@ -13,37 +13,37 @@ import math
 
 from kinseek.kernels.jit import inlined, ir_inlined
 
-from .box import TINY, Desk, Form, Wanted, place, turn_goal, widths
+from .box import TINY, BoxScratch, Form, Wanted, place, turn_goal, widths
 from .form import ROUND, Rests, cut_box, size_of_point, weigh
 from .taylor import differentiate, downhill, normal_matrix, rests, solve, step_miss
 
 
 @inlined
-def steepness(form: Form, desk: Desk) -> None:
-    """Write how fast each variable takes the hand's axis away from the goal's, as ``-a·g``, into ``desk.v``."""
-    goal = desk.goal
-    for i in range(len(desk.c)):
-        desk.v[i] = 0.0
+def steepness(form: Form, scratch: BoxScratch) -> None:
+    """Write how fast each variable takes the hand's axis away from the goal's, as ``-a·g``, into ``scratch.v``."""
+    goal = scratch.goal
+    for i in range(len(scratch.c)):
+        scratch.v[i] = 0.0
     for k in range(len(form.leader)):
         slope = 0.0
         for r in range(3):
-            slope += goal[r, 0] * desk.slopes[k, 0, r]
-        desk.v[form.leader[k]] -= form.multiplier[k] * slope
+            slope += goal[r, 0] * scratch.slopes[k, 0, r]
+        scratch.v[form.leader[k]] -= form.multiplier[k] * slope
 
 
 @ir_inlined
-def separate_cone(form: Form, wanted: Wanted, desk: Desk, passes: int) -> bool:
+def separate_cone(form: Form, wanted: Wanted, scratch: BoxScratch, passes: int) -> bool:
     """Look for a form that lies between the box and the goal's point and cone; cut the box; is anything left?
 
     For every w ≥ 0 and every y ``y·(p - p_g) + w (cos τ - a·g)`` is at most ``|y|`` times the tolerance where both are met.
     """
-    place(form, desk)  # What came before may have cut the box.
-    turn_goal(form, wanted, desk)
-    widths(form, desk)
-    differentiate(form, desk, 0, 1)
-    two_p, two_c, three_p, three_c = rests(form, desk, desk.r, 0)
+    place(form, scratch)  # What came before may have cut the box.
+    turn_goal(form, wanted, scratch)
+    widths(form, scratch)
+    differentiate(form, scratch, 0, 1)
+    two_p, two_c, three_p, three_c = rests(form, scratch, scratch.r, 0)
     rest = Rests(0, two_p, two_c, three_p, three_c, three_p)
-    T, goal, dof = desk.T, desk.goal, len(desk.c)
+    T, goal, dof = scratch.T, scratch.goal, len(scratch.c)
     edge = math.cos(min(wanted.angle, math.pi))
     short = edge - (T[0, 0] * goal[0, 0] + T[1, 0] * goal[1, 0] + T[2, 0] * goal[2, 0])
     # As a form of the axis less the goal's: it is -w g·(a - g) then, which the cone leaves at most w (1 - cos τ).
@@ -52,37 +52,37 @@ def separate_cone(form: Form, wanted: Wanted, desk: Desk, passes: int) -> bool:
     sharp = 1.0 / ((two_c * 0.5 + wanted.margin_a) * (two_c * 0.5 + wanted.margin_a))
     weight_c = sharp if short > 0.0 else 0.0
     for i in range(dof):
-        desk.D[i] = 1.0 / (desk.h[i] * desk.h[i])
+        scratch.D[i] = 1.0 / (scratch.h[i] * scratch.h[i])
     for attempt in range(passes):
-        normal_matrix(form, desk, weight_p, 0.0, 0)
-        downhill(form, desk, weight_p, 0.0, 0)
-        steepness(form, desk)
+        normal_matrix(form, scratch, weight_p, 0.0, 0)
+        downhill(form, scratch, weight_p, 0.0, 0)
+        steepness(form, scratch)
         for i in range(dof):
-            desk.delta[i] -= weight_c * short * desk.v[i]
+            scratch.delta[i] -= weight_c * short * scratch.v[i]
             for j in range(i + 1):
-                desk.N[i, j] += weight_c * desk.v[i] * desk.v[j]
-        solve(desk.N, desk.D, desk.delta)
-        step_miss(form, desk, 0)
+                scratch.N[i, j] += weight_c * scratch.v[i] * scratch.v[j]
+        solve(scratch.N, scratch.D, scratch.delta)
+        step_miss(form, scratch, 0)
         beyond = short
         for i in range(dof):
-            beyond += desk.v[i] * desk.delta[i]
+            beyond += scratch.v[i] * scratch.delta[i]
         size_c = weight_c * max(beyond, 0.0)
         for r in range(3):
-            desk.y[r, 3] *= weight_p
-            desk.y[r, 0] = -size_c * goal[r, 0]
-        surplus = weigh(form, wanted, desk, rest, slack_p, slack_c)
+            scratch.y[r, 3] *= weight_p
+            scratch.y[r, 0] = -size_c * goal[r, 0]
+        surplus = weigh(form, wanted, scratch, rest, slack_p, slack_c)
         if surplus > 0.0:
             return False
         if attempt + 1 == passes:
-            cut_box(desk, -surplus)
+            cut_box(scratch, -surplus)
             break
         # Weights as in `separate`: those that make the ellipsoid touch the box where this form touched it.
-        size_p = size_of_point(desk)
+        size_p = size_of_point(scratch)
         total = TINY + size_p * slack_p
         for i in range(dof):
-            total += abs(desk.g[i]) * desk.h[i]
+            total += abs(scratch.g[i]) * scratch.h[i]
         for i in range(dof):
-            desk.D[i] = (abs(desk.g[i]) + ROUND * total / desk.h[i]) / desk.h[i]
+            scratch.D[i] = (abs(scratch.g[i]) + ROUND * total / scratch.h[i]) / scratch.h[i]
         weight_p = (size_p + TINY) / (slack_p + three_p)
         weight_c = size_c / (wanted.margin_a + three_c)
         if size_c == 0.0 and beyond > 0.0:

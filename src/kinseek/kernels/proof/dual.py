@@ -13,7 +13,7 @@ import math
 
 from kinseek.kernels.jit import inlined
 
-from .box import TINY, Desk, Form, Wanted, turned
+from .box import TINY, BoxScratch, Form, Wanted, turned
 from .taylor import normal_matrix, slope, solve, step_miss, weight_miss
 
 STEPS = 6
@@ -31,53 +31,55 @@ BLUNT = 1e-3
 
 
 @inlined
-def support(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> None:
-    """Write the form of a nearly least step inside the box into ``desk.y``; the part for the point is at most K_P long.
+def support(form: Form, wanted: Wanted, scratch: BoxScratch, ceiling: float) -> None:
+    """Write the form of a nearly least step inside the box into ``scratch.y``; the part for the point is at most K_P long.
 
     Weighted least squares with the weight ``K_P/|v_p|`` for the point, which follows the step. Newton steps for the
     variables that are not held at an end of their range, cut off at the ends.
     """
-    dof, columns = len(desk.c), form.columns
+    dof, columns = len(scratch.c), form.columns
     K_P, K_A = wanted.weight_p, wanted.weight_a if columns > 0 else 0.0
     for i in range(dof):
-        desk.delta[i] = 0.0
+        scratch.delta[i] = 0.0
     for attempt in range(STEPS):
-        step_miss(form, desk, columns)
+        step_miss(form, scratch, columns)
         far = turned = 0.0
         for r in range(3):
-            far += desk.y[r, 3] * desk.y[r, 3]
+            far += scratch.y[r, 3] * scratch.y[r, 3]
             for i in range(columns):
-                turned += desk.y[r, i] * desk.y[r, i]
+                turned += scratch.y[r, i] * scratch.y[r, i]
         far = math.sqrt(far)
         weight_p = K_P / (far + BLUNT * ceiling / K_P + TINY)
-        weight_miss(desk, weight_p, K_A, columns)
-        turned += count_side(wanted, desk)
-        slope(form, desk, columns, desk.v)
+        weight_miss(scratch, weight_p, K_A, columns)
+        turned += count_side(wanted, scratch)
+        slope(form, scratch, columns, scratch.v)
         reached, short = K_P * far + 0.5 * K_A * turned, 0.0
         for i in range(dof):
-            short += abs(desk.v[i]) * desk.h[i] + desk.v[i] * desk.delta[i]
+            short += abs(scratch.v[i]) * scratch.h[i] + scratch.v[i] * scratch.delta[i]
         if attempt + 1 == STEPS or (attempt > 0 and (reached < ceiling or short < CLOSE * reached)):
             return
-        normal_matrix(form, desk, weight_p, K_A, columns)
+        normal_matrix(form, scratch, weight_p, K_A, columns)
         soft = 0.0
         for i in range(dof):
-            soft += desk.N[i, i] * desk.h[i] * desk.h[i]
+            soft += scratch.N[i, i] * scratch.h[i] * scratch.h[i]
         soft *= SOFT / dof
         for i in range(dof):
-            desk.D[i] = soft / (desk.h[i] * desk.h[i])
-            desk.g[i] = -desk.v[i]
-            if abs(desk.delta[i]) >= desk.h[i] and desk.v[i] * desk.delta[i] < 0.0:  # Held at an end.
+            scratch.D[i] = soft / (scratch.h[i] * scratch.h[i])
+            scratch.g[i] = -scratch.v[i]
+            if (
+                abs(scratch.delta[i]) >= scratch.h[i] and scratch.v[i] * scratch.delta[i] < 0.0
+            ):  # Held at an end.
                 for j in range(dof):
-                    desk.N[i, j] = desk.N[j, i] = 0.0
-                desk.N[i, i] = 1.0
-                desk.g[i] = 0.0
-        solve(desk.N, desk.D, desk.g)
+                    scratch.N[i, j] = scratch.N[j, i] = 0.0
+                scratch.N[i, i] = 1.0
+                scratch.g[i] = 0.0
+        solve(scratch.N, scratch.D, scratch.g)
         for i in range(dof):
-            desk.delta[i] = min(max(desk.delta[i] + desk.g[i], -desk.h[i]), desk.h[i])
+            scratch.delta[i] = min(max(scratch.delta[i] + scratch.g[i], -scratch.h[i]), scratch.h[i])
 
 
 @inlined
-def count_side(wanted: Wanted, desk: Desk) -> float:
+def count_side(wanted: Wanted, scratch: BoxScratch) -> float:
     """Where a second column of the hand counts, add its part to the form's first column; what it adds to ``|v_c|²``.
 
     Let x be the last joint's axis, and let the columns x and y of the hand count. The best turn about x leaves y·y_g at
@@ -85,19 +87,19 @@ def count_side(wanted: Wanted, desk: Desk) -> float:
     """
     if wanted.side_y == 0.0 and wanted.side_z == 0.0:
         return 0.0  # K_A may be 0 then.
-    s0, s1, s2 = side(wanted, desk)
-    along = s0 * desk.y[0, 0] + s1 * desk.y[1, 0] + s2 * desk.y[2, 0]
-    desk.y[0, 0] += along * s0
-    desk.y[1, 0] += along * s1
-    desk.y[2, 0] += along * s2
+    s0, s1, s2 = side(wanted, scratch)
+    along = s0 * scratch.y[0, 0] + s1 * scratch.y[1, 0] + s2 * scratch.y[2, 0]
+    scratch.y[0, 0] += along * s0
+    scratch.y[1, 0] += along * s1
+    scratch.y[2, 0] += along * s2
     added: float = along * along / (wanted.weight_a * wanted.weight_a)
     return added
 
 
 @inlined
-def side(wanted: Wanted, desk: Desk) -> tuple[float, float, float]:
+def side(wanted: Wanted, scratch: BoxScratch) -> tuple[float, float, float]:
     """The goal's second column that counts, where there is one; else zero."""
-    a, b, goal = wanted.side_y, wanted.side_z, desk.goal
+    a, b, goal = wanted.side_y, wanted.side_z, scratch.goal
     return (
         a * goal[0, 1] + b * goal[0, 2],
         a * goal[1, 1] + b * goal[1, 2],
@@ -106,23 +108,23 @@ def side(wanted: Wanted, desk: Desk) -> tuple[float, float, float]:
 
 
 @inlined
-def gain_of_side(form: Form, wanted: Wanted, desk: Desk, middle: int) -> float:
-    """What a second column that counts adds to the bound: its value; its slope goes to ``desk.g``.
+def gain_of_side(form: Form, wanted: Wanted, scratch: BoxScratch, middle: int) -> float:
+    """What a second column that counts adds to the bound: its value; its slope goes to ``scratch.g``.
 
     It takes ``b²/(4 K_A)`` off the form's conjugate, b the part of y_c along the goal's column. As seen from halfway that
     column turns with the joints before: ``b(δ)² ≥ b² + 2 b (b(δ) - b)``, to second order in their widths.
     """
     if wanted.side_y == 0.0 and wanted.side_z == 0.0:
         return 0.0
-    s0, s1, s2 = side(wanted, desk)
-    y0, y1, y2 = desk.y[0, 0], desk.y[1, 0], desk.y[2, 0]
+    s0, s1, s2 = side(wanted, scratch)
+    y0, y1, y2 = scratch.y[0, 0], scratch.y[1, 0], scratch.y[2, 0]
     c0, c1, c2 = s1 * y2 - s2 * y1, s2 * y0 - s0 * y2, s0 * y1 - s1 * y0
     b = s0 * y0 + s1 * y1 + s2 * y2
-    half, turn = 0.5 / wanted.weight_a, turned(form, desk, middle)
+    half, turn = 0.5 / wanted.weight_a, turned(form, scratch, middle)
     for k in range(middle):
         if not form.prismatic[k]:
-            slope = desk.z[k, 0] * c0 + desk.z[k, 1] * c1 + desk.z[k, 2] * c2
-            desk.g[form.leader[k]] -= half * b * form.multiplier[k] * slope
+            slope = scratch.z[k, 0] * c0 + scratch.z[k, 1] * c1 + scratch.z[k, 2] * c2
+            scratch.g[form.leader[k]] -= half * b * form.multiplier[k] * slope
     rest = 0.5 * abs(b) * math.sqrt(y0 * y0 + y1 * y1 + y2 * y2) * turn * turn
     gain: float = half * (0.5 * b * b - wanted.trust * rest)
     return gain

@@ -10,7 +10,7 @@ from kinseek.kernels.jit import inlined, ir_inlined
 from .box import BELOW, MIDDLE_ERROR, turn_goal, widths
 from .form import underestimate
 from .last_joint import complete, roll_fits, twist_cost
-from .memory import Memory, Scratch
+from .memory import Memory, SearchScratch
 from .progress import CEILING, COUNT, UPPER, USED, Question, Tuning
 
 FINE = 1.2
@@ -65,7 +65,7 @@ def improve(error: float, tuning: Tuning, figures: Array) -> None:
 
 @ir_inlined
 def enclose(
-    question: Question, tuning: Tuning, memory: Memory, scratch: Scratch, below: float
+    question: Question, tuning: Tuning, memory: Memory, work: SearchScratch, below: float
 ) -> tuple[bool, float]:
     """Bound the error in the box in hand to second order, cut off it what is above the ceiling, and judge its middle.
 
@@ -73,22 +73,22 @@ def enclose(
         Is anything of it left? And a lower bound of the error in it, `below` or better.
     """
     form, wanted, roll, chain = question.form, question.wanted, question.roll, question.chain
-    desk, trial, T, figures = scratch.desk, scratch.trial, scratch.T, memory.figures
+    scratch, trial, T, figures = work.scratch, work.trial, work.T, memory.figures
     ceiling, extra = figures[CEILING], 0.0
     if roll.present:
-        turn_goal(form, wanted, desk)
-        roll_fits(form, wanted, roll, desk)
-        widths(form, desk)
-        extra = twist_cost(form, wanted, roll, desk, ceiling)
+        turn_goal(form, wanted, scratch)
+        roll_fits(form, wanted, roll, scratch)
+        widths(form, scratch)
+        extra = twist_cost(form, wanted, roll, scratch, ceiling)
     if extra >= ceiling:
         return False, max(below, extra)
-    complete(form, roll, chain, desk, trial)
-    kept = underestimate(form, wanted, desk, ceiling - extra)
-    if desk.found[MIDDLE_ERROR] < figures[UPPER]:
+    complete(form, roll, chain, scratch, trial)
+    kept = underestimate(form, wanted, scratch, ceiling - extra)
+    if scratch.found[MIDDLE_ERROR] < figures[UPPER]:
         forward(chain, trial, T)
         error = weighted_error(T, question.goal)
         if error < figures[UPPER]:
             improve(error, tuning, figures)
             for i in range(len(trial)):
                 memory.q[i] = trial[i]
-    return kept, max(below, desk.found[BELOW] + extra)
+    return kept, max(below, scratch.found[BELOW] + extra)

@@ -10,11 +10,11 @@ from kinseek.kernels.jit import ir_inlined, kernel
 from .bounds import first_order, wide
 from .box import (
     BELOW,
-    Desk,
+    BoxScratch,
     Form,
     Wanted,
     load_box,
-    make_desk,
+    make_box_scratch,
     place,
     turn_goal,
     widths,
@@ -31,13 +31,13 @@ STEPS = 8
 
 
 @ir_inlined
-def exclude(form: Form, wanted: Wanted, roll: Roll, desk: Desk, passes: int) -> bool:
+def exclude(form: Form, wanted: Wanted, roll: Roll, scratch: BoxScratch, passes: int) -> bool:
     """Cut off the box in hand what misses a tolerance, to second order; say whether anything of it is left."""
-    kept = separate(form, wanted, desk, passes)
+    kept = separate(form, wanted, scratch, passes)
     if kept and wide(form, wanted):
-        kept = separate_cone(form, wanted, desk, passes)
+        kept = separate_cone(form, wanted, scratch, passes)
     if kept and roll.present:
-        kept = roll_fits(form, wanted, roll, desk)
+        kept = roll_fits(form, wanted, roll, scratch)
     return kept
 
 
@@ -57,34 +57,34 @@ def examine(form: Form, wanted: Wanted, roll: Roll, boxes: Array, ceiling: float
         Of each: 1 if anything may be left, else 0; lower bound of the weighted error; the box that is left, (k, 2 + 2 dof).
     """
     dof = boxes.shape[1] // 2
-    desk = make_desk(len(form.leader), dof)
+    scratch = make_box_scratch(len(form.leader), dof)
     result = np.empty((len(boxes), 2 + 2 * dof))
     for row in range(len(boxes)):
-        load_box(boxes, row, desk)
-        desk.found[BELOW] = 0.0
-        place(form, desk)
-        widths(form, desk)
-        kept = first_order(form, wanted, desk, ceiling)
+        load_box(boxes, row, scratch)
+        scratch.found[BELOW] = 0.0
+        place(form, scratch)
+        widths(form, scratch)
+        kept = first_order(form, wanted, scratch, ceiling)
         if kept and ceiling >= 0.0 and form.tail == 1:
-            kept = cut_twist(form, wanted, desk, ceiling)
+            kept = cut_twist(form, wanted, scratch, ceiling)
         if kept and passes > 0:
             extra = 0.0
             if roll.present and ceiling >= 0.0:
-                turn_goal(form, wanted, desk)
-                widths(form, desk)
-                extra = twist_cost(form, wanted, roll, desk, ceiling)
+                turn_goal(form, wanted, scratch)
+                widths(form, scratch)
+                extra = twist_cost(form, wanted, roll, scratch, ceiling)
             if ceiling < 0.0:
-                kept = separate(form, wanted, desk, passes)
+                kept = separate(form, wanted, scratch, passes)
                 if kept and wide(form, wanted):
-                    kept = separate_cone(form, wanted, desk, passes)
+                    kept = separate_cone(form, wanted, scratch, passes)
             else:
-                kept = not extra > ceiling and underestimate(form, wanted, desk, ceiling - extra)
-            desk.found[BELOW] += extra
+                kept = not extra > ceiling and underestimate(form, wanted, scratch, ceiling - extra)
+            scratch.found[BELOW] += extra
             if kept and roll.present and ceiling < 0.0:
-                kept = roll_fits(form, wanted, roll, desk)
+                kept = roll_fits(form, wanted, roll, scratch)
         result[row, 0] = 1.0 if kept else 0.0
-        result[row, 1] = desk.found[BELOW]
+        result[row, 1] = scratch.found[BELOW]
         for i in range(dof):
-            result[row, 2 + i] = desk.c[i]
-            result[row, 2 + dof + i] = desk.h[i]
+            result[row, 2 + i] = scratch.c[i]
+            result[row, 2 + dof + i] = scratch.h[i]
     return result

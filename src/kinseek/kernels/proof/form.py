@@ -19,7 +19,7 @@ from .box import (
     MISS_COLUMNS,
     MISS_POINT,
     TINY,
-    Desk,
+    BoxScratch,
     Form,
     Wanted,
     rounding,
@@ -71,7 +71,7 @@ class Rests(NamedTuple):
 
 
 @inlined
-def expand(form: Form, wanted: Wanted, desk: Desk) -> Rests:
+def expand(form: Form, wanted: Wanted, scratch: BoxScratch) -> Rests:
     """Write down what the hand misses at the centre of the box, and its derivatives; what they leave over.
 
     Let f be the hand's point and columns less the goal's, as seen from halfway along the arm: so it is as long as seen from
@@ -79,113 +79,115 @@ def expand(form: Form, wanted: Wanted, desk: Desk) -> Rests:
     smaller than if all of them moved the hand. For any form y, ``y·f(q) = y·f + g·δ + ½ δᵀHδ + rest`` with |rest| bounded to
     third order.
     """
-    turn_goal(form, wanted, desk)
-    widths(form, desk)
-    middle = halfway(form, wanted, desk)
-    differentiate(form, desk, middle, form.columns)
-    two_p, two_c, three_p, three_c = rests(form, desk, desk.r, middle)
+    turn_goal(form, wanted, scratch)
+    widths(form, scratch)
+    middle = halfway(form, wanted, scratch)
+    differentiate(form, scratch, middle, form.columns)
+    two_p, two_c, three_p, three_c = rests(form, scratch, scratch.r, middle)
     three_b = three_p
     if wanted.back != 0.0:
-        radii_behind(form, desk, middle, wanted.back)
-        _, _, three_b, _ = rests(form, desk, desk.back, middle)
+        radii_behind(form, scratch, middle, wanted.back)
+        _, _, three_b, _ = rests(form, scratch, scratch.back, middle)
     far = turned = 0.0
     for r in range(3):
-        far += (desk.T[r, 3] - desk.goal[r, 3]) * (desk.T[r, 3] - desk.goal[r, 3])
+        far += (scratch.T[r, 3] - scratch.goal[r, 3]) * (scratch.T[r, 3] - scratch.goal[r, 3])
         for i in range(form.columns):
-            turned += (desk.T[r, i] - desk.goal[r, i]) * (desk.T[r, i] - desk.goal[r, i])
-    desk.found[MISS_POINT], desk.found[MISS_COLUMNS] = math.sqrt(far), math.sqrt(turned)
-    desk.found[MIDDLE_ERROR] = wanted.weight_p * desk.found[MISS_POINT] + 0.5 * wanted.weight_a * turned
+            turned += (scratch.T[r, i] - scratch.goal[r, i]) * (scratch.T[r, i] - scratch.goal[r, i])
+    scratch.found[MISS_POINT], scratch.found[MISS_COLUMNS] = math.sqrt(far), math.sqrt(turned)
+    scratch.found[MIDDLE_ERROR] = wanted.weight_p * scratch.found[MISS_POINT] + 0.5 * wanted.weight_a * turned
     return Rests(middle, two_p, two_c, three_p, three_c, three_b)
 
 
 @ir_inlined
-def underestimate(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
+def underestimate(form: Form, wanted: Wanted, scratch: BoxScratch, ceiling: float) -> bool:
     """Bound the weighted error from below by one form; cut the box where it excludes an end; say whether anything is left.
 
     ``K_P |f_p| ≥ y_p·f_p`` for |y_p| ≤ K_P and ``½ K_A |f_c|² ≥ y_c·f_c - |y_c|²/(2 K_A)`` make every form a lower bound
-    (Fenchel's inequality); taken is the one that is best to first order. The bound goes to ``desk.found[BELOW]``.
+    (Fenchel's inequality); taken is the one that is best to first order. The bound goes to ``scratch.found[BELOW]``.
     """
-    rest = expand(form, wanted, desk)
-    support(form, wanted, desk, ceiling)
-    bound = weigh(form, wanted, desk, rest, wanted.margin, wanted.margin_a)
+    rest = expand(form, wanted, scratch)
+    support(form, wanted, scratch, ceiling)
+    bound = weigh(form, wanted, scratch, rest, wanted.margin, wanted.margin_a)
     if form.columns > 0:
-        bound -= 0.5 * size_of_columns(form, desk) ** 2 / wanted.weight_a
-    desk.found[BELOW] = max(desk.found[BELOW], bound)
+        bound -= 0.5 * size_of_columns(form, scratch) ** 2 / wanted.weight_a
+    scratch.found[BELOW] = max(scratch.found[BELOW], bound)
     if bound > ceiling:
         return False
-    cut_box(desk, ceiling - bound)
+    cut_box(scratch, ceiling - bound)
     return True
 
 
 @ir_inlined
-def separate(form: Form, wanted: Wanted, desk: Desk, passes: int) -> bool:
+def separate(form: Form, wanted: Wanted, scratch: BoxScratch, passes: int) -> bool:
     """Look for a form that lies between box and tolerances; cut the box where it excludes an end; is anything left?
 
     A form y excludes every q where y·f(q) is larger than its dual norm times the tolerances. It is the residual of a
     least-squares step that the box holds back, as an ellipsoid: the direction in which the goal lies outside of what the box
     reaches. So many `passes` are tried, each with what the one before has shown.
     """
-    rest, dof, columns = expand(form, wanted, desk), len(desk.c), form.columns
+    rest, dof, columns = expand(form, wanted, scratch), len(scratch.c), form.columns
     slack_p = wanted.position + wanted.margin
     slack_c = wanted.chord + wanted.margin_a
     weight_p = 1.0 / ((rest.two_p * 0.5 + slack_p) * (rest.two_p * 0.5 + slack_p))
     weight_c = 1.0 / ((rest.two_c * 0.5 + slack_c) * (rest.two_c * 0.5 + slack_c))
     for i in range(dof):
-        desk.D[i] = 1.0 / (desk.h[i] * desk.h[i])
+        scratch.D[i] = 1.0 / (scratch.h[i] * scratch.h[i])
     for attempt in range(passes):
-        normal_matrix(form, desk, weight_p, weight_c, columns)
-        downhill(form, desk, weight_p, weight_c, columns)
-        solve(desk.N, desk.D, desk.delta)
-        step_miss(form, desk, columns)
-        weight_miss(desk, weight_p, weight_c, columns)
-        surplus = weigh(form, wanted, desk, rest, slack_p, slack_c)
+        normal_matrix(form, scratch, weight_p, weight_c, columns)
+        downhill(form, scratch, weight_p, weight_c, columns)
+        solve(scratch.N, scratch.D, scratch.delta)
+        step_miss(form, scratch, columns)
+        weight_miss(scratch, weight_p, weight_c, columns)
+        surplus = weigh(form, wanted, scratch, rest, slack_p, slack_c)
         if surplus > 0.0:
             return False
         if attempt + 1 == passes:
-            cut_box(desk, -surplus)
+            cut_box(scratch, -surplus)
             break
         # Weights that make the ellipsoid touch the box and the balls where this form touched them.
-        size_p, size_c = size_of_point(desk), size_of_columns(form, desk)
+        size_p, size_c = size_of_point(scratch), size_of_columns(form, scratch)
         total = TINY + size_p * slack_p + size_c * slack_c
         for i in range(dof):
-            total += abs(desk.g[i]) * desk.h[i]
+            total += abs(scratch.g[i]) * scratch.h[i]
         for i in range(dof):
-            desk.D[i] = (abs(desk.g[i]) + ROUND * total / desk.h[i]) / desk.h[i]
+            scratch.D[i] = (abs(scratch.g[i]) + ROUND * total / scratch.h[i]) / scratch.h[i]
         weight_p = (size_p + TINY) / (slack_p + rest.three_p)
         weight_c = (size_c + TINY) / (slack_c + rest.three_c)
     return True
 
 
 @inlined
-def weigh(form: Form, wanted: Wanted, desk: Desk, rest: Rests, slack_p: float, slack_c: float) -> float:
-    """The least value that the form in ``desk.y`` has anywhere in the box, slacks taken off: of point and columns.
+def weigh(
+    form: Form, wanted: Wanted, scratch: BoxScratch, rest: Rests, slack_p: float, slack_c: float
+) -> float:
+    """The least value that the form in ``scratch.y`` has anywhere in the box, slacks taken off: of point and columns.
 
-    Leaves the polynomial in `desk`, one that is separable, for `cut_box`.
+    Leaves the polynomial in `scratch`, one that is separable, for `cut_box`.
     """
-    dof, y, back = len(desk.c), desk.y, wanted.back
+    dof, y, back = len(scratch.c), scratch.y, wanted.back
     value = 0.0
     for r in range(3):
-        value += y[r, 3] * (desk.T[r, 3] - desk.goal[r, 3])
+        value += y[r, 3] * (scratch.T[r, 3] - scratch.goal[r, 3])
         for i in range(form.columns):
-            value += y[r, i] * (desk.T[r, i] - desk.goal[r, i])
-    derivatives(form, desk, rest.middle, form.columns)
-    value += gain_of_side(form, wanted, desk, rest.middle)
+            value += y[r, i] * (scratch.T[r, i] - scratch.goal[r, i])
+    derivatives(form, scratch, rest.middle, form.columns)
+    value += gain_of_side(form, wanted, scratch, rest.middle)
     # The least value of the polynomial in the box, one variable at a time.
-    bent = curvature(desk)
+    bent = curvature(scratch)
     straight = 0.0
     for i in range(dof):
-        straight -= abs(desk.g[i]) * desk.h[i]
+        straight -= abs(scratch.g[i]) * scratch.h[i]
     lost = 0.0
     for i in range(dof):
         for j in range(dof):
             if j != i:
-                desk.H[i, i] -= abs(desk.H[i, j]) * desk.h[j] / desk.h[i]
-        lost += least(desk.g[i], desk.H[i, i], desk.h[i])
+                scratch.H[i, i] -= abs(scratch.H[i, j]) * scratch.h[j] / scratch.h[i]
+        lost += least(scratch.g[i], scratch.H[i, i], scratch.h[i])
     if straight + bent > lost:
         lost = straight + bent
         for i in range(dof):
-            desk.H[i, i] = 0.0
-    size_p, size_c = size_of_point(desk), size_of_columns(form, desk)
+            scratch.H[i, i] = 0.0
+    size_p, size_c = size_of_point(scratch), size_of_columns(form, scratch)
     over = size_p * rest.three_p + size_c * rest.three_c
     if back != 0.0:
         # The form is as well one of a point further back, which moves less, and of the first column.
@@ -198,46 +200,46 @@ def weigh(form: Form, wanted: Wanted, desk: Desk, rest: Rests, slack_p: float, s
 
 
 @inlined
-def size_of_point(desk: Desk) -> float:
+def size_of_point(scratch: BoxScratch) -> float:
     """Length of the form's part for the point."""
-    y = desk.y
+    y = scratch.y
     return math.sqrt(y[0, 3] * y[0, 3] + y[1, 3] * y[1, 3] + y[2, 3] * y[2, 3])
 
 
 @inlined
-def size_of_columns(form: Form, desk: Desk) -> float:
+def size_of_columns(form: Form, scratch: BoxScratch) -> float:
     """Length of the form's part for the columns."""
     total = 0.0
     for i in range(form.columns):
         for r in range(3):
-            total += desk.y[r, i] * desk.y[r, i]
+            total += scratch.y[r, i] * scratch.y[r, i]
     return math.sqrt(total)
 
 
 @inlined
-def curvature(desk: Desk) -> float:
+def curvature(scratch: BoxScratch) -> float:
     """A lower bound of ½ δᵀHδ in the box, by completing squares: those with a positive weight are dropped.
 
     After each square what remains is a form in the remaining variables, bounded by its entries' magnitudes. What is taken
     off an entry is as large as the entry before and after at most, so the magnitudes of all of them bound the rounding.
     """
-    dof, S, noise, before = len(desk.h), desk.N, 0.0, 0.0
+    dof, S, noise, before = len(scratch.h), scratch.N, 0.0, 0.0
     for i in range(dof):
         for j in range(dof):
-            S[i, j] = desk.H[i, j] * desk.h[i] * desk.h[j]
-        desk.v[i] = 1.0
+            S[i, j] = scratch.H[i, j] * scratch.h[i] * scratch.h[j]
+        scratch.v[i] = 1.0
     best = -np.inf
     for _ in range(dof + 1):
         total, pivot, top, mass = 0.0, -1, 0.0, 0.0
         for i in range(dof):
-            if desk.v[i] == 0.0:
+            if scratch.v[i] == 0.0:
                 continue
             row = S[i, i]
             if row > top:
                 top, pivot = row, i
             beside = 0.0
             for j in range(dof):
-                if j != i and desk.v[j] != 0.0:
+                if j != i and scratch.v[j] != 0.0:
                     beside += abs(S[i, j])
             mass += abs(row) + beside
             total += min(row - beside, 0.0)
@@ -247,12 +249,12 @@ def curvature(desk: Desk) -> float:
         if pivot < 0 or total == 0.0:
             break
         inverse = 1.0 / top
-        desk.v[pivot] = 0.0
+        scratch.v[pivot] = 0.0
         for i in range(dof):
-            if desk.v[i] != 0.0:
+            if scratch.v[i] != 0.0:
                 factor = S[i, pivot] * inverse
                 for j in range(dof):
-                    if desk.v[j] != 0.0:
+                    if scratch.v[j] != 0.0:
                         S[i, j] -= factor * S[pivot, j]
     return 0.5 * best
 
@@ -266,11 +268,11 @@ def least(g: float, H: float, h: float) -> float:
 
 
 @inlined
-def cut_box(desk: Desk, spare: float) -> None:
+def cut_box(scratch: BoxScratch, spare: float) -> None:
     """Keep of every variable what can stay within `spare` above the least value of the separable polynomial."""
-    dof = len(desk.c)
+    dof = len(scratch.c)
     for i in range(dof):
-        g, H, h = abs(desk.g[i]), desk.H[i, i], desk.h[i]
+        g, H, h = abs(scratch.g[i]), scratch.H[i, i], scratch.h[i]
         # Seen from the good end: δ = -h there, the polynomial g δ + ½ H δ².
         limit = least(g, H, h) + spare
         end = g * h + 0.5 * H * h * h
@@ -289,5 +291,5 @@ def cut_box(desk: Desk, spare: float) -> None:
         if high <= low:
             continue
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        desk.c[i] += -middle if desk.g[i] < 0.0 else middle
-        desk.h[i] = half + rounding(desk.c[i], h)
+        scratch.c[i] += -middle if scratch.g[i] < 0.0 else middle
+        scratch.h[i] = half + rounding(scratch.c[i], h)

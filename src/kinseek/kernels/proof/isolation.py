@@ -21,7 +21,7 @@ from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.jit import inlined, ir_inlined
 
 from .approach import step
-from .box import Desk, Form, Wanted, rounding, short_way
+from .box import BoxScratch, Form, Wanted, rounding, short_way
 from .memory import Places
 from .neighbourhood import Expansion, neighbourhood
 from .progress import GIVEN, KNOWN, SEEN
@@ -47,18 +47,20 @@ squares that. A better centre makes the neighbourhood no larger."""
 
 
 @inlined
-def inside(desk: Desk, places: Places, begin: int, end: int, width: float) -> int:
+def inside(scratch: BoxScratch, places: Places, begin: int, end: int, width: float) -> int:
     """Number of the first neighbourhood, of those from `begin` to `end`, that holds the box in hand, or -1.
 
     Its half widths are taken times `width`: 0 asks for its centre alone.
     """
     for k in range(begin, end):
         held = True
-        for i in range(len(desk.c)):
-            off = desk.c[i] - places.centre[k, i]
+        for i in range(len(scratch.c)):
+            off = scratch.c[i] - places.centre[k, i]
             if places.periodic[i]:
                 off = short_way(off)
-            if not abs(off) + width * desk.h[i] <= places.radius[k, i] - 4.0 * rounding(desk.c[i], desk.h[i]):
+            if not abs(off) + width * scratch.h[i] <= places.radius[k, i] - 4.0 * rounding(
+                scratch.c[i], scratch.h[i]
+            ):
                 held = False
                 break
         if held:
@@ -70,31 +72,31 @@ def inside(desk: Desk, places: Places, begin: int, end: int, width: float) -> in
 def admit(
     form: Form,
     wanted: Wanted,
-    desk: Desk,
+    scratch: BoxScratch,
     around: Expansion,
     places: Places,
     trial: Array,
     counts: Indices,
 ) -> None:
     """Put a neighbourhood around an answer, (n,), unless it is in another's."""
-    dof, known = len(desk.c), counts[KNOWN]
+    dof, known = len(scratch.c), counts[KNOWN]
     for i in range(dof):
-        desk.c[i] = trial[i]
-    if inside(desk, places, 0, known, 0.0) >= 0:
+        scratch.c[i] = trial[i]
+    if inside(scratch, places, 0, known, 0.0) >= 0:
         return
     for i in range(len(trial)):
         places.q[known, i] = trial[i]
     places.number[known] = counts[GIVEN] - 1 if counts[SEEN] == 0 else -1
     for _ in range(CENTRING):  # The centre may lie beyond a limit by what the tolerances allow.
-        step(form, wanted, desk)
+        step(form, wanted, scratch)
         for i in range(dof):
-            desk.c[i] += desk.delta[i]
-    holds, exists = neighbourhood(form, wanted, desk, around, places.radius[known], places.distance[known])
+            scratch.c[i] += scratch.delta[i]
+    holds, exists = neighbourhood(form, wanted, scratch, around, places.radius[known], places.distance[known])
     if holds:  # The answer itself must lie in its neighbourhood: the steps may have led to another one.
         for i in range(dof):
-            places.centre[known, i] = desk.c[i]
-            desk.c[i] = trial[i]
-        holds = inside(desk, places, known, known + 1, 0.0) >= 0
+            places.centre[known, i] = scratch.c[i]
+            scratch.c[i] = trial[i]
+        holds = inside(scratch, places, known, known + 1, 0.0) >= 0
     places.isolated[known], places.exists[known] = holds, holds and exists
     if not holds:
         for i in range(dof):

@@ -11,7 +11,7 @@ from kinseek.kernels.entry import F64, FLAG, Bundle
 from kinseek.kernels.jit import inlined
 
 from .bounds import OF_ANGLES, cut_arc
-from .box import BEST_ROLL, Desk, Form, Wanted, place, short_way, turn_goal, turned, widths
+from .box import BEST_ROLL, BoxScratch, Form, Wanted, place, short_way, turn_goal, turned, widths
 
 
 class Roll(NamedTuple):
@@ -29,12 +29,12 @@ ROLL = Bundle(Roll, present=FLAG, lower=F64, upper=F64, weight=F64)
 
 
 @inlined
-def best_twist(desk: Desk) -> tuple[float, float]:
+def best_twist(scratch: BoxScratch) -> tuple[float, float]:
     """The turn of the last joint that brings the other columns nearest to the goal's [rad]; cosine of the axis' tilt.
 
     It is the direction of a vector ``1 + cos τ`` long, τ the tilt: any direction where the axis points backwards.
     """
-    T, goal = desk.T, desk.goal
+    T, goal = scratch.T, scratch.goal
     m00 = m01 = m10 = m11 = dot = 0.0
     for r in range(3):
         m00 += T[r, 1] * goal[r, 1]
@@ -75,19 +75,19 @@ def twist_slack(wanted: Wanted, omega: float, dot: float) -> float:
 
 
 @inlined
-def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
+def roll_fits(form: Form, wanted: Wanted, roll: Roll, scratch: BoxScratch) -> bool:
     """Can the last joint, within its limits, make up for what is left of the rotation? Its best value goes to BEST_ROLL.
 
     The hand without its last turn is off by a rotation of at most Ω. Write the turn that is asked for as a quaternion: its
     part about the last axis is cos(τ/2) long, τ the tilt. So the last joint is within ``2 acos(cos(Ω/2)/cos(τ/2))``.
     """
-    best, dot = best_twist(desk)
+    best, dot = best_twist(scratch)
     middle, half = 0.5 * (roll.lower + roll.upper), 0.5 * (roll.upper - roll.lower)
-    desk.found[BEST_ROLL] = nearest_copy(best, roll.lower, roll.upper, middle)
+    scratch.found[BEST_ROLL] = nearest_copy(best, roll.lower, roll.upper, middle)
     if half >= math.pi:
         return True
     omega, margin = wanted.angle + wanted.margin_a, wanted.margin_a
-    omega += turned(form, desk, len(form.leader))
+    omega += turned(form, scratch, len(form.leader))
     noise = twist_noise(wanted, dot)
     if not (omega < math.pi and noise < math.pi):
         return True
@@ -98,7 +98,7 @@ def roll_fits(form: Form, wanted: Wanted, roll: Roll, desk: Desk) -> bool:
 
 
 @inlined
-def twist_cost(form: Form, wanted: Wanted, roll: Roll, desk: Desk, ceiling: float) -> float:
+def twist_cost(form: Form, wanted: Wanted, roll: Roll, scratch: BoxScratch, ceiling: float) -> float:
     """What the limits of the last joint add to the weighted error at least, where nothing above `ceiling` matters.
 
     With tilt τ and a twist β short of the best one the columns cost ``K_A [(1 - cos τ) + (1 + cos τ)(1 - cos β)]``.
@@ -106,9 +106,11 @@ def twist_cost(form: Form, wanted: Wanted, roll: Roll, desk: Desk, ceiling: floa
     middle, half = 0.5 * (roll.lower + roll.upper), 0.5 * (roll.upper - roll.lower)
     if half >= math.pi or roll.weight == 0.0:
         return 0.0
-    best, dot = best_twist(desk)
+    best, dot = best_twist(scratch)
     beta = (
-        abs(short_way(best - middle)) - half - twist_slack(wanted, turned(form, desk, len(form.leader)), dot)
+        abs(short_way(best - middle))
+        - half
+        - twist_slack(wanted, turned(form, scratch, len(form.leader)), dot)
     )
     if not beta > 0.0:
         return 0.0
@@ -116,7 +118,7 @@ def twist_cost(form: Form, wanted: Wanted, roll: Roll, desk: Desk, ceiling: floa
 
 
 @inlined
-def cut_twist(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
+def cut_twist(form: Form, wanted: Wanted, scratch: BoxScratch, ceiling: float) -> bool:
     """Cut the range of a last joint that is part of the box to what the ceiling leaves; say whether anything is left.
 
     The arm is placed anew, at the centre of what is left. A twist β short of the best one turns the hand by β at least,
@@ -126,9 +128,9 @@ def cut_twist(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
     part and its part along the axis it could be had as well, were these not both noise, as traces tell them, where the hand
     is half a turn away from the goal: then the twist may be anything though the axis does not lean at all.
     """
-    T, goal, last, K_A = desk.T, desk.goal, len(form.leader) - 1, wanted.weight_a
-    turn_goal(form, wanted, desk)
-    widths(form, desk)
+    T, goal, last, K_A = scratch.T, scratch.goal, len(form.leader) - 1, wanted.weight_a
+    turn_goal(form, wanted, scratch)
+    widths(form, scratch)
     if ceiling >= 2.0 * K_A:
         return True
     trace = dot = along = 0.0
@@ -137,24 +139,24 @@ def cut_twist(form: Form, wanted: Wanted, desk: Desk, ceiling: float) -> bool:
         for s in range(3):
             entry = T[r, 0] * goal[s, 0] + T[r, 1] * goal[s, 1] + T[r, 2] * goal[s, 2]
             trace += entry if r == s else 0.0
-            along += desk.z[last, r] * entry * desk.z[last, s]
+            along += scratch.z[last, r] * entry * scratch.z[last, s]
         for i in range(3):
-            dot += desk.z[last, r] * (T[behind, i] * goal[after, i] - T[after, i] * goal[behind, i])
+            dot += scratch.z[last, r] * (T[behind, i] * goal[after, i] - T[after, i] * goal[behind, i])
     # acos(1 - x) loses what is below rounding of one: its half-angle form, and a margin, do not.
     beta = 2.0 * math.asin(math.sqrt(min(0.5 * ceiling / K_A + wanted.margin_a, 1.0)))
-    beta += twist_slack(wanted, turned(form, desk, last), along)
+    beta += twist_slack(wanted, turned(form, scratch, last), along)
     ahead = math.atan2(dot, trace - along)
-    left = cut_arc(desk, form.leader[last], desk.c[form.leader[last]] - ahead, beta)
-    place(form, desk)
-    widths(form, desk)
+    left = cut_arc(scratch, form.leader[last], scratch.c[form.leader[last]] - ahead, beta)
+    place(form, scratch)
+    widths(form, scratch)
     return left
 
 
 @inlined
-def complete(form: Form, roll: Roll, chain: ChainArrays, desk: Desk, q: Array) -> None:
+def complete(form: Form, roll: Roll, chain: ChainArrays, scratch: BoxScratch, q: Array) -> None:
     """Joint values of the box' centre, (n,), inside the limits."""
     for i in range(len(q)):
-        value = desk.found[BEST_ROLL] if roll.present and i == len(q) - 1 else desk.c[i]
+        value = scratch.found[BEST_ROLL] if roll.present and i == len(q) - 1 else scratch.c[i]
         if (i == 0 and form.head == TURN) or (i == len(q) - 1 and form.tail == 1):
             middle = 0.5 * (chain.lower[i] + chain.upper[i])
             value = nearest_copy(value, chain.lower[i], chain.upper[i], middle)

@@ -14,7 +14,7 @@ from kinseek.kernels.arrays import Array, Flags, Indices
 from kinseek.kernels.entry import F64, FLAG, I64, Bundle
 from kinseek.kernels.jit import array_view
 
-from .box import Desk, make_desk
+from .box import BoxScratch, make_box_scratch
 from .neighbourhood import Expansion, make_expansion
 from .progress import COUNTS, FIGURES
 
@@ -96,10 +96,10 @@ MEMORY = Bundle(
 )
 
 
-class Scratch(NamedTuple):
+class SearchScratch(NamedTuple):
     """Memory of one call."""
 
-    desk: Desk
+    scratch: BoxScratch
     """The box in hand."""
     around: Expansion
     """For the neighbourhood of an answer."""
@@ -110,7 +110,9 @@ class Scratch(NamedTuple):
 
 
 @array_view
-def make_node_scratch(joints: int, memory: Memory) -> Scratch:
+def make_node_scratch(joints: int, memory: Memory) -> SearchScratch:
     """Allocate it for so many joints of the arm that the boxes are about."""
     dof = memory.boxes.shape[1] // 2
-    return Scratch(make_desk(joints, dof), make_expansion(dof), np.empty(len(memory.q)), np.empty((3, 4)))
+    return SearchScratch(
+        make_box_scratch(joints, dof), make_expansion(dof), np.empty(len(memory.q)), np.empty((3, 4))
+    )

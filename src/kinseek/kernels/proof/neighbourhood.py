@@ -10,7 +10,7 @@ import numpy as np
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import array_view, inlined, kernel
 
-from .box import LEAST, Desk, Form, Wanted, load_box, make_desk, place, turn_goal
+from .box import LEAST, BoxScratch, Form, Wanted, load_box, make_box_scratch, place, turn_goal
 from .taylor import derivatives, differentiate, normal_matrix, rests, solve
 
 LARGEST, SMALLEST = 0.5, 1e-7
@@ -87,34 +87,34 @@ def make_expansion(dof: int) -> Expansion:
 
 
 @inlined
-def expand(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
+def expand(form: Form, wanted: Wanted, scratch: BoxScratch, around: Expansion) -> None:
     """Invert the Jacobian at the centre, and write down what the inverse makes of the hand's polynomial."""
-    m, dof, T, goal, columns = len(form.leader), len(desk.c), desk.T, desk.goal, form.columns
-    place(form, desk)
-    turn_goal(form, wanted, desk)
+    m, dof, T, goal, columns = len(form.leader), len(scratch.c), scratch.T, scratch.goal, form.columns
+    place(form, scratch)
+    turn_goal(form, wanted, scratch)
     scale = 1.0 / (wanted.length * wanted.length + LEAST)
     weight = 1.0 if columns > 0 else 0.0
     middle = m // 2
-    differentiate(form, desk, middle, columns)
+    differentiate(form, scratch, middle, columns)
     around.gain[0] = askew = far = 0.0
     for row in range(dof):
-        normal_matrix(form, desk, scale, weight, columns)
+        normal_matrix(form, scratch, scale, weight, columns)
         trace = 0.0
         for i in range(dof):
-            trace += desk.N[i, i]
+            trace += scratch.N[i, i]
         for i in range(dof):  # Whatever M is, the inequality holds; this keeps it finite.
-            desk.delta[i], desk.D[i] = 0.0, REGULAR * trace + LEAST
-        desk.delta[row] = 1.0
-        solve(desk.N, desk.D, desk.delta)
+            scratch.delta[i], scratch.D[i] = 0.0, REGULAR * trace + LEAST
+        scratch.delta[row] = 1.0
+        solve(scratch.N, scratch.D, scratch.delta)
         for i in range(dof):
-            around.gain[0] = max(abs(desk.delta[i]) * trace, around.gain[0])
+            around.gain[0] = max(abs(scratch.delta[i]) * trace, around.gain[0])
         for i in range(4):
             for r in range(3):
                 part = 0.0
                 if i < columns or i == 3:
                     for k in range(m):
-                        slope = desk.velocity[k, r] if i == 3 else desk.slopes[k, i, r]
-                        part += form.multiplier[k] * desk.delta[form.leader[k]] * slope
+                        slope = scratch.velocity[k, r] if i == 3 else scratch.slopes[k, i, r]
+                        part += form.multiplier[k] * scratch.delta[form.leader[k]] * slope
                     part *= scale if i == 3 else weight
                 around.rows[row, r, i] = part
     for r in range(3):
@@ -127,30 +127,30 @@ def expand(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
         for i in range(4):
             for r in range(3):
                 part = around.rows[row, r, i]
-                desk.y[r, i] = part
+                scratch.y[r, i] = part
                 if i < columns or i == 3:
                     value += part * (T[r, i] - goal[r, i])
                 if i == 3:
                     length += part * part
                 else:
                     size += part * part
-        derivatives(form, desk, middle, columns)
+        derivatives(form, scratch, middle, columns)
         around.value[row] = abs(value)
         around.point[row] = math.sqrt(length)
         around.column[row] = math.sqrt(size)
         for i in range(dof):
-            around.slope[row, i] = abs(desk.g[i] - (1.0 if i == row else 0.0))
+            around.slope[row, i] = abs(scratch.g[i] - (1.0 if i == row else 0.0))
             for j in range(dof):
-                around.bend[row, i, j] = abs(desk.H[i, j])
+                around.bend[row, i, j] = abs(scratch.H[i, j])
 
 
 @inlined
-def contract(form: Form, wanted: Wanted, desk: Desk, around: Expansion) -> None:
+def contract(form: Form, wanted: Wanted, scratch: BoxScratch, around: Expansion) -> None:
     """Write κ(ρ) of ρ = ``around.half``. Margins stand beside the tolerances: they cover rounding for ρ up to `LARGEST`."""
-    dof = len(desk.c)
+    dof = len(scratch.c)
     for k in range(len(form.leader)):
-        desk.half[k] = abs(form.multiplier[k]) * around.half[form.leader[k]]
-    _, _, three_p, three_c = rests(form, desk, desk.r, len(form.leader) // 2)
+        scratch.half[k] = abs(form.multiplier[k]) * around.half[form.leader[k]]
+    _, _, three_p, three_c = rests(form, scratch, scratch.r, len(form.leader) // 2)
     trust = wanted.trust
     off_p = wanted.position + wanted.margin + trust * three_p
     off_c = wanted.chord + wanted.margin_a + trust * three_c
@@ -174,27 +174,31 @@ def contractions(form: Form, wanted: Wanted, boxes: Array) -> Array:
         boxes: (k, 2 dof): centres and half widths.
     """
     dof = boxes.shape[1] // 2
-    desk, around, result = make_desk(len(form.leader), dof), make_expansion(dof), np.empty((len(boxes), dof))
+    scratch, around, result = (
+        make_box_scratch(len(form.leader), dof),
+        make_expansion(dof),
+        np.empty((len(boxes), dof)),
+    )
     for row in range(len(boxes)):
-        load_box(boxes, row, desk)
-        expand(form, wanted, desk, around)
+        load_box(boxes, row, scratch)
+        expand(form, wanted, scratch, around)
         for i in range(dof):
-            around.half[i] = desk.h[i]
-        contract(form, wanted, desk, around)
+            around.half[i] = scratch.h[i]
+        contract(form, wanted, scratch, around)
         for i in range(dof):
             result[row, i] = around.reach[i]
     return result
 
 
 @inlined
-def has_solution(form: Form, desk: Desk, around: Expansion, radius: Array, distance: Array) -> bool:
+def has_solution(form: Form, scratch: BoxScratch, around: Expansion, radius: Array, distance: Array) -> bool:
     """Has a neighbourhood, beside a fixed point of N, a solution there? With as many joints as the goal has constraints.
 
     M f = 0 there. M is all but the inverse of a regular matrix times the hand's Jacobian, turned over. With the very product
     the inequality holds as well, see `REGULARLY`, and a fixed point of that has M f = 0. So no force is left, nor a torque;
     and hand and goal, turned by less than 90° from the hand at the centre, are the same. See `kernels.paths.tube`.
     """
-    dof, columns = len(desk.c), form.columns
+    dof, columns = len(scratch.c), form.columns
     turned = 0.0
     for k in range(len(form.leader)):
         if not form.prismatic[k]:
@@ -210,14 +214,14 @@ def has_solution(form: Form, desk: Desk, around: Expansion, radius: Array, dista
 
 @inlined
 def neighbourhood(
-    form: Form, wanted: Wanted, desk: Desk, around: Expansion, radius: Array, distance: Array
+    form: Form, wanted: Wanted, scratch: BoxScratch, around: Expansion, radius: Array, distance: Array
 ) -> tuple[bool, bool]:
-    """Look for a large ρ with κ(ρ) < ρ around the desk's centre.
+    """Look for a large ρ with κ(ρ) < ρ around the scratch memory's centre.
 
     Args:
         form: The part of the arm that the boxes are about.
         wanted: What is asked of it.
-        desk: Memory; its centre counts.
+        scratch: Memory; its centre counts.
         around: Memory.
         radius: ρ, (n,), is written here.
         distance: What remains of ρ when κ has been applied again and again, (n,), is written here.
@@ -225,8 +229,8 @@ def neighbourhood(
     Returns:
         Is there one? And does exactly one joint vector in it reach the goal exactly?
     """
-    dof = len(desk.c)
-    expand(form, wanted, desk, around)
+    dof = len(scratch.c)
+    expand(form, wanted, scratch, around)
     for i in range(dof):
         around.half[i] = 1.0
     best, size = 0.0, LARGEST
@@ -237,7 +241,7 @@ def neighbourhood(
                 top = max(top, around.half[i])
             for i in range(dof):
                 around.half[i] *= size / top
-            contract(form, wanted, desk, around)
+            contract(form, wanted, scratch, around)
             holds, product = True, 1.0
             for i in range(dof):
                 holds = holds and around.reach[i] < HOLDS * around.half[i]
@@ -254,9 +258,9 @@ def neighbourhood(
     for i in range(dof):
         around.half[i] = radius[i]
     for _ in range(REPEATS):
-        contract(form, wanted, desk, around)
+        contract(form, wanted, scratch, around)
         for i in range(dof):
             around.half[i] = min(around.half[i], around.reach[i])
     for i in range(dof):
         distance[i] = around.half[i]
-    return True, has_solution(form, desk, around, radius, distance)
+    return True, has_solution(form, scratch, around, radius, distance)

@@ -31,7 +31,7 @@ from .box import (
     MISS_POINT,
     NARROW,
     NEAR,
-    Desk,
+    BoxScratch,
     halve,
     load_box,
     place,
@@ -46,7 +46,7 @@ from .exclusion import exclude
 from .gate import gate
 from .isolation import admit, inside
 from .last_joint import cut_twist
-from .memory import MEMORY, Memory, Scratch, make_node_scratch
+from .memory import MEMORY, Memory, SearchScratch, make_node_scratch
 from .progress import (
     AGAIN,
     CEILING,
@@ -96,18 +96,24 @@ def search_boxes(
     Returns:
         ENDED, FOUND, STOPPED or FULL; ENDED too where there is room for no more answers.
     """
-    scratch = make_node_scratch(len(question.form.leader), memory)
-    return search(kind, question, tuning, memory, scratch, until, budget)
+    work = make_node_scratch(len(question.form.leader), memory)
+    return search(kind, question, tuning, memory, work, until, budget)
 
 
 @inlined
 def search(
-    kind: int, question: Question, tuning: Tuning, memory: Memory, scratch: Scratch, until: int, budget: int
+    kind: int,
+    question: Question,
+    tuning: Tuning,
+    memory: Memory,
+    work: SearchScratch,
+    until: int,
+    budget: int,
 ) -> int:
     """The same, apart from what makes memory: that counts references to arrays, and without it this is compiled faster."""
     form, wanted, chain, goal = question.form, question.wanted, question.chain, question.goal
     places, q, counts, figures = memory.places, memory.q, memory.counts, memory.figures
-    trial, T = scratch.trial, scratch.T
+    trial, T = work.trial, work.T
     open_, least = gate(form, wanted, chain)
     if kind == EXCLUDE and not open_:
         counts[COUNT] = 0
@@ -119,7 +125,7 @@ def search(
                 trial[i] = places.answers[counts[GIVEN], i]
             counts[GIVEN] += 1
         else:
-            outcome = next_trial(kind, question, tuning, memory, scratch, until, budget)
+            outcome = next_trial(kind, question, tuning, memory, work, until, budget)
             if outcome != TRIAL:
                 return outcome
         forward(chain, trial, T)
@@ -127,7 +133,7 @@ def search(
         met = position <= tuning.position and orientation <= tuning.orientation
         if kind == ISOLATE:
             if met:
-                admit(form, wanted, scratch.desk, scratch.around, places, trial, counts)
+                admit(form, wanted, work.scratch, work.around, places, trial, counts)
                 if counts[KNOWN] == len(places.q):
                     return ENDED
         else:
@@ -142,14 +148,20 @@ def search(
 
 @ir_inlined
 def next_trial(
-    kind: int, question: Question, tuning: Tuning, memory: Memory, scratch: Scratch, until: int, budget: int
+    kind: int,
+    question: Question,
+    tuning: Tuning,
+    memory: Memory,
+    work: SearchScratch,
+    until: int,
+    budget: int,
 ) -> int:
-    """Box after box, until steps from the middle of one lead to joint values worth a judgement; these go to `scratch`.
+    """Box after box, until steps from the middle of one lead to joint values worth a judgement; these go to `work`.
 
     Returns:
         TRIAL; or ENDED, STOPPED or FULL.
     """
-    form, wanted, desk = question.form, question.wanted, scratch.desk
+    form, wanted, scratch = question.form, question.wanted, work.scratch
     boxes, heap, places, counts = memory.boxes, memory.heap, memory.places, memory.counts
     figures, best_first = memory.figures, kind == ENCLOSE
     while counts[COUNT] > 0:
@@ -163,75 +175,77 @@ def next_trial(
             below = heap.bound[row]
             if below >= figures[CEILING]:
                 return ENDED
-        load_box(boxes, row, desk)
+        load_box(boxes, row, scratch)
         verdict, spread = AGAIN, 0.0
         while verdict == AGAIN and counts[SEEN] < budget:
             counts[SEEN] += 1
-            held = inside(desk, places, 0, counts[KNOWN], 1.0) if kind == ISOLATE else -1
+            held = inside(scratch, places, 0, counts[KNOWN], 1.0) if kind == ISOLATE else -1
             if held >= 0:
                 counts[LEFT] += 0 if places.isolated[held] else 1
                 verdict = GONE
             else:
-                verdict, spread, below = look(kind, question, tuning, memory, scratch, below)
+                verdict, spread, below = look(kind, question, tuning, memory, work, below)
         if best_first:
             if below >= figures[CEILING]:
                 verdict = GONE
         elif verdict == AGAIN:  # The budget is over.
-            store_box(boxes, row, desk)
+            store_box(boxes, row, scratch)
             continue
         variable = 0
         if verdict != GONE:
-            variable = widest(form, wanted, desk, HEAD if not best_first or spread > FINE else 1.0)
-            if desk.h[variable] < NARROW * (1.0 + abs(desk.c[variable])):
+            variable = widest(form, wanted, scratch, HEAD if not best_first or spread > FINE else 1.0)
+            if scratch.h[variable] < NARROW * (1.0 + abs(scratch.c[variable])):
                 counts[LEFT] += 1
-                figures[STUCK] = max(figures[STUCK], desk.h[variable])
+                figures[STUCK] = max(figures[STUCK], scratch.h[variable])
                 figures[FLOOR] = min(figures[FLOOR], below)
                 verdict = GONE
         if verdict == GONE:
             drop(best_first, memory, row)
             continue
-        split(best_first, memory, desk, row, variable, below)
+        split(best_first, memory, scratch, row, variable, below)
         if not best_first:
             # Wide tolerances may allow an answer in the middle, though no descent ends there.
             steps = tuning.steps if spread < NEAR and counts[KEPT] % tuning.often == 0 else 0
-            near = desk.found[MISS_POINT] <= wanted.position and desk.found[MISS_COLUMNS] <= wanted.chord
+            near = (
+                scratch.found[MISS_POINT] <= wanted.position and scratch.found[MISS_COLUMNS] <= wanted.chord
+            )
             if steps > 0 or (kind == EXCLUDE and near):
-                approach(form, wanted, question.roll, question.chain, steps, desk, scratch.trial)
+                approach(form, wanted, question.roll, question.chain, steps, scratch, work.trial)
                 return TRIAL
     return ENDED
 
 
 @inlined
 def look(
-    kind: int, question: Question, tuning: Tuning, memory: Memory, scratch: Scratch, below: float
+    kind: int, question: Question, tuning: Tuning, memory: Memory, work: SearchScratch, below: float
 ) -> tuple[int, float, float]:
     """Look once at the box in hand, and cut off it what does not count.
 
     Returns:
         GONE, AGAIN or OPEN; by how much the box turns the hand [rad]; a lower bound of the error in it, `below` or better.
     """
-    form, wanted, desk = question.form, question.wanted, scratch.desk
+    form, wanted, scratch = question.form, question.wanted, work.scratch
     ceiling = memory.figures[CEILING] if kind == ENCLOSE else -1.0  # Negative: the tolerances decide.
-    desk.found[BELOW], desk.found[MISS_POINT] = 0.0, np.inf
-    place(form, desk)
-    widths(form, desk)
-    kept = first_order(form, wanted, desk, ceiling)
-    below = max(below, desk.found[BELOW])
+    scratch.found[BELOW], scratch.found[MISS_POINT] = 0.0, np.inf
+    place(form, scratch)
+    widths(form, scratch)
+    kept = first_order(form, wanted, scratch, ceiling)
+    below = max(below, scratch.found[BELOW])
     if kept and kind == ENCLOSE and form.tail == 1:
-        kept = cut_twist(form, wanted, desk, ceiling)
-    spread = turned(form, desk, len(form.leader))
+        kept = cut_twist(form, wanted, scratch, ceiling)
+    spread = turned(form, scratch, len(form.leader))
     if not kept:
         return GONE, spread, below
     if not spread < tuning.spread:
         return OPEN, spread, below
-    before = volume(desk)
+    before = volume(scratch)
     if kind == ENCLOSE:
-        kept, below = enclose(question, tuning, memory, scratch, below)
+        kept, below = enclose(question, tuning, memory, work, below)
     else:
-        kept = exclude(form, wanted, question.roll, desk, tuning.passes)
+        kept = exclude(form, wanted, question.roll, scratch, tuning.passes)
     if not kept:
         return GONE, spread, below
-    return AGAIN if volume(desk) < tuning.shrink * before else OPEN, spread, below
+    return AGAIN if volume(scratch) < tuning.shrink * before else OPEN, spread, below
 
 
 @inlined
@@ -246,7 +260,9 @@ def drop(best_first: bool, memory: Memory, row: int) -> None:
 
 
 @inlined
-def split(best_first: bool, memory: Memory, desk: Desk, row: int, variable: int, below: float) -> None:
+def split(
+    best_first: bool, memory: Memory, scratch: BoxScratch, row: int, variable: int, below: float
+) -> None:
     """Put the halves of the box in hand where it was and into another row."""
     heap, counts = memory.heap, memory.counts
     count = counts[COUNT]
@@ -256,7 +272,7 @@ def split(best_first: bool, memory: Memory, desk: Desk, row: int, variable: int,
             heap.order[count] = count
             counts[USED] += 1
         other = heap.order[count]
-    halve(desk, variable, memory.boxes, row, other)
+    halve(scratch, variable, memory.boxes, row, other)
     if best_first:
         heap.bound[row] = heap.bound[other] = below
         sift_down(heap.bound, heap.order, count)

@@ -13,7 +13,7 @@ import numpy as np
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import inlined
 
-from .box import TINY, Desk, Form, Wanted
+from .box import TINY, BoxScratch, Form, Wanted
 
 NOISE = 1e-14
 """What rounding makes of a pivot that should be zero, relative to its diagonal element: some fifty last digits, for sums of
@@ -25,31 +25,31 @@ ABOVE = 1.0 + 1e-12
 
 
 @inlined
-def halfway(form: Form, wanted: Wanted, desk: Desk) -> int:
+def halfway(form: Form, wanted: Wanted, scratch: BoxScratch) -> int:
     """The joint from which on the hand is moved, and before which the goal: where the rests of third order are least."""
-    m, T, goal = len(form.leader), desk.T, desk.goal
+    m, T, goal = len(form.leader), scratch.T, scratch.goal
     counts = wanted.length if form.columns > 0 else 0.0
     for k in range(m):
-        z0, z1, z2 = desk.z[k, 0], desk.z[k, 1], desk.z[k, 2]
-        v0, v1, v2 = T[0, 3] - desk.p[k, 0], T[1, 3] - desk.p[k, 1], T[2, 3] - desk.p[k, 2]
+        z0, z1, z2 = scratch.z[k, 0], scratch.z[k, 1], scratch.z[k, 2]
+        v0, v1, v2 = T[0, 3] - scratch.p[k, 0], T[1, 3] - scratch.p[k, 1], T[2, 3] - scratch.p[k, 2]
         x0, x1, x2 = z1 * v2 - z2 * v1, z2 * v0 - z0 * v2, z0 * v1 - z1 * v0
-        desk.r[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2) + counts
-        v0, v1, v2 = goal[0, 3] - desk.p[k, 0], goal[1, 3] - desk.p[k, 1], goal[2, 3] - desk.p[k, 2]
+        scratch.r[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2) + counts
+        v0, v1, v2 = goal[0, 3] - scratch.p[k, 0], goal[1, 3] - scratch.p[k, 1], goal[2, 3] - scratch.p[k, 2]
         x0, x1, x2 = z1 * v2 - z2 * v1, z2 * v0 - z0 * v2, z0 * v1 - z1 * v0
-        desk.s[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2) + counts
+        scratch.s[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2) + counts
     least_rest, best = np.inf, 0
     for middle in range(m):
         spread = rest = 0.0
         for k in range(middle, m):
             if not form.prismatic[k]:
-                h = desk.half[k]
-                rest += desk.r[k] * h * (h * h + 3.0 * spread * (h + spread))
+                h = scratch.half[k]
+                rest += scratch.r[k] * h * (h * h + 3.0 * spread * (h + spread))
                 spread += h
         spread = 0.0
         for k in range(middle - 1, -1, -1):
             if not form.prismatic[k]:
-                h = desk.half[k]
-                rest += desk.s[k] * h * (h * h + 3.0 * spread * (h + spread))
+                h = scratch.half[k]
+                rest += scratch.s[k] * h * (h * h + 3.0 * spread * (h + spread))
                 spread += h
         if rest < least_rest:
             least_rest, best = rest, middle
@@ -57,50 +57,50 @@ def halfway(form: Form, wanted: Wanted, desk: Desk) -> int:
 
 
 @inlined
-def differentiate(form: Form, desk: Desk, middle: int, columns: int) -> None:
+def differentiate(form: Form, scratch: BoxScratch, middle: int, columns: int) -> None:
     """Write down how the joints move what the hand misses, as seen halfway: those before `middle` move the goal instead."""
-    T, goal = desk.T, desk.goal
+    T, goal = scratch.T, scratch.goal
     for k in range(len(form.leader)):
         seen = goal if k < middle else T
-        z0, z1, z2 = desk.z[k, 0], desk.z[k, 1], desk.z[k, 2]
+        z0, z1, z2 = scratch.z[k, 0], scratch.z[k, 1], scratch.z[k, 2]
         if form.prismatic[k]:
-            desk.velocity[k, 0], desk.velocity[k, 1], desk.velocity[k, 2] = z0, z1, z2
-            desk.r[k], desk.s[k] = 1.0, 0.0
+            scratch.velocity[k, 0], scratch.velocity[k, 1], scratch.velocity[k, 2] = z0, z1, z2
+            scratch.r[k], scratch.s[k] = 1.0, 0.0
             for i in range(columns):
                 for r in range(3):
-                    desk.slopes[k, i, r] = 0.0
+                    scratch.slopes[k, i, r] = 0.0
             continue
-        v0, v1, v2 = seen[0, 3] - desk.p[k, 0], seen[1, 3] - desk.p[k, 1], seen[2, 3] - desk.p[k, 2]
+        v0, v1, v2 = seen[0, 3] - scratch.p[k, 0], seen[1, 3] - scratch.p[k, 1], seen[2, 3] - scratch.p[k, 2]
         x0, x1, x2 = z1 * v2 - z2 * v1, z2 * v0 - z0 * v2, z0 * v1 - z1 * v0
-        desk.velocity[k, 0], desk.velocity[k, 1], desk.velocity[k, 2] = x0, x1, x2
-        desk.r[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
+        scratch.velocity[k, 0], scratch.velocity[k, 1], scratch.velocity[k, 2] = x0, x1, x2
+        scratch.r[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
         square = 0.0
         for i in range(columns):
             a0, a1, a2 = seen[0, i], seen[1, i], seen[2, i]
             x0, x1, x2 = z1 * a2 - z2 * a1, z2 * a0 - z0 * a2, z0 * a1 - z1 * a0
-            desk.slopes[k, i, 0], desk.slopes[k, i, 1], desk.slopes[k, i, 2] = x0, x1, x2
+            scratch.slopes[k, i, 0], scratch.slopes[k, i, 1], scratch.slopes[k, i, 2] = x0, x1, x2
             square += x0 * x0 + x1 * x1 + x2 * x2
-        desk.s[k] = math.sqrt(square)
+        scratch.s[k] = math.sqrt(square)
 
 
 @inlined
-def radii_behind(form: Form, desk: Desk, middle: int, back: float) -> None:
+def radii_behind(form: Form, scratch: BoxScratch, middle: int, back: float) -> None:
     """Write the radii of the point that lies `back` [m] back along the first column."""
     for k in range(len(form.leader)):
         if form.prismatic[k]:
-            desk.back[k] = 1.0
+            scratch.back[k] = 1.0
             continue
-        seen = desk.goal if k < middle else desk.T
-        z0, z1, z2 = desk.z[k, 0], desk.z[k, 1], desk.z[k, 2]
-        v0 = seen[0, 3] - back * seen[0, 0] - desk.p[k, 0]
-        v1 = seen[1, 3] - back * seen[1, 0] - desk.p[k, 1]
-        v2 = seen[2, 3] - back * seen[2, 0] - desk.p[k, 2]
+        seen = scratch.goal if k < middle else scratch.T
+        z0, z1, z2 = scratch.z[k, 0], scratch.z[k, 1], scratch.z[k, 2]
+        v0 = seen[0, 3] - back * seen[0, 0] - scratch.p[k, 0]
+        v1 = seen[1, 3] - back * seen[1, 0] - scratch.p[k, 1]
+        v2 = seen[2, 3] - back * seen[2, 0] - scratch.p[k, 2]
         x0, x1, x2 = z1 * v2 - z2 * v1, z2 * v0 - z0 * v2, z0 * v1 - z1 * v0
-        desk.back[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
+        scratch.back[k] = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
 
 
 @inlined
-def rests(form: Form, desk: Desk, radii: Array, middle: int) -> tuple[float, float, float, float]:
+def rests(form: Form, scratch: BoxScratch, radii: Array, middle: int) -> tuple[float, float, float, float]:
     """Rests of the Taylor polynomials of degrees one and two: of the point, the columns, the point, the columns.
 
     Of the hand from joint `middle` on outwards, of the goal from there back to the base. The radii are those of the point.
@@ -112,7 +112,7 @@ def rests(form: Form, desk: Desk, radii: Array, middle: int) -> tuple[float, flo
             k = m - 1 - index
         if index == m - middle:
             spread = 0.0
-        h = desk.half[k]
+        h = scratch.half[k]
         if form.prismatic[k]:
             two_p += h * spread
             three_p += 0.5 * h * spread * spread
@@ -120,80 +120,80 @@ def rests(form: Form, desk: Desk, radii: Array, middle: int) -> tuple[float, flo
         square = 0.5 * h * (h + 2.0 * spread)
         cube = h * (h * h + 3.0 * spread * (h + spread)) / 6.0
         two_p += square * radii[k]
-        two_c += square * desk.s[k]
+        two_c += square * scratch.s[k]
         three_p += cube * radii[k]
-        three_c += cube * desk.s[k]
+        three_c += cube * scratch.s[k]
         spread += h
     return two_p, two_c, three_p, three_c
 
 
 @inlined
-def normal_matrix(form: Form, desk: Desk, weight_p: float, weight_c: float, columns: int) -> None:
+def normal_matrix(form: Form, scratch: BoxScratch, weight_p: float, weight_c: float, columns: int) -> None:
     """Write ``JᵀWJ`` of the point and the columns into N, lower half."""
-    m, dof = len(form.leader), len(desk.c)
+    m, dof = len(form.leader), len(scratch.c)
     for i in range(dof):
         for j in range(dof):
-            desk.N[i, j] = 0.0
+            scratch.N[i, j] = 0.0
     for k in range(m):
         for l in range(k + 1):
             dot = turn = 0.0
             for r in range(3):
-                dot += desk.velocity[k, r] * desk.velocity[l, r]
+                dot += scratch.velocity[k, r] * scratch.velocity[l, r]
                 for i in range(columns):
-                    turn += desk.slopes[k, i, r] * desk.slopes[l, i, r]
+                    turn += scratch.slopes[k, i, r] * scratch.slopes[l, i, r]
             dot = (weight_p * dot + weight_c * turn) * form.multiplier[k] * form.multiplier[l]
             i, j = form.leader[k], form.leader[l]
-            desk.N[max(i, j), min(i, j)] += dot
+            scratch.N[max(i, j), min(i, j)] += dot
             if l != k and i == j:
-                desk.N[i, i] += dot
+                scratch.N[i, i] += dot
 
 
 @inlined
-def step_miss(form: Form, desk: Desk, columns: int) -> None:
-    """Write what the hand misses after the step in ``desk.delta``, to first order, into ``desk.y``."""
+def step_miss(form: Form, scratch: BoxScratch, columns: int) -> None:
+    """Write what the hand misses after the step in ``scratch.delta``, to first order, into ``scratch.y``."""
     for r in range(3):
-        desk.y[r, 3] = desk.T[r, 3] - desk.goal[r, 3]
+        scratch.y[r, 3] = scratch.T[r, 3] - scratch.goal[r, 3]
         for i in range(columns):
-            desk.y[r, i] = desk.T[r, i] - desk.goal[r, i]
+            scratch.y[r, i] = scratch.T[r, i] - scratch.goal[r, i]
     for k in range(len(form.leader)):
-        step = form.multiplier[k] * desk.delta[form.leader[k]]
+        step = form.multiplier[k] * scratch.delta[form.leader[k]]
         for r in range(3):
-            desk.y[r, 3] += step * desk.velocity[k, r]
+            scratch.y[r, 3] += step * scratch.velocity[k, r]
             for i in range(columns):
-                desk.y[r, i] += step * desk.slopes[k, i, r]
+                scratch.y[r, i] += step * scratch.slopes[k, i, r]
 
 
 @inlined
-def weight_miss(desk: Desk, weight_p: float, weight_c: float, columns: int) -> None:
-    """Multiply point and columns of ``desk.y`` by their weights."""
+def weight_miss(scratch: BoxScratch, weight_p: float, weight_c: float, columns: int) -> None:
+    """Multiply point and columns of ``scratch.y`` by their weights."""
     for r in range(3):
-        desk.y[r, 3] *= weight_p
+        scratch.y[r, 3] *= weight_p
         for i in range(columns):
-            desk.y[r, i] *= weight_c
+            scratch.y[r, i] *= weight_c
 
 
 @inlined
-def slope(form: Form, desk: Desk, columns: int, out: Array) -> None:
-    """Write ``Jᵀ y`` of the form in ``desk.y`` into `out`, (n,)."""
+def slope(form: Form, scratch: BoxScratch, columns: int, out: Array) -> None:
+    """Write ``Jᵀ y`` of the form in ``scratch.y`` into `out`, (n,)."""
     for i in range(len(out)):
         out[i] = 0.0
     for k in range(len(form.leader)):
         total = 0.0
         for r in range(3):
-            total += desk.velocity[k, r] * desk.y[r, 3]
+            total += scratch.velocity[k, r] * scratch.y[r, 3]
             for i in range(columns):
-                total += desk.slopes[k, i, r] * desk.y[r, i]
+                total += scratch.slopes[k, i, r] * scratch.y[r, i]
         out[form.leader[k]] += form.multiplier[k] * total
 
 
 @inlined
-def downhill(form: Form, desk: Desk, weight_p: float, weight_c: float, columns: int) -> None:
-    """Write ``-JᵀWf`` of what the hand misses into ``desk.delta``."""
-    for i in range(len(desk.delta)):
-        desk.delta[i] = 0.0
-    step_miss(form, desk, columns)
-    weight_miss(desk, -weight_p, -weight_c, columns)
-    slope(form, desk, columns, desk.delta)
+def downhill(form: Form, scratch: BoxScratch, weight_p: float, weight_c: float, columns: int) -> None:
+    """Write ``-JᵀWf`` of what the hand misses into ``scratch.delta``."""
+    for i in range(len(scratch.delta)):
+        scratch.delta[i] = 0.0
+    step_miss(form, scratch, columns)
+    weight_miss(scratch, -weight_p, -weight_c, columns)
+    slope(form, scratch, columns, scratch.delta)
 
 
 @inlined
@@ -227,48 +227,52 @@ def solve(N: Array, D: Array, x: Array) -> None:
 
 
 @inlined
-def derivatives(form: Form, desk: Desk, middle: int, columns: int) -> None:
+def derivatives(form: Form, scratch: BoxScratch, middle: int, columns: int) -> None:
     """First and second derivatives of ``y·f`` by the variables, at the centre, as seen halfway.
 
     For joints l ≤ k behind `middle` ``∂²/∂q_l∂q_k = z_l·u_k``, with ``u_k = (Σ c y_cᵀ + v_k y_pᵀ) z_k - (Σ c·y_c + v_k·y_p)
     z_k`` and v_k from axis k to the point. Before it the goal moves, backwards: the same of the goal's point and columns,
     with a minus and k ≤ l. One joint before and one behind do not meet.
     """
-    m, dof, y = len(form.leader), len(desk.c), desk.y
+    m, dof, y = len(form.leader), len(scratch.c), scratch.y
     for i in range(dof):
-        desk.g[i] = 0.0
+        scratch.g[i] = 0.0
         for j in range(dof):
-            desk.H[i, j] = 0.0
+            scratch.H[i, j] = 0.0
     y0, y1, y2 = y[0, 3], y[1, 3], y[2, 3]
     for k in range(m):
-        seen = desk.goal if k < middle else desk.T
-        z0, z1, z2 = desk.z[k, 0], desk.z[k, 1], desk.z[k, 2]
+        seen = scratch.goal if k < middle else scratch.T
+        z0, z1, z2 = scratch.z[k, 0], scratch.z[k, 1], scratch.z[k, 2]
         a = form.leader[k]
-        slope = desk.velocity[k, 0] * y0 + desk.velocity[k, 1] * y1 + desk.velocity[k, 2] * y2
+        slope = scratch.velocity[k, 0] * y0 + scratch.velocity[k, 1] * y1 + scratch.velocity[k, 2] * y2
         if form.prismatic[k]:
             u0, u1, u2 = z1 * y2 - z2 * y1, z2 * y0 - z0 * y2, z0 * y1 - z1 * y0
         else:
-            v0, v1, v2 = seen[0, 3] - desk.p[k, 0], seen[1, 3] - desk.p[k, 1], seen[2, 3] - desk.p[k, 2]
+            v0, v1, v2 = (
+                seen[0, 3] - scratch.p[k, 0],
+                seen[1, 3] - scratch.p[k, 1],
+                seen[2, 3] - scratch.p[k, 2],
+            )
             force, diagonal = y0 * z0 + y1 * z1 + y2 * z2, v0 * y0 + v1 * y1 + v2 * y2
             u0, u1, u2 = force * v0, force * v1, force * v2
             for i in range(columns):
                 c = 0.0
                 for r in range(3):
-                    slope += y[r, i] * desk.slopes[k, i, r]
-                    c += y[r, i] * desk.z[k, r]
+                    slope += y[r, i] * scratch.slopes[k, i, r]
+                    c += y[r, i] * scratch.z[k, r]
                     diagonal += y[r, i] * seen[r, i]
                 u0 += c * seen[0, i]
                 u1 += c * seen[1, i]
                 u2 += c * seen[2, i]
             u0, u1, u2 = u0 - diagonal * z0, u1 - diagonal * z1, u2 - diagonal * z2
-        desk.g[a] += form.multiplier[k] * slope
+        scratch.g[a] += form.multiplier[k] * slope
         begin, end, sign = (k, middle, -1.0) if k < middle else (middle, k + 1, 1.0)
         for l in range(begin, end):
             if form.prismatic[l]:
                 continue
-            second = desk.z[l, 0] * u0 + desk.z[l, 1] * u1 + desk.z[l, 2] * u2
+            second = scratch.z[l, 0] * u0 + scratch.z[l, 1] * u1 + scratch.z[l, 2] * u2
             second *= sign * form.multiplier[k] * form.multiplier[l]
             b = form.leader[l]
-            desk.H[a, b] += second
+            scratch.H[a, b] += second
             if l != k:
-                desk.H[b, a] += second
+                scratch.H[b, a] += second

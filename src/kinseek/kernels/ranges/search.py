@@ -16,7 +16,7 @@ from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import POLISH_STEPS, judge_by_ranges
 from kinseek.kernels.atlas.ending import reweigh
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.memory import desk_size, make_desk
+from kinseek.kernels.atlas.memory import make_scratch, scratch_size
 from kinseek.kernels.atlas.near import load_near
 from kinseek.kernels.atlas.one_goal import routines, search_near
 from kinseek.kernels.atlas.samples import complete_seed
@@ -40,7 +40,7 @@ from kinseek.kernels.entry import F64, FLAG, I64
 from kinseek.kernels.jit import entry, routine
 from kinseek.kernels.pointers import part1, part2
 
-from .steps import POSES, make_range_desk, range_desk_size, range_step_routine
+from .steps import POSES, make_range_scratch, range_scratch_size, range_step_routine
 
 
 @routine("int64(int64, int64, int64, int64, int64, int64, int64)")
@@ -59,29 +59,29 @@ def range_starts_routine(
     """
     task = task_of(handle_at(handle_address), part1(wanted_address, 0, WANTED))
     dof, joints = len(task.lower), len(task.chain.leader)
-    desk = make_desk(part1(memory_address, 0, desk_size(dof, joints)), dof, joints)
-    ranges, chain = make_range_desk(memory_address, dof, joints), task.chain
+    scratch = make_scratch(part1(memory_address, 0, scratch_size(dof, joints)), dof, joints)
+    ranges, chain = make_range_scratch(memory_address, dof, joints), task.chain
     used, first = ranges.used, 0
     if close != 0 and begin == 0:
         first = 1
-        load_near(task, desk, part1(near_address, 0, dof))
-        desk.state[0] = 0
+        load_near(task, scratch, part1(near_address, 0, dof))
+        scratch.state[0] = 0
     for l in range(first, LANES):
-        desk.state[l] = 2
+        scratch.state[l] = 2
     for l in range(first, LANES):
         if begin >= POSES:
             break
-        found, taken = look_up(task, desk, ranges.poses[3 * begin : 3 * begin + 3], most), -1
+        found, taken = look_up(task, scratch, ranges.poses[3 * begin : 3 * begin + 3], most), -1
         for k in range(found):
-            i, fresh = desk.neighbour[k], True
+            i, fresh = scratch.neighbour[k], True
             for j in range(len(used)):
                 fresh = fresh and used[j] != i
             if fresh and complete_seed(
-                task.atlas, task.division, desk.seen, i, chain.lower, chain.upper, MARGIN, desk.seed
+                task.atlas, task.division, scratch.seen, i, chain.lower, chain.upper, MARGIN, scratch.seed
             ):
                 taken = i
-                load_seed(desk.lanes, l, desk.seed)
-                desk.state[l] = 0
+                load_seed(scratch.lanes, l, scratch.seed)
+                scratch.state[l] = 0
                 break
         used[begin if most == MORE else POSES + begin] = taken
         begin += 1
@@ -95,10 +95,10 @@ def range_judge_routine(
     """See `descent.judge_by_ranges`."""
     task = task_of(handle_at(handle_address), part1(wanted_address, 0, WANTED))
     dof, joints = len(task.lower), len(task.chain.leader)
-    desk = make_desk(part1(memory_address, 0, desk_size(dof, joints)), dof, joints)
-    ranges, report = make_range_desk(memory_address, dof, joints), part1(report_address, 0, EVALUATIONS)
-    forward(task.chain, part1(q_address, 0, dof), desk.spare)
-    deviation(desk.spare, ranges.question, ranges.out, ranges.work)
+    scratch = make_scratch(part1(memory_address, 0, scratch_size(dof, joints)), dof, joints)
+    ranges, report = make_range_scratch(memory_address, dof, joints), part1(report_address, 0, EVALUATIONS)
+    forward(task.chain, part1(q_address, 0, dof), scratch.spare)
+    deviation(scratch.spare, ranges.question, ranges.out, ranges.work)
     place, turn = range_errors(ranges.out, ranges.question)
     report[POSITION_ERROR], report[ORIENTATION_ERROR] = place, turn
     report[WEIGHTED_ERROR] = range_weighted(task.position_weight, task.axis_weights[0], place, turn)
@@ -113,9 +113,9 @@ def range_ending_routine(
     handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
-    memory, target = part1(memory_address, 0, desk_size(dof, joints)), part2(target_address, 0, 3, 4)
-    desk, job = make_desk(memory, dof, joints), Job(handle, wanted, memory)
-    return reweigh(job, task, desk, target, task.axis_weights[0], POLISH_STEPS, w)
+    memory, target = part1(memory_address, 0, scratch_size(dof, joints)), part2(target_address, 0, 3, 4)
+    scratch, job = make_scratch(memory, dof, joints), Job(handle, wanted, memory)
+    return reweigh(job, task, scratch, target, task.axis_weights[0], POLISH_STEPS, w)
 
 
 def range_routines() -> Indices:
@@ -164,8 +164,8 @@ def solve_ranged(
     """
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
-    memory = np.zeros(desk_size(dof, joints) + range_desk_size(dof, joints))
-    job, ranges = Job(handle, wanted, memory), make_range_desk(memory.ctypes.data, dof, joints)
+    memory = np.zeros(scratch_size(dof, joints) + range_scratch_size(dof, joints))
+    job, ranges = Job(handle, wanted, memory), make_range_scratch(memory.ctypes.data, dof, joints)
     address, width = results.ctypes.data, dof + EVALUATIONS + 1
     for i in range(len(questions)):
         # Nothing of one goal is left for the next: the same bits whatever else is in the batch.

@@ -34,7 +34,7 @@ from kinseek.kernels.atlas.lanes import (
     lanes_move,
     lanes_solve,
 )
-from kinseek.kernels.atlas.memory import Desk, desk_size, make_desk
+from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
 from kinseek.kernels.atlas.task import WANTED, Task, handle_at, task_of
 from kinseek.kernels.jit import array_view, inlined, routine
 from kinseek.kernels.layout import Layout, floats, whole
@@ -58,8 +58,8 @@ NEARLY_STRAIGHT = 1e-6
 is a sixtieth of that square."""
 
 
-class RangeDesk(NamedTuple):
-    """Memory of a goal with ranges, behind the desk of its call."""
+class RangeScratch(NamedTuple):
+    """Memory of a goal with ranges, behind the scratch memory of its call."""
 
     question: Array
     """The goal, see `range_error.FRAME`, (QUESTION,)."""
@@ -76,7 +76,7 @@ class RangeDesk(NamedTuple):
 
 
 LAYOUT = Layout(
-    RangeDesk,
+    RangeScratch,
     question=floats(QUESTION),
     poses=floats(3 * POSES, 4),
     used=whole(2 * POSES),
@@ -87,13 +87,13 @@ LAYOUT = Layout(
 """Where it stands in memory."""
 
 
-range_desk_size, lay_range_desk = LAYOUT.size, LAYOUT.make
+range_scratch_size, lay_range_scratch = LAYOUT.size, LAYOUT.make
 
 
 @array_view
-def make_range_desk(memory_address: int, dof: int, joints: int) -> RangeDesk:
-    """Lay it out behind the desk, in a memory of `desk_size` and `range_desk_size` numbers."""
-    ranges: RangeDesk = lay_range_desk(memory_address + 8 * desk_size(dof, joints), dof, joints)
+def make_range_scratch(memory_address: int, dof: int, joints: int) -> RangeScratch:
+    """Lay it out behind the scratch memory, in a memory of `scratch_size` and `range_scratch_size` numbers."""
+    ranges: RangeScratch = lay_range_scratch(memory_address + 8 * scratch_size(dof, joints), dof, joints)
     return ranges
 
 
@@ -136,12 +136,12 @@ def past_the_half_turn(out: Array, question: Array) -> None:
 
 
 @inlined
-def rows_of(task: Task, desk: Desk, ranges: RangeDesk, l: int) -> None:
+def rows_of(task: Task, scratch: Scratch, ranges: RangeScratch, l: int) -> None:
     """Residual, errors and rows of lane l at its pose."""
     W, question, lanes, rows, out, work = (
         LANES,
         ranges.question,
-        desk.lanes,
+        scratch.lanes,
         ranges.rows,
         ranges.out,
         ranges.work,
@@ -149,8 +149,8 @@ def rows_of(task: Task, desk: Desk, ranges: RangeDesk, l: int) -> None:
     F = question[FRAME:LOW]
     for r in range(3):
         for c in range(4):
-            desk.spare[r, c] = lanes.pose[(4 * r + c) * W + l]
-    deviation(desk.spare, question, out, work)
+            scratch.spare[r, c] = lanes.pose[(4 * r + c) * W + l]
+    deviation(scratch.spare, question, out, work)
     place, turn = range_errors(out, question)
     lanes.error[l], lanes.error[W + l], lanes.error[2 * W + l] = place * place, turn * turn, 0.0
     total, hold, swings = 0.0, l % 2 == 1, question[SWINGS] != 0.0
@@ -223,16 +223,16 @@ def range_step_routine(
     """See `descent.iterate`."""
     task = task_of(handle_at(handle_address), part1(wanted_address, 0, WANTED))
     dof, joints = len(task.lower), len(task.chain.leader)
-    desk = make_desk(part1(memory_address, 0, desk_size(dof, joints)), dof, joints)
-    ranges, lanes = make_range_desk(memory_address, dof, joints), desk.lanes
+    scratch = make_scratch(part1(memory_address, 0, scratch_size(dof, joints)), dof, joints)
+    ranges, lanes = make_range_scratch(memory_address, dof, joints), scratch.lanes
     if move:
         lanes_jacobian(task.chain.leader, task.links, lanes, 0.0, w)
         turn_rows(lanes, ranges.rows, w)
         lanes_hold(task.lower, task.upper, lanes, w)
-        lanes_gram(desk.damping[0], desk.floor, lanes, w)
+        lanes_gram(scratch.damping[0], scratch.floor, lanes, w)
         lanes_solve(lanes, w)
         lanes_move(task.lower, task.upper, LONGEST, lanes, w)
     lanes_forward(task.chain.leader, task.links, lanes, w)
     for l in range(LANES):
-        rows_of(task, desk, ranges, l)
+        rows_of(task, scratch, ranges, l)
     return 0

@@ -9,7 +9,7 @@ import numpy as np
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.atlas.descent import descend_lanes, goal_of, start
 from kinseek.kernels.atlas.lanes import LANES, Lanes
-from kinseek.kernels.atlas.memory import Desk
+from kinseek.kernels.atlas.memory import Scratch
 from kinseek.kernels.atlas.one_goal import CORRECTIONS, finish
 from kinseek.kernels.atlas.seeds import copy_joints, load_seed, turns_fully
 from kinseek.kernels.atlas.task import ORIENTATION_ERROR, POSITION_ERROR, Job, Task
@@ -90,12 +90,12 @@ def place(task: Task, near: Array, close: bool, work: Array, w: int) -> None:
 
 
 @inlined
-def order_candidates(task: Task, desk: Desk, given: float, near: Array, close: bool, w: int) -> bool:
-    """Write the candidates for what all joints make, in `desk.between`, into the desk, for `take_candidate`.
+def order_candidates(task: Task, scratch: Scratch, given: float, near: Array, close: bool, w: int) -> bool:
+    """Write the candidates for what all joints make, in `scratch.between`, into the scratch memory, for `take_candidate`.
 
     Args:
         task: The task.
-        desk: See above; receives what the joints behind one in front make in `spare`.
+        scratch: See above; receives what the joints behind one in front make in `spare`.
         given: The value of that joint.
         near: See `place`.
         close: See `place`.
@@ -106,9 +106,9 @@ def order_candidates(task: Task, desk: Desk, given: float, near: Array, close: b
         one; nor under loose tolerances.
     """
     # Memory of a look-up, which comes later if at all.
-    S, work = task.structure, desk.distance
-    taken_off(S, desk.between, given, desk.spare)
-    candidates(S, desk.spare, INFEASIBLE + SPREAD * S[DEVIATION], work, w)
+    S, work = task.structure, scratch.distance
+    taken_off(S, scratch.between, given, scratch.spare)
+    candidates(S, scratch.spare, INFEASIBLE + SPREAD * S[DEVIATION], work, w)
     sure = max(task.position_tolerance, task.orientation_tolerance) <= LOOSE
     for l in range(LANES):
         sure = sure and work[CONDITIONING * LANES + l] >= FREE and work[DISCRIMINANT * LANES + l] >= CLEAR
@@ -118,9 +118,9 @@ def order_candidates(task: Task, desk: Desk, given: float, near: Array, close: b
 
 
 @inlined
-def take_candidate(task: Task, desk: Desk, q: Array) -> int:
+def take_candidate(task: Task, scratch: Scratch, q: Array) -> int:
     """Write the nearest candidate that is left into q, (n,), and return its lane; -1 where there is none."""
-    work, best, dof = desk.distance, 0, len(q)
+    work, best, dof = scratch.distance, 0, len(q)
     for l in range(1, LANES):
         best = l if work[COST * LANES + l] < work[COST * LANES + best] else best
     if work[COST * LANES + best] == np.inf:
@@ -132,12 +132,12 @@ def take_candidate(task: Task, desk: Desk, q: Array) -> int:
 
 
 @inlined
-def first_that_reaches(task: Task, desk: Desk, target: Array, near: Array, q: Array) -> int:
+def first_that_reaches(task: Task, scratch: Scratch, target: Array, near: Array, q: Array) -> int:
     """Write the nearest candidate that reaches the target, (3, 4), by plain forward kinematics, into q, (n,).
 
     Args:
         task: The task.
-        desk: The candidates, as `place` leaves them; `bound` receives the report on the last that was looked at.
+        scratch: The candidates, as `place` leaves them; `bound` receives the report on the last that was looked at.
         target: (3, 4), lengths in [m].
         near: See `place`.
         q: Receives the last candidate that was looked at.
@@ -145,11 +145,11 @@ def first_that_reaches(task: Task, desk: Desk, target: Array, near: Array, q: Ar
     Returns:
         How many were judged; as many less than 0 if none reaches the target.
     """
-    judged, report = 0, desk.bound  # Memory of a look-up; `batch.run_closed` reads it too.
+    judged, report = 0, scratch.bound  # Memory of a look-up; `batch.run_closed` reads it too.
     for _ in range(LANES):
-        if take_candidate(task, desk, q) < 0:
+        if take_candidate(task, scratch, q) < 0:
             break
-        finish(task, desk, goal_of(task, target), near, q, report)
+        finish(task, scratch, goal_of(task, target), near, q, report)
         judged += 1
         position, orientation = report[POSITION_ERROR], report[ORIENTATION_ERROR]
         if position <= task.position_tolerance and orientation <= task.orientation_tolerance:
@@ -158,9 +158,9 @@ def first_that_reaches(task: Task, desk: Desk, target: Array, near: Array, q: Ar
 
 
 @inlined
-def take_start(task: Task, desk: Desk, q: Array) -> bool:
+def take_start(task: Task, scratch: Scratch, q: Array) -> bool:
     """Write the nearest candidate that is left into q, (n,), inside the limits; say whether there was one."""
-    if take_candidate(task, desk, q) < 0:
+    if take_candidate(task, scratch, q) < 0:
         return False
     for i in range(len(q)):
         q[i] = min(max(q[i], task.lower[i]), task.upper[i])
@@ -178,7 +178,7 @@ def clear_lanes(lanes: Lanes) -> None:
 
 
 @inlined
-def first_that_converges(job: Job, task: Task, desk: Desk, target: Array, q: Array, w: int) -> int:
+def first_that_converges(job: Job, task: Task, scratch: Scratch, target: Array, q: Array, w: int) -> int:
     """Refine the candidates of a nearby arm side by side; write the nearest that becomes an answer into q, (n,).
 
     `batch.run_lanes` does the same with one of them at a time.
@@ -186,7 +186,7 @@ def first_that_converges(job: Job, task: Task, desk: Desk, target: Array, q: Arr
     Args:
         job: The task by address.
         task: The task.
-        desk: The candidates, as `place` leaves them.
+        scratch: The candidates, as `place` leaves them.
         target: (3, 4), lengths in [m].
         q: Receives the answer, or else the last candidate.
         w: LANES.
@@ -194,22 +194,22 @@ def first_that_converges(job: Job, task: Task, desk: Desk, target: Array, q: Arr
     Returns:
         FK evaluations spent; as many less than 0 if none becomes an answer, 0 if there is no candidate.
     """
-    start(task, desk, target)
-    clear_lanes(desk.lanes)
+    start(task, scratch, target)
+    clear_lanes(scratch.lanes)
     spent = 0
     # Nearly always the first becomes one, and the others need not be brought into their lanes.
     for most in (1, LANES):
         loaded = 0
         for l in range(LANES):
-            desk.state[l] = 2
-            if loaded < most and take_start(task, desk, q):
-                load_seed(desk.lanes, l, q)
-                desk.state[l], loaded = 0, loaded + 1
+            scratch.state[l] = 2
+            if loaded < most and take_start(task, scratch, q):
+                load_seed(scratch.lanes, l, q)
+                scratch.state[l], loaded = 0, loaded + 1
         if loaded == 0:
             break
-        lane, made = descend_lanes(job, task, desk, CORRECTIONS, False, w)
+        lane, made = descend_lanes(job, task, scratch, CORRECTIONS, False, w)
         spent += (made + 1) * loaded
         if lane >= 0:
-            copy_joints(desk.found, lane, q)
+            copy_joints(scratch.found, lane, q)
             return spent
     return -spent

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from kinseek.kernels.atlas.descent import FIRST_STEPS
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.memory import desk_size, make_desk
+from kinseek.kernels.atlas.memory import make_scratch, scratch_size
 from kinseek.kernels.atlas.one_goal import CORRECTIONS, NEAREST, OFFER
 from kinseek.kernels.atlas.seeds import middle
 from kinseek.kernels.atlas.task import WANTED, Job, handle_at, task_of
@@ -39,7 +39,7 @@ def closed_routine(
     Args:
         handle_address: As `one_goal.search_routine`.
         wanted_address: As there.
-        memory_address: As there; the desk is as a look-up leaves it.
+        memory_address: As there; the scratch memory is as a look-up leaves it.
         target_address: As there.
         near_address: Where the arm is, (n,), if the nearest answer is asked for.
         asked: MIDMOST: the answer nearest to the middle of the ranges comes first; NEAREST: that nearest to `near`. From
@@ -55,18 +55,18 @@ def closed_routine(
     handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
     task = task_of(handle, wanted)
     dof, joints = len(task.lower), len(task.chain.leader)
-    memory = part1(memory_address, 0, desk_size(dof, joints))
+    memory = part1(memory_address, 0, scratch_size(dof, joints))
     target, q, near = part2(target_address, 0, 3, 4), part1(q_address, 0, dof), part1(near_address, 0, dof)
-    desk, S, close = make_desk(memory, dof, joints), task.structure, asked == NEAREST
+    scratch, S, close = make_scratch(memory, dof, joints), task.structure, asked == NEAREST
     values, spent, value, led, skip = int(S[SWEPT]), 0, 0.0, 0, asked - OFFER
     # Of a nearby arm the closed form may lack an answer at a limit, and with it the nearest; values of a joint are many.
     if S[KIND] == NONE or (close and (task.exact == 0 or values > 0)):
         return 0
     if not close:
-        middle(task, desk.seed)
-        near = desk.seed
-    displacement(S, target, desk.between)
-    ahead = direction(S, desk.between) if values > 0 else 0.0
+        middle(task, scratch.seed)
+        near = scratch.seed
+    displacement(S, target, scratch.between)
+    ahead = direction(S, scratch.between) if values > 0 else 0.0
     # Last come the ends of its range: where few answers are left, they often stand there.
     for k in range(values + 2 if values > 0 else 1):
         if spent > ENOUGH or led == LED:
@@ -79,20 +79,20 @@ def closed_routine(
             )
             if not inside:
                 continue
-        sure = order_candidates(task, desk, value, near, close, w)
+        sure = order_candidates(task, scratch, value, near, close, w)
         if asked >= OFFER:
             offered = 0
-            while offered < LANES and take_start(task, desk, q):
+            while offered < LANES and take_start(task, scratch, q):
                 if skip == 0:
                     return 1
                 offered, skip = offered + 1, skip - 1
             led += 1 if offered > 0 else 0
             continue
         if task.exact == 0:
-            more = first_that_converges(Job(handle, wanted, memory), task, desk, target, q, w)
+            more = first_that_converges(Job(handle, wanted, memory), task, scratch, target, q, w)
             led += 1 if more != 0 else 0
         else:
-            more = first_that_reaches(task, desk, target, near, q)
+            more = first_that_reaches(task, scratch, target, near, q)
         if more > 0:
             spent += more
             # One that was refused may have an answer beside it.

@@ -6,7 +6,7 @@ import numpy as np
 
 from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arrays import Array, Indices
-from kinseek.kernels.atlas.memory import desk_size, make_desk
+from kinseek.kernels.atlas.memory import make_scratch, scratch_size
 from kinseek.kernels.atlas.seeds import middle, restart
 from kinseek.kernels.atlas.task import HANDLE, plain_wanted, task_of
 from kinseek.kernels.entry import F64, I64
@@ -29,19 +29,19 @@ def try_swept_values(handle: Indices, swept_values: Array, told: Indices, w: int
     """
     task = task_of(handle, plain_wanted(handle))
     dof, joints = len(task.lower), len(task.chain.leader)
-    memory = np.zeros(desk_size(dof, joints))
-    desk = make_desk(memory, dof, joints)
-    near, target, q = desk.seed, desk.seen, np.empty(dof)
+    memory = np.zeros(scratch_size(dof, joints))
+    scratch = make_scratch(memory, dof, joints)
+    near, target, q = scratch.seed, scratch.seen, np.empty(dof)
     middle(task, near)
     for t in range(len(told)):
         restart(task, t, q)
         forward(task.chain, q, target)
-        displacement(task.structure, target, desk.between)
-        ahead = direction(task.structure, desk.between)
+        displacement(task.structure, target, scratch.between)
+        ahead = direction(task.structure, scratch.between)
         for k in range(len(swept_values)):
             value, inside = given_value(task, ahead + swept_values[k], near)
             told[t, k] = 0
             if inside:
-                order_candidates(task, desk, value, near, False, w)
-                told[t, k] = 1 if take_candidate(task, desk, q) >= 0 else 0
+                order_candidates(task, scratch, value, near, False, w)
+                told[t, k] = 1 if take_candidate(task, scratch, q) >= 0 else 0
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.

@@ -133,7 +133,7 @@ def _seeds(index: AtlasIndex, problem: Problem, wanted: Array, budget: int) -> l
 
 
 def filled_lanes(memory: Array, dof: int, joints: int) -> list[Array]:
-    """Joint values of the lanes of a desk that are on their way, each (n,)."""
+    """Joint values of the lanes of a scratch memory that are on their way, each (n,)."""
     lanes, state = (LAYOUT.look(path, memory, dof=dof, joints=joints) for path in ("lanes.q", "state"))
     return [np.array(lane) for lane, now in zip(lanes.T, state, strict=True) if now == 0]
 
