@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal, Problem, plots
-from kinseek.kernels.proof.box import Form, Wanted
+from kinseek.kernels.proof.box import Form, ProofGoal
 from kinseek.kernels.proof.last_joint import Roll
 from kinseek.kernels.proof.progress import ENDED
 from kinseek.proof.boxes import enclosed, excluded
@@ -53,13 +53,13 @@ PROVED = (
 )
 
 
-def undivided(problem: Problem) -> tuple[tuple[Form, Wanted, Roll], Array]:
+def undivided(problem: Problem) -> tuple[tuple[Form, ProofGoal, Roll], Array]:
     """The question about both joints of a two-link arm: a position goal, nothing divided out; and its first box, (4,)."""
-    form, wanted, roll = question(problem)
+    form, proof_goal, roll = question(problem)
     fixed = form.fixed.copy()
     fixed[0] = problem.arrays.fixed[0]
     target = np.ascontiguousarray(problem.goal.targets[0])
-    asked = form._replace(fixed=fixed, head=0), wanted._replace(target=target), roll
+    asked = form._replace(fixed=fixed, head=0), proof_goal._replace(target=target), roll
     return asked, start_boxes(problem.chain, False)[0]
 
 

@@ -19,7 +19,7 @@ from kinseek.kernels.atlas.tree import LEAF
 from kinseek.kernels.layout import DOF, JOINTS, Layout, Rows, floats, whole
 from kinseek.kernels.pointers import ROW
 from kinseek.kinds import POSE
-from kinseek.solvers.atlas.index import PLAIN, AtlasIndex, wanted_of
+from kinseek.solvers.atlas.index import PLAIN, AtlasIndex, tolerances_of
 
 Array = NDArray[np.float64]
 
@@ -146,8 +146,8 @@ def _index() -> AtlasIndex:
 
 def test_a_task_views_the_arrays_it_is_made_of(index: AtlasIndex) -> None:
     chain, atlas = kinseek.load("ur10e_rail").chain.arrays, index.sorted
-    wanted = np.arange(7.0)
-    task = task_of(index._addresses, wanted)
+    tolerances = np.arange(7.0)
+    task = task_of(index._addresses, tolerances)
     for bundle, made_of in ((task.chain, chain), (task.atlas.tree, atlas.tree), (task.atlas, atlas)):
         for name, array in zip(bundle._fields, bundle, strict=True):
             if isinstance(array, np.ndarray):
@@ -168,8 +168,8 @@ def test_numbers_of_a_handle_that_stand_alone(index: AtlasIndex) -> None:
     handle = index._addresses
     assert len(handle) == task.ARRAYS * ROW
     assert inlined(task.lanes_of)(handle) == LANES
-    np.testing.assert_array_equal(inlined(task.plain_wanted)(handle), PLAIN)
-    np.testing.assert_array_equal(PLAIN, wanted_of(Goal.pose(np.eye(4))))
+    np.testing.assert_array_equal(inlined(task.plain_tolerances)(handle), PLAIN)
+    np.testing.assert_array_equal(PLAIN, tolerances_of(Goal.pose(np.eye(4))))
     addresses = [inlined(task.routine_at)(handle, k) for k in range(len(index._routines))]
     np.testing.assert_array_equal(addresses, index._routines)
     np.testing.assert_array_equal(inlined(task.handle_at)(handle.ctypes.data), handle)

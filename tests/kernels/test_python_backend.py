@@ -62,7 +62,7 @@ from kinseek.proof.boxes import enclosed, excluded
 from kinseek.proof.look import look
 from kinseek.proof.reduce import error_question, question
 from kinseek.proof.shoulder import bounded_by_ball
-from kinseek.solvers.atlas.index import PLAIN as PLAIN_WANTED
+from kinseek.solvers.atlas.index import PLAIN as PLAIN_TOLERANCES
 from kinseek.solvers.atlas.index import AtlasIndex
 
 Array = NDArray[np.float64]
@@ -132,7 +132,7 @@ def asked(name: str) -> Any:
     T, told = np.concatenate([targets(arm, 6), away(arm)[None]])[:, :3], np.empty(7, dtype=np.int64)
     index = AtlasIndex(arm.chain, POSE, arm.chain.arrays, 64)
     left = many_closed(
-        index.handle, PLAIN_WANTED, arm.structure.numbers, np.ascontiguousarray(T), told, LANES
+        index.handle, PLAIN_TOLERANCES, arm.structure.numbers, np.ascontiguousarray(T), told, LANES
     )
     return left, told
 
@@ -299,12 +299,14 @@ def many_poses(name: str) -> Any:
     poses = chain.forward(q)
     targets = np.ascontiguousarray(poses[:, :3])
     near, left = q + 0.01, np.empty(count)
-    settle_many(index.handle, PLAIN_WANTED, targets, chain.lower, chain.upper, 8, near, left, LANES)
+    settle_many(index.handle, PLAIN_TOLERANCES, targets, chain.lower, chain.upper, 8, near, left, LANES)
     followed, ends = [], np.zeros(LANES, dtype=np.int64)
     for begin, end in ((0, count - 1), (count - 1, 0)):
         rows = np.zeros((count, LANES, chain.dof))
         rows[begin, :2] = q[begin]
-        trace(index.handle, PLAIN_WANTED, targets, begin, end, 2, np.full(chain.dof, 0.5), rows, ends, LANES)
+        trace(
+            index.handle, PLAIN_TOLERANCES, targets, begin, end, 2, np.full(chain.dof, 0.5), rows, ends, LANES
+        )
         followed += [rows[:, :2].copy(), ends.copy()]
         spans, became = np.array([[1, count - 2], [0, count - 1]]), np.zeros(2, dtype=np.int64)
         both = np.stack([rows[:, 0] + 1e-7, rows[:, 0]], axis=1)
@@ -314,11 +316,11 @@ def many_poses(name: str) -> Any:
     state[LOWER], state[UPPER], state[REACH], state[NOW] = chain.lower, chain.upper, 0.03, q[0]
     memory = np.zeros(DESK.count.of(dof=chain.dof, joints=len(chain.leader)))
     steps = [
-        servo_step(index.address, PLAIN_WANTED, np.ascontiguousarray(T), memory, state)
+        servo_step(index.address, PLAIN_TOLERANCES, np.ascontiguousarray(T), memory, state)
         for T in (poses[1], poses[-1], 2 * poses[0])
     ]
     ahead = look_ahead(
-        index.address, PLAIN_WANTED, np.concatenate([poses, poses[:1] @ poses]), 1e-3, 1e-2, memory, state
+        index.address, PLAIN_TOLERANCES, np.concatenate([poses, poses[:1] @ poses]), 1e-3, 1e-2, memory, state
     )
     steered = [step[:2] for step in steps[:2]], [step[2] for step in steps], list(ahead), state[NOW].copy()
     return near, *followed, *steered
@@ -339,7 +341,7 @@ def spare_layers(name: str) -> Any:
         found, along = np.zeros((2, 10, n))
         count = gather(
             index.handle,
-            PLAIN_WANTED,
+            PLAIN_TOLERANCES,
             targets[row],
             given,
             1,
@@ -357,7 +359,7 @@ def spare_layers(name: str) -> Any:
     ahead, along = np.zeros((2, len(here), n))
     told = np.zeros((len(here), 1 + 2 * n))
     moments, leaps = np.arange(0.0, 8.0, 2.0), np.full(n, 0.5)
-    lead_on(index.handle, PLAIN_WANTED, targets, moments, leaps, one, here, ahead, told, along, LANES)
+    lead_on(index.handle, PLAIN_TOLERANCES, targets, moments, leaps, one, here, ahead, told, along, LANES)
     fault, sums, came = (
         np.zeros(len(there), dtype=np.int64),
         np.zeros(len(there)),

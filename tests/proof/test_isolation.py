@@ -255,14 +255,14 @@ def contraction_fails(chain: SerialChain, rng: np.random.Generator, trust: float
         position_tolerance=place,
         orientation_tolerance=angle,
     )
-    form, wanted, roll = question(Problem(chain, goal), trust)
+    form, proof_goal, roll = question(Problem(chain, goal), trust)
     count = chain.dof - int(roll.present)
     if count == 0:
         return 0
     sizes = 10.0 ** rng.uniform(-3, -0.3, (40, 1))
     delta = rng.uniform(-1, 1, (40, count)) * sizes * (rng.random((40, count)) < rng.uniform(0.2, 1))
     half = np.abs(delta) + 1e-15
-    reach = contractions(form, wanted, np.ascontiguousarray(np.hstack([q[:count] - delta, half])))
+    reach = contractions(form, proof_goal, np.ascontiguousarray(np.hstack([q[:count] - delta, half])))
     return int((reach < np.abs(delta) - 1e-13).any(axis=1).sum())
 
 

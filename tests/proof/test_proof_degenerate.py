@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 import kinseek
 from kinseek import Goal, Problem, Verdict
 from kinseek.kernels.jit import exposed
-from kinseek.kernels.proof.box import NARROW, Wanted, make_box_scratch
+from kinseek.kernels.proof.box import NARROW, ProofGoal, make_box_scratch
 from kinseek.kernels.proof.last_joint import best_twist, twist_noise, twist_slack
 from kinseek.kernels.proof.progress import FOUND, STOPPED
 from kinseek.kernels.proof.taylor import solve
@@ -155,17 +155,17 @@ def test_wide_tolerances_of_the_turn_lose_nothing(angle: float, axis: str) -> No
     assert prove(problem, answer=poor(problem, [0.0, 0.0])).verdict is Verdict.REACHABLE
 
 
-def question_of(margin: float = MARGIN) -> Wanted:
-    nothing: dict[str, Any] = dict.fromkeys(Wanted._fields, 0.0) | dict.fromkeys(
+def question_of(margin: float = MARGIN) -> ProofGoal:
+    nothing: dict[str, Any] = dict.fromkeys(ProofGoal._fields, 0.0) | dict.fromkeys(
         ("target", "last"), np.zeros((3, 4))
     )
-    return Wanted(**nothing | {"trust": 1.0, "margin_a": margin})
+    return ProofGoal(**nothing | {"trust": 1.0, "margin_a": margin})
 
 
 @pytest.mark.jit
 def test_the_slack_of_a_twist_holds_where_the_axis_points_backwards() -> None:
     """A cosine that is off by the margin must not make the slack too small, nor a turn of the others escape it."""
-    slack, rng, wanted = exposed(twist_slack), np.random.default_rng(4), question_of()
+    slack, rng, proof_goal = exposed(twist_slack), np.random.default_rng(4), question_of()
     for _ in range(4000):
         lean = np.pi - 10.0 ** rng.uniform(-7, 0.4)
         omega = 10.0 ** rng.uniform(-9, 0.4)
@@ -178,7 +178,7 @@ def test_the_slack_of_a_twist_holds_where_the_axis_points_backwards() -> None:
         twist = np.arctan2(other[1, 0] - other[0, 1], other[0, 0] + other[1, 1])
         off = abs((twist - turn + np.pi) % (2 * np.pi) - np.pi)
         cosine = 2 * square - 1 + rng.choice([-1, 0, 1]) * 1.9 * MARGIN
-        bound = slack(wanted, float(omega), float(cosine))
+        bound = slack(proof_goal, float(omega), float(cosine))
         assert off <= bound + 1e-3 * (1e-15 / square), (lean, omega)
         moved = 2 * np.sin(omega / 4)
         assert bound >= min(2 * np.arcsin(min(moved / np.sqrt(square), 1.0)), np.pi) - 1e-15, (lean, omega)
@@ -189,7 +189,7 @@ def test_the_best_twist_and_what_rounding_makes_of_it() -> None:
     """Entries that are off by half the margin turn the best twist by no more than is said."""
     scratch = exposed(make_box_scratch)(2, 2)
     twist, noise, rng = exposed(best_twist), exposed(twist_noise), np.random.default_rng(5)
-    wanted = question_of(1e-9)
+    proof_goal = question_of(1e-9)
     said = 0
     for _ in range(4000):
         lean = rng.choice([0.0, np.pi / 2, np.pi]) + rng.choice([0.0, 10.0 ** rng.uniform(-6, 0)])
@@ -200,7 +200,7 @@ def test_the_best_twist_and_what_rounding_makes_of_it() -> None:
         hand = G @ (rotation(axis, lean) @ rotation(AXES["x"], turn)).T
         scratch.T[:, :3], scratch.goal[:, :3] = hand + rng.uniform(-0.5e-9, 0.5e-9, (3, 3)) / 3, G
         best, dot = twist(scratch)
-        bound = noise(wanted, float(dot))
+        bound = noise(proof_goal, float(dot))
         off = abs((best - turn + np.pi) % (2 * np.pi) - np.pi)
         off = min(off, abs((best + turn + np.pi) % (2 * np.pi) - np.pi))  # Signs are tested elsewhere.
         assert off <= bound + 1e-12, (lean, turn, off, bound)
@@ -214,8 +214,8 @@ def test_halves_of_a_box_hold_all_of_it(kind: str) -> None:
     rng, tried = np.random.default_rng(6), 0
     chain = chain_of((kind, AXES["z"], -1.0, 1.0), ("prismatic", AXES["x"], 0.0, 1.0), tip=(0.5, 0.0, 0.0))
     problem = Problem(chain, Goal.position([0.0, 0.0, 0.0]))
-    form, wanted, roll = question(problem)
-    asked = form, wanted._replace(position=1e11), roll  # So wide that nothing is cut off.
+    form, proof_goal, roll = question(problem)
+    asked = form, proof_goal._replace(position=1e11), roll  # So wide that nothing is cut off.
     for _ in range(2500):
         centre = float(rng.choice([0.0, np.pi, 10.0 ** rng.uniform(-3, 8)]))
         half = float(10.0 ** rng.uniform(-10, 1))

@@ -16,16 +16,16 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import make_scratch, scratch_size
 from kinseek.kernels.atlas.task import Job, task_of
 from kinseek.kernels.ranges.steps import make_range_scratch, range_scratch_size
-from kinseek.solvers.atlas.index import atlas_of, wanted_of
+from kinseek.solvers.atlas.index import atlas_of, tolerances_of
 
 pytestmark = pytest.mark.slow
 
 Array = NDArray[np.float64]
 
 
-def _kept(handle: Any, wanted: Array, target: Array, question: Array, rounds: Array) -> Any:
+def _kept(handle: Any, tolerances: Array, target: Array, question: Array, rounds: Array) -> Any:
     """The eight best of some rounds of eight, (r, LANES, n): their joint values and errors, (LANES, n + 1)."""
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = np.zeros(scratch_size(dof, joints) + range_scratch_size(dof, joints))
     scratch, result = make_scratch(memory, dof, joints), np.empty((LANES, dof + 1))
@@ -39,7 +39,7 @@ def _kept(handle: Any, wanted: Array, target: Array, question: Array, rounds: Ar
             scratch.state[l] = 0
             for i in range(dof):
                 scratch.lanes.q[i, l] = rounds[k, l, i]
-        keep_best(Job(handle, wanted, memory), task, scratch, target)
+        keep_best(Job(handle, tolerances, memory), task, scratch, target)
     for l in range(LANES):
         result[l, dof] = scratch.best_error[l]
         for i in range(dof):
@@ -62,7 +62,7 @@ def test_no_two_of_the_best_are_alike_and_the_best_of_all_is_among_them(boxed: b
     goal = box if boxed else pose
     index = atlas_of(arm.chain, goal)
     handle = index.range_handle if boxed else index.handle
-    best = kept(handle, wanted_of(goal), target[:3], box.questions[0], rounds)
+    best = kept(handle, tolerances_of(goal), target[:3], box.questions[0], rounds)
     filled = best[np.isfinite(best[:, -1])]
     assert len(filled) == 3  # One of each of the three places, though eight would fit.
     for i in range(3):

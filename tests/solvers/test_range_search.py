@@ -14,7 +14,7 @@ from kinseek.kernels.atlas import memory
 from kinseek.kernels.atlas import task as tasks
 from kinseek.kernels.pointers import ROW
 from kinseek.kernels.ranges import steps
-from kinseek.solvers.atlas.index import atlas_of, wanted_of
+from kinseek.solvers.atlas.index import atlas_of, tolerances_of
 
 Array = NDArray[np.float64]
 
@@ -36,8 +36,8 @@ def test_only_the_search_itself_is_shared_of_the_routines() -> None:
 
 
 def test_a_task_with_ranges_says_so() -> None:
-    index, wanted = atlas_of(kinseek.load("scara4").chain, Goal.position((0.2, 0.2, 0.1))), np.arange(7.0)
-    plain, ranged = task_of(index.handle, wanted), task_of(index.range_handle, wanted)
+    index, tolerances = atlas_of(kinseek.load("scara4").chain, Goal.position((0.2, 0.2, 0.1))), np.arange(7.0)
+    plain, ranged = task_of(index.handle, tolerances), task_of(index.range_handle, tolerances)
     assert (plain.poses, ranged.poses) == (0, steps.POSES)
     assert (ranged.columns > 0.0).all()
     assert ranged.length == plain.length
@@ -52,7 +52,7 @@ def test_what_is_wanted_stands_where_tasks_look_for_it() -> None:
         position_weight=3.0,
         orientation_weight=4.0,
     )
-    task = task_of(atlas_of(kinseek.load("planar2").chain).handle, wanted_of(goal, 500))
+    task = task_of(atlas_of(kinseek.load("planar2").chain).handle, tolerances_of(goal, 500))
     assert (task.position_tolerance, task.orientation_tolerance) == (0.1, 0.2)
     assert (task.position_weight, task.budget) == (3.0, 500.0)
     np.testing.assert_array_equal(task.axis_weights, [4.0, 4.0, 0.0])

@@ -24,7 +24,7 @@ from kinseek import viewer
 from kinseek.viewer import Viewer
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-WANTED = os.environ.get("KINSEEK_BROWSER") == "1"
+TOLERANCES = os.environ.get("KINSEEK_BROWSER") == "1"
 PICTURES = os.environ.get("KINSEEK_SCREENSHOTS")
 
 FLAGS = (
@@ -50,7 +50,7 @@ PATIENCE = 60.0
 pytestmark = [
     pytest.mark.thorough,
     pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None and not WANTED, reason="no Chromium here"),
+    pytest.mark.skipif(CHROMIUM is None and not TOLERANCES, reason="no Chromium here"),
     # Chromium and the server end in any order; what was still on its way then is no fault.
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
 ]
@@ -58,7 +58,7 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    if not WANTED:
+    if not TOLERANCES:
         pytest.importorskip("viser")
         pytest.importorskip("playwright")
     from playwright.sync_api import sync_playwright

@@ -18,7 +18,7 @@ from kinseek.kernels.branches.search import ROWS, many_branches
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import open_limits
-from kinseek.solvers.atlas.index import wanted_of
+from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.threads import GoOn, spread
 from kinseek.turns import TURN
 from kinseek.validation import as_integer
@@ -45,7 +45,7 @@ def branches_of(problem: Problem, wishes: Wishes, threads: int | None = None) ->
     deadline = Deadline(problem.time_limit)
     index, goal = index_of(problem), problem.goal
     number = (wishes.count or SPREAD) if index.freedom else 0
-    wanted = wanted_of(goal)
+    tolerances = tolerances_of(goal)
     targets = np.zeros((len(goal.targets), 4, 4))
     targets[:, :3], targets[:, 3, 3] = goal.targets, 1.0
     views = index.view[None]
@@ -53,7 +53,7 @@ def branches_of(problem: Problem, wishes: Wishes, threads: int | None = None) ->
     if problem.near is not None and not wishes.prove:
         near = np.broadcast_to(problem.near, (*goal.shape, problem.chain.dof)).reshape(-1, problem.chain.dof)
         views = np.stack([near, np.ones_like(near), np.broadcast_to(index.view[RATES], near.shape)], axis=1)
-    found = _search(index, wanted, targets, np.ascontiguousarray(views), number, threads, deadline)
+    found = _search(index, tolerances, targets, np.ascontiguousarray(views), number, threads, deadline)
     if goal.shape and wishes.as_found and found:
         rows = [each for each in found if each is not None]
         if len(rows) == len(found):
@@ -88,7 +88,7 @@ def _given(problem: Problem, order: str, cost: Cost | None) -> list[tuple[str, b
 
 def _search(
     index: BranchIndex,
-    wanted: Array,
+    tolerances: Array,
     targets: Array,
     views: Array,
     number: int,
@@ -99,7 +99,7 @@ def _search(
     found: list[Array | None] = [None] * len(targets)
     if len(targets) == 1:
         if not deadline.passed:
-            found[0] = index.search(wanted, targets[0], views[0], number)
+            found[0] = index.search(tolerances, targets[0], views[0], number)
         return found
     most, width = number or ROWS, views.shape[-1] + ANSWER
 
@@ -112,7 +112,7 @@ def _search(
             many_branches(
                 index.coarse.handle,
                 index.fine.handle,
-                wanted,
+                tolerances,
                 index.mirrors,
                 index.structure.numbers,
                 *index.joint,

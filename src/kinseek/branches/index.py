@@ -24,7 +24,7 @@ from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length
 from kinseek.robots.sampling import weyl
-from kinseek.solvers.atlas.index import KEPT, PLAIN, AtlasIndex, atlas_of, wanted_of
+from kinseek.solvers.atlas.index import KEPT, PLAIN, AtlasIndex, atlas_of, tolerances_of
 from kinseek.turns import shortest
 
 from .one_joint import NOTHING, one_joint_of
@@ -85,14 +85,14 @@ class BranchIndex:
         # The caller may write the next target into the same array.
         return quick_branches((chain, T.copy(), None), chain.dof, found, self.freedom > 0)
 
-    def search(self, wanted: Array, target: Array, view: Array, count: int) -> Array:
+    def search(self, tolerances: Array, target: Array, view: Array, count: int) -> Array:
         """Rows of answers to one target, (4, 4), as `kernels.branches.search.many_branches` writes them."""
         assert count or not self.freedom, "all answers are looked for from starts that are not there"
         most, number = (count, count) if self.freedom else (ROWS, 0)
         rows, found = np.empty((1, most + 1, view.shape[-1] + ANSWER)), np.empty(1, dtype=np.int64)
         handles, one = (self.coarse.handle, self.fine.handle), (target[None], view[None])
         what = self.mirrors, self.structure.numbers, *self.joint, self.steps
-        many_branches(*handles, wanted, *what, *one, number, 0, 1, rows, found, LANES)
+        many_branches(*handles, tolerances, *what, *one, number, 0, 1, rows, found, LANES)
         return rows[0, : found[0]]
 
     def _mirrors(self, problem: Problem) -> Array:
@@ -104,14 +104,14 @@ class BranchIndex:
         chain, dof = problem.chain, problem.chain.dof
         turns = chain.periodic
         signs = np.array(list(itertools.product((1.0, -1.0), repeat=dof)))
-        wanted, width = wanted_of(Goal.pose(np.eye(4))), chain.upper - chain.lower
+        tolerances, width = tolerances_of(Goal.pose(np.eye(4))), chain.upper - chain.lower
         probe = chain.lower + 0.381966 * width
         pose = forward_many(problem.arrays, probe[None])[0]
         found: list[Array] = []
         for share in (0.45, 0.6, 0.7):  # Where an image of a configuration lies inside the limits differs.
             q = chain.lower + share * np.linspace(0.9, 1.1, dof) * width
             target = forward_many(problem.arrays, q[None])[0]
-            rows = self.search(wanted, target, self.view, 0)
+            rows = self.search(tolerances, target, self.view, 0)
             if not len(rows):
                 continue
             for other in answers_of(rows, dof).q:

@@ -16,7 +16,7 @@ from kinseek.kernels.atlas.near import solve_many_near
 from kinseek.kernels.atlas.task import EVALUATIONS, ORIENTATION, ORIENTATION_ERROR, POSITION, POSITION_ERROR
 from kinseek.problem import Problem
 from kinseek.solution import Solution, conclude
-from kinseek.solvers.atlas.index import wanted_of
+from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.atlas.solver import Atlas
 
 from .find import branches_of
@@ -143,7 +143,7 @@ def slide(
     the atlas's own walk, and counts only if the tolerances are met there, the cost is less, and `valid` agrees.
     """
     goal = problem.goal
-    wanted, target = wanted_of(goal), np.eye(4)
+    tolerances, target = tolerances_of(goal), np.eye(4)
     target[:3] = goal.targets[0]
     value, step, spent, refused = float(measure(q[None])[0]), _FIRST, 0, 0
     lower, upper = problem.limits
@@ -156,14 +156,14 @@ def slide(
             for way in ways:
                 aim = np.clip(q + step * way, lower, upper)
                 rows = np.empty((1, len(q) + EVALUATIONS + 1))
-                solve_many_near(index.fine.handle, wanted, target[None, :3], aim[None], rows, 0, 1, LANES)
+                solve_many_near(index.fine.handle, tolerances, target[None, :3], aim[None], rows, 0, 1, LANES)
                 reached, report = rows[0, : len(q)], rows[0, len(q) :]
                 # A continuous joint that leaves its range comes in at the other end, and so the cost judges it.
                 there = problem.placed(reached)
                 spent += int(report[EVALUATIONS])
                 missed = (
-                    report[POSITION_ERROR] > wanted[POSITION]
-                    or report[ORIENTATION_ERROR] > wanted[ORIENTATION]
+                    report[POSITION_ERROR] > tolerances[POSITION]
+                    or report[ORIENTATION_ERROR] > tolerances[ORIENTATION]
                 )
                 if missed or np.abs(reached - aim).max() > 2 * step:
                     continue

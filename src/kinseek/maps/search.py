@@ -23,7 +23,7 @@ from kinseek.kernels.maps.many_gates import many_gates
 from kinseek.problem import Problem
 from kinseek.proof.reduce import LARGEST, question
 from kinseek.robots.geometry import divide
-from kinseek.solvers.atlas.index import atlas_of, wanted_of
+from kinseek.solvers.atlas.index import atlas_of, tolerances_of
 from kinseek.transforms import inverse, square
 
 from .last_joint import LastJoint
@@ -67,19 +67,21 @@ def reached(arm: Arm, goal: Goal, patience: int | None = PATIENCE) -> Flags:
 
 def _reached(arm: Arm, goal: Goal, patience: int | None) -> Flags:
     """See `reached`."""
-    targets, index, wanted = goal.targets, atlas_of(arm.chain, goal), wanted_of(goal)
+    targets, index, tolerances = goal.targets, atlas_of(arm.chain, goal), tolerances_of(goal)
     found, open_ = np.zeros(len(targets), dtype=bool), np.flatnonzero(~ruled_out(arm, goal))
     told = np.empty(len(open_), dtype=np.int64)
     many_closed(
-        index.handle, wanted, arm.structure.numbers, np.ascontiguousarray(targets[open_]), told, LANES
+        index.handle, tolerances, arm.structure.numbers, np.ascontiguousarray(targets[open_]), told, LANES
     )
     found[open_[told == YES]] = True
     open_ = open_[told == LEFT]
     open_ = open_[~beyond(arm, targets[open_], goal)]
     some, left = np.ascontiguousarray(targets[open_]), np.empty(len(open_), dtype=np.int64)
     results = np.full((len(open_), arm.dof + 4), np.inf)
-    count = solve_many(index.handle, wanted, some, results, left, 0, len(open_), LANES)
-    solve_some(index.handle, wanted_of(goal, patience), some, results, left[:count].copy(), 0, count, LANES)
+    count = solve_many(index.handle, tolerances, some, results, left, 0, len(open_), LANES)
+    solve_some(
+        index.handle, tolerances_of(goal, patience), some, results, left[:count].copy(), 0, count, LANES
+    )
     found[open_] = goal.met(results[:, arm.dof :])
     return found
 
@@ -98,18 +100,18 @@ def ruled_out(arm: Arm, goal: Goal) -> Flags:
     targets = goal.targets
     closed = np.zeros(len(targets))
     far = float(np.linalg.norm(targets[:, :, 3], axis=1).max(initial=0.0))
-    form, wanted, _ = question(Problem(arm.mechanism, goal.at(np.eye(4))))
+    form, tolerances, _ = question(Problem(arm.mechanism, goal.at(np.eye(4))))
     # What the question does to a pose: A T B, and of the identity it made A B.
     before = inverse(arm.chain.fixed[0]) if divide(arm.chain, goal.form).head != NONE else np.eye(4)[:3]
-    after = (square(inverse(before)) @ square(wanted.target))[:3]
+    after = (square(inverse(before)) @ square(tolerances.target))[:3]
     lengths = far + float(np.linalg.norm(before[:, 3])) + float(np.linalg.norm(after[:, 3]))
     if not lengths <= LARGEST:
         return closed.astype(bool)
     target = np.empty((3, 4))
-    wanted = wanted._replace(target=target, margin=wanted.margin + wanted.margin_a * lengths)
+    tolerances = tolerances._replace(target=target, margin=tolerances.margin + tolerances.margin_a * lengths)
     many_gates(
         form,
-        wanted,
+        tolerances,
         Problem(arm.mechanism, goal.at(np.eye(4))).arrays,
         np.ascontiguousarray(before),
         np.ascontiguousarray(after),

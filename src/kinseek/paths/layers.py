@@ -22,7 +22,7 @@ from kinseek.deadline import Deadline
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.trace import JOINED, TAKEN, part_ways, trace
 from kinseek.problem import Problem
-from kinseek.solvers.atlas.index import wanted_of
+from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.threads import GoOn, spread
 from kinseek.turns import shortest
 
@@ -111,7 +111,7 @@ class Follower:
         if self.index.freedom:
             # An arm near the edge of being singular counts otherwise than inside its own limits: those stay, then.
             wide, self.index = problem, index_of(problem)
-        self.wanted = wanted_of(problem.goal)
+        self.tolerances = tolerances_of(problem.goal)
         self.rows = np.ascontiguousarray(problem.goal.targets)
         self.targets = np.zeros((len(self.rows), 4, 4))
         self.targets[:, :3], self.targets[:, 3, 3] = self.rows, 1.0
@@ -121,7 +121,7 @@ class Follower:
 
     def all_at(self, i: int) -> Array:
         """All branches at target i, (k, n)."""
-        rows = self.index.search(self.wanted, self.targets[i], self.index.view, 0)
+        rows = self.index.search(self.tolerances, self.targets[i], self.index.view, 0)
         return answers_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
 
     def unknown(self, found: Array, known: Array) -> Array:
@@ -149,7 +149,7 @@ class Follower:
             q, ends = np.zeros((len(targets), LANES, self.dof)), np.zeros(LANES, dtype=np.int64)
             q[begin, : len(some)] = some
             handle = self.index.fine.handle
-            trace(handle, self.wanted, targets, begin, end, len(some), self.longest, q, ends, LANES)
+            trace(handle, self.tolerances, targets, begin, end, len(some), self.longest, q, ends, LANES)
             parts.append(q[:, : len(some)])
             spans[first : first + LANES, 0 if end < begin else 1] = ends[: len(some)]
         return np.concatenate(parts, axis=1) if parts else np.zeros((len(targets), 0, self.dof)), spans

@@ -20,7 +20,7 @@ from kinseek.kernels.paths.trace import trace
 from kinseek.problem import Problem
 from kinseek.robots.geometry import arm_length
 from kinseek.solvers import Atlas
-from kinseek.solvers.atlas.index import wanted_of
+from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.threads import GoOn, spread
 
 from .asked import Asked
@@ -182,7 +182,10 @@ class Planner:
         self.asked, self.effort, self.problem, self.dof = asked, effort, problem, problem.chain.dof
         self.smoother, self.turning = smoother_of(asked), Turning(problem.chain)
         self.index: BranchIndex = index_of(problem)
-        self.wanted, self.targets = wanted_of(problem.goal), np.ascontiguousarray(problem.goal.targets)
+        self.tolerances, self.targets = (
+            tolerances_of(problem.goal),
+            np.ascontiguousarray(problem.goal.targets),
+        )
         self.gone = gone_of(problem)
         """How far the hand has gone at each pose, see `Effort.way`, (N,)."""
         self.rows = rows_of(self.gone, effort.way)
@@ -202,7 +205,7 @@ class Planner:
         """Answers to pose i, well spread, (k, n)."""
         target = np.eye(4)
         target[:3] = self.targets[i]
-        rows = self.index.search(self.wanted, target, self.index.view, count)
+        rows = self.index.search(self.tolerances, target, self.index.view, count)
         return answers_of(rows, self.dof).q if len(rows) else np.zeros((0, self.dof))
 
     def layer(self, k: int, arrived: Array, fresh: Array, alone: bool = False) -> tuple[Array, Array]:
@@ -214,7 +217,7 @@ class Planner:
         handle = self.index.fine.handle
         limits = (turning.lower, turning.upper, turning.kind)
         count = gather(
-            handle, self.wanted, target, given, len(arrived), *limits, self.apart, beside, q, along, LANES
+            handle, self.tolerances, target, given, len(arrived), *limits, self.apart, beside, q, along, LANES
         )
         self.apart = self.apart * CROWD if count == len(q) else max(self.effort.apart, self.apart / CROWD)
         q, along = q[:count], along[:count]
@@ -302,7 +305,7 @@ class Planner:
         targets = self.row_targets[begin : end + 1]
         lead_on(
             self.index.fine.handle,
-            self.wanted,
+            self.tolerances,
             targets,
             moments,
             leaps,
@@ -395,7 +398,7 @@ class Planner:
         ways, ends = np.zeros((end - begin + 1, LANES, self.dof)), np.zeros(LANES, dtype=np.int64)
         ways[0] = q
         targets, leaps = self.row_targets[begin : end + 1], np.full(self.dof, LEAPS)
-        trace(self.index.fine.handle, self.wanted, targets, 0, end - begin, 1, leaps, ways, ends, LANES)
+        trace(self.index.fine.handle, self.tolerances, targets, 0, end - begin, 1, leaps, ways, ends, LANES)
         ways[ends[0] + 1 :, 0] = ways[ends[0], 0]
         return ways[:, 0]
 

@@ -23,7 +23,7 @@ from kinseek.ranges import AXES, FREE_TURN, PINNED
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.mechanism import CONTINUOUS, PRISMATIC, REVOLUTE
 from kinseek.robots.variants import with_tool
-from kinseek.solvers.atlas.index import atlas_of, wanted_of
+from kinseek.solvers.atlas.index import atlas_of, tolerances_of
 from kinseek.transforms import rotation_onto, rotations, square
 
 from .asked import Asked
@@ -100,7 +100,7 @@ def relaxed(asked: Asked) -> tuple[Asked, slice]:
     valid, cost = asked.valid, asked.cost
     if valid is not None:
         valid = replace(valid, own=own)
-    wanted = None if cost is None else _of_the_arm(cost, own)
+    tolerances = None if cost is None else _of_the_arm(cost, own)
     part = replace(
         asked,
         problem=problem,
@@ -110,7 +110,7 @@ def relaxed(asked: Asked) -> tuple[Asked, slice]:
         start=start,
         end=end,
         valid=valid,
-        cost=wanted,
+        cost=tolerances,
     )
     return part, own
 
@@ -166,7 +166,7 @@ def _with_ranges(problem: Problem, own: slice, q: Array, i: int) -> Array:
     targets, left = np.repeat(problem.goal.targets[i][None], LANES, axis=0), np.empty(LANES)
     handle = atlas_of(chain, problem.goal).handle
     # The arm's own joints stand at both of their limits.
-    settle_many(handle, wanted_of(problem.goal), targets, lower, upper, MEND, starts, left, LANES)
+    settle_many(handle, tolerances_of(problem.goal), targets, lower, upper, MEND, starts, left, LANES)
     return np.asarray(starts[np.argmin(left)])
 
 

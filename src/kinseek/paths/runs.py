@@ -129,7 +129,7 @@ class Bridge:
         """Bring the hand closer to targets, (k, 3, 4), by so many steps of q, (k, n), in place; what is left, (k,)."""
         smoother, left = self.smoother, np.empty(len(q))
         limits = smoother.lower, smoother.upper
-        settle_many(smoother.handle, smoother.wanted, targets, *limits, steps, q, left, LANES)
+        settle_many(smoother.handle, smoother.tolerances, targets, *limits, steps, q, left, LANES)
         return left
 
     def turned(self, q: Array, here: Array) -> Array:

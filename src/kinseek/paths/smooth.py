@@ -25,7 +25,7 @@ from kinseek.kernels.paths.settle import settle_many
 from kinseek.problem import Problem
 from kinseek.robots.geometry import RADIAN_PART, arm_length
 from kinseek.solvers import Atlas
-from kinseek.solvers.atlas.index import atlas_of, wanted_of
+from kinseek.solvers.atlas.index import atlas_of, tolerances_of
 
 from .allowed import Allowed
 from .joints import Turning
@@ -103,14 +103,17 @@ class Smoother:
         self.problem, self.weights, self.valid = problem, weights, valid
         turning = Turning(problem.chain)
         self.lower, self.upper = turning.open_lower, turning.open_upper
-        self.handle, self.wanted = atlas_of(problem.chain, problem.goal).handle, wanted_of(problem.goal)
+        self.handle, self.tolerances = (
+            atlas_of(problem.chain, problem.goal).handle,
+            tolerances_of(problem.goal),
+        )
         self.scale = arm_length(problem.chain) / RADIAN_PART
 
     def settle(self, q: Array, targets: Array) -> Flags:
         """Bring joint values, (k, n), onto targets, (k, 3, 4), in place; which of them are there and allowed, (k,)."""
         left = np.empty(len(q))
         np.clip(q, self.lower, self.upper, out=q)
-        settle_many(self.handle, self.wanted, targets, self.lower, self.upper, MEND, q, left, LANES)
+        settle_many(self.handle, self.tolerances, targets, self.lower, self.upper, MEND, q, left, LANES)
         there = left < SETTLED
         if self.valid is not None:
             there[there] = self.valid.each(q[there])

@@ -23,7 +23,7 @@ from kinseek.branches.order import cost_of
 from kinseek.branches.result import answers_of
 from kinseek.deadline import TimeUp
 from kinseek.problem import Problem
-from kinseek.solvers.atlas.index import wanted_of
+from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.threads import GoOn, spread
 
 from .asked import Asked
@@ -158,10 +158,10 @@ def _refused(asked: Asked, q: Array) -> Flags:
     if asked.valid is None:
         return refused
     problem, target = asked.problem, np.eye(4)
-    index, wanted, turning = index_of(problem), wanted_of(problem.goal), Turning(problem.chain)
+    index, tolerances, turning = index_of(problem), tolerances_of(problem.goal), Turning(problem.chain)
     for i in np.flatnonzero(~asked.valid.each(q)):
         target[:3] = problem.goal.targets[i]
-        rows = index.search(wanted, target, index.view, LOOKED_AT)
+        rows = index.search(tolerances, target, index.view, LOOKED_AT)
         others = answers_of(rows, problem.chain.dof).q if len(rows) else q[:0]
         others = np.clip(others, turning.open_lower, turning.open_upper)
         refused[i] = not asked.valid.each(others).any()

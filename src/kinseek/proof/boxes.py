@@ -15,7 +15,7 @@ from kinseek.deadline import Deadline
 from kinseek.interrupts import uninterrupted
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array, Flags
-from kinseek.kernels.proof.box import Form, Wanted
+from kinseek.kernels.proof.box import Form, ProofGoal
 from kinseek.kernels.proof.exclusion import OFTEN, STEPS
 from kinseek.kernels.proof.last_joint import Roll
 from kinseek.kernels.proof.memory import Heap, Memory, Places
@@ -140,7 +140,7 @@ class Run:
     def __init__(
         self,
         problem: Problem,
-        asked: tuple[Form, Wanted, Roll],
+        asked: tuple[Form, ProofGoal, Roll],
         boxes: Array,
         q: Array,
         tuning: Tuning,
@@ -364,12 +364,12 @@ def enclosed(
     that the bounds, the pose and the count are the same too.
     """
     chain, watch = problem.chain, watch or Watch()
-    form, wanted, roll = error_question(problem, q, gap, trust)
+    form, proof_goal, roll = error_question(problem, q, gap, trust)
     tuning = tuning_of(problem, OFTEN, 0, gap)
 
     def stretch(known: Search, boxes: Array, most: int) -> Search:
         heap = Heap(boxes[:, -1], np.zeros(len(boxes), dtype=np.int64))
-        run = Run(problem, (form, wanted, roll), boxes[:, :-1], known.q.copy(), tuning, heap)
+        run = Run(problem, (form, proof_goal, roll), boxes[:, :-1], known.q.copy(), tuning, heap)
         run.go(most, watch)
         bounded = np.c_[run.boxes, run.heap.bound]
         return settle(run.search(STOPPED, 0.0, bounded[run.heap.order[: run.counts[COUNT]]]))
@@ -404,7 +404,7 @@ def enclosed(
     off = max(math.pi - (roll.upper - roll.lower) / 2, 0.0)
     if roll.present and 2.0 * problem.goal.orientation_weight * (1.0 - math.cos(off)) > gap * search.upper:
         # What the limits of the last joint can cost is more than the gap: from here on it is part of the boxes.
-        form, wanted, roll = error_question(problem, search.q, gap, trust, whole=True)
+        form, proof_goal, roll = error_question(problem, search.q, gap, trust, whole=True)
         last = [chain.dof - 1, 2 * chain.dof - 2]
         middle_and_half = start_boxes(chain, False)[0, [chain.dof - 1, 2 * chain.dof - 1]]
         search = search._replace(left=np.insert(search.left, last, middle_and_half, axis=1))

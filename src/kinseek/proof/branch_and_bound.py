@@ -77,8 +77,8 @@ def prove(
     if search.outcome == ENDED:
         verdict, lower = Verdict.UNREACHABLE, least_outside(problem.goal)
         if boxes == 0:  # The gate knows how far out of reach the goal is.
-            form, wanted, _ = error_question(problem, q, 0.5)
-            lower = max(lower, least_by_gate(form, wanted, problem.arrays))
+            form, proof_goal, _ = error_question(problem, q, 0.5)
+            lower = max(lower, least_by_gate(form, proof_goal, problem.arrays))
     if gap is not None:
         nearest = enclosed(problem, q, gap, budget - boxes, threads=threads, watch=watch)
         q, boxes, largest = nearest.q, boxes + nearest.boxes, nearest.largest

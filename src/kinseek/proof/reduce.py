@@ -11,7 +11,7 @@ from kinseek.errors import InvalidProblem
 from kinseek.kernels.arm.division import NONE, TURN
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arrays import Array, ChainArrays
-from kinseek.kernels.proof.box import LEAST, TINY, Form, Wanted
+from kinseek.kernels.proof.box import LEAST, TINY, Form, ProofGoal
 from kinseek.kernels.proof.gate import CROSSED
 from kinseek.kernels.proof.last_joint import Roll
 from kinseek.problem import Problem
@@ -41,7 +41,7 @@ AT_LIMIT = 1e-6
 proved."""
 
 
-def question(problem: Problem, trust: float = 1.0) -> tuple[Form, Wanted, Roll]:
+def question(problem: Problem, trust: float = 1.0) -> tuple[Form, ProofGoal, Roll]:
     """Put the question of the tolerances into the kernels' form.
 
     A last joint that turns is divided out: its axis shall lie along the goal's, and the point of it that the axis before
@@ -60,15 +60,15 @@ def question(problem: Problem, trust: float = 1.0) -> tuple[Form, Wanted, Roll]:
         columns = 1
     if columns == 3:
         chord *= math.sqrt(2.0)
-    wanted = _wanted(problem, target, columns, trust, foot)._replace(position=slack)
+    proof_goal = _tolerances(problem, target, columns, trust, foot)._replace(position=slack)
     if columns:
-        wanted = wanted._replace(chord=chord, angle=angle)
-    return _form(chain, fixed, head, columns, 0, 0.0), wanted, _roll(chain, tail)
+        proof_goal = proof_goal._replace(chord=chord, angle=angle)
+    return _form(chain, fixed, head, columns, 0, 0.0), proof_goal, _roll(chain, tail)
 
 
 def error_question(
     problem: Problem, q: Array, gap: float, trust: float = 1.0, whole: bool = False
-) -> tuple[Form, Wanted, Roll]:
+) -> tuple[Form, ProofGoal, Roll]:
     """Put the question of the least weighted error into the kernels' form.
 
     Where the tip lies on the axis of the last joint, that joint changes nothing but the turn about it. Leaving it out
@@ -81,33 +81,33 @@ def error_question(
     fixed, target, head, tail = _divided(problem)
     off_axis = float(np.hypot(*fixed[-1, :2, 3]))
     if tail and off_axis < ON_AXIS and not (whole or _last_is_held(chain, q)):
-        cut, wanted = _without_last(problem, fixed, target, trust)
+        cut, proof_goal = _without_last(problem, fixed, target, trust)
         astray = [float(np.hypot(*np.delete(fixed[-1, 2, :3], i))) for i in range(3)]
         along = [each < ALONG for each in astray]
         aligned, sideways = along[2], along[0] or along[1]
         if aligned or sideways:
-            wanted = wanted._replace(margin_a=wanted.margin_a + 4.0 * min(astray))
+            proof_goal = proof_goal._replace(margin_a=proof_goal.margin_a + 4.0 * min(astray))
         if sideways:  # The other column that counts lies across the axis: its place in the plane of x and y.
             y, z = (float(each) for each in fixed[-1, :2, 1 if along[0] else 0])
-            wanted = wanted._replace(side_y=y, side_z=z)
+            proof_goal = proof_goal._replace(side_y=y, side_z=z)
         if aligned or sideways or _loss_of_last(problem, q) < 0.5 * gap:
             roll = _roll(chain, True, goal.orientation_weight if aligned else 0.0)
-            return _form(chain, cut, head, 1, 0, 0.0), wanted, roll
+            return _form(chain, cut, head, 1, 0, 0.0), proof_goal, roll
     columns = goal.paper_columns
     tail = tail and len(fixed) > 2
     foot = _foot(fixed, chain) if tail else 0.0
-    wanted = _wanted(problem, target, columns, trust, foot)
+    proof_goal = _tolerances(problem, target, columns, trust, foot)
     if tail:
         place_of_foot = np.eye(4)
         place_of_foot[2, 3] = foot
-        wanted = wanted._replace(
+        proof_goal = proof_goal._replace(
             last=np.ascontiguousarray((square(target) @ square(inverse(fixed[-1])) @ place_of_foot)[:3]),
             offset=float(np.linalg.norm(fixed[-1, :, 3] - [0.0, 0.0, foot])),
         )
-    return _form(chain, fixed, head, columns, int(tail), foot), wanted, Roll(False, 0.0, 0.0, 0.0)
+    return _form(chain, fixed, head, columns, int(tail), foot), proof_goal, Roll(False, 0.0, 0.0, 0.0)
 
 
-def question_without_last(problem: Problem, trust: float = 1.0) -> tuple[Form, Wanted]:
+def question_without_last(problem: Problem, trust: float = 1.0) -> tuple[Form, ProofGoal]:
     """A question whose least weighted error is no larger, of one direction at most: the last joint may turn anyhow.
 
     That takes a last joint with the tip on its axis. Where there is none, or only one direction or none counts, it is the
@@ -116,21 +116,21 @@ def question_without_last(problem: Problem, trust: float = 1.0) -> tuple[Form, W
     fixed, target, head, tail = _divided(problem)
     columns = problem.goal.paper_columns
     if tail and float(np.hypot(*fixed[-1, :2, 3])) < ON_AXIS:
-        fixed, wanted = _without_last(problem, fixed, target, trust)
+        fixed, proof_goal = _without_last(problem, fixed, target, trust)
         columns = 1
     else:
-        wanted = _wanted(problem, target, columns, trust)
-    return _form(problem.chain, fixed, head, columns, 0, 0.0), wanted
+        proof_goal = _tolerances(problem, target, columns, trust)
+    return _form(problem.chain, fixed, head, columns, 0, 0.0), proof_goal
 
 
-def _without_last(problem: Problem, fixed: Array, target: Array, trust: float) -> tuple[Array, Wanted]:
+def _without_last(problem: Problem, fixed: Array, target: Array, trust: float) -> tuple[Array, ProofGoal]:
     """Leave out a last joint that the tip is on the axis of: transforms, and what is wanted of the axis."""
     tip, chain = fixed[-1], problem.chain
     cut, axis = _cut(fixed, target, float(tip[2, 3]))
-    wanted = _wanted(problem, axis, 1, trust)
-    wanted = wanted._replace(margin=wanted.margin + 2.0 * float(np.hypot(*tip[:2, 3])))
+    proof_goal = _tolerances(problem, axis, 1, trust)
+    proof_goal = proof_goal._replace(margin=proof_goal.margin + 2.0 * float(np.hypot(*tip[:2, 3])))
     back = float(tip[2, 3]) - _foot(fixed, chain)
-    return cut, wanted._replace(back=back) if abs(back) < arm_length(chain) else wanted
+    return cut, proof_goal._replace(back=back) if abs(back) < arm_length(chain) else proof_goal
 
 
 def _last_is_held(chain: SerialChain, q: Array) -> bool:
@@ -197,8 +197,8 @@ def _cut(fixed: Array, target: Array, along: float) -> tuple[Array, Array]:
     )
     short = fixed[:-1].copy()
     short[-1] = (square(short[-1]) @ turned)[:3]
-    wanted = square(target) @ square(inverse(fixed[-1])) @ turned
-    return short, np.ascontiguousarray(wanted[:3])
+    proof_goal = square(target) @ square(inverse(fixed[-1])) @ turned
+    return short, np.ascontiguousarray(proof_goal[:3])
 
 
 def _form(chain: SerialChain, fixed: Array, head: int, columns: int, tail: int, foot: float) -> Form:
@@ -220,7 +220,7 @@ def _roll(chain: SerialChain, present: bool, weight: float = 0.0) -> Roll:
     return Roll(present, float(chain.lower[-1]), float(chain.upper[-1]), weight)
 
 
-def _wanted(problem: Problem, target: Array, columns: int, trust: float, foot: float = 0.0) -> Wanted:
+def _tolerances(problem: Problem, target: Array, columns: int, trust: float, foot: float = 0.0) -> ProofGoal:
     """A target with its weights, and with margins for rounding; no tolerances.
 
     Raises:
@@ -228,7 +228,7 @@ def _wanted(problem: Problem, target: Array, columns: int, trust: float, foot: f
     """
     chain, goal = problem.chain, problem.goal
     margin, margin_a = margins(problem, target, foot)
-    return Wanted(
+    return ProofGoal(
         target=target,
         last=np.zeros((3, 4)),
         position=0.0,

@@ -11,7 +11,7 @@ import numpy as np
 
 from kinseek.kernels.arm.division import TURN
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.proof.box import Form, Wanted
+from kinseek.kernels.proof.box import Form, ProofGoal
 from kinseek.kernels.proof.gate import CROSSED
 from kinseek.kernels.proof.memory import Heap
 from kinseek.kernels.proof.multipliers import Shoulder
@@ -115,7 +115,7 @@ def _bounded(
 
 
 def shoulder_of(
-    problem: Problem, form: Form, wanted: Wanted, alone: bool = False
+    problem: Problem, form: Form, proof_goal: ProofGoal, alone: bool = False
 ) -> tuple[Shoulder, int] | None:
     """Put an arm on a ball joint on its first axis; None where that tells nothing.
 
@@ -140,7 +140,7 @@ def shoulder_of(
     if joints - first > MOST:
         return None
     ball = np.array([0.0, 0.0, along if meet else nearest[2]])
-    g, b = wanted.target[:, 3] - [0.0, 0.0, nearest[2]], wanted.target[:, 0]
+    g, b = proof_goal.target[:, 3] - [0.0, 0.0, nearest[2]], proof_goal.target[:, 0]
     far = float(np.linalg.norm(g))
     ahead = float(b @ g) / far if far > 0.0 else 1.0
     aside = float(np.linalg.norm(np.cross(g, b))) / far if far > 0.0 else 0.0
@@ -150,12 +150,12 @@ def shoulder_of(
         invariants=_invariants(form.fixed[first:], ball, upright=not meet),
         goal=plane if meet else _turned_over(g, b),
         plane=plane,
-        weight_p=wanted.weight_p,
-        weight_a=wanted.weight_a,
+        weight_p=proof_goal.weight_p,
+        weight_a=proof_goal.weight_a,
         size=size,
-        margin=wanted.margin + wanted.margin_a * size + 2.0 * apart * meet,
-        margin_a=wanted.margin_a,
-        trust=wanted.trust,
+        margin=proof_goal.margin + proof_goal.margin_a * size + 2.0 * apart * meet,
+        margin_a=proof_goal.margin_a,
+        trust=proof_goal.trust,
         rounding=_of_products(joints - first, sum(defect_of(A[:, :3]) for A in form.fixed[first:])),
     )
     return shoulder, first

@@ -16,7 +16,7 @@ from .lanes import LANES, Lanes
 from .memory import Scratch, make_scratch, scratch_size
 from .one_goal import CORRECTIONS, MIDMOST, OFFER, closed_answer, finish, solve_pose
 from .seeds import FIRST, TAKES, load_seed, middle, scan, take_seed
-from .task import CLOSED, EVALUATIONS, HANDLE, WANTED, Job, Task, routine_at, task_of
+from .task import CLOSED, EVALUATIONS, HANDLE, TOLERANCES, Job, Task, routine_at, task_of
 from .tree import take_nearest
 
 MOST_STARTS = max(2 * LANES, TAKES)
@@ -81,7 +81,7 @@ def next_candidate(
 ) -> bool:
     """Put lane l at the next candidate of a nearby arm for its target; say whether there was one."""
     target, q, asked = targets[queue.target[l]], scratch.found[l], OFFER + queue.next[l]
-    offered = closed_answer(job.handle, job.wanted, job.memory, target, task.budget, q, asked, q, w)
+    offered = closed_answer(job.handle, job.tolerances, job.memory, target, task.budget, q, asked, q, w)
     queue.next[l], queue.steps[l] = queue.next[l] + 1, 0
     if offered > 0:
         load_seed(scratch.lanes, l, q)
@@ -104,7 +104,7 @@ def take_target(
 @entry(
     returns=I64,
     handle=HANDLE,
-    wanted=F64[WANTED],
+    tolerances=F64[TOLERANCES],
     targets=F64["k", 3, 4],
     results=F64["k", "width"].out,
     left=I64["*"].out,
@@ -114,7 +114,7 @@ def take_target(
 )
 def solve_many(
     handle: Indices,
-    wanted: Array,
+    tolerances: Array,
     targets: Array,
     results: Array,
     left: Indices,
@@ -129,7 +129,7 @@ def solve_many(
 
     Args:
         handle: The task, see `task_of`.
-        wanted: See `task_of`.
+        tolerances: See `task_of`.
         targets: Rigid transforms, (k, 3, 4), lengths in [m].
         results: Receives what `solve_pose` returns, (k, n + 4).
         left: Receives the numbers of the targets that are left, (end - begin,).
@@ -140,7 +140,7 @@ def solve_many(
     Returns:
         How many are left.
     """
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = np.zeros(scratch_size(dof, joints))
     scratch = make_scratch(memory, dof, joints)
@@ -152,7 +152,7 @@ def solve_many(
         integer_part(at, 2 * LANES, LANES),
         integer_part(at, 3 * LANES, LANES),
     )
-    count, job = 0, Job(handle, wanted, memory)
+    count, job = 0, Job(handle, tolerances, memory)
     closed = routine_at(handle, CLOSED) != 0
     if closed and task.exact == 1:
         count = run_closed(job, task, scratch, targets, results, left, begin, end, w)
@@ -171,7 +171,7 @@ def solve_many(
 @entry(
     returns=I64,
     handle=HANDLE,
-    wanted=F64[WANTED],
+    tolerances=F64[TOLERANCES],
     targets=F64["k", 3, 4],
     results=F64["k", "width"].out,
     some=I64["*"],
@@ -181,7 +181,7 @@ def solve_many(
 )
 def solve_some(
     handle: Indices,
-    wanted: Array,
+    tolerances: Array,
     targets: Array,
     results: Array,
     some: Indices,
@@ -191,7 +191,7 @@ def solve_some(
 ) -> int:
     """Answer the targets whose numbers are some[begin:end], (k,), one after the other, as `solve_pose`; return how many."""
     for k in range(begin, end):
-        answer = solve_pose(handle, wanted, targets[some[k]], w)
+        answer = solve_pose(handle, tolerances, targets[some[k]], w)
         for j in range(
             len(answer)
         ):  # A row at once may fail in words, and the words need Python's own functions.
@@ -218,7 +218,9 @@ def run_closed(
     leftover, dof = 0, len(task.lower)
     for t in range(begin, end):
         q, report = results[t, :dof], results[t, dof:]
-        tried = closed_answer(job.handle, job.wanted, job.memory, targets[t], task.budget, q, MIDMOST, q, w)
+        tried = closed_answer(
+            job.handle, job.tolerances, job.memory, targets[t], task.budget, q, MIDMOST, q, w
+        )
         if tried > 0:
             # It is judged already, where the scratch memory keeps bounds.
             for k in range(EVALUATIONS):
@@ -257,7 +259,7 @@ def run_lanes(
         if active == 0:
             break
         if turn > 0:
-            iterate(job.handle, job.wanted, job.memory, True, w)
+            iterate(job.handle, job.tolerances, job.memory, True, w)
         for l in range(LANES):
             if queue.target[l] == -2:
                 continue

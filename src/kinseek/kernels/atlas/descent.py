@@ -28,7 +28,7 @@ from .lanes import (
 )
 from .memory import Scratch, make_scratch, scratch_size
 from .seeds import copy_joints, keep_joints, load_target, turns_fully
-from .task import ITERATE, JUDGE, WANTED, WEIGHTED_ERROR, Job, Task, handle_at, routine_at, task_of
+from .task import ITERATE, JUDGE, TOLERANCES, WEIGHTED_ERROR, Job, Task, handle_at, routine_at, task_of
 
 FIRST_STEPS, DEEP_STEPS, RESTART_STEPS, POLISH_STEPS = 10, 20, 30, 20
 """Steps at most from one of the first samples, from one of a deeper lookup, from a restart, and towards a goal out of
@@ -123,21 +123,23 @@ def free_turn(task: Task) -> float:
 
 
 @array_view
-def iterate(handle: Indices, wanted: Array, memory: Array, move: bool, w: int) -> int:
+def iterate(handle: Indices, tolerances: Array, memory: Array, move: bool, w: int) -> int:
     """One damped step of every lane, if `move`, and the poses, residuals and errors where it ends.
 
     It is the step of the task: that of a pose, `iterate_routine`, or that of a goal with ranges.
     """
-    at = (handle.ctypes.data, wanted.ctypes.data, memory.ctypes.data)
+    at = (handle.ctypes.data, tolerances.ctypes.data, memory.ctypes.data)
     done: int = call(routine_at(handle, ITERATE), (*at, int(move), w))
     return done
 
 
 @routine("int64(int64, int64, int64, int64, int64)")
-def iterate_routine(handle_address: int, wanted_address: int, memory_address: int, move: int, w: int) -> int:
+def iterate_routine(
+    handle_address: int, tolerances_address: int, memory_address: int, move: int, w: int
+) -> int:
     """See `iterate`."""
-    handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
-    task = task_of(handle, wanted)
+    handle, tolerances = handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES)
+    task = task_of(handle, tolerances)
     memory = part1(memory_address, 0, scratch_size(len(task.lower), len(task.chain.leader)))
     scratch = make_scratch(memory, len(task.lower), len(task.chain.leader))
     lanes = scratch.lanes
@@ -195,7 +197,7 @@ def descend_lanes(
     lanes, dof, patient = scratch.lanes, len(task.lower), steps <= FIRST_STEPS or task.poses > 0
     first_ones = steps == FIRST_STEPS and task.poses == 0 and not everyone
     for made in range(steps + 1):
-        iterate(job.handle, job.wanted, job.memory, made > 0, w)
+        iterate(job.handle, job.tolerances, job.memory, made > 0, w)
         waiting, first = 0, -1
         for l in range(LANES):
             if scratch.state[l] == 0 and within(task, lanes, l):
@@ -254,7 +256,7 @@ def keep_seed(scratch: Scratch, error: float) -> None:
 @array_view
 def judge_by_ranges(job: Job, q: Array, report: Array) -> int:
     """Judge joint values, (n,), by plain FK against ranges: errors [m], [rad] and weighted into a report."""
-    at = (job.handle.ctypes.data, job.wanted.ctypes.data, job.memory.ctypes.data)
+    at = (job.handle.ctypes.data, job.tolerances.ctypes.data, job.memory.ctypes.data)
     done: int = call(routine_at(job.handle, JUDGE), (*at, q.ctypes.data, report.ctypes.data))
     return done
 

@@ -39,7 +39,7 @@ from .seeds import (
     load_target,
     look_up,
 )
-from .task import ENDING, WANTED, WEIGHT, Job, Task, handle_at, routine_at, task_of
+from .task import ENDING, TOLERANCES, WEIGHT, Job, Task, handle_at, routine_at, task_of
 
 BALANCES, BEARABLE, SMALL = 8, 10.0, 1e-30
 """How often the two tolerances are weighed against each other at most, the multiple of one where it is vain, and what is
@@ -111,23 +111,23 @@ def fill_from_flips(task: Task, scratch: Scratch) -> int:
 
 
 @array_view
-def find_nearest_pose(handle: Indices, wanted: Array, memory: Array, target: Array, w: int) -> int:
+def find_nearest_pose(handle: Indices, tolerances: Array, memory: Array, target: Array, w: int) -> int:
     """Lead the eight best to the nearest pose to a target, (3, 4), that is out of reach; return FK evaluations."""
-    at = (handle.ctypes.data, wanted.ctypes.data, memory.ctypes.data, target.ctypes.data)
+    at = (handle.ctypes.data, tolerances.ctypes.data, memory.ctypes.data, target.ctypes.data)
     spent: int = call(routine_at(handle, ENDING), (*at, w))
     return spent
 
 
 @routine("int64(int64, int64, int64, int64, int64)")
 def ending_routine(
-    handle_address: int, wanted_address: int, memory_address: int, target_address: int, w: int
+    handle_address: int, tolerances_address: int, memory_address: int, target_address: int, w: int
 ) -> int:
     """See `find_nearest_pose`."""
-    handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
-    task = task_of(handle, wanted)
+    handle, tolerances = handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES)
+    task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
     memory, target = part1(memory_address, 0, scratch_size(dof, joints)), part2(target_address, 0, 3, 4)
-    scratch, job = make_scratch(memory, dof, joints), Job(handle, wanted, memory)
+    scratch, job = make_scratch(memory, dof, joints), Job(handle, tolerances, memory)
     spent = 0
     for turn in range(2):
         if turn > 0:
@@ -151,7 +151,7 @@ def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, largest: floa
     for l in range(LANES):
         # K_P is read anew for each lane: held in a register, its product would not be fused with the sum, and answers have
         # other last bits.
-        floor[l] = POLISH_FLOOR * (job.wanted[WEIGHT] * task.length + largest)
+        floor[l] = POLISH_FLOOR * (job.tolerances[WEIGHT] * task.length + largest)
         scratch.state[l] = 0
         load_seed_row(lanes, l, scratch.best)
         lanes.weight[LANES + l] = math.sqrt(largest)
@@ -159,7 +159,7 @@ def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, largest: floa
         scratch.columns[c] = goal.axis_weights[c]
     scratch.damping[0] = 0.0
     for step in range(steps):
-        iterate(job.handle, job.wanted, job.memory, step > 0, w)
+        iterate(job.handle, job.tolerances, job.memory, step > 0, w)
         for l in range(LANES):
             gap = math.sqrt(lanes.error[l])
             far = math.sqrt(goal.position_weight / max(gap, NEAREST))

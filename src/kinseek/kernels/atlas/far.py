@@ -32,7 +32,7 @@ from .task import (
     POSITION,
     SHOULDER,
     SPAN,
-    WANTED,
+    TOLERANCES,
     Job,
     Task,
     handle_at,
@@ -67,24 +67,24 @@ MOST = (STEPS + STEPS_AFTER + 2 * WALK) * LANES
 
 
 @array_view
-def is_far(handle: Indices, wanted: Array, target: Array) -> bool:
+def is_far(handle: Indices, tolerances: Array, target: Array) -> bool:
     """Is a target, (3, 4), farther away than `BEYOND` times what the links allow?"""
     lengths = floats1(handle, LENGTHS)
-    total, slack = 0.0, wanted[POSITION] + ROUNDED
+    total, slack = 0.0, tolerances[POSITION] + ROUNDED
     for r in range(3):
         gap = target[r, 3] - lengths[SHOULDER + r]
         for c in range(3):
             gap += target[r, c] * lengths[HAND + c]
         total += gap * gap
-        slack += wanted[ORIENTATION] * abs(lengths[HAND + r])
+        slack += tolerances[ORIENTATION] * abs(lengths[HAND + r])
     far: bool = math.sqrt(total) > BEYOND * lengths[SPAN] + slack
     return far
 
 
 @array_view
-def nearest_to_far(handle: Indices, wanted: Array, memory: Array, target: Array, q: Array, w: int) -> int:
+def nearest_to_far(handle: Indices, tolerances: Array, memory: Array, target: Array, q: Array, w: int) -> int:
     """Write the nearest pose to a target that `is_far` into q, (n,); return FK evaluations."""
-    at = (handle.ctypes.data, wanted.ctypes.data, memory.ctypes.data, target.ctypes.data)
+    at = (handle.ctypes.data, tolerances.ctypes.data, memory.ctypes.data, target.ctypes.data)
     spent: int = call(routine_at(handle, DISTANT), (*at, q.ctypes.data, w))
     return spent
 
@@ -121,15 +121,20 @@ def settle_best(task: Task, scratch: Scratch, target: Array) -> int:
 
 @routine("int64(int64, int64, int64, int64, int64, int64)")
 def far_routine(
-    handle_address: int, wanted_address: int, memory_address: int, target_address: int, q_address: int, w: int
+    handle_address: int,
+    tolerances_address: int,
+    memory_address: int,
+    target_address: int,
+    q_address: int,
+    w: int,
 ) -> int:
     """See `nearest_to_far`."""
-    handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
-    task = task_of(handle, wanted)
+    handle, tolerances = handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES)
+    task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = part1(memory_address, 0, scratch_size(dof, joints))
     target, q = part2(target_address, 0, 3, 4), part1(q_address, 0, dof)
-    scratch, job = make_scratch(memory, dof, joints), Job(handle, wanted, memory)
+    scratch, job = make_scratch(memory, dof, joints), Job(handle, tolerances, memory)
     goal = goal_of(task, target)
     largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
     start(task, scratch, target)

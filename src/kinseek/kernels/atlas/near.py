@@ -22,12 +22,12 @@ from .task import (
     DISTANT,
     EVALUATIONS,
     HANDLE,
-    WANTED,
+    TOLERANCES,
     Job,
     Task,
     handle_at,
     lanes_of,
-    plain_wanted,
+    plain_tolerances,
     routine_at,
     task_of,
 )
@@ -55,7 +55,7 @@ def load_near(task: Task, scratch: Scratch, near: Array) -> None:
 
 @noinline
 def walk_near(
-    handle: Indices, wanted: Array, memory: Array, target: Array, near: Array, q: Array, w: int
+    handle: Indices, tolerances: Array, memory: Array, target: Array, near: Array, q: Array, w: int
 ) -> int:
     """Find what is nearest to `near`, (n,), among all that is found, else what `solve_target` finds; write q, (n,).
 
@@ -64,12 +64,12 @@ def walk_near(
     Returns:
         FK evaluations spent; -1 as `solve_target`.
     """
-    task, job = task_of(handle, wanted), Job(handle, wanted, memory)
+    task, job = task_of(handle, tolerances), Job(handle, tolerances, memory)
     dof = len(task.lower)
     scratch = make_scratch(memory, dof, len(task.chain.leader))
-    if routine_at(handle, DISTANT) != 0 and is_far(handle, wanted, target):
-        return solve_target(handle, wanted, memory, target, task.budget, q, w)
-    tried = closed_answer(handle, wanted, memory, target, task.budget, near, NEAREST, q, w)
+    if routine_at(handle, DISTANT) != 0 and is_far(handle, tolerances, target):
+        return solve_target(handle, tolerances, memory, target, task.budget, q, w)
+    tried = closed_answer(handle, tolerances, memory, target, task.budget, near, NEAREST, q, w)
     if tried > 0:
         return tried
     start(task, scratch, target)
@@ -96,17 +96,17 @@ def walk_near(
             break
         begin, _ = fill_from_lookup(task, scratch, begin, found)
     if closest == np.inf:
-        more = solve_target(handle, wanted, memory, target, task.budget - spent, q, w)
+        more = solve_target(handle, tolerances, memory, target, task.budget - spent, q, w)
         spent = spent + more if more >= 0 else -1
     return spent
 
 
 @array_view
 def conclude_near(
-    handle: Indices, wanted: Array, memory: Array, target: Array, near: Array, q: Array, report: Array
+    handle: Indices, tolerances: Array, memory: Array, target: Array, near: Array, q: Array, report: Array
 ) -> None:
     """As `one_goal.conclude_answer`, full turns chosen near a start, (n,)."""
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     scratch = make_scratch(memory, len(task.lower), len(task.chain.leader))
     finish(task, scratch, goal_of(task, target), near, q, report)
 
@@ -134,13 +134,13 @@ def solve_plain_near(
     if not (is_rigid(target) and all_finite(near)):
         return 0.0, 0.0, 0.0, -1, False
     handle = handle_at(address)
-    wanted = plain_wanted(handle)
-    task = task_of(handle, wanted)
+    tolerances = plain_tolerances(handle)
+    task = task_of(handle, tolerances)
     size = scratch_size(len(task.lower), len(task.chain.leader))
     memory = np.zeros(size + EVALUATIONS + 1)
     report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
-    report[EVALUATIONS] = walk_near(handle, wanted, memory, target, near, q, lanes_of(handle))
-    conclude_near(handle, wanted, memory, target, near, q, report)
+    report[EVALUATIONS] = walk_near(handle, tolerances, memory, target, near, q, lanes_of(handle))
+    conclude_near(handle, tolerances, memory, target, near, q, report)
     told = outcome(task, report)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return told
@@ -149,20 +149,20 @@ def solve_plain_near(
 @entry(
     returns=(F64, F64, F64, I64, FLAG),
     address=I64,
-    wanted=F64[WANTED],
+    tolerances=F64[TOLERANCES],
     target=F64[3, 4],
     near=F64["n"],
     close=FLAG,
     q=F64["n"].out,
 )
 def solve_goal(
-    address: int, wanted: Array, target: Array, near: Array, close: bool, q: Array
+    address: int, tolerances: Array, target: Array, near: Array, close: bool, q: Array
 ) -> tuple[float, float, float, int, bool]:
     """As `one_goal.solve_plain` for any goal without ranges, and with `close` near a start.
 
     Args:
         address: As there; the task's kind is that of the goal.
-        wanted: See `task_of`.
+        tolerances: See `task_of`.
         target: A rigid transform, (3, 4), lengths in [m].
         near: With `close` where the answer shall be near to, (n,), finite; else not looked at.
         close: See `near`.
@@ -172,16 +172,16 @@ def solve_goal(
         As there; evaluations -1 only where a routine is lacking.
     """
     handle = handle_at(address)
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     size, w = scratch_size(len(task.lower), len(task.chain.leader)), lanes_of(handle)
     memory = np.zeros(size + EVALUATIONS + 1)
     report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
     if close:
-        report[EVALUATIONS] = walk_near(handle, wanted, memory, target, near, q, w)
-        conclude_near(handle, wanted, memory, target, near, q, report)
+        report[EVALUATIONS] = walk_near(handle, tolerances, memory, target, near, q, w)
+        conclude_near(handle, tolerances, memory, target, near, q, report)
     else:
-        report[EVALUATIONS] = solve_target(handle, wanted, memory, target, task.budget, q, w)
-        conclude_answer(handle, wanted, memory, target, q, report)
+        report[EVALUATIONS] = solve_target(handle, tolerances, memory, target, task.budget, q, w)
+        conclude_answer(handle, tolerances, memory, target, q, report)
     told = outcome(task, report)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return told
@@ -189,7 +189,7 @@ def solve_goal(
 
 @entry(
     handle=HANDLE,
-    wanted=F64[WANTED],
+    tolerances=F64[TOLERANCES],
     targets=F64["k", 3, 4],
     near=F64["k", "n"],
     results=F64["k", "n+4"].out,
@@ -198,10 +198,17 @@ def solve_goal(
     w=I64,
 )
 def solve_many_near(
-    handle: Indices, wanted: Array, targets: Array, near: Array, results: Array, begin: int, end: int, w: int
+    handle: Indices,
+    tolerances: Array,
+    targets: Array,
+    near: Array,
+    results: Array,
+    begin: int,
+    end: int,
+    w: int,
 ) -> None:
     """Targets begin … end-1, each with its row of near, (k, n); results as `one_goal.solve_pose`, (k, n + 4)."""
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     dof = len(task.lower)
     memory = np.zeros(scratch_size(dof, len(task.chain.leader)))
     for i in range(begin, end):
@@ -209,6 +216,6 @@ def solve_many_near(
         for k in range(len(memory)):
             memory[k] = 0.0
         q, report = results[i, :dof], results[i, dof:]
-        report[EVALUATIONS] = walk_near(handle, wanted, memory, targets[i], near[i], q, w)
-        conclude_near(handle, wanted, memory, targets[i], near[i], q, report)
+        report[EVALUATIONS] = walk_near(handle, tolerances, memory, targets[i], near[i], q, w)
+        conclude_near(handle, tolerances, memory, targets[i], near[i], q, report)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.

@@ -68,13 +68,13 @@ from .task import (
     POSITION_ERROR,
     SEARCH,
     STARTS,
-    WANTED,
+    TOLERANCES,
     WEIGHTED_ERROR,
     Job,
     Task,
     handle_at,
     lanes_of,
-    plain_wanted,
+    plain_tolerances,
     routine_at,
     task_of,
 )
@@ -90,7 +90,7 @@ KICK, WIDE_KICK = 0.5, 1.5
 
 @array_view
 def solve_target(
-    handle: Indices, wanted: Array, memory: Array, target: Array, budget: float, q: Array, w: int
+    handle: Indices, tolerances: Array, memory: Array, target: Array, budget: float, q: Array, w: int
 ) -> int:
     """Answer one target, (3, 4), within a budget; write q, (n,), and return the FK evaluations spent.
 
@@ -98,15 +98,15 @@ def solve_target(
     takes a routine that the task lacks yet, see `add_ending`, and there is no answer. The memory may hold anything.
     """
     # The routine is lacking until the first goal out of reach has made `add_ending` add it.
-    far = routine_at(handle, DISTANT) != 0 and budget >= FAR_MOST and is_far(handle, wanted, target)
-    tried = 0 if far else closed_answer(handle, wanted, memory, target, budget, q, MIDMOST, q, w)
+    far = routine_at(handle, DISTANT) != 0 and budget >= FAR_MOST and is_far(handle, tolerances, target)
+    tried = 0 if far else closed_answer(handle, tolerances, memory, target, budget, q, MIDMOST, q, w)
     if tried > 0:
         return tried
     for k in range(len(memory)):
         memory[k] = 0.0
     if far:
-        return nearest_to_far(handle, wanted, memory, target, q, w)
-    spent = search_near(handle, wanted, memory, target, budget + tried, q, False, q, w)
+        return nearest_to_far(handle, tolerances, memory, target, q, w)
+    spent = search_near(handle, tolerances, memory, target, budget + tried, q, False, q, w)
     return spent - tried if spent >= 0 else -1
 
 
@@ -122,7 +122,7 @@ CORRECTIONS = 4
 @array_view
 def closed_answer(
     handle: Indices,
-    wanted: Array,
+    tolerances: Array,
     memory: Array,
     target: Array,
     budget: float,
@@ -134,7 +134,7 @@ def closed_answer(
     """What `structure.one_answer.closed_routine` says; 0 where the arm has no closed form."""
     tried = 0
     if routine_at(handle, CLOSED) != 0 and budget >= (FIRST_STEPS + 1) * LANES:
-        at = (handle.ctypes.data, wanted.ctypes.data, memory.ctypes.data, target.ctypes.data)
+        at = (handle.ctypes.data, tolerances.ctypes.data, memory.ctypes.data, target.ctypes.data)
         tried = call(routine_at(handle, CLOSED), (*at, near.ctypes.data, asked, q.ctypes.data, w))
     return tried
 
@@ -142,7 +142,7 @@ def closed_answer(
 @array_view
 def search_near(
     handle: Indices,
-    wanted: Array,
+    tolerances: Array,
     memory: Array,
     target: Array,
     budget: float,
@@ -152,7 +152,7 @@ def search_near(
     w: int,
 ) -> int:
     """As `solve_target`; with `close` the nearest to `near`, (n,), of what the starts of a goal with ranges lead to."""
-    at = (handle.ctypes.data, wanted.ctypes.data, memory.ctypes.data, target.ctypes.data)
+    at = (handle.ctypes.data, tolerances.ctypes.data, memory.ctypes.data, target.ctypes.data)
     given = (*at, budget, near.ctypes.data, int(close), q.ctypes.data, w)
     spent: int = call(routine_at(handle, SEARCH), given)
     return spent
@@ -164,7 +164,7 @@ def fill_from_ranges(job: Job, near: Array, close: int, begin: int, most: int) -
 
     `most` samples of each are looked at; with `close` the very first lane starts from `near`, (n,).
     """
-    at = (job.handle.ctypes.data, job.wanted.ctypes.data, job.memory.ctypes.data)
+    at = (job.handle.ctypes.data, job.tolerances.ctypes.data, job.memory.ctypes.data)
     following: int = call(routine_at(job.handle, STARTS), (*at, near.ctypes.data, close, begin, most))
     return following
 
@@ -172,7 +172,7 @@ def fill_from_ranges(job: Job, near: Array, close: int, begin: int, most: int) -
 @routine("int64(int64, int64, int64, int64, float64, int64, int64, int64, int64)")
 def search_routine(
     handle_address: int,
-    wanted_address: int,
+    tolerances_address: int,
     memory_address: int,
     target_address: int,
     budget: float,
@@ -182,12 +182,12 @@ def search_routine(
     w: int,
 ) -> int:
     """See `solve_target` and `search_near`."""
-    handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
-    task = task_of(handle, wanted)
+    handle, tolerances = handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES)
+    task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = part1(memory_address, 0, scratch_size(dof, joints))
     target, q, near = part2(target_address, 0, 3, 4), part1(q_address, 0, dof), part1(near_address, 0, dof)
-    scratch, job = make_scratch(memory, dof, joints), Job(handle, wanted, memory)
+    scratch, job = make_scratch(memory, dof, joints), Job(handle, tolerances, memory)
     lanes = scratch.lanes
     start(task, scratch, target)
     spent, rounds, looked, begin, found, persisted, number = 0, 0, 0, 0, task.poses, 0, 0
@@ -220,7 +220,7 @@ def search_routine(
             if persisted == 2 and spent + (POLISH_STEPS if ranges else ENDGAME) * LANES <= budget:
                 if routine_at(handle, ENDING) == 0:
                     return -1
-                spent += find_nearest_pose(handle, wanted, memory, target, w)
+                spent += find_nearest_pose(handle, tolerances, memory, target, w)
                 reset_weights(task, scratch)
             if lowest(scratch.best_error) > promise(task):
                 continue
@@ -280,10 +280,10 @@ def finish(task: Task, scratch: Scratch, goal: GoalArrays, near: Array, q: Array
 
 @array_view
 def conclude_answer(
-    handle: Indices, wanted: Array, memory: Array, target: Array, q: Array, report: Array
+    handle: Indices, tolerances: Array, memory: Array, target: Array, q: Array, report: Array
 ) -> None:
     """Judge an answer, q, (n,): errors [m], [rad] and weighted into report, (4,)."""
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     scratch = make_scratch(memory, len(task.lower), len(task.chain.leader))
     middle(task, scratch.seed)
     finish(task, scratch, goal_of(task, target), scratch.seed, q, report)
@@ -308,7 +308,7 @@ def add_ending(addresses: Indices) -> None:
 @entry(
     returns=I64,
     handle=HANDLE,
-    wanted=F64[WANTED],
+    tolerances=F64[TOLERANCES],
     memory=F64["*"].out,
     target=F64[3, 4],
     budget=F64,
@@ -316,33 +316,33 @@ def add_ending(addresses: Indices) -> None:
     w=I64,
 )
 def search_within(
-    handle: Indices, wanted: Array, memory: Array, target: Array, budget: float, q: Array, w: int
+    handle: Indices, tolerances: Array, memory: Array, target: Array, budget: float, q: Array, w: int
 ) -> int:
     """As `solve_target`, (3, 4), in a memory of the caller, who may look at it afterwards, see `memory.LAYOUT`."""
-    return solve_target(handle, wanted, memory, target, budget, q, w)
+    return solve_target(handle, tolerances, memory, target, budget, q, w)
 
 
 @kernel
-def solve_pose(handle: Indices, wanted: Array, target: Array, w: int) -> Array:
+def solve_pose(handle: Indices, tolerances: Array, target: Array, w: int) -> Array:
     """Answer one target.
 
     Args:
         handle: The task, see `task_of`.
-        wanted: See `task_of`.
+        tolerances: See `task_of`.
         target: A rigid transform, (4, 4), lengths in [m].
         w: LANES.
 
     Returns:
         Joint values, position error [m], orientation error [rad], weighted error, and FK evaluations, (n + 4,).
     """
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     dof = len(task.lower)
     result = np.empty(dof + EVALUATIONS + 1)
     memory = np.empty(scratch_size(dof, len(task.chain.leader)))
     address = result.ctypes.data
     q, report = part1(address, 0, dof), part1(address, dof, EVALUATIONS + 1)
-    report[EVALUATIONS] = solve_target(handle, wanted, memory, target, task.budget, q, w)
-    conclude_answer(handle, wanted, memory, target, q, report)
+    report[EVALUATIONS] = solve_target(handle, tolerances, memory, target, task.budget, q, w)
+    conclude_answer(handle, tolerances, memory, target, q, report)
     memory[0] = 0.0  # Views do not keep it alive: without a last use Numba would have freed it by now.
     return result
 
@@ -371,14 +371,14 @@ def solve_plain(address: int, target: Array, q: Array) -> tuple[float, float, fl
     if not is_rigid(target):
         return 0.0, 0.0, 0.0, -1, False
     handle = handle_at(address)
-    wanted = plain_wanted(handle)
-    task = task_of(handle, wanted)
+    tolerances = plain_tolerances(handle)
+    task = task_of(handle, tolerances)
     size = scratch_size(len(task.lower), len(task.chain.leader))
     memory = np.empty(size + EVALUATIONS + 1)
     report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
     # Called here and not one floor below: Numba compiles what a function calls anew for every floor above it.
-    report[EVALUATIONS] = solve_target(handle, wanted, memory, target, task.budget, q, lanes_of(handle))
-    conclude_answer(handle, wanted, memory, target, q, report)
+    report[EVALUATIONS] = solve_target(handle, tolerances, memory, target, task.budget, q, lanes_of(handle))
+    conclude_answer(handle, tolerances, memory, target, q, report)
     told = outcome(task, report)
     memory[0] = 0.0  # Its last use, see `solve_pose`.
     return told

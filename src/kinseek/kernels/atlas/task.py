@@ -27,7 +27,7 @@ POSITION, ORIENTATION, WEIGHT, BUDGET, AXES = range(5)
 """Places in what is wanted, an array that only crosses by its address: position tolerance [m], orientation tolerance [rad],
 K_P, most FK evaluations, and from AXES on K_A of the x, y and z columns."""
 
-WANTED = AXES + 3
+TOLERANCES = AXES + 3
 """Numbers that say what is wanted; `Task` has them by name."""
 
 HANDLE = I64["*"]
@@ -104,7 +104,7 @@ class TaskRows(NamedTuple):
     routines: Indices
     """Addresses of what kernels call, see `ITERATE`, (7,)."""
     plain: Array
-    """What is wanted of a plain pose, (WANTED,)."""
+    """What is wanted of a plain pose, (TOLERANCES,)."""
     structure: Array
 
 
@@ -149,14 +149,14 @@ def task_arrays(
     columns: Array,
     length: float,
     routines: Indices,
-    wanted: Array,
+    tolerances: Array,
     structure: Array,
     exact: bool,
     span: Array,
 ) -> list[NDArray[Any]]:
     """The arrays of a task in the order in which `task_of` reads them.
 
-    `wanted` is that of a plain pose, `span` has the lengths from SPAN on, (7,).
+    `tolerances` is that of a plain pose, `span` has the lengths from SPAN on, (7,).
     """
     numbers, lengths = np.zeros(EXACT + 1, dtype=np.int64), np.zeros(MEASURES)
     numbers[HEAD], numbers[TAIL], numbers[COLUMNS] = division.head, division.tail, division.columns
@@ -164,7 +164,9 @@ def task_arrays(
     lengths[DIRECTION], lengths[RADIAN], lengths[SPAN:] = division.length, length, span
     links = links_of(chain)
     return ROWS.arrays(
-        TaskRows(chain, atlas, lower, upper, columns, numbers, lengths, links, routines, wanted, structure)
+        TaskRows(
+            chain, atlas, lower, upper, columns, numbers, lengths, links, routines, tolerances, structure
+        )
     )
 
 
@@ -184,8 +186,8 @@ def handle_at(address: int) -> Indices:
 
 
 @array_view
-def plain_wanted(handle: Indices) -> Array:
-    """Tolerances and weights of a plain pose, (WANTED,)."""
+def plain_tolerances(handle: Indices) -> Array:
+    """Tolerances and weights of a plain pose, (TOLERANCES,)."""
     seen: Array = floats1(handle, PLAIN)
     return seen
 
@@ -208,12 +210,12 @@ rows_of = ROWS.make
 
 
 @array_view
-def task_of(handle: Indices, wanted: Array) -> Task:
+def task_of(handle: Indices, tolerances: Array) -> Task:
     """View a task by its handle.
 
     Args:
         handle: From `pointers.handle_of` of `task_arrays`.
-        wanted: See `POSITION` and those beside it, (WANTED,).
+        tolerances: See `POSITION` and those beside it, (TOLERANCES,).
     """
     rows: TaskRows = rows_of(handle, 0)
     numbers, lengths = rows.numbers, rows.lengths
@@ -228,11 +230,11 @@ def task_of(handle: Indices, wanted: Array) -> Task:
         rows.columns,
         lengths[RADIAN],
         numbers[POSES],
-        wanted[POSITION],
-        wanted[ORIENTATION],
-        wanted[WEIGHT],
-        wanted[BUDGET],
-        part1(wanted.ctypes.data, AXES, 3),
+        tolerances[POSITION],
+        tolerances[ORIENTATION],
+        tolerances[WEIGHT],
+        tolerances[BUDGET],
+        part1(tolerances.ctypes.data, AXES, 3),
         rows.structure,
         numbers[EXACT],
     )
@@ -242,6 +244,6 @@ class Job(NamedTuple):
     """The same by address, for kernels that are called and not inlined."""
 
     handle: Indices
-    wanted: Array
-    """(WANTED,)"""
+    tolerances: Array
+    """(TOLERANCES,)"""
     memory: Array

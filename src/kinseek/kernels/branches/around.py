@@ -73,7 +73,7 @@ def corner(way: int, i: int) -> float:
 @kernel
 def starts_around(
     handle: Indices,
-    wanted: Array,
+    tolerances: Array,
     memory: Array,
     structure: Array,
     target: Array,
@@ -89,7 +89,7 @@ def starts_around(
 
     Args:
         handle: The task, see `task_of`.
-        wanted: See `task_of`.
+        tolerances: See `task_of`.
         memory: The scratch memory.
         structure: See `candidates.KIND`, (NUMBERS,).
         target: (4, 4), lengths in [m].
@@ -101,7 +101,7 @@ def starts_around(
         seeds: Receives joint values, (k, n).
         w: LANES.
     """
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     dof = len(task.lower)
     scratch = make_scratch(memory, dof, len(task.chain.leader))
     pose, fresh, told, work, one = (

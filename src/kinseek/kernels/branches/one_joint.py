@@ -262,13 +262,20 @@ def look_closely(
 
 @noinline
 def searched_starts(
-    handle: Indices, wanted: Array, S: Array, table: Array, target: Array, seeds: Array, told: Indices, w: int
+    handle: Indices,
+    tolerances: Array,
+    S: Array,
+    table: Array,
+    target: Array,
+    seeds: Array,
+    told: Indices,
+    w: int,
 ) -> None:
     """Write starts that lead to every answer inside the limits, or beside them, into seeds.
 
     Args:
         handle: The task, see `task_of`.
-        wanted: See `task_of`.
+        tolerances: See `task_of`.
         S: Numbers of the arm, see `one_joint_residual.BEGIN`.
         table: See `HEIGHT`, (PLACES, SAMPLES).
         target: (4, 4), lengths in [m].
@@ -276,7 +283,7 @@ def searched_starts(
         told: See `MANY`, (3,).
         w: LANES.
     """
-    task, D, dips = task_of(handle, wanted), np.empty((3, 4)), 0
+    task, D, dips = task_of(handle, tolerances), np.empty((3, 4)), 0
     seen, covered, segments = np.empty((8, SAMPLES)), np.empty((3, SAMPLES)), np.empty((SEGMENTS, 4))
     roots, work = np.zeros((3, ROOTS)), np.empty(LANE_ROWS * LANES)
     displacement(S, target, D)

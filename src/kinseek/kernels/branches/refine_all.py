@@ -160,7 +160,7 @@ def head_for_known(lanes: Lanes, rates: Array, rows: Array, count: int, heading:
 @kernel
 def refine_all(
     handle: Indices,
-    wanted: Array,
+    tolerances: Array,
     memory: Array,
     target: Array,
     seeds: Array,
@@ -178,7 +178,7 @@ def refine_all(
 
     Args:
         handle: The task, see `task_of`.
-        wanted: See `task_of`.
+        tolerances: See `task_of`.
         memory: The scratch memory, its target and weights set.
         target: (4, 4), lengths in [m].
         seeds: Joint values to start from, (k, n).
@@ -192,7 +192,7 @@ def refine_all(
         tally: Its EVALUATED is increased by the FK evaluations spent, its LATE by answers that are, (TALLY,).
         w: LANES.
     """
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     dof = len(task.lower)
     scratch = make_scratch(memory, dof, len(task.chain.leader))
     goal, lanes = GoalArrays(target, task.position_weight, task.axis_weights), scratch.lanes
@@ -215,7 +215,7 @@ def refine_all(
                 active += 1
         if active == 0 or count == len(rows):
             break
-        iterate(handle, wanted, memory, True, w)
+        iterate(handle, tolerances, memory, True, w)
         if mode == SEEDED:
             head_for_known(lanes, rates, rows, count, heading, w)
         for l in range(LANES):

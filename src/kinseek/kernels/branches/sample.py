@@ -44,7 +44,7 @@ CURVES = 128
 
 @noinline
 def sample_branches(
-    handle: Indices, wanted: Array, target: Array, view: Array, number: int, result: Array, w: int
+    handle: Indices, tolerances: Array, target: Array, view: Array, number: int, result: Array, w: int
 ) -> int:
     """Find a well-spread sample of the answers to one target that leaves the arm some freedom.
 
@@ -55,7 +55,7 @@ def sample_branches(
 
     Args:
         handle: The task, see `task_of`.
-        wanted: See `task_of`.
+        tolerances: See `task_of`.
         target: (4, 4), lengths in [m].
         view: See `refine_all.CENTRE`, (3, n).
         number: How many answers are wanted.
@@ -65,7 +65,7 @@ def sample_branches(
     Returns:
         As `find_branches`.
     """
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
     if not is_rigid(target):
         return 0
@@ -94,7 +94,20 @@ def sample_branches(
             w,
         )
         count = refine_all(
-            handle, wanted, memory, target, seeds, first, first, rows, left, 0, view[RATES], SAMPLED, tally, w
+            handle,
+            tolerances,
+            memory,
+            target,
+            seeds,
+            first,
+            first,
+            rows,
+            left,
+            0,
+            view[RATES],
+            SAMPLED,
+            tally,
+            w,
         )
         seeds = seeds[first:]
     if many == 0:
@@ -103,7 +116,20 @@ def sample_branches(
         many = starts(task, scratch, most, distance, neighbour, seeds)
     must, many = count, many - first
     count = refine_all(
-        handle, wanted, memory, target, seeds, many, many, rows, left, count, view[RATES], SAMPLED, tally, w
+        handle,
+        tolerances,
+        memory,
+        target,
+        seeds,
+        many,
+        many,
+        rows,
+        left,
+        count,
+        view[RATES],
+        SAMPLED,
+        tally,
+        w,
     )
     kept = 0
     for rounds in range(SAMPLE_ROUNDS + 1):
@@ -112,7 +138,7 @@ def sample_branches(
             break
         many, count = 4 * LANES, kept
         if count == 0:
-            other = solve_pose(handle, wanted, target, w)
+            other = solve_pose(handle, tolerances, target, w)
             tally[EVALUATED] += other[dof + EVALUATIONS]
             for i in range(dof):
                 seeds[0, i] = other[i]
@@ -129,7 +155,7 @@ def sample_branches(
                     seeds[k, i] = scratch.seed[i]
         count = refine_all(
             handle,
-            wanted,
+            tolerances,
             memory,
             target,
             seeds,

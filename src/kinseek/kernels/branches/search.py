@@ -36,7 +36,7 @@ from kinseek.kernels.atlas.task import (
     HANDLE,
     ORIENTATION_ERROR,
     POSITION_ERROR,
-    WANTED,
+    TOLERANCES,
     Task,
     task_of,
 )
@@ -134,7 +134,7 @@ def in_doubt(task: Task, count: int) -> bool:
 def find_branches(
     handle: Indices,
     fine: Indices,
-    wanted: Array,
+    tolerances: Array,
     mirrors: Array,
     structure: Array,
     joint: Array,
@@ -150,7 +150,7 @@ def find_branches(
     Args:
         handle: The task with the coarse atlas, see `task_of`.
         fine: The task with the fine atlas, for a target that no coarse sample leads to.
-        wanted: See `task_of`.
+        tolerances: See `task_of`.
         mirrors: Of each mirror image, see `twins.SIGNS`, (k, 3, n).
         structure: See `structure.candidates.KIND`, (NUMBERS,).
         joint: Of an arm of which one joint is searched, see `one_joint_residual.BEGIN`, (one_joint_residual.NUMBERS,).
@@ -165,7 +165,7 @@ def find_branches(
     Returns:
         How many rows; none if the target is no rigid transform.
     """
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
     if not is_rigid(target):
         return 0
@@ -182,7 +182,20 @@ def find_branches(
         closed_starts(task, structure, target, scratch.spare, np.empty(WORK), seeds, asked, w)
         many = int(asked[TRIED])
         count = refine_all(
-            handle, wanted, memory, target, seeds, many, many, rows, left, 0, view[RATES], SIBLING, tally, w
+            handle,
+            tolerances,
+            memory,
+            target,
+            seeds,
+            many,
+            many,
+            rows,
+            left,
+            0,
+            view[RATES],
+            SIBLING,
+            tally,
+            w,
         )
         # Nothing lacks where all that must be answers are, and none is left to choose. That an arm nearly so has none is
         # not told by the equations of another: where these have no answer by far, its own may have.
@@ -196,10 +209,23 @@ def find_branches(
         elif not exact and many > 0 and structure[KIND] == PARALLEL:
             left_to_try, tried, leans = NARROW, many, least_lean(structure, seeds, many)
     elif table.shape[1] > 0 and max(task.position_tolerance, task.orientation_tolerance) <= LOOSE:
-        one_joint.searched_starts(handle, wanted, joint, table, target, seeds, starts_told, w)
+        one_joint.searched_starts(handle, tolerances, joint, table, target, seeds, starts_told, w)
         many = starts_told[one_joint.MANY]
         count = refine_all(
-            handle, wanted, memory, target, seeds, many, many, rows, left, 0, view[RATES], SIBLING, tally, w
+            handle,
+            tolerances,
+            memory,
+            target,
+            seeds,
+            many,
+            many,
+            rows,
+            left,
+            0,
+            view[RATES],
+            SIBLING,
+            tally,
+            w,
         )
         unsure = starts_told[one_joint.UNSURE] > 0 or count == 0
         done = not unsure and count == many and starts_told[one_joint.TWINS] == 0
@@ -215,7 +241,7 @@ def find_branches(
         mode, surely = SEEDED, DEEP_STARTS
         if told < count:
             last = min(count, told + LANES)
-            many = twins(handle, wanted, memory, rows, told, last, seeds, tally, w)
+            many = twins(handle, tolerances, memory, rows, told, last, seeds, tally, w)
             if settling and tally[WEAKEST] >= WEAK and last == count:
                 break
             many = images(task, mirrors, view[RATES], rows, told, last, seeds, many, image)
@@ -234,7 +260,18 @@ def find_branches(
                 break
             begun, ended = (0, FIRST) if first else (FIRST, FINAL)
             many = starts_around(
-                handle, wanted, memory, structure, target, view[RATES], rows, count, begun, ended, seeds, w
+                handle,
+                tolerances,
+                memory,
+                structure,
+                target,
+                view[RATES],
+                rows,
+                count,
+                begun,
+                ended,
+                seeds,
+                w,
             )
             known_before, left_to_try = count, BROAD if first else PLAIN
         elif rounds == 0 or (
@@ -258,7 +295,7 @@ def find_branches(
             surely = int(SURELY * many) if rounds == 0 else surely
             kept, rounds = kept + many, rounds + 1
         elif rounds == 2 and count == 0:
-            other = solve_pose(fine, wanted, target, w)
+            other = solve_pose(fine, tolerances, target, w)
             tally[EVALUATED] += other[dof + EVALUATIONS]
             for i in range(dof):
                 seeds[0, i] = other[i]
@@ -269,7 +306,7 @@ def find_branches(
             break
         count = refine_all(
             handle,
-            wanted,
+            tolerances,
             memory,
             target,
             seeds,
@@ -300,7 +337,7 @@ def find_branches(
 @entry(
     handle=HANDLE,
     fine=HANDLE,
-    wanted=F64[WANTED],
+    tolerances=F64[TOLERANCES],
     mirrors=F64["*", 3, "n"],
     structure=F64[NUMBERS],
     joint=F64[one_joint_residual.NUMBERS],
@@ -318,7 +355,7 @@ def find_branches(
 def many_branches(
     handle: Indices,
     fine: Indices,
-    wanted: Array,
+    tolerances: Array,
     mirrors: Array,
     structure: Array,
     joint: Array,
@@ -338,7 +375,7 @@ def many_branches(
     Args:
         handle: See `find_branches`.
         fine: See `find_branches`.
-        wanted: See `task_of`.
+        tolerances: See `task_of`.
         mirrors: See `find_branches`.
         structure: See `find_branches`.
         joint: See `find_branches`.
@@ -357,8 +394,8 @@ def many_branches(
         view = views[t if len(views) > 1 else 0]
         result = results[t - begin]
         if number > 0:
-            counts[t - begin] = sample_branches(fine, wanted, targets[t], view, number, result, w)
+            counts[t - begin] = sample_branches(fine, tolerances, targets[t], view, number, result, w)
         else:
             counts[t - begin] = find_branches(
-                handle, fine, wanted, mirrors, structure, joint, table, steps, targets[t], view, result, w
+                handle, fine, tolerances, mirrors, structure, joint, table, steps, targets[t], view, result, w
             )

@@ -18,7 +18,7 @@ from kinseek.kernels.atlas.descent import free_turn, reset_weights
 from kinseek.kernels.atlas.lanes import LANES, lanes_forward, lanes_gram, lanes_jacobian, lanes_solve
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
 from kinseek.kernels.atlas.seeds import MARGIN
-from kinseek.kernels.atlas.task import HANDLE, Task, plain_wanted, task_of
+from kinseek.kernels.atlas.task import HANDLE, Task, plain_tolerances, task_of
 from kinseek.kernels.atlas.tree import LEAF
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, inlined
@@ -65,7 +65,7 @@ def fill_steps(handle: Indices, steps: Array, w: int) -> None:
             turn of the last axis, in the frame of the first, in parts of the arm's length and in radians, (s, 6, LANES).
         w: LANES.
     """
-    task = task_of(handle, plain_wanted(handle))
+    task = task_of(handle, plain_tolerances(handle))
     dof, W, atlas = len(task.lower), LANES, task.atlas
     memory = np.zeros(scratch_size(dof, len(task.chain.leader)))
     scratch = make_scratch(memory, dof, len(task.chain.leader))

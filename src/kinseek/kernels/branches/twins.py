@@ -64,7 +64,7 @@ SIGNS, SHIFTS, TURNING = range(3)
 @kernel
 def twins(
     handle: Indices,
-    wanted: Array,
+    tolerances: Array,
     memory: Array,
     rows: Array,
     first: int,
@@ -79,7 +79,7 @@ def twins(
     is along the weakest direction, to second order. WEAKEST becomes the least singular value of their scaled Jacobians, if
     it is less.
     """
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     dof = len(task.lower)
     scratch = make_scratch(memory, dof, len(task.chain.leader))
     lanes, W = scratch.lanes, LANES

@@ -8,7 +8,7 @@ from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arm.pose_error import errors
 from kinseek.kernels.arrays import Array, GoalArrays, Indices
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.task import HANDLE, WANTED, task_of
+from kinseek.kernels.atlas.task import HANDLE, TOLERANCES, task_of
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry
 from kinseek.kernels.structure.candidates import NUMBERS, WORK
@@ -22,20 +22,20 @@ answer."""
 @entry(
     returns=I64,
     handle=HANDLE,
-    wanted=F64[WANTED],
+    tolerances=F64[TOLERANCES],
     structure=F64[NUMBERS],
     targets=F64["k", 3, 4],
     told=I64["k"].out,
     w=I64,
 )
 def many_closed(
-    handle: Indices, wanted: Array, structure: Array, targets: Array, told: Indices, w: int
+    handle: Indices, tolerances: Array, structure: Array, targets: Array, told: Indices, w: int
 ) -> int:
     """Tell of poses whether a closed form reaches them.
 
     Args:
         handle: The task, see `task_of`.
-        wanted: See `task_of`.
+        tolerances: See `task_of`.
         structure: See `structure.candidates.KIND`, (NUMBERS,).
         targets: Rigid transforms, (k, 3, 4), lengths in [m].
         told: Receives LEFT, NO or YES, (k,).
@@ -44,7 +44,7 @@ def many_closed(
     Returns:
         How many are left.
     """
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     dof = len(task.lower)
     left = len(targets)
     if not serves(task, structure):

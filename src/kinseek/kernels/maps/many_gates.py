@@ -5,14 +5,14 @@ from __future__ import annotations
 from kinseek.kernels.arrays import CHAIN, Array, ChainArrays
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry
-from kinseek.kernels.proof.box import FORM, WANTED, Form, Wanted
+from kinseek.kernels.proof.box import FORM, PROOF_GOAL, Form, ProofGoal
 from kinseek.kernels.proof.gate import gate
 
 
 @entry(
     returns=I64,
     form=FORM,
-    wanted=WANTED,
+    proof_goal=PROOF_GOAL,
     chain=CHAIN,
     before=F64[3, 4],
     after=F64[3, 4],
@@ -22,7 +22,7 @@ from kinseek.kernels.proof.gate import gate
 )
 def many_gates(
     form: Form,
-    wanted: Wanted,
+    proof_goal: ProofGoal,
     chain: ChainArrays,
     before: Array,
     after: Array,
@@ -34,7 +34,7 @@ def many_gates(
 
     Args:
         form: The question, see `kinseek.proof.reduce.question`.
-        wanted: Its tolerances, with margins that bear the farthest of the poses; its `target` is the memory of `target`.
+        proof_goal: Its tolerances, with margins that bear the farthest of the poses; its `target` is the memory of `target`.
         chain: The arm.
         before: What the question multiplies a pose with from the left, (3, 4).
         after: And from the right, (3, 4).
@@ -57,7 +57,7 @@ def many_gates(
             for c in range(3):
                 target[r, c] = x * after[0, c] + y * after[1, c] + z * after[2, c]
             target[r, 3] = x * after[0, 3] + y * after[1, 3] + z * after[2, 3] + p
-        passes, _ = gate(form, wanted, chain)
+        passes, _ = gate(form, proof_goal, chain)
         closed[i] = 0.0 if passes else 1.0
         count += 0 if passes else 1
     return count

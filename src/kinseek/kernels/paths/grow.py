@@ -16,7 +16,7 @@ from kinseek.kernels.atlas.lanes import (
     lanes_solve,
 )
 from kinseek.kernels.atlas.memory import make_scratch, scratch_size
-from kinseek.kernels.atlas.task import HANDLE, WANTED, task_of
+from kinseek.kernels.atlas.task import HANDLE, TOLERANCES, task_of
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, inlined, noinline
 
@@ -110,14 +110,14 @@ def sign_of(A: Array) -> float:
 
 @noinline
 def along_lanes(
-    handle: Indices, wanted: Array, memory: Array, q: Array, first: int, last: int, way: Array, w: int
+    handle: Indices, tolerances: Array, memory: Array, q: Array, first: int, last: int, way: Array, w: int
 ) -> int:
     """Write the direction of the self-motion at answers first … last-1, at most LANES, into `way`, (k, n).
 
     The longest joint of it is 1. With one joint to spare its sense goes on without a jump from answer to answer along the
     self-motion, and is the other one across a singularity: with it the Jacobian has a determinant above zero.
     """
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     dof = len(task.lower)
     scratch = make_scratch(memory, dof, len(task.chain.leader))
     lanes, W = scratch.lanes, LANES
@@ -186,7 +186,7 @@ there; behind it the least and the most that each joint moves from pose to pose.
 
 @entry(
     handle=HANDLE,
-    wanted=F64[WANTED],
+    tolerances=F64[TOLERANCES],
     targets=F64["r", 3, 4],
     moments=F64["r"],
     longest=F64["n"],
@@ -199,7 +199,7 @@ there; behind it the least and the most that each joint moves from pose to pose.
 )
 def lead_on(
     handle: Indices,
-    wanted: Array,
+    tolerances: Array,
     targets: Array,
     moments: Array,
     longest: Array,
@@ -214,7 +214,7 @@ def lead_on(
 
     Args:
         handle: The task, see `task_of`; its limits end a branch.
-        wanted: See `task_of`.
+        tolerances: See `task_of`.
         targets: (r, 3, 4), lengths in [m].
         moments: Numbers of their poses, (r,): between two of them others may lie, which are not looked at.
         longest: How far each joint may go from one target to the next, (n,), [rad] or [m].
@@ -225,7 +225,7 @@ def lead_on(
         along: Receives the directions of the self-motion where they lead, (k, n), see `along_lanes`.
         w: LANES.
     """
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     rows, dof = len(targets), len(task.lower)
     ways, ends = np.zeros((rows, LANES, dof)), np.zeros(LANES, dtype=np.int64)
     memory = np.zeros(scratch_size(dof, len(task.chain.leader)))
@@ -236,7 +236,7 @@ def lead_on(
         for l in range(many):
             for d in range(dof):
                 ways[0, l, d] = q[first + l, d]
-        trace_lanes(handle, wanted, targets, 0, rows - 1, many, longest, ways, ends, w)
+        trace_lanes(handle, tolerances, targets, 0, rows - 1, many, longest, ways, ends, w)
         for l in range(many):
             k, base = first + l, 0.0
             for d in range(dof):
@@ -251,14 +251,14 @@ def lead_on(
             told[k, BASE] = base if ends[l] == rows - 1 else np.inf
             for d in range(dof):
                 ahead[k, d] = ways[ends[l], l, d]
-        along_lanes(handle, wanted, memory, ahead, first, first + many, along, w)
+        along_lanes(handle, tolerances, memory, ahead, first, first + many, along, w)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
 
 
 @entry(
     returns=I64,
     handle=HANDLE,
-    wanted=F64[WANTED],
+    tolerances=F64[TOLERANCES],
     target=F64[3, 4],
     given=F64["m", "n"],
     first=I64,
@@ -273,7 +273,7 @@ def lead_on(
 )
 def gather(
     handle: Indices,
-    wanted: Array,
+    tolerances: Array,
     target: Array,
     given: Array,
     first: int,
@@ -290,7 +290,7 @@ def gather(
 
     Args:
         handle: The task, see `task_of`.
-        wanted: See `task_of`.
+        tolerances: See `task_of`.
         target: (3, 4), lengths in [m].
         given: Answers, (m, n); what does not lie inside the limits is left out.
         first: So many of them come before what is found beside them.
@@ -306,7 +306,7 @@ def gather(
     Returns:
         How many there are.
     """
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     dof, most = len(lower), len(q)
     memory = np.zeros(scratch_size(dof, len(task.chain.leader)))
     scratch = make_scratch(memory, dof, len(task.chain.leader))
@@ -324,7 +324,7 @@ def gather(
         # Answers found beside others are looked beside as well, until nothing new is found.
         while told < count < most:
             last = min(told + LANES, count)
-            along_lanes(handle, wanted, memory, q, told, last, along, w)
+            along_lanes(handle, tolerances, memory, q, told, last, along, w)
             for side in range(2):
                 for k in range(told, last):
                     for d in range(dof):
@@ -336,17 +336,17 @@ def gather(
                     filled += 1
                     if filled == LANES:
                         count = settled(
-                            handle, wanted, memory, filled, lower, upper, turning, apart, q, count, one, w
+                            handle, tolerances, memory, filled, lower, upper, turning, apart, q, count, one, w
                         )
                         filled = 0
             if filled > 0:
                 count = settled(
-                    handle, wanted, memory, filled, lower, upper, turning, apart, q, count, one, w
+                    handle, tolerances, memory, filled, lower, upper, turning, apart, q, count, one, w
                 )
                 filled = 0
             told = last
     for k in range(told, count, LANES):
-        along_lanes(handle, wanted, memory, q, k, min(k + LANES, count), along, w)
+        along_lanes(handle, tolerances, memory, q, k, min(k + LANES, count), along, w)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return count
 
@@ -354,7 +354,7 @@ def gather(
 @noinline
 def settled(
     handle: Indices,
-    wanted: Array,
+    tolerances: Array,
     memory: Array,
     filled: int,
     lower: Array,
@@ -367,7 +367,7 @@ def settled(
     w: int,
 ) -> int:
     """Bring the first lanes onto their targets and append those that get there, and stand by themselves, to q."""
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     dof = len(lower)
     scratch = make_scratch(memory, dof, len(task.chain.leader))
     for l in range(filled, LANES):
@@ -379,7 +379,7 @@ def settled(
     for r in range(12):
         for l in range(filled, LANES):
             scratch.lanes.target[r * LANES + l] = scratch.lanes.target[r * LANES]
-    settle(handle, wanted, memory, task.lower, task.upper, STEPS, w)
+    settle(handle, tolerances, memory, task.lower, task.upper, STEPS, w)
     for l in range(filled):
         if not within(task, scratch.lanes, l):
             continue

@@ -11,7 +11,7 @@ from kinseek.kernels.atlas.descent import goal_of, reset_weights, within
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
 from kinseek.kernels.atlas.newton import settle as descend
-from kinseek.kernels.atlas.task import WANTED, Task, handle_at, lanes_of, task_of
+from kinseek.kernels.atlas.task import TOLERANCES, Task, handle_at, lanes_of, task_of
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, inlined, noinline
 
@@ -61,13 +61,13 @@ def go_nearer(task: Task, scratch: Scratch, target: Array, state: Array) -> None
 
 @noinline
 def one_period(
-    address: int, wanted: Array, target: Array, memory: Array, state: Array
+    address: int, tolerances: Array, target: Array, memory: Array, state: Array
 ) -> tuple[float, float, int]:
     """What `servo_step` does."""
     if not is_rigid(target):
         return np.inf, np.inf, NO_POSE
     handle = handle_at(address)
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     dof, joints, w = len(task.lower), len(task.chain.leader), lanes_of(handle)
     for k in range(scratch_size(dof, joints)):
         memory[k] = 0.0  # The same bits whatever came before.
@@ -86,7 +86,7 @@ def one_period(
         for d in range(dof):
             value = state[NOW, d] + share * state[LAST, d]
             scratch.lanes.q[d, l] = min(max(value, state[LOW, d]), state[HIGH, d])
-    settle(handle, wanted, memory, state[LOW], state[HIGH], STEPS, w)
+    settle(handle, tolerances, memory, state[LOW], state[HIGH], STEPS, w)
     best = 0
     for l in range(1, STARTS):
         reached = within(task, scratch.lanes, l) and not within(task, scratch.lanes, best)
@@ -127,13 +127,13 @@ def one_period(
 @entry(
     returns=(F64, F64, I64),
     address=I64,
-    wanted=F64[WANTED],
+    tolerances=F64[TOLERANCES],
     target=F64[4, 4],
     memory=F64["*"],
     state=F64[ROWS, "n"].out,
 )
 def servo_step(
-    address: int, wanted: Array, target: Array, memory: Array, state: Array
+    address: int, tolerances: Array, target: Array, memory: Array, state: Array
 ) -> tuple[float, float, int]:
     """Go as near to a pose as one period allows; the row NOW of the state becomes where the joints are then.
 
@@ -142,7 +142,7 @@ def servo_step(
 
     Args:
         address: Address of the handle of the task, see `task_of`.
-        wanted: See `task_of`.
+        tolerances: See `task_of`.
         target: (4, 4), lengths in [m].
         memory: At least `scratch_size` numbers.
         state: See `LOWER`, (ROWS, n).
@@ -150,13 +150,13 @@ def servo_step(
     Returns:
         Position error [m], orientation error [rad], and how the step ended, see `TRACKING`.
     """
-    return one_period(address, wanted, target, memory, state)
+    return one_period(address, tolerances, target, memory, state)
 
 
 @entry(
     returns=(I64, I64, I64),
     address=I64,
-    wanted=F64[WANTED],
+    tolerances=F64[TOLERANCES],
     targets=F64["k", 4, 4],
     place=F64,
     turn=F64,
@@ -164,13 +164,13 @@ def servo_step(
     state=F64[ROWS, "n"].out,
 )
 def look_ahead(
-    address: int, wanted: Array, targets: Array, place: float, turn: float, memory: Array, state: Array
+    address: int, tolerances: Array, targets: Array, place: float, turn: float, memory: Array, state: Array
 ) -> tuple[int, int, int]:
     """Make one step after another, until the hand is farther off than it may be.
 
     Args:
         address: See `servo_step`.
-        wanted: See `servo_step`.
+        tolerances: See `servo_step`.
         targets: One pose a step, (k, 4, 4).
         place: How far off the hand may be [m].
         turn: How far turned off [rad].
@@ -182,7 +182,7 @@ def look_ahead(
     """
     behind, count = -1, len(targets)
     for k in range(count):
-        position, orientation, ended = one_period(address, wanted, targets[k], memory, state)
+        position, orientation, ended = one_period(address, tolerances, targets[k], memory, state)
         if ended == TRACKING:
             behind = -1
             continue

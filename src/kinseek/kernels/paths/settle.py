@@ -17,7 +17,7 @@ from kinseek.kernels.atlas.lanes import (
     lanes_solve,
 )
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
-from kinseek.kernels.atlas.task import HANDLE, WANTED, task_of
+from kinseek.kernels.atlas.task import HANDLE, TOLERANCES, task_of
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, inlined, noinline
 
@@ -27,20 +27,20 @@ EXACT = 1e-18
 
 @noinline
 def settle(
-    handle: Indices, wanted: Array, memory: Array, lower: Array, upper: Array, steps: int, w: int
+    handle: Indices, tolerances: Array, memory: Array, lower: Array, upper: Array, steps: int, w: int
 ) -> int:
     """Bring the lanes whose state is 0 onto their targets by damped steps, so many at most; return how many were made.
 
     Args:
         handle: The task, see `task_of`.
-        wanted: See `task_of`.
+        tolerances: See `task_of`.
         memory: The scratch memory, its targets, weights, states and joint values set.
         lower: Limits that no step leaves, (n,); infinite where there are none.
         upper: (n,)
         steps: How many steps at most.
         w: LANES.
     """
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     scratch = make_scratch(memory, len(lower), len(task.chain.leader))
     lanes, turn, made = scratch.lanes, free_turn(task), 0
     lanes_forward(task.chain.leader, task.links, lanes, w)
@@ -76,7 +76,7 @@ def load_lane(scratch: Scratch, lane: int, target: Array, q: Array) -> None:
 
 @entry(
     handle=HANDLE,
-    wanted=F64[WANTED],
+    tolerances=F64[TOLERANCES],
     targets=F64["k", 3, 4],
     lower=F64["n"],
     upper=F64["n"],
@@ -87,7 +87,7 @@ def load_lane(scratch: Scratch, lane: int, target: Array, q: Array) -> None:
 )
 def settle_many(
     handle: Indices,
-    wanted: Array,
+    tolerances: Array,
     targets: Array,
     lower: Array,
     upper: Array,
@@ -100,7 +100,7 @@ def settle_many(
 
     Args:
         handle: The task, see `task_of`.
-        wanted: See `task_of`.
+        tolerances: See `task_of`.
         targets: (k, 3, 4), lengths in [m].
         lower: Limits that are kept, (n,); infinite where there are none.
         upper: (n,)
@@ -109,7 +109,7 @@ def settle_many(
         left: Receives the squared scaled error that is left of each, (k,).
         w: LANES.
     """
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     dof, joints = len(lower), len(task.chain.leader)
     memory = np.zeros(scratch_size(dof, joints))
     scratch = make_scratch(memory, dof, joints)
@@ -120,7 +120,7 @@ def settle_many(
             k = min(first + l, count - 1)
             load_lane(scratch, l, targets[k], q[k])
             scratch.state[l] = 0
-        settle(handle, wanted, memory, lower, upper, steps, w)
+        settle(handle, tolerances, memory, lower, upper, steps, w)
         for l in range(min(LANES, count - first)):
             left[first + l] = scratch.lanes.error[3 * LANES + l]
             for i in range(dof):

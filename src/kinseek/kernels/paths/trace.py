@@ -10,7 +10,7 @@ from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.descent import reset_weights, within
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import make_scratch, scratch_size
-from kinseek.kernels.atlas.task import HANDLE, WANTED, task_of
+from kinseek.kernels.atlas.task import HANDLE, TOLERANCES, task_of
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, inlined, noinline
 
@@ -33,7 +33,7 @@ piece of itself; it came to where another branch is that was there before, so th
 @noinline
 def trace_lanes(
     handle: Indices,
-    wanted: Array,
+    tolerances: Array,
     targets: Array,
     begin: int,
     end: int,
@@ -44,7 +44,7 @@ def trace_lanes(
     w: int,
 ) -> int:
     """See `trace`; return how many branches get to the end."""
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = np.zeros(scratch_size(dof, joints))
     scratch = make_scratch(memory, dof, joints)
@@ -74,7 +74,7 @@ def trace_lanes(
                 if passed > 1:
                     value += curved[l] * (q[i, l, d] - 2.0 * q[i - way, l, d] + q[i - 2 * way, l, d])
                 scratch.lanes.q[d, l] = min(max(value, task.lower[d]), task.upper[d])
-        settle(handle, wanted, memory, task.lower, task.upper, STEPS, w)
+        settle(handle, tolerances, memory, task.lower, task.upper, STEPS, w)
         for l in range(many):
             if scratch.state[l] != 0:
                 continue
@@ -101,7 +101,7 @@ def trace_lanes(
 
 @entry(
     handle=HANDLE,
-    wanted=F64[WANTED],
+    tolerances=F64[TOLERANCES],
     targets=F64["k", 3, 4],
     begin=I64,
     end=I64,
@@ -113,7 +113,7 @@ def trace_lanes(
 )
 def trace(
     handle: Indices,
-    wanted: Array,
+    tolerances: Array,
     targets: Array,
     begin: int,
     end: int,
@@ -130,7 +130,7 @@ def trace(
 
     Args:
         handle: The task, see `task_of`; its limits end a branch.
-        wanted: See `task_of`.
+        tolerances: See `task_of`.
         targets: (k, 3, 4), lengths in [m].
         begin: Target from which the branches are followed.
         end: Target up to which they are followed.
@@ -140,7 +140,7 @@ def trace(
         ends: Receives the last target of each branch, (LANES,).
         w: LANES.
     """
-    trace_lanes(handle, wanted, targets, begin, end, many, longest, q, ends, w)
+    trace_lanes(handle, tolerances, targets, begin, end, many, longest, q, ends, w)
 
 
 @inlined

@@ -6,12 +6,12 @@ from kinseek.kernels.arm.division import TURN
 from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.jit import inlined, ir_inlined
 
-from .box import LEAST, BoxScratch, Form, Wanted, place, turn_goal
+from .box import LEAST, BoxScratch, Form, ProofGoal, place, turn_goal
 from .last_joint import Roll, complete, roll_fits
 from .taylor import differentiate, downhill, normal_matrix, solve
 
 DAMPING = 1e-9
-"""Added to the diagonal of the normal matrix, whose entries are about one where a joint moves the hand by `Wanted.length`.
+"""Added to the diagonal of the normal matrix, whose entries are about one where a joint moves the hand by `ProofGoal.length`.
 
 It keeps a step finite that no motion of the hand calls for, and is too small to slow down any other: the error falls to a
 part of some 1e-9 a step at best, and three steps meet every tolerance. Twice as much changes that to 2e-9.
@@ -19,12 +19,12 @@ part of some 1e-9 a step at best, and three steps meet every tolerance. Twice as
 
 
 @inlined
-def step(form: Form, wanted: Wanted, scratch: BoxScratch) -> None:
+def step(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> None:
     """Write the Gauss-Newton step from the middle of the box to the goal into ``scratch.delta``."""
-    scale = 1.0 / (wanted.length * wanted.length + LEAST)
+    scale = 1.0 / (proof_goal.length * proof_goal.length + LEAST)
     weight = 1.0 if form.columns > 0 else 0.0
     place(form, scratch)
-    turn_goal(form, wanted, scratch)
+    turn_goal(form, proof_goal, scratch)
     differentiate(form, scratch, 0, form.columns)
     normal_matrix(form, scratch, scale, weight, form.columns)
     downhill(form, scratch, scale, weight, form.columns)
@@ -35,17 +35,23 @@ def step(form: Form, wanted: Wanted, scratch: BoxScratch) -> None:
 
 @ir_inlined
 def approach(
-    form: Form, wanted: Wanted, roll: Roll, chain: ChainArrays, steps: int, scratch: BoxScratch, q: Array
+    form: Form,
+    proof_goal: ProofGoal,
+    roll: Roll,
+    chain: ChainArrays,
+    steps: int,
+    scratch: BoxScratch,
+    q: Array,
 ) -> None:
     """Gauss-Newton steps from the middle of the box; the joint values they lead to, (n,), inside the limits."""
     for _ in range(steps):
-        step(form, wanted, scratch)
+        step(form, proof_goal, scratch)
         for i in range(len(scratch.c)):
             scratch.c[i] += scratch.delta[i]
             if i > 0 or form.head != TURN:
                 scratch.c[i] = min(max(scratch.c[i], chain.lower[i]), chain.upper[i])
     place(form, scratch)
-    turn_goal(form, wanted, scratch)
+    turn_goal(form, proof_goal, scratch)
     if roll.present:
-        roll_fits(form, wanted, roll, scratch)
+        roll_fits(form, proof_goal, roll, scratch)
     complete(form, roll, chain, scratch, q)

@@ -11,7 +11,7 @@ So all bounds need the radii ``r_k = |z_k x (p - p_k)|`` at the centre alone:
   ``E_1 … E_{k-1} v_k(δ_k)`` keep the terms up to degree two; what is left over is at most
   ``r_k (h³/6 + S h²/2 + S² h/2)``. A slide adds ``h S²/2``.)
 
-Every test compares with the goal and adds a margin for rounding: `Wanted.margin`.
+Every test compares with the goal and adds a margin for rounding: `ProofGoal.margin`.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ import math
 from kinseek.kernels.arm.division import SLIDE, TURN
 from kinseek.kernels.jit import inlined
 
-from .box import BELOW, BoxScratch, Form, Wanted, motion, rounding, short_way, turning
+from .box import BELOW, BoxScratch, Form, ProofGoal, motion, rounding, short_way, turning
 
 OF_ANGLES = 64.0 * 2.0**-53
 """Margin for rounding of the angles that arc functions give [rad]. Two angles within π are off by 16 unit roundoffs each,
 and their difference by 4; an arc sine is off by 8, taken twice: 52 in all, where these functions are good to four units in
-the last place. What rounding does to their arguments is covered by `Wanted.margin`."""
+the last place. What rounding does to their arguments is covered by `ProofGoal.margin`."""
 
 FULL_TURN = 3.14159
 """Half width that counts as a whole turn [rad]: limits are often written with so many digits. A box that becomes an arc may
@@ -75,13 +75,13 @@ def cut_arc(scratch: BoxScratch, i: int, middle: float, psi: float) -> bool:
 
 
 @inlined
-def least_error(wanted: Wanted, far: float, tilt: float, b: float) -> float:
+def least_error(proof_goal: ProofGoal, far: float, tilt: float, b: float) -> float:
     """Least weighted error with a point b [m] from the tip `far` away [m] and the last axis off by a chord of `tilt`.
 
     With σ = 2 sin(φ/2) ≥ tilt of the hand's whole turn φ the tip is no nearer than far - σ b, and the paper's
     error of the orientation is at least K_A (1 - cos φ) = K_A σ²/2.
     """
-    K_P, K_A = wanted.weight_p, wanted.weight_a
+    K_P, K_A = proof_goal.weight_p, proof_goal.weight_a
     far, sigma = max(far, 0.0), max(tilt, 0.0)
     if K_A > 0.0 and b > 0.0:
         sigma = min(max(sigma, min(K_P * b / K_A, far / b)), 2.0)
@@ -90,37 +90,37 @@ def least_error(wanted: Wanted, far: float, tilt: float, b: float) -> float:
 
 
 @inlined
-def wide(form: Form, wanted: Wanted) -> bool:
+def wide(form: Form, proof_goal: ProofGoal) -> bool:
     """Do the tolerances let the hand's one axis that counts lie in a wide cone about the goal's?"""
-    return form.columns == 1 and wanted.angle > WIDE
+    return form.columns == 1 and proof_goal.angle > WIDE
 
 
 @inlined
-def lean_beyond(wanted: Wanted, turn: float) -> float:
+def lean_beyond(proof_goal: ProofGoal, turn: float) -> float:
     """How far an axis that a box turns by a chord of `turn` may be from the goal's at its centre, as a chord.
 
     Angles add up, chords do not: with a wide cone they add up to much less.
     """
-    angle = wanted.angle + wanted.margin_a + 2.0 * math.asin(min(0.5 * turn, 1.0))
-    return 2.0 * math.sin(0.5 * min(angle, math.pi)) + wanted.margin_a
+    angle = proof_goal.angle + proof_goal.margin_a + 2.0 * math.asin(min(0.5 * turn, 1.0))
+    return 2.0 * math.sin(0.5 * min(angle, math.pi)) + proof_goal.margin_a
 
 
 @inlined
-def first_order(form: Form, wanted: Wanted, scratch: BoxScratch, ceiling: float) -> bool:
+def first_order(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: float) -> bool:
     """Compare azimuth, radius, height and last axis with the goal's; say whether anything of the box is left.
 
     With `ceiling` negative the tolerances decide, else the weighted error: what cannot stay below `ceiling` is gone. The
     first joint's range is cut to what the azimuths leave. ``scratch.found[BELOW]`` becomes a lower bound of the weighted error.
     """
     T, m = scratch.T, len(form.leader)
-    trust, margin, margin_a = wanted.trust, wanted.margin, wanted.margin_a
+    trust, margin, margin_a = proof_goal.trust, proof_goal.margin, proof_goal.margin_a
     begin = 1 if form.head != 0 else 0
     end = m
     w0, w1, w2, a0, a1, a2 = T[0, 3], T[1, 3], T[2, 3], T[0, 0], T[1, 0], T[2, 0]
-    goal = wanted.target
+    goal = proof_goal.target
     column = 0
     if form.tail == 1:
-        end, goal, column = m - 1, wanted.last, 2
+        end, goal, column = m - 1, proof_goal.last, 2
         a0, a1, a2 = scratch.z[end, 0], scratch.z[end, 1], scratch.z[end, 2]
         w0, w1, w2 = (
             scratch.p[end, 0] + form.foot * a0,
@@ -129,7 +129,7 @@ def first_order(form: Form, wanted: Wanted, scratch: BoxScratch, ceiling: float)
         )
     g0, g1, g2 = goal[0, 3], goal[1, 3], goal[2, 3]
     b0, b1, b2 = goal[0, column], goal[1, column], goal[2, column]
-    behind, back = 0.0, wanted.back
+    behind, back = 0.0, proof_goal.back
     if back != 0.0 and ceiling >= 0.0:  # How far away the point that lies back along the first column stays.
         e0, e1, e2 = w0 - back * a0, w1 - back * a1, w2 - back * a2
         d0, d1, d2 = g0 - back * b0, g1 - back * b1, g2 - back * b2
@@ -161,24 +161,24 @@ def first_order(form: Form, wanted: Wanted, scratch: BoxScratch, ceiling: float)
     if form.columns == 0:
         tilt = 0.0
     if ceiling < 0.0:
-        rho += wanted.position
-        if wide(form, wanted):
-            sigma = lean_beyond(wanted, sigma)
+        rho += proof_goal.position
+        if wide(form, proof_goal):
+            sigma = lean_beyond(proof_goal, sigma)
         else:
-            sigma += wanted.chord if form.columns < 3 else wanted.chord / math.sqrt(2.0)
+            sigma += proof_goal.chord if form.columns < 3 else proof_goal.chord / math.sqrt(2.0)
         if far > rho or tilt > sigma:
             return False
     else:
-        bound = least_error(wanted, far - rho, tilt - sigma, wanted.offset)
-        if wanted.back != 0.0:
-            bound = max(bound, least_error(wanted, behind, tilt - sigma, abs(wanted.back)))
+        bound = least_error(proof_goal, far - rho, tilt - sigma, proof_goal.offset)
+        if proof_goal.back != 0.0:
+            bound = max(bound, least_error(proof_goal, behind, tilt - sigma, abs(proof_goal.back)))
         scratch.found[BELOW] = max(scratch.found[BELOW], bound)
         if bound > ceiling:
             return False
         largest = 2.0
-        if wanted.weight_a > 0.0:
-            largest = min(math.sqrt(2.0 * ceiling / wanted.weight_a), 2.0)
-        rho += ceiling / wanted.weight_p + wanted.offset * largest
+        if proof_goal.weight_a > 0.0:
+            largest = min(math.sqrt(2.0 * ceiling / proof_goal.weight_a), 2.0)
+        rho += ceiling / proof_goal.weight_p + proof_goal.offset * largest
         sigma += largest
     if form.head == TURN:
         psi = arc(rw, w2, rg, g2, rho)

@@ -73,7 +73,7 @@ class Form(NamedTuple):
     """Point on the last axis that these compare, as a distance along it from the joint's origin [m]."""
 
 
-class Wanted(NamedTuple):
+class ProofGoal(NamedTuple):
     """What is asked of the hand."""
 
     target: Array
@@ -121,8 +121,8 @@ FORM = Bundle(
     foot=F64,
 )
 
-WANTED = Bundle(
-    Wanted,
+PROOF_GOAL = Bundle(
+    ProofGoal,
     target=F64[3, 4],
     last=F64[3, 4],
     position=F64,
@@ -286,9 +286,9 @@ def turned(form: Form, scratch: BoxScratch, count: int) -> float:
 
 
 @inlined
-def turn_goal(form: Form, wanted: Wanted, scratch: BoxScratch) -> None:
+def turn_goal(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> None:
     """The target as the frame after the first joint sees it, with that joint at the centre of its range."""
-    goal, target = scratch.goal, wanted.target
+    goal, target = scratch.goal, proof_goal.target
     if form.head == TURN:
         cosine, sine = math.cos(scratch.c[0]), math.sin(scratch.c[0])
         for i in range(4):
@@ -340,13 +340,13 @@ def turning(form: Form, scratch: BoxScratch, begin: int, end: int, ax: float, ay
 
 
 @inlined
-def widest(form: Form, wanted: Wanted, scratch: BoxScratch, head: float) -> int:
+def widest(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, head: float) -> int:
     """The variable whose range moves the hand most; a first joint that turns counts for `head`."""
     best, index = -1.0, 0
     for i in range(len(scratch.c)):
         scratch.delta[i] = 0.0
     for k in range(len(form.leader)):
-        turn = 0.0 if form.prismatic[k] else wanted.length * (scratch.s[k] if form.columns == 1 else 1.0)
+        turn = 0.0 if form.prismatic[k] else proof_goal.length * (scratch.s[k] if form.columns == 1 else 1.0)
         if form.columns == 0:
             turn = 0.0
         i = form.leader[k]

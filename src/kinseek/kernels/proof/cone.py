@@ -13,7 +13,7 @@ import math
 
 from kinseek.kernels.jit import inlined, ir_inlined
 
-from .box import TINY, BoxScratch, Form, Wanted, place, turn_goal, widths
+from .box import TINY, BoxScratch, Form, ProofGoal, place, turn_goal, widths
 from .form import ROUND, Rests, cut_box, size_of_point, weigh
 from .taylor import differentiate, downhill, normal_matrix, rests, solve, step_miss
 
@@ -32,24 +32,24 @@ def steepness(form: Form, scratch: BoxScratch) -> None:
 
 
 @ir_inlined
-def separate_cone(form: Form, wanted: Wanted, scratch: BoxScratch, passes: int) -> bool:
+def separate_cone(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes: int) -> bool:
     """Look for a form that lies between the box and the goal's point and cone; cut the box; is anything left?
 
     For every w ≥ 0 and every y ``y·(p - p_g) + w (cos τ - a·g)`` is at most ``|y|`` times the tolerance where both are met.
     """
     place(form, scratch)  # What came before may have cut the box.
-    turn_goal(form, wanted, scratch)
+    turn_goal(form, proof_goal, scratch)
     widths(form, scratch)
     differentiate(form, scratch, 0, 1)
     two_p, two_c, three_p, three_c = rests(form, scratch, scratch.r, 0)
     rest = Rests(0, two_p, two_c, three_p, three_c, three_p)
     T, goal, dof = scratch.T, scratch.goal, len(scratch.c)
-    edge = math.cos(min(wanted.angle, math.pi))
+    edge = math.cos(min(proof_goal.angle, math.pi))
     short = edge - (T[0, 0] * goal[0, 0] + T[1, 0] * goal[1, 0] + T[2, 0] * goal[2, 0])
     # As a form of the axis less the goal's: it is -w g·(a - g) then, which the cone leaves at most w (1 - cos τ).
-    slack_p, slack_c = wanted.position + wanted.margin, 1.0 - edge + wanted.margin_a
+    slack_p, slack_c = proof_goal.position + proof_goal.margin, 1.0 - edge + proof_goal.margin_a
     weight_p = 1.0 / ((two_p * 0.5 + slack_p) * (two_p * 0.5 + slack_p))
-    sharp = 1.0 / ((two_c * 0.5 + wanted.margin_a) * (two_c * 0.5 + wanted.margin_a))
+    sharp = 1.0 / ((two_c * 0.5 + proof_goal.margin_a) * (two_c * 0.5 + proof_goal.margin_a))
     weight_c = sharp if short > 0.0 else 0.0
     for i in range(dof):
         scratch.D[i] = 1.0 / (scratch.h[i] * scratch.h[i])
@@ -70,7 +70,7 @@ def separate_cone(form: Form, wanted: Wanted, scratch: BoxScratch, passes: int) 
         for r in range(3):
             scratch.y[r, 3] *= weight_p
             scratch.y[r, 0] = -size_c * goal[r, 0]
-        surplus = weigh(form, wanted, scratch, rest, slack_p, slack_c)
+        surplus = weigh(form, proof_goal, scratch, rest, slack_p, slack_c)
         if surplus > 0.0:
             return False
         if attempt + 1 == passes:
@@ -84,7 +84,7 @@ def separate_cone(form: Form, wanted: Wanted, scratch: BoxScratch, passes: int) 
         for i in range(dof):
             scratch.D[i] = (abs(scratch.g[i]) + ROUND * total / scratch.h[i]) / scratch.h[i]
         weight_p = (size_p + TINY) / (slack_p + three_p)
-        weight_c = size_c / (wanted.margin_a + three_c)
+        weight_c = size_c / (proof_goal.margin_a + three_c)
         if size_c == 0.0 and beyond > 0.0:
             weight_c = sharp
     return True

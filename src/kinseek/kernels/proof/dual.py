@@ -13,7 +13,7 @@ import math
 
 from kinseek.kernels.jit import inlined
 
-from .box import TINY, BoxScratch, Form, Wanted, turned
+from .box import TINY, BoxScratch, Form, ProofGoal, turned
 from .taylor import normal_matrix, slope, solve, step_miss, weight_miss
 
 STEPS = 6
@@ -31,14 +31,14 @@ BLUNT = 1e-3
 
 
 @inlined
-def support(form: Form, wanted: Wanted, scratch: BoxScratch, ceiling: float) -> None:
+def support(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: float) -> None:
     """Write the form of a nearly least step inside the box into ``scratch.y``; the part for the point is at most K_P long.
 
     Weighted least squares with the weight ``K_P/|v_p|`` for the point, which follows the step. Newton steps for the
     variables that are not held at an end of their range, cut off at the ends.
     """
     dof, columns = len(scratch.c), form.columns
-    K_P, K_A = wanted.weight_p, wanted.weight_a if columns > 0 else 0.0
+    K_P, K_A = proof_goal.weight_p, proof_goal.weight_a if columns > 0 else 0.0
     for i in range(dof):
         scratch.delta[i] = 0.0
     for attempt in range(STEPS):
@@ -51,7 +51,7 @@ def support(form: Form, wanted: Wanted, scratch: BoxScratch, ceiling: float) -> 
         far = math.sqrt(far)
         weight_p = K_P / (far + BLUNT * ceiling / K_P + TINY)
         weight_miss(scratch, weight_p, K_A, columns)
-        turned += count_side(wanted, scratch)
+        turned += count_side(proof_goal, scratch)
         slope(form, scratch, columns, scratch.v)
         reached, short = K_P * far + 0.5 * K_A * turned, 0.0
         for i in range(dof):
@@ -79,27 +79,27 @@ def support(form: Form, wanted: Wanted, scratch: BoxScratch, ceiling: float) -> 
 
 
 @inlined
-def count_side(wanted: Wanted, scratch: BoxScratch) -> float:
+def count_side(proof_goal: ProofGoal, scratch: BoxScratch) -> float:
     """Where a second column of the hand counts, add its part to the form's first column; what it adds to ``|v_c|²``.
 
     Let x be the last joint's axis, and let the columns x and y of the hand count. The best turn about x leaves y·y_g at
     ``√(1 - (x·y_g)²)``, so the second column costs ``½ K_A (x·y_g)²`` at least: as if v_c counted twice along y_g.
     """
-    if wanted.side_y == 0.0 and wanted.side_z == 0.0:
+    if proof_goal.side_y == 0.0 and proof_goal.side_z == 0.0:
         return 0.0  # K_A may be 0 then.
-    s0, s1, s2 = side(wanted, scratch)
+    s0, s1, s2 = side(proof_goal, scratch)
     along = s0 * scratch.y[0, 0] + s1 * scratch.y[1, 0] + s2 * scratch.y[2, 0]
     scratch.y[0, 0] += along * s0
     scratch.y[1, 0] += along * s1
     scratch.y[2, 0] += along * s2
-    added: float = along * along / (wanted.weight_a * wanted.weight_a)
+    added: float = along * along / (proof_goal.weight_a * proof_goal.weight_a)
     return added
 
 
 @inlined
-def side(wanted: Wanted, scratch: BoxScratch) -> tuple[float, float, float]:
+def side(proof_goal: ProofGoal, scratch: BoxScratch) -> tuple[float, float, float]:
     """The goal's second column that counts, where there is one; else zero."""
-    a, b, goal = wanted.side_y, wanted.side_z, scratch.goal
+    a, b, goal = proof_goal.side_y, proof_goal.side_z, scratch.goal
     return (
         a * goal[0, 1] + b * goal[0, 2],
         a * goal[1, 1] + b * goal[1, 2],
@@ -108,23 +108,23 @@ def side(wanted: Wanted, scratch: BoxScratch) -> tuple[float, float, float]:
 
 
 @inlined
-def gain_of_side(form: Form, wanted: Wanted, scratch: BoxScratch, middle: int) -> float:
+def gain_of_side(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, middle: int) -> float:
     """What a second column that counts adds to the bound: its value; its slope goes to ``scratch.g``.
 
     It takes ``b²/(4 K_A)`` off the form's conjugate, b the part of y_c along the goal's column. As seen from halfway that
     column turns with the joints before: ``b(δ)² ≥ b² + 2 b (b(δ) - b)``, to second order in their widths.
     """
-    if wanted.side_y == 0.0 and wanted.side_z == 0.0:
+    if proof_goal.side_y == 0.0 and proof_goal.side_z == 0.0:
         return 0.0
-    s0, s1, s2 = side(wanted, scratch)
+    s0, s1, s2 = side(proof_goal, scratch)
     y0, y1, y2 = scratch.y[0, 0], scratch.y[1, 0], scratch.y[2, 0]
     c0, c1, c2 = s1 * y2 - s2 * y1, s2 * y0 - s0 * y2, s0 * y1 - s1 * y0
     b = s0 * y0 + s1 * y1 + s2 * y2
-    half, turn = 0.5 / wanted.weight_a, turned(form, scratch, middle)
+    half, turn = 0.5 / proof_goal.weight_a, turned(form, scratch, middle)
     for k in range(middle):
         if not form.prismatic[k]:
             slope = scratch.z[k, 0] * c0 + scratch.z[k, 1] * c1 + scratch.z[k, 2] * c2
             scratch.g[form.leader[k]] -= half * b * form.multiplier[k] * slope
     rest = 0.5 * abs(b) * math.sqrt(y0 * y0 + y1 * y1 + y2 * y2) * turn * turn
-    gain: float = half * (0.5 * b * b - wanted.trust * rest)
+    gain: float = half * (0.5 * b * b - proof_goal.trust * rest)
     return gain

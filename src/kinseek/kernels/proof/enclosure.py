@@ -72,18 +72,18 @@ def enclose(
     Returns:
         Is anything of it left? And a lower bound of the error in it, `below` or better.
     """
-    form, wanted, roll, chain = question.form, question.wanted, question.roll, question.chain
+    form, proof_goal, roll, chain = question.form, question.proof_goal, question.roll, question.chain
     scratch, trial, T, figures = work.scratch, work.trial, work.T, memory.figures
     ceiling, extra = figures[CEILING], 0.0
     if roll.present:
-        turn_goal(form, wanted, scratch)
-        roll_fits(form, wanted, roll, scratch)
+        turn_goal(form, proof_goal, scratch)
+        roll_fits(form, proof_goal, roll, scratch)
         widths(form, scratch)
-        extra = twist_cost(form, wanted, roll, scratch, ceiling)
+        extra = twist_cost(form, proof_goal, roll, scratch, ceiling)
     if extra >= ceiling:
         return False, max(below, extra)
     complete(form, roll, chain, scratch, trial)
-    kept = underestimate(form, wanted, scratch, ceiling - extra)
+    kept = underestimate(form, proof_goal, scratch, ceiling - extra)
     if scratch.found[MIDDLE_ERROR] < figures[UPPER]:
         forward(chain, trial, T)
         error = weighted_error(T, question.goal)

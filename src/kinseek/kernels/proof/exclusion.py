@@ -12,7 +12,7 @@ from .box import (
     BELOW,
     BoxScratch,
     Form,
-    Wanted,
+    ProofGoal,
     load_box,
     make_box_scratch,
     place,
@@ -31,23 +31,25 @@ STEPS = 8
 
 
 @ir_inlined
-def exclude(form: Form, wanted: Wanted, roll: Roll, scratch: BoxScratch, passes: int) -> bool:
+def exclude(form: Form, proof_goal: ProofGoal, roll: Roll, scratch: BoxScratch, passes: int) -> bool:
     """Cut off the box in hand what misses a tolerance, to second order; say whether anything of it is left."""
-    kept = separate(form, wanted, scratch, passes)
-    if kept and wide(form, wanted):
-        kept = separate_cone(form, wanted, scratch, passes)
+    kept = separate(form, proof_goal, scratch, passes)
+    if kept and wide(form, proof_goal):
+        kept = separate_cone(form, proof_goal, scratch, passes)
     if kept and roll.present:
-        kept = roll_fits(form, wanted, roll, scratch)
+        kept = roll_fits(form, proof_goal, roll, scratch)
     return kept
 
 
 @kernel
-def examine(form: Form, wanted: Wanted, roll: Roll, boxes: Array, ceiling: float, passes: int) -> Array:
+def examine(
+    form: Form, proof_goal: ProofGoal, roll: Roll, boxes: Array, ceiling: float, passes: int
+) -> Array:
     """Test boxes one by one, without cutting them in half; for tests and pictures.
 
     Args:
         form: The part of the arm that the boxes are about.
-        wanted: What is asked of it.
+        proof_goal: What is asked of it.
         roll: The last joint, where it is divided out.
         boxes: (k, 2 dof): centres and half widths.
         ceiling: Weighted error to stay below, or negative: the tolerances decide.
@@ -64,24 +66,24 @@ def examine(form: Form, wanted: Wanted, roll: Roll, boxes: Array, ceiling: float
         scratch.found[BELOW] = 0.0
         place(form, scratch)
         widths(form, scratch)
-        kept = first_order(form, wanted, scratch, ceiling)
+        kept = first_order(form, proof_goal, scratch, ceiling)
         if kept and ceiling >= 0.0 and form.tail == 1:
-            kept = cut_twist(form, wanted, scratch, ceiling)
+            kept = cut_twist(form, proof_goal, scratch, ceiling)
         if kept and passes > 0:
             extra = 0.0
             if roll.present and ceiling >= 0.0:
-                turn_goal(form, wanted, scratch)
+                turn_goal(form, proof_goal, scratch)
                 widths(form, scratch)
-                extra = twist_cost(form, wanted, roll, scratch, ceiling)
+                extra = twist_cost(form, proof_goal, roll, scratch, ceiling)
             if ceiling < 0.0:
-                kept = separate(form, wanted, scratch, passes)
-                if kept and wide(form, wanted):
-                    kept = separate_cone(form, wanted, scratch, passes)
+                kept = separate(form, proof_goal, scratch, passes)
+                if kept and wide(form, proof_goal):
+                    kept = separate_cone(form, proof_goal, scratch, passes)
             else:
-                kept = not extra > ceiling and underestimate(form, wanted, scratch, ceiling - extra)
+                kept = not extra > ceiling and underestimate(form, proof_goal, scratch, ceiling - extra)
             scratch.found[BELOW] += extra
             if kept and roll.present and ceiling < 0.0:
-                kept = roll_fits(form, wanted, roll, scratch)
+                kept = roll_fits(form, proof_goal, roll, scratch)
         result[row, 0] = 1.0 if kept else 0.0
         result[row, 1] = scratch.found[BELOW]
         for i in range(dof):

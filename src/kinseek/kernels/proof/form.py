@@ -21,7 +21,7 @@ from .box import (
     TINY,
     BoxScratch,
     Form,
-    Wanted,
+    ProofGoal,
     rounding,
     turn_goal,
     widths,
@@ -46,7 +46,7 @@ form's size counts for every variable, so that one which the form does not see s
 
 OF_ROOTS = 64.0 * 2.0**-53
 """Rounding of the last steps to the root of a quadratic polynomial, relative to one plus the half width [rad] or [m]. What
-rounding does to its coefficients is as if the bound had moved by less than `Wanted.margin` allows for."""
+rounding does to its coefficients is as if the bound had moved by less than `ProofGoal.margin` allows for."""
 
 OF_SQUARES = 32.0 * 2.0**-53
 """Rounding of one completed square, relative to the magnitudes of all entries before and after it: three operations an
@@ -71,7 +71,7 @@ class Rests(NamedTuple):
 
 
 @inlined
-def expand(form: Form, wanted: Wanted, scratch: BoxScratch) -> Rests:
+def expand(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> Rests:
     """Write down what the hand misses at the centre of the box, and its derivatives; what they leave over.
 
     Let f be the hand's point and columns less the goal's, as seen from halfway along the arm: so it is as long as seen from
@@ -79,14 +79,14 @@ def expand(form: Form, wanted: Wanted, scratch: BoxScratch) -> Rests:
     smaller than if all of them moved the hand. For any form y, ``y·f(q) = y·f + g·δ + ½ δᵀHδ + rest`` with |rest| bounded to
     third order.
     """
-    turn_goal(form, wanted, scratch)
+    turn_goal(form, proof_goal, scratch)
     widths(form, scratch)
-    middle = halfway(form, wanted, scratch)
+    middle = halfway(form, proof_goal, scratch)
     differentiate(form, scratch, middle, form.columns)
     two_p, two_c, three_p, three_c = rests(form, scratch, scratch.r, middle)
     three_b = three_p
-    if wanted.back != 0.0:
-        radii_behind(form, scratch, middle, wanted.back)
+    if proof_goal.back != 0.0:
+        radii_behind(form, scratch, middle, proof_goal.back)
         _, _, three_b, _ = rests(form, scratch, scratch.back, middle)
     far = turned = 0.0
     for r in range(3):
@@ -94,22 +94,24 @@ def expand(form: Form, wanted: Wanted, scratch: BoxScratch) -> Rests:
         for i in range(form.columns):
             turned += (scratch.T[r, i] - scratch.goal[r, i]) * (scratch.T[r, i] - scratch.goal[r, i])
     scratch.found[MISS_POINT], scratch.found[MISS_COLUMNS] = math.sqrt(far), math.sqrt(turned)
-    scratch.found[MIDDLE_ERROR] = wanted.weight_p * scratch.found[MISS_POINT] + 0.5 * wanted.weight_a * turned
+    scratch.found[MIDDLE_ERROR] = (
+        proof_goal.weight_p * scratch.found[MISS_POINT] + 0.5 * proof_goal.weight_a * turned
+    )
     return Rests(middle, two_p, two_c, three_p, three_c, three_b)
 
 
 @ir_inlined
-def underestimate(form: Form, wanted: Wanted, scratch: BoxScratch, ceiling: float) -> bool:
+def underestimate(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: float) -> bool:
     """Bound the weighted error from below by one form; cut the box where it excludes an end; say whether anything is left.
 
     ``K_P |f_p| ≥ y_p·f_p`` for |y_p| ≤ K_P and ``½ K_A |f_c|² ≥ y_c·f_c - |y_c|²/(2 K_A)`` make every form a lower bound
     (Fenchel's inequality); taken is the one that is best to first order. The bound goes to ``scratch.found[BELOW]``.
     """
-    rest = expand(form, wanted, scratch)
-    support(form, wanted, scratch, ceiling)
-    bound = weigh(form, wanted, scratch, rest, wanted.margin, wanted.margin_a)
+    rest = expand(form, proof_goal, scratch)
+    support(form, proof_goal, scratch, ceiling)
+    bound = weigh(form, proof_goal, scratch, rest, proof_goal.margin, proof_goal.margin_a)
     if form.columns > 0:
-        bound -= 0.5 * size_of_columns(form, scratch) ** 2 / wanted.weight_a
+        bound -= 0.5 * size_of_columns(form, scratch) ** 2 / proof_goal.weight_a
     scratch.found[BELOW] = max(scratch.found[BELOW], bound)
     if bound > ceiling:
         return False
@@ -118,16 +120,16 @@ def underestimate(form: Form, wanted: Wanted, scratch: BoxScratch, ceiling: floa
 
 
 @ir_inlined
-def separate(form: Form, wanted: Wanted, scratch: BoxScratch, passes: int) -> bool:
+def separate(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes: int) -> bool:
     """Look for a form that lies between box and tolerances; cut the box where it excludes an end; is anything left?
 
     A form y excludes every q where y·f(q) is larger than its dual norm times the tolerances. It is the residual of a
     least-squares step that the box holds back, as an ellipsoid: the direction in which the goal lies outside of what the box
     reaches. So many `passes` are tried, each with what the one before has shown.
     """
-    rest, dof, columns = expand(form, wanted, scratch), len(scratch.c), form.columns
-    slack_p = wanted.position + wanted.margin
-    slack_c = wanted.chord + wanted.margin_a
+    rest, dof, columns = expand(form, proof_goal, scratch), len(scratch.c), form.columns
+    slack_p = proof_goal.position + proof_goal.margin
+    slack_c = proof_goal.chord + proof_goal.margin_a
     weight_p = 1.0 / ((rest.two_p * 0.5 + slack_p) * (rest.two_p * 0.5 + slack_p))
     weight_c = 1.0 / ((rest.two_c * 0.5 + slack_c) * (rest.two_c * 0.5 + slack_c))
     for i in range(dof):
@@ -138,7 +140,7 @@ def separate(form: Form, wanted: Wanted, scratch: BoxScratch, passes: int) -> bo
         solve(scratch.N, scratch.D, scratch.delta)
         step_miss(form, scratch, columns)
         weight_miss(scratch, weight_p, weight_c, columns)
-        surplus = weigh(form, wanted, scratch, rest, slack_p, slack_c)
+        surplus = weigh(form, proof_goal, scratch, rest, slack_p, slack_c)
         if surplus > 0.0:
             return False
         if attempt + 1 == passes:
@@ -158,20 +160,20 @@ def separate(form: Form, wanted: Wanted, scratch: BoxScratch, passes: int) -> bo
 
 @inlined
 def weigh(
-    form: Form, wanted: Wanted, scratch: BoxScratch, rest: Rests, slack_p: float, slack_c: float
+    form: Form, proof_goal: ProofGoal, scratch: BoxScratch, rest: Rests, slack_p: float, slack_c: float
 ) -> float:
     """The least value that the form in ``scratch.y`` has anywhere in the box, slacks taken off: of point and columns.
 
     Leaves the polynomial in `scratch`, one that is separable, for `cut_box`.
     """
-    dof, y, back = len(scratch.c), scratch.y, wanted.back
+    dof, y, back = len(scratch.c), scratch.y, proof_goal.back
     value = 0.0
     for r in range(3):
         value += y[r, 3] * (scratch.T[r, 3] - scratch.goal[r, 3])
         for i in range(form.columns):
             value += y[r, i] * (scratch.T[r, i] - scratch.goal[r, i])
     derivatives(form, scratch, rest.middle, form.columns)
-    value += gain_of_side(form, wanted, scratch, rest.middle)
+    value += gain_of_side(form, proof_goal, scratch, rest.middle)
     # The least value of the polynomial in the box, one variable at a time.
     bent = curvature(scratch)
     straight = 0.0
@@ -193,7 +195,7 @@ def weigh(
         # The form is as well one of a point further back, which moves less, and of the first column.
         b0, b1, b2 = y[0, 0] + back * y[0, 3], y[1, 0] + back * y[1, 3], y[2, 0] + back * y[2, 3]
         over = min(over, size_p * rest.three_b + math.sqrt(b0 * b0 + b1 * b1 + b2 * b2) * rest.three_c)
-    over *= wanted.trust
+    over *= proof_goal.trust
     over += size_p * slack_p + size_c * slack_c
     least_value: float = value + lost - over
     return least_value

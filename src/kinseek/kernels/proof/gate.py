@@ -14,7 +14,7 @@ from kinseek.kernels.arrays import CHAIN, ChainArrays
 from kinseek.kernels.entry import F64
 from kinseek.kernels.jit import entry, inlined
 
-from .box import FORM, WANTED, Form, Wanted
+from .box import FORM, PROOF_GOAL, Form, ProofGoal
 
 CROSSED = 1e-4
 """sin² of the angle between two axes from which on their common normal is used: its foot is a hundred lengths away at most,
@@ -22,31 +22,33 @@ so that rounding of its place stays within the margin."""
 
 
 @inlined
-def gate(form: Form, wanted: Wanted, chain: ChainArrays) -> tuple[bool, float]:
+def gate(form: Form, proof_goal: ProofGoal, chain: ChainArrays) -> tuple[bool, float]:
     """Can the hand be within both tolerances, as far as lengths and angles tell? And a lower bound of the weighted error."""
-    far = max(out_of_annulus(form, wanted, chain, False), out_of_annulus(form, wanted, chain, True), 0.0)
+    far = max(
+        out_of_annulus(form, proof_goal, chain, False), out_of_annulus(form, proof_goal, chain, True), 0.0
+    )
     open_, error, chord = (  # Open where a number is NaN.
-        not far > wanted.position,
-        wanted.weight_p * far,
-        wanted.chord,
+        not far > proof_goal.position,
+        proof_goal.weight_p * far,
+        proof_goal.chord,
     )
     if form.columns == 3:  # Of all columns together: one of them is off by no more than this.
         chord /= math.sqrt(2.0)
     for i in range(form.columns):
-        tilt = 2.0 * math.sin(0.5 * max(out_of_tilt(form, wanted, i), 0.0))
+        tilt = 2.0 * math.sin(0.5 * max(out_of_tilt(form, proof_goal, i), 0.0))
         open_ = open_ and not tilt > chord
-        error += 0.5 * wanted.weight_a * tilt * tilt
+        error += 0.5 * proof_goal.weight_a * tilt * tilt
     return open_, error
 
 
-@entry(returns=F64, form=FORM, wanted=WANTED, chain=CHAIN)
-def least_by_gate(form: Form, wanted: Wanted, chain: ChainArrays) -> float:
+@entry(returns=F64, form=FORM, proof_goal=PROOF_GOAL, chain=CHAIN)
+def least_by_gate(form: Form, proof_goal: ProofGoal, chain: ChainArrays) -> float:
     """Lower bound of the weighted error, as far as lengths and angles tell."""
-    return gate(form, wanted, chain)[1]
+    return gate(form, proof_goal, chain)[1]
 
 
 @inlined
-def out_of_annulus(form: Form, wanted: Wanted, chain: ChainArrays, normals: bool) -> float:
+def out_of_annulus(form: Form, proof_goal: ProofGoal, chain: ChainArrays, normals: bool) -> float:
     """How far the goal's point lies outside of what the lengths allow [m], negative inside.
 
     The points on the axes are each the nearest to the next one, or the feet of the common normals.
@@ -74,15 +76,15 @@ def out_of_annulus(form: Form, wanted: Wanted, chain: ChainArrays, normals: bool
         x = F[k, 0, 2] * along + F[k, 0, 3]
         y = F[k, 1, 2] * along + F[k, 1, 3]
         z = F[k, 2, 2] * along + F[k, 2, 3]
-    goal = wanted.target
+    goal = proof_goal.target
     d0, d1, d2 = goal[0, 3] - x, goal[1, 3] - y, goal[2, 3] - z
     far = math.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
-    beyond: float = outside(far, low, high, wanted.trust) - wanted.margin
+    beyond: float = outside(far, low, high, proof_goal.trust) - proof_goal.margin
     return beyond
 
 
 @inlined
-def out_of_tilt(form: Form, wanted: Wanted, column: int) -> float:
+def out_of_tilt(form: Form, proof_goal: ProofGoal, column: int) -> float:
     """How far a column of the goal is tilted beyond what the angles between the axes allow [rad], negative inside."""
     last = len(form.leader) - 1
     F = form.fixed
@@ -103,10 +105,10 @@ def out_of_tilt(form: Form, wanted: Wanted, column: int) -> float:
             F[k, 1, 0] * x + F[k, 1, 1] * y + F[k, 1, 2] * z,
             F[k, 2, 0] * x + F[k, 2, 1] * y + F[k, 2, 2] * z,
         )
-    g0, g1, g2 = wanted.target[0, column], wanted.target[1, column], wanted.target[2, column]
+    g0, g1, g2 = proof_goal.target[0, column], proof_goal.target[1, column], proof_goal.target[2, column]
     c0, c1, c2 = y * g2 - z * g1, z * g0 - x * g2, x * g1 - y * g0
     angle = math.atan2(math.sqrt(c0 * c0 + c1 * c1 + c2 * c2), x * g0 + y * g1 + z * g2)
-    beyond: float = outside(angle, low, high, wanted.trust) - wanted.margin_a
+    beyond: float = outside(angle, low, high, proof_goal.trust) - proof_goal.margin_a
     return beyond
 
 

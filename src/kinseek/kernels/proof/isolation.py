@@ -21,7 +21,7 @@ from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.jit import inlined, ir_inlined
 
 from .approach import step
-from .box import BoxScratch, Form, Wanted, rounding, short_way
+from .box import BoxScratch, Form, ProofGoal, rounding, short_way
 from .memory import Places
 from .neighbourhood import Expansion, neighbourhood
 from .progress import GIVEN, KNOWN, SEEN
@@ -71,7 +71,7 @@ def inside(scratch: BoxScratch, places: Places, begin: int, end: int, width: flo
 @ir_inlined
 def admit(
     form: Form,
-    wanted: Wanted,
+    proof_goal: ProofGoal,
     scratch: BoxScratch,
     around: Expansion,
     places: Places,
@@ -88,10 +88,12 @@ def admit(
         places.q[known, i] = trial[i]
     places.number[known] = counts[GIVEN] - 1 if counts[SEEN] == 0 else -1
     for _ in range(CENTRING):  # The centre may lie beyond a limit by what the tolerances allow.
-        step(form, wanted, scratch)
+        step(form, proof_goal, scratch)
         for i in range(dof):
             scratch.c[i] += scratch.delta[i]
-    holds, exists = neighbourhood(form, wanted, scratch, around, places.radius[known], places.distance[known])
+    holds, exists = neighbourhood(
+        form, proof_goal, scratch, around, places.radius[known], places.distance[known]
+    )
     if holds:  # The answer itself must lie in its neighbourhood: the steps may have led to another one.
         for i in range(dof):
             places.centre[known, i] = scratch.c[i]

@@ -11,7 +11,7 @@ from kinseek.kernels.entry import F64, FLAG, Bundle
 from kinseek.kernels.jit import inlined
 
 from .bounds import OF_ANGLES, cut_arc
-from .box import BEST_ROLL, BoxScratch, Form, Wanted, place, short_way, turn_goal, turned, widths
+from .box import BEST_ROLL, BoxScratch, Form, ProofGoal, place, short_way, turn_goal, turned, widths
 
 
 class Roll(NamedTuple):
@@ -46,12 +46,12 @@ def best_twist(scratch: BoxScratch) -> tuple[float, float]:
 
 
 @inlined
-def twist_noise(wanted: Wanted, dot: float) -> float:
+def twist_noise(proof_goal: ProofGoal, dot: float) -> float:
     """How far rounding may turn the best twist where the axis leans by acos(dot) [rad]; π: anything.
 
     Every entry of the rotation may be off by the margin, and so the vector whose direction the best twist is by 2√2 margins.
     """
-    margin: float = wanted.margin_a
+    margin: float = proof_goal.margin_a
     length = 1.0 + dot - 2.0 * margin
     # Of a vector that is longer the bound below holds: asin(2√2/8) is less than 4/8.
     if not length > 8.0 * margin:
@@ -60,22 +60,22 @@ def twist_noise(wanted: Wanted, dot: float) -> float:
 
 
 @inlined
-def twist_slack(wanted: Wanted, omega: float, dot: float) -> float:
+def twist_slack(proof_goal: ProofGoal, omega: float, dot: float) -> float:
     """How far the best twist may be off where the others turn by omega and the axis leans by acos(dot) [rad]; π: anything.
 
     The twist part of a unit quaternion is cos(τ/2) long, τ the tilt, and moves by no more than the quaternion does,
     2 sin(Ω/4).
     """
-    moved = 2.0 * math.sin(0.25 * min(omega, math.pi)) * wanted.trust
+    moved = 2.0 * math.sin(0.25 * min(omega, math.pi)) * proof_goal.trust
     # Not its root: near zero that is off by the root of the margin.
-    square = 0.5 * (1.0 + dot) - wanted.margin_a
+    square = 0.5 * (1.0 + dot) - proof_goal.margin_a
     if not (omega < math.pi and moved * moved < square):
         return math.pi
-    return min(2.0 * math.asin(moved / math.sqrt(square)) + twist_noise(wanted, dot), math.pi)
+    return min(2.0 * math.asin(moved / math.sqrt(square)) + twist_noise(proof_goal, dot), math.pi)
 
 
 @inlined
-def roll_fits(form: Form, wanted: Wanted, roll: Roll, scratch: BoxScratch) -> bool:
+def roll_fits(form: Form, proof_goal: ProofGoal, roll: Roll, scratch: BoxScratch) -> bool:
     """Can the last joint, within its limits, make up for what is left of the rotation? Its best value goes to BEST_ROLL.
 
     The hand without its last turn is off by a rotation of at most Ω. Write the turn that is asked for as a quaternion: its
@@ -86,9 +86,9 @@ def roll_fits(form: Form, wanted: Wanted, roll: Roll, scratch: BoxScratch) -> bo
     scratch.found[BEST_ROLL] = nearest_copy(best, roll.lower, roll.upper, middle)
     if half >= math.pi:
         return True
-    omega, margin = wanted.angle + wanted.margin_a, wanted.margin_a
+    omega, margin = proof_goal.angle + proof_goal.margin_a, proof_goal.margin_a
     omega += turned(form, scratch, len(form.leader))
-    noise = twist_noise(wanted, dot)
+    noise = twist_noise(proof_goal, dot)
     if not (omega < math.pi and noise < math.pi):
         return True
     # Margins on either side: near one, the angle is off by the root of what the ratio is off by.
@@ -98,7 +98,7 @@ def roll_fits(form: Form, wanted: Wanted, roll: Roll, scratch: BoxScratch) -> bo
 
 
 @inlined
-def twist_cost(form: Form, wanted: Wanted, roll: Roll, scratch: BoxScratch, ceiling: float) -> float:
+def twist_cost(form: Form, proof_goal: ProofGoal, roll: Roll, scratch: BoxScratch, ceiling: float) -> float:
     """What the limits of the last joint add to the weighted error at least, where nothing above `ceiling` matters.
 
     With tilt τ and a twist β short of the best one the columns cost ``K_A [(1 - cos τ) + (1 + cos τ)(1 - cos β)]``.
@@ -110,7 +110,7 @@ def twist_cost(form: Form, wanted: Wanted, roll: Roll, scratch: BoxScratch, ceil
     beta = (
         abs(short_way(best - middle))
         - half
-        - twist_slack(wanted, turned(form, scratch, len(form.leader)), dot)
+        - twist_slack(proof_goal, turned(form, scratch, len(form.leader)), dot)
     )
     if not beta > 0.0:
         return 0.0
@@ -118,7 +118,7 @@ def twist_cost(form: Form, wanted: Wanted, roll: Roll, scratch: BoxScratch, ceil
 
 
 @inlined
-def cut_twist(form: Form, wanted: Wanted, scratch: BoxScratch, ceiling: float) -> bool:
+def cut_twist(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: float) -> bool:
     """Cut the range of a last joint that is part of the box to what the ceiling leaves; say whether anything is left.
 
     The arm is placed anew, at the centre of what is left. A twist β short of the best one turns the hand by β at least,
@@ -128,8 +128,8 @@ def cut_twist(form: Form, wanted: Wanted, scratch: BoxScratch, ceiling: float) -
     part and its part along the axis it could be had as well, were these not both noise, as traces tell them, where the hand
     is half a turn away from the goal: then the twist may be anything though the axis does not lean at all.
     """
-    T, goal, last, K_A = scratch.T, scratch.goal, len(form.leader) - 1, wanted.weight_a
-    turn_goal(form, wanted, scratch)
+    T, goal, last, K_A = scratch.T, scratch.goal, len(form.leader) - 1, proof_goal.weight_a
+    turn_goal(form, proof_goal, scratch)
     widths(form, scratch)
     if ceiling >= 2.0 * K_A:
         return True
@@ -143,8 +143,8 @@ def cut_twist(form: Form, wanted: Wanted, scratch: BoxScratch, ceiling: float) -
         for i in range(3):
             dot += scratch.z[last, r] * (T[behind, i] * goal[after, i] - T[after, i] * goal[behind, i])
     # acos(1 - x) loses what is below rounding of one: its half-angle form, and a margin, do not.
-    beta = 2.0 * math.asin(math.sqrt(min(0.5 * ceiling / K_A + wanted.margin_a, 1.0)))
-    beta += twist_slack(wanted, turned(form, scratch, last), along)
+    beta = 2.0 * math.asin(math.sqrt(min(0.5 * ceiling / K_A + proof_goal.margin_a, 1.0)))
+    beta += twist_slack(proof_goal, turned(form, scratch, last), along)
     ahead = math.atan2(dot, trace - along)
     left = cut_arc(scratch, form.leader[last], scratch.c[form.leader[last]] - ahead, beta)
     place(form, scratch)

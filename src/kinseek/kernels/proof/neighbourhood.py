@@ -10,7 +10,7 @@ import numpy as np
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import array_view, inlined, kernel
 
-from .box import LEAST, BoxScratch, Form, Wanted, load_box, make_box_scratch, place, turn_goal
+from .box import LEAST, BoxScratch, Form, ProofGoal, load_box, make_box_scratch, place, turn_goal
 from .taylor import derivatives, differentiate, normal_matrix, rests, solve
 
 LARGEST, SMALLEST = 0.5, 1e-7
@@ -87,12 +87,12 @@ def make_expansion(dof: int) -> Expansion:
 
 
 @inlined
-def expand(form: Form, wanted: Wanted, scratch: BoxScratch, around: Expansion) -> None:
+def expand(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, around: Expansion) -> None:
     """Invert the Jacobian at the centre, and write down what the inverse makes of the hand's polynomial."""
     m, dof, T, goal, columns = len(form.leader), len(scratch.c), scratch.T, scratch.goal, form.columns
     place(form, scratch)
-    turn_goal(form, wanted, scratch)
-    scale = 1.0 / (wanted.length * wanted.length + LEAST)
+    turn_goal(form, proof_goal, scratch)
+    scale = 1.0 / (proof_goal.length * proof_goal.length + LEAST)
     weight = 1.0 if columns > 0 else 0.0
     middle = m // 2
     differentiate(form, scratch, middle, columns)
@@ -145,15 +145,15 @@ def expand(form: Form, wanted: Wanted, scratch: BoxScratch, around: Expansion) -
 
 
 @inlined
-def contract(form: Form, wanted: Wanted, scratch: BoxScratch, around: Expansion) -> None:
+def contract(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, around: Expansion) -> None:
     """Write κ(ρ) of ρ = ``around.half``. Margins stand beside the tolerances: they cover rounding for ρ up to `LARGEST`."""
     dof = len(scratch.c)
     for k in range(len(form.leader)):
         scratch.half[k] = abs(form.multiplier[k]) * around.half[form.leader[k]]
     _, _, three_p, three_c = rests(form, scratch, scratch.r, len(form.leader) // 2)
-    trust = wanted.trust
-    off_p = wanted.position + wanted.margin + trust * three_p
-    off_c = wanted.chord + wanted.margin_a + trust * three_c
+    trust = proof_goal.trust
+    off_p = proof_goal.position + proof_goal.margin + trust * three_p
+    off_c = proof_goal.chord + proof_goal.margin_a + trust * three_c
     for row in range(dof):
         total = around.value[row] + around.point[row] * off_p + around.column[row] * off_c
         for i in range(dof):
@@ -165,12 +165,12 @@ def contract(form: Form, wanted: Wanted, scratch: BoxScratch, around: Expansion)
 
 
 @kernel
-def contractions(form: Form, wanted: Wanted, boxes: Array) -> Array:
+def contractions(form: Form, proof_goal: ProofGoal, boxes: Array) -> Array:
     """κ of boxes around their centres, (k, dof); for tests.
 
     Args:
         form: The part of the arm that the boxes are about.
-        wanted: What is asked of it.
+        proof_goal: What is asked of it.
         boxes: (k, 2 dof): centres and half widths.
     """
     dof = boxes.shape[1] // 2
@@ -181,10 +181,10 @@ def contractions(form: Form, wanted: Wanted, boxes: Array) -> Array:
     )
     for row in range(len(boxes)):
         load_box(boxes, row, scratch)
-        expand(form, wanted, scratch, around)
+        expand(form, proof_goal, scratch, around)
         for i in range(dof):
             around.half[i] = scratch.h[i]
-        contract(form, wanted, scratch, around)
+        contract(form, proof_goal, scratch, around)
         for i in range(dof):
             result[row, i] = around.reach[i]
     return result
@@ -214,13 +214,13 @@ def has_solution(form: Form, scratch: BoxScratch, around: Expansion, radius: Arr
 
 @inlined
 def neighbourhood(
-    form: Form, wanted: Wanted, scratch: BoxScratch, around: Expansion, radius: Array, distance: Array
+    form: Form, proof_goal: ProofGoal, scratch: BoxScratch, around: Expansion, radius: Array, distance: Array
 ) -> tuple[bool, bool]:
     """Look for a large ρ with κ(ρ) < ρ around the scratch memory's centre.
 
     Args:
         form: The part of the arm that the boxes are about.
-        wanted: What is asked of it.
+        proof_goal: What is asked of it.
         scratch: Memory; its centre counts.
         around: Memory.
         radius: ρ, (n,), is written here.
@@ -230,7 +230,7 @@ def neighbourhood(
         Is there one? And does exactly one joint vector in it reach the goal exactly?
     """
     dof = len(scratch.c)
-    expand(form, wanted, scratch, around)
+    expand(form, proof_goal, scratch, around)
     for i in range(dof):
         around.half[i] = 1.0
     best, size = 0.0, LARGEST
@@ -241,7 +241,7 @@ def neighbourhood(
                 top = max(top, around.half[i])
             for i in range(dof):
                 around.half[i] *= size / top
-            contract(form, wanted, scratch, around)
+            contract(form, proof_goal, scratch, around)
             holds, product = True, 1.0
             for i in range(dof):
                 holds = holds and around.reach[i] < HOLDS * around.half[i]
@@ -258,7 +258,7 @@ def neighbourhood(
     for i in range(dof):
         around.half[i] = radius[i]
     for _ in range(REPEATS):
-        contract(form, wanted, scratch, around)
+        contract(form, proof_goal, scratch, around)
         for i in range(dof):
             around.half[i] = min(around.half[i], around.reach[i])
     for i in range(dof):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from kinseek.kernels.arrays import CHAIN, GOAL, ChainArrays, GoalArrays
 from kinseek.kernels.entry import F64, I64, Bundle
 
-from .box import FORM, WANTED, Form, Wanted
+from .box import FORM, PROOF_GOAL, Form, ProofGoal
 from .last_joint import ROLL, Roll
 
 EXCLUDE, ENCLOSE, ISOLATE = 0, 1, 2
@@ -58,7 +58,7 @@ class Question(NamedTuple):
 
     form: Form
     """The part of the arm that the boxes are about."""
-    wanted: Wanted
+    proof_goal: ProofGoal
     """What is asked of it."""
     roll: Roll
     """The last joint, where it is divided out."""
@@ -68,7 +68,7 @@ class Question(NamedTuple):
     """The goal as it was asked."""
 
 
-QUESTION = Bundle(Question, form=FORM, wanted=WANTED, roll=ROLL, chain=CHAIN, goal=GOAL)
+QUESTION = Bundle(Question, form=FORM, proof_goal=PROOF_GOAL, roll=ROLL, chain=CHAIN, goal=GOAL)
 
 
 class Tuning(NamedTuple):

@@ -111,10 +111,10 @@ def search(
     budget: int,
 ) -> int:
     """The same, apart from what makes memory: that counts references to arrays, and without it this is compiled faster."""
-    form, wanted, chain, goal = question.form, question.wanted, question.chain, question.goal
+    form, proof_goal, chain, goal = question.form, question.proof_goal, question.chain, question.goal
     places, q, counts, figures = memory.places, memory.q, memory.counts, memory.figures
     trial, T = work.trial, work.T
-    open_, least = gate(form, wanted, chain)
+    open_, least = gate(form, proof_goal, chain)
     if kind == EXCLUDE and not open_:
         counts[COUNT] = 0
     if kind == ENCLOSE and counts[USED] == 0:
@@ -133,7 +133,7 @@ def search(
         met = position <= tuning.position and orientation <= tuning.orientation
         if kind == ISOLATE:
             if met:
-                admit(form, wanted, work.scratch, work.around, places, trial, counts)
+                admit(form, proof_goal, work.scratch, work.around, places, trial, counts)
                 if counts[KNOWN] == len(places.q):
                     return ENDED
         else:
@@ -161,7 +161,7 @@ def next_trial(
     Returns:
         TRIAL; or ENDED, STOPPED or FULL.
     """
-    form, wanted, scratch = question.form, question.wanted, work.scratch
+    form, proof_goal, scratch = question.form, question.proof_goal, work.scratch
     boxes, heap, places, counts = memory.boxes, memory.heap, memory.places, memory.counts
     figures, best_first = memory.figures, kind == ENCLOSE
     while counts[COUNT] > 0:
@@ -193,7 +193,7 @@ def next_trial(
             continue
         variable = 0
         if verdict != GONE:
-            variable = widest(form, wanted, scratch, HEAD if not best_first or spread > FINE else 1.0)
+            variable = widest(form, proof_goal, scratch, HEAD if not best_first or spread > FINE else 1.0)
             if scratch.h[variable] < NARROW * (1.0 + abs(scratch.c[variable])):
                 counts[LEFT] += 1
                 figures[STUCK] = max(figures[STUCK], scratch.h[variable])
@@ -207,10 +207,11 @@ def next_trial(
             # Wide tolerances may allow an answer in the middle, though no descent ends there.
             steps = tuning.steps if spread < NEAR and counts[KEPT] % tuning.often == 0 else 0
             near = (
-                scratch.found[MISS_POINT] <= wanted.position and scratch.found[MISS_COLUMNS] <= wanted.chord
+                scratch.found[MISS_POINT] <= proof_goal.position
+                and scratch.found[MISS_COLUMNS] <= proof_goal.chord
             )
             if steps > 0 or (kind == EXCLUDE and near):
-                approach(form, wanted, question.roll, question.chain, steps, scratch, work.trial)
+                approach(form, proof_goal, question.roll, question.chain, steps, scratch, work.trial)
                 return TRIAL
     return ENDED
 
@@ -224,15 +225,15 @@ def look(
     Returns:
         GONE, AGAIN or OPEN; by how much the box turns the hand [rad]; a lower bound of the error in it, `below` or better.
     """
-    form, wanted, scratch = question.form, question.wanted, work.scratch
+    form, proof_goal, scratch = question.form, question.proof_goal, work.scratch
     ceiling = memory.figures[CEILING] if kind == ENCLOSE else -1.0  # Negative: the tolerances decide.
     scratch.found[BELOW], scratch.found[MISS_POINT] = 0.0, np.inf
     place(form, scratch)
     widths(form, scratch)
-    kept = first_order(form, wanted, scratch, ceiling)
+    kept = first_order(form, proof_goal, scratch, ceiling)
     below = max(below, scratch.found[BELOW])
     if kept and kind == ENCLOSE and form.tail == 1:
-        kept = cut_twist(form, wanted, scratch, ceiling)
+        kept = cut_twist(form, proof_goal, scratch, ceiling)
     spread = turned(form, scratch, len(form.leader))
     if not kept:
         return GONE, spread, below
@@ -242,7 +243,7 @@ def look(
     if kind == ENCLOSE:
         kept, below = enclose(question, tuning, memory, work, below)
     else:
-        kept = exclude(form, wanted, question.roll, scratch, tuning.passes)
+        kept = exclude(form, proof_goal, question.roll, scratch, tuning.passes)
     if not kept:
         return GONE, spread, below
     return AGAIN if volume(scratch) < tuning.shrink * before else OPEN, spread, below

@@ -13,7 +13,7 @@ import numpy as np
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import inlined
 
-from .box import TINY, BoxScratch, Form, Wanted
+from .box import TINY, BoxScratch, Form, ProofGoal
 
 NOISE = 1e-14
 """What rounding makes of a pivot that should be zero, relative to its diagonal element: some fifty last digits, for sums of
@@ -25,10 +25,10 @@ ABOVE = 1.0 + 1e-12
 
 
 @inlined
-def halfway(form: Form, wanted: Wanted, scratch: BoxScratch) -> int:
+def halfway(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> int:
     """The joint from which on the hand is moved, and before which the goal: where the rests of third order are least."""
     m, T, goal = len(form.leader), scratch.T, scratch.goal
-    counts = wanted.length if form.columns > 0 else 0.0
+    counts = proof_goal.length if form.columns > 0 else 0.0
     for k in range(m):
         z0, z1, z2 = scratch.z[k, 0], scratch.z[k, 1], scratch.z[k, 2]
         v0, v1, v2 = T[0, 3] - scratch.p[k, 0], T[1, 3] - scratch.p[k, 1], T[2, 3] - scratch.p[k, 2]

@@ -30,7 +30,7 @@ from kinseek.kernels.atlas.task import (
     ORIENTATION_ERROR,
     POSITION_ERROR,
     STARTS,
-    WANTED,
+    TOLERANCES,
     WEIGHTED_ERROR,
     Job,
     handle_at,
@@ -46,7 +46,7 @@ from .steps import POSES, make_range_scratch, range_scratch_size, range_step_rou
 @routine("int64(int64, int64, int64, int64, int64, int64, int64)")
 def range_starts_routine(
     handle_address: int,
-    wanted_address: int,
+    tolerances_address: int,
     memory_address: int,
     near_address: int,
     close: int,
@@ -57,7 +57,7 @@ def range_starts_routine(
 
     No sample of the `most` nearest is used twice: where the ranges are narrow, the next nearest stands in.
     """
-    task = task_of(handle_at(handle_address), part1(wanted_address, 0, WANTED))
+    task = task_of(handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES))
     dof, joints = len(task.lower), len(task.chain.leader)
     scratch = make_scratch(part1(memory_address, 0, scratch_size(dof, joints)), dof, joints)
     ranges, chain = make_range_scratch(memory_address, dof, joints), task.chain
@@ -90,10 +90,10 @@ def range_starts_routine(
 
 @routine("int64(int64, int64, int64, int64, int64)")
 def range_judge_routine(
-    handle_address: int, wanted_address: int, memory_address: int, q_address: int, report_address: int
+    handle_address: int, tolerances_address: int, memory_address: int, q_address: int, report_address: int
 ) -> int:
     """See `descent.judge_by_ranges`."""
-    task = task_of(handle_at(handle_address), part1(wanted_address, 0, WANTED))
+    task = task_of(handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES))
     dof, joints = len(task.lower), len(task.chain.leader)
     scratch = make_scratch(part1(memory_address, 0, scratch_size(dof, joints)), dof, joints)
     ranges, report = make_range_scratch(memory_address, dof, joints), part1(report_address, 0, EVALUATIONS)
@@ -107,14 +107,14 @@ def range_judge_routine(
 
 @routine("int64(int64, int64, int64, int64, int64)")
 def range_ending_routine(
-    handle_address: int, wanted_address: int, memory_address: int, target_address: int, w: int
+    handle_address: int, tolerances_address: int, memory_address: int, target_address: int, w: int
 ) -> int:
     """As `ending_routine` for a goal with ranges: the reweighted steps alone, for Newton's method knows only poses."""
-    handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
-    task = task_of(handle, wanted)
+    handle, tolerances = handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES)
+    task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
     memory, target = part1(memory_address, 0, scratch_size(dof, joints)), part2(target_address, 0, 3, 4)
-    scratch, job = make_scratch(memory, dof, joints), Job(handle, wanted, memory)
+    scratch, job = make_scratch(memory, dof, joints), Job(handle, tolerances, memory)
     return reweigh(job, task, scratch, target, task.axis_weights[0], POLISH_STEPS, w)
 
 
@@ -128,7 +128,7 @@ def range_routines() -> Indices:
 
 @entry(
     handle=HANDLE,
-    wanted=F64[WANTED],
+    tolerances=F64[TOLERANCES],
     questions=F64["k", QUESTION],
     poses=F64["k", POSES, 3, 4],
     near=F64["k", "n"],
@@ -139,7 +139,7 @@ def range_routines() -> Indices:
 )
 def solve_ranged(
     handle: Indices,
-    wanted: Array,
+    tolerances: Array,
     questions: Array,
     poses: Array,
     near: Array,
@@ -152,7 +152,7 @@ def solve_ranged(
 
     Args:
         handle: The task, see `task.with_ranges`.
-        wanted: See `task_of`; the first of the K_A counts.
+        tolerances: See `task_of`; the first of the K_A counts.
         questions: See `range_error.FRAME`, (k, QUESTION).
         poses: Where to look starts up, (k, POSES, 3, 4), the first of each goal the most promising.
         near: Of each goal, joint values that continuous joints are turned towards, (k, n).
@@ -162,10 +162,10 @@ def solve_ranged(
         begin: Row of the first goal.
         w: LANES.
     """
-    task = task_of(handle, wanted)
+    task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = np.zeros(scratch_size(dof, joints) + range_scratch_size(dof, joints))
-    job, ranges = Job(handle, wanted, memory), make_range_scratch(memory.ctypes.data, dof, joints)
+    job, ranges = Job(handle, tolerances, memory), make_range_scratch(memory.ctypes.data, dof, joints)
     address, width = results.ctypes.data, dof + EVALUATIONS + 1
     for i in range(len(questions)):
         # Nothing of one goal is left for the next: the same bits whatever else is in the batch.
@@ -183,7 +183,7 @@ def solve_ranged(
         q, report = part1(address, row, dof), part1(address, row + dof, EVALUATIONS + 1)
         # A question begins with its target.
         report[EVALUATIONS] = search_near(
-            handle, wanted, memory, questions[i], task.budget, near[i], close, q, w
+            handle, tolerances, memory, questions[i], task.budget, near[i], close, q, w
         )
         into_limits(task, q, near[i])
         judge_by_ranges(job, q, report)

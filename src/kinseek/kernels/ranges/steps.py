@@ -35,7 +35,7 @@ from kinseek.kernels.atlas.lanes import (
     lanes_solve,
 )
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
-from kinseek.kernels.atlas.task import WANTED, Task, handle_at, task_of
+from kinseek.kernels.atlas.task import TOLERANCES, Task, handle_at, task_of
 from kinseek.kernels.jit import array_view, inlined, routine
 from kinseek.kernels.layout import Layout, floats, whole
 from kinseek.kernels.pointers import part1
@@ -218,10 +218,10 @@ def turn_rows(lanes: Lanes, rows: Array, w: int) -> None:
 
 @routine("int64(int64, int64, int64, int64, int64)")
 def range_step_routine(
-    handle_address: int, wanted_address: int, memory_address: int, move: int, w: int
+    handle_address: int, tolerances_address: int, memory_address: int, move: int, w: int
 ) -> int:
     """See `descent.iterate`."""
-    task = task_of(handle_at(handle_address), part1(wanted_address, 0, WANTED))
+    task = task_of(handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES))
     dof, joints = len(task.lower), len(task.chain.leader)
     scratch = make_scratch(part1(memory_address, 0, scratch_size(dof, joints)), dof, joints)
     ranges, lanes = make_range_scratch(memory_address, dof, joints), scratch.lanes

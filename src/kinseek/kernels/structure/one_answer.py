@@ -7,7 +7,7 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.memory import make_scratch, scratch_size
 from kinseek.kernels.atlas.one_goal import CORRECTIONS, NEAREST, OFFER
 from kinseek.kernels.atlas.seeds import middle
-from kinseek.kernels.atlas.task import WANTED, Job, handle_at, task_of
+from kinseek.kernels.atlas.task import TOLERANCES, Job, handle_at, task_of
 from kinseek.kernels.jit import routine
 from kinseek.kernels.pointers import part1, part2
 
@@ -26,7 +26,7 @@ LED = (FIRST_STEPS + 1) * LANES // ENOUGH
 @routine("int64(int64, int64, int64, int64, int64, int64, int64, int64)")
 def closed_routine(
     handle_address: int,
-    wanted_address: int,
+    tolerances_address: int,
     memory_address: int,
     target_address: int,
     near_address: int,
@@ -38,7 +38,7 @@ def closed_routine(
 
     Args:
         handle_address: As `one_goal.search_routine`.
-        wanted_address: As there.
+        tolerances_address: As there.
         memory_address: As there; the scratch memory is as a look-up leaves it.
         target_address: As there.
         near_address: Where the arm is, (n,), if the nearest answer is asked for.
@@ -52,8 +52,8 @@ def closed_routine(
         is then the last that was looked at. 0 where there is no candidate. With OFFER 1, and 0 where there is none of that
         number.
     """
-    handle, wanted = handle_at(handle_address), part1(wanted_address, 0, WANTED)
-    task = task_of(handle, wanted)
+    handle, tolerances = handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES)
+    task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = part1(memory_address, 0, scratch_size(dof, joints))
     target, q, near = part2(target_address, 0, 3, 4), part1(q_address, 0, dof), part1(near_address, 0, dof)
@@ -89,7 +89,7 @@ def closed_routine(
             led += 1 if offered > 0 else 0
             continue
         if task.exact == 0:
-            more = first_that_converges(Job(handle, wanted, memory), task, scratch, target, q, w)
+            more = first_that_converges(Job(handle, tolerances, memory), task, scratch, target, q, w)
             led += 1 if more != 0 else 0
         else:
             more = first_that_reaches(task, scratch, target, near, q)

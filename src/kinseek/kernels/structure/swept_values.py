@@ -8,7 +8,7 @@ from kinseek.kernels.arm.forward import forward
 from kinseek.kernels.arrays import Array, Indices
 from kinseek.kernels.atlas.memory import make_scratch, scratch_size
 from kinseek.kernels.atlas.seeds import middle, restart
-from kinseek.kernels.atlas.task import HANDLE, plain_wanted, task_of
+from kinseek.kernels.atlas.task import HANDLE, plain_tolerances, task_of
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry
 
@@ -27,7 +27,7 @@ def try_swept_values(handle: Indices, swept_values: Array, told: Indices, w: int
         told: Receives 1 where a lead leaves a candidate inside the limits, else 0, of each pose, (k, m).
         w: LANES.
     """
-    task = task_of(handle, plain_wanted(handle))
+    task = task_of(handle, plain_tolerances(handle))
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = np.zeros(scratch_size(dof, joints))
     scratch = make_scratch(memory, dof, joints)

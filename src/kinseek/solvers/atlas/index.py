@@ -26,7 +26,7 @@ from kinseek.kernels.atlas.task import (
     POSITION,
     SHOULDER,
     SPAN,
-    WANTED,
+    TOLERANCES,
     WEIGHT,
     task_arrays,
     with_ranges,
@@ -134,13 +134,13 @@ class AtlasIndex(Lazy):
         self._range_routines[:] = range_routines()
         return self._range_addresses
 
-    def is_far(self, wanted: Array, target: Array) -> bool:
+    def is_far(self, tolerances: Array, target: Array) -> bool:
         """Is a target, (3, 4), so far away that the nearest pose is found at once? See `kernels.atlas.far`."""
         lengths = self._arrays[LENGTHS]
         hand = lengths[HAND:MEASURES]
         gap = target[:, :3] @ hand + target[:, 3] - lengths[SHOULDER:HAND]
-        slack = wanted[POSITION] + ROUNDED + wanted[ORIENTATION] * np.abs(hand).sum()
-        return bool(wanted[BUDGET] >= MOST and np.linalg.norm(gap) > BEYOND * lengths[SPAN] + slack)
+        slack = tolerances[POSITION] + ROUNDED + tolerances[ORIENTATION] * np.abs(hand).sum()
+        return bool(tolerances[BUDGET] >= MOST and np.linalg.norm(gap) > BEYOND * lengths[SPAN] + slack)
 
     def __repr__(self) -> str:
         """Size and cost."""
@@ -178,28 +178,28 @@ def atlas_of(chain: SerialChain, goal: Goal | None = None, samples: int = SAMPLE
     return _indices.of(chain).get((kind, samples, None if tip is None else tip.tobytes()), build)
 
 
-def wanted_of(goal: Goal, budget: int | None = None) -> Array:
-    """A goal's tolerances and weights as the kernels take them, see `kernels.atlas.task.POSITION`, (WANTED,)."""
+def tolerances_of(goal: Goal, budget: int | None = None) -> Array:
+    """A goal's tolerances and weights as the kernels take them, see `kernels.atlas.task.POSITION`, (TOLERANCES,)."""
     most = np.inf if budget is None else float(budget)
-    return wanted_numbers(
+    return tolerance_numbers(
         goal.position_tolerance, goal.orientation_tolerance, goal.position_weight, most, goal.axis_weights
     )
 
 
-def wanted_numbers(
+def tolerance_numbers(
     position: float, orientation: float, weight: float, budget: float, axis_weights: ArrayLike
 ) -> Array:
-    """See `kernels.atlas.task.POSITION`, (WANTED,)."""
-    wanted = np.empty(WANTED)
-    wanted[POSITION], wanted[ORIENTATION], wanted[WEIGHT], wanted[BUDGET] = (
+    """See `kernels.atlas.task.POSITION`, (TOLERANCES,)."""
+    tolerances = np.empty(TOLERANCES)
+    tolerances[POSITION], tolerances[ORIENTATION], tolerances[WEIGHT], tolerances[BUDGET] = (
         position,
         orientation,
         weight,
         budget,
     )
-    wanted[AXES:] = axis_weights
-    return wanted
+    tolerances[AXES:] = axis_weights
+    return tolerances
 
 
-PLAIN = wanted_numbers(DEFAULT_TOLERANCE, DEFAULT_TOLERANCE, 1.0, np.inf, (1.0, 1.0, 0.0))
-"""`wanted_of` a goal that is just a pose; written out, since to make a goal runs a kernel, and importing shall run none."""
+PLAIN = tolerance_numbers(DEFAULT_TOLERANCE, DEFAULT_TOLERANCE, 1.0, np.inf, (1.0, 1.0, 0.0))
+"""`tolerances_of` a goal that is just a pose; written out, since to make a goal runs a kernel, and importing shall run none."""

@@ -12,7 +12,7 @@ from kinseek.kernels.atlas.near import solve_goal
 from kinseek.robots.chain import SerialChain
 from kinseek.solution import Solution, quick_solution
 
-from .index import AtlasIndex, wanted_numbers
+from .index import AtlasIndex, tolerance_numbers
 from .solver import asks_again
 
 
@@ -38,7 +38,7 @@ def quick_answer(chain: SerialChain, index: AtlasIndex, goal: Goal, near: Array 
     Returns:
         None where it takes longer: a kernel is lacking yet, or what is missed is asked for again.
     """
-    wanted = _wanted(
+    tolerances = _tolerances(
         goal.position_tolerance,
         goal.orientation_tolerance,
         goal.position_weight,
@@ -48,14 +48,16 @@ def quick_answer(chain: SerialChain, index: AtlasIndex, goal: Goal, near: Array 
     moved = goal.base is not None or goal.form.turned
     # A target is laid out as what it was made of.
     q, target = np.empty(chain.dof), goal.targets[0] if moved else np.ascontiguousarray(goal.target[:3])
-    report = solve_goal(index.address, wanted, target, q if near is None else near, near is not None, q)
+    report = solve_goal(index.address, tolerances, target, q if near is None else near, near is not None, q)
     if report[3] < 0 or not (report[4] or not asks_again(goal, chain)):
         return None
     return quick_solution(chain, goal, near, q, report)
 
 
 @lru_cache(maxsize=64)
-def _wanted(position: float, orientation: float, weight: float, turn_weight: float, columns: int) -> Array:
-    """`wanted_of` a goal of these numbers, (WANTED,), which nobody writes into."""
+def _tolerances(
+    position: float, orientation: float, weight: float, turn_weight: float, columns: int
+) -> Array:
+    """`tolerances_of` a goal of these numbers, (TOLERANCES,), which nobody writes into."""
     axis_weights = [turn_weight if column < min(columns, 2) else 0.0 for column in range(3)]
-    return wanted_numbers(position, orientation, weight, np.inf, axis_weights)
+    return tolerance_numbers(position, orientation, weight, np.inf, axis_weights)

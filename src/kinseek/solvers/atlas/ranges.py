@@ -25,7 +25,7 @@ from kinseek.robots.sampling import low_discrepancy
 from kinseek.solution import Solution
 from kinseek.transforms import rotations
 
-from .index import atlas_of, wanted_of
+from .index import atlas_of, tolerances_of
 from .solver import batch_solution
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def solve_ranges(search: Atlas, problem: Problem) -> Solution:
     goal, chain = problem.goal, problem.chain
     deadline = Deadline(problem.time_limit)
     index = atlas_of(chain, goal, search.samples)
-    wanted = wanted_of(goal, problem.budget)
+    tolerances = tolerances_of(goal, problem.budget)
     count = len(goal.targets)
     near = (chain.lower + chain.upper) / 2 if problem.near is None else problem.near
     nears = np.ascontiguousarray(np.broadcast_to(near, (*goal.shape, chain.dof))).reshape(-1, chain.dof)
@@ -66,7 +66,7 @@ def solve_ranges(search: Atlas, problem: Problem) -> Solution:
                 until = min(piece + _PIECE, last)
                 solve_ranged(
                     index.range_handle,
-                    wanted,
+                    tolerances,
                     asked[piece:until],
                     poses[piece - first : until - first],
                     nears[piece:until],

@@ -31,7 +31,7 @@ from kinseek.solvers.recording import Recorder, require_room
 from kinseek.solvers.threads import GoOn, progress_bar, spread
 from kinseek.solvers.traits import Near, Traits
 
-from .index import SAMPLES, atlas_of, wanted_of
+from .index import SAMPLES, atlas_of, tolerances_of
 
 CHUNK = 1024
 """Targets that a thread takes at a time: some milliseconds, so that Ctrl-C is heard."""
@@ -89,7 +89,7 @@ class Atlas:
         self._require_room(problem)
         deadline = Deadline(problem.time_limit)
         index = atlas_of(chain, goal, self.samples)
-        wanted = wanted_of(goal, problem.budget)
+        tolerances = tolerances_of(goal, problem.budget)
         targets = goal.targets
         results, done = np.empty((len(targets), chain.dof + 4)), np.zeros(len(targets), dtype=bool)
 
@@ -98,12 +98,12 @@ class Atlas:
                 if not go_on():
                     return
                 last = min(first + _PIECE, len(some))
-                solve_some(index.handle, wanted, targets, results, some, first, last, LANES)
+                solve_some(index.handle, tolerances, targets, results, some, first, last, LANES)
                 done[some[first:last]] = True
 
         def in_lanes(begin: int, end: int, go_on: GoOn) -> None:
             left = np.empty(end - begin, dtype=np.int64)
-            count = solve_many(index.handle, wanted, targets, results, left, begin, end, LANES)
+            count = solve_many(index.handle, tolerances, targets, results, left, begin, end, LANES)
             done[begin:end] = True
             if count:
                 done[left[:count]] = False
@@ -124,7 +124,7 @@ class Atlas:
                     if not go_on():
                         return
                     last = min(first + _PIECE, end)
-                    solve_many_near(index.handle, wanted, targets, near, results, first, last, LANES)
+                    solve_many_near(index.handle, tolerances, targets, near, results, first, last, LANES)
                     done[first:last] = True
 
             self.spread(from_starts, len(targets), deadline)
@@ -145,9 +145,9 @@ class Atlas:
         missed = np.flatnonzero(done & ~goal.met(results[:, dof:]))
         if not len(missed) or not asks_again(goal, problem.chain):
             return
-        wanted, asked = wanted_of(goal), goal.at(goal.target.reshape(-1, 4, 4)[missed])
-        wanted[WEIGHT] = 1.0 / goal.position_tolerance
-        wanted[AXES:] = 2.0 / goal.orientation_tolerance**2 * (wanted[AXES:] > 0.0)
+        tolerances, asked = tolerances_of(goal), goal.at(goal.target.reshape(-1, 4, 4)[missed])
+        tolerances[WEIGHT] = 1.0 / goal.position_tolerance
+        tolerances[AXES:] = 2.0 / goal.orientation_tolerance**2 * (tolerances[AXES:] > 0.0)
         found, every = np.full((len(missed), results.shape[1]), np.inf), np.arange(len(missed))
         near = None
         if problem.near is not None:
@@ -158,9 +158,9 @@ class Atlas:
                 if not go_on():
                     return
                 if near is None:
-                    solve_some(handle, wanted, asked.targets, found, every, k, k + 1, LANES)
+                    solve_some(handle, tolerances, asked.targets, found, every, k, k + 1, LANES)
                 else:
-                    solve_many_near(handle, wanted, asked.targets, near, found, k, k + 1, LANES)
+                    solve_many_near(handle, tolerances, asked.targets, near, found, k, k + 1, LANES)
                 results[missed[k], -1] += found[k, -1]
 
         spread(again, len(missed), _PIECE, self.threads, deadline)

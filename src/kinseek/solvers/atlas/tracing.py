@@ -26,7 +26,7 @@ from kinseek.solvers.base import Found
 from kinseek.solvers.recording import Recorder
 from kinseek.trace import Trace
 
-from .index import AtlasIndex, wanted_of
+from .index import AtlasIndex, tolerances_of
 
 MOST_PASSES = PASSES + 1
 """Of one target: the look-up, and every round."""
@@ -74,32 +74,32 @@ def _trace_of(answer: Solution, index: AtlasIndex) -> Trace:
 def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
     """Keep the look-up and every round; what follows the last restart is one, or a patient search before it."""
     problem, held = recorder.problem, _held(index)
-    wanted, restarts, spent = wanted_of(problem.goal, problem.budget), 0, 0
-    most = wanted[BUDGET]
-    if index.is_far(wanted, problem.goal.targets[0]):
+    tolerances, restarts, spent = tolerances_of(problem.goal, problem.budget), 0, 0
+    most = tolerances[BUDGET]
+    if index.is_far(tolerances, problem.goal.targets[0]):
         recorder.note("Farther away than the arm is long: nothing was looked for but the nearest pose.")
         recorder.add("nearest pose", found.q, found.evaluations, memory=held)
         return
     if index.structure.word != "none" and most >= ROOMS[0].evaluations:
         # What comes before the first round takes some of its room: what is done is what geometry gives.
-        row = _ask(index, problem, wanted, ROOMS[0].evaluations)
+        row = _ask(index, problem, tolerances, ROOMS[0].evaluations)
         spent = int(row[-1])
         if spent:
             recorder.add("closed form", row[:-4], spent, memory=held)
         if spent == found.evaluations:
             return
-    seeds = _seeds(index, problem, wanted, 0)
+    seeds = _seeds(index, problem, tolerances, 0)
     errors = [recorder.judged(seed)[2] for seed in seeds]
     # Where no round fits into the budget, the answer is not even the best sample.
     none = not seeds or found.evaluations == 0
     best = found.q if none else within_limits(problem.chain, seeds[int(np.argmin(errors))])
     recorder.add("look-up", best, spent, memory=held, spacing=_spacing(index, problem))
     while spent < found.evaluations:
-        seeds = _seeds(index, problem, wanted, spent)
+        seeds = _seeds(index, problem, tolerances, spent)
         for room in ROOMS if restarts < RESTARTS else ():
             if spent + room.evaluations > most:
                 continue
-            row = _ask(index, problem, wanted, spent + room.evaluations)
+            row = _ask(index, problem, tolerances, spent + room.evaluations)
             if row[-1] > spent:
                 errors = [recorder.judged(seed)[2] for seed in seeds]
                 start = seeds[int(np.argmin(errors))]
@@ -113,9 +113,9 @@ def _record_rounds(recorder: Recorder, index: AtlasIndex, found: Found) -> None:
             break
 
 
-def _ask(index: AtlasIndex, problem: Problem, wanted: Array, budget: int) -> Array:
+def _ask(index: AtlasIndex, problem: Problem, tolerances: Array, budget: int) -> Array:
     """What the search gives within a budget: joint values, three errors, FK evaluations, (n + 4,)."""
-    results, less = np.empty((1, problem.chain.dof + 4)), wanted.copy()
+    results, less = np.empty((1, problem.chain.dof + 4)), tolerances.copy()
     less[BUDGET] = budget
     some = np.zeros(1, dtype=np.int64)
     solve_some(index.handle, less, problem.goal.targets, results, some, 0, 1, LANES)
@@ -123,12 +123,12 @@ def _ask(index: AtlasIndex, problem: Problem, wanted: Array, budget: int) -> Arr
     return row
 
 
-def _seeds(index: AtlasIndex, problem: Problem, wanted: Array, budget: int) -> list[Array]:
+def _seeds(index: AtlasIndex, problem: Problem, tolerances: Array, budget: int) -> list[Array]:
     """Where the round begins that a budget has no more room for: what it has put into its lanes by then, each (n,)."""
     dof, joints = problem.chain.dof, len(problem.chain.leader)
     memory, q = np.zeros(LAYOUT.count.of(dof=dof, joints=joints)), np.empty(dof)
     target = np.ascontiguousarray(problem.goal.targets[0])
-    search_within(index.handle, wanted, memory, target, float(budget), q, LANES)
+    search_within(index.handle, tolerances, memory, target, float(budget), q, LANES)
     return filled_lanes(memory, dof, joints)
 
 
