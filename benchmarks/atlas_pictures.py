@@ -21,7 +21,7 @@ from kinseek.kernels.atlas.descent import DAMPING, LONGEST
 from kinseek.kernels.atlas.lanes import LANES, Lanes
 from kinseek.kernels.atlas.samples import Atlas, build_atlas
 from kinseek.kernels.atlas.seeds import MARGIN
-from kinseek.kernels.atlas.tree import LEAF
+from kinseek.kernels.atlas.tree import LEAF_SIZE
 from kinseek.kernels.jit import exposed
 from kinseek.kinds import POSE
 from kinseek.robots.geometry import divide, open_limits
@@ -69,7 +69,7 @@ class Query:
             distance,
             index,
             np.empty(64, dtype=np.int64),
-            np.empty(64 + LEAF),
+            np.empty(64 + LEAF_SIZE),
         )
         seeds: list[Array] = []
         for i in index[:found]:

@@ -15,7 +15,7 @@ from kinseek import Goal
 from kinseek.kernels.atlas import memory as scratch
 from kinseek.kernels.atlas import task
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.atlas.tree import LEAF
+from kinseek.kernels.atlas.tree import LEAF_SIZE
 from kinseek.kernels.layout import DOF, JOINTS, Layout, Rows, floats, whole
 from kinseek.kernels.pointers import ROW
 from kinseek.kinds import POSE
@@ -76,7 +76,7 @@ def test_a_desk_fills_its_memory_and_no_part_lies_over_another(dof: int, joints:
         "distance": (scratch.DEEP,),
         "neighbour": (scratch.DEEP,),
         "stack": (64,),
-        "bound": (64 + LEAF,),
+        "bound": (64 + LEAF_SIZE,),
         "seed": (dof,),
         "found": (LANES, dof),
         "state": (LANES,),

@@ -185,7 +185,7 @@ def test_lengths_and_angles_have_a_largest_step_each() -> None:
 
 @pytest.mark.parametrize("arm", [UR5E, PANDA], ids=lambda arm: arm.name)
 def test_samples_have_the_coordinates_they_are_sorted_by(arm: kinseek.Arm) -> None:
-    from kinseek.kernels.atlas.tree import LEAF
+    from kinseek.kernels.atlas.tree import LEAF_SIZE
     from kinseek.kinds import POSE
     from kinseek.plots.atlases import coordinates, leaf_of
     from kinseek.robots.geometry import divide
@@ -197,7 +197,7 @@ def test_samples_have_the_coordinates_they_are_sorted_by(arm: kinseek.Arm) -> No
     np.testing.assert_allclose(coordinates(index.sorted.poses, divide(arm.chain, POSE)), kept, atol=1e-12)
     found = np.array([leaf_of(tree, point) for point in kept[::50]])
     # But for those that equal where the tree is split.
-    assert (found == np.arange(index.samples)[::50] // LEAF).mean() > 0.98
+    assert (found == np.arange(index.samples)[::50] // LEAF_SIZE).mean() > 0.98
 
 
 def test_axes_of_ones_own_are_drawn_on() -> None:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from kinseek.kernels.atlas import tree as neighbours
-from kinseek.kernels.atlas.tree import BESIDE, LEAF, SLACK, Tree, make_tree, sort_tree
+from kinseek.kernels.atlas.tree import BESIDE, LEAF_SIZE, SLACK, Tree, make_tree, sort_tree
 from kinseek.kernels.jit import exposed
 
 pytestmark = pytest.mark.jit
@@ -21,7 +21,7 @@ take_nearest = exposed(neighbours.take_nearest)
 def look_up(tree: Tree, point: Array, wanted: int) -> tuple[Array, NDArray[np.int64]]:
     """Squared distances and places in the leaves."""
     distance, index = np.empty(wanted), np.empty(wanted, dtype=np.int64)
-    stack, bound = np.empty(64, dtype=np.int64), np.empty(64 + LEAF)
+    stack, bound = np.empty(64, dtype=np.int64), np.empty(64 + LEAF_SIZE)
     found = nearest(tree, point, wanted, distance, index, stack, bound)
     return distance[:found], index[:found]
 
@@ -35,7 +35,7 @@ def build_tree(points: Array, order: NDArray[np.int64]) -> Tree:
 
 def clouds(dimensions: int) -> dict[str, Array]:
     rng = np.random.default_rng(dimensions)
-    size = (LEAF * 2**7, dimensions)
+    size = (LEAF_SIZE * 2**7, dimensions)
     return {
         "uniform": rng.uniform(-1, 1, size),
         "clustered": rng.normal(size=size) ** 3,
@@ -72,7 +72,7 @@ def test_neighbours_against_brute_force(dimensions: int, wanted: int) -> None:
 
 @pytest.mark.parametrize("leaves", [1, 2, 64])
 def test_a_point_of_the_tree_is_its_own_neighbour(leaves: int) -> None:
-    points = np.random.default_rng(leaves).uniform(-1, 1, (LEAF * leaves, 4))
+    points = np.random.default_rng(leaves).uniform(-1, 1, (LEAF_SIZE * leaves, 4))
     order = np.empty(len(points), dtype=np.int64)
     tree = build_tree(points, order)
     for i in range(0, len(points), 5):
@@ -81,17 +81,17 @@ def test_a_point_of_the_tree_is_its_own_neighbour(leaves: int) -> None:
 
 
 def test_fewer_points_than_wanted() -> None:
-    points = np.random.default_rng(0).uniform(-1, 1, (LEAF, 3))
-    tree = build_tree(points, np.empty(LEAF, dtype=np.int64))
+    points = np.random.default_rng(0).uniform(-1, 1, (LEAF_SIZE, 3))
+    tree = build_tree(points, np.empty(LEAF_SIZE, dtype=np.int64))
     distance, index = look_up(tree, np.zeros(3), 40)
-    assert sorted(index) == list(range(LEAF))
+    assert sorted(index) == list(range(LEAF_SIZE))
     np.testing.assert_allclose(distance, np.sort((points**2).sum(axis=1)), atol=1e-15)
 
 
 def scan(tree: Tree, point: Array, wanted: int) -> list[int]:
     """Places in the leaves, from the quick scan."""
-    distance, least = np.empty(BESIDE * LEAF), np.empty(LEAF)
-    leaf = scan_beside(tree, point, distance, least, LEAF)
+    distance, least = np.empty(BESIDE * LEAF_SIZE), np.empty(LEAF_SIZE)
+    leaf = scan_beside(tree, point, distance, least, LEAF_SIZE)
     return [take_nearest(tree, leaf, distance, least) for _ in range(wanted)]
 
 
@@ -116,7 +116,7 @@ def test_the_quick_scan_against_brute_force(dimensions: int) -> None:
 
 @pytest.mark.parametrize("leaves", [1, 2, 4])
 def test_the_quick_scan_of_a_small_tree_finds_every_point_once(leaves: int) -> None:
-    points = np.random.default_rng(leaves).uniform(-1, 1, (LEAF * leaves, 3))
+    points = np.random.default_rng(leaves).uniform(-1, 1, (LEAF_SIZE * leaves, 3))
     order = np.empty(len(points), dtype=np.int64)
     tree = build_tree(points, order)
     index = scan(tree, np.zeros(3), len(points) + 2)

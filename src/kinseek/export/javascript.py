@@ -23,7 +23,7 @@ from kinseek.goal import Goal
 from kinseek.kernels.arm.division import NONE, Division
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.atlas.task import COLUMNS, DIRECTION, HEAD, ROUTINES, ROWS, TAIL
-from kinseek.kernels.atlas.tree import BESIDE, LEAF
+from kinseek.kernels.atlas.tree import BESIDE, LEAF_SIZE
 from kinseek.kernels.branches.refine_all import ANSWER
 from kinseek.kernels.branches.search import ROWS as MOST_ANSWERS
 from kinseek.kernels.entry import ENTRIES, Bundle, Leaf
@@ -97,7 +97,7 @@ def arms_as_data(arms: Sequence[Arm]) -> dict[str, Any]:
         "rows": list(_row_names(ROWS, "")),
         "routines": {"row": ROUTINES, "places": PLACES},
         "lanes": LANES,
-        "leaf": LEAF,
+        "leaf": LEAF_SIZE,
         "beside": BESIDE,
         "branches": {"most": MOST_ANSWERS, "behind": ANSWER},
         "proof": {

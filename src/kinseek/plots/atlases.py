@@ -11,7 +11,7 @@ from kinseek.arm import Arm
 from kinseek.errors import InvalidUse
 from kinseek.goal import Goal
 from kinseek.kernels.arm.division import TURN, Division
-from kinseek.kernels.atlas.tree import BESIDE, LEAF, Tree
+from kinseek.kernels.atlas.tree import BESIDE, LEAF_SIZE, Tree
 from kinseek.kinds import POSE
 from kinseek.robots.geometry import divide
 from kinseek.solvers.atlas.index import AtlasIndex, atlas_of
@@ -59,9 +59,9 @@ def samples(arm: Arm, pose: ArrayLike, *, size: tuple[float, float] = (9.4, 5.0)
     wanted = coordinates(_seen(index, goal.targets[0]), division)[0]
     every = coordinates(index.sorted.poses, division)
     leaf = leaf_of(tree, wanted)
-    own = np.arange(leaf * LEAF, (leaf + 1) * LEAF)
+    own = np.arange(leaf * LEAF_SIZE, (leaf + 1) * LEAF_SIZE)
     beside = tree.beside[leaf * BESIDE : (leaf + 1) * BESIDE]
-    near = (beside[(beside >= 0) & (beside != leaf)][:, None] * LEAF + np.arange(LEAF)).ravel()
+    near = (beside[(beside >= 0) & (beside != leaf)][:, None] * LEAF_SIZE + np.arange(LEAF_SIZE)).ravel()
     figure, (left, right) = plane(2, size=size)
     left.hexbin(every[:, 0], every[:, 1], gridsize=60, mincnt=1, bins="log", cmap="Greys", linewidths=0.1)
     _arrows(right, np.delete(every, np.concatenate([own, near]), axis=0), color=GREY, width=0.003)
@@ -72,7 +72,7 @@ def samples(arm: Arm, pose: ArrayLike, *, size: tuple[float, float] = (9.4, 5.0)
         width=0.004,
         label=f"{len(near)} samples of the leaves beside it",
     )
-    _arrows(right, every[own], color=OWN, width=0.006, label=f"{LEAF} samples of the pose's leaf")
+    _arrows(right, every[own], color=OWN, width=0.006, label=f"{LEAF_SIZE} samples of the pose's leaf")
     _arrows(right, wanted[None], color="black", width=0.008)
     for axes in (left, right):
         axes.plot(*wanted[:2], "*", color="black", markersize=11, label="the pose", linestyle="none")

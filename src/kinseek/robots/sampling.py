@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from kinseek.kernels.arm.division import NONE, Division
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.atlas.tree import LEAF
+from kinseek.kernels.atlas.tree import LEAF_SIZE
 from kinseek.turns import one_turn
 
 from .chain import SerialChain
@@ -25,7 +25,7 @@ def middle_samples(chain: SerialChain, division: Division, samples: int) -> tupl
     """Spread samples over the joints that are not divided out; return them and the first such joint."""
     first, last = int(division.head != NONE), chain.dof - int(division.tail != NONE)
     wanted = min(samples, A_JOINT ** max(last - first, 0))
-    count = LEAF * 2 ** max(math.ceil(math.log2(max(wanted, LEAF) / LEAF)), 0)
+    count = LEAF_SIZE * 2 ** max(math.ceil(math.log2(max(wanted, LEAF_SIZE) / LEAF_SIZE)), 0)
     turns = chain.turns[first:last]
     return spread_inside(chain.lower[first:last], chain.upper[first:last], turns, count), first
 

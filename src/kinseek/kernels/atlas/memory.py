@@ -10,7 +10,7 @@ from kinseek.kernels.layout import DOF, Layout, floats, whole
 
 from .lanes import LANES, Lanes
 from .lanes import LAYOUT as LANES_LAYOUT
-from .tree import LEAF
+from .tree import LEAF_SIZE
 
 DEEP = 160
 """Samples looked up at most for one goal."""
@@ -35,7 +35,7 @@ class Scratch(NamedTuple):
     stack: Indices
     """(64,)"""
     bound: Array
-    """(64 + LEAF,)"""
+    """(64 + LEAF_SIZE,)"""
     seed: Array
     """(n,)"""
     found: Array
@@ -64,7 +64,7 @@ LAYOUT = Layout(
     distance=floats(DEEP),
     neighbour=whole(DEEP),
     stack=whole(64),
-    bound=floats(64 + LEAF),
+    bound=floats(64 + LEAF_SIZE),
     seed=floats(DOF),
     found=floats(LANES, DOF),
     state=whole(LANES),

@@ -110,7 +110,7 @@ def fill_atlas(chain: ChainArrays, division: Division, middle: Array, first: int
     Args:
         chain: The arm.
         division: What is divided out.
-        middle: Samples of the middle joints, (k, middle joints), k = LEAF · 2^depth.
+        middle: Samples of the middle joints, (k, middle joints), k = LEAF_SIZE · 2^depth.
         first: Index of the first middle variable.
         atlas: The caller's, see `kernels.grid` for why; receives all but the two inverses.
     """

@@ -16,7 +16,7 @@ from kinseek.kernels.entry import F64, I64, Bundle
 from kinseek.kernels.jit import array_view, inlined, kernel, noinline
 from kinseek.kernels.pointers import part1
 
-LEAF = 8
+LEAF_SIZE = 8
 """Points of a leaf, as many as are measured side by side."""
 
 SLACK = 4.0
@@ -34,10 +34,10 @@ POSE_DIMENSIONS = 5
 
 
 class Tree(NamedTuple):
-    """A complete binary tree over ``LEAF · 2^depth`` points: node i has the children 2i+1 and 2i+2."""
+    """A complete binary tree over ``LEAF_SIZE · 2^depth`` points: node i has the children 2i+1 and 2i+2."""
 
     points: Array
-    """Points leaf by leaf, (leaves, dimensions, LEAF)."""
+    """Points leaf by leaf, (leaves, dimensions, LEAF_SIZE)."""
     axis: Indices
     """Dimension that each inner node splits, (leaves - 1,); at least one entry."""
     split: Array
@@ -48,7 +48,7 @@ class Tree(NamedTuple):
 
 TREE = Bundle(
     Tree,
-    points=F64["leaves", "used", LEAF].out,
+    points=F64["leaves", "used", LEAF_SIZE].out,
     axis=I64["inner"].out,
     split=F64["inner"].out,
     beside=I64["*"].out,
@@ -56,11 +56,11 @@ TREE = Bundle(
 
 
 def make_tree(count: int, dimensions: int) -> Tree:
-    """Allocate a tree of k = LEAF · 2^depth points."""
-    leaves = count // LEAF
+    """Allocate a tree of k = LEAF_SIZE · 2^depth points."""
+    leaves = count // LEAF_SIZE
     inner = max(leaves - 1, 1)
     return Tree(
-        np.empty((leaves, dimensions, LEAF)),
+        np.empty((leaves, dimensions, LEAF_SIZE)),
         np.zeros(inner, dtype=np.int64),
         np.zeros(inner),
         np.full(leaves * BESIDE, -1, dtype=np.int64),
@@ -72,7 +72,7 @@ def sort_tree(points: Array, order: Indices, tree: Tree) -> None:
     """Build a tree.
 
     Args:
-        points: (k, dimensions), k = LEAF · 2^depth.
+        points: (k, dimensions), k = LEAF_SIZE · 2^depth.
         order: Receives which point stands at each place of the leaves, (k,).
         tree: From `make_tree`; the caller's, see `kernels.grid` for why.
     """
@@ -81,7 +81,7 @@ def sort_tree(points: Array, order: Indices, tree: Tree) -> None:
     for i in range(count):
         order[i] = i
     size, level, node = count, 1, 0
-    while size > LEAF:
+    while size > LEAF_SIZE:
         for j in range(level):
             first = j * size
             widest, width = 0, -1.0
@@ -100,7 +100,7 @@ def sort_tree(points: Array, order: Indices, tree: Tree) -> None:
         level *= 2
     for i in range(count):
         for d in range(dimensions):
-            packed[i // LEAF, d, i % LEAF] = points[order[i], d]
+            packed[i // LEAF_SIZE, d, i % LEAF_SIZE] = points[order[i], d]
     _list_leaves_beside(packed, tree.beside)
 
 
@@ -111,8 +111,8 @@ def _list_leaves_beside(points: Array, beside: Indices) -> None:
     centres = np.zeros((dimensions, leaves))
     for leaf in range(leaves):
         for d in range(dimensions):
-            for j in range(LEAF):
-                centres[d, leaf] += points[leaf, d, j] / LEAF
+            for j in range(LEAF_SIZE):
+                centres[d, leaf] += points[leaf, d, j] / LEAF_SIZE
     gaps, far = np.empty(BESIDE), np.empty(leaves)
     for leaf in range(leaves):
         for other in range(leaves):
@@ -176,7 +176,7 @@ def nearest(
         distance: Receives squared distances, at least (most,).
         index: Receives places in the leaves, at least (most,).
         stack: Memory, (64,).
-        bound: Memory, (64 + LEAF,).
+        bound: Memory, (64 + LEAF_SIZE,).
 
     Returns:
         How many were found.
@@ -200,14 +200,14 @@ def nearest(
             node = near
         leaf = node - (leaves - 1)
         scanned += 1
-        for j in range(LEAF):
+        for j in range(LEAF_SIZE):
             bound[64 + j] = 0.0
         for d in range(dimensions):
             x = point[d]
-            for j in range(LEAF):
+            for j in range(LEAF_SIZE):
                 gap = tree.points[leaf, d, j] - x
                 bound[64 + j] += gap * gap
-        for j in range(LEAF):
+        for j in range(LEAF_SIZE):
             value = bound[64 + j]
             if found == most and value >= distance[found - 1]:
                 continue
@@ -216,7 +216,7 @@ def nearest(
             while at > 0 and distance[at - 1] > value:
                 distance[at], index[at] = distance[at - 1], index[at - 1]
                 at -= 1
-            distance[at], index[at] = value, leaf * LEAF + j
+            distance[at], index[at] = value, leaf * LEAF_SIZE + j
     return found
 
 
@@ -227,9 +227,9 @@ def scan_beside(tree: Tree, point: Array, distance: Array, least: Array, w: int)
     Args:
         tree: Where to look.
         point: (dimensions,)
-        distance: Receives squared distances, at least (BESIDE · LEAF,).
-        least: Receives the least distance at each place of the leaves, at least (LEAF,).
-        w: LEAF, as a number that the compiler cannot know, see `lanes`.
+        distance: Receives squared distances, at least (BESIDE · LEAF_SIZE,).
+        least: Receives the least distance at each place of the leaves, at least (LEAF_SIZE,).
+        w: LEAF_SIZE, as a number that the compiler cannot know, see `lanes`.
 
     Returns:
         The leaf that the point lies in, for `take_nearest`.
@@ -242,32 +242,32 @@ def scan_beside(tree: Tree, point: Array, distance: Array, least: Array, w: int)
     first = own * BESIDE
     if dimensions == POSE_DIMENSIONS and tree.beside[first + BESIDE - 1] >= 0:
         x0, x1, x2, x3, x4 = point[0], point[1], point[2], point[3], point[4]
-        at, size = tree.points.ctypes.data, LEAF * POSE_DIMENSIONS
+        at, size = tree.points.ctypes.data, LEAF_SIZE * POSE_DIMENSIONS
         # Two leaves in one loop, for of a short one most is its beginning and its end.
         for b in range(0, BESIDE, 2):
-            p, o = part1(at, tree.beside[first + b] * size, size), b * LEAF
+            p, o = part1(at, tree.beside[first + b] * size, size), b * LEAF_SIZE
             r = part1(at, tree.beside[first + b + 1] * size, size)
             for j in range(w):
-                g0, g1, g2 = p[j] - x0, p[LEAF + j] - x1, p[2 * LEAF + j] - x2
-                g3, g4 = p[3 * LEAF + j] - x3, p[4 * LEAF + j] - x4
+                g0, g1, g2 = p[j] - x0, p[LEAF_SIZE + j] - x1, p[2 * LEAF_SIZE + j] - x2
+                g3, g4 = p[3 * LEAF_SIZE + j] - x3, p[4 * LEAF_SIZE + j] - x4
                 distance[o + j] = g0 * g0 + g1 * g1 + g2 * g2 + g3 * g3 + g4 * g4
-                g0, g1, g2 = r[j] - x0, r[LEAF + j] - x1, r[2 * LEAF + j] - x2
-                g3, g4 = r[3 * LEAF + j] - x3, r[4 * LEAF + j] - x4
-                distance[o + LEAF + j] = g0 * g0 + g1 * g1 + g2 * g2 + g3 * g3 + g4 * g4
+                g0, g1, g2 = r[j] - x0, r[LEAF_SIZE + j] - x1, r[2 * LEAF_SIZE + j] - x2
+                g3, g4 = r[3 * LEAF_SIZE + j] - x3, r[4 * LEAF_SIZE + j] - x4
+                distance[o + LEAF_SIZE + j] = g0 * g0 + g1 * g1 + g2 * g2 + g3 * g3 + g4 * g4
     else:
         for b in range(BESIDE):
-            leaf, o = tree.beside[first + b], b * LEAF
-            for j in range(LEAF):
+            leaf, o = tree.beside[first + b], b * LEAF_SIZE
+            for j in range(LEAF_SIZE):
                 distance[o + j] = 0.0 if leaf >= 0 else np.inf
             for d in range(dimensions if leaf >= 0 else 0):
                 x = point[d]
-                for j in range(LEAF):
+                for j in range(LEAF_SIZE):
                     gap = tree.points[leaf, d, j] - x
                     distance[o + j] += gap * gap
     for j in range(w):
         low = distance[j]
         for b in range(1, BESIDE):
-            low = min(low, distance[b * LEAF + j])
+            low = min(low, distance[b * LEAF_SIZE + j])
         least[j] = low
     return own
 
@@ -276,18 +276,18 @@ def scan_beside(tree: Tree, point: Array, distance: Array, least: Array, w: int)
 def take_nearest(tree: Tree, own: int, distance: Array, least: Array) -> int:
     """Take the nearest point that is left after `scan_beside`; return its place in the leaves, -1 if none is left."""
     low, which, place = least[0], 0, 0
-    for j in range(1, LEAF):
+    for j in range(1, LEAF_SIZE):
         low = min(low, least[j])
     if low == np.inf:
         return -1
-    for j in range(LEAF):
+    for j in range(LEAF_SIZE):
         place = j if least[j] == low else place
     for b in range(BESIDE):
-        which = b if distance[b * LEAF + place] == low else which
-    distance[which * LEAF + place] = np.inf
+        which = b if distance[b * LEAF_SIZE + place] == low else which
+    distance[which * LEAF_SIZE + place] = np.inf
     low = np.inf
     for b in range(BESIDE):
-        low = min(low, distance[b * LEAF + place])
+        low = min(low, distance[b * LEAF_SIZE + place])
     least[place] = low
-    found: int = tree.beside[own * BESIDE + which] * LEAF + place
+    found: int = tree.beside[own * BESIDE + which] * LEAF_SIZE + place
     return found

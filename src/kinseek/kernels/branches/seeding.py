@@ -19,7 +19,7 @@ from kinseek.kernels.atlas.lanes import LANES, lanes_forward, lanes_gram, lanes_
 from kinseek.kernels.atlas.memory import Scratch, make_scratch, scratch_size
 from kinseek.kernels.atlas.seeds import MARGIN
 from kinseek.kernels.atlas.task import HANDLE, Task, plain_tolerances, task_of
-from kinseek.kernels.atlas.tree import LEAF
+from kinseek.kernels.atlas.tree import LEAF_SIZE
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, inlined
 
@@ -121,17 +121,17 @@ def measure_samples(points: Array, point: Array, distance: Array) -> None:
     """Squared distances of all samples from a point.
 
     Args:
-        points: See `Tree.points`, (leaves, dimensions, LEAF).
+        points: See `Tree.points`, (leaves, dimensions, LEAF_SIZE).
         point: (dimensions,)
         distance: Receives them, (samples,).
     """
     for leaf in range(points.shape[0]):
-        o = leaf * LEAF
-        for j in range(LEAF):
+        o = leaf * LEAF_SIZE
+        for j in range(LEAF_SIZE):
             distance[o + j] = 0.0
         for d in range(points.shape[1]):
             x = point[d]
-            for j in range(LEAF):
+            for j in range(LEAF_SIZE):
                 gap = points[leaf, d, j] - x
                 distance[o + j] += gap * gap
 
