@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import InvalidProblem, TrackStatus
-from kinseek.paths.ahead import poses_ahead
+from kinseek.paths.extrapolate import poses_ahead
 from kinseek.paths.tracker import Tracker
 
 Array = NDArray[np.float64]

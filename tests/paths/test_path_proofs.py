@@ -329,12 +329,12 @@ def test_nothing_is_impossible_that_was_done(name: str) -> None:
         q = made(arm, 400, seed, 0.9)[200:300]
         T = arm.fk(q)
         state = proved(arm, q, T)
-        for i, j in Search(Problem(arm.chain, Goal.pose(T))).stretches(0, 99):
+        for i, j in Search(Problem(arm.chain, Goal.pose(T))).intervals(0, 99):
             assert (state[i:j] != INSIDE).any()
         done = np.flatnonzero(state == INSIDE)
         first = int(done[0])
         last = first + int(np.argmin(np.append(state[first:] == INSIDE, False)))
-        assert Search(Problem(arm.chain, Goal.pose(T))).stretches(first, last) == []
+        assert Search(Problem(arm.chain, Goal.pose(T))).intervals(first, last) == []
 
 
 def test_closed_paths_and_full_turns() -> None:

@@ -18,7 +18,7 @@ from kinseek.branches.index import freedom
 from kinseek.kernels.paths.band import solve_band
 from kinseek.kernels.paths.programme import COPIED, DISTANCE, STRAIGHT, best_way
 from kinseek.kernels.paths.trace import ENDED, JOINED, TAKEN, part_ways
-from kinseek.paths import spare
+from kinseek.paths import redundant
 from kinseek.paths.joints import opened
 from kinseek.paths.layers import Follower, Loss
 from kinseek.problem import Problem
@@ -137,14 +137,14 @@ def test_an_arm_whose_open_limits_seem_to_leave_a_joint_to_spare_is_followed() -
 
 
 def test_what_no_step_of_the_joints_can_pass_is_planned_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    arm, plans, planned = kinseek.load("panda"), [], spare._planned
+    arm, plans, planned = kinseek.load("panda"), [], redundant._planned
 
     def counted(*given: Any) -> NDArray[np.float64]:
         plans.append(given)
         return planned(*given)
 
     T = arm.fk(np.linspace(0.9 * arm.lower, 0.4 * arm.upper, 8))
-    monkeypatch.setattr(spare, "_planned", counted)
+    monkeypatch.setattr(redundant, "_planned", counted)
     path = arm.follow(T, max_step=1e-9)
     assert path.status is PathStatus.BROKEN
     assert len(path.breaks) == 7

@@ -83,7 +83,7 @@ def prove_rows(
         return Proved(state, within)
     begin, end = targets[which], targets[which + 1]
     turns = turns_between(begin, end, columns)
-    asked = np.linalg.norm(turns, axis=1) <= HALF_TURN
+    request = np.linalg.norm(turns, axis=1) <= HALF_TURN
     begins, ends = np.ascontiguousarray(q[which]), np.ascontiguousarray(q[which + 1])
     given = (
         np.ascontiguousarray(begin),
@@ -95,7 +95,7 @@ def prove_rows(
         np.ascontiguousarray(
             (rims_of(problem, q) if rims is None else rims)[np.stack([which, which + 1], axis=1)]
         ),
-        asked,
+        request,
     )
     turning = Turning(problem.chain)
     lower, upper = (turning.open_lower, turning.open_upper) if limits is None else limits

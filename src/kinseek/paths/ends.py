@@ -13,10 +13,10 @@ from kinseek.deadline import Deadline, TimeUp
 from kinseek.problem import Problem
 from kinseek.solvers import Atlas
 
-from .asked import Asked
 from .joints import Turning
 from .layers import SAME, Layers
 from .nodes import Programme
+from .request import PathRequest
 
 MOST = 250
 """Answers to a pose at most: the programme counts them in a byte. Isolated ones are sixteen, and some twice."""
@@ -91,10 +91,10 @@ def fill_missed(problem: Problem, layers: Layers, threads: int | None, deadline:
     return Filled(Layers(q[:count], there[:count]), missed[:count])
 
 
-def with_ends(asked: Asked, layers: Layers) -> tuple[Layers, tuple[int, int]]:
+def with_ends(request: PathRequest, layers: Layers) -> tuple[Layers, tuple[int, int]]:
     """Put the wanted start and end beside the answers to the first and the last pose; their nodes, or -1."""
-    turning, nodes = Turning(asked.problem.chain), [-1, -1]
-    for k, (wanted, i) in enumerate(((asked.start, 0), (asked.end, len(layers.q) - 1))):
+    turning, nodes = Turning(request.problem.chain), [-1, -1]
+    for k, (wanted, i) in enumerate(((request.start, 0), (request.end, len(layers.q) - 1))):
         if wanted is None:
             continue
         q = np.concatenate([layers.q, np.zeros_like(layers.q[:, :1])], axis=1)
@@ -112,17 +112,17 @@ def best_valid(programme: Programme, ends: tuple[int, int]) -> tuple[Array, Indi
     Returns:
         Joint values and breaks; if the time is up, of so many of the first poses, to which it agreed.
     """
-    asked = programme.asked
+    request = programme.request
     with suppress(TimeUp):
         programme.refuse_blocked()
     for tries in itertools.count(1):
         q, breaks, _, path = best_of(programme, ends)
-        if asked.valid is None:
+        if request.valid is None:
             return q, breaks
         agreed, count = programme.check(q, breaks, path)
         if agreed:
             return q, breaks
-        if asked.deadline.passed:
+        if request.deadline.passed:
             break
         if tries == ROUNDS:
             with suppress(TimeUp):
@@ -134,25 +134,25 @@ def best_valid(programme: Programme, ends: tuple[int, int]) -> tuple[Array, Indi
 
 def best_of(programme: Programme, ends: tuple[int, int]) -> tuple[Array, Indices, float, Indices]:
     """The best way, closed if that is asked: then the best over all answers to the first pose."""
-    asked = programme.asked
-    if not asked.closed:
-        return programme.best(asked.longest, *ends)
+    request = programme.request
+    if not request.closed:
+        return programme.best(request.longest, *ends)
     best: tuple[Array, Indices, float, Indices] | None = None
-    longest, turning = asked.longest[-1], programme.turning
-    if asked.ends_where_it_begins:
+    longest, turning = request.longest[-1], programme.turning
+    if request.ends_where_it_begins:
         longest = np.minimum(longest, SAME)
     if programme.hopeless & {0, len(programme.q) - 1}:
         longest = np.full_like(longest, np.inf)
     firsts = range(programme.count[0] * turning.total) if ends[0] < 0 else [ends[0]]
-    open_way = programme.best(asked.longest, *ends)
+    open_way = programme.best(request.longest, *ends)
     firsts = [int(open_way[3][0]), *(node for node in firsts if node != open_way[3][0])]
     for first in firsts:
         if not programme.exists(0, first):
             continue
-        if best is not None and asked.deadline.passed:
+        if best is not None and request.deadline.passed:
             break
         for last in programme.beside(first, longest) if ends[1] < 0 else [ends[1]]:
-            way = programme.best(asked.longest, first, last)
+            way = programme.best(request.longest, first, last)
             if best is None or (len(way[1]), way[2]) < (len(best[1]), best[2]):
                 best = way
         if best is not None and len(best[1]) == len(open_way[1]) and best[2] <= open_way[2] * (1 + 1e-9):
@@ -163,23 +163,23 @@ def best_of(programme: Programme, ends: tuple[int, int]) -> tuple[Array, Indices
     return q, np.append(breaks, len(q) - 1), cost, path
 
 
-def refusals(asked: Asked, q: Array) -> tuple[set[int], Indices, int]:
+def refusals(request: PathRequest, q: Array) -> tuple[set[int], Indices, int]:
     """Ask a scene and the user about a path, (M, n).
 
     Returns:
         Numbers of poses that are not allowed; of those from which the way to the next is not; and how many poses were
         asked about before the time was up.
     """
-    valid = asked.valid
+    valid = request.valid
     barred = list[Indices]([np.zeros(0, dtype=np.int64)])
     if valid is None or not len(q):
         return set(), barred[0], len(q)
-    goal, refused = asked.problem.goal, np.zeros(len(q), dtype=np.bool_)
-    begin, end = steps_of(asked, q)
+    goal, refused = request.problem.goal, np.zeros(len(q), dtype=np.bool_)
+    begin, end = steps_of(request, q)
     # Of a way to or from a pose that is missed nothing is asked, nor of one that is a break in any case.
-    asks = short_steps(asked, begin, end)
+    asks = short_steps(request, begin, end)
     goal = goal.at(goal.target[: len(q)])
-    there = goal.met(goal.measure(asked.problem.arrays, np.ascontiguousarray(q)))
+    there = goal.met(goal.measure(request.problem.arrays, np.ascontiguousarray(q)))
     size = valid.at_once(len(q))
     for first in range(0, len(q), size):
         try:
@@ -197,17 +197,17 @@ def refusals(asked: Asked, q: Array) -> tuple[set[int], Indices, int]:
     return set(np.flatnonzero(refused).tolist()), np.concatenate(barred), len(q)
 
 
-def steps_of(asked: Asked, q: Array) -> tuple[Array, Array]:
+def steps_of(request: PathRequest, q: Array) -> tuple[Array, Array]:
     """Where each step of a path, (N, n), begins and ends; of a closed path that from the last pose to the first too."""
-    if not asked.closed or len(q) == 1 or len(q) < len(asked):
+    if not request.closed or len(q) == 1 or len(q) < len(request):
         return q[:-1], q[1:]
-    back = q[-1] + Turning(asked.problem.chain).way(q[0] - q[-1])
+    back = q[-1] + Turning(request.problem.chain).way(q[0] - q[-1])
     return q, np.concatenate([q[1:], back[None]])
 
 
-def short_steps(asked: Asked, begin: Array, end: Array) -> NDArray[np.bool_]:
+def short_steps(request: PathRequest, begin: Array, end: Array) -> NDArray[np.bool_]:
     """Of each step that `steps_of` gave: does no joint go too far? The step that closes a path has the bound of the last."""
-    longest = asked.longest
+    longest = request.longest
     if len(longest) > 1:
         longest = np.concatenate([longest, longest[-1:]])[: len(begin)]
     return np.asarray((np.abs(end - begin) <= longest * (1 + 1e-9)).all(axis=1))

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from kinseek.branches.index import freedom
 from kinseek.deadline import Deadline
 
-from .asked import ROUNDING, Asked
 from .ends import best_valid, fill_missed, inside_limits, refusals, short_steps, steps_of, with_ends
 from .joints import Turning
 from .layers import SAME, Layers, isolated_layers
 from .nodes import GRACE, Programme
 from .path import Path
-from .relaxed import relaxed
+from .request import ROUNDING, PathRequest
 from .runs import bridged, follow_runs
+from .virtual_joints import with_virtual_joints
 from .why import reasons
 from .windows import LONG, Windows, best_in_windows, in_windows
 
@@ -30,33 +30,33 @@ FIRST_PART = 0.35
 """Of a time limit so much is left to the search for answers: what the user says of them, and the way, take as long again."""
 
 
-def follow(asked: Asked, threads: int | None, advance: Advance, take: int | None = None) -> Path:
+def follow(request: PathRequest, threads: int | None, advance: Advance, take: int | None = None) -> Path:
     """Find joint values for every pose, with as few breaks as possible; see `Arm.follow`.
 
     Args:
-        asked: The path.
+        request: The path.
         threads: Threads that share the poses; None takes every core.
         advance: Told how many more poses are done.
         take: How many poses the path shall have that is given back, of those that were looked at; None means all.
     """
-    part, own = relaxed(asked)
-    take = len(asked) if take is None else take
+    part, own = with_virtual_joints(request)
+    take = len(request) if take is None else take
     if freedom(part.problem) > 0:
         q = follow_runs(part, threads, advance)
         planned = _ended(part, q)[:take, own]
-        asked, grace = asked.part(0, take), asked.deadline
-        if grace.passed and asked.valid is not None:
-            asked = replace(asked, valid=replace(asked.valid, deadline=Deadline(GRACE)))
-        refused, barred, count = refusals(asked, planned)
-        return _judged(asked, planned[:count], barred, None, refused)
+        request, grace = request.part(0, take), request.deadline
+        if grace.passed and request.valid is not None:
+            request = replace(request, valid=replace(request.valid, deadline=Deadline(GRACE)))
+        refused, barred, count = refusals(request, planned)
+        return _judged(request, planned[:count], barred, None, refused)
     q, breaks, wide, hopeless = _isolated(part, threads, advance)
     q = _ended(part, q)
-    known = wide if part.problem is asked.problem else None
-    return _judged(asked.part(0, take), q[:take, own], breaks, known, hopeless)
+    known = wide if part.problem is request.problem else None
+    return _judged(request.part(0, take), q[:take, own], breaks, known, hopeless)
 
 
 def _isolated(
-    asked: Asked, threads: int | None, advance: Advance
+    request: PathRequest, threads: int | None, advance: Advance
 ) -> tuple[Array, Indices, Layers | Windows, set[int]]:
     """Follow a path with isolated answers.
 
@@ -64,71 +64,71 @@ def _isolated(
         Joint values for every pose, (N, n), or, if the time is up, for the first poses; breaks; what is known of the
         answers; and the poses that are missed.
     """
-    none = np.zeros((0, asked.problem.chain.dof)), np.zeros(0, dtype=np.int64)
-    if in_windows(asked):
-        windows = Windows(asked, threads)
+    none = np.zeros((0, request.problem.chain.dof)), np.zeros(0, dtype=np.int64)
+    if in_windows(request):
+        windows = Windows(request, threads)
         q, breaks = best_in_windows(windows, advance)
         missed = windows.missed[: len(q)]
         return (
-            bridged(asked.part(0, len(q)), q, missed),
+            bridged(request.part(0, len(q)), q, missed),
             breaks,
             windows,
             set(np.flatnonzero(missed).tolist()),
         )
-    problem, deadline = asked.problem, asked.deadline
-    asks = asked.cost is not None or asked.valid is not None
-    search = deadline.share(FIRST_PART) if asks or len(asked) > LONG else deadline
-    wide = isolated_layers(problem, asked.longest.max(axis=0), threads, advance, search)
+    problem, deadline = request.problem, request.deadline
+    asks = request.cost is not None or request.valid is not None
+    search = deadline.share(FIRST_PART) if asks or len(request) > LONG else deadline
+    wide = isolated_layers(problem, request.longest.max(axis=0), threads, advance, search)
     if not len(wide):
         return *none, wide, set()
     layers, missed = fill_missed(problem, inside_limits(problem, wide), threads, deadline)
     if not len(layers):
         return *none, wide, set()
-    asked = asked.part(0, len(layers))
-    layers, ends = with_ends(asked, layers)
-    programme = Programme(asked, layers, missed)
+    request = request.part(0, len(layers))
+    layers, ends = with_ends(request, layers)
+    programme = Programme(request, layers, missed)
     q, breaks = best_valid(programme, ends)
-    return bridged(asked.part(0, len(q)), q, missed[: len(q)]), breaks, wide, programme.hopeless
+    return bridged(request.part(0, len(q)), q, missed[: len(q)]), breaks, wide, programme.hopeless
 
 
-def _ended(asked: Asked, q: Array) -> Array:
+def _ended(request: PathRequest, q: Array) -> Array:
     """Put wanted ends into a way, (N, n), to the last bit; the turns of endless joints are those of the first of them.
 
     So are the ends of a closed path that has its first pose again at the end.
     """
-    turning, free = Turning(asked.problem.chain), True
-    for wanted, i in ((asked.start, 0), (asked.end, -1)):
-        if wanted is None or not len(q) or (i < 0 and len(q) < len(asked)):
+    turning, free = Turning(request.problem.chain), True
+    for wanted, i in ((request.start, 0), (request.end, -1)):
+        if wanted is None or not len(q) or (i < 0 and len(q) < len(request)):
             continue
         turns = turning.whole_turns(wanted - q[i])
         if free:
             q += turns
         q[i] = wanted if free else wanted - turns
         free = False
-    back = len(q) == len(asked) and asked.closed and asked.ends_where_it_begins
+    back = len(q) == len(request) and request.closed and request.ends_where_it_begins
     if back and (np.abs(turning.way(q[0] - q[-1])) <= SAME).all():
         q[-1] = q[0] + turning.whole_turns(q[-1] - q[0])
     return q
 
 
 def _judged(
-    asked: Asked, rows: Array, breaks: Indices, wide: Layers | Windows | None, hopeless: set[int]
+    request: PathRequest, rows: Array, breaks: Indices, wide: Layers | Windows | None, hopeless: set[int]
 ) -> Path:
     """Judge joint values for the first poses, (M, n), by plain forward kinematics, and say what stands in the way."""
-    problem, turning = asked.problem, Turning(asked.problem.chain)
+    problem, turning = request.problem, Turning(request.problem.chain)
     goal, chain = problem.goal, problem.chain
-    planned = np.arange(len(asked)) < len(rows)
-    stay = rows[-1] if len(rows) else asked.start
+    planned = np.arange(len(request)) < len(rows)
+    stay = rows[-1] if len(rows) else request.start
     if stay is None:
         stay = np.clip((chain.lower + chain.upper) / 2, turning.open_lower, turning.open_upper)
-    q = np.concatenate([rows, np.repeat(stay[None], len(asked) - len(rows), axis=0)])
+    q = np.concatenate([rows, np.repeat(stay[None], len(request) - len(rows), axis=0)])
     errors = goal.measure(problem.arrays, np.ascontiguousarray(q))
     reached = goal.met(errors) & planned
     reached[[i for i in hopeless if i < len(q)]] = False
     # Whatever was planned, a step that is too large is a break.
-    begin, end = steps_of(asked, q)
-    torn = ~short_steps(asked, begin, end)
-    if asked.closed and asked.ends_where_it_begins:
+    begin, end = steps_of(request, q)
+    torn = ~short_steps(request, begin, end)
+    if request.closed and request.ends_where_it_begins:
         torn[-1] |= (np.abs(end[-1] - begin[-1]) > ROUNDING).any()
     torn[breaks[breaks < len(torn)]] = True
     # Between poses of which one is missed there is nothing to break.
@@ -141,8 +141,8 @@ def _judged(
         position_error=errors[:, 0].copy(),
         orientation_error=errors[:, 1].copy(),
         problem=problem,
-        closed=asked.closed,
+        closed=request.closed,
         planned=planned,
-        out_of_time=asked.deadline.passed or not bool(planned.all()),
+        out_of_time=request.deadline.passed or not bool(planned.all()),
     )
-    return path if path.success else replace(path, why=reasons(asked, path, wide))
+    return path if path.success else replace(path, why=reasons(request, path, wide))

@@ -8,10 +8,10 @@ from kinseek.errors import PathInterrupted
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.threads import progress_bar
 
-from .asked import goals_of, read
 from .follow import follow
 from .path import Path
 from .proofs import with_proofs
+from .request import goals_of, read
 
 
 def follow_poses(
@@ -22,11 +22,11 @@ def follow_poses(
     if broken is not None:
         # The times and the end that were given are those of all poses; those that came have neither.
         wishes = wishes | {"end": None, "times": None, "closed": False}
-    asked = read(arm, goal, **wishes)
+    request = read(arm, goal, **wishes)
     with progress_bar(progress, len(goal.targets)) as advance:
-        path = follow(asked, threads, advance)
+        path = follow(request, threads, advance)
     if prove:
-        path = with_proofs(asked, path, threads)
+        path = with_proofs(request, path, threads)
     if broken is not None:
         raise PathInterrupted(
             f"the iterator raised {type(broken).__name__} after {len(path)} poses: {broken}; the path through them is "

@@ -24,10 +24,10 @@ from kinseek.robots.chain import SerialChain
 from kinseek.turns import TURN
 
 from .certify import prove_rows
+from .intervals import intervals
 from .joints import Turning
 from .layers import Follower, Piece
 from .path import Path
-from .stretches import stretches
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -82,9 +82,9 @@ def impossible_stretches(
         return ()
     found: list[tuple[int, int]] = []
     search = Search(problem, deadline)
-    for first, last in stretches(path.reached):
+    for first, last in intervals(path.reached):
         if ((path.breaks >= first) & (path.breaks < last)).any():
-            found += search.stretches(first, last)
+            found += search.intervals(first, last)
     return tuple((i, j) for i, j in found if ((path.breaks >= i) & (path.breaks < j)).any())
 
 
@@ -109,7 +109,7 @@ class Search:
         """Differences of joint values, full turns taken off where they are left out of account, (k, n)."""
         return np.where(self.problem.chain.periodic, gap - TURN * np.round(gap / TURN), gap)
 
-    def stretches(self, first: int, last: int) -> list[tuple[int, int]]:
+    def intervals(self, first: int, last: int) -> list[tuple[int, int]]:
         """All that is found between two poses: as soon as one stretch ends, the next begins."""
         found, i = [], first
         while i < last and not self.deadline.passed:

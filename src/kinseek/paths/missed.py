@@ -21,8 +21,8 @@ from kinseek.proof.boxes import Watch, excluded
 from kinseek.proof.branch_and_bound import prove
 from kinseek.proof.certificate import Verdict
 
+from .intervals import intervals
 from .path import Path
-from .stretches import stretches
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -64,7 +64,7 @@ def judge_missed(path: Path, missed: Flags, threads: int | None, deadline: Deadl
             break
         search.out_of_reach[i] = excluded(search.at(i), 0).outcome == ENDED
     for budget in ROUNDS:
-        for first, last in stretches(missed & ~search.out_of_reach & ~search.in_reach):
+        for first, last in intervals(missed & ~search.out_of_reach & ~search.in_reach):
             search.ask(first, last, budget)
     return Missed(search.out_of_reach, search.in_reach)
 

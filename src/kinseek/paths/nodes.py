@@ -11,9 +11,9 @@ from kinseek.branches.order import cost_of
 from kinseek.deadline import Deadline, TimeUp
 from kinseek.kernels.paths.programme import DISTANCE, ENDLESS, GIVEN, TIME, best_way
 
-from .asked import Asked, open_beside
 from .joints import Turning
 from .layers import Layers
+from .request import PathRequest, open_beside
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -29,12 +29,12 @@ LAST_PART = 0.5
 class Programme:
     """Nodes of a path: answers inside the limits with their full turns."""
 
-    def __init__(self, asked: Asked, layers: Layers, missed: Flags) -> None:
+    def __init__(self, request: PathRequest, layers: Layers, missed: Flags) -> None:
         """Take layers, (N, width, n), and which poses are missed, (N,): steps to and from these are no breaks.
 
         What lies outside the limits must be out of the layers already.
         """
-        self.asked, self.turning = asked, Turning(asked.problem.chain)
+        self.request, self.turning = request, Turning(request.problem.chain)
         self.q, self.count = layers.q, layers.count
         self.ahead = self.q
         self.nodes = self.q.shape[1] * self.turning.total
@@ -44,26 +44,26 @@ class Programme:
         self._passed: set[tuple[int, int, int]] = set()
         self.hopeless: set[int] = set(np.flatnonzero(missed).tolist())
         """Poses that are missed, and those whose every answer hits something, or is one that `valid` refused."""
-        velocity = asked.velocity
+        velocity = request.velocity
         self.mode = DISTANCE if velocity is None else TIME
-        self.weights = asked.weights if velocity is None else asked.weights / velocity
+        self.weights = request.weights if velocity is None else request.weights / velocity
         self.costs = np.zeros((0, 0))
-        if asked.cost is not None:
+        if request.cost is not None:
             self.mode, self.costs = GIVEN, self._costs()
 
     def _costs(self) -> Array:
         """What the user says that each node costs, (N, nodes); 0 at all poses of which they were not asked in time."""
-        assert self.asked.cost is not None
+        assert self.request.cost is not None
         # Rows that are never written take no memory: a hundred thousand poses of a UR5e have 400 MB.
         costs = np.zeros((len(self.q), self.nodes))
-        deadline = self.asked.deadline.before(LAST_PART)
+        deadline = self.request.deadline.before(LAST_PART)
         for i, count in enumerate(self.count):
             if deadline.passed:
                 break  # The search for the best way leaves out what lies outside the limits by itself.
             nodes, q = self._inside(i, count)
             costs[i] = np.inf
             if len(nodes):
-                costs[i, nodes] = cost_of(self.asked.cost, self._clipped(q))
+                costs[i, nodes] = cost_of(self.request.cost, self._clipped(q))
         return costs
 
     def _clipped(self, q: Array) -> Array:
@@ -119,21 +119,21 @@ class Programme:
             Did it agree to all? And to how many of the first poses, with the steps between them: fewer as well if the time
             was up before all were asked.
         """
-        if self.asked.deadline.passed:
-            assert self.asked.valid is not None
-            late = replace(self.asked, valid=replace(self.asked.valid, deadline=Deadline(GRACE)))
-            self.asked, asked = late, self.asked
+        if self.request.deadline.passed:
+            assert self.request.valid is not None
+            late = replace(self.request, valid=replace(self.request.valid, deadline=Deadline(GRACE)))
+            self.request, request = late, self.request
             try:
                 return self._check(q, breaks, path)
             finally:
-                self.asked = asked
+                self.request = request
         return self._check(q, breaks, path)
 
     def _check(self, q: Array, breaks: Indices, path: Indices) -> tuple[bool, int]:
-        assert self.asked.valid is not None
-        steps = np.setdiff1d(np.arange(len(q) if self.asked.closed else len(q) - 1), breaks)
+        assert self.request.valid is not None
+        steps = np.setdiff1d(np.arange(len(q) if self.request.closed else len(q) - 1), breaks)
         agreed, count, all_fine = list[bool](), len(q), True
-        size = self.asked.valid.at_once(len(q))
+        size = self.request.valid.at_once(len(q))
         for first in range(0, len(q), size):
             # The steps to some poses are asked about with them: of a way that is cut short a first part is then known.
             last = min(first + size, len(q))
@@ -164,7 +164,7 @@ class Programme:
 
     def _edges_agreed(self, edges: list[tuple[int, int, int]], q: Array, ends: list[Array]) -> list[bool]:
         """Ask `valid` of some steps of a way, and leave out from now on what it refuses."""
-        valid = self.asked.valid
+        valid = self.request.valid
         assert valid is not None
         starts = q[[edge[0] for edge in edges]]
         free = valid.free_ways(starts, np.array(ends))
@@ -179,7 +179,7 @@ class Programme:
 
     def refuse_blocked(self) -> None:
         """Leave out the answers that are not free, with all their full turns, of which a scene knows nothing."""
-        valid = self.asked.valid
+        valid = self.request.valid
         if valid is None or valid.scene is None:
             return
         there = (np.arange(self.q.shape[1]) < self.count[:, None]) & ~self._missed()[:, None]
@@ -215,7 +215,7 @@ class Programme:
         return nodes[inside], q[inside]
 
     def _node_agreed(self, i: int, node: int, q: Array) -> bool:
-        valid = self.asked.valid
+        valid = self.request.valid
         assert valid is not None
         if valid.valid is None or (i, node) in self._agreed or i in self.hopeless:
             return True

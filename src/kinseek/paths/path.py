@@ -14,8 +14,8 @@ from kinseek.lazy import Lazy, lazy
 from kinseek.problem import Problem
 
 from .between import deviation_between
+from .intervals import intervals
 from .joints import Turning
-from .stretches import stretches
 
 Array = NDArray[np.float64]
 
@@ -150,7 +150,7 @@ class Path(Lazy):
     @property
     def missed(self) -> tuple[tuple[int, int], ...]:
         """The first and the last pose of each run of missed poses."""
-        return tuple(stretches(~self.reached))
+        return tuple(intervals(~self.reached))
 
     @property
     def _apart(self) -> NDArray[np.int64]:

@@ -23,10 +23,10 @@ from kinseek.solvers import Atlas
 from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.threads import GoOn, spread
 
-from .asked import Asked
 from .between import apart
 from .joints import Turning
-from .sheets import folds_of, mirrored
+from .request import PathRequest
+from .singular_twins import folds_of, mirrored
 from .smooth import Smoother
 
 Array = NDArray[np.float64]
@@ -169,24 +169,24 @@ def _before(came: Indices) -> Indices:
 class Planner:
     """Finds the best way through a path for one arm with joints to spare."""
 
-    def __init__(self, asked: Asked, effort: Effort, barred: Sequence[Barred] = ()) -> None:
+    def __init__(self, request: PathRequest, effort: Effort, barred: Sequence[Barred] = ()) -> None:
         """Choose rows and layers.
 
         Args:
-            asked: The path.
+            request: The path.
             effort: How finely it is planned.
             barred: Where no way leads on.
         """
         self.barred = barred
-        problem = asked.problem
-        self.asked, self.effort, self.problem, self.dof = asked, effort, problem, problem.chain.dof
-        self.smoother, self.turning = smoother_of(asked), Turning(problem.chain)
+        problem = request.problem
+        self.request, self.effort, self.problem, self.dof = request, effort, problem, problem.chain.dof
+        self.smoother, self.turning = smoother_of(request), Turning(problem.chain)
         self.index: BranchIndex = index_of(problem)
         self.tolerances, self.targets = (
             tolerances_of(problem.goal),
             np.ascontiguousarray(problem.goal.targets),
         )
-        self.gone = gone_of(problem)
+        self.gone = path_parameter(problem)
         """How far the hand has gone at each pose, see `Effort.way`, (N,)."""
         self.rows = rows_of(self.gone, effort.way)
         """Numbers of the poses on which the way is planned."""
@@ -194,9 +194,9 @@ class Planner:
         last = len(self.rows) - 1
         self.keys = np.unique(np.round(np.linspace(0, last, -(-last // effort.rows) + 1)).astype(np.int64))
         """Which rows are layers."""
-        longest = asked.longest.min(axis=0)
+        longest = request.longest.min(axis=0)
         self.longest = np.where(np.isinf(longest), UNBOUND, longest)
-        self.sideways = np.where(np.isinf(asked.longest.max(axis=0)), UNBOUND, SIDEWAYS)
+        self.sideways = np.where(np.isinf(request.longest.max(axis=0)), UNBOUND, SIDEWAYS)
         self.apart = effort.apart
         self.folds = folds_of(problem.chain) if freedom(problem) > 1 else []
         """Where answers lie on two sheets. With one joint to spare both lie on curves, which are followed through them."""
@@ -221,8 +221,8 @@ class Planner:
         )
         self.apart = self.apart * CROWD if count == len(q) else max(self.effort.apart, self.apart / CROWD)
         q, along = q[:count], along[:count]
-        if self.asked.valid is not None:
-            good = self.asked.valid.each(self.clipped(q))
+        if self.request.valid is not None:
+            good = self.request.valid.each(self.clipped(q))
             q, along = q[good], along[good]
         if len(q):
             return q, along
@@ -247,9 +247,11 @@ class Planner:
         Raises:
             TimeUp: The time was up before the first layer.
         """
-        fixed = [None if q is None else self.turning.off_ends(q) for q in (self.asked.start, self.asked.end)]
+        fixed = [
+            None if q is None else self.turning.off_ends(q) for q in (self.request.start, self.request.end)
+        ]
         last = len(self.keys) - 1
-        deadline = self.asked.deadline
+        deadline = self.request.deadline
         fresh: list[Array] = []
         size = AHEAD if deadline.limited else last + 1
         ways, before, none = Ways(self.turning.total), None, np.zeros((0, self.dof))
@@ -293,7 +295,7 @@ class Planner:
                 count = self.effort.fresh if k else self.effort.samples
                 found[place] = self.sample(int(self.rows[self.keys[k]]), count)
 
-        spread(find, len(layers), 16, threads, self.asked.deadline)
+        spread(find, len(layers), 16, threads, self.request.deadline)
         return found
 
     def lead_on(self, q: Array, begin: int, end: int) -> tuple[Array, Array, Array]:
@@ -319,7 +321,7 @@ class Planner:
         for pose, near in self.barred:
             if self.rows[begin] <= pose < self.rows[end]:
                 told[(np.abs(self.turning.step(q - near)) < CLEAR).all(axis=1), 0] = np.inf
-        valid = self.asked.valid
+        valid = self.request.valid
         if valid is not None and valid.scene is not None:
             # Layers are close: the straight way from one to the next stands for the branch. The path itself is judged later.
             leads = np.isfinite(told[:, 0])
@@ -370,11 +372,11 @@ class Planner:
     def own(self, q: Array, poses: int) -> Array:
         """What the user says that nodes cost, less the least of them, for so many poses, (nodes,); or nothing, (0,)."""
         turning = self.turning
-        if self.asked.cost is None:
+        if self.request.cost is None:
             return np.zeros(0)
         each, turns = np.repeat(q, turning.total, axis=0), np.tile(np.arange(turning.total), len(q))
         values = np.clip(turning.node_values(each, turns), turning.open_lower, turning.open_upper)
-        costs = cost_of(self.asked.cost, values)
+        costs = cost_of(self.request.cost, values)
         return np.asarray((costs - costs.min()) * max(poses, 1))
 
     def filled(self, places: list[Place], keys: Indices) -> Array:
@@ -403,7 +405,7 @@ class Planner:
         return ways[:, 0]
 
 
-def gone_of(problem: Problem) -> Array:
+def path_parameter(problem: Problem) -> Array:
     """How far the hand has gone at each pose, its turn [rad] and its way in thirds of the arm's length, (N,)."""
     poses = np.zeros((len(problem.goal.targets), 4, 4))
     poses[:, :3], poses[:, 3, 3] = problem.goal.targets, 1.0
@@ -440,7 +442,7 @@ def between_rows(rows: Indices, q: Array) -> Array:
     )
 
 
-def smoother_of(asked: Asked) -> Smoother:
+def smoother_of(request: PathRequest) -> Smoother:
     """What makes its paths short."""
-    weights = asked.weights if asked.velocity is None else asked.weights / asked.velocity
-    return Smoother(asked.problem, weights / weights.max(), asked.valid, asked.deadline)
+    weights = request.weights if request.velocity is None else request.weights / request.velocity
+    return Smoother(request.problem, weights / weights.max(), request.valid, request.deadline)

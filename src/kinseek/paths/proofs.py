@@ -11,14 +11,14 @@ from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.problem import Problem
 
-from .asked import Asked
 from .certify import prove_rows, rims_of, turns_between
 from .impossible import impossible_stretches
+from .intervals import intervals, these
 from .joints import Turning
 from .missed import Missed, judge_missed
 from .path import Path, PathProof
-from .relaxed import relaxed
-from .stretches import stretches, these
+from .request import PathRequest
+from .virtual_joints import with_virtual_joints
 
 Array = NDArray[np.float64]
 
@@ -26,17 +26,17 @@ ROUNDS = 4
 """Newton steps to where the joints stand that a goal's ranges are: a turn about one axis and slides take two."""
 
 
-def with_proofs(asked: Asked, path: Path, threads: int | None) -> Path:
+def with_proofs(request: PathRequest, path: Path, threads: int | None) -> Path:
     """The path with what can be proved of it; see `Arm.follow`."""
-    part, own = relaxed(asked)
+    part, own = with_virtual_joints(request)
     steps, within = _unbroken(part, own, path, threads)
     missed = path.position_error > path.problem.goal.position_tolerance
     missed |= path.orientation_error > path.problem.goal.orientation_tolerance
     missed |= ~path.planned
-    told = judge_missed(path, missed, threads, asked.deadline)
-    impossible = impossible_stretches(part.problem, path, asked.deadline) if part is asked else ()
+    told = judge_missed(path, missed, threads, request.deadline)
+    impossible = impossible_stretches(part.problem, path, request.deadline) if part is request else ()
     undecided = missed & ~told.out_of_reach
-    late = asked.deadline.passed
+    late = request.deadline.passed
     proof = PathProof(steps, within, told.out_of_reach, undecided, impossible, late)
     return replace(path, proof=proof, why=(*path.why, *_words(path, proof, told)))
 
@@ -53,16 +53,18 @@ def _words(path: Path, proof: PathProof, told: Missed) -> list[str]:
         ),
         (proof.undecided & ~told.in_reach, f"not proved out of reach: {short}"),
     ]
-    words = [f"{these(*rows)} {what}" for flags, what in said for rows in stretches(flags)]
+    words = [f"{these(*rows)} {what}" for flags, what in said for rows in intervals(flags)]
     return words + [
         f"proved: no continuous motion inside the limits leads from pose {i} to pose {j}"
         for i, j in proof.impossible
     ]
 
 
-def _unbroken(asked: Asked, own: slice, path: Path, threads: int | None) -> tuple[NDArray[np.bool_], Array]:
+def _unbroken(
+    request: PathRequest, own: slice, path: Path, threads: int | None
+) -> tuple[NDArray[np.bool_], Array]:
     """Which steps are unbroken, (N - 1,) or (N,), and how near the branches pass by each pose, (N,)."""
-    problem = asked.problem
+    problem = request.problem
     count, goal, q = len(path), problem.goal, _with_goal_joints(problem, own, path.q)
     last = count if path.closed and count > 1 else count - 1
     if last == count:
@@ -74,7 +76,7 @@ def _unbroken(asked: Asked, own: slice, path: Path, threads: int | None) -> tupl
     rims = rims_of(problem, q)
     if last == count:
         rims[0] = rims[-1] = max(rims[0], rims[-1])
-    proved = prove_rows(problem, q, whole, keep=True, threads=threads, rims=rims, deadline=asked.deadline)
+    proved = prove_rows(problem, q, whole, keep=True, threads=threads, rims=rims, deadline=request.deadline)
     steps, within = np.zeros(last, dtype=np.bool_), np.full((2, count), np.inf)
     steps[whole] = proved.inside
     within[0, whole[proved.inside]] = proved.within[proved.inside, 0]

@@ -25,12 +25,12 @@ from kinseek.problem import Problem
 from kinseek.solvers import Atlas
 from kinseek.turns import TURN
 
-from .asked import Asked
+from .intervals import intervals
 from .joints import Turning
 from .plan import smoother_of
+from .redundant import PLANS, faults, follow_samples
+from .request import PathRequest
 from .smooth import SETTLED
-from .spare import PLANS, faults, follow_samples
-from .stretches import stretches
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -50,32 +50,32 @@ SHARE, NEAR = 0.02, 1e-12
 scaled error is less than this."""
 
 
-def follow_runs(asked: Asked, threads: int | None, advance: Advance) -> Array:
+def follow_runs(request: PathRequest, threads: int | None, advance: Advance) -> Array:
     """Joint values for every pose of a path that leaves joints to spare, (N, n); if the time is up, for its first poses."""
-    problem = asked.problem
+    problem = request.problem
     found = Atlas(threads=threads).solve(
-        Problem(problem.mechanism, problem.goal, time_limit=asked.deadline.left)
+        Problem(problem.mechanism, problem.goal, time_limit=request.deadline.left)
     )
     late = np.flatnonzero(found.out_of_time)
-    count = int(late[0]) if len(late) else len(asked)
+    count = int(late[0]) if len(late) else len(request)
     if not count:
-        return np.zeros((0, asked.problem.chain.dof))
-    asked, nearest = asked.part(0, count), found.q[:count]
+        return np.zeros((0, request.problem.chain.dof))
+    request, nearest = request.part(0, count), found.q[:count]
     missed = ~np.asarray(found.success)[:count]
-    _look_beside(asked, nearest, missed)
-    return _joined(asked, missed, nearest, threads, advance)
+    _look_beside(request, nearest, missed)
+    return _joined(request, missed, nearest, threads, advance)
 
 
-def bridged(asked: Asked, q: Array, missed: Flags) -> Array:
+def bridged(request: PathRequest, q: Array, missed: Flags) -> Array:
     """A planned path, (N, n), that goes on over its missed poses from where the arm stands; the rest stays as it is.
 
     What comes after a run of missed poses may differ by full turns of joints without limits.
     """
     if not missed.any():
         return q
-    bridge, q = Bridge(asked, q), q.copy()
-    for first, last in stretches(missed):
-        if first == 0 and last + 1 < len(q) and asked.start is None:
+    bridge, q = Bridge(request, q), q.copy()
+    for first, last in intervals(missed):
+        if first == 0 and last + 1 < len(q) and request.start is None:
             bridge.fill(q, range(last, -1, -1), q[last + 1])
             continue
         here = bridge.fill(q, range(first, last + 1), q[max(first - 1, 0)])
@@ -87,16 +87,16 @@ def bridged(asked: Asked, q: Array, missed: Flags) -> Array:
 class Bridge:
     """Goes on over missed poses."""
 
-    def __init__(self, asked: Asked, nearest: Array) -> None:
+    def __init__(self, request: PathRequest, nearest: Array) -> None:
         """Take a path, and joint values for each pose, (N, n): at those that are missed, with the hand nearest to it."""
-        self.asked, self.nearest, self.turning = asked, nearest.copy(), Turning(asked.problem.chain)
-        self.smoother = smoother_of(asked)
-        goal = asked.problem.goal
-        self.targets = np.ascontiguousarray(forward_many(asked.problem.arrays, self.nearest)[:, :3])
+        self.request, self.nearest, self.turning = request, nearest.copy(), Turning(request.problem.chain)
+        self.smoother = smoother_of(request)
+        goal = request.problem.goal
+        self.targets = np.ascontiguousarray(forward_many(request.problem.arrays, self.nearest)[:, :3])
         """Poses of the hand there, as kernels take targets, (N, 3, 4)."""
         self.room = np.maximum(SHARE**2 * self._settled(goal.targets, self.nearest.copy(), 0), NEAR)
         """Squared scaled error up to which the hand counts as at one of them, (N,)."""
-        self.beside_here = _starts(asked.problem.chain.dof)
+        self.beside_here = _starts(request.problem.chain.dof)
 
     def fill(self, q: Array, poses: range, here: Array) -> Array:
         """Write joint values for some poses into a path, (N, n), one after the other from where the arm stands, (n,).
@@ -105,7 +105,7 @@ class Bridge:
             Where the arm stands then, (n,).
         """
         for i in poses:
-            if self.asked.deadline.passed:
+            if self.request.deadline.passed:
                 q[i] = here
                 continue
             there, left = self.onto(self.targets[i], here, self.room[i])
@@ -155,10 +155,10 @@ def _starts(dof: int) -> Array:
     return np.concatenate([np.zeros((1, dof)), ASIDE * signs])
 
 
-def _look_beside(asked: Asked, nearest: Array, missed: Flags) -> None:
+def _look_beside(request: PathRequest, nearest: Array, missed: Flags) -> None:
     """Look for answers to missed poses from the answers beside them: the atlas overlooks one in very many."""
-    smoother = smoother_of(replace(asked, valid=None))
-    targets = np.ascontiguousarray(asked.problem.goal.targets)
+    smoother = smoother_of(replace(request, valid=None))
+    targets = np.ascontiguousarray(request.problem.goal.targets)
     for way in (1, -1):
         some = np.flatnonzero(missed)
         while len(some):
@@ -167,8 +167,8 @@ def _look_beside(asked: Asked, nearest: Array, missed: Flags) -> None:
             some = some[~missed[some - way]]
             q = nearest[some - way]
             smoother.settle(q, targets[some])
-            goal = asked.problem.goal.at(asked.problem.goal.target[some])
-            there = goal.met(goal.measure(asked.problem.arrays, q))
+            goal = request.problem.goal.at(request.problem.goal.target[some])
+            there = goal.met(goal.measure(request.problem.arrays, q))
             some, q = some[there], q[there]
             nearest[some], missed[some] = q, False
             some = some + way
@@ -176,19 +176,21 @@ def _look_beside(asked: Asked, nearest: Array, missed: Flags) -> None:
             some = some[missed[some]]
 
 
-def _joined(asked: Asked, missed: Flags, nearest: Array, threads: int | None, advance: Advance) -> Array:
+def _joined(
+    request: PathRequest, missed: Flags, nearest: Array, threads: int | None, advance: Advance
+) -> Array:
     """The runs between missed poses, each planned by itself, with the nearest poses between them."""
     if not missed.any():
-        q, refused = _whole(asked, threads, advance)
-        if not refused.any() or len(q) < len(asked):
+        q, refused = _whole(request, threads, advance)
+        if not refused.any() or len(q) < len(request):
             return q
         missed, nearest = refused, q
-    bridge, q = Bridge(asked, nearest), nearest.copy()
-    here, end = asked.start if missed[0] else None, 0
-    for first, last in stretches(~missed):
+    bridge, q = Bridge(request, nearest), nearest.copy()
+    here, end = request.start if missed[0] else None, 0
+    for first, last in intervals(~missed):
         here = None if here is None else bridge.fill(q, range(end, first), here)
         back = None if missed[0] else q[0]
-        rows = _run(asked, first, last, bridge, here, back, threads, advance)
+        rows = _run(request, first, last, bridge, here, back, threads, advance)
         q[first : first + len(rows)] = rows
         if len(rows) < last + 1 - first:
             return q[: first + len(rows)]
@@ -200,7 +202,7 @@ def _joined(asked: Asked, missed: Flags, nearest: Array, threads: int | None, ad
 
 
 def _run(
-    asked: Asked,
+    request: PathRequest,
     first: int,
     last: int,
     bridge: Bridge,
@@ -212,7 +214,7 @@ def _run(
     """A run of poses that are reached, from where the arm stands, (n,), if that leads on without a break.
 
     Args:
-        asked: The whole path.
+        request: The whole path.
         first: Number of the first pose of the run.
         last: And of the last.
         bridge: Over the missed poses of the path.
@@ -221,9 +223,9 @@ def _run(
         threads: See `follow_runs`.
         advance: See `follow_runs`.
     """
-    part, count = asked.part(first, last + 1), last + 1 - first
-    if asked.closed and first > 0 and last + 1 == len(asked) and back is not None:
-        part = replace(part, end=back) if asked.ends_where_it_begins else _leading_back(part, asked, back)
+    part, count = request.part(first, last + 1), last + 1 - first
+    if request.closed and first > 0 and last + 1 == len(request) and back is not None:
+        part = replace(part, end=back) if request.ends_where_it_begins else _leading_back(part, request, back)
     none = np.zeros(len(part), dtype=np.bool_)
     if here is None:
         return _joined(part, none, bridge.nearest[:0], threads, advance)[:count]
@@ -243,48 +245,48 @@ def _run(
     return (rows if part.end is not None else bridge.beside(rows, here))[:count]
 
 
-def _begun(part: Asked, threads: int | None, advance: Advance) -> Array:
+def _begun(part: PathRequest, threads: int | None, advance: Advance) -> Array:
     """A run from where the arm stands, planned once: if that breaks, it begins elsewhere."""
     if len(part) <= SAMPLED + AHEAD:
         return follow_samples(part, threads, advance, PLANS[:1])[0]
     return _joined(part, np.zeros(len(part), dtype=np.bool_), part.longest[:0], threads, advance)
 
 
-def _leading_back(part: Asked, asked: Asked, back: Array) -> Asked:
+def _leading_back(part: PathRequest, request: PathRequest, back: Array) -> PathRequest:
     """The last run of a closed path, with the path's first pose behind it."""
     goal, longest = part.problem.goal, part.longest
-    around = goal.at(np.concatenate([goal.target, asked.problem.goal.target[:1]]))
+    around = goal.at(np.concatenate([goal.target, request.problem.goal.target[:1]]))
     if len(longest) > 1:
         longest = np.concatenate([longest, longest[-1:]])
     return replace(part, problem=Problem(part.problem.mechanism, around), end=back, longest=longest)
 
 
-def _whole(asked: Asked, threads: int | None, advance: Advance) -> tuple[Array, Flags]:
+def _whole(request: PathRequest, threads: int | None, advance: Advance) -> tuple[Array, Flags]:
     """As `follow_samples`, but a long path in windows, and one of which only the end is wanted from there on."""
-    none = np.zeros((0, asked.problem.chain.dof))
-    if asked.end is not None and asked.start is None:
-        problem = asked.problem
+    none = np.zeros((0, request.problem.chain.dof))
+    if request.end is not None and request.start is None:
+        problem = request.problem
         turned = replace(
-            asked,
+            request,
             problem=Problem(problem.mechanism, problem.goal.at(problem.goal.target[::-1])),
-            start=asked.end,
+            start=request.end,
             end=None,
-            longest=np.ascontiguousarray(asked.longest[::-1]),
+            longest=np.ascontiguousarray(request.longest[::-1]),
         )
         q, refused = _whole(turned, threads, advance)
-        if len(q) < len(asked):  # What is planned are the last poses, and not the first.
+        if len(q) < len(request):  # What is planned are the last poses, and not the first.
             return none, refused[:0]
         return np.ascontiguousarray(q[::-1]), refused[::-1]
     try:
-        if len(asked) <= SAMPLED + AHEAD or asked.closed:
-            return follow_samples(asked, threads, advance)
+        if len(request) <= SAMPLED + AHEAD or request.closed:
+            return follow_samples(request, threads, advance)
     except TimeUp:
         return none, np.zeros(0, dtype=np.bool_)
-    q = np.empty((len(asked), asked.problem.chain.dof))
+    q = np.empty((len(request), request.problem.chain.dof))
     known = 0
-    for begin in range(0, len(asked), SAMPLED):
+    for begin in range(0, len(request), SAMPLED):
         # Each window begins where the one before ended, and looks ahead of where the next will begin.
-        part = asked.part(begin, min(begin + SAMPLED + 1 + AHEAD, len(asked)))
+        part = request.part(begin, min(begin + SAMPLED + 1 + AHEAD, len(request)))
         part = replace(part, start=q[begin]) if begin else part
         rows = none
         with suppress(TimeUp):

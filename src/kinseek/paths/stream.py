@@ -14,9 +14,9 @@ from kinseek.goal import Goal
 from kinseek.interrupts import raise_of_handler
 from kinseek.robots.mechanism import Mechanism
 
-from .asked import read, row_of_goals, together
 from .follow import follow
 from .path import Path
+from .request import read, row_of_goals, together
 
 Array = NDArray[np.float64]
 
@@ -39,11 +39,11 @@ def stream(
         ended = source.ended or good < len(rows)
         if goal is None or (handed and good == 1):
             break
-        asked = read(arm, goal, **wishes)
+        request = read(arm, goal, **wishes)
         if here is not None:  # Unchecked: where a pose was missed, the path goes on from the nearest.
-            asked = replace(asked, start=here)
+            request = replace(request, start=here)
         take = good if ended else window + 1
-        path = follow(asked, threads, lambda done: None, take)
+        path = follow(request, threads, lambda done: None, take)
         yield path
         if ended:
             break

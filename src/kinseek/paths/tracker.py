@@ -36,9 +36,9 @@ from kinseek.robots.mechanism import Mechanism
 from kinseek.solvers.atlas.index import PLAIN, atlas_of
 from kinseek.validation import as_integer, as_number
 
-from .ahead import poses_ahead
-from .asked import positive
+from .extrapolate import poses_ahead
 from .joints import Turning
+from .request import positive
 
 Array = NDArray[np.float64]
 

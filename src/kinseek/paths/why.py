@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from kinseek.branches.index import constraint_jacobian
 
 from .allowed import Allowed
-from .asked import Asked
 from .between import apart, beyond_a_step
+from .intervals import intervals, these
 from .joints import Turning
 from .layers import Layers
 from .path import Path
-from .stretches import stretches, these
+from .request import PathRequest
 from .windows import Windows
 
 Array = NDArray[np.float64]
@@ -22,30 +22,30 @@ WEAK = 0.05
 """Least singular value of the Jacobian, its largest being 1, below which a singularity is named."""
 
 
-def reasons(asked: Asked, path: Path, wide: Layers | Windows | None) -> tuple[str, ...]:
+def reasons(request: PathRequest, path: Path, wide: Layers | Windows | None) -> tuple[str, ...]:
     """A sentence for every run of missed poses, and for every break between two that are reached, in their order."""
     goal = path.problem.goal
     there = (path.position_error <= goal.position_tolerance) & (
         path.orientation_error <= goal.orientation_tolerance
     )
     refused = ~path.reached & there & path.planned
-    told = [(first, _late(first, last)) for first, last in stretches(~path.planned)]
-    told += [(first, _missed(path, first, last)) for first, last in stretches(~there & path.planned)]
-    told += [(first, _refused(asked, path, first, last, wide)) for first, last in stretches(refused)]
-    told += [(int(i), _break(asked, path, int(i), wide)) for i in path.breaks]
+    told = [(first, _late(first, last)) for first, last in intervals(~path.planned)]
+    told += [(first, _missed(path, first, last)) for first, last in intervals(~there & path.planned)]
+    told += [(first, _refused(request, path, first, last, wide)) for first, last in intervals(refused)]
+    told += [(int(i), _break(request, path, int(i), wide)) for i in path.breaks]
     return tuple(text for _, text in sorted(told))
 
 
-def _refused(asked: Asked, path: Path, first: int, last: int, wide: Layers | Windows | None) -> str:
+def _refused(request: PathRequest, path: Path, first: int, last: int, wide: Layers | Windows | None) -> str:
     """Why poses have answers, and none that is allowed."""
-    which, valid, i = these(first, last), asked.valid, (first + last) // 2
+    which, valid, i = these(first, last), request.valid, (first + last) // 2
     assert valid is not None
-    if asked.deadline.passed:
+    if request.deadline.passed:
         return f"{which} blocked or refused in every answer found before the time was up"
     q = path.q[i : i + 1]
-    given = (i == 0 and asked.start is not None) or (i == len(path.q) - 1 and asked.end is not None)
+    given = (i == 0 and request.start is not None) or (i == len(path.q) - 1 and request.end is not None)
     if wide is not None and not given:
-        turning = Turning(asked.problem.chain)
+        turning = Turning(request.problem.chain)
         every = turning.first_turn(wide.at(i))
         every = every[turning.inside(every)]
         q = every if len(every) else q
@@ -70,16 +70,16 @@ def _missed(path: Path, first: int, last: int) -> str:
     return f"{which} out of reach: the nearest found is up to {place:.3g} m and {turn:.3g} rad off"
 
 
-def _break(asked: Asked, path: Path, i: int, wide: Layers | Windows | None) -> str:
+def _break(request: PathRequest, path: Path, i: int, wide: Layers | Windows | None) -> str:
     count = len(path.q)
     following = (i + 1) % count
     begin = f"between poses {i} and {following}"
-    if asked.deadline.passed:
+    if request.deadline.passed:
         return f"{begin}: the time was up before a motion was found that leads on"
-    target = asked.problem.goal.target
+    target = request.problem.goal.target
     distance, turn = apart(target[i : i + 1], target[following : following + 1])
-    chain = asked.problem.chain
-    longest = asked.longest[min(i, len(asked.longest) - 1)]
+    chain = request.problem.chain
+    longest = request.longest[min(i, len(request.longest) - 1)]
     if any(beyond.any() for beyond in beyond_a_step(chain, longest[None], distance, turn)):
         told = f"{distance[0]:.3g} m and {turn[0]:.3g} rad apart"
         return f"{begin}: they are {told}, farther than one step of the joints"
@@ -88,16 +88,16 @@ def _break(asked: Asked, path: Path, i: int, wide: Layers | Windows | None) -> s
     if wide is None:
         gap = Turning(chain).way(path.q[following] - path.q[i])
         step = np.abs(gap)
-        if asked.valid is not None and (step <= longest).all():
-            what = asked.valid.against_way(path.q[i], path.q[i] + gap)
+        if request.valid is not None and (step <= longest).all():
+            what = request.valid.against_way(path.q[i], path.q[i] + gap)
             return f"{begin}: no sample of the answers leads on; on the way of what was found {what}"
         joint = int(np.argmax(step / longest))
         return (
             f"{begin}: no sample of the answers leads on; of what was found, joint {chain.joint_names[joint]!r} would go "
             f"{step[joint]:.3g} at once, and may go {longest[joint]:.3g}"
         )
-    ahead, ended = _end_of_branch(asked, path.q[i], i, wide, 1)
-    back, began = _end_of_branch(asked, path.q[following], following, wide, -1)
+    ahead, ended = _end_of_branch(request, path.q[i], i, wide, 1)
+    back, began = _end_of_branch(request, path.q[following], following, wide, -1)
     return (
         f"{begin}: the branch before it ends {_at(ahead, count)} ({ended}), "
         f"the one after it begins {_at(back, count)} ({began})"
@@ -108,12 +108,14 @@ def _at(i: int, count: int) -> str:
     return "with the path" if i in (-1, count) else f"at pose {i}"
 
 
-def _end_of_branch(asked: Asked, q: Array, i: int, wide: Layers | Windows, way: int) -> tuple[int, str]:
+def _end_of_branch(
+    request: PathRequest, q: Array, i: int, wide: Layers | Windows, way: int
+) -> tuple[int, str]:
     """Go along a branch from joint values at pose i; the pose where it ends, and why."""
-    problem, turning = asked.problem, Turning(asked.problem.chain)
+    problem, turning = request.problem, Turning(request.problem.chain)
     names = problem.mechanism.joint_names
     while True:
-        if asked.deadline.passed:
+        if request.deadline.passed:
             return i, "the time was up"
         j = i + way
         if not 0 <= j < len(wide):
@@ -123,7 +125,7 @@ def _end_of_branch(asked: Asked, q: Array, i: int, wide: Layers | Windows, way: 
                 if way > 0
                 else "it goes back to the beginning of the path",
             )
-        longest = asked.longest[min(i, j, len(asked.longest) - 1)]
+        longest = request.longest[min(i, j, len(request.longest) - 1)]
         steps = turning.step(wide.at(j) - q)
         if not len(steps):
             return j, "nothing reaches the pose"
@@ -144,7 +146,7 @@ def _end_of_branch(asked: Asked, q: Array, i: int, wide: Layers | Windows, way: 
             joint = int(np.flatnonzero(low | high)[0])
             side, limit = ("lower", turning.lower) if low[joint] else ("upper", turning.upper)
             return i, f"joint {names[joint]!r} meets its {side} limit {limit[joint]:.4g}"
-        if asked.valid is not None and (told := _against(asked.valid, q - step, q)):
+        if request.valid is not None and (told := _against(request.valid, q - step, q)):
             return i, told
 
 

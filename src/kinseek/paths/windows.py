@@ -19,10 +19,10 @@ from kinseek.deadline import Deadline
 from kinseek.kernels.paths.programme import COPIED, DISTANCE, ROOM, STRAIGHT, TIME, best_way
 from kinseek.turns import TURN
 
-from .asked import Asked, open_beside
 from .ends import fill_missed, inside_limits, with_ends
 from .joints import Turning
 from .layers import EVERY, Layers, isolated_layers
+from .request import PathRequest, open_beside
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -41,9 +41,9 @@ STAYS = 1e-12
 """Over a run a branch leads to itself, and to nothing that is farther off than this [rad or m]."""
 
 
-def in_windows(asked: Asked) -> bool:
+def in_windows(request: PathRequest) -> bool:
     """Is a path with isolated answers followed in windows? The user's own cost and judgement are asked of whole paths."""
-    return len(asked) > LONG and asked.cost is None and asked.valid is None and not asked.closed
+    return len(request) > LONG and request.cost is None and request.valid is None and not request.closed
 
 
 @dataclass(frozen=True)
@@ -63,13 +63,13 @@ class Run:
 class Windows:
     """The answers to a long path, a window at a time."""
 
-    def __init__(self, asked: Asked, threads: int | None) -> None:
+    def __init__(self, request: PathRequest, threads: int | None) -> None:
         """Take a path whose answers are isolated."""
-        self.asked, self._threads = asked, threads
-        self.turning = Turning(asked.problem.chain)
-        self._count = len(asked)
+        self.request, self._threads = request, threads
+        self.turning = Turning(request.problem.chain)
+        self._count = len(request)
         self.begins = list(range(0, self._count, WINDOW))
-        self._longest = asked.longest.max(axis=0)
+        self._longest = request.longest.max(axis=0)
         self._wide: tuple[int, Layers] | None = None
         self.missed = np.zeros(self._count, dtype=np.bool_)
         """Which poses have no answer; known of the windows that were looked at, (N,)."""
@@ -88,12 +88,12 @@ class Windows:
     def _isolated(self, begin: int, advance: Callable[[int], object], deadline: Deadline) -> Layers:
         return isolated_layers(self._part(begin).problem, self._longest, self._threads, advance, deadline)
 
-    def _part(self, begin: int) -> Asked:
-        return self.asked.part(begin, min(begin + WINDOW, self._count))
+    def _part(self, begin: int) -> PathRequest:
+        return self.request.part(begin, min(begin + WINDOW, self._count))
 
     def layers(
         self, begin: int, advance: Callable[[int], object], deadline: Deadline
-    ) -> tuple[Layers, tuple[int, int], Asked] | None:
+    ) -> tuple[Layers, tuple[int, int], PathRequest] | None:
         """Answers inside the limits of the window that begins at a pose, the nodes of its wanted ends, and the window.
 
         If the time is up the window is shorter; None if nothing is left of it.
@@ -116,7 +116,7 @@ def _silent(done: int) -> None:
 
 def best_in_windows(windows: Windows, advance: Callable[[int], object]) -> tuple[Array, Indices]:
     """The best way through a long path: joint values, (N, n), and its breaks; if the time is up, of its first poses."""
-    turning, deadline = windows.turning, windows.asked.deadline
+    turning, deadline = windows.turning, windows.request.deadline
     half = deadline.share(FIRST_PART)
     runs: list[Run] = []
     first = last = -1
@@ -151,14 +151,14 @@ def best_in_windows(windows: Windows, advance: Callable[[int], object]) -> tuple
     return turning.unwrapped(rows), breaks_of_all[breaks_of_all < max(len(rows) - 1, 0)]
 
 
-def shortened(asked: Asked, layers: Layers, turning: Turning) -> Run:
+def shortened(request: PathRequest, layers: Layers, turning: Turning) -> Run:
     """Leave out of a window the poses at which nothing happens."""
     q, there = layers.q, layers.there
-    longest = np.broadcast_to(asked.longest, (len(q) - 1, q.shape[2]))
+    longest = np.broadcast_to(request.longest, (len(q) - 1, q.shape[2]))
     together = there[:-1, :, None] & there[1:, None, :]
     close, itself = together.copy(), np.ones((len(q) - 1, q.shape[1]), dtype=np.bool_)
     costs = np.zeros((len(q), q.shape[1]))
-    weights = asked.weights if asked.velocity is None else asked.weights / asked.velocity
+    weights = request.weights if request.velocity is None else request.weights / request.velocity
     for j, kind in enumerate(turning.kind):
         gap = q[1:, None, :, j] - q[:-1, :, None, j]
         if kind != STRAIGHT:
@@ -170,7 +170,7 @@ def shortened(asked: Asked, layers: Layers, turning: Turning) -> Run:
                 itself &= (np.einsum("iaa->ia", turns) == 0) & (room[1:] == room[:-1])
         close &= np.abs(gap) <= longest[:, j, None, None]
         step = np.abs(np.einsum("iaa->ia", gap)) * weights[j]
-        costs[:-1] = np.hypot(costs[:-1], step) if asked.velocity is None else np.maximum(costs[:-1], step)
+        costs[:-1] = np.hypot(costs[:-1], step) if request.velocity is None else np.maximum(costs[:-1], step)
     alone = close == (together & np.eye(q.shape[1], dtype=np.bool_))
     steady = alone.all(axis=(1, 2)) & ((there[1:] == there[:-1]) & (itself | ~there[1:])).all(axis=1)
     kept = (
@@ -184,7 +184,7 @@ def shortened(asked: Asked, layers: Layers, turning: Turning) -> Run:
 
 def _best(windows: Windows, runs: list[Run], ends: tuple[int, int]) -> tuple[Indices, Flags]:
     """The best way through what is left of all windows: a node for each kept pose, and whether it comes by a break."""
-    asked, turning = windows.asked, windows.turning
+    request, turning = windows.request, windows.turning
     width = max(run.layers.q.shape[1] for run in runs)
     count, dof = sum(len(run.kept) for run in runs), len(turning.lower)
     # One more column holds what a branch costs on its way: where it leads, it is so far off there.
@@ -197,9 +197,9 @@ def _best(windows: Windows, runs: list[Run], ends: tuple[int, int]) -> tuple[Ind
         q[mine, :wide, :-1] = ahead[mine, :wide, :-1] = run.layers.q
         number[mine] = run.layers.count
         rows = slice(place, min(place + len(run.kept), count - 1))
-        steps = np.minimum(begin + run.kept, len(asked.longest) - 1)[: rows.stop - rows.start]
-        longest[rows, :-1] = asked.longest[steps]
-        following = np.minimum(begin + run.kept + 1, len(asked) - 1)
+        steps = np.minimum(begin + run.kept, len(request.longest) - 1)[: rows.stop - rows.start]
+        longest[rows, :-1] = request.longest[steps]
+        following = np.minimum(begin + run.kept + 1, len(request) - 1)
         open_steps = windows.missed[begin + run.kept] | windows.missed[following]
         longest[rows, :-1][open_steps[: rows.stop - rows.start]] = np.inf
         over = np.flatnonzero(np.diff(run.kept) > 1)
@@ -207,7 +207,7 @@ def _best(windows: Windows, runs: list[Run], ends: tuple[int, int]) -> tuple[Ind
         ahead[place + over, :wide, -1] = -run.costs[over]
         longest[place + over, :-1] = STAYS
         place += len(run.kept)
-    weights = asked.weights if asked.velocity is None else asked.weights / asked.velocity
+    weights = request.weights if request.velocity is None else request.weights / request.velocity
     path, told = np.zeros(count, dtype=np.int64), np.zeros(count)
     best_way(
         q,
@@ -219,7 +219,7 @@ def _best(windows: Windows, runs: list[Run], ends: tuple[int, int]) -> tuple[Ind
         np.append(turning.copies, 1),
         longest,
         np.append(weights, 1.0),
-        DISTANCE if asked.velocity is None else TIME,
+        DISTANCE if request.velocity is None else TIME,
         np.zeros((0, 0)),
         np.zeros((0, 0), dtype=np.bool_),
         np.zeros((0, 3), dtype=np.int64),

@@ -7,7 +7,7 @@ import pytest
 
 import kinseek
 from benchmarks.paths import WITHIN, curve, holds
-from kinseek.paths.sheets import NEAR, Fold, folds_of, mirrored
+from kinseek.paths.singular_twins import NEAR, Fold, folds_of, mirrored
 from kinseek.robots.catalog import catalog_names
 
 

@@ -26,9 +26,9 @@ from kinseek.robots.variants import with_tool
 from kinseek.solvers.atlas.index import atlas_of, tolerances_of
 from kinseek.transforms import rotation_onto, rotations, square
 
-from .asked import Asked
 from .between import rotation_vectors
 from .joints import Turning
+from .request import PathRequest
 from .smooth import MEND
 
 Array = NDArray[np.float64]
@@ -40,15 +40,15 @@ LIGHT = 0.02
 """Weight of a joint that stands for a free axis, beside 1 of a joint of the arm: it moves for nothing, but smoothly."""
 
 
-def relaxed(asked: Asked) -> tuple[Asked, slice]:
+def with_virtual_joints(request: PathRequest) -> tuple[PathRequest, slice]:
     """The same path for an arm with a joint for each range, and which of its joints are those of the arm.
 
     Raises:
         InvalidProblem: Ranges of several rotations, or along and about axes that change from pose to pose.
     """
-    goal, chain = asked.problem.goal, asked.problem.chain
+    goal, chain = request.problem.goal, request.problem.chain
     if goal.ranges is None:
-        return asked, slice(None)
+        return request, slice(None)
     turns = [i for i in range(3, 6) if goal.ranges[i] != PINNED]
     slides = [i for i in range(3) if goal.ranges[i] != PINNED]
     any_turn = [goal.ranges[i] for i in turns] == [FREE_TURN] * 3
@@ -83,26 +83,26 @@ def relaxed(asked: Asked) -> tuple[Asked, slice]:
         else:
             chain = _at_base(chain, axes[:, i], AXES[i], -high, -low)
             first += 1
-    own = slice(first, first + asked.problem.chain.dof)
-    longest = np.full((len(asked.longest), chain.dof), np.inf)
-    longest[:, own] = asked.longest
+    own = slice(first, first + request.problem.chain.dof)
+    longest = np.full((len(request.longest), chain.dof), np.inf)
+    longest[:, own] = request.longest
     weights = np.full(chain.dof, LIGHT)
-    weights[own] = asked.weights
-    velocity = asked.velocity
+    weights[own] = request.weights
+    velocity = request.velocity
     if velocity is not None:
         velocity = np.full(chain.dof, velocity.max())
-        velocity[own] = asked.velocity
+        velocity[own] = request.velocity
     problem = Problem(chain, plain)
     start, end = (
         None if q is None else _with_ranges(problem, own, q, i)
-        for q, i in ((asked.start, 0), (asked.end, -1))
+        for q, i in ((request.start, 0), (request.end, -1))
     )
-    valid, cost = asked.valid, asked.cost
+    valid, cost = request.valid, request.cost
     if valid is not None:
         valid = replace(valid, own=own)
     tolerances = None if cost is None else _of_the_arm(cost, own)
     part = replace(
-        asked,
+        request,
         problem=problem,
         longest=longest,
         weights=weights,

@@ -29,7 +29,7 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Asked:
+class PathRequest:
     """A path that is asked for, checked against the arm."""
 
     problem: Problem
@@ -52,7 +52,7 @@ class Asked:
         """Number of poses."""
         return len(self.problem.goal.target)
 
-    def part(self, begin: int, end: int) -> Asked:
+    def part(self, begin: int, end: int) -> PathRequest:
         """The poses from `begin` up to `end`, asked for by themselves; start and end stay with the first and the last."""
         goal, longest = self.problem.goal, self.longest
         if begin == 0 and end >= len(self):
@@ -196,7 +196,7 @@ def read(
     scene: Obstacles | None = None,
     clearance: float = 0.0,
     deadline: Deadline | None = None,
-) -> Asked:
+) -> PathRequest:
     """Check what `Arm.follow` was given; see there.
 
     Raises:
@@ -238,7 +238,7 @@ def read(
             "a closed path ends where it begins: give start= or end=, not closed=True and end="
         )
     limit = Deadline() if deadline is None else deadline
-    asked = Asked(
+    request = PathRequest(
         problem=problem,
         start=ends[0],
         end=ends[1],
@@ -251,7 +251,7 @@ def read(
         deadline=limit,
     )
     # A closed path that has its first pose again at the end comes back to the very joint values that were given.
-    return replace(asked, end=asked.start) if closed and asked.ends_where_it_begins else asked
+    return replace(request, end=request.start) if closed and request.ends_where_it_begins else request
 
 
 def _own_speeds(arm: Mechanism) -> Array:

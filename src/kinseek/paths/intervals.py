@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def intervals(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Where flags, (N,), are set in a row: the first and the last of each stretch."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return list(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True))

@@ -26,10 +26,10 @@ from kinseek.problem import Problem
 from kinseek.solvers.atlas.index import tolerances_of
 from kinseek.solvers.threads import GoOn, spread
 
-from .asked import Asked
 from .between import apart, beyond_a_step
 from .joints import Turning
-from .plan import Barred, Effort, Planner, between_rows, gone_of, smoother_of
+from .plan import Barred, Effort, Planner, between_rows, path_parameter, smoother_of
+from .request import PathRequest
 from .smooth import Row, Smoother
 
 Array = NDArray[np.float64]
@@ -66,24 +66,24 @@ LOOKED_AT = 100
 """Answers to a pose that are sampled before it is said that none of them is allowed."""
 
 
-def unbroken(asked: Asked, q: Array) -> Flags:
+def unbroken(request: PathRequest, q: Array) -> Flags:
     """Of each step of a path, (N - 1,): does no joint go too far?"""
-    return np.asarray((np.abs(np.diff(q, axis=0)) <= asked.longest * (1 + 1e-9)).all(axis=1))
+    return np.asarray((np.abs(np.diff(q, axis=0)) <= request.longest * (1 + 1e-9)).all(axis=1))
 
 
-def mendable(asked: Asked, q: Array) -> Flags:
+def mendable(request: PathRequest, q: Array) -> Flags:
     """Of each step of a path, (N - 1,): is it a break that joints could pass, or does it hit something?"""
-    goal = asked.problem.goal
+    goal = request.problem.goal
     distance, turn = apart(goal.target[:-1], goal.target[1:])
     distance, turn = distance - 2 * goal.position_tolerance, turn - 2 * goal.orientation_tolerance
-    torn, turned = beyond_a_step(asked.problem.chain, asked.longest, distance, turn)
+    torn, turned = beyond_a_step(request.problem.chain, request.longest, distance, turn)
     if goal.columns == 3:
         torn = torn | turned
-    return np.asarray(_faulty(asked, q) & (~torn | (goal.ranges is not None)))
+    return np.asarray(_faulty(request, q) & (~torn | (goal.ranges is not None)))
 
 
 def follow_samples(
-    asked: Asked, threads: int | None, advance: Advance, plans: Plans = PLANS
+    request: PathRequest, threads: int | None, advance: Advance, plans: Plans = PLANS
 ) -> tuple[Array, Flags]:
     """Follow a path that leaves joints to spare, by so many plans at most.
 
@@ -92,37 +92,39 @@ def follow_samples(
         are any, the path is not planned well, and has to be planned without them. If the time is up, of so many of the first
         poses.
     """
-    q, refused = _open_way(asked, threads, advance, plans)
+    q, refused = _open_way(request, threads, advance, plans)
     # With a start a path that has its first pose again at the end has that start for its end, too: it is closed already.
-    there = asked.end is not None or len(q) == 1
-    if not asked.closed or there or refused.any() or len(q) < len(asked):
+    there = request.end is not None or len(q) == 1
+    if not request.closed or there or refused.any() or len(q) < len(request):
         return q, refused
-    goal, around, longest = asked.problem.goal, asked.problem, asked.longest
-    if not asked.ends_where_it_begins:  # One more pose leads back.
+    goal, around, longest = request.problem.goal, request.problem, request.longest
+    if not request.ends_where_it_begins:  # One more pose leads back.
         around = Problem(around.mechanism, goal.at(np.concatenate([goal.target, goal.target[:1]])))
         if len(longest) > 1:
             longest = np.concatenate([longest, longest[-1:]])
     best, best_faults = q, (len(q) + 1, np.inf)
     # To where the open way begins, or on from where it ends.
-    for start in [q[0], q[-1]] if asked.start is None else [asked.start]:
+    for start in [q[0], q[-1]] if request.start is None else [request.start]:
         row = start[None].copy()
         with suppress(TimeUp):
-            asked.deadline.check()
-            smoother_of(asked).settle(row, np.ascontiguousarray(goal.targets[:1]))
+            request.deadline.check()
+            smoother_of(request).settle(row, np.ascontiguousarray(goal.targets[:1]))
             round_trip = replace(
-                asked, problem=around, longest=longest, start=row[0], end=row[0], closed=False
+                request, problem=around, longest=longest, start=row[0], end=row[0], closed=False
             )
             way, _ = _open_way(round_trip, threads, _silent, plans)
             if len(way) == len(round_trip) and faults(round_trip, way) < best_faults:
                 best, best_faults = way, faults(round_trip, way)
-    return best[: len(asked)], refused
+    return best[: len(request)], refused
 
 
 def _silent(done: int) -> None:
     pass
 
 
-def _open_way(asked: Asked, threads: int | None, advance: Advance, plans: Plans) -> tuple[Array, Flags]:
+def _open_way(
+    request: PathRequest, threads: int | None, advance: Advance, plans: Plans
+) -> tuple[Array, Flags]:
     """The best of a few plans, each made if those before it break, and parts of each planned anew around its breaks.
 
     See `follow_samples` for what it returns.
@@ -130,60 +132,60 @@ def _open_way(asked: Asked, threads: int | None, advance: Advance, plans: Plans)
     Raises:
         TimeUp: The time was up before anything was planned.
     """
-    best = _planned(asked, plans[0][0], threads, advance)
+    best = _planned(request, plans[0][0], threads, advance)
     refused, barred = np.zeros(len(best), dtype=np.bool_), list[Barred]()
-    if len(best) < len(asked):
+    if len(best) < len(request):
         return best, refused
     with suppress(TimeUp):
-        refused = _refused(asked, best)
+        refused = _refused(request, best)
         if refused.any():
             return best, refused
         for effort, finer in plans:
-            q = best if effort is plans[0][0] else _planned(asked, effort, threads, _silent, barred)
-            if len(q) < len(asked):
+            q = best if effort is plans[0][0] else _planned(request, effort, threads, _silent, barred)
+            if len(q) < len(request):
                 break
             if effort is STEP:
-                barred += [Barred(int(i), q[i]) for i in np.flatnonzero(_faulty(asked, q))]
-            q = _mended(asked, q, finer, threads)
-            if faults(asked, q) < faults(asked, best):
+                barred += [Barred(int(i), q[i]) for i in np.flatnonzero(_faulty(request, q))]
+            q = _mended(request, q, finer, threads)
+            if faults(request, q) < faults(request, best):
                 best = q
-            if not mendable(asked, best).any():
+            if not mendable(request, best).any():
                 break
     return best, refused
 
 
-def _refused(asked: Asked, q: Array) -> Flags:
+def _refused(request: PathRequest, q: Array) -> Flags:
     """At which poses a plan, (N, n), is not allowed, nor any other answer that is looked at, (N,)."""
     refused = np.zeros(len(q), dtype=np.bool_)
-    if asked.valid is None:
+    if request.valid is None:
         return refused
-    problem, target = asked.problem, np.eye(4)
+    problem, target = request.problem, np.eye(4)
     index, tolerances, turning = index_of(problem), tolerances_of(problem.goal), Turning(problem.chain)
-    for i in np.flatnonzero(~asked.valid.each(q)):
+    for i in np.flatnonzero(~request.valid.each(q)):
         target[:3] = problem.goal.targets[i]
         rows = index.search(tolerances, target, index.view, LOOKED_AT)
         others = answers_of(rows, problem.chain.dof).q if len(rows) else q[:0]
         others = np.clip(others, turning.open_lower, turning.open_upper)
-        refused[i] = not asked.valid.each(others).any()
+        refused[i] = not request.valid.each(others).any()
     return refused
 
 
-def _mended(asked: Asked, q: Array, effort: Effort, threads: int | None) -> Array:
+def _mended(request: PathRequest, q: Array, effort: Effort, threads: int | None) -> Array:
     """Parts of a path around its breaks planned anew, where that mends them."""
-    gone = gone_of(asked.problem)
+    gone = path_parameter(request.problem)
     for around in AROUND:
-        windows = _around(asked, q, gone, around)
-        parts = [_part(asked, q, first, last) for first, last in windows]
+        windows = _around(request, q, gone, around)
+        parts = [_part(request, q, first, last) for first, last in windows]
         made = [np.zeros(0)] * len(parts)
 
         def plan(
-            first: int, end: int, go_on: GoOn, parts: list[Asked] = parts, made: list[Array] = made
+            first: int, end: int, go_on: GoOn, parts: list[PathRequest] = parts, made: list[Array] = made
         ) -> None:
             for k in range(first, end):
                 with suppress(TimeUp):
                     made[k] = _planned(parts[k], effort, 1, _silent)
 
-        spread(plan, len(parts), 1, threads, asked.deadline)
+        spread(plan, len(parts), 1, threads, request.deadline)
         for (first, last), part, new in zip(windows, parts, made, strict=True):
             old = q[first : last + 1]
             if len(new) < len(old):  # The time was up.
@@ -194,97 +196,97 @@ def _mended(asked: Asked, q: Array, effort: Effort, threads: int | None) -> Arra
     return q
 
 
-def _part(asked: Asked, q: Array, first: int, last: int) -> Asked:
+def _part(request: PathRequest, q: Array, first: int, last: int) -> PathRequest:
     """From one pose of a path to another, both as they are, but for the ends of the whole that are open."""
-    goal = asked.problem.goal
-    longest = asked.longest if len(asked.longest) == 1 else asked.longest[first:last]
+    goal = request.problem.goal
+    longest = request.longest if len(request.longest) == 1 else request.longest[first:last]
     return replace(
-        asked,
-        problem=Problem(asked.problem.mechanism, goal.at(goal.target[first : last + 1])),
-        start=asked.start if first == 0 else q[first],
-        end=asked.end if last == len(q) - 1 else q[last],
+        request,
+        problem=Problem(request.problem.mechanism, goal.at(goal.target[first : last + 1])),
+        start=request.start if first == 0 else q[first],
+        end=request.end if last == len(q) - 1 else q[last],
         longest=longest,
         closed=False,
     )
 
 
-def _smoothed(asked: Asked, smoother: Smoother, q: Array, row: Row, passes: int) -> Array:
+def _smoothed(request: PathRequest, smoother: Smoother, q: Array, row: Row, passes: int) -> Array:
     """Made short; with a cost of the user as long as cost and squared steps together become less."""
-    if asked.cost is None:
+    if request.cost is None:
         return smoother.smooth(q, row, passes, 2)
     for _ in range(passes):
         better = smoother.smooth(q, row, 1, 2)
-        if _cost(asked, better, row.spans) >= _cost(asked, q, row.spans):
+        if _cost(request, better, row.spans) >= _cost(request, q, row.spans):
             break
         q = better
     return q
 
 
-def _cost(asked: Asked, q: Array, spans: Array) -> float:
+def _cost(request: PathRequest, q: Array, spans: Array) -> float:
     """Squared steps, and what the user says that poses cost."""
     squares = float((np.diff(q, axis=0) ** 2 / spans).sum())
-    if asked.cost is None:
+    if request.cost is None:
         return squares
-    return squares + float((cost_of(asked.cost, q)[1:] * spans[:, 0]).sum())
+    return squares + float((cost_of(request.cost, q)[1:] * spans[:, 0]).sum())
 
 
-def _faulty(asked: Asked, q: Array) -> Flags:
+def _faulty(request: PathRequest, q: Array) -> Flags:
     """Of each step, (N - 1,): is it a break, or does it hit something?"""
-    whole = unbroken(asked, q)
-    if asked.valid is not None:
-        whole[whole] = asked.valid.free_ways(q[:-1][whole], q[1:][whole])
+    whole = unbroken(request, q)
+    if request.valid is not None:
+        whole[whole] = request.valid.free_ways(q[:-1][whole], q[1:][whole])
     return ~whole
 
 
-def faults(asked: Asked, q: Array) -> tuple[int, float]:
+def faults(request: PathRequest, q: Array) -> tuple[int, float]:
     """Breaks, steps that are not free among them, and what the path costs."""
-    return int(_faulty(asked, q).sum()), _cost(asked, q, np.ones((len(q) - 1, 1)))
+    return int(_faulty(request, q).sum()), _cost(request, q, np.ones((len(q) - 1, 1)))
 
 
 def _planned(
-    asked: Asked, effort: Effort, threads: int | None, advance: Advance, barred: Sequence[Barred] = ()
+    request: PathRequest, effort: Effort, threads: int | None, advance: Advance, barred: Sequence[Barred] = ()
 ) -> Array:
-    planner = Planner(asked, effort, barred)
+    planner = Planner(request, effort, barred)
     rows = planner.rows
     if len(rows) == 1:
-        asked.deadline.check()
+        request.deadline.check()
         only = planner.layer(0, planner.sample(0, effort.samples), np.zeros((0, planner.dof)))[0][:1]
-        return only if asked.start is None else asked.start[None]
+        return only if request.start is None else request.start[None]
     q = planner.plan(advance, threads)
     with suppress(TimeUp):
         if len(q) == len(rows):
-            return _finished(asked, planner, q)
+            return _finished(request, planner, q)
     # The time is up: what is planned is filled in, neither made smooth nor judged.
-    begun = replace(asked.part(0, int(rows[len(q) - 1]) + 1), valid=None)
+    begun = replace(request.part(0, int(rows[len(q) - 1]) + 1), valid=None)
     return _put(
         begun, smoother_of(begun), between_rows(rows[: len(q)], q), _row(begun, np.arange(len(begun)))
     )
 
 
-def _finished(asked: Asked, planner: Planner, q: Array) -> Array:
+def _finished(request: PathRequest, planner: Planner, q: Array) -> Array:
     """From the rows of a plan, (rows, n), to all poses, (N, n), made smooth.
 
     Raises:
         TimeUp: The time was up.
     """
     smoother, rows = planner.smoother, planner.rows
-    some, all_of_them = _row(asked, rows), _row(asked, np.arange(rows[-1] + 1))
-    q = _put(asked, smoother, q, some)
-    q = _smoothed(asked, smoother, q, some, FIRST_PASSES)
+    some, all_of_them = _row(request, rows), _row(request, np.arange(rows[-1] + 1))
+    q = _put(request, smoother, q, some)
+    q = _smoothed(request, smoother, q, some, FIRST_PASSES)
     if len(rows) < len(all_of_them.targets):
-        q = _put(asked, smoother, between_rows(rows, q), all_of_them)
-    q = _smoothed(asked, smoother, q, all_of_them, LAST_PASSES)
+        q = _put(request, smoother, between_rows(rows, q), all_of_them)
+    q = _smoothed(request, smoother, q, all_of_them, LAST_PASSES)
     for power in POWERS:
-        for first, last in _around(asked, q, planner.gone, EASED):
-            part = _row(_part(asked, q, first, last), np.arange(last + 1 - first))
+        for first, last in _around(request, q, planner.gone, EASED):
+            part = _row(_part(request, q, first, last), np.arange(last + 1 - first))
             q[first : last + 1] = smoother.smooth(q[first : last + 1], part, POWER_PASSES, power)
     return q
 
 
-def _around(asked: Asked, q: Array, gone: Array, way: float) -> list[tuple[int, int]]:
+def _around(request: PathRequest, q: Array, gone: Array, way: float) -> list[tuple[int, int]]:
     """First and last pose of each part of a path that holds its breaks, and so much of the hand's way at both sides."""
     parts: list[tuple[int, int]] = []
-    for i in np.flatnonzero(mendable(asked, q)).tolist():
+    for i in np.flatnonzero(mendable(request, q)).tolist():
         first = int(np.searchsorted(gone, gone[i] - way))
         last = min(int(np.searchsorted(gone, gone[i + 1] + way)), len(q) - 1)
         if parts and first <= parts[-1][1]:
@@ -293,25 +295,25 @@ def _around(asked: Asked, q: Array, gone: Array, way: float) -> list[tuple[int, 
     return parts
 
 
-def _row(asked: Asked, rows: Indices) -> Row:
+def _row(request: PathRequest, rows: Indices) -> Row:
     """Some poses of a path, the first and the last among them."""
     fixed = np.zeros(len(rows), dtype=np.bool_)
-    fixed[0], fixed[-1] = asked.start is not None, asked.end is not None
+    fixed[0], fixed[-1] = request.start is not None, request.end is not None
     spans = np.diff(rows)
-    if len(asked.longest) == 1:
-        longest = asked.longest * spans[:, None]
+    if len(request.longest) == 1:
+        longest = request.longest * spans[:, None]
     else:
-        longest = np.add.reduceat(asked.longest, rows[:-1], axis=0)
-    targets = np.ascontiguousarray(asked.problem.goal.targets[rows])
+        longest = np.add.reduceat(request.longest, rows[:-1], axis=0)
+    targets = np.ascontiguousarray(request.problem.goal.targets[rows])
     return Row(targets, fixed, spans.astype(np.float64)[:, None], longest)
 
 
-def _put(asked: Asked, smoother: Smoother, q: Array, row: Row) -> Array:
+def _put(request: PathRequest, smoother: Smoother, q: Array, row: Row) -> Array:
     """Bring rows onto their targets; those that are fixed are what was asked for."""
-    if asked.start is not None:
-        q[0] = asked.start
-    if asked.end is not None:
-        q[-1] = asked.end + Turning(asked.problem.chain).whole_turns(q[-1] - asked.end)
+    if request.start is not None:
+        q[0] = request.start
+    if request.end is not None:
+        q[-1] = request.end + Turning(request.problem.chain).whole_turns(q[-1] - request.end)
     moved = q.copy()
     smoother.onto(moved, row.targets)
     moved[row.fixed] = q[row.fixed]
