@@ -118,7 +118,7 @@ def test_full_turns_are_refused_together(ur5e: kinseek.Arm, table: Scene) -> Non
     from kinseek.deadline import Deadline
     from kinseek.paths.ends import fill_missed, inside_limits
     from kinseek.paths.layers import isolated_layers
-    from kinseek.paths.nodes import Programme
+    from kinseek.paths.nodes import LayerGraph
     from kinseek.paths.request import goals_of, read
 
     goal, _ = goals_of(line(5))
@@ -126,7 +126,7 @@ def test_full_turns_are_refused_together(ur5e: kinseek.Arm, table: Scene) -> Non
     asked = read(ur5e.mechanism, goal, closed=False, max_step=0.3, scene=table, clearance=0.0, **wishes)
     layers = isolated_layers(asked.problem, asked.longest[0], None, lambda done: None)
     filled = fill_missed(asked.problem, inside_limits(asked.problem, layers), None, Deadline())
-    programme = Programme(asked, filled.layers, filled.missed)
+    programme = LayerGraph(asked, filled.layers, filled.missed)
     programme.refuse_blocked()
     for i, count in enumerate(programme.count):
         nodes, q = programme._inside(i, count)

@@ -37,8 +37,11 @@ from kinseek.kernels.backend import PLAIN
 from kinseek.kernels.maps.many_closed import many_closed
 from kinseek.kernels.paths.around import answers_around
 from kinseek.kernels.paths.band import solve_band
-from kinseek.kernels.paths.grow import gather, lead_on
-from kinseek.kernels.paths.programme import (
+from kinseek.kernels.paths.projection import project_onto_poses
+from kinseek.kernels.paths.propagation import propagate_layer, spread_solutions
+from kinseek.kernels.paths.servo import LOWER, NOW, REACH, ROWS, UPPER, look_ahead, servo_step
+from kinseek.kernels.paths.trace import part_ways, trace
+from kinseek.kernels.paths.viterbi import (
     COPIED,
     DISTANCE,
     ENDLESS,
@@ -46,12 +49,9 @@ from kinseek.kernels.paths.programme import (
     SQUARES,
     STRAIGHT,
     TIME,
-    best_way,
-    link,
+    viterbi,
+    viterbi_step,
 )
-from kinseek.kernels.paths.servo import LOWER, NOW, REACH, ROWS, UPPER, look_ahead, servo_step
-from kinseek.kernels.paths.settle import settle_many
-from kinseek.kernels.paths.trace import part_ways, trace
 from kinseek.kernels.proof.neighbourhood import contractions
 from kinseek.kernels.python_backend import Bounded, bounded, call_at, unbounded, view_at
 from kinseek.kinds import POINTING, POSE
@@ -299,7 +299,9 @@ def many_poses(name: str) -> Any:
     poses = chain.forward(q)
     targets = np.ascontiguousarray(poses[:, :3])
     near, left = q + 0.01, np.empty(count)
-    settle_many(index.handle, PLAIN_TOLERANCES, targets, chain.lower, chain.upper, 8, near, left, LANES)
+    project_onto_poses(
+        index.handle, PLAIN_TOLERANCES, targets, chain.lower, chain.upper, 8, near, left, LANES
+    )
     followed, ends = [], np.zeros(LANES, dtype=np.int64)
     for begin, end in ((0, count - 1), (count - 1, 0)):
         rows = np.zeros((count, LANES, chain.dof))
@@ -339,7 +341,7 @@ def spare_layers(name: str) -> Any:
     for row in (0, 3):
         given = np.concatenate([q[row : row + 1], np.full((1, n), 99.0)])
         found, along = np.zeros((2, 10, n))
-        count = gather(
+        count = spread_solutions(
             index.handle,
             PLAIN_TOLERANCES,
             targets[row],
@@ -359,7 +361,9 @@ def spare_layers(name: str) -> Any:
     ahead, along = np.zeros((2, len(here), n))
     told = np.zeros((len(here), 1 + 2 * n))
     moments, leaps = np.arange(0.0, 8.0, 2.0), np.full(n, 0.5)
-    lead_on(index.handle, PLAIN_TOLERANCES, targets, moments, leaps, one, here, ahead, told, along, LANES)
+    propagate_layer(
+        index.handle, PLAIN_TOLERANCES, targets, moments, leaps, one, here, ahead, told, along, LANES
+    )
     fault, sums, came = (
         np.zeros(len(there), dtype=np.int64),
         np.zeros(len(there)),
@@ -367,7 +371,7 @@ def spare_layers(name: str) -> Any:
     )
     before = np.zeros(len(here), dtype=np.int64), np.arange(float(len(here)))
     linked = here, ahead, told, along, there, there_along, lower, upper, kinds, kinds + 1
-    link(*linked, 0.1 * one, 0.4 * one, one, 6.0, np.zeros(0), *before, fault, sums, came)
+    viterbi_step(*linked, 0.1 * one, 0.4 * one, one, 6.0, np.zeros(0), *before, fault, sums, came)
     return count, here, there, along, told, fault, sums, came
 
 
@@ -380,7 +384,7 @@ def best_ways() -> Any:
     for mode in (DISTANCE, TIME, SQUARES, GIVEN):
         costs = rng.uniform(size=(6, 6)) if mode == GIVEN else np.zeros((0, 0))
         refused = rng.uniform(size=(6, 6)) < 0.2
-        breaks = best_way(
+        breaks = viterbi(
             q,
             q + 0.01,
             np.full(6, 3),

@@ -16,8 +16,8 @@ import kinseek
 from kinseek import Goal, InvalidGoal, InvalidProblem, InvalidSolver, NotReached, PathInterrupted, PathStatus
 from kinseek.branches.index import freedom
 from kinseek.kernels.paths.band import solve_band
-from kinseek.kernels.paths.programme import COPIED, DISTANCE, STRAIGHT, best_way
 from kinseek.kernels.paths.trace import ENDED, JOINED, TAKEN, part_ways
+from kinseek.kernels.paths.viterbi import COPIED, DISTANCE, STRAIGHT, viterbi
 from kinseek.paths import redundant
 from kinseek.paths.joints import opened
 from kinseek.paths.layers import Follower, Loss
@@ -191,7 +191,7 @@ def test_the_programme_agrees_with_trying_all_ways(seed: int) -> None:
         copies = [[row[0], row[1] + k * turn] for row in rows for k in range(2) if row[1] + k * turn <= 9.0]
         every.append(np.array(copies))
     path, told, nothing = np.zeros(5, dtype=np.int64), np.zeros(5), np.zeros((0, 0))
-    breaks = best_way(
+    breaks = viterbi(
         q,
         q,
         np.full(5, 2),
@@ -224,7 +224,7 @@ def test_answers_at_the_ends_of_a_range_of_whole_turns_stay_inside_the_nodes() -
     q = np.zeros((4, 2, 1))
     q[:, 0, 0], q[:, 1, 0] = [-turn, -1e-10, -turn, -1e-10], -3.0
     path, told, nothing = np.zeros(4, dtype=np.int64), np.zeros(4), np.zeros((0, 0))
-    best_way(
+    viterbi(
         q,
         q,
         np.full(4, 2),

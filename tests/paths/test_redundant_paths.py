@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal
-from kinseek.kernels.paths.programme import STRAIGHT, link
+from kinseek.kernels.paths.viterbi import STRAIGHT, viterbi_step
 from kinseek.paths.plan import Layer, Place, Ways, between_rows
 from places import SHARED
 
@@ -137,7 +137,7 @@ def linked(poses: list[Array], ahead: float, longest: float, keep: bool) -> tupl
         past = Layer(none, none, no_node, np.zeros(0), no_node) if before is None else before
         led = past.q + ahead
         told = np.concatenate([np.full((len(led), 1), 2 * ahead**2), np.full((len(led), 4), ahead)], axis=1)
-        link(
+        viterbi_step(
             past.q, led, told, np.ones_like(led), q, layer.along, -100 * one, 100 * one,
             np.full(2, STRAIGHT), np.ones(2, dtype=np.int64), longest * one, 10 * one, one, 1.0, np.zeros(0),
             past.fault, past.sums, layer.fault, layer.sums, layer.came,

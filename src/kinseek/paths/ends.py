@@ -15,11 +15,11 @@ from kinseek.solvers import Atlas
 
 from .joints import Turning
 from .layers import SAME, Layers
-from .nodes import Programme
+from .nodes import LayerGraph
 from .request import PathRequest
 
 MOST = 250
-"""Answers to a pose at most: the programme counts them in a byte. Isolated ones are sixteen, and some twice."""
+"""Answers to a pose at most: the search counts them in a byte. Isolated ones are sixteen, and some twice."""
 
 ROUNDS = 10
 """Ways that are tried before `valid` is asked of every answer to every pose."""
@@ -106,53 +106,53 @@ def with_ends(request: PathRequest, layers: Layers) -> tuple[Layers, tuple[int, 
     return layers, (nodes[0], nodes[1])
 
 
-def best_valid(programme: Programme, ends: tuple[int, int]) -> tuple[Array, Indices]:
+def best_valid(graph: LayerGraph, ends: tuple[int, int]) -> tuple[Array, Indices]:
     """The best way to which `valid` agrees, found by asking it of the best way again and again (Bohlin and Kavraki 2000).
 
     Returns:
         Joint values and breaks; if the time is up, of so many of the first poses, to which it agreed.
     """
-    request = programme.request
+    request = graph.request
     with suppress(TimeUp):
-        programme.refuse_blocked()
+        graph.refuse_blocked()
     for tries in itertools.count(1):
-        q, breaks, _, path = best_of(programme, ends)
+        q, breaks, _, path = best_of(graph, ends)
         if request.valid is None:
             return q, breaks
-        agreed, count = programme.check(q, breaks, path)
+        agreed, count = graph.check(q, breaks, path)
         if agreed:
             return q, breaks
         if request.deadline.passed:
             break
         if tries == ROUNDS:
             with suppress(TimeUp):
-                programme.ask_everywhere()
+                graph.ask_everywhere()
     if count == len(q):  # All but the step from the last pose to the first.
         return q, np.append(breaks, len(q) - 1)
     return q[:count], breaks[breaks < count - 1]
 
 
-def best_of(programme: Programme, ends: tuple[int, int]) -> tuple[Array, Indices, float, Indices]:
+def best_of(graph: LayerGraph, ends: tuple[int, int]) -> tuple[Array, Indices, float, Indices]:
     """The best way, closed if that is asked: then the best over all answers to the first pose."""
-    request = programme.request
+    request = graph.request
     if not request.closed:
-        return programme.best(request.longest, *ends)
+        return graph.best(request.longest, *ends)
     best: tuple[Array, Indices, float, Indices] | None = None
-    longest, turning = request.longest[-1], programme.turning
+    longest, turning = request.longest[-1], graph.turning
     if request.ends_where_it_begins:
         longest = np.minimum(longest, SAME)
-    if programme.hopeless & {0, len(programme.q) - 1}:
+    if graph.unreachable & {0, len(graph.q) - 1}:
         longest = np.full_like(longest, np.inf)
-    firsts = range(programme.count[0] * turning.total) if ends[0] < 0 else [ends[0]]
-    open_way = programme.best(request.longest, *ends)
+    firsts = range(graph.count[0] * turning.total) if ends[0] < 0 else [ends[0]]
+    open_way = graph.best(request.longest, *ends)
     firsts = [int(open_way[3][0]), *(node for node in firsts if node != open_way[3][0])]
     for first in firsts:
-        if not programme.exists(0, first):
+        if not graph.exists(0, first):
             continue
         if best is not None and request.deadline.passed:
             break
-        for last in programme.beside(first, longest) if ends[1] < 0 else [ends[1]]:
-            way = programme.best(request.longest, first, last)
+        for last in graph.beside(first, longest) if ends[1] < 0 else [ends[1]]:
+            way = graph.best(request.longest, first, last)
             if best is None or (len(way[1]), way[2]) < (len(best[1]), best[2]):
                 best = way
         if best is not None and len(best[1]) == len(open_way[1]) and best[2] <= open_way[2] * (1 + 1e-9):
@@ -171,9 +171,9 @@ def refusals(request: PathRequest, q: Array) -> tuple[set[int], Indices, int]:
         asked about before the time was up.
     """
     valid = request.valid
-    barred = list[Indices]([np.zeros(0, dtype=np.int64)])
+    forbidden_edges = list[Indices]([np.zeros(0, dtype=np.int64)])
     if valid is None or not len(q):
-        return set(), barred[0], len(q)
+        return set(), forbidden_edges[0], len(q)
     goal, refused = request.problem.goal, np.zeros(len(q), dtype=np.bool_)
     begin, end = steps_of(request, q)
     # Of a way to or from a pose that is missed nothing is asked, nor of one that is a break in any case.
@@ -190,11 +190,11 @@ def refusals(request: PathRequest, q: Array) -> tuple[set[int], Indices, int]:
                 ways = np.append(ways, len(q) - 1)
             fine = np.asarray(there & ~refused)
             ways = ways[asks[ways] & fine[ways] & fine[(ways + 1) % len(q)]]
-            barred.append(ways[~valid.ways(begin[ways], end[ways])])
+            forbidden_edges.append(ways[~valid.ways(begin[ways], end[ways])])
         except TimeUp:
             refused[first:] = False
-            return set(np.flatnonzero(refused).tolist()), np.concatenate(barred), first
-    return set(np.flatnonzero(refused).tolist()), np.concatenate(barred), len(q)
+            return set(np.flatnonzero(refused).tolist()), np.concatenate(forbidden_edges), first
+    return set(np.flatnonzero(refused).tolist()), np.concatenate(forbidden_edges), len(q)
 
 
 def steps_of(request: PathRequest, q: Array) -> tuple[Array, Array]:

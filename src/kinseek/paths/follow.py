@@ -14,7 +14,7 @@ from kinseek.deadline import Deadline
 from .ends import best_valid, fill_missed, inside_limits, refusals, short_steps, steps_of, with_ends
 from .joints import Turning
 from .layers import SAME, Layers, isolated_layers
-from .nodes import GRACE, Programme
+from .nodes import GRACE, LayerGraph
 from .path import Path
 from .request import ROUNDING, PathRequest
 from .runs import bridged, follow_runs
@@ -47,12 +47,12 @@ def follow(request: PathRequest, threads: int | None, advance: Advance, take: in
         request, grace = request.part(0, take), request.deadline
         if grace.passed and request.valid is not None:
             request = replace(request, valid=replace(request.valid, deadline=Deadline(GRACE)))
-        refused, barred, count = refusals(request, planned)
-        return _judged(request, planned[:count], barred, None, refused)
-    q, breaks, wide, hopeless = _isolated(part, threads, advance)
+        refused, forbidden_edges, count = refusals(request, planned)
+        return _judged(request, planned[:count], forbidden_edges, None, refused)
+    q, breaks, wide, unreachable = _isolated(part, threads, advance)
     q = _ended(part, q)
     known = wide if part.problem is request.problem else None
-    return _judged(request.part(0, take), q[:take, own], breaks, known, hopeless)
+    return _judged(request.part(0, take), q[:take, own], breaks, known, unreachable)
 
 
 def _isolated(
@@ -86,9 +86,9 @@ def _isolated(
         return *none, wide, set()
     request = request.part(0, len(layers))
     layers, ends = with_ends(request, layers)
-    programme = Programme(request, layers, missed)
-    q, breaks = best_valid(programme, ends)
-    return bridged(request.part(0, len(q)), q, missed[: len(q)]), breaks, wide, programme.hopeless
+    graph = LayerGraph(request, layers, missed)
+    q, breaks = best_valid(graph, ends)
+    return bridged(request.part(0, len(q)), q, missed[: len(q)]), breaks, wide, graph.unreachable
 
 
 def _ended(request: PathRequest, q: Array) -> Array:
@@ -112,7 +112,7 @@ def _ended(request: PathRequest, q: Array) -> Array:
 
 
 def _judged(
-    request: PathRequest, rows: Array, breaks: Indices, wide: Layers | Windows | None, hopeless: set[int]
+    request: PathRequest, rows: Array, breaks: Indices, wide: Layers | Windows | None, unreachable: set[int]
 ) -> Path:
     """Judge joint values for the first poses, (M, n), by plain forward kinematics, and say what stands in the way."""
     problem, turning = request.problem, Turning(request.problem.chain)
@@ -124,7 +124,7 @@ def _judged(
     q = np.concatenate([rows, np.repeat(stay[None], len(request) - len(rows), axis=0)])
     errors = goal.measure(problem.arrays, np.ascontiguousarray(q))
     reached = goal.met(errors) & planned
-    reached[[i for i in hopeless if i < len(q)]] = False
+    reached[[i for i in unreachable if i < len(q)]] = False
     # Whatever was planned, a step that is too large is a break.
     begin, end = steps_of(request, q)
     torn = ~short_steps(request, begin, end)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from kinseek.caching import WeakCache
 from kinseek.errors import InvalidProblem
-from kinseek.kernels.paths.programme import COPIED, ENDLESS, ROOM, STRAIGHT
+from kinseek.kernels.paths.viterbi import COPIED, ENDLESS, ROOM, STRAIGHT
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.mechanism import CONTINUOUS, REVOLUTE
 from kinseek.turns import TURN
@@ -33,7 +33,7 @@ class Turning:
         free = chain.periodic & chain.turns
         endless = chain.endless & free
         self.kind = np.where(endless, ENDLESS, np.where(free, COPIED, STRAIGHT)).astype(np.int64)
-        """See `kernels.paths.programme.STRAIGHT`, (n,)."""
+        """See `kernels.paths.graph.STRAIGHT`, (n,)."""
         width = np.where(self.kind == COPIED, self.upper - self.lower, 0.0)
         self.copies = 1 + np.floor(np.maximum(width - 2 * ROOM, 0.0) / TURN).astype(np.int64)
         """Copies at most of each joint, (n,); one more exactly at the ends of a range of whole turns is left out."""

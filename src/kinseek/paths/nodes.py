@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from kinseek.branches.order import cost_of
 from kinseek.deadline import Deadline, TimeUp
-from kinseek.kernels.paths.programme import DISTANCE, ENDLESS, GIVEN, TIME, best_way
+from kinseek.kernels.paths.viterbi import DISTANCE, ENDLESS, GIVEN, TIME, viterbi
 
 from .joints import Turning
 from .layers import Layers
@@ -26,7 +26,7 @@ LAST_PART = 0.5
 """Part of the time spent until the costs are asked that the search for the best way may take after them: 0.4 measured."""
 
 
-class Programme:
+class LayerGraph:
     """Nodes of a path: answers inside the limits with their full turns."""
 
     def __init__(self, request: PathRequest, layers: Layers, missed: Flags) -> None:
@@ -38,11 +38,11 @@ class Programme:
         self.q, self.count = layers.q, layers.count
         self.ahead = self.q
         self.nodes = self.q.shape[1] * self.turning.total
-        self._barred: set[tuple[int, int, int]] = set()
+        self._forbidden_edges: set[tuple[int, int, int]] = set()
         self._refused: NDArray[np.bool_] = np.zeros((0, 0), dtype=np.bool_)
         self._agreed: set[tuple[int, int]] = set()
         self._passed: set[tuple[int, int, int]] = set()
-        self.hopeless: set[int] = set(np.flatnonzero(missed).tolist())
+        self.unreachable: set[int] = set(np.flatnonzero(missed).tolist())
         """Poses that are missed, and those whose every answer hits something, or is one that `valid` refused."""
         velocity = request.velocity
         self.mode = DISTANCE if velocity is None else TIME
@@ -78,8 +78,8 @@ class Programme:
         """The best way: joint values (N, n), its breaks, its cost, and its nodes (N,)."""
         turning, count = self.turning, len(self.q)
         path, told = np.zeros(count, dtype=np.int64), np.zeros(count)
-        barred = np.array(sorted(self._barred), dtype=np.int64).reshape(-1, 3)
-        best_way(
+        forbidden_edges = np.array(sorted(self._forbidden_edges), dtype=np.int64).reshape(-1, 3)
+        viterbi(
             self.q,
             self.ahead,
             self.count,
@@ -92,7 +92,7 @@ class Programme:
             self.mode,
             self.costs,
             self._refused,
-            barred,
+            forbidden_edges,
             np.array([first, last], dtype=np.int64),
             path,
             told,
@@ -100,7 +100,7 @@ class Programme:
         empty = np.flatnonzero(path < 0)
         if len(empty) and len(self._refused):
             # Nothing is left there: the pose counts as missed, and the way goes on through what was refused.
-            self.hopeless |= set(empty.tolist())
+            self.unreachable |= set(empty.tolist())
             self._refused[empty] = False
             return self.best(longest, first, last)
         breaks = np.flatnonzero(told[1:] > 0)
@@ -109,7 +109,7 @@ class Programme:
 
     def _missed(self) -> Flags:
         flags = np.zeros(len(self.q), dtype=np.bool_)
-        flags[list(self.hopeless)] = True
+        flags[list(self.unreachable)] = True
         return flags
 
     def check(self, q: Array, breaks: Indices, path: Indices) -> tuple[bool, int]:
@@ -157,7 +157,7 @@ class Programme:
         for i in steps:
             j = (i + 1) % len(q)
             edge = (i, int(path[i]), int(path[j]))
-            if agreed[i] and agreed[j] and not {i, j} & self.hopeless and edge not in self._passed:
+            if agreed[i] and agreed[j] and not {i, j} & self.unreachable and edge not in self._passed:
                 edges.append(edge)
                 ends.append(q[i] + (q[j] - q[i] if j else self.turning.way(q[j] - q[i])))
         return [edge[0] for edge in edges], self._edges_agreed(edges, q, ends) if edges else []
@@ -174,7 +174,7 @@ class Programme:
             if passed:
                 self._passed.add(edge)
             else:
-                self._barred |= self._turned_alike(edge) if hits else {edge}
+                self._forbidden_edges |= self._turned_alike(edge) if hits else {edge}
         return [bool(each) for each in fine]
 
     def refuse_blocked(self) -> None:
@@ -200,7 +200,7 @@ class Programme:
     def ask_everywhere(self) -> None:
         """Ask `valid` of every node that it was not asked of yet."""
         for i, count in enumerate(self.count):
-            if i in self.hopeless:
+            if i in self.unreachable:
                 continue
             nodes, q = self._inside(i, count)
             for node, row in zip(nodes.tolist(), self._clipped(q), strict=True):
@@ -217,7 +217,7 @@ class Programme:
     def _node_agreed(self, i: int, node: int, q: Array) -> bool:
         valid = self.request.valid
         assert valid is not None
-        if valid.valid is None or (i, node) in self._agreed or i in self.hopeless:
+        if valid.valid is None or (i, node) in self._agreed or i in self.unreachable:
             return True
         if valid.agreed(q[None])[0]:
             self._agreed.add((i, node))
@@ -248,6 +248,6 @@ class Programme:
                 digits = np.where(self.turning.kind == ENDLESS, 0, digits)
                 node = answer * total + int((digits * self.turning.units).sum())
                 refused = len(self._refused) and self._refused[last, node]
-                if not refused and (last, node, first) not in self._barred:
+                if not refused and (last, node, first) not in self._forbidden_edges:
                     found.append(node)
         return found

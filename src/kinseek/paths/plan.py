@@ -14,9 +14,9 @@ from kinseek.branches.order import cost_of
 from kinseek.branches.result import answers_of
 from kinseek.deadline import TimeUp
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.paths.grow import gather, lead_on
-from kinseek.kernels.paths.programme import link
+from kinseek.kernels.paths.propagation import propagate_layer, spread_solutions
 from kinseek.kernels.paths.trace import trace
+from kinseek.kernels.paths.viterbi import viterbi_step
 from kinseek.problem import Problem
 from kinseek.robots.geometry import arm_length
 from kinseek.solvers import Atlas
@@ -77,7 +77,7 @@ UNBOUND = 1e6
 """Stands for a step without a bound."""
 
 
-class Barred(NamedTuple):
+class ForbiddenEdges(NamedTuple):
     """Where a plan was tried, and broke: from answers beside this one no way leads on."""
 
     pose: int
@@ -98,7 +98,7 @@ class Layer(NamedTuple):
     sums: Array
     """What the way costs, (k · copies,)."""
     came: Indices
-    """See `link`, (k · copies,)."""
+    """See `viterbi_step`, (k · copies,)."""
 
 
 class Place(NamedTuple):
@@ -120,7 +120,7 @@ class Kept(NamedTuple):
     nodes: Indices
     """Of each, which of the layer's it is: an answer, and the turns of its joints as one number, (m,)."""
     came: Indices
-    """See `link`; the nodes are those kept of the layer before, (m,)."""
+    """See `viterbi_step`; the nodes are those kept of the layer before, (m,)."""
 
 
 class Ways:
@@ -162,22 +162,24 @@ class Ways:
 
 
 def _before(came: Indices) -> Indices:
-    """From which nodes others were reached, see `link`."""
+    """From which nodes others were reached, see `viterbi_step`."""
     return np.asarray(np.where(came >= 0, came, -2 - came))
 
 
 class Planner:
     """Finds the best way through a path for one arm with joints to spare."""
 
-    def __init__(self, request: PathRequest, effort: Effort, barred: Sequence[Barred] = ()) -> None:
+    def __init__(
+        self, request: PathRequest, effort: Effort, forbidden_edges: Sequence[ForbiddenEdges] = ()
+    ) -> None:
         """Choose rows and layers.
 
         Args:
             request: The path.
             effort: How finely it is planned.
-            barred: Where no way leads on.
+            forbidden_edges: Where no way leads on.
         """
-        self.barred = barred
+        self.forbidden_edges = forbidden_edges
         problem = request.problem
         self.request, self.effort, self.problem, self.dof = request, effort, problem, problem.chain.dof
         self.smoother, self.turning = smoother_of(request), Turning(problem.chain)
@@ -216,7 +218,7 @@ class Planner:
         target = self.row_targets[self.keys[k]]
         handle = self.index.fine.handle
         limits = (turning.lower, turning.upper, turning.kind)
-        count = gather(
+        count = spread_solutions(
             handle, self.tolerances, target, given, len(arrived), *limits, self.apart, beside, q, along, LANES
         )
         self.apart = self.apart * CROWD if count == len(q) else max(self.effort.apart, self.apart / CROWD)
@@ -263,7 +265,7 @@ class Planner:
             only = fixed[0] if k == 0 else fixed[1] if k == last else None
             try:
                 deadline.check()
-                led = None if before is None else self.lead_on(before.q, begin, end)
+                led = None if before is None else self.propagate_layer(before.q, begin, end)
                 if only is not None:
                     q, along = self.layer(k, self.turning.first_turn(only[None]), none, alone=True)
                 elif led is None:
@@ -298,14 +300,14 @@ class Planner:
         spread(find, len(layers), 16, threads, self.request.deadline)
         return found
 
-    def lead_on(self, q: Array, begin: int, end: int) -> tuple[Array, Array, Array]:
-        """Where answers to a row lead at another, what is told of them, and directions there; see `grow.lead_on`."""
+    def propagate_layer(self, q: Array, begin: int, end: int) -> tuple[Array, Array, Array]:
+        """Where answers to a row lead at another, what is told of them, and directions there; see `grow.propagate_layer`."""
         ahead, along = np.empty((2, *q.shape))
         told = np.empty((len(q), 1 + 2 * self.dof))
         leaps = np.full(self.dof, LEAPS)
         moments = self.rows[begin : end + 1].astype(np.float64)
         targets = self.row_targets[begin : end + 1]
-        lead_on(
+        propagate_layer(
             self.index.fine.handle,
             self.tolerances,
             targets,
@@ -318,7 +320,7 @@ class Planner:
             along,
             LANES,
         )
-        for pose, near in self.barred:
+        for pose, near in self.forbidden_edges:
             if self.rows[begin] <= pose < self.rows[end]:
                 told[(np.abs(self.turning.step(q - near)) < CLEAR).all(axis=1), 0] = np.inf
         valid = self.request.valid
@@ -345,7 +347,7 @@ class Planner:
             none, no_node = np.zeros((0, self.dof)), np.zeros(0, dtype=np.int64)
             before = Layer(none, none, no_node, np.zeros(0), no_node)
             led = none, np.zeros((0, 1 + 2 * self.dof)), none
-        link(
+        viterbi_step(
             before.q,
             *led,
             q,

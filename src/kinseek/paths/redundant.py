@@ -3,7 +3,7 @@
 The way is planned on some of the poses, chosen by how far the hand goes, and filled in between them. At the first pose
 answers are sampled all over the self-motion. Each is followed with the least motion of the joints from layer to layer; at
 each layer answers beside them, along the self-motion, keep them well spread, and a few fresh samples join them. So the best
-way through all of them (see `kernels.paths.programme.link`) keeps to branches, and changes from one to another sideways, by
+way through all of them (see `kernels.paths.graph.link`) keeps to branches, and changes from one to another sideways, by
 little at a time. What it leaves of corners is smoothed away, on the poses of the plan first, then on all. Where a step is
 still too large, or hits something, that part of the path is planned again, more finely; if that does not help, all of it is,
 at last with a layer at every pose, and once more without the places where that plan broke.
@@ -28,7 +28,7 @@ from kinseek.solvers.threads import GoOn, spread
 
 from .between import apart, beyond_a_step
 from .joints import Turning
-from .plan import Barred, Effort, Planner, between_rows, path_parameter, smoother_of
+from .plan import Effort, ForbiddenEdges, Planner, between_rows, path_parameter, smoother_of
 from .request import PathRequest
 from .smooth import Row, Smoother
 
@@ -133,7 +133,7 @@ def _open_way(
         TimeUp: The time was up before anything was planned.
     """
     best = _planned(request, plans[0][0], threads, advance)
-    refused, barred = np.zeros(len(best), dtype=np.bool_), list[Barred]()
+    refused, forbidden_edges = np.zeros(len(best), dtype=np.bool_), list[ForbiddenEdges]()
     if len(best) < len(request):
         return best, refused
     with suppress(TimeUp):
@@ -141,11 +141,15 @@ def _open_way(
         if refused.any():
             return best, refused
         for effort, finer in plans:
-            q = best if effort is plans[0][0] else _planned(request, effort, threads, _silent, barred)
+            q = (
+                best
+                if effort is plans[0][0]
+                else _planned(request, effort, threads, _silent, forbidden_edges)
+            )
             if len(q) < len(request):
                 break
             if effort is STEP:
-                barred += [Barred(int(i), q[i]) for i in np.flatnonzero(_faulty(request, q))]
+                forbidden_edges += [ForbiddenEdges(int(i), q[i]) for i in np.flatnonzero(_faulty(request, q))]
             q = _mended(request, q, finer, threads)
             if faults(request, q) < faults(request, best):
                 best = q
@@ -244,9 +248,13 @@ def faults(request: PathRequest, q: Array) -> tuple[int, float]:
 
 
 def _planned(
-    request: PathRequest, effort: Effort, threads: int | None, advance: Advance, barred: Sequence[Barred] = ()
+    request: PathRequest,
+    effort: Effort,
+    threads: int | None,
+    advance: Advance,
+    forbidden_edges: Sequence[ForbiddenEdges] = (),
 ) -> Array:
-    planner = Planner(request, effort, barred)
+    planner = Planner(request, effort, forbidden_edges)
     rows = planner.rows
     if len(rows) == 1:
         request.deadline.check()

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from kinseek.deadline import TimeUp
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.paths.programme import STRAIGHT
-from kinseek.kernels.paths.settle import settle_many
+from kinseek.kernels.paths.projection import project_onto_poses
+from kinseek.kernels.paths.viterbi import STRAIGHT
 from kinseek.problem import Problem
 from kinseek.solvers import Atlas
 from kinseek.turns import TURN
@@ -129,7 +129,7 @@ class Bridge:
         """Bring the hand closer to targets, (k, 3, 4), by so many steps of q, (k, n), in place; what is left, (k,)."""
         smoother, left = self.smoother, np.empty(len(q))
         limits = smoother.lower, smoother.upper
-        settle_many(smoother.handle, smoother.tolerances, targets, *limits, steps, q, left, LANES)
+        project_onto_poses(smoother.handle, smoother.tolerances, targets, *limits, steps, q, left, LANES)
         return left
 
     def turned(self, q: Array, here: Array) -> Array:

@@ -21,7 +21,7 @@ from kinseek.deadline import Deadline, TimeUp
 from kinseek.kernels.arm.pose_error import LARGEST
 from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.band import solve_band
-from kinseek.kernels.paths.settle import settle_many
+from kinseek.kernels.paths.projection import project_onto_poses
 from kinseek.problem import Problem
 from kinseek.robots.geometry import RADIAN_PART, arm_length
 from kinseek.solvers import Atlas
@@ -113,7 +113,9 @@ class Smoother:
         """Bring joint values, (k, n), onto targets, (k, 3, 4), in place; which of them are there and allowed, (k,)."""
         left = np.empty(len(q))
         np.clip(q, self.lower, self.upper, out=q)
-        settle_many(self.handle, self.tolerances, targets, self.lower, self.upper, MEND, q, left, LANES)
+        project_onto_poses(
+            self.handle, self.tolerances, targets, self.lower, self.upper, MEND, q, left, LANES
+        )
         there = left < SETTLED
         if self.valid is not None:
             there[there] = self.valid.each(q[there])

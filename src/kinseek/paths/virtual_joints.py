@@ -16,7 +16,7 @@ from kinseek.branches.order import Cost
 from kinseek.errors import InvalidProblem
 from kinseek.goal import Goal
 from kinseek.kernels.atlas.lanes import LANES
-from kinseek.kernels.paths.settle import settle_many
+from kinseek.kernels.paths.projection import project_onto_poses
 from kinseek.kinds import POINTING, POSE, POSITION
 from kinseek.problem import Problem
 from kinseek.ranges import AXES, FREE_TURN, PINNED
@@ -166,7 +166,7 @@ def _with_ranges(problem: Problem, own: slice, q: Array, i: int) -> Array:
     targets, left = np.repeat(problem.goal.targets[i][None], LANES, axis=0), np.empty(LANES)
     handle = atlas_of(chain, problem.goal).handle
     # The arm's own joints stand at both of their limits.
-    settle_many(handle, tolerances_of(problem.goal), targets, lower, upper, MEND, starts, left, LANES)
+    project_onto_poses(handle, tolerances_of(problem.goal), targets, lower, upper, MEND, starts, left, LANES)
     return np.asarray(starts[np.argmin(left)])
 
 

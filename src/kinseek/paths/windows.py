@@ -3,7 +3,7 @@
 What grows with a path are the answers to its poses. From most poses to the next nothing happens: every branch goes on, none
 comes close to another, no full turn is passed. Over such a run each branch is one step that costs as much as it is long: all
 but the two poses at its ends are left out, and one programme goes through what is left of all windows. Then the windows are
-gone through again, and of each pose the answer is kept that the programme chose. A way without breaks is the best of all;
+gone through again, and of each pose the answer is kept that the search chose. A way without breaks is the best of all;
 where there are breaks they are as few, and each stands at an end of a run.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.deadline import Deadline
-from kinseek.kernels.paths.programme import COPIED, DISTANCE, ROOM, STRAIGHT, TIME, best_way
+from kinseek.kernels.paths.viterbi import COPIED, DISTANCE, ROOM, STRAIGHT, TIME, viterbi
 from kinseek.turns import TURN
 
 from .ends import fill_missed, inside_limits, with_ends
@@ -209,7 +209,7 @@ def _best(windows: Windows, runs: list[Run], ends: tuple[int, int]) -> tuple[Ind
         place += len(run.kept)
     weights = request.weights if request.velocity is None else request.weights / request.velocity
     path, told = np.zeros(count, dtype=np.int64), np.zeros(count)
-    best_way(
+    viterbi(
         q,
         ahead,
         number,

@@ -15,7 +15,7 @@ from kinseek.kernels.atlas.task import TOLERANCES, Task, handle_at, lanes_of, ta
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, inlined, noinline
 
-from .settle import load_lane, settle
+from .projection import load_lane, settle
 
 STEPS = 6
 """Damped steps within a period at most: a bound on the work, not on what is usual, which is one or two."""

@@ -14,7 +14,7 @@ from kinseek.kernels.atlas.task import HANDLE, TOLERANCES, task_of
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, inlined, noinline
 
-from .settle import load_lane, settle
+from .projection import load_lane, settle
 
 TURN = 2.0 * math.pi
 

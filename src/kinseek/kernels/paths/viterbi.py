@@ -75,12 +75,12 @@ def moved_turns(
     mode=I64,
     costs=F64["*", "*"],
     refused=FLAG["*", "*"],
-    barred=I64["*", 3],
+    forbidden_edges=I64["*", 3],
     ends=I64[2],
     path=I64["k"].out,
     told=F64["k"].out,
 )
-def best_way(
+def viterbi(
     q: Array,
     ahead: Array,
     count: Indices,
@@ -93,7 +93,7 @@ def best_way(
     mode: int,
     costs: Array,
     refused: Flags,
-    barred: Indices,
+    forbidden_edges: Indices,
     ends: Indices,
     path: Indices,
     told: Array,
@@ -114,7 +114,7 @@ def best_way(
         mode: See `DISTANCE`.
         costs: Of each node, with GIVEN; else empty, (k or 0, width · product of copies).
         refused: Nodes that may not be used; or empty.
-        barred: Steps that may not be used: pose, node and following node, sorted by pose, (m, 3).
+        forbidden_edges: Steps that may not be used: pose, node and following node, sorted by pose, (m, 3).
         ends: First and last node, or -1 where any will do, (2,).
         path: Receives a node a pose: answer · product of copies + turns; -1 where a pose has no node, (k,).
         told: Receives the breaks before each pose, (k,), and in its first place the cost of all.
@@ -169,9 +169,9 @@ def best_way(
                     fault[node] = i
                 if mode == GIVEN:
                     sums[node] += costs[i, node]
-        while next_barred < len(barred) and barred[next_barred, 0] < i - 1:
+        while next_barred < len(forbidden_edges) and forbidden_edges[next_barred, 0] < i - 1:
             next_barred += 1
-        some_barred = next_barred < len(barred) and barred[next_barred, 0] == i - 1
+        some_barred = next_barred < len(forbidden_edges) and forbidden_edges[next_barred, 0] == i - 1
         row = min(i - 1, len(longest) - 1) if i > 0 else 0
         for a in range(count[i - 1] if before >= 0 else 0):
             for b in range(count[i]):
@@ -212,8 +212,10 @@ def best_way(
                         continue
                     if some_barred:
                         allowed, k = True, next_barred
-                        while k < len(barred) and barred[k, 0] == i - 1:
-                            allowed = allowed and not (barred[k, 1] == node and barred[k, 2] == to)
+                        while k < len(forbidden_edges) and forbidden_edges[k, 0] == i - 1:
+                            allowed = allowed and not (
+                                forbidden_edges[k, 1] == node and forbidden_edges[k, 2] == to
+                            )
                             k += 1
                         if not allowed:
                             continue
@@ -281,7 +283,7 @@ allowed, which counts as no more than that: steps that are too large are taken o
     sums=F64["*"].out,
     came=I64["*"].out,
 )
-def link(
+def viterbi_step(
     q_before: Array,
     ahead: Array,
     told: Array,
@@ -303,7 +305,7 @@ def link(
     sums: Array,
     came: Indices,
 ) -> None:
-    """Go on by one layer, along branches and from where they lead sideways: one step of `best_way` for joints to spare.
+    """Go on by one layer, along branches and from where they lead sideways: one step of `viterbi` for joints to spare.
 
     The way sideways is spread over all poses from one layer to the next. Where it leads across a singularity, to another
     branch that is not joined to this one there, it is taken in one step, and counts so.

@@ -85,7 +85,7 @@ def load_lane(scratch: Scratch, lane: int, target: Array, q: Array) -> None:
     left=F64["k"].out,
     w=I64,
 )
-def settle_many(
+def project_onto_poses(
     handle: Indices,
     tolerances: Array,
     targets: Array,

@@ -20,9 +20,9 @@ from kinseek.kernels.atlas.task import HANDLE, TOLERANCES, task_of
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, inlined, noinline
 
-from .programme import COPIED, ROOM, STRAIGHT
-from .settle import load_lane, settle
+from .projection import load_lane, settle
 from .trace import trace_lanes
+from .viterbi import COPIED, ROOM, STRAIGHT
 
 TURN = 2.0 * math.pi
 
@@ -197,7 +197,7 @@ there; behind it the least and the most that each joint moves from pose to pose.
     along=F64["k", "n"].out,
     w=I64,
 )
-def lead_on(
+def propagate_layer(
     handle: Indices,
     tolerances: Array,
     targets: Array,
@@ -271,7 +271,7 @@ def lead_on(
     along=F64["k", "n"].out,
     w=I64,
 )
-def gather(
+def spread_solutions(
     handle: Indices,
     tolerances: Array,
     target: Array,
