@@ -12,7 +12,7 @@ from kinseek import Scene
 from kinseek.collision.charts import _inside
 from kinseek.collision.engine import Engine
 from kinseek.collision.share import share
-from kinseek.kernels.collision.cell import ROWS
+from kinseek.kernels.collision.model import ROWS
 
 pytest.importorskip("coal")
 

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.kernels.arm.forward import FAR
-from kinseek.kernels.collision.cell import LANES, ROWS
 from kinseek.kernels.collision.first_pass import bound_pairs, sort_out
+from kinseek.kernels.collision.model import LANES, ROWS
 from kinseek.kernels.pointers import handle_of
 from kinseek.robots.chain import Frame, SerialChain
 
-from .cells import NEVER_APART, Meeting, Member, make_cell
+from .cells import NEVER_APART, Meeting, Member, make_collision_model
 from .charts import Carried, Chart, chart_of, charts_of
 from .shapes import GRAIN, Points
 from .spheres import COUNT, rough_cover
@@ -89,7 +89,7 @@ class Broad:
         rising = sorted(range(len(gathered)), key=lambda m: max(inside[m], _NEAR))
         order = [n for m in rising for n in gathered[m].pairs]
         ends = np.cumsum([len(gathered[m].pairs) for m in rising], dtype=np.int64)
-        cell = make_cell(
+        cell = make_collision_model(
             chain.arrays_to(Frame(len(chain.leader), np.eye(4))),
             parts,
             within,

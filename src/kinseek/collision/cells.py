@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from kinseek.errors import InvalidScene
 from kinseek.kernels.arrays import ChainArrays
-from kinseek.kernels.collision.cell import BLOCK, LANES, Cell
 from kinseek.kernels.collision.gaps import NUMBERS
+from kinseek.kernels.collision.model import BLOCK, LANES, CollisionModel
 
 from .shapes import GRAIN, Points
 from .spheres import COUNT, Cover, cover_of_many
@@ -80,7 +80,7 @@ class Member(NamedTuple):
 
 
 class Charts(NamedTuple):
-    """Those of some meetings, see the fields of `Cell`."""
+    """Those of some meetings, see the fields of `CollisionModel`."""
 
     chart_of: NDArray[np.int64]
     chart: Array
@@ -101,7 +101,7 @@ class Meeting(NamedTuple):
     """One past the last."""
 
 
-def make_cell(
+def make_collision_model(
     chain: ChainArrays,
     parts: Sequence[Member],
     within: Sequence[int],
@@ -111,15 +111,15 @@ def make_cell(
     apart: Array,
     apart_inside: Array,
     charts: Charts,
-) -> Cell:
-    """Put together what kernels know of a scene; see the fields of `Cell`."""
+) -> CollisionModel:
+    """Put together what kernels know of a scene; see the fields of `CollisionModel`."""
     used = sorted({part for meeting in meetings for part in meeting[:2]})
     balls = np.array([part.ball for part in parts]).reshape(-1, 4)
     corner_at, corners = _flat([part.corners for part in parts])
     size = max(1.0, np.abs(chain.fixed[:, :, 3]).sum(), np.abs(balls).max(initial=0.0))
     place = {part: n for n, part in enumerate(used)}
     spans = [(place[each.one], place[each.other], each.first, each.last) for each in meetings]
-    return Cell(
+    return CollisionModel(
         chain=chain,
         joint=np.array([part.joint for part in parts], dtype=np.int64),
         rough=np.array([part.rough for part in parts]).reshape(-1, 4, LANES),

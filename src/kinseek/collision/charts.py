@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinseek.kernels.arrays import chain_arrays
-from kinseek.kernels.collision.cell import LANES, ROWS
 from kinseek.kernels.collision.first_pass import bound_depths, bound_pairs
+from kinseek.kernels.collision.model import LANES, ROWS
 from kinseek.kernels.pointers import handle_of
 
-from .cells import NEVER_APART, Charts, Meeting, Member, make_cell
+from .cells import NEVER_APART, Charts, Meeting, Member, make_collision_model
 from .shapes import Shape
 
 if TYPE_CHECKING:
@@ -61,9 +61,9 @@ class Chart(NamedTuple):
     """Of two groups."""
 
     cells: Array
-    """See `Cell.chart`, (k,)."""
+    """See `CollisionModel.chart`, (k,)."""
     below: NDArray[np.int64]
-    """See `Cell.below`, (k,)."""
+    """See `CollisionModel.below`, (k,)."""
     axes: tuple[int, ...]
     """The two joints, or one twice, and how many parts their turns are cut into."""
     apart: float
@@ -105,7 +105,7 @@ def chart_of(
         endless,
     )
     numbered = np.array([(i, len(parts) + j, n) for n, (i, j) in enumerate(pairs)], dtype=np.int64)
-    cell = make_cell(
+    cell = make_collision_model(
         chain,
         members,
         [i if member.solid else -1 for i, member in enumerate(members)],

@@ -11,18 +11,6 @@ from kinseek.kernels.arrays import Array, Flags, Indices
 from kinseek.kernels.entry import F64, FLAG, I64
 from kinseek.kernels.jit import entry, inlined
 
-from .cell import (
-    LANES,
-    Cell,
-    Here,
-    cell_of,
-    enter,
-    lanes_frames,
-    load_lanes,
-    make_here,
-    memory_for,
-    place,
-)
 from .gaps import (
     DOUBT,
     FREE,
@@ -30,11 +18,23 @@ from .gaps import (
     ball_gap,
     depth_below,
     gap_below,
-    glance,
     near_core,
+    quick_check,
+    separating_plane,
     settle,
-    straddle,
     way_into,
+)
+from .model import (
+    LANES,
+    CollisionModel,
+    LaneState,
+    collision_model_of,
+    enter,
+    lanes_frames,
+    load_lanes,
+    make_lane_state,
+    memory_for,
+    place,
 )
 
 
@@ -48,14 +48,14 @@ PART_OF_TURN = 0.5 / math.pi
 
 
 @inlined
-def lanes_balls(cell: Cell, here: Here, moving: bool, w: int) -> None:
+def lanes_balls(model: CollisionModel, state: LaneState, moving: bool, w: int) -> None:
     """Middles of the balls of all groups that move, or of all that stand, at the eight q."""
     W = LANES
-    for g in range(len(cell.group)):
-        p, B = cell.group[g], here.balls[g]
-        if (cell.joint[p] > 0) != moving:
+    for g in range(len(model.group)):
+        p, B = model.group[g], state.balls[g]
+        if (model.joint[p] > 0) != moving:
             continue
-        T, x, y, z = here.frames[cell.joint[p]], cell.ball[p, 0], cell.ball[p, 1], cell.ball[p, 2]
+        T, x, y, z = state.frames[model.joint[p]], model.ball[p, 0], model.ball[p, 1], model.ball[p, 2]
         for r in range(3):
             o = 4 * r * W
             for l in range(w):
@@ -63,31 +63,31 @@ def lanes_balls(cell: Cell, here: Here, moving: bool, w: int) -> None:
 
 
 @inlined
-def lanes_inside(cell: Cell, here: Here, w: int) -> bool:
+def lanes_inside(model: CollisionModel, state: LaneState, w: int) -> bool:
     """Are all of the eight q inside the limits?"""
     outside = 0
-    for i in range(len(cell.chain.lower)):
-        q, low, high = here.lanes[i], cell.chain.lower[i], cell.chain.upper[i]
+    for i in range(len(model.chain.lower)):
+        q, low, high = state.lanes[i], model.chain.lower[i], model.chain.upper[i]
         for l in range(w):
             outside += 1 if q[l] < low or q[l] > high else 0
     return outside == 0
 
 
 @inlined
-def lanes_near(cell: Cell, here: Here, least: float, w: int) -> None:
+def lanes_near(model: CollisionModel, state: LaneState, least: float, w: int) -> None:
     """Note for each of the eight q which meetings have to be looked at: whose groups the balls do not show to be free."""
-    inside = lanes_inside(cell, here, w)
-    W, gaps, counts = LANES, here.gaps, here.counts
+    inside = lanes_inside(model, state, w)
+    W, gaps, counts = LANES, state.gaps, state.counts
     for l in range(W):
-        counts[l], here.hits[l] = 0, 0
-    for m in range(len(cell.meeting)):
-        if inside and cell.apart_inside[m] > least:
+        counts[l], state.hits[l] = 0, 0
+    for m in range(len(model.meeting)):
+        if inside and model.apart_inside[m] > least:
             break
-        if cell.apart[m] > least:
+        if model.apart[m] > least:
             continue
-        G, H = here.balls[cell.meeting[m, 0]], here.balls[cell.meeting[m, 1]]
-        g, h = cell.group[cell.meeting[m, 0]], cell.group[cell.meeting[m, 1]]
-        reach = cell.ball[g, 3] + cell.ball[h, 3] + cell.widest[m] + least
+        G, H = state.balls[model.meeting[m, 0]], state.balls[model.meeting[m, 1]]
+        g, h = model.group[model.meeting[m, 0]], model.group[model.meeting[m, 1]]
+        reach = model.ball[g, 3] + model.ball[h, 3] + model.widest[m] + least
         square = reach * reach
         some = 0
         for l in range(w):
@@ -98,10 +98,10 @@ def lanes_near(cell: Cell, here: Here, least: float, w: int) -> None:
         for l in range(w):
             dx, dy, dz = G[l] - H[l], G[W + l] - H[W + l], G[2 * W + l] - H[2 * W + l]
             gaps[l] = dx * dx + dy * dy + dz * dz - square
-        if cell.joint[g] == 0:  # What stands: its core is the same for all of them.
-            place(cell, here, g)
-            M, ex, ey, ez = here.into[g], cell.half[g, 0], cell.half[g, 1], cell.half[g, 2]
-            reach = cell.ball[h, 3] + cell.thick[g] + cell.widest[m] + least
+        if model.joint[g] == 0:  # What stands: its core is the same for all of them.
+            place(model, state, g)
+            M, ex, ey, ez = state.into[g], model.half[g, 0], model.half[g, 1], model.half[g, 2]
+            reach = model.ball[h, 3] + model.thick[g] + model.widest[m] + least
             square = reach * reach
             m0, m1, m2, m3, m4, m5 = M[0], M[1], M[2], M[3], M[4], M[5]
             m6, m7, m8, m9, m10, m11 = M[6], M[7], M[8], M[9], M[10], M[11]
@@ -111,22 +111,22 @@ def lanes_near(cell: Cell, here: Here, least: float, w: int) -> None:
                 dy = max(abs(m4 * x + m5 * y + m6 * z + m7) - ey, 0.0)
                 dz = max(abs(m8 * x + m9 * y + m10 * z + m11) - ez, 0.0)
                 gaps[l] = max(gaps[l], dx * dx + dy * dy + dz * dz - square)
-        if cell.chart_of[m] >= 0:
-            look_up(cell, here, m, least, w)
+        if model.chart_of[m] >= 0:
+            look_up(model, state, m, least, w)
         for l in range(W):
-            here.near[l, counts[l]] = m
+            state.near[l, counts[l]] = m
             counts[l] += 1 if gaps[l] <= 0.0 else 0
 
 
 @inlined
-def look_up(cell: Cell, here: Here, m: int, least: float, w: int) -> None:
-    """Mark in `Here.gaps` where the chart of a meeting tells enough, and in `Here.hits` where it tells that groups touch."""
-    axes, chart, gaps, hits = cell.chart_axes[cell.chart_of[m]], cell.chart, here.gaps, here.hits
+def look_up(model: CollisionModel, state: LaneState, m: int, least: float, w: int) -> None:
+    """Mark in `LaneState.gaps` where the chart of a meeting tells enough, and in `LaneState.hits` where it tells that groups touch."""
+    axes, chart, gaps, hits = model.chart_axes[model.chart_of[m]], model.chart, state.gaps, state.hits
     j, k, rows, columns, first = axes[0], axes[1], axes[2], axes[3], axes[4]
-    one, other = here.lanes[cell.chain.leader[j]], here.lanes[cell.chain.leader[k]]
+    one, other = state.lanes[model.chain.leader[j]], state.lanes[model.chain.leader[k]]
     for l in range(w):
-        u = (cell.chain.multiplier[j] * one[l] + cell.chain.offset[j]) * PART_OF_TURN
-        v = (cell.chain.multiplier[k] * other[l] + cell.chain.offset[k]) * PART_OF_TURN
+        u = (model.chain.multiplier[j] * one[l] + model.chain.offset[j]) * PART_OF_TURN
+        v = (model.chain.multiplier[k] * other[l] + model.chain.offset[k]) * PART_OF_TURN
         # From 0 on: what is made an integer of NaN may be anything, and such a q is in doubt later.
         row = max(min(int((u - np.floor(u)) * rows), rows - 1), 0)
         column = max(min(int((v - np.floor(v)) * columns), columns - 1), 0)
@@ -136,13 +136,13 @@ def look_up(cell: Cell, here: Here, m: int, least: float, w: int) -> None:
 
 
 @inlined
-def look_closer(cell: Cell, here: Here, m: int) -> float:
+def look_closer(model: CollisionModel, state: LaneState, m: int) -> float:
     """What the chart of a meeting tells of the q that is looked at, down to the smallest part of its cell."""
-    axes, chart, below, l = cell.chart_axes[cell.chart_of[m]], cell.chart, cell.below, here.now[0]
+    axes, chart, below, l = model.chart_axes[model.chart_of[m]], model.chart, model.below, state.now[0]
     j, k, rows, columns, first = axes[0], axes[1], axes[2], axes[3], axes[4]
-    one, other = here.lanes[cell.chain.leader[j], l], here.lanes[cell.chain.leader[k], l]
-    u = (cell.chain.multiplier[j] * one + cell.chain.offset[j]) * PART_OF_TURN
-    v = (cell.chain.multiplier[k] * other + cell.chain.offset[k]) * PART_OF_TURN
+    one, other = state.lanes[model.chain.leader[j], l], state.lanes[model.chain.leader[k], l]
+    u = (model.chain.multiplier[j] * one + model.chain.offset[j]) * PART_OF_TURN
+    v = (model.chain.multiplier[k] * other + model.chain.offset[k]) * PART_OF_TURN
     u, v = (u - np.floor(u)) * rows, (v - np.floor(v)) * columns
     row, column = min(int(u), rows - 1), min(int(v), columns - 1)
     at = first + row * columns + column
@@ -162,50 +162,61 @@ def look_closer(cell: Cell, here: Here, m: int) -> float:
 
 
 @inlined
-def glance_at_meeting(cell: Cell, here: Here, m: int, clearance: float, least: float, left: int) -> int:
+def quick_check_meeting(
+    model: CollisionModel, state: LaneState, m: int, clearance: float, least: float, left: int
+) -> int:
     """Add pairs of two groups that are left to be decided to so many others, and count all; -1 where some touch."""
-    if cell.chart_of[m] >= 0:
-        bound = look_closer(cell, here, m)
+    if model.chart_of[m] >= 0:
+        bound = look_closer(model, state, m)
         if bound > least:
             return left
         if bound < 0.0:
             return -1
-    g, h = cell.group[cell.meeting[m, 0]], cell.group[cell.meeting[m, 1]]
-    first, last = cell.meeting[m, 2], cell.meeting[m, 3]
+    g, h = model.group[model.meeting[m, 0]], model.group[model.meeting[m, 1]]
+    first, last = model.meeting[m, 2], model.meeting[m, 3]
     if last - first > 1:
         # What is free of all that holds the parts is free of each.
-        way_into(cell, here, h, g)
-        if near_core(cell.rough[h], here.spot, cell.half[g], least + cell.widest[m] + cell.thick[g]) == 0:
+        way_into(model, state, h, g)
+        if (
+            near_core(model.rough[h], state.spot, model.half[g], least + model.widest[m] + model.thick[g])
+            == 0
+        ):
             return left
     for n in range(first, last):
-        a, b, pad = cell.pair[n, 0], cell.pair[n, 1], cell.pad[n]
-        if last - first > 1 and ball_gap(cell, here, a, b) > least + pad:
+        a, b, pad = model.pair[n, 0], model.pair[n, 1], model.pad[n]
+        if last - first > 1 and ball_gap(model, state, a, b) > least + pad:
             continue
-        found = glance(cell, here, a, b, least + pad, clearance + pad + cell.rounding[0])
+        found = quick_check(model, state, a, b, least + pad, clearance + pad + model.rounding[0])
         if found == TOUCH:
             return -1
         if found == DOUBT:
-            here.left[left] = n
+            state.left[left] = n
             left += 1
     return left
 
 
 @inlined
 def settle_left(
-    cell: Cell, here: Here, left: int, clearance: float, least: float, steps: int, doubts: Flags
+    model: CollisionModel,
+    state: LaneState,
+    left: int,
+    clearance: float,
+    least: float,
+    steps: int,
+    doubts: Flags,
 ) -> int:
     """The verdict on so many pairs, where all others are free; those in doubt are noted, if that is asked."""
     verdict = FREE
     for each in range(left):
-        n = here.left[each]
-        a, b, pad = cell.pair[n, 0], cell.pair[n, 1], cell.pad[n]
-        found = settle(cell, here, a, b, least + pad, clearance + pad + cell.rounding[0], steps)
+        n = state.left[each]
+        a, b, pad = model.pair[n, 0], model.pair[n, 1], model.pad[n]
+        found = settle(model, state, a, b, least + pad, clearance + pad + model.rounding[0], steps)
         if found == TOUCH:
             return TOUCH
         if found == DOUBT:
             verdict = DOUBT
             if len(doubts) > 0:
-                doubts[cell.pair[n, 2]] = True
+                doubts[model.pair[n, 2]] = True
     return verdict
 
 
@@ -251,7 +262,7 @@ def sort_out(
     """Sort joint values into those that are free for sure, those that touch for sure, and the others.
 
     Args:
-        handle: The scene, see `cell.ROWS`.
+        handle: The scene, see `model.ROWS`.
         q: (k, n) [rad] or [m]
         clearance: What is nearer than this, padding taken off, touches [m].
         least: What is farther apart than this is free [m].
@@ -263,33 +274,35 @@ def sort_out(
     Returns:
         How many are in doubt.
     """
-    cell = cell_of(handle, 0)
-    memory = np.empty(memory_for(cell))
-    here = make_here(cell, memory)
+    model = collision_model_of(handle, 0)
+    memory = np.empty(memory_for(model))
+    state = make_lane_state(model, memory)
     nowhere = np.empty(0, dtype=np.bool_)
     in_doubt = 0
-    lanes_balls(cell, here, False, w)
+    lanes_balls(model, state, False, w)
     for first in range(0, len(q), LANES):
-        load_lanes(q, first, here.lanes)
-        lanes_frames(cell.chain, here, w)
-        lanes_balls(cell, here, True, w)
-        lanes_near(cell, here, least, w)
+        load_lanes(q, first, state.lanes)
+        lanes_frames(model.chain, state, w)
+        lanes_balls(model, state, True, w)
+        lanes_near(model, state, least, w)
         for l in range(min(LANES, len(q) - first)):
             k, verdict = first + l, FREE
             told = doubts[k] if len(doubts) > 0 else nowhere
-            enter(here, l)
+            enter(state, l)
             if is_far(q[k]):
                 verdict = DOUBT
                 told[:] = True
-            elif here.hits[l] == 1:
+            elif state.hits[l] == 1:
                 verdict = TOUCH
             else:
                 # What is cheap goes first: where spheres show that two parts touch, nothing has to be decided.
                 left = 0
-                for each in range(here.counts[l]):
+                for each in range(state.counts[l]):
                     if left >= 0:
-                        left = glance_at_meeting(cell, here, here.near[l, each], clearance, least, left)
-                verdict = TOUCH if left < 0 else settle_left(cell, here, left, clearance, least, steps, told)
+                        left = quick_check_meeting(model, state, state.near[l, each], clearance, least, left)
+                verdict = (
+                    TOUCH if left < 0 else settle_left(model, state, left, clearance, least, steps, told)
+                )
             verdicts[k] = verdict
             in_doubt += 1 if verdict == DOUBT else 0
     keep(memory)
@@ -301,38 +314,38 @@ def bound_pairs(handle: Indices, q: Array, steps: int, w: int, bounds: Array) ->
     """Bounds from below on the distance of every pair, (k, pair) [m]; where one is below 0 it says nothing.
 
     Args:
-        handle: The scene, see `cell.ROWS`.
+        handle: The scene, see `model.ROWS`.
         q: (k, n) [rad] or [m]
         steps: How long to look for a better one where a pair may be the nearest of all; with 0 spheres alone tell.
         w: `LANES`.
         bounds: Is filled.
     """
-    cell = cell_of(handle, 0)
-    memory = np.empty(memory_for(cell))
-    here = make_here(cell, memory)
+    model = collision_model_of(handle, 0)
+    memory = np.empty(memory_for(model))
+    state = make_lane_state(model, memory)
     for first in range(0, len(q), LANES):
-        load_lanes(q, first, here.lanes)
-        lanes_frames(cell.chain, here, w)
+        load_lanes(q, first, state.lanes)
+        lanes_frames(model.chain, state, w)
         for l in range(min(LANES, len(q) - first)):
-            enter(here, l)
+            enter(state, l)
             k, nearest = first + l, 1e300
             if not is_number(q[k]):
                 bounds[k, :] = -1.0
                 continue
-            for m in range(len(cell.meeting)):
-                g, h = cell.group[cell.meeting[m, 0]], cell.group[cell.meeting[m, 1]]
-                apart = ball_gap(cell, here, g, h)
-                for n in range(cell.meeting[m, 2], cell.meeting[m, 3]):
-                    a, b, pad = cell.pair[n, 0], cell.pair[n, 1], cell.pad[n]
+            for m in range(len(model.meeting)):
+                g, h = model.group[model.meeting[m, 0]], model.group[model.meeting[m, 1]]
+                apart = ball_gap(model, state, g, h)
+                for n in range(model.meeting[m, 2], model.meeting[m, 3]):
+                    a, b, pad = model.pair[n, 0], model.pair[n, 1], model.pad[n]
                     bound = apart
                     if steps == 0 or apart - pad < nearest:
-                        bound = max(bound, gap_below(cell, here, a, b))
+                        bound = max(bound, gap_below(model, state, a, b))
                         if steps > 0 and bound - pad < nearest:
-                            straddle(cell, here, a, b, 1e300, -1e300, steps)
-                            bound = max(bound, here.spot[9])
-                            if cell.within[a] == a and cell.within[b] == b:
-                                nearest = min(nearest, here.spot[10] - pad)
-                    bounds[k, cell.pair[n, 2]] = bound - pad - cell.rounding[0]
+                            separating_plane(model, state, a, b, 1e300, -1e300, steps)
+                            bound = max(bound, state.spot[9])
+                            if model.within[a] == a and model.within[b] == b:
+                                nearest = min(nearest, state.spot[10] - pad)
+                    bounds[k, model.pair[n, 2]] = bound - pad - model.rounding[0]
     keep(memory)
 
 
@@ -341,23 +354,23 @@ def bound_depths(handle: Indices, q: Array, bounds: Array, w: int, depths: Array
     """So far at least the parts of one pair, at every q another perhaps, have to move to be free of each other, (k,) [m].
 
     Args:
-        handle: The scene, see `cell.ROWS`.
+        handle: The scene, see `model.ROWS`.
         q: (k, n) [rad] or [m]
         bounds: Of `bound_pairs`; what they show to be apart is not looked at.
         w: `LANES`.
         depths: Is filled; where one is below 0 it says nothing.
     """
-    cell = cell_of(handle, 0)
-    memory = np.empty(memory_for(cell))
-    here = make_here(cell, memory)
+    model = collision_model_of(handle, 0)
+    memory = np.empty(memory_for(model))
+    state = make_lane_state(model, memory)
     for first in range(0, len(q), LANES):
-        load_lanes(q, first, here.lanes)
-        lanes_frames(cell.chain, here, w)
+        load_lanes(q, first, state.lanes)
+        lanes_frames(model.chain, state, w)
         for l in range(min(LANES, len(q) - first)):
-            enter(here, l)
+            enter(state, l)
             depth = -1e300
-            for n in range(len(cell.pair)):
-                if bounds[first + l, cell.pair[n, 2]] <= 0.0:
-                    depth = max(depth, depth_below(cell, here, cell.pair[n, 0], cell.pair[n, 1]))
-            depths[first + l] = depth - cell.rounding[0]
+            for n in range(len(model.pair)):
+                if bounds[first + l, model.pair[n, 2]] <= 0.0:
+                    depth = max(depth, depth_below(model, state, model.pair[n, 0], model.pair[n, 1]))
+            depths[first + l] = depth - model.rounding[0]
     keep(memory)

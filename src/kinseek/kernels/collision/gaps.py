@@ -13,7 +13,7 @@ import numpy as np
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.jit import inlined
 
-from .cell import Cell, Here, centre, frame_of, place
+from .model import CollisionModel, LaneState, centre, frame_of, place
 
 FREE, TOUCH, DOUBT = 1, 0, 2
 
@@ -25,11 +25,11 @@ WHOLE = 1.5 * 2.0**52
 
 
 @inlined
-def way_into(cell: Cell, here: Here, a: int, b: int) -> None:
-    """The way from the joint's frame that carries a into the core of b, (12,), into ``here.spot``."""
-    frame_of(here, cell.joint[a])
-    place(cell, here, b)
-    spot, into, T = here.spot, here.into[b], here.frame[cell.joint[a]]
+def way_into(model: CollisionModel, state: LaneState, a: int, b: int) -> None:
+    """The way from the joint's frame that carries a into the core of b, (12,), into ``state.spot``."""
+    frame_of(state, model.joint[a])
+    place(model, state, b)
+    spot, into, T = state.spot, state.into[b], state.frame[model.joint[a]]
     for r in range(0, 12, 4):
         i0, i1, i2, i3 = into[r], into[r + 1], into[r + 2], into[r + 3]
         for c in range(4):
@@ -68,32 +68,32 @@ def gap_to_core(spheres: Array, way: Array, half: Array) -> float:
 
 
 @inlined
-def ball_gap(cell: Cell, here: Here, a: int, b: int) -> float:
+def ball_gap(model: CollisionModel, state: LaneState, a: int, b: int) -> float:
     """Distance of the balls around two parts."""
-    centre(cell, here, a)
-    centre(cell, here, b)
-    p, s = here.middle[a], here.middle[b]
+    centre(model, state, a)
+    centre(model, state, b)
+    p, s = state.middle[a], state.middle[b]
     dx, dy, dz = p[0] - s[0], p[1] - s[1], p[2] - s[2]
-    gap: float = math.sqrt(dx * dx + dy * dy + dz * dz) - cell.ball[a, 3] - cell.ball[b, 3]
+    gap: float = math.sqrt(dx * dx + dy * dy + dz * dz) - model.ball[a, 3] - model.ball[b, 3]
     return gap
 
 
 @inlined
-def gap_below(cell: Cell, here: Here, a: int, b: int) -> float:
+def gap_below(model: CollisionModel, state: LaneState, a: int, b: int) -> float:
     """No two points of two parts are closer than this, by the same."""
-    way_into(cell, here, a, b)
-    one: float = gap_to_core(cell.outer[a], here.spot, cell.half[b]) - cell.thick[b]
-    way_into(cell, here, b, a)
-    other: float = gap_to_core(cell.outer[b], here.spot, cell.half[a]) - cell.thick[a]
+    way_into(model, state, a, b)
+    one: float = gap_to_core(model.outer[a], state.spot, model.half[b]) - model.thick[b]
+    way_into(model, state, b, a)
+    other: float = gap_to_core(model.outer[b], state.spot, model.half[a]) - model.thick[a]
     return max(one, other)
 
 
 @inlined
-def depth_below(cell: Cell, here: Here, a: int, b: int) -> float:
+def depth_below(model: CollisionModel, state: LaneState, a: int, b: int) -> float:
     """So far at least two parts have to move to be free of each other, by spheres inside both; below 0 it says nothing."""
-    frame_of(here, cell.joint[a])
-    frame_of(here, cell.joint[b])
-    A, B, T, S = cell.inner[a], cell.inner[b], here.frame[cell.joint[a]], here.frame[cell.joint[b]]
+    frame_of(state, model.joint[a])
+    frame_of(state, model.joint[b])
+    A, B, T, S = model.inner[a], model.inner[b], state.frame[model.joint[a]], state.frame[model.joint[b]]
     depth = -1e300
     for i in range(A.shape[1]):
         ax, ay, az = A[0, i], A[1, i], A[2, i]
@@ -112,10 +112,10 @@ def depth_below(cell: Cell, here: Here, a: int, b: int) -> float:
 
 
 @inlined
-def farthest(cell: Cell, here: Here, p: int, x: float, y: float, z: float, at: int) -> None:
-    """The corner of a part that lies farthest in a direction, in the base, into ``here.spot[at : at + 3]``."""
-    if cell.exact[p]:
-        M, half, spot = here.into[p], cell.half[p], here.spot
+def farthest(model: CollisionModel, state: LaneState, p: int, x: float, y: float, z: float, at: int) -> None:
+    """The corner of a part that lies farthest in a direction, in the base, into ``state.spot[at : at + 3]``."""
+    if model.exact[p]:
+        M, half, spot = state.into[p], model.half[p], state.spot
         a, b, c = (
             M[0] * x + M[1] * y + M[2] * z,
             M[4] * x + M[5] * y + M[6] * z,
@@ -128,7 +128,7 @@ def farthest(cell: Cell, here: Here, p: int, x: float, y: float, z: float, at: i
         for r in range(3):
             spot[at + r] = M[r] * u + M[4 + r] * v + M[8 + r] * t
         return
-    T, B = here.frame[cell.joint[p]], cell.ball[p]
+    T, B = state.frame[model.joint[p]], model.ball[p]
     u = T[0] * x + T[4] * y + T[8] * z
     v = T[1] * x + T[5] * y + T[9] * z
     t = T[2] * x + T[6] * y + T[10] * z
@@ -137,18 +137,18 @@ def farthest(cell: Cell, here: Here, p: int, x: float, y: float, z: float, at: i
     size = max(abs(B[0]), abs(B[1]), abs(B[2])) + B[3]
     scale = HEIGHTS / (size * (abs(u) + abs(v) + abs(t)) + 1e-300)
     u, v, t = scale * u, scale * v, scale * t
-    first, best = 3 * cell.corner_at[p], np.int64(-(1 << 63))
-    count = cell.corner_at[p + 1] - cell.corner_at[p]
-    X, Y = cell.corners[first : first + count], cell.corners[first + count : first + 2 * count]
-    Z = cell.corners[first + 2 * count : first + 3 * count]
+    first, best = 3 * model.corner_at[p], np.int64(-(1 << 63))
+    count = model.corner_at[p + 1] - model.corner_at[p]
+    X, Y = model.corners[first : first + count], model.corners[first + count : first + 2 * count]
+    Z = model.corners[first + 2 * count : first + 3 * count]
     for s in range(count):
         height = np.float64(u * X[s] + v * Y[s] + t * Z[s] + WHOLE)
         best = max(best, (height.view(np.int64) << NUMBERS) | s)
     i = best & ((1 << NUMBERS) - 1)
     cx, cy, cz = X[i], Y[i], Z[i]
-    here.spot[at] = T[0] * cx + T[1] * cy + T[2] * cz + T[3]
-    here.spot[at + 1] = T[4] * cx + T[5] * cy + T[6] * cz + T[7]
-    here.spot[at + 2] = T[8] * cx + T[9] * cy + T[10] * cz + T[11]
+    state.spot[at] = T[0] * cx + T[1] * cy + T[2] * cz + T[3]
+    state.spot[at + 1] = T[4] * cx + T[5] * cy + T[6] * cz + T[7]
+    state.spot[at + 2] = T[8] * cx + T[9] * cy + T[10] * cz + T[11]
 
 
 @inlined
@@ -200,12 +200,12 @@ def turned(S: Array, i: int, j: int, k: int) -> float:
 
 
 @inlined
-def nearest_mixture(here: Here, count: int) -> int:
-    """The mixture of so many corners that is nearest to the origin, into ``here.spot[6:9]``; the others are dropped.
+def nearest_mixture(state: LaneState, count: int) -> int:
+    """The mixture of so many corners that is nearest to the origin, into ``state.spot[6:9]``; the others are dropped.
 
     The last corner is the new one, and has a share: without it the point before was the nearest.
     """
-    S, share, spot = here.simplex, here.share, here.spot
+    S, share, spot = state.simplex, state.share, state.spot
     if count == 1:
         share[0] = 1.0
     elif count == 2:
@@ -244,10 +244,10 @@ def nearest_mixture(here: Here, count: int) -> int:
 
 
 @inlined
-def first_look(cell: Cell, here: Here, a: int, b: int) -> None:
-    """Where to look for a plane first, into ``here.spot[6:9]``: from b's core to the nearest of a few spheres around a."""
-    way_into(cell, here, a, b)
-    way, S, half, into, spot = here.spot, cell.rough[a], cell.half[b], here.into[b], here.spot
+def first_look(model: CollisionModel, state: LaneState, a: int, b: int) -> None:
+    """Where to look for a plane first, into ``state.spot[6:9]``: from b's core to the nearest of a few spheres around a."""
+    way_into(model, state, a, b)
+    way, S, half, into, spot = state.spot, model.rough[a], model.half[b], state.into[b], state.spot
     nearest, x, y, z = 1e300, 0.0, 0.0, 0.0
     for s in range(S.shape[1]):
         sx, sy, sz = S[0, s], S[1, s], S[2, s]
@@ -265,7 +265,9 @@ def first_look(cell: Cell, here: Here, a: int, b: int) -> None:
 
 
 @inlined
-def straddle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float, steps: int) -> int:
+def separating_plane(
+    model: CollisionModel, state: LaneState, a: int, b: int, least: float, touch: float, steps: int
+) -> int:
     """Look for a plane between two parts, or for a point in both: each verdict is a proof, and there may be none.
 
     The points of one less those of the other are a convex body, so far from the origin as the parts are apart. Corners of it
@@ -273,8 +275,8 @@ def straddle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float,
     and Keerthi 1988). Each such corner gives a plane, each mixture two points of the parts.
 
     Args:
-        cell: The scene.
-        here: Where its parts are.
+        model: The scene.
+        state: Where its parts are.
         a: One part.
         b: The other.
         least: They are free of each other when they are farther apart than this.
@@ -282,25 +284,25 @@ def straddle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float,
         steps: At most.
 
     Returns:
-        `FREE`, `TOUCH` or `DOUBT`; in ``here.spot[9]`` and ``[10]`` the best bounds on the distance of the hulls, made
+        `FREE`, `TOUCH` or `DOUBT`; in ``state.spot[9]`` and ``[10]`` the best bounds on the distance of the hulls, made
         thicker, from below and above.
     """
-    spot, S, thick = here.spot, here.simplex, cell.thick[a] + cell.thick[b]
-    first_look(cell, here, a, b)
-    place(cell, here, a)  # As `first_look` does with b.
+    spot, S, thick = state.spot, state.simplex, model.thick[a] + model.thick[b]
+    first_look(model, state, a, b)
+    place(model, state, a)  # As `first_look` does with b.
     x, y, z = spot[6], spot[7], spot[8]
     if x * x + y * y + z * z < 1e-18:
-        centre(cell, here, a)
-        centre(cell, here, b)
-        p, s = here.middle[a], here.middle[b]
+        centre(model, state, a)
+        centre(model, state, b)
+        p, s = state.middle[a], state.middle[b]
         x, y, z = p[0] - s[0], p[1] - s[1], p[2] - s[2]
     if x * x + y * y + z * z < 1e-18:
         x = 1.0
     below, above, count, verdict = -1e300, 1e300, 0, DOUBT
     for _ in range(steps):
         square = x * x + y * y + z * z
-        farthest(cell, here, a, -x, -y, -z, 0)
-        farthest(cell, here, b, x, y, z, 3)
+        farthest(model, state, a, -x, -y, -z, 0)
+        farthest(model, state, b, x, y, z, 3)
         wx, wy, wz = spot[0] - spot[3], spot[1] - spot[4], spot[2] - spot[5]
         along = x * wx + y * wy + z * wz
         below = max(below, along / math.sqrt(square) - thick)
@@ -310,7 +312,7 @@ def straddle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float,
         if count > 0 and square - along <= 1e-12 * square:
             break  # The mixture is the nearest point, as well as can be told.
         S[count, 0], S[count, 1], S[count, 2] = wx, wy, wz
-        count = nearest_mixture(here, count + 1)
+        count = nearest_mixture(state, count + 1)
         x, y, z = spot[6], spot[7], spot[8]
         above = min(above, math.sqrt(x * x + y * y + z * z) - thick)
         if above < touch:
@@ -323,30 +325,38 @@ def straddle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float,
 
 
 @inlined
-def glance(cell: Cell, here: Here, a: int, b: int, least: float, touch: float) -> int:
+def quick_check(model: CollisionModel, state: LaneState, a: int, b: int, least: float, touch: float) -> int:
     """Are two parts farther apart than `least`, nearer than `touch`, or in doubt, by spheres and cores alone?"""
     # A few spheres around one part and the core of the other; spheres inside it, where the core is the very part.
-    if cell.exact[b] or not cell.exact[a]:
-        way_into(cell, here, a, b)
-        if near_core(cell.rough[a], here.spot, cell.half[b], least + cell.thick[b]) == 0:
+    if model.exact[b] or not model.exact[a]:
+        way_into(model, state, a, b)
+        if near_core(model.rough[a], state.spot, model.half[b], least + model.thick[b]) == 0:
             return FREE
-        if cell.exact[b] and near_core(cell.inner[a], here.spot, cell.half[b], touch + cell.thick[b]) > 0:
+        if (
+            model.exact[b]
+            and near_core(model.inner[a], state.spot, model.half[b], touch + model.thick[b]) > 0
+        ):
             return TOUCH
-    if cell.exact[a] or not cell.exact[b]:
-        way_into(cell, here, b, a)
-        if near_core(cell.rough[b], here.spot, cell.half[a], least + cell.thick[a]) == 0:
+    if model.exact[a] or not model.exact[b]:
+        way_into(model, state, b, a)
+        if near_core(model.rough[b], state.spot, model.half[a], least + model.thick[a]) == 0:
             return FREE
-        if cell.exact[a] and near_core(cell.inner[b], here.spot, cell.half[a], touch + cell.thick[a]) > 0:
+        if (
+            model.exact[a]
+            and near_core(model.inner[b], state.spot, model.half[a], touch + model.thick[a]) > 0
+        ):
             return TOUCH
     return DOUBT
 
 
 @inlined
-def settle(cell: Cell, here: Here, a: int, b: int, least: float, touch: float, steps: int) -> int:
+def settle(
+    model: CollisionModel, state: LaneState, a: int, b: int, least: float, touch: float, steps: int
+) -> int:
     """The same by planes between them, or points in both."""
-    i, j = cell.within[a], cell.within[b]
+    i, j = model.within[a], model.within[b]
     same = i == a and j == b
-    found = straddle(cell, here, a, b, least, touch if same else -1e300, steps)
+    found = separating_plane(model, state, a, b, least, touch if same else -1e300, steps)
     if found == DOUBT and not same and i >= 0 and j >= 0:
-        found = straddle(cell, here, i, j, 1e300, touch, steps)
+        found = separating_plane(model, state, i, j, 1e300, touch, steps)
     return found

@@ -13,7 +13,7 @@ LANES, BLOCK = 8, 16
 """Joint values side by side, as many doubles as the widest vectors hold; and corners of a part, in one turn of a loop."""
 
 
-class Cell(NamedTuple):
+class CollisionModel(NamedTuple):
     """Parts of bodies, each in the frame of the joint that carries it (0: the base), and pairs of them; lengths in [m].
 
     Pairs of the same two groups, all that one joint carries or one part that stands, follow one another.
@@ -72,7 +72,7 @@ class Cell(NamedTuple):
 
 
 ROWS = Rows(
-    Cell,
+    CollisionModel,
     chain=CHAIN_ROWS,
     joint="integers",
     rough="floats3",
@@ -101,10 +101,10 @@ ROWS = Rows(
 )
 """The rows of a cell's handle."""
 
-cell_of = ROWS.make
+collision_model_of = ROWS.make
 
 
-class Here(NamedTuple):
+class LaneState(NamedTuple):
     """Where the parts are: at eight q side by side, and at one of them; worked out for a part when it is first asked for.
 
     Row r of lane l is element ``r · LANES + l`` of a flat array. Poses are row-major (3, 4).
@@ -157,7 +157,7 @@ PARTS, GROUPS, MEETINGS, PAIRS = (named(each) for each in MADE_FOR[2:])
 FRAMES = JOINTS + plain(1)
 
 LAYOUT = Layout(
-    Here,
+    LaneState,
     MADE_FOR,
     lanes=floats(DOF, LANES),
     pose=floats(12 * LANES),
@@ -182,48 +182,48 @@ LAYOUT = Layout(
 )
 """Where it stands in the memory of a call."""
 
-here_size, lay_here = LAYOUT.size, LAYOUT.make
+lane_state_size, lay_lane_state = LAYOUT.size, LAYOUT.make
 
 STANDS, UNKNOWN = -1, -2
-"""In `Here.known` and `Here.centred`: a part of the base is where it was; or nothing was worked out yet."""
+"""In `LaneState.known` and `LaneState.centred`: a part of the base is where it was; or nothing was worked out yet."""
 
 
 @inlined
-def memory_for(cell: Cell) -> int:
-    """Numbers that `make_here` needs."""
-    size: int = here_size(
-        len(cell.chain.lower),
-        len(cell.chain.leader),
-        len(cell.joint),
-        len(cell.group),
-        len(cell.meeting),
-        len(cell.pair),
+def memory_for(model: CollisionModel) -> int:
+    """Numbers that `make_lane_state` needs."""
+    size: int = lane_state_size(
+        len(model.chain.lower),
+        len(model.chain.leader),
+        len(model.joint),
+        len(model.group),
+        len(model.meeting),
+        len(model.pair),
     )
     return size
 
 
 @array_view
-def make_here(cell: Cell, memory: Array) -> Here:
+def make_lane_state(model: CollisionModel, memory: Array) -> LaneState:
     """Lay it out in a memory; nothing is known yet but where the base is."""
-    here: Here = lay_here(
+    state: LaneState = lay_lane_state(
         memory.ctypes.data,
-        len(cell.chain.lower),
-        len(cell.chain.leader),
-        len(cell.joint),
-        len(cell.group),
-        len(cell.meeting),
-        len(cell.pair),
+        len(model.chain.lower),
+        len(model.chain.leader),
+        len(model.joint),
+        len(model.group),
+        len(model.meeting),
+        len(model.pair),
     )
-    here.now[1] = 0
-    for p in range(len(cell.joint)):
-        here.known[p] = here.centred[p] = UNKNOWN
-    for k in range(len(here.framed)):
-        here.framed[k] = UNKNOWN
+    state.now[1] = 0
+    for p in range(len(model.joint)):
+        state.known[p] = state.centred[p] = UNKNOWN
+    for k in range(len(state.framed)):
+        state.framed[k] = UNKNOWN
     for r in range(12):
-        here.frame[0, r] = 1.0 if r % 5 == 0 else 0.0
+        state.frame[0, r] = 1.0 if r % 5 == 0 else 0.0
         for l in range(LANES):
-            here.frames[0, r * LANES + l] = here.frame[0, r]
-    return here
+            state.frames[0, r * LANES + l] = state.frame[0, r]
+    return state
 
 
 @inlined
@@ -236,17 +236,17 @@ def load_lanes(q: Array, first: int, lanes: Array) -> None:
 
 
 @inlined
-def lanes_frames(chain: ChainArrays, here: Here, w: int) -> None:
+def lanes_frames(chain: ChainArrays, state: LaneState, w: int) -> None:
     """Frames of all joints at the eight q.
 
     One array is multiplied in place, and its elements stand constant distances apart: so LLVM makes vectors of the loops.
     """
-    W, T, turn = LANES, here.pose, here.turn
+    W, T, turn = LANES, state.pose, state.turn
     for r in range(12):
         for l in range(w):
             T[r * W + l] = 1.0 if r % 5 == 0 else 0.0
     for k in range(len(chain.leader)):
-        A, q, rate, at = chain.fixed[k], here.lanes[chain.leader[k]], chain.multiplier[k], chain.offset[k]
+        A, q, rate, at = chain.fixed[k], state.lanes[chain.leader[k]], chain.multiplier[k], chain.offset[k]
         slides = 1.0 if chain.prismatic[k] else 0.0
         a0, a1, a2, b0, b1, b2 = A[0, 0], A[0, 1], A[0, 2], A[1, 0], A[1, 1], A[1, 2]
         c0, c1, c2, px, py, pz = A[2, 0], A[2, 1], A[2, 2], A[0, 3], A[1, 3], A[2, 3]
@@ -266,55 +266,55 @@ def lanes_frames(chain: ChainArrays, here: Here, w: int) -> None:
                 )
                 T[o + l], T[o + W + l], T[o + 2 * W + l] = x * c + y * s, y * c - x * s, z
                 T[o + 3 * W + l] = t0 * px + t1 * py + t2 * pz + t3 + z * slide
-        S = here.frames[k + 1]
+        S = state.frames[k + 1]
         for r in range(12 * w):
             S[r] = T[r]
 
 
 @inlined
-def enter(here: Here, lane: int) -> None:
+def enter(state: LaneState, lane: int) -> None:
     """Go to the q of one lane; what stands stays known."""
-    here.now[0], here.now[1] = lane, here.now[1] + 1
+    state.now[0], state.now[1] = lane, state.now[1] + 1
 
 
 @inlined
-def frame_of(here: Here, k: int) -> None:
-    """Work out ``here.frame[k]``, if it is not known."""
-    if k == 0 or here.framed[k] == here.now[1]:
+def frame_of(state: LaneState, k: int) -> None:
+    """Work out ``state.frame[k]``, if it is not known."""
+    if k == 0 or state.framed[k] == state.now[1]:
         return
-    here.framed[k] = here.now[1]
-    frames, frame, lane = here.frames[k], here.frame[k], here.now[0]
+    state.framed[k] = state.now[1]
+    frames, frame, lane = state.frames[k], state.frame[k], state.now[0]
     for r in range(12):
         frame[r] = frames[r * LANES + lane]
 
 
 @inlined
-def centre(cell: Cell, here: Here, p: int) -> None:
+def centre(model: CollisionModel, state: LaneState, p: int) -> None:
     """Work out where the middle of a part's ball is, if that is not known."""
-    k = cell.joint[p]
-    if here.centred[p] == STANDS or here.centred[p] == here.now[1]:
+    k = model.joint[p]
+    if state.centred[p] == STANDS or state.centred[p] == state.now[1]:
         return
-    here.centred[p] = here.now[1] if k > 0 else STANDS
-    frame_of(here, k)
-    T, B, middle = here.frame[k], cell.ball[p], here.middle[p]
+    state.centred[p] = state.now[1] if k > 0 else STANDS
+    frame_of(state, k)
+    T, B, middle = state.frame[k], model.ball[p], state.middle[p]
     for r in range(3):
         middle[r] = T[4 * r] * B[0] + T[4 * r + 1] * B[1] + T[4 * r + 2] * B[2] + T[4 * r + 3]
 
 
 @inlined
-def place(cell: Cell, here: Here, p: int) -> None:
+def place(model: CollisionModel, state: LaneState, p: int) -> None:
     """Work out the way into a part's core, and its joint's frame, if that is not known."""
-    k = cell.joint[p]
-    if here.known[p] == STANDS or here.known[p] == here.now[1]:
+    k = model.joint[p]
+    if state.known[p] == STANDS or state.known[p] == state.now[1]:
         return
-    here.known[p] = here.now[1] if k > 0 else STANDS
-    frame_of(here, k)
+    state.known[p] = state.now[1] if k > 0 else STANDS
+    frame_of(state, k)
     # The core's frame in the base is T C; into it leads the transpose.
-    T, C = here.frame[k], cell.core[p]
+    T, C = state.frame[k], model.core[p]
     px = T[0] * C[3] + T[1] * C[7] + T[2] * C[11] + T[3]
     py = T[4] * C[3] + T[5] * C[7] + T[6] * C[11] + T[7]
     pz = T[8] * C[3] + T[9] * C[7] + T[10] * C[11] + T[11]
-    into = here.into[p]
+    into = state.into[p]
     for c in range(3):
         x = T[0] * C[c] + T[1] * C[4 + c] + T[2] * C[8 + c]
         y = T[4] * C[c] + T[5] * C[4 + c] + T[6] * C[8 + c]
