@@ -19,7 +19,7 @@ from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import open_limits
 from kinseek.solvers.atlas.index import tolerances_of
-from kinseek.solvers.threads import GoOn, spread
+from kinseek.solvers.threads import GoOn, parallel_for
 from kinseek.turns import TURN
 from kinseek.validation import as_integer
 
@@ -129,7 +129,7 @@ def _search(
             for i in range(first, last):
                 found[i] = results[i - first, : counts[i - first]].copy()
 
-    spread(work, len(targets), _CHUNK, threads, deadline)
+    parallel_for(work, len(targets), _CHUNK, threads, deadline)
     return found
 
 

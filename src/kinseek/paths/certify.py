@@ -14,7 +14,7 @@ from kinseek.kernels.paths.motion import COUNT, LENGTH, MARGIN, MARGIN_A
 from kinseek.kernels.paths.steps import INSIDE, prove_steps
 from kinseek.problem import Problem
 from kinseek.proof.reduce import margins, question
-from kinseek.solvers.threads import GoOn, spread
+from kinseek.solvers.threads import GoOn, parallel_for
 
 from .between import rotation_vectors
 from .joints import Turning
@@ -109,7 +109,7 @@ def prove_rows(
         told = state[first:last], within[first:last]
         prove_steps(*[chain, columns, *steps, keep, numbers, *told])
 
-    spread(some, count, CHUNK, threads, Deadline() if deadline is None else deadline)
+    parallel_for(some, count, CHUNK, threads, Deadline() if deadline is None else deadline)
     return Proved(state, within)
 
 

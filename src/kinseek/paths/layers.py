@@ -23,7 +23,7 @@ from kinseek.kernels.atlas.lanes import LANES
 from kinseek.kernels.paths.trace import JOINED, TAKEN, part_ways, trace
 from kinseek.problem import Problem
 from kinseek.solvers.atlas.index import tolerances_of
-from kinseek.solvers.threads import GoOn, spread
+from kinseek.solvers.threads import GoOn, parallel_for
 from kinseek.turns import shortest
 
 from .joints import opened
@@ -280,8 +280,8 @@ def isolated_layers(
                 pieces[k] = follower.between(keys[k], keys[k + 1], found[k], found[k + 1])
                 linked[k] = True
 
-        spread(find, len(some), 8, threads, deadline)
-        spread(link, high - low, 4, threads, deadline, lambda done: advance(done * EVERY))
+        parallel_for(find, len(some), 8, threads, deadline)
+        parallel_for(link, high - low, 4, threads, deadline, lambda done: advance(done * EVERY))
         if deadline.passed:
             break
     if count == 1:

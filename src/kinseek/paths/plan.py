@@ -21,7 +21,7 @@ from kinseek.problem import Problem
 from kinseek.robots.geometry import arm_length
 from kinseek.solvers import Atlas
 from kinseek.solvers.atlas.index import tolerances_of
-from kinseek.solvers.threads import GoOn, spread
+from kinseek.solvers.threads import GoOn, parallel_for
 
 from .between import apart
 from .joints import Turning
@@ -297,7 +297,7 @@ class Planner:
                 count = self.effort.fresh if k else self.effort.samples
                 found[place] = self.sample(int(self.rows[self.keys[k]]), count)
 
-        spread(find, len(layers), 16, threads, self.request.deadline)
+        parallel_for(find, len(layers), 16, threads, self.request.deadline)
         return found
 
     def propagate_layer(self, q: Array, begin: int, end: int) -> tuple[Array, Array, Array]:

@@ -24,7 +24,7 @@ from kinseek.branches.result import answers_of
 from kinseek.deadline import TimeUp
 from kinseek.problem import Problem
 from kinseek.solvers.atlas.index import tolerances_of
-from kinseek.solvers.threads import GoOn, spread
+from kinseek.solvers.threads import GoOn, parallel_for
 
 from .between import apart, beyond_a_step
 from .joints import Turning
@@ -189,7 +189,7 @@ def _mended(request: PathRequest, q: Array, effort: Effort, threads: int | None)
                 with suppress(TimeUp):
                     made[k] = _planned(parts[k], effort, 1, _silent)
 
-        spread(plan, len(parts), 1, threads, request.deadline)
+        parallel_for(plan, len(parts), 1, threads, request.deadline)
         for (first, last), part, new in zip(windows, parts, made, strict=True):
             old = q[first : last + 1]
             if len(new) < len(old):  # The time was up.

@@ -20,7 +20,7 @@ GoOn = Callable[[], bool]
 """May another piece of work be begun?"""
 
 
-def spread(
+def parallel_for(
     work: Callable[[int, int, GoOn], None],
     count: int,
     chunk: int,

@@ -28,7 +28,7 @@ from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution, reported
 from kinseek.solvers.base import Found, require_whole, solve_each
 from kinseek.solvers.recording import Recorder, require_room
-from kinseek.solvers.threads import GoOn, progress_bar, spread
+from kinseek.solvers.threads import GoOn, parallel_for, progress_bar
 from kinseek.solvers.traits import Near, Traits
 
 from .index import SAMPLES, atlas_of, tolerances_of
@@ -114,7 +114,7 @@ class Atlas:
         if problem.near is None and alone:
             one_by_one(np.arange(len(targets)), lambda: not deadline.passed)
         elif problem.near is None:
-            self.spread(in_lanes, len(targets), deadline)
+            self.parallel_for(in_lanes, len(targets), deadline)
         else:
             near = np.ascontiguousarray(np.broadcast_to(problem.near, (*goal.shape, chain.dof)))
             near = near.reshape(-1, chain.dof)
@@ -127,7 +127,7 @@ class Atlas:
                     solve_many_near(index.handle, tolerances, targets, near, results, first, last, LANES)
                     done[first:last] = True
 
-            self.spread(from_starts, len(targets), deadline)
+            self.parallel_for(from_starts, len(targets), deadline)
         self._ask_again(problem, index.handle, results, done, deadline)
         return self._told(batch_solution(problem, results, done))
 
@@ -163,7 +163,7 @@ class Atlas:
                     solve_many_near(handle, tolerances, asked.targets, near, found, k, k + 1, LANES)
                 results[missed[k], -1] += found[k, -1]
 
-        spread(again, len(missed), _PIECE, self.threads, deadline)
+        parallel_for(again, len(missed), _PIECE, self.threads, deadline)
         better = np.flatnonzero(goal.met(found[:, dof:]))
         if len(better):
             measured = asked.at(asked.target[better]).measure(problem.arrays, found[better, :dof])
@@ -203,14 +203,14 @@ class Atlas:
 
             return solve_each(problem, search)
 
-    def spread(self, work: Callable[[int, int, GoOn], None], count: int, deadline: Deadline) -> None:
-        """Do the work on all targets, on all threads, with a progress bar; see `threads.spread`."""
+    def parallel_for(self, work: Callable[[int, int, GoOn], None], count: int, deadline: Deadline) -> None:
+        """Do the work on all targets, on all threads, with a progress bar; see `threads.parallel_for`."""
         if 0 < count <= CHUNK and not self.progress:  # The same, without what takes as long as a target does.
             if not deadline.passed:
                 work(0, count, lambda: not deadline.passed)
             return
         with progress_bar(self.progress, count) as advance:
-            spread(work, count, CHUNK, self.threads, deadline, advance)
+            parallel_for(work, count, CHUNK, self.threads, deadline, advance)
 
 
 def asks_again(goal: Goal, chain: SerialChain) -> bool:
