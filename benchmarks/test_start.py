@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from kinseek.kernels.backend import LIBRARY, told
+from kinseek.kernels.backend import LIBRARY, describe_backend
 
 LOAD = "import kinseek; arm = kinseek.load('elbow6'); T = arm.fk(arm.lower + 0.3); "
 FIRST = {
@@ -47,7 +47,7 @@ def test_import(benchmark: BenchmarkFixture, code: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("code", ["import numpy", "import kinseek", *FIRST])
-@pytest.mark.skipif(LIBRARY is None, reason=told())
+@pytest.mark.skipif(LIBRARY is None, reason=describe_backend())
 def test_from_the_library(benchmark: BenchmarkFixture, tmp_path: Path, code: str) -> None:
     fresh(benchmark, lambda: python(FIRST.get(code, code), tmp_path, jit="0"), 9)
 

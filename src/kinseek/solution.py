@@ -58,7 +58,7 @@ _NO: Any = False
 _NONE: Any = 0
 
 
-class _Told(Made):
+class _Reported(Made):
     """A field that stands in a kernel's report and is taken from it at the first look: most answers are asked for q alone.
 
     It stands aside where an object holds the field itself, as `problem.MadeWhenAsked` does.
@@ -136,12 +136,12 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         nodes_expanded: Count
         problem: Problem
     else:
-        position_error: Number = _Told(0)
-        orientation_error: Number = _Told(1)
-        weighted_error: Number = _Told(2)
-        evaluations: Count = _Told(3)
-        nodes_created: Count = _Told(5)
-        nodes_expanded: Count = _Told(5)
+        position_error: Number = _Reported(0)
+        orientation_error: Number = _Reported(1)
+        weighted_error: Number = _Reported(2)
+        evaluations: Count = _Reported(3)
+        nodes_created: Count = _Reported(5)
+        nodes_expanded: Count = _Reported(5)
         problem: Problem = MadeWhenAsked()
     proved_unreachable: Flag = _NO
     rejected: Count = _NONE
@@ -187,12 +187,12 @@ class Solution(Lazy, Generic[Flag, Number, Count, State]):
         solution: Solution = self
         if not isinstance(solution.success, np.ndarray):
             return self._contacts or ()
-        told = np.empty(solution.success.shape, dtype=object)
-        told.fill(())
+        result = np.empty(solution.success.shape, dtype=object)
+        result.fill(())
         if self._contacts is not None:
             known = self._contacts != np.array(None)  # Of a target that was no pose nothing is known.
-            told[known] = self._contacts[known]
-        return told
+            result[known] = self._contacts[known]
+        return result
 
     @property
     def joints(self) -> dict[str, Any]:
@@ -499,7 +499,11 @@ def quick_solution(
         report: Position error [m], orientation error [rad], weighted error, FK evaluations, success.
     """
     solution = object.__new__(Solution)
-    told = solution.__dict__
-    told["q"], told["success"], told["_report"] = q, report[4], (*report, 0)  # No nodes: it grows no tree.
-    told["_question"] = chain, asked, None if near is None else near.copy()
+    result = solution.__dict__
+    result["q"], result["success"], result["_report"] = (
+        q,
+        report[4],
+        (*report, 0),
+    )  # No nodes: it grows no tree.
+    result["_question"] = chain, asked, None if near is None else near.copy()
     return solution

@@ -17,7 +17,7 @@ import kinseek
 from kinseek.cli import main
 from kinseek.cli.searches import make_search, option_of, parameters, searches
 from kinseek.cli.words import gather
-from kinseek.kernels.backend import told
+from kinseek.kernels.backend import describe_backend
 
 REACHABLE = ("--at", "-0.3", "0.4", "0")
 
@@ -58,7 +58,7 @@ def test_help_lists_the_commands(run: Run, words: tuple[str, ...]) -> None:
 
 
 def test_it_says_how_kernels_run(run: Run) -> None:
-    assert run("kernels") == (0, f"{told()}\n", "")
+    assert run("kernels") == (0, f"{describe_backend()}\n", "")
 
 
 def test_solve_proves_what_it_misses(run: Run) -> None:

@@ -140,7 +140,7 @@ def test_where_the_cache_is(
             within.chdir(temporary)
             assert compiler._cache_folder() is None
         capsys.readouterr()
-        kept_code._told.clear()
+        kept_code._report.clear()
         home.chmod(0o700)
         monkeypatch.delenv("NUMBA_CACHE_DIR")
         with monkeypatch.context() as without_home:

@@ -20,11 +20,11 @@ import kinseek
 from kinseek.kernels.arm.forward import write_poses
 from kinseek.kernels.arm.pose_error import first_loose
 from kinseek.kernels.atlas.one_goal import solve_plain
-from kinseek.kernels.backend import LIBRARY, told
+from kinseek.kernels.backend import LIBRARY, describe_backend
 from kinseek.kernels.entry import ENTRIES, F64, FLAG, I64, Bundle, Dimension, declare
 from kinseek.kernels.sources import PACKAGE
 
-library = pytest.mark.skipif(LIBRARY is None, reason=told())
+library = pytest.mark.skipif(LIBRARY is None, reason=describe_backend())
 PANDA = kinseek.load("panda")
 
 
@@ -145,7 +145,7 @@ def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-TOLD = "import kinseek; from kinseek.kernels.backend import told; print(told())"
+TOLD = "import kinseek; from kinseek.kernels.backend import describe_backend; print(describe_backend())"
 
 
 @library

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from kinseek.kernels.backend import LIBRARY, told
+from kinseek.kernels.backend import LIBRARY, describe_backend
 from places import ROOT
 
 if not (ROOT / "native").exists():
@@ -187,7 +187,7 @@ def test_objects_that_others_could_have_put_there_are_not_linked(
     assert said.count("\n") == 1
 
 
-@pytest.mark.skipif(LIBRARY is None, reason=told())
+@pytest.mark.skipif(LIBRARY is None, reason=describe_backend())
 @pytest.mark.skipif(not Path("/proc/cpuinfo").exists(), reason="the system tells it elsewhere")
 def test_what_is_built_for_this_machine_is_the_best_that_its_door_takes() -> None:
     from kinseek.kernels import _prebuilt as door  # type: ignore[attr-defined,unused-ignore]

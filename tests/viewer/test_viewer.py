@@ -443,7 +443,7 @@ def test_all_missing_meshes_are_told(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert all(f"no_{part}.stl" in said for part in ("arm", "box", "sphere"))
     found = meshes_of(arm.axes)
     found.missing *= 3
-    assert found.told() == [*found.missing[:5], "… and 4 more"]
+    assert found.report() == [*found.missing[:5], "… and 4 more"]
 
 
 def test_a_missing_mesh_is_named_and_the_rest_is_shown(tmp_path: Path) -> None:

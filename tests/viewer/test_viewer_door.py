@@ -468,4 +468,4 @@ def test_a_page_that_leaves_is_drawn_on_without_a_warning(shown: viewer.Viewer) 
         warnings.simplefilter("error")
         mine.scene.show_goal(np.eye(4))
         mine._client.scene.add_frame("/late")
-        mine.panel.told.content = "late"
+        mine.panel.pass_text.content = "late"

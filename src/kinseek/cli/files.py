@@ -230,15 +230,15 @@ def _require_numbers(file: Any, path: Path) -> None:
     """
     from pyarrow import types
 
-    schema, told = file.schema_arrow, file.metadata
+    schema, report = file.schema_arrow, file.metadata
     _refuse_twice(schema.names, str(path))
     for column in schema:
         if not (types.is_integer(column.type) or types.is_floating(column.type)):
             raise InvalidGoal(f"{path}: column {column.name} holds {column.type!s:.200}, expected numbers")
-    groups = [told.row_group(i) for i in range(told.num_row_groups)]
+    groups = [report.row_group(i) for i in range(report.num_row_groups)]
     parts = [group.column(j) for group in groups for j in range(group.num_columns)]
     held = sum(abs(part.num_values) for part in parts)  # Of a damaged file one may be below zero.
-    count = max(held, told.num_rows * len(schema.names))
+    count = max(held, report.num_rows * len(schema.names))
     if count > (most := max(MOST_VALUES, VALUES_OF_A_BYTE * path.stat().st_size)):
         raise InvalidGoal(
             f"{path}: {count:,} numbers, expected at most {most:,} of so few bytes: {VALUES_OF_A_BYTE} for each"

@@ -58,7 +58,9 @@ class Judge(ManyAtOnce):
     def many(self, q: Array) -> NDArray[np.bool_]:
         """The same of each of some answers, (k, n) -> (k,)."""
         free = self.scene.free(q, self.clearance)
-        return np.array([self._agrees(one, told) for one, told in zip(q, free, strict=True)], dtype=np.bool_)
+        return np.array(
+            [self._agrees(one, report) for one, report in zip(q, free, strict=True)], dtype=np.bool_
+        )
 
     def first(self, candidates: Array) -> Array | None:
         """The first of some answers, (k, n), that is free and agreed to; many are looked at in one call."""

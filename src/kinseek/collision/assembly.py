@@ -79,18 +79,18 @@ def assemble(chain: SerialChain, bodies: Iterable[Body], pairs: Iterable[Pair]) 
 
 def digest(bodies: Iterable[Body], pairs: Iterable[Pair]) -> str:
     """Of all that answers depend on: shapes, where they are, padding, and which pairs count."""
-    told = hashlib.sha256()
+    report = hashlib.sha256()
     for body in bodies:
-        told.update(f"{body.name!r} {body.frame.joints} {body.padding!r}".encode())
+        report.update(f"{body.name!r} {body.frame.joints} {body.padding!r}".encode())
         for part in body.parts:
-            told.update(type(part.shape).__name__.encode())
-            told.update(np.ascontiguousarray(body.frame.pose @ part.pose).tobytes())
+            report.update(type(part.shape).__name__.encode())
+            report.update(np.ascontiguousarray(body.frame.pose @ part.pose).tobytes())
             for item in fields(part.shape):
                 if item.name != "name":  # Of a mesh, for messages.
-                    told.update(np.ascontiguousarray(getattr(part.shape, item.name)).tobytes())
+                    report.update(np.ascontiguousarray(getattr(part.shape, item.name)).tobytes())
     for pair in pairs:
-        told.update(f"{pair.a!r} {pair.b!r} {pair.counts}".encode())
-    return told.hexdigest()[:16]
+        report.update(f"{pair.a!r} {pair.b!r} {pair.counts}".encode())
+    return report.hexdigest()[:16]
 
 
 def sampled(

@@ -33,7 +33,7 @@ _STEPS = 16
 _NEAR = 1e-6
 """Groups that may come nearer than this are looked at always, in the order in which joints carry them [m]."""
 
-_UNTOLD = np.zeros((0, 0), dtype=np.bool_)
+_NO_DOUBTS = np.zeros((0, 0), dtype=np.bool_)
 """For the kernel: the pairs in doubt are not asked."""
 
 
@@ -109,7 +109,7 @@ class Broad:
 
     def verdicts(self, q: Array, clearance: float, touch: float) -> tuple[Verdicts, int]:
         """Sort joint values, (k, n), into free, touching and in doubt, and count the last; see `sort_out`."""
-        return self._ask(q, clearance, touch, _UNTOLD)
+        return self._ask(q, clearance, touch, _NO_DOUBTS)
 
     def sort_out(self, q: Array, clearance: float, touch: float) -> tuple[Verdicts, Flags]:
         """Sort joint values, (k, n), into free, touching and in doubt.

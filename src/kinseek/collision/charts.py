@@ -120,7 +120,7 @@ def chart_of(
     handle, moves = handle_of(arrays), _moves(ways, members[: len(parts)], members[len(parts) :])
     again = (1, 4) if turning == 1 else (2, 2)
 
-    def told(where: NDArray[np.int64], counts: tuple[int, int]) -> Array:
+    def report(where: NDArray[np.int64], counts: tuple[int, int]) -> Array:
         """What is known all over some cells, by row and column."""
         angles = ((where + 0.5) * (2 * np.pi / np.array(counts)))[:, 2 - turning :]
         q = np.ascontiguousarray(angles)
@@ -147,7 +147,7 @@ def chart_of(
         where = np.argwhere(within_limits(counts) & (grid == 0))
         if not len(where):
             break
-        grid[tuple(where.T)] = told(where, counts)
+        grid[tuple(where.T)] = report(where, counts)
     cells, below = grid.ravel(), np.zeros(grid.size, dtype=np.int64)
     inside = within_limits(counts)
     apart = float(grid[inside].min()) if (grid[inside] > 0).all() else NEVER_APART
@@ -163,7 +163,7 @@ def chart_of(
         counts = (counts[0] * again[0], counts[1] * again[1])
         asked = within_limits(counts)[tuple(where.T)]
         values = np.zeros(len(where))
-        values[asked] = told(where[asked], counts)
+        values[asked] = report(where[asked], counts)
         cells, below = np.concatenate([cells, values]), np.concatenate([below, np.zeros_like(places)])
         left = asked & (values == 0)
         where, places = where[left], places[left]

@@ -214,23 +214,23 @@ def prepare(
         atlas_design(search, problem, ram) if isinstance(search, Atlas) else grid_design(search, problem, ram)
     )
     notice(f"compiling the kernels for {chosen.triple}, {part.name} (some twenty seconds) ...")
-    told, kernels = compiled(
+    report, kernels = compiled(
         chosen, part, (_FK, *design.entries), design.routines, FORMS[form], design.lanes, design.sizes
     )
-    if design.memory not in (None, told["memory"]):
-        raise RuntimeError(f"the kernels need {told['memory']} numbers of memory, expected {design.memory}")
+    if design.memory not in (None, report["memory"]):
+        raise RuntimeError(f"the kernels need {report['memory']} numbers of memory, expected {design.memory}")
     texts, constants = _texts(arm, search, problem, design)
     parts = Parts(
         files={},
         target=chosen,
         cpu=part,
-        code=sum(size for name, size in told["sections"] if name.startswith(_CODE)),
+        code=sum(size for name, size in report["sections"] if name.startswith(_CODE)),
         constants=constants,
         ram=design.ram,
         lanes=design.lanes,
         most_lanes=design.most_lanes,
         kernels=FORMS[form],
-        asks=tuple(told["asks"]),
+        asks=tuple(report["asks"]),
     )
     if flash is not None and parts.flash > flash:
         raise InvalidExport(f"{arm.name!r} needs more flash than {flash:,} bytes: {parts}")

@@ -79,9 +79,9 @@ def main() -> None:
 
     never_run()
     module, host = _lowered(job["entries"], job["routines"])
-    told = _written(module, host, job, path.parent)
-    told["memory"] = memory_size(*job["sizes"])
-    (path.parent / "told.json").write_text(json.dumps(told), encoding="utf-8")
+    report = _written(module, host, job, path.parent)
+    report["memory"] = memory_size(*job["sizes"])
+    (path.parent / "told.json").write_text(json.dumps(report), encoding="utf-8")
 
 
 def _lowered(entries: list[str], routines: list[str]) -> tuple[Any, tuple[str, str]]:

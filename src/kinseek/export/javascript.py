@@ -184,11 +184,11 @@ def _proof_as_data(problem: Problem) -> dict[str, Any]:
     boxes = start_boxes(chain, roll.present)
     run = Run(problem, (form, wanted, roll), boxes, np.zeros(chain.dof), tuning_of(problem, OFTEN, STEPS))
     takes = ENTRIES["ks_search_boxes"].takes
-    told = {"kind": run.kind, "question": run.question, "tuning": run.tuning}
+    report = {"kind": run.kind, "question": run.question, "tuning": run.tuning}
     return {
         "given": {
             path: _array_as_data(value) if isinstance(value, np.ndarray) else _number(value)
-            for path, value in _flat("", takes, told)
+            for path, value in _flat("", takes, report)
         },
         "memory": {
             path: {"kind": each.dtype.kind, "shape": each.shape}

@@ -228,7 +228,7 @@ if LIBRARY is None and not PLAIN and find_spec("numba") is None:
     )
 
 
-def told() -> str:
+def describe_backend() -> str:
     """How kernels run, in a sentence."""
     if LIBRARY is not None:
         rest = f" It has {', '.join(LIBRARY.rooms)}; the rest is compiled when it is first called."

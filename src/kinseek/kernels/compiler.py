@@ -36,7 +36,7 @@ from kinseek.forks import finish_first
 from kinseek.interrupts import uninterrupted
 from kinseek.private import private_folder, user_cache
 
-from .kept_code import c_function, keep_code, tell_unwritten
+from .kept_code import c_function, keep_code, report_unwritten
 from .sources import module_digest
 
 P = ParamSpec("P")
@@ -59,7 +59,7 @@ def _cache_folder() -> Path | None:
                 return folder
         except (OSError, RuntimeError) as error:  # A RuntimeError: there is no home.
             refused.append(error)
-    tell_unwritten(candidates[0][0], refused[0])
+    report_unwritten(candidates[0][0], refused[0])
     return None
 
 

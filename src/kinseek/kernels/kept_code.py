@@ -22,27 +22,27 @@ from kinseek.private import NotPrivate, private_folder, read_private
 
 _DIGEST = hashlib.sha256().digest_size
 
-_told: set[str] = set()
+_report: set[str] = set()
 
 
-def _tell(what: str, line: str) -> None:
+def _report_once(what: str, line: str) -> None:
     """Say something on stderr, once a process."""
-    if what not in _told:
-        _told.add(what)
+    if what not in _report:
+        _report.add(what)
         print(f"kinseek: {line}", file=sys.stderr)
 
 
-def _tell_damaged(path: str, error: Exception) -> None:
-    _tell("damaged", f"compiling kernels anew, for their cache is damaged: {path} ({_words(error)})")
+def _report_damaged(path: str, error: Exception) -> None:
+    _report_once("damaged", f"compiling kernels anew, for their cache is damaged: {path} ({_words(error)})")
 
 
-def _tell_distrusted(error: Exception) -> None:
-    _tell("distrusted", f"compiling kernels anew, for others may have changed their cache: {error}")
+def _report_distrusted(error: Exception) -> None:
+    _report_once("distrusted", f"compiling kernels anew, for others may have changed their cache: {error}")
 
 
-def tell_unwritten(folder: str | os.PathLike[str], error: Exception) -> None:
+def report_unwritten(folder: str | os.PathLike[str], error: Exception) -> None:
     """Say that compiled kernels cannot be kept."""
-    _tell(
+    _report_once(
         "unwritten", f"doing without a cache of compiled kernels, for {folder} takes none ({_words(error)})"
     )
 
@@ -93,10 +93,10 @@ class _CheckedFiles(_Files):  # type: ignore[misc]
         except FileNotFoundError:
             return None
         except NotPrivate as error:
-            _tell_distrusted(error)
+            _report_distrusted(error)
             return None
         except Exception as error:
-            _tell_damaged(path, error)
+            _report_damaged(path, error)
             return None
 
     def _write(self, path: str, value: Any) -> None:
@@ -143,7 +143,7 @@ class _KeptCode(_FunctionCache):  # type: ignore[misc]
         try:
             return super().load_overload(sig, target_context)
         except Exception as error:
-            _tell_damaged(self._cache_path, error)
+            _report_damaged(self._cache_path, error)
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -151,7 +151,7 @@ class _KeptCode(_FunctionCache):  # type: ignore[misc]
         try:
             super().save_overload(sig, data)
         except OSError as error:
-            tell_unwritten(self._cache_path, error)
+            report_unwritten(self._cache_path, error)
 
 
 def keep_code(compiled: Any, function: Any, folder: Path) -> None:
@@ -159,7 +159,7 @@ def keep_code(compiled: Any, function: Any, folder: Path) -> None:
     try:
         compiled._cache = _KeptCode(function)
     except (OSError, RuntimeError) as error:  # Numba found no place in the folder.
-        tell_unwritten(folder, error)
+        report_unwritten(folder, error)
 
 
 def c_function(signature: Any, function: Any, options: dict[str, Any], folder: Path | None) -> Any:

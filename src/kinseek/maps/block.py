@@ -39,7 +39,7 @@ def version() -> str:
 
 def digest(chain: SerialChain) -> str:
     """Of what an arm's answers depend on: axes, limits, couplings."""
-    told = hashlib.sha256(repr(chain.kinds).encode())
+    report = hashlib.sha256(repr(chain.kinds).encode())
     for array in (
         chain.fixed,
         chain.prismatic,
@@ -49,8 +49,8 @@ def digest(chain: SerialChain) -> str:
         chain.lower,
         chain.upper,
     ):
-        told.update(np.ascontiguousarray(array).tobytes())
-    return told.hexdigest()[:16]
+        report.update(np.ascontiguousarray(array).tobytes())
+    return report.hexdigest()[:16]
 
 
 @dataclass(frozen=True)

@@ -95,8 +95,11 @@ def cells_of_block(
         place = tuple(int(i + first) for i, first in zip(at, firsts, strict=True))
         for region in np.unique(regions):
             some = regions == region
-            told = judge.row(place, [int(i) for i in numbers[some]], found[at][some])
-            known[at][some], empty[at][some] = [each.known for each in told], [each.empty for each in told]
+            report = judge.row(place, [int(i) for i in numbers[some]], found[at][some])
+            known[at][some], empty[at][some] = (
+                [each.known for each in report],
+                [each.empty for each in report],
+            )
             if wholly:
                 whole[at][some] = judge.whole(place, numbers[some], known[at][some] == REACHED)
     return {"cell": known, "empty_share": empty, "whole_share": whole}

@@ -238,15 +238,15 @@ def store_of(arm: Arm, grid: Grid | Rings, work: Work, cluster: bool = False) ->
         if name in work.what
     }
     if isinstance(grid, Rings):
-        variables |= {name: (*TYPES[name], told) for name, told in TURNS.items()}
+        variables |= {name: (*TYPES[name], report) for name, report in TURNS.items()}
         if BRANCHES in variables:
             variables[BRANCHES][2]["comment"] = "limits of the first joint left out"
         if LIMITS in variables:
             variables[LIMITS][2]["comment"] = "of the joints after the first, each measured in half its range"
     if work.cell is not None:
         free = f"of answers that are free in the scene, bodies {work.clearance:g} m apart"
-        for _, _, told in variables.values():
-            told["comment"] = "; ".join(filter(None, (told.get("comment"), free)))
+        for _, _, report in variables.values():
+            report["comment"] = "; ".join(filter(None, (report.get("comment"), free)))
     if work.prove:
         variables |= {name: (*TYPES[name], dict(ATTRIBUTES[name])) for name in ("cell", *SHARES)}
     description: dict[str, Any] = {

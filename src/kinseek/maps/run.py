@@ -105,9 +105,9 @@ def _require_same(client: Client, work: Work) -> None:
         raise InvalidMap(f"the client is {client.status}; give one that is connected to its scheduler")
     others = {at: it for at, it in client.run(ask).items() if it != work.version}
     if others:
-        told = ", ".join(f"{at} has {it}" for at, it in others.items())
+        report = ", ".join(f"{at} has {it}" for at, it in others.items())
         raise InvalidMap(
-            f"this map is made with kinseek {work.version}, and not all workers have it: {told}; install the same there"
+            f"this map is made with kinseek {work.version}, and not all workers have it: {report}; install the same there"
         )
 
 

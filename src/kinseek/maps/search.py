@@ -69,12 +69,12 @@ def _reached(arm: Arm, goal: Goal, patience: int | None) -> Flags:
     """See `reached`."""
     targets, index, tolerances = goal.targets, atlas_of(arm.chain, goal), tolerances_of(goal)
     found, open_ = np.zeros(len(targets), dtype=bool), np.flatnonzero(~ruled_out(arm, goal))
-    told = np.empty(len(open_), dtype=np.int64)
+    report = np.empty(len(open_), dtype=np.int64)
     many_closed(
-        index.handle, tolerances, arm.structure.numbers, np.ascontiguousarray(targets[open_]), told, LANES
+        index.handle, tolerances, arm.structure.numbers, np.ascontiguousarray(targets[open_]), report, LANES
     )
-    found[open_[told == YES]] = True
-    open_ = open_[told == LEFT]
+    found[open_[report == YES]] = True
+    open_ = open_[report == LEFT]
     open_ = open_[~beyond(arm, targets[open_], goal)]
     some, left = np.ascontiguousarray(targets[open_]), np.empty(len(open_), dtype=np.int64)
     results = np.full((len(open_), arm.dof + 4), np.inf)

@@ -101,7 +101,7 @@ class Store:
             group = zarr.create_group(
                 memory, zarr_format=3, attributes={**attributes, DESCRIPTION: description}
             )
-            for name, (dtype, fill, told) in variables.items():
+            for name, (dtype, fill, report) in variables.items():
                 group.create_array(
                     name,
                     shape=shape,
@@ -109,10 +109,10 @@ class Store:
                     dtype=dtype,
                     fill_value=fill,
                     dimension_names=dims,
-                    attributes=told,
+                    attributes=report,
                 )
-            for name, (along, values, told) in coordinates.items():
-                group.create_array(name, data=values, dimension_names=along, attributes=told)
+            for name, (along, values, report) in coordinates.items():
+                group.create_array(name, data=values, dimension_names=along, attributes=report)
             blocks = tuple(-(-n // chunk) for n, chunk in zip(shape, chunks, strict=True))
             group.create_array(_DONE, shape=blocks, chunks=(1,) * len(blocks), dtype="uint8", fill_value=0)
             if making is not None and path is not None:
@@ -215,9 +215,9 @@ class Store:
         Raises:
             InvalidMap: Something is different.
         """
-        told, grid = self.description, grid_of(self.description["grid"])
-        chunks = told.get("chunks")
-        if told.get("dims") != list(grid.dims) or told.get("shape") != list(grid.shape):
+        report, grid = self.description, grid_of(self.description["grid"])
+        chunks = report.get("chunks")
+        if report.get("dims") != list(grid.dims) or report.get("shape") != list(grid.shape):
             raise self._unsound("its dimensions and shape are not those of its grid")
         if max(grid.shape[:-1]) > MOST_PLACES:
             raise self._unsound(
@@ -319,9 +319,9 @@ def compare(place: str, there: dict[str, Any], wanted: dict[str, Any]) -> None:
     """
     other = [key for key in wanted if there.get(key) != wanted[key]]
     if other:
-        told = "; ".join(f"{key} {there.get(key)!r} there, {wanted[key]!r} asked" for key in other)
+        report = "; ".join(f"{key} {there.get(key)!r} there, {wanted[key]!r} asked" for key in other)
         raise InvalidMap(
-            f"the store {place!r} is of another map: {told}. Ask for the same to go on with it, or take another store"
+            f"the store {place!r} is of another map: {report}. Ask for the same to go on with it, or take another store"
         )
 
 

@@ -13,7 +13,7 @@ from kinseek.errors import InvalidUse, MissingExtra
 Array = NDArray[np.float64]
 
 
-_TOLD = ("success", "position_error", "orientation_error", "weighted_error", "evaluations")
+_REPORTED = ("success", "position_error", "orientation_error", "weighted_error", "evaluations")
 _ERRORS = ("position_error", "orientation_error")
 
 
@@ -22,7 +22,7 @@ def solution_frame(solution: Any) -> Any:
     shape = np.shape(solution.success) or (1,)
     names = solution.problem.mechanism.joint_names
     status = [status.name for status in np.ravel(np.asarray(solution.status, dtype=object))]
-    facts = {"status": status} | {name: np.ravel(getattr(solution, name)) for name in _TOLD}
+    facts = {"status": status} | {name: np.ravel(getattr(solution, name)) for name in _REPORTED}
     levels = ["target"] if len(shape) == 1 else [f"target {i}" for i in range(len(shape))]
     numbers = [each.ravel() for each in np.indices(shape)]
     return _frame(names, solution.q.reshape(-1, len(names)), facts, dict(zip(levels, numbers, strict=True)))

@@ -102,21 +102,21 @@ class Allowed:
     def _in_parts(self, count: int, ask: Callable[[slice], Any]) -> Flags:
         """Ask about so many rows, all at once unless a deadline has to be kept, (count,)."""
         size = ROWS if self.deadline.limited else count
-        told = []
+        report = []
         for begin in range(0, count, size):
             self.deadline.check()
-            told.append(np.asarray(ask(slice(begin, begin + size)), dtype=np.bool_))
-        return np.concatenate(told)
+            report.append(np.asarray(ask(slice(begin, begin + size)), dtype=np.bool_))
+        return np.concatenate(report)
 
     def agreed(self, q: Array) -> Flags:
         """Of each q, (k, n): does the user agree? (k,)."""
         if self.valid is None:
             return np.ones(len(q), dtype=np.bool_)
-        told = []
+        report = []
         for row in q:
             self.deadline.check()
-            told.append(is_valid(self.valid, row[self.own]))
-        return np.array(told, dtype=np.bool_)
+            report.append(is_valid(self.valid, row[self.own]))
+        return np.array(report, dtype=np.bool_)
 
     def agreed_ways(self, a: Array, b: Array) -> Flags:
         """Of each straight way, (k, n) to (k, n): does the user agree to all points of it that are asked? (k,)."""
@@ -136,17 +136,17 @@ class Allowed:
     def against(self, q: Array) -> str:
         """What stands against one q, (n,), that is not allowed: a phrase for people."""
         if self.scene is not None and (found := self.scene.hits(q[self.own], self.clearance)):
-            return _told(found)
+            return _report(found)
         return "valid refuses it"
 
     def against_way(self, a: Array, b: Array) -> str:
         """What stands against a straight way that is not allowed, (n,) to (n,)."""
         a, b = a[self.own], b[self.own]
         if self.scene is not None and (found := self.scene.hits_between(a, b, self.clearance)):
-            return _told(found)
+            return _report(found)
         return "valid refuses a point of it"
 
 
-def _told(found: Sequence[object]) -> str:
+def _report(found: Sequence[object]) -> str:
     more = f", and {len(found) - 1} more" if len(found) > 1 else ""
     return f"{found[0]}{more}"

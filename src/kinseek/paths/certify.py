@@ -106,8 +106,8 @@ def prove_rows(
         if not go_on():
             return
         steps: Any = [each[first:last] for each in given]
-        told = state[first:last], within[first:last]
-        prove_steps(*[chain, columns, *steps, keep, numbers, *told])
+        report = state[first:last], within[first:last]
+        prove_steps(*[chain, columns, *steps, keep, numbers, *report])
 
     parallel_for(some, count, CHUNK, threads, Deadline() if deadline is None else deadline)
     return Proved(state, within)

@@ -43,9 +43,9 @@ class Turning:
         """Copies at most of an answer."""
         if self.total > MOST_COPIES:
             turned = zip(chain.joint_names, self.copies.tolist(), strict=True)
-            told = ", ".join(f"{joint!r} {count}" for joint, count in turned if count > 1)
+            report = ", ".join(f"{joint!r} {count}" for joint, count in turned if count > 1)
             raise InvalidProblem(
-                f"turned by the full turns that the limits of {chain.name!r} allow ({told}), each answer to a pose is "
+                f"turned by the full turns that the limits of {chain.name!r} allow ({report}), each answer to a pose is "
                 f"there {self.total:,} times; a path chooses among at most {MOST_COPIES:,}: narrow the limits by with_limits"
             )
         self.open_lower = np.where(endless, -np.inf, self.lower)

@@ -77,7 +77,7 @@ class LayerGraph:
     def best(self, longest: Array, first: int = -1, last: int = -1) -> tuple[Array, Indices, float, Indices]:
         """The best way: joint values (N, n), its breaks, its cost, and its nodes (N,)."""
         turning, count = self.turning, len(self.q)
-        path, told = np.zeros(count, dtype=np.int64), np.zeros(count)
+        path, report = np.zeros(count, dtype=np.int64), np.zeros(count)
         forbidden_edges = np.array(sorted(self._forbidden_edges), dtype=np.int64).reshape(-1, 3)
         viterbi(
             self.q,
@@ -95,7 +95,7 @@ class LayerGraph:
             forbidden_edges,
             np.array([first, last], dtype=np.int64),
             path,
-            told,
+            report,
         )
         empty = np.flatnonzero(path < 0)
         if len(empty) and len(self._refused):
@@ -103,9 +103,9 @@ class LayerGraph:
             self.unreachable |= set(empty.tolist())
             self._refused[empty] = False
             return self.best(longest, first, last)
-        breaks = np.flatnonzero(told[1:] > 0)
+        breaks = np.flatnonzero(report[1:] > 0)
         q = turning.unwrapped(self._clipped(self.values(np.arange(count), np.maximum(path, 0))))
-        return q, breaks, float(told[0]), path
+        return q, breaks, float(report[0]), path
 
     def _missed(self) -> Flags:
         flags = np.zeros(len(self.q), dtype=np.bool_)

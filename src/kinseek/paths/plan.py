@@ -303,7 +303,7 @@ class Planner:
     def propagate_layer(self, q: Array, begin: int, end: int) -> tuple[Array, Array, Array]:
         """Where answers to a row lead at another, what is told of them, and directions there; see `grow.propagate_layer`."""
         ahead, along = np.empty((2, *q.shape))
-        told = np.empty((len(q), 1 + 2 * self.dof))
+        report = np.empty((len(q), 1 + 2 * self.dof))
         leaps = np.full(self.dof, LEAPS)
         moments = self.rows[begin : end + 1].astype(np.float64)
         targets = self.row_targets[begin : end + 1]
@@ -316,20 +316,20 @@ class Planner:
             self.smoother.weights,
             q,
             ahead,
-            told,
+            report,
             along,
             LANES,
         )
         for pose, near in self.forbidden_edges:
             if self.rows[begin] <= pose < self.rows[end]:
-                told[(np.abs(self.turning.step(q - near)) < CLEAR).all(axis=1), 0] = np.inf
+                report[(np.abs(self.turning.step(q - near)) < CLEAR).all(axis=1), 0] = np.inf
         valid = self.request.valid
         if valid is not None and valid.scene is not None:
             # Layers are close: the straight way from one to the next stands for the branch. The path itself is judged later.
-            leads = np.isfinite(told[:, 0])
+            leads = np.isfinite(report[:, 0])
             leads[leads] = valid.free_ways(self.clipped(q[leads]), self.clipped(ahead[leads]))
-            told[~leads, 0] = np.inf
-        return ahead, told, along
+            report[~leads, 0] = np.inf
+        return ahead, report, along
 
     def linked(
         self,

@@ -33,25 +33,25 @@ def with_proofs(request: PathRequest, path: Path, threads: int | None) -> Path:
     missed = path.position_error > path.problem.goal.position_tolerance
     missed |= path.orientation_error > path.problem.goal.orientation_tolerance
     missed |= ~path.planned
-    told = judge_missed(path, missed, threads, request.deadline)
+    report = judge_missed(path, missed, threads, request.deadline)
     impossible = impossible_stretches(part.problem, path, request.deadline) if part is request else ()
-    undecided = missed & ~told.out_of_reach
+    undecided = missed & ~report.out_of_reach
     late = request.deadline.passed
-    proof = PathProof(steps, within, told.out_of_reach, undecided, impossible, late)
-    return replace(path, proof=proof, why=(*path.why, *_words(path, proof, told)))
+    proof = PathProof(steps, within, report.out_of_reach, undecided, impossible, late)
+    return replace(path, proof=proof, why=(*path.why, *_words(path, proof, report)))
 
 
-def _words(path: Path, proof: PathProof, told: Missed) -> list[str]:
+def _words(path: Path, proof: PathProof, report: Missed) -> list[str]:
     ranges = path.problem.goal.ranges is not None
     short = "nothing is proved of ranges" if ranges else "what a path may spend on proofs was not enough"
     short = "the time was up" if proof.out_of_time and not ranges else short
     said = [
         (proof.out_of_reach, "proved out of reach: no joint values inside the limits meet the tolerances"),
         (
-            told.in_reach,
+            report.in_reach,
             "in reach, though this path goes by: there are joint values that meet the tolerances",
         ),
-        (proof.undecided & ~told.in_reach, f"not proved out of reach: {short}"),
+        (proof.undecided & ~report.in_reach, f"not proved out of reach: {short}"),
     ]
     words = [f"{these(*rows)} {what}" for flags, what in said for rows in intervals(flags)]
     return words + [

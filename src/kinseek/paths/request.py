@@ -148,7 +148,7 @@ def row_of_goals(poses: Any) -> Iterator[Any]:
     return iter(poses)
 
 
-def _told(row: Any) -> str:
+def _report(row: Any) -> str:
     if isinstance(row, np.ndarray):
         return f"an array of shape {row.shape}"
     return f"a Goal of {math.prod(row.shape)} targets" if isinstance(row, Goal) else type(row).__name__
@@ -167,7 +167,7 @@ def together(rows: list[Any]) -> Goal:
     for i, row in enumerate(rows):
         if not isinstance(row, Goal) or row.shape != ():
             raise InvalidGoal(
-                f"a row of goals must hold one goal each with one target, got {_told(row)} at index {i}; of a pose "
+                f"a row of goals must hold one goal each with one target, got {_report(row)} at index {i}; of a pose "
                 f"beside goals say Goal.pose(T)"
             )
         for name in (each.name for each in fields(Goal)):

@@ -132,10 +132,10 @@ def _angles(ranges: dict[int, tuple[float, float]], frame: str) -> dict[int, tup
     """
     if len(ranges) < 2:
         return ranges
-    told = f"about {', '.join(AXES[i] for i in ranges)} of the {frame}"
+    axes = f"about {', '.join(AXES[i] for i in ranges)} of the {frame}"
     if len(ranges) == 2:
         raise InvalidProblem(
-            f"a path takes ranges about one axis, or about all three; this goal has ranges {told} and none about the third: "
+            f"a path takes ranges about one axis, or about all three; this goal has ranges {axes} and none about the third: "
             f"give it a range as well, or leave it free"
         )
     order = sorted(ranges, key=lambda i: ranges[i][1] - ranges[i][0])
@@ -152,7 +152,7 @@ def _angles(ranges: dict[int, tuple[float, float]], frame: str) -> dict[int, tup
         if ((vector >= low - 1e-9) & (vector <= high + 1e-9)).all():
             return {i: (float(a), float(b)) for i, a, b in zip(order, first, last, strict=True)}
     raise InvalidProblem(
-        f"the ranges {told} cannot be turned into ranges of angles: give ranges on both sides of 0, or smaller ones"
+        f"the ranges {axes} cannot be turned into ranges of angles: give ranges on both sides of 0, or smaller ones"
     )
 
 

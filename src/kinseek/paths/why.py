@@ -29,11 +29,11 @@ def reasons(request: PathRequest, path: Path, wide: Layers | Windows | None) -> 
         path.orientation_error <= goal.orientation_tolerance
     )
     refused = ~path.reached & there & path.planned
-    told = [(first, _late(first, last)) for first, last in intervals(~path.planned)]
-    told += [(first, _missed(path, first, last)) for first, last in intervals(~there & path.planned)]
-    told += [(first, _refused(request, path, first, last, wide)) for first, last in intervals(refused)]
-    told += [(int(i), _break(request, path, int(i), wide)) for i in path.breaks]
-    return tuple(text for _, text in sorted(told))
+    report = [(first, _late(first, last)) for first, last in intervals(~path.planned)]
+    report += [(first, _missed(path, first, last)) for first, last in intervals(~there & path.planned)]
+    report += [(first, _refused(request, path, first, last, wide)) for first, last in intervals(refused)]
+    report += [(int(i), _break(request, path, int(i), wide)) for i in path.breaks]
+    return tuple(text for _, text in sorted(report))
 
 
 def _refused(request: PathRequest, path: Path, first: int, last: int, wide: Layers | Windows | None) -> str:
@@ -81,8 +81,8 @@ def _break(request: PathRequest, path: Path, i: int, wide: Layers | Windows | No
     chain = request.problem.chain
     longest = request.longest[min(i, len(request.longest) - 1)]
     if any(beyond.any() for beyond in beyond_a_step(chain, longest[None], distance, turn)):
-        told = f"{distance[0]:.3g} m and {turn[0]:.3g} rad apart"
-        return f"{begin}: they are {told}, farther than one step of the joints"
+        report = f"{distance[0]:.3g} m and {turn[0]:.3g} rad apart"
+        return f"{begin}: they are {report}, farther than one step of the joints"
     if i == count - 1:
         return f"{begin}: the motion does not come back to where it began"
     if wide is None:
@@ -146,8 +146,8 @@ def _end_of_branch(
             joint = int(np.flatnonzero(low | high)[0])
             side, limit = ("lower", turning.lower) if low[joint] else ("upper", turning.upper)
             return i, f"joint {names[joint]!r} meets its {side} limit {limit[joint]:.4g}"
-        if request.valid is not None and (told := _against(request.valid, q - step, q)):
-            return i, told
+        if request.valid is not None and (report := _against(request.valid, q - step, q)):
+            return i, report
 
 
 def _against(valid: Allowed, a: Array, b: Array) -> str:

@@ -130,14 +130,14 @@ def best_in_windows(windows: Windows, advance: Callable[[int], object]) -> tuple
         if half.passed:
             break
     q, breaks, place = [np.empty((0, len(turning.lower)))], [np.zeros(0, dtype=np.int64)], 0
-    nodes, told = _best(windows, runs, (first, last)) if runs else (breaks[0], np.zeros(0, dtype=np.bool_))
+    nodes, report = _best(windows, runs, (first, last)) if runs else (breaks[0], np.zeros(0, dtype=np.bool_))
     for begin, run in zip(windows.begins, runs, strict=False):
         found = windows.layers(begin, lambda done: advance(done // 2), deadline)
         if found is None:
             break
         layers = found[0]
         mine = slice(place, place + len(run.kept))
-        breaks.append(begin + run.kept[told[mine]] - 1)
+        breaks.append(begin + run.kept[report[mine]] - 1)
         # Over a run the node stays the same.
         chosen = np.repeat(nodes[mine], np.diff(run.kept, append=run.count))[: len(layers)]
         answers, turns = chosen // turning.total, chosen % turning.total
@@ -208,7 +208,7 @@ def _best(windows: Windows, runs: list[Run], ends: tuple[int, int]) -> tuple[Ind
         longest[place + over, :-1] = STAYS
         place += len(run.kept)
     weights = request.weights if request.velocity is None else request.weights / request.velocity
-    path, told = np.zeros(count, dtype=np.int64), np.zeros(count)
+    path, report = np.zeros(count, dtype=np.int64), np.zeros(count)
     viterbi(
         q,
         ahead,
@@ -225,6 +225,6 @@ def _best(windows: Windows, runs: list[Run], ends: tuple[int, int]) -> tuple[Ind
         np.zeros((0, 3), dtype=np.int64),
         np.array(ends, dtype=np.int64),
         path,
-        told,
+        report,
     )
-    return path, np.concatenate([[False], told[1:] > 0])
+    return path, np.concatenate([[False], report[1:] > 0])

@@ -353,8 +353,8 @@ def _name_axes(axes: Any, solution: Solution, x: int, y: int) -> None:
 def _spacings(solution: Solution, spacing: Array, x: int, y: int) -> str:
     """How far nodes are from their neighbours along two joints, with units."""
     kinds = solution.problem.mechanism.kinds
-    told = [f"{spacing[i]:.2g} {unit_of(kinds[i])}".rstrip() for i in (x, y)]
-    return told[0] if told[0] == told[1] else f"{told[0]} and {told[1]}"
+    report = [f"{spacing[i]:.2g} {unit_of(kinds[i])}".rstrip() for i in (x, y)]
+    return report[0] if report[0] == report[1] else f"{report[0]} and {report[1]}"
 
 
 def _label(solution: Solution, joint: int) -> str:

@@ -82,18 +82,18 @@ def joints(
             ax.tick_params(labelbottom=False)
     panels[-1].set_xlabel("row" if times is None else "time [s]")
     figure.align_ylabels(panels)
-    figure.suptitle(_told(rows, largest, arm, len(cuts)), fontsize="medium")
+    figure.suptitle(_report(rows, largest, arm, len(cuts)), fontsize="medium")
     return figure
 
 
-def _told(rows: Array, largest: dict[int, int], arm: Arm, breaks: int) -> str:
+def _report(rows: Array, largest: dict[int, int], arm: Arm, breaks: int) -> str:
     """The largest steps, and the number of breaks, in words."""
-    told = []
+    report = []
     for joint, row in largest.items():
         step = abs(float(rows[row, joint] - rows[row - 1, joint]))
         unit = unit_of(arm.kinds[joint])
-        told.append(f"{step:.3g} {unit}".rstrip() + f" of {text_of(arm.joint_names[joint])} to row {row}")
-    steps = f"largest step (orange): {' and '.join(told)}" if told else "no step"
+        report.append(f"{step:.3g} {unit}".rstrip() + f" of {text_of(arm.joint_names[joint])} to row {row}")
+    steps = f"largest step (orange): {' and '.join(report)}" if report else "no step"
     return f"{len(rows):,} rows, {breaks} {'break' if breaks == 1 else 'breaks'}\n{steps}"
 
 

@@ -364,13 +364,13 @@ def _glb(text: bytes) -> Size:
     """Add up what accessors, views, primitives and nodes make of the bytes, each of which may be named many times."""
     size = struct.unpack_from("<I", text, 12)[0]
     _at_most(size, MOST_JSON, "bytes of JSON")
-    told: dict[str, Any] = json.loads(text[20 : 20 + size].decode())
-    views, images = told.get("bufferViews", []), told.get("images", [])
-    if any("uri" in each for each in [*told.get("buffers", []), *images]) or any(
+    report: dict[str, Any] = json.loads(text[20 : 20 + size].decode())
+    views, images = report.get("bufferViews", []), report.get("images", [])
+    if any("uri" in each for each in [*report.get("buffers", []), *images]) or any(
         each["buffer"] != 0 for each in views
     ):
         raise InvalidRobot("parts of it are in other files or buffers; write it as one file with one buffer")
-    accessors = told.get("accessors", [])
+    accessors = report.get("accessors", [])
     bytes_of = [
         _count(each["count"]) * _COMPONENT[each["componentType"]] * _NUMBERS[each["type"]]
         for each in accessors
@@ -378,7 +378,7 @@ def _glb(text: bytes) -> Size:
     _at_most(sum(bytes_of), 2 * len(text), "bytes in its accessors")
     _at_most(sum(_count(each["byteLength"]) for each in views), 2 * len(text), "bytes in its views")
     bodies, weights, corners = [], [], []
-    for mesh in told.get("meshes", []):
+    for mesh in report.get("meshes", []):
         parts = mesh["primitives"]
         if any("KHR_draco_mesh_compression" in part.get("extensions", {}) for part in parts):
             raise InvalidRobot("its meshes are compressed (Draco); write them without compression")
@@ -393,14 +393,14 @@ def _glb(text: bytes) -> Size:
         ]
         corners.append(sum(each_of))
     glossy = "KHR_materials_pbrSpecularGlossiness"
-    if images and any(glossy in each.get("extensions", {}) for each in told.get("materials", [])):
+    if images and any(glossy in each.get("extensions", {}) for each in report.get("materials", [])):
         raise InvalidRobot(
             "trimesh computes new images for its glossy materials; write them as metallic ones"
         )
-    nodes = told.get("nodes", [])
+    nodes = report.get("nodes", [])
     _at_most(len(nodes) + sum(bodies) + len(images), MOST_BODIES, "nodes, bodies and images")
     named_as_child = [child for node in nodes for child in node.get("children", [])]
-    roots = [root for scene in told.get("scenes", []) for root in scene.get("nodes", [])]
+    roots = [root for scene in report.get("scenes", []) for root in scene.get("nodes", [])]
     _at_most(_steps(nodes, roots), MOST_STEPS, "steps from its nodes to the root")
     meshes = [nodes[each]["mesh"] for each in [*named_as_child, *roots] if "mesh" in nodes[each]]
     shown = sum(bodies[mesh] for mesh in meshes)

@@ -106,7 +106,7 @@ class BlindSearch:
         given = problem.arrays, goal.arrays, problem.chain.wraps, tolerances, parameters
         recorder = Recorder(problem, self) if problem.trace else None
         if recorder:
-            done = self._walk_and_tell(recorder, given, memory, at, q, deadline)
+            done = self._walk_and_record(recorder, given, memory, at, q, deadline)
         else:
             done = walk(*given, PART, memory, at, q)
         while not done and not deadline.passed:
@@ -125,7 +125,7 @@ class BlindSearch:
             return found._replace(trace=recorder.finish())
         return found
 
-    def _walk_and_tell(
+    def _walk_and_record(
         self,
         recorder: Recorder,
         given: tuple[Any, Any, Any, Any, Array],

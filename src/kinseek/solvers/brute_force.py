@@ -105,7 +105,7 @@ class BruteForce:
         order = np.stack([self._order(count, joint) for joint in range(dof)])
         if problem.axes is None:
             asked = self._ask(problem.mechanism, problem, grid, order, deadline, watch)
-            return self._told(problem, grid, asked, 2 * order.nbytes) if problem.trace else asked
+            return self._report(problem, grid, asked, 2 * order.nbytes) if problem.trace else asked
         window = Window(grid.values_of(order), order, np.full(dof, count, dtype=np.int64))
         budget = count**dof if problem.budget is None else problem.budget
         beam, scratch = make_beam(1, dof), make_node_scratch(dof)
@@ -125,9 +125,9 @@ class BruteForce:
         q = beam.q[0] if leaves else problem.start
         cut = early and leaves < budget and not beam.errors[0] < self.stop_below
         found = Found(q, leaves, dof * count, expanded, cut)
-        return self._told(problem, grid, found, bytes_of(window, beam, scratch)) if problem.trace else found
+        return self._report(problem, grid, found, bytes_of(window, beam, scratch)) if problem.trace else found
 
-    def _told(self, problem: Problem, grid: Grid, found: Found, memory: int) -> Found:
+    def _report(self, problem: Problem, grid: Grid, found: Found, memory: int) -> Found:
         """What was found, with its trace: the one pass over the whole grid."""
         recorder, nodes = Recorder(problem, self), np.arange(grid.size)
         window = grid_window(grid, [nodes] * problem.mechanism.dof)

@@ -81,16 +81,16 @@ def find_split(chain: Mechanism, goal: Goal) -> Split:
         if first and freedom - place <= len(joints):
             where = ", ".join(f"{x:.4g}" for x in np.round(point, 6) + 0.0)
             why = (
-                f"moving {_told(chain, joints)} leaves the point ({where}) m of the hand at rest, so {_told(chain, first)} "
-                f"{_are(first)} searched for its place, then {_told(chain, joints)} for the goal"
+                f"moving {_list(chain, joints)} leaves the point ({where}) m of the hand at rest, so {_list(chain, first)} "
+                f"{_are(first)} searched for its place, then {_list(chain, joints)} for the goal"
             )
             at = (float(point[0]), float(point[1]), float(point[2]))
             return Split(first, joints, idle, at, why + _idly(chain, idle), look.evaluations)
         why = (
-            f"moving {_told(chain, joints)} leaves a point of the hand at rest, but of the {freedom} ways in which the hand "
+            f"moving {_list(chain, joints)} leaves a point of the hand at rest, but of the {freedom} ways in which the hand "
             f"can move its place settles {place}, and they cannot settle the others"
         )
-    sentence = f"{_told(chain, movers)} {_are(movers)} searched as one chain: {why}" + _idly(chain, idle)
+    sentence = f"{_list(chain, movers)} {_are(movers)} searched as one chain: {why}" + _idly(chain, idle)
     return Split(movers, (), idle, (0.0, 0.0, 0.0), sentence, look.evaluations)
 
 
@@ -105,7 +105,7 @@ def _resting(look: _Look, movers: Joints) -> list[tuple[Joints, Array]]:
     return found
 
 
-def _told(chain: Mechanism, joints: Joints) -> str:
+def _list(chain: Mechanism, joints: Joints) -> str:
     return ", ".join(chain.joint_names[j] for j in joints)
 
 
@@ -114,7 +114,7 @@ def _are(joints: Joints) -> str:
 
 
 def _idly(chain: Mechanism, idle: Joints) -> str:
-    return f"; moving {_told(chain, idle)} changes nothing that the goal asks for" if idle else ""
+    return f"; moving {_list(chain, idle)} changes nothing that the goal asks for" if idle else ""
 
 
 class _Look:

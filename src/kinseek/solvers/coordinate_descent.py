@@ -88,7 +88,7 @@ class CoordinateDescent:
             found = answer(
                 problem.mechanism, problem, deadline, self.most_sweeps, self.pairs, self.stall, recorder
             )
-            return found if recorder is None else self._told(recorder, found, "a sweep cut short")
+            return found if recorder is None else self._report(recorder, found, "a sweep cut short")
         # Squared weights, and half of K_A², so that near the goal the sum is (K_P |Δp|)² + (K_A Δφ)².
         turn_weight = goal.orientation_weight**2 / 2
         columns = (np.arange(3) < goal.columns).astype(float)
@@ -113,10 +113,10 @@ class CoordinateDescent:
                 recorder.add(f"sweep {swept}", q, int(at[SPENT]), memory=bytes_of(q))
             done = sweep_down(*given, part, at, q)
         found = Found(q, int(at[SPENT]), out_of_time=not done)
-        return found if recorder is None else self._told(recorder, found, f"sweep {swept + 1}")
+        return found if recorder is None else self._report(recorder, found, f"sweep {swept + 1}")
 
     @staticmethod
-    def _told(recorder: Recorder, found: Found, last: str) -> Found:
+    def _report(recorder: Recorder, found: Found, last: str) -> Found:
         """What was found, with its trace; what is not in it yet is the pass `last`."""
         recorder.add_rest(last, found)
         recorder.note_end(found)

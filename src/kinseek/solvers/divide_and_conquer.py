@@ -364,7 +364,7 @@ class DivideAndConquer:
             if at[STOPPED] or not done:
                 break
             before = found.q.copy()
-        return found if recorder is None else self._told(recorder, found)
+        return found if recorder is None else self._report(recorder, found)
 
     def _recorder(self, problem: Problem) -> Recorder:
         """What keeps the passes, with a sentence for each joint that may be locked out."""
@@ -373,7 +373,7 @@ class DivideAndConquer:
             recorder.note(sentence)
         return recorder
 
-    def _told(self, recorder: Recorder, found: Found) -> Found:
+    def _report(self, recorder: Recorder, found: Found) -> Found:
         """What was found, with its trace."""
         recorder.note_end(found)
         if recorder.judged(found.q)[2] < self.stop_below:
@@ -397,7 +397,7 @@ class DivideAndConquer:
         stored = box.dof * self.branching_factor if self.tree == "static" else 0
         before = problem.start
 
-        def told(k: int, q: Array | None, expanded: int) -> None:
+        def on_pass(k: int, q: Array | None, expanded: int) -> None:
             nonlocal before
             best = best_or_start(q, box, problem.start)
             now = Found(best, asker.spent, stored or expanded, expanded)
@@ -405,10 +405,10 @@ class DivideAndConquer:
                 record_pass(recorder, plan.grid, plan.first, plan.until(k + 1), k, before, now, held)
             before = best
 
-        q, expanded = descend(asker, plan.grid, plan.passes, plan.later, plan.first, watch, told)
+        q, expanded = descend(asker, plan.grid, plan.passes, plan.later, plan.first, watch, on_pass)
         q = best_or_start(q, box, problem.start)
         found = Found(q, asker.spent, stored or expanded, expanded, asker.out_of_time)
-        return found if recorder is None else self._told(recorder, found)
+        return found if recorder is None else self._report(recorder, found)
 
 
 def _offsets(given: object) -> float | tuple[float | None, ...]:

@@ -56,7 +56,7 @@ class Polished:
         part = problem if (half, soon) == (None, None) else replace(problem, budget=half, time_limit=soon)
         first = self.search.solve(part)
         if budget == 1:
-            return self._told(replace(first, problem=problem), first, None)
+            return self._report(replace(first, problem=problem), first, None)
         half = None if budget is None else budget // 2
         last = self.finish.solve(replace(problem, near=first.q, budget=half, time_limit=deadline.left))
         better = first.success | (last.weighted_error > first.weighted_error) & ~np.asarray(last.success)
@@ -78,11 +78,11 @@ class Polished:
             work = [np.ravel(merged[name]) for name in ("evaluations", "nodes_created", "nodes_expanded")]
             placed = problem.placed(q).reshape(-1, q.shape[-1])
             solution = conclude(problem, placed, np.stack(work, axis=1))
-            return self._told(solution, first, last)
-        return self._told(replace(last, q=q, problem=problem, **merged), first, last)
+            return self._report(solution, first, last)
+        return self._report(replace(last, q=q, problem=problem, **merged), first, last)
 
     @staticmethod
-    def _told(solution: Solution, first: Solution, last: Solution | None) -> Solution:
+    def _report(solution: Solution, first: Solution, last: Solution | None) -> Solution:
         """The answer with the traces of both searches as one, if they were asked for and kept."""
         if not solution.problem.trace:
             return solution

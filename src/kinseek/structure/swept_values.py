@@ -33,13 +33,13 @@ def choose_swept_values(structure: Structure, handle: Indices, size: float, samp
         return
     farthest = size if numbers[form.SLIDES] else np.pi
     swept_values = farthest * (2.0 * np.arange(SWEPT_VALUES) / SWEPT_VALUES - 1.0)
-    told = np.zeros((max(samples // SAMPLES, 1), SWEPT_VALUES), dtype=np.int64)
-    try_swept_values(handle, swept_values, told, LANES)
+    report = np.zeros((max(samples // SAMPLES, 1), SWEPT_VALUES), dtype=np.int64)
+    try_swept_values(handle, swept_values, report, LANES)
     for k in range(form.VALUES):
-        served = told.sum(axis=0)
+        served = report.sum(axis=0)
         best = int(np.argmax(served))
         if not served[best]:
             break
         numbers[form.SWEPT] = k + 1
         numbers[form.SWEPT_VALUES + k] = swept_values[best]
-        told[told[:, best] == 1] = 0
+        report[report[:, best] == 1] = 0

@@ -61,7 +61,7 @@ def show(
         count = len(viewer.meshes.missing)
         print(
             f"Drawn without {count} mesh{'es' if count > 1 else ''}:",
-            *map(printable, viewer.meshes.told()),
+            *map(printable, viewer.meshes.report()),
             sep="\n  ",
         )
     if port not in (0, viewer.port):

@@ -143,7 +143,7 @@ class Door:
         from websockets.asyncio.server import ServerConnection, serve
 
         self._there = True
-        asyncio.get_running_loop().set_exception_handler(_told_to_the_log)
+        asyncio.get_running_loop().set_exception_handler(_log_exception)
         ask = options["process_request"]
 
         def checked(connection: Any, request: Any) -> Any:
@@ -194,7 +194,7 @@ class _Instead:
         return getattr(self._module, name)
 
 
-def _told_to_the_log(loop: Any, context: Mapping[str, Any]) -> None:
+def _log_exception(loop: Any, context: Mapping[str, Any]) -> None:
     """A message that made a fault ends there; asyncio would print it."""
     _log.debug("%s", context.get("message"), exc_info=context.get("exception"))
 

@@ -26,7 +26,7 @@ MOST_FACES = 1_000_000
 MOST_READ = 2**28
 """Bytes of the files of all meshes together, where a file counts as often as it is named."""
 
-MOST_TOLD = 5
+MOST_REPORTED = 5
 """Missing meshes that are named; a package that is nowhere lacks dozens."""
 
 GREY = (0.72, 0.74, 0.77, 1.0)
@@ -51,10 +51,10 @@ class Meshes:
     missing: list[str] = field(default_factory=list)
     """Of what could not be shown: a sentence each."""
 
-    def told(self) -> list[str]:
+    def report(self) -> list[str]:
         """The first of what is missing, and how many more."""
-        more = len(self.missing) - MOST_TOLD
-        return [*self.missing[:MOST_TOLD], *([f"… and {more} more"] if more > 0 else [])]
+        more = len(self.missing) - MOST_REPORTED
+        return [*self.missing[:MOST_REPORTED], *([f"… and {more} more"] if more > 0 else [])]
 
 
 def meshes_of(chain: SerialChain | None, packages: Mapping[str, str | Path] | None = None) -> Meshes:

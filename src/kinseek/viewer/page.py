@@ -142,7 +142,7 @@ class Page:
         one = trace[number]
         self.scene.show_pass(one.q, clouds.visited(self.arm, one))
         self.panel.show_number(number, len(trace))
-        self.panel.told.content = words.pass_html(trace, number)
+        self.panel.pass_text.content = words.pass_html(trace, number)
         self.panel.joints.content = words.joints_html(self.arm, self.answer.q, one)
 
     def close(self) -> None:
@@ -211,16 +211,16 @@ class Page:
         if answer.reached or answer.refused:
             return
         for proof in self._session.proofs(answer.wishes, self._prover.stale):
-            if self._prover.stale() or not self._tell(answer, proof, looking=True):
+            if self._prover.stale() or not self._report_once(answer, proof, looking=True):
                 return
-        if not self._tell(answer, self.proof, looking=False):
+        if not self._report_once(answer, self.proof, looking=False):
             return
         found = None if self.proof is None else self.proof.certificate
         known = np.inf if answer.solution is None else float(answer.solution.weighted_error)
         if found is not None and answer.wishes.search == DEFAULT and found.upper_bound < known * (1.0 - 1e-3):
             self._nearer(answer, found.q)
 
-    def _tell(self, answer: Answer, proof: Proof | None, looking: bool) -> bool:
+    def _report_once(self, answer: Answer, proof: Proof | None, looking: bool) -> bool:
         """Say what is proved of an answer, and whether it is still the one that is shown; else nothing is said."""
         with self._lock:  # A newer answer waits for it, and writes over it.
             if self.answer is not answer:
@@ -243,7 +243,7 @@ class Page:
         self.panel.show_target(wishes)
         if self.trace is None and self.panel.passes.value:
             self._find_trace(wishes, answer)
-        self.panel.told.content = words.pass_html(self.trace, 0) if self.panel.passes.value else ""
+        self.panel.pass_text.content = words.pass_html(self.trace, 0) if self.panel.passes.value else ""
         self.show_pass(len(self.trace) - 1 if self.trace else 0)
         scene.show_cloud(
             "samples", clouds.samples_around(self.arm, wishes) if wishes.samples else None, CLOUD

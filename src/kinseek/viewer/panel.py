@@ -113,7 +113,7 @@ class Panel:
         self._on(self.number, lambda value: do.show_pass(int(value) - 1))
         self.stepping = gui.add_button_group("Passes", ("back", "step", "play"), visible=False)
         self._on(self.stepping, self._stepped, click=True)
-        self.told = gui.add_html("")
+        self.pass_text = gui.add_html("")
 
     def _stepped(self, value: str) -> None:
         if value == "play":
@@ -125,7 +125,7 @@ class Panel:
         return {name: str(each.value) for name, each in self.parameters.items() if each.visible}
 
     def _see(self, wishes: Wishes, meshes: Meshes) -> None:
-        gui, axes, missing = self._gui, self._arm.axes is not None, meshes.told()
+        gui, axes, missing = self._gui, self._arm.axes is not None, meshes.report()
         self.see = {
             name: gui.add_checkbox(label, getattr(wishes, name), hint=hint, disabled=not there)
             for name, label, hint, there in (
@@ -210,7 +210,7 @@ class Panel:
         """
         known = handle.value
 
-        async def told(event: Any) -> None:
+        async def report(event: Any) -> None:
             nonlocal known
             if event.client is None:
                 return
@@ -223,7 +223,7 @@ class Panel:
             except KinseekError as error:  # What was typed is no pose, perhaps.
                 self.answer.content = refused_html(str(error))
 
-        (handle.on_click if click else handle.on_update)(told)
+        (handle.on_click if click else handle.on_update)(report)
 
 
 def is_offered(handle: Any) -> bool:

@@ -149,23 +149,25 @@ def command(
     cores = None if client is None else sum(client.nthreads().values()) or 1
     cost = estimate(loaded, grid, words, seconds=0.5, cores=cores, **options)
     complain(str(cost))
-    told: dict[str, Any] = {"cells": cost.cells, "estimated_seconds": cost.duration}
+    report: dict[str, Any] = {"cells": cost.cells, "estimated_seconds": cost.duration}
     if not only:
         began = time.perf_counter()
         dataset = reach(loaded, grid, words, store=store, client=client, progress=on_terminal(), **options)
-        told |= {"seconds": time.perf_counter() - began, "reached": float((dataset.reached == 1).mean())}
-        told["places_reached"] = float((capability(dataset) > 0).mean())
+        report |= {"seconds": time.perf_counter() - began, "reached": float((dataset.reached == 1).mean())}
+        report["places_reached"] = float((capability(dataset) > 0).mean())
         if prove:
-            told |= {
+            report |= {
                 "empty": float((dataset.cell == 2).mean()),
                 "undecided": float((dataset.cell == 0).mean()),
             }
-            told |= {f"volume_{name}": each for name, each in volume(dataset)._asdict().items()}
+            report |= {f"volume_{name}": each for name, each in volume(dataset)._asdict().items()}
         if picture is not None:
             from kinseek import plots
 
             plots.save(plots.map_slice(dataset), picture)
-    print(json.dumps(told) if as_json else "\n".join(f"{name}: {value:.6g}" for name, value in told.items()))
+    print(
+        json.dumps(report) if as_json else "\n".join(f"{name}: {value:.6g}" for name, value in report.items())
+    )
     return 0
 
 

@@ -141,9 +141,9 @@ def solve_plain_near(
     report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
     report[EVALUATIONS] = walk_near(handle, tolerances, memory, target, near, q, lanes_of(handle))
     conclude_near(handle, tolerances, memory, target, near, q, report)
-    told = outcome(task, report)
+    status = outcome(task, report)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
-    return told
+    return status
 
 
 @entry(
@@ -182,9 +182,9 @@ def solve_goal(
     else:
         report[EVALUATIONS] = solve_target(handle, tolerances, memory, target, task.budget, q, w)
         conclude_answer(handle, tolerances, memory, target, q, report)
-    told = outcome(task, report)
+    status = outcome(task, report)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
-    return told
+    return status
 
 
 @entry(

@@ -379,6 +379,6 @@ def solve_plain(address: int, target: Array, q: Array) -> tuple[float, float, fl
     # Called here and not one floor below: Numba compiles what a function calls anew for every floor above it.
     report[EVALUATIONS] = solve_target(handle, tolerances, memory, target, task.budget, q, lanes_of(handle))
     conclude_answer(handle, tolerances, memory, target, q, report)
-    told = outcome(task, report)
+    status = outcome(task, report)
     memory[0] = 0.0  # Its last use, see `solve_pose`.
-    return told
+    return status

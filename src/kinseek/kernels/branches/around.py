@@ -22,7 +22,7 @@ from kinseek.kernels.atlas.memory import make_scratch
 from kinseek.kernels.atlas.task import task_of
 from kinseek.kernels.jit import inlined, kernel
 from kinseek.kernels.structure.candidates import DEVIATION, H5, H6, SIZE, WORK, H, joint_of
-from kinseek.kernels.structure.closed import TOLD, TRIED, closed_starts
+from kinseek.kernels.structure.closed import REPORT, TRIED, closed_starts
 from kinseek.kernels.structure.subproblems import dot, rotate
 
 from .refine_all import squared_gap
@@ -104,10 +104,10 @@ def starts_around(
     task = task_of(handle, tolerances)
     dof = len(task.lower)
     scratch = make_scratch(memory, dof, len(task.chain.leader))
-    pose, fresh, told, work, one = (
+    pose, fresh, report, work, one = (
         np.empty((4, 4)),
         np.empty((LANES, dof)),
-        np.empty(TOLD),
+        np.empty(REPORT),
         np.empty(WORK),
         np.empty(dof),
     )
@@ -123,8 +123,8 @@ def starts_around(
             pose[0, c], pose[1, c], pose[2, c] = x, y, z
         for r in range(3):
             pose[r, 3] = target[r, 3] + far * structure[SIZE] * corner(k % WAYS, r)
-        closed_starts(task, structure, pose, scratch.spare, work, fresh, told, w)
-        for l in range(int(told[TRIED])):
+        closed_starts(task, structure, pose, scratch.spare, work, fresh, report, w)
+        for l in range(int(report[TRIED])):
             fits = many < len(seeds)
             for i in range(dof):
                 one[i] = fresh[l, i]

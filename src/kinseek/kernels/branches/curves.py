@@ -60,7 +60,7 @@ ANGLES, UNDER, LEAST, ROOM = 0, 6, 9, 10
 these; and the least room that an angle has inside its limits [rad], less than 0 beyond one."""
 
 
-TOLD = 11
+REPORT = 11
 """Rows of these."""
 
 
@@ -116,8 +116,8 @@ def swept_range(task: Task, D: Array) -> tuple[float, float]:
 
 
 @inlined
-def tell(
-    task: Task, D: Array, value: float, halves: Array, rest: Array, work: Array, told: Array, w: int
+def report_samples(
+    task: Task, D: Array, value: float, halves: Array, rest: Array, work: Array, report: Array, w: int
 ) -> None:
     """Write what there is at a value of the joint in front.
 
@@ -128,7 +128,7 @@ def tell(
         halves: Receives half the range of each angle, infinite where it turns fully, (6,).
         rest: Memory, (3, 4).
         work: Memory, (WORK,).
-        told: Receives it, (TOLD, LANES).
+        report: Receives it, (REPORT, LANES).
         w: LANES.
     """
     W, dof = LANES, len(task.lower)
@@ -136,8 +136,8 @@ def tell(
     candidates(task.structure, rest, np.inf, work, w)
     for l in range(w):
         a, b, c = work[ROOTS * W + l], work[(ROOTS + 1) * W + l], work[(ROOTS + 2) * W + l]
-        told[UNDER, l], told[UNDER + 1, l], told[UNDER + 2, l] = a, b, c
-        told[LEAST, l], told[ROOM, l] = min(a, b, c), np.inf
+        report[UNDER, l], report[UNDER + 1, l], report[UNDER + 2, l] = a, b, c
+        report[LEAST, l], report[ROOM, l] = min(a, b, c), np.inf
     for row in range(dof - 1):
         i = joint_of(task.structure, row, dof)
         low, high = task.chain.lower[i], task.chain.upper[i]
@@ -145,51 +145,51 @@ def tell(
         halves[row] = half
         for l in range(w):
             angle = joint_gap(work[row * W + l], centre, TURN)
-            told[ANGLES + row, l] = angle
-            told[ROOM, l] = min(told[ROOM, l], half - abs(angle))
+            report[ANGLES + row, l] = angle
+            report[ROOM, l] = min(report[ROOM, l], half - abs(angle))
 
 
 @inlined
-def is_answer(told: Array, k: int, l: int) -> bool:
+def is_answer(report: Array, k: int, l: int) -> bool:
     """Is there an answer in a lane at value k?"""
-    there: bool = told[k, LEAST, l] >= 0.0 and told[k, ROOM, l] >= 0.0
+    there: bool = report[k, LEAST, l] >= 0.0 and report[k, ROOM, l] >= 0.0
     return there
 
 
 @inlined
-def farthest(told: Array, a: int, b: int, l: int) -> float:
+def farthest(report: Array, a: int, b: int, l: int) -> float:
     """Largest change of an angle of a lane from value a to b, the short way round [rad]."""
     far = 0.0
     for row in range(ANGLES, UNDER):
-        far = max(far, abs(joint_gap(told[b, row, l], told[a, row, l], TURN)))
+        far = max(far, abs(joint_gap(report[b, row, l], report[a, row, l], TURN)))
     return far
 
 
 @inlined
-def slope(values: Array, told: Array, before: int, k: int, after: int, row: int, l: int) -> float:
+def slope(values: Array, report: Array, before: int, k: int, after: int, row: int, l: int) -> float:
     """Slope of a row at value k, by the parabola through its neighbours."""
     left, right = values[k] - values[before], values[after] - values[k]
-    down = (told[k, row, l] - told[before, row, l]) / left
-    up = (told[after, row, l] - told[k, row, l]) / right
+    down = (report[k, row, l] - report[before, row, l]) / left
+    up = (report[after, row, l] - report[k, row, l]) / right
     there: float = (down * right + up * left) / (left + right)
     return there
 
 
 @inlined
-def peak(values: Array, told: Array, left: int, a: int, b: int, right: int, l: int) -> float:
+def peak(values: Array, report: Array, left: int, a: int, b: int, right: int, l: int) -> float:
     """Where all roots of a lane may be above zero between two values where some are not, in parts of the way; else -1.
 
     Of what is next to them on either side, -1 where there is nothing, slopes are taken.
     """
     width, at = values[b] - values[a], -1.0
-    if max(told[a, ROOM, l], told[b, ROOM, l]) < -BEYOND:
+    if max(report[a, ROOM, l], report[b, ROOM, l]) < -BEYOND:
         return -1.0
     for row in range(UNDER, LEAST):
-        begin, end = told[a, row, l], told[b, row, l]
+        begin, end = report[a, row, l], report[b, row, l]
         if begin >= 0.0 or end >= 0.0:
             continue
-        up = slope(values, told, left, a, b, row, l) * width if left >= 0 else 0.0
-        down = slope(values, told, a, b, right, row, l) * width if right >= 0 else 2.0 * (end - begin) - up
+        up = slope(values, report, left, a, b, row, l) * width if left >= 0 else 0.0
+        down = slope(values, report, a, b, right, row, l) * width if right >= 0 else 2.0 * (end - begin) - up
         up = up if left >= 0 else 2.0 * (end - begin) - down
         if up <= 0.0 or down >= 0.0:
             return -1.0
@@ -204,14 +204,16 @@ def peak(values: Array, told: Array, left: int, a: int, b: int, right: int, l: i
 
 
 @inlined
-def fold(values: Array, told: Array, a: int, b: int, l: int, far: float) -> float:
+def fold(values: Array, report: Array, a: int, b: int, l: int, far: float) -> float:
     """Where between two values, one of which has no root, it is looked beside the fold, in parts of the way; else -1."""
-    here, there = (a, b) if told[b, LEAST, l] >= 0.0 else (b, a)
-    if told[here, ROOM, l] < -FOLDED or (told[there, ROOM, l] >= 0.0 and farthest(told, a, b, l) <= far):
+    here, there = (a, b) if report[b, LEAST, l] >= 0.0 else (b, a)
+    if report[here, ROOM, l] < -FOLDED or (
+        report[there, ROOM, l] >= 0.0 and farthest(report, a, b, l) <= far
+    ):
         return -1.0
     way = 0.0
     for row in range(UNDER, LEAST):
-        less, more = told[here, row, l], told[there, row, l]
+        less, more = report[here, row, l], report[there, row, l]
         if less < 0.0:
             way = max(way, less / (less - more))
     way = min(way + AHEAD * (1.0 - way), 1.0 - AHEAD)
@@ -219,45 +221,53 @@ def fold(values: Array, told: Array, a: int, b: int, l: int, far: float) -> floa
 
 
 @inlined
-def allowed(told: Array, halves: Array, a: int, b: int, l: int, far: float) -> float:
+def allowed(report: Array, halves: Array, a: int, b: int, l: int, far: float) -> float:
     """Where between two values with angles limits may allow an answer that these do not tell of, in parts; else -1."""
-    known = is_answer(told, a, l) or is_answer(told, b, l)
-    if known and farthest(told, a, b, l) <= far:
+    known = is_answer(report, a, l) or is_answer(report, b, l)
+    if known and farthest(report, a, b, l) <= far:
         return -1.0
     begin, end = 0.0, 1.0
     for row in range(ANGLES, UNDER):
-        angle = told[a, row, l]
-        change = joint_gap(told[b, row, l], angle, TURN)
+        angle = report[a, row, l]
+        change = joint_gap(report[b, row, l], angle, TURN)
         room = halves[row] + BEND * abs(change)
-        inside = abs(told[b, row, l]) <= room
+        inside = abs(report[b, row, l]) <= room
         if abs(angle) <= room and inside:
             continue
         if abs(change) < TINY_CHANGE:
             return -1.0
         # An angle that goes once round the other way comes in where it ends.
-        angle = told[b, row, l] - change if inside else angle
+        angle = report[b, row, l] - change if inside else angle
         low, high = (-room - angle) / change, (room - angle) / change
         begin, end = max(begin, min(low, high)), min(end, max(low, high))
     if begin > end:
         return -1.0
-    one, other = told[a, LEAST, l], told[b, LEAST, l]
+    one, other = report[a, LEAST, l], report[b, LEAST, l]
     share = 0.25 if one < STEEP * other else 0.75 if other < STEEP * one else 0.5
     return min(max(begin + share * (end - begin), 0.05), 0.95)
 
 
 @inlined
 def between(
-    values: Array, told: Array, halves: Array, left: int, a: int, b: int, right: int, far: float, close: float
+    values: Array,
+    report: Array,
+    halves: Array,
+    left: int,
+    a: int,
+    b: int,
+    right: int,
+    far: float,
+    close: float,
 ) -> float:
     """Where between two values it is looked next, in parts of the way, not as close as that to one; -1 if nowhere."""
     for l in range(LANES):
-        one, other = told[a, LEAST, l] < 0.0, told[b, LEAST, l] < 0.0
+        one, other = report[a, LEAST, l] < 0.0, report[b, LEAST, l] < 0.0
         if one and other:
-            t = peak(values, told, left, a, b, right, l)
+            t = peak(values, report, left, a, b, right, l)
         elif one or other:
-            t = fold(values, told, a, b, l, far)
+            t = fold(values, report, a, b, l, far)
         else:
-            t = allowed(told, halves, a, b, l, far)
+            t = allowed(report, halves, a, b, l, far)
         if close <= t <= 1.0 - close:
             return t
     return -1.0
@@ -268,7 +278,7 @@ def refine_sweep(
     task: Task,
     D: Array,
     values: Array,
-    told: Array,
+    report: Array,
     next_one: Indices,
     count: int,
     far: float,
@@ -286,52 +296,55 @@ def refine_sweep(
             break
         gap, t = values[b] - values[a], -1.0
         if gap > close:
-            t = between(values, told, halves, left, a, b, next_one[b], far, 0.25 * close / gap)
+            t = between(values, report, halves, left, a, b, next_one[b], far, 0.25 * close / gap)
         if t <= 0.0:
             left, a = a, b
             continue
         values[count] = values[a] + t * gap
-        tell(task, D, values[count], halves, rest, work, told[count], w)
+        report_samples(task, D, values[count], halves, rest, work, report[count], w)
         next_one[a], next_one[count] = count, b
         count += 1
     return count
 
 
 @inlined
-def goes_on(told: Array, halves: Array, a: int, b: int, l: int) -> bool:
+def goes_on(report: Array, halves: Array, a: int, b: int, l: int) -> bool:
     """Do answers of a lane at two values belong to one curve, as far as is seen: no limit lies between them?"""
     for row in range(ANGLES, UNDER):
-        if abs(told[a, row, l] + joint_gap(told[b, row, l], told[a, row, l], TURN)) > halves[row] + 1e-9:
+        if (
+            abs(report[a, row, l] + joint_gap(report[b, row, l], report[a, row, l], TURN))
+            > halves[row] + 1e-9
+        ):
             return False
-    return is_answer(told, b, l)
+    return is_answer(report, b, l)
 
 
 @inlined
-def step_length(told: Array, values: Array, a: int, b: int, l: int) -> float:
+def step_length(report: Array, values: Array, a: int, b: int, l: int) -> float:
     """Distance of the answers of a lane at two values [rad], the joint in front included."""
     total = (values[b] - values[a]) * (values[b] - values[a])
     for row in range(ANGLES, UNDER):
-        gap = joint_gap(told[b, row, l], told[a, row, l], TURN)
+        gap = joint_gap(report[b, row, l], report[a, row, l], TURN)
         total += gap * gap
     return math.sqrt(total)
 
 
 @inlined
-def write_answer(task: Task, value: float, told: Array, k: int, l: int, q: Array) -> None:
+def write_answer(task: Task, value: float, report: Array, k: int, l: int, q: Array) -> None:
     """Write the joint values of a lane at value k, (n,)."""
     dof = len(q)
     for i in range(dof):
         q[i] = value
         if i != swept_joint(task.structure, dof):
             row = row_of(task.structure, i, dof)
-            q[i] = 0.5 * (task.chain.lower[i] + task.chain.upper[i]) + told[k, ANGLES + row, l]
+            q[i] = 0.5 * (task.chain.lower[i] + task.chain.upper[i]) + report[k, ANGLES + row, l]
 
 
 @inlined
 def take_along(
     task: Task,
     values: Array,
-    told: Array,
+    report: Array,
     next_one: Indices,
     halves: Array,
     apart: float,
@@ -348,23 +361,23 @@ def take_along(
         for _ in range(len(values)):
             if a < 0:
                 break
-            if not is_answer(told, a, l):
+            if not is_answer(report, a, l):
                 a = next_one[a]
                 continue
             length, last = 0.0, a
-            while next_one[last] >= 0 and goes_on(told, halves, last, next_one[last], l):
-                length += step_length(told, values, last, next_one[last], l)
+            while next_one[last] >= 0 and goes_on(report, halves, last, next_one[last], l):
+                length += step_length(report, values, last, next_one[last], l)
                 last = next_one[last]
             k, done, due = a, 0.0, 0.5 * length if apart == 0.0 else 0.0
             while many < len(seeds):
                 if done >= due or k == last:
                     if done >= due:
-                        write_answer(task, values[k], told, k, l, seeds[many])
+                        write_answer(task, values[k], report, k, l, seeds[many])
                         many += 1
                         due = done + apart if apart > 0.0 else np.inf
                     if k == last:
                         break
-                done += step_length(told, values, k, next_one[k], l)
+                done += step_length(report, values, k, next_one[k], l)
                 k = next_one[k]
             total += length
             a = next_one[last]
@@ -372,12 +385,12 @@ def take_along(
 
 
 @inlined
-def answers_among(told: Array, count: int) -> int:
+def answers_among(report: Array, count: int) -> int:
     """How many answers there are at all values."""
     many = 0
     for k in range(count):
         for l in range(LANES):
-            many += 1 if is_answer(told, k, l) else 0
+            many += 1 if is_answer(report, k, l) else 0
     return many
 
 
@@ -388,7 +401,7 @@ def swept_starts(
     target: Array,
     number: int,
     values: Array,
-    told: Array,
+    report: Array,
     next_one: Indices,
     work: Array,
     halves: Array,
@@ -403,7 +416,7 @@ def swept_starts(
         target: (4, 4), lengths in [m].
         number: How many answers are wanted.
         values: Memory, (k,): at most so many values of the joint in front are looked at.
-        told: Memory, (k, TOLD, LANES).
+        report: Memory, (k, REPORT, LANES).
         next_one: Memory, (k,).
         work: Memory, (WORK,).
         halves: Memory, (6,).
@@ -417,16 +430,16 @@ def swept_starts(
         low, high = 0.5 * (low + high) - 1e-9, 0.5 * (low + high) + 1e-9
     for k in range(GRID):
         values[k], next_one[k] = low + (high - low) * k / (GRID - 1), k + 1
-        tell(task, D, values[k], halves, rest, work, told[k], w)
+        report_samples(task, D, values[k], halves, rest, work, report[k], w)
     next_one[GRID - 1] = -1
-    count, far = refine_sweep(task, D, values, told, next_one, GRID, FAR, halves, rest, work, w), FAR
+    count, far = refine_sweep(task, D, values, report, next_one, GRID, FAR, halves, rest, work, w), FAR
     for _ in range(HALVINGS):
-        many = answers_among(told, count)
+        many = answers_among(report, count)
         if many == 0 or many >= number + number // 2 or count == len(values):
             break
         far *= 0.5
-        count = refine_sweep(task, D, values, told, next_one, count, far, halves, rest, work, w)
-    first, length = take_along(task, values, told, next_one, halves, 0.0, seeds, 0)
+        count = refine_sweep(task, D, values, report, next_one, count, far, halves, rest, work, w)
+    first, length = take_along(task, values, report, next_one, halves, 0.0, seeds, 0)
     apart = length / max(number + number // 2 - first, number // 2 + 1)
-    many, _ = take_along(task, values, told, next_one, halves, max(apart, 1e-9), seeds, first)
+    many, _ = take_along(task, values, report, next_one, halves, max(apart, 1e-9), seeds, first)
     return first, many

@@ -268,7 +268,7 @@ def searched_starts(
     table: Array,
     target: Array,
     seeds: Array,
-    told: Indices,
+    report: Indices,
     w: int,
 ) -> None:
     """Write starts that lead to every answer inside the limits, or beside them, into seeds.
@@ -280,7 +280,7 @@ def searched_starts(
         table: See `HEIGHT`, (PLACES, SAMPLES).
         target: (4, 4), lengths in [m].
         seeds: Receives joint values, (at least ROOTS, n).
-        told: See `MANY`, (3,).
+        report: See `MANY`, (3,).
         w: LANES.
     """
     task, D, dips = task_of(handle, tolerances), np.empty((3, 4)), 0
@@ -339,4 +339,4 @@ def searched_starts(
                     value = min(max(value, lower[i]), upper[i])
                 seeds[many, i] = value
             many += 1 if fits else 0
-    told[MANY], told[TWINS], told[UNSURE] = many, 1 if dips > 0 else 0, 1 if unsure else 0
+    report[MANY], report[TWINS], report[UNSURE] = many, 1 if dips > 0 else 0, 1 if unsure else 0

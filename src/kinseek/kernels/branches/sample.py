@@ -86,7 +86,7 @@ def sample_branches(
             target,
             number,
             np.empty(size),
-            np.empty((size, curves.TOLD, LANES)),
+            np.empty((size, curves.REPORT, LANES)),
             np.empty(size, dtype=np.int64),
             np.empty(WORK),
             np.empty(curves.UNDER),

@@ -43,7 +43,7 @@ from kinseek.kernels.atlas.task import (
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, inlined, noinline
 from kinseek.kernels.structure.candidates import DEVIATION, KIND, LOOSE, NUMBERS, PARALLEL, ROUNDING, WORK
-from kinseek.kernels.structure.closed import FOLDED, LOST, SURE, TOLD, TRIED, UNSURE, closed_starts, serves
+from kinseek.kernels.structure.closed import FOLDED, LOST, REPORT, SURE, TRIED, UNSURE, closed_starts, serves
 
 from . import one_joint, one_joint_residual
 from .around import FINAL, FIRST, least_lean, starts_around
@@ -172,11 +172,11 @@ def find_branches(
     memory = np.zeros(scratch_size(dof, joints))
     scratch = make_scratch(memory, dof, joints)
     rows, seeds = np.empty((ROWS, dof)), np.empty((DEEP_STARTS, dof))
-    tally, image, left, asked = np.zeros(TALLY), np.empty(dof), np.empty(ROWS), np.empty(TOLD)
-    starts_told = np.zeros(3, dtype=np.int64)
+    tally, image, left, asked = np.zeros(TALLY), np.empty(dof), np.empty(ROWS), np.empty(REPORT)
+    starts_reported = np.zeros(3, dtype=np.int64)
     tally[WEAKEST] = np.inf
     start(task, scratch, target)
-    count, told, rounds, kept, done, unsure, reached, settling = 0, 0, 0, 0, False, False, False, False
+    count, report, rounds, kept, done, unsure, reached, settling = 0, 0, 0, 0, False, False, False, False
     left_to_try, tried, known_before, leans = PLAIN, 0, 0, 1.0
     if serves(task, structure):
         closed_starts(task, structure, target, scratch.spare, np.empty(WORK), seeds, asked, w)
@@ -209,8 +209,8 @@ def find_branches(
         elif not exact and many > 0 and structure[KIND] == PARALLEL:
             left_to_try, tried, leans = NARROW, many, least_lean(structure, seeds, many)
     elif table.shape[1] > 0 and max(task.position_tolerance, task.orientation_tolerance) <= LOOSE:
-        one_joint.searched_starts(handle, tolerances, joint, table, target, seeds, starts_told, w)
-        many = starts_told[one_joint.MANY]
+        one_joint.searched_starts(handle, tolerances, joint, table, target, seeds, starts_reported, w)
+        many = starts_reported[one_joint.MANY]
         count = refine_all(
             handle,
             tolerances,
@@ -227,8 +227,8 @@ def find_branches(
             tally,
             w,
         )
-        unsure = starts_told[one_joint.UNSURE] > 0 or count == 0
-        done = not unsure and count == many and starts_told[one_joint.TWINS] == 0
+        unsure = starts_reported[one_joint.UNSURE] > 0 or count == 0
+        done = not unsure and count == many and starts_reported[one_joint.TWINS] == 0
         rounds = 0 if unsure else SETTLED
     samples, room = (0, 0) if done else (len(steps), ROOM)
     distance, near = np.empty(samples), np.empty(samples + 1, dtype=np.int64)
@@ -239,13 +239,13 @@ def find_branches(
         if done or count >= ROWS:
             break
         mode, surely = SEEDED, DEEP_STARTS
-        if told < count:
-            last = min(count, told + LANES)
-            many = twins(handle, tolerances, memory, rows, told, last, seeds, tally, w)
+        if report < count:
+            last = min(count, report + LANES)
+            many = twins(handle, tolerances, memory, rows, report, last, seeds, tally, w)
             if settling and tally[WEAKEST] >= WEAK and last == count:
                 break
-            many = images(task, mirrors, view[RATES], rows, told, last, seeds, many, image)
-            mode, told = SIBLING, last
+            many = images(task, mirrors, view[RATES], rows, report, last, seeds, many, image)
+            mode, report = SIBLING, last
             rounds = 0 if rounds == SETTLED and tally[CONTINUA] > 0.0 else rounds
         elif left_to_try != PLAIN:
             first = left_to_try == NARROW

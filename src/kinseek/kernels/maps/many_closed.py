@@ -12,7 +12,7 @@ from kinseek.kernels.atlas.task import HANDLE, TOLERANCES, task_of
 from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry
 from kinseek.kernels.structure.candidates import NUMBERS, WORK
-from kinseek.kernels.structure.closed import TOLD, TRIED, UNSURE, closed_starts, serves
+from kinseek.kernels.structure.closed import REPORT, TRIED, UNSURE, closed_starts, serves
 
 LEFT, NO, YES = range(3)
 """What is told of a pose: it is left to a search; it has no candidate inside the limits or beside them; one of them is an
@@ -25,11 +25,11 @@ answer."""
     tolerances=F64[TOLERANCES],
     structure=F64[NUMBERS],
     targets=F64["k", 3, 4],
-    told=I64["k"].out,
+    report=I64["k"].out,
     w=I64,
 )
 def many_closed(
-    handle: Indices, tolerances: Array, structure: Array, targets: Array, told: Indices, w: int
+    handle: Indices, tolerances: Array, structure: Array, targets: Array, report: Indices, w: int
 ) -> int:
     """Tell of poses whether a closed form reaches them.
 
@@ -38,7 +38,7 @@ def many_closed(
         tolerances: See `task_of`.
         structure: See `structure.candidates.KIND`, (NUMBERS,).
         targets: Rigid transforms, (k, 3, 4), lengths in [m].
-        told: Receives LEFT, NO or YES, (k,).
+        report: Receives LEFT, NO or YES, (k,).
         w: LANES.
 
     Returns:
@@ -49,20 +49,20 @@ def many_closed(
     left = len(targets)
     if not serves(task, structure):
         for i in range(left):
-            told[i] = LEFT
+            report[i] = LEFT
         return left
     D, T, work = np.empty((3, 4)), np.empty((3, 4)), np.empty(WORK)
-    seeds, asked = np.empty((LANES, dof)), np.empty(TOLD)
+    seeds, asked = np.empty((LANES, dof)), np.empty(REPORT)
     for i in range(len(targets)):
         closed_starts(task, structure, targets[i], D, work, seeds, asked, w)
         many = int(asked[TRIED])
-        told[i] = NO if many == 0 and asked[UNSURE] == 0.0 else LEFT
+        report[i] = NO if many == 0 and asked[UNSURE] == 0.0 else LEFT
         goal = GoalArrays(targets[i], task.position_weight, task.axis_weights)
         for j in range(many):
             forward(task.chain, seeds[j], T)
             position, orientation = errors(T, goal)
             if position <= task.position_tolerance and orientation <= task.orientation_tolerance:
-                told[i] = YES
+                report[i] = YES
                 break
-        left -= 1 if told[i] != LEFT else 0
+        left -= 1 if report[i] != LEFT else 0
     return left

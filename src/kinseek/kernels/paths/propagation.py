@@ -193,7 +193,7 @@ there; behind it the least and the most that each joint moves from pose to pose.
     weights=F64["n"],
     q=F64["k", "n"],
     ahead=F64["k", "n"].out,
-    told=F64["k", "*"].out,
+    report=F64["k", "*"].out,
     along=F64["k", "n"].out,
     w=I64,
 )
@@ -206,7 +206,7 @@ def propagate_layer(
     weights: Array,
     q: Array,
     ahead: Array,
-    told: Array,
+    report: Array,
     along: Array,
     w: int,
 ) -> None:
@@ -221,7 +221,7 @@ def propagate_layer(
         weights: Of each joint in the cost, (n,).
         q: Answers to the first target, (k, n).
         ahead: Receives where they lead, (k, n).
-        told: Receives what is told of them, see `BASE`, (k, 1 + 2 n).
+        report: Receives what is told of them, see `BASE`, (k, 1 + 2 n).
         along: Receives the directions of the self-motion where they lead, (k, n), see `along_lanes`.
         w: LANES.
     """
@@ -240,15 +240,15 @@ def propagate_layer(
         for l in range(many):
             k, base = first + l, 0.0
             for d in range(dof):
-                told[k, 1 + d], told[k, 1 + dof + d] = np.inf, -np.inf
+                report[k, 1 + d], report[k, 1 + dof + d] = np.inf, -np.inf
             for i in range(ends[l]):
                 span = moments[i + 1] - moments[i]
                 for d in range(dof):
                     step = ways[i + 1, l, d] - ways[i, l, d]
                     base += weights[d] * weights[d] * step * step / span
-                    told[k, 1 + d] = min(told[k, 1 + d], step / span)
-                    told[k, 1 + dof + d] = max(told[k, 1 + dof + d], step / span)
-            told[k, BASE] = base if ends[l] == rows - 1 else np.inf
+                    report[k, 1 + d] = min(report[k, 1 + d], step / span)
+                    report[k, 1 + dof + d] = max(report[k, 1 + dof + d], step / span)
+            report[k, BASE] = base if ends[l] == rows - 1 else np.inf
             for d in range(dof):
                 ahead[k, d] = ways[ends[l], l, d]
         along_lanes(handle, tolerances, memory, ahead, first, first + many, along, w)
@@ -312,7 +312,7 @@ def spread_solutions(
     scratch = make_scratch(memory, dof, len(task.chain.leader))
     one = np.zeros(dof)
     reset_weights(task, scratch)
-    count, told = 0, 0
+    count, report = 0, 0
     for part in range(2):
         for k in range(0 if part == 0 else first, first if part == 0 else len(given)):
             for d in range(dof):
@@ -322,11 +322,11 @@ def spread_solutions(
             continue
         filled = 0
         # Answers found beside others are looked beside as well, until nothing new is found.
-        while told < count < most:
-            last = min(told + LANES, count)
-            along_lanes(handle, tolerances, memory, q, told, last, along, w)
+        while report < count < most:
+            last = min(report + LANES, count)
+            along_lanes(handle, tolerances, memory, q, report, last, along, w)
             for side in range(2):
-                for k in range(told, last):
+                for k in range(report, last):
                     for d in range(dof):
                         one[d] = q[k, d] + (1.0 - 2.0 * side) * beside * along[k, d]
                     if crowded(one, q, count, turning, AGAIN * beside):
@@ -344,8 +344,8 @@ def spread_solutions(
                     handle, tolerances, memory, filled, lower, upper, turning, apart, q, count, one, w
                 )
                 filled = 0
-            told = last
-    for k in range(told, count, LANES):
+            report = last
+    for k in range(report, count, LANES):
         along_lanes(handle, tolerances, memory, q, k, min(k + LANES, count), along, w)
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.
     return count

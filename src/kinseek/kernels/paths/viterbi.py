@@ -78,7 +78,7 @@ def moved_turns(
     forbidden_edges=I64["*", 3],
     ends=I64[2],
     path=I64["k"].out,
-    told=F64["k"].out,
+    report=F64["k"].out,
 )
 def viterbi(
     q: Array,
@@ -96,7 +96,7 @@ def viterbi(
     forbidden_edges: Indices,
     ends: Indices,
     path: Indices,
-    told: Array,
+    report: Array,
 ) -> int:
     """Find the way through layers of answers that breaks least often, and of those ways the cheapest.
 
@@ -117,7 +117,7 @@ def viterbi(
         forbidden_edges: Steps that may not be used: pose, node and following node, sorted by pose, (m, 3).
         ends: First and last node, or -1 where any will do, (2,).
         path: Receives a node a pose: answer · product of copies + turns; -1 where a pose has no node, (k,).
-        told: Receives the breaks before each pose, (k,), and in its first place the cost of all.
+        report: Receives the breaks before each pose, (k,), and in its first place the cost of all.
 
     Returns:
         How many breaks.
@@ -236,12 +236,12 @@ def viterbi(
     cost = sums_before[node] if node >= 0 else np.inf
     for back in range(poses):
         i = poses - 1 - back
-        path[i], told[i] = node, 0.0
+        path[i], report[i] = node, 0.0
         if i == 0:
             break
         a = int(came[i, node]) - 1 if node >= 0 else -1
         if a < 0:
-            told[i] = 1.0
+            report[i] = 1.0
             breaks += 1
             node = best[i - 1]
             continue
@@ -252,7 +252,7 @@ def viterbi(
             if turning[j] == COPIED:
                 place += units[j] * int(np.rint((q[i, b, j] - ahead[i - 1, a, j]) / (2.0 * math.pi)))
         node = place
-    told[0] = cost
+    report[0] = cost
     return breaks
 
 
@@ -264,7 +264,7 @@ allowed, which counts as no more than that: steps that are too large are taken o
 @entry(
     q_before=F64["a", "n"],
     ahead=F64["a", "n"],
-    told=F64["a", "*"],
+    report=F64["a", "*"],
     along_ahead=F64["a", "n"],
     q=F64["b", "n"],
     along=F64["b", "n"],
@@ -286,7 +286,7 @@ allowed, which counts as no more than that: steps that are too large are taken o
 def viterbi_step(
     q_before: Array,
     ahead: Array,
-    told: Array,
+    report: Array,
     along_ahead: Array,
     q: Array,
     along: Array,
@@ -313,7 +313,7 @@ def viterbi_step(
     Args:
         q_before: Answers of the layer before, (a, n).
         ahead: Where they lead, (a, n).
-        told: See `grow.BASE`, (a, 1 + 2 n).
+        report: See `grow.BASE`, (a, 1 + 2 n).
         along_ahead: Directions of the self-motion there, (a, n).
         q: Answers of this layer, those of COPIED joints in the first turn of their range, (b, n).
         along: Directions of the self-motion there, (b, n).
@@ -365,7 +365,7 @@ def viterbi_step(
                 if digits[s, j] >= room[b, j]:
                     fault[node] = -1
     for a in range(len(q_before)):
-        if not told[a, 0] < np.inf:
+        if not report[a, 0] < np.inf:
             continue
         for b in range(len(q)):
             if total == 1:
@@ -387,7 +387,7 @@ def viterbi_step(
                     break
             if not close:
                 continue
-            cost, share, same = told[a, 0], 0.0, 0.0
+            cost, share, same = report[a, 0], 0.0, 0.0
             for j in range(dof):
                 same += along_ahead[a, j] * along[b, j]
                 cost += (
@@ -399,7 +399,7 @@ def viterbi_step(
                 )
             for j in range(dof):
                 gap = gaps[j] / poses if same > 0.0 else gaps[j]
-                most = max(abs(told[a, 1 + j] + gap), abs(told[a, 1 + dof + j] + gap))
+                most = max(abs(report[a, 1 + j] + gap), abs(report[a, 1 + dof + j] + gap))
                 share = max(share, most / longest[j])
             cost = max(cost, 0.0) * (1.0 + min(share, MOST_SHARE) ** STEEPEST)
             for s in range(total):

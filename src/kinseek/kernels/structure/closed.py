@@ -39,7 +39,7 @@ TRIED, SURE, UNSURE, LOST, FOLDED = range(5)
 than they lead to, 1 where an arm nearly so may have such as the nearby arm has lost, and how far the equation that is solved
 first is from having one answer, see `candidates.ROOTS`."""
 
-TOLD = FOLDED + 1
+REPORT = FOLDED + 1
 """Numbers that are told."""
 
 ASKEW = 5.0
@@ -57,7 +57,7 @@ def serves(task: Task, structure: Array) -> bool:
 
 @inlined
 def closed_starts(
-    task: Task, structure: Array, target: Array, D: Array, work: Array, seeds: Array, told: Array, w: int
+    task: Task, structure: Array, target: Array, D: Array, work: Array, seeds: Array, report: Array, w: int
 ) -> None:
     """Write the candidates that lie inside the limits, or beside them, into seeds, and tell of them.
 
@@ -68,7 +68,7 @@ def closed_starts(
         D: Memory, (3, 4).
         work: Memory, (WORK,).
         seeds: Receives joint values, (at least LANES, n).
-        told: See `TRIED`, (TOLD,).
+        report: See `TRIED`, (REPORT,).
         w: LANES.
     """
     off = SPREAD * structure[DEVIATION]
@@ -108,5 +108,5 @@ def closed_starts(
             many += 1
             if inside and infeasibility <= 0.0 and discriminant > CLEAR + off:
                 sure += 1
-    told[TRIED], told[SURE], told[UNSURE], told[LOST] = many, sure, unsure, lost
-    told[FOLDED] = abs(work[ROOTS * LANES])
+    report[TRIED], report[SURE], report[UNSURE], report[LOST] = many, sure, unsure, lost
+    report[FOLDED] = abs(work[ROOTS * LANES])

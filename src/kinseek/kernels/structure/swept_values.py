@@ -17,14 +17,14 @@ from .choice import order_candidates, take_candidate
 from .swept_joint import direction, given_value
 
 
-@entry(handle=HANDLE, swept_values=F64["m"], told=I64["k", "m"].out, w=I64)
-def try_swept_values(handle: Indices, swept_values: Array, told: Indices, w: int) -> None:
+@entry(handle=HANDLE, swept_values=F64["m"], report=I64["k", "m"].out, w=I64)
+def try_swept_values(handle: Indices, swept_values: Array, report: Indices, w: int) -> None:
     """Find out which leads of the joint in front serve which poses, made of joint values spread over the limits.
 
     Args:
         handle: The task, see `task_of`.
         swept_values: (m,), [rad] or [m].
-        told: Receives 1 where a lead leaves a candidate inside the limits, else 0, of each pose, (k, m).
+        report: Receives 1 where a lead leaves a candidate inside the limits, else 0, of each pose, (k, m).
         w: LANES.
     """
     task = task_of(handle, plain_tolerances(handle))
@@ -33,15 +33,15 @@ def try_swept_values(handle: Indices, swept_values: Array, told: Indices, w: int
     scratch = make_scratch(memory, dof, joints)
     near, target, q = scratch.seed, scratch.seen, np.empty(dof)
     middle(task, near)
-    for t in range(len(told)):
+    for t in range(len(report)):
         restart(task, t, q)
         forward(task.chain, q, target)
         displacement(task.structure, target, scratch.between)
         ahead = direction(task.structure, scratch.between)
         for k in range(len(swept_values)):
             value, inside = given_value(task, ahead + swept_values[k], near)
-            told[t, k] = 0
+            report[t, k] = 0
             if inside:
                 order_candidates(task, scratch, value, near, False, w)
-                told[t, k] = 1 if take_candidate(task, scratch, q) >= 0 else 0
+                report[t, k] = 1 if take_candidate(task, scratch, q) >= 0 else 0
     memory[0] = 0.0  # Its last use, see `one_goal.solve_pose`.

@@ -85,7 +85,7 @@ class Atlas:
             from .ranges import solve_ranges
 
             self._require_room(problem)
-            return self._told(solve_ranges(self, problem))
+            return self._report(solve_ranges(self, problem))
         self._require_room(problem)
         deadline = Deadline(problem.time_limit)
         index = atlas_of(chain, goal, self.samples)
@@ -129,7 +129,7 @@ class Atlas:
 
             self.parallel_for(from_starts, len(targets), deadline)
         self._ask_again(problem, index.handle, results, done, deadline)
-        return self._told(batch_solution(problem, results, done))
+        return self._report(batch_solution(problem, results, done))
 
     def _ask_again(
         self, problem: Problem, handle: Indices, results: Array, done: NDArray[np.bool_], deadline: Deadline
@@ -176,7 +176,7 @@ class Atlas:
 
             require_room(problem, MOST_PASSES)
 
-    def _told(self, solution: Solution) -> Solution:
+    def _report(self, solution: Solution) -> Solution:
         """The solution with what was done for it, if that was asked for."""
         problem = solution.problem
         if not problem.trace:

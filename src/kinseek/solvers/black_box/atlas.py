@@ -43,21 +43,21 @@ def answer(
     asker = Asker(box, problem, deadline)
     seeds = samples.nearest(problem.goal, asker.target, SEEDS + MORE)
 
-    def told(name: str, q: Array) -> None:
+    def record(name: str, q: Array) -> None:
         if recorder:
             recorder.add(name, q, asker.spent, memory=samples.memory)
 
-    told("look-up", samples.q[seeds[0]])
+    record("look-up", samples.q[seeds[0]])
     if problem.near is not None:
         q = nearest_to(asker, samples, problem, seeds)
-        told(f"from near and {NEAR} samples", samples.q[seeds[0]] if q is None else q)
+        record(f"from near and {NEAR} samples", samples.q[seeds[0]] if q is None else q)
         if q is not None:
             return Found(q, asker.spent, out_of_time=asker.out_of_time)
     best = Best(asker, samples, samples.q[seeds[0]])
     first = SEEDS if box.cheap else SEEDS // 2
     for begin, end, steps in ((0, first, FIRST_STEPS), (first, SEEDS + MORE, MORE_STEPS)):
         solved = best.take(walk(asker, samples.length, samples.q[seeds[begin:end]], steps))
-        told(f"samples {begin + 1} to {min(end, len(seeds))}", best.answer())
+        record(f"samples {begin + 1} to {min(end, len(seeds))}", best.answer())
         if solved:
             return Found(best.answer(), asker.spent, out_of_time=asker.out_of_time)
     starts = spread(box, RESTARTS * ROUNDS)
@@ -66,7 +66,7 @@ def answer(
         around = into_range(box, best.q[np.arange(RESTARTS // 2) % len(best.q)] + kicks(box, round_number))
         rows[: RESTARTS // 2] = around
         solved = best.take(walk(asker, samples.length, rows, MORE_STEPS))
-        told(f"restarts, round {round_number + 1}", best.answer())
+        record(f"restarts, round {round_number + 1}", best.answer())
         if solved:
             return Found(best.answer(), asker.spent, out_of_time=asker.out_of_time)
         if best.hopeless():

@@ -116,7 +116,7 @@ def descend(
     later: Indices,
     first: list[Indices],
     watch: Callable[[int], object],
-    told: Callable[[int, Array | None, int], None] = lambda k, q, expanded: None,
+    on_pass: Callable[[int, Array | None, int], None] = lambda k, q, expanded: None,
 ) -> tuple[Array | None, int]:
     """Refine a grid around the best leaves, pass by pass; return the best joint values and the nodes expanded.
 
@@ -127,7 +127,7 @@ def descend(
         later: Nodes of each joint in each pass after the first, (passes, n).
         first: Nodes of the first pass, of each joint.
         watch: Told of the leaves so far.
-        told: Told after each pass of its number, and of what is returned as it is then.
+        on_pass: Told after each pass of its number, and of what is returned as it is then.
     """
     dof = len(grid.lower)
     cells, expanded, leaves = Cells.empty(passes.beam, dof, passes.tie), 0, 0
@@ -153,10 +153,10 @@ def descend(
             counts = [len(each) for each in nodes]
             if len(cells.errors) and cells.errors[0] < passes.stop_below:
                 expanded += nodes_until(np.array(counts, dtype=np.int64), asked - 1)
-                told(k, cells.q[0], expanded)
+                on_pass(k, cells.q[0], expanded)
                 return cells.q[0], expanded
             expanded += sum(math.prod(counts[: d + 1]) for d in range(dof))
-        told(k, cells.q[0] if len(cells.q) else None, expanded)
+        on_pass(k, cells.q[0] if len(cells.q) else None, expanded)
     return (cells.q[0] if len(cells.q) else None), expanded
 
 
