@@ -203,9 +203,14 @@ class Arm(ForwardArm):
         """
         if threads is not None:
             threads = as_integer("threads", threads, 1)
-        wishes = prefer is not None or cost is not None or valid is not None or scene is not None
+        selects = prefer is not None or cost is not None or valid is not None or scene is not None
         plain = (
-            solver is None and not prove and not wishes and time_limit is None and not trace and not clearance
+            solver is None
+            and not prove
+            and not selects
+            and time_limit is None
+            and not trace
+            and not clearance
         )
         if plain and (axes := self._axes) is not None and (T := plain_array(goal, (4, 4))) is not None:
             # The way of one plain pose, kept short: the kernel itself refuses what is not a rigid transform. It also
@@ -255,15 +260,15 @@ class Arm(ForwardArm):
                     warn_if_far(quick)
                 return quick
         problem = Problem(self._mechanism, asked, start, time_limit=time_limit, trace=trace)
-        if wishes and trace:
+        if selects and trace:
             raise InvalidProblem(
                 "prefer, cost, valid and scene choose among all branches; there is no trace of that"
             )
-        if wishes and solver is not None:
+        if selects and solver is not None:
             raise InvalidProblem(
                 "prefer, cost, valid and scene choose among all branches; they take no solver"
             )
-        if wishes:
+        if selects:
             asked.require_plain(
                 "prefer, cost, valid and scene choose among all branches, and these are not found of"
             )
@@ -271,7 +276,7 @@ class Arm(ForwardArm):
             from .collision.answers import free_solution
 
             solution = free_solution(problem, scene, clearance, prefer, cost, valid, threads, prove)
-        elif wishes:
+        elif selects:
             from .branches.prefer import preferred
 
             solution = preferred(problem, prefer, cost, valid, threads)
@@ -355,18 +360,18 @@ class Arm(ForwardArm):
             if found is not None:
                 return found
         from .branches.find import branches_of
-        from .branches.order import Wishes
+        from .branches.order import Selection
 
         _require_scene(scene, clearance)
         asked = goal if isinstance(goal, Goal) else Goal.pose(goal)
         start = None if near is None else as_joints(self._mechanism, near, "near")
-        wishes = Wishes(order, cost, valid, copies, count, prove)
+        selection = Selection(order, cost, valid, copies, count, prove)
         problem = Problem(self._mechanism, asked, start, time_limit=time_limit)
         if scene is None:
-            return branches_of(problem, wishes, threads)
+            return branches_of(problem, selection, threads)
         from .collision.answers import free_branches
 
-        return free_branches(problem, wishes, scene, clearance, threads)
+        return free_branches(problem, selection, scene, clearance, threads)
 
     @property
     def _branches(self) -> BranchIndex:
@@ -485,16 +490,16 @@ class Arm(ForwardArm):
             clearance = judge_of(scene, self._mechanism, clearance, None).clearance
         if threads is not None:
             threads = as_integer("threads", threads, 1)
-        wishes: dict[str, Any] = {
+        request: dict[str, Any] = {
             "start": start,
             "end": end,
             "closed": closed,
             "max_step": max_step,
             "times": times,
         }
-        wishes |= {"velocity": velocity, "weights": weights, "cost": cost, "valid": valid}
-        wishes |= {"scene": scene, "clearance": clearance, "deadline": deadline}
-        return follow_poses(self._mechanism, Ts, wishes, prove, threads, progress)
+        request |= {"velocity": velocity, "weights": weights, "cost": cost, "valid": valid}
+        request |= {"scene": scene, "clearance": clearance, "deadline": deadline}
+        return follow_poses(self._mechanism, Ts, request, prove, threads, progress)
 
     def follow_stream(
         self,
@@ -542,9 +547,9 @@ class Arm(ForwardArm):
         window, look_ahead = as_integer("window", window, 1), as_integer("look_ahead", look_ahead, 0)
         if threads is not None:
             threads = as_integer("threads", threads, 1)
-        wishes: dict[str, Any] = {"start": start, "end": None, "closed": False, "max_step": max_step}
-        wishes |= {"times": None, "velocity": velocity, "weights": weights, "cost": cost, "valid": valid}
-        return stream(self._mechanism, poses, window, look_ahead, wishes, threads)
+        request: dict[str, Any] = {"start": start, "end": None, "closed": False, "max_step": max_step}
+        request |= {"times": None, "velocity": velocity, "weights": weights, "cost": cost, "valid": valid}
+        return stream(self._mechanism, poses, window, look_ahead, request, threads)
 
     def track(
         self,

@@ -24,10 +24,10 @@ from kinseek.viewer import clouds, words
 from kinseek.viewer.door import is_loopback
 from kinseek.viewer.drawing import Figure, between
 from kinseek.viewer.meshes import Meshes, meshes_of
+from kinseek.viewer.options import COUNTS, ViewerOptions, read_selection
 from kinseek.viewer.searches import PARAMETERS, SEARCHES, make_search, parameters_of
 from kinseek.viewer.server import Viewer, free_port
 from kinseek.viewer.session import Answer, Proof, Session, beginning, call_of, nearest_of, status_of
-from kinseek.viewer.wishes import COUNTS, Wishes, read_wishes
 from kinseek.viewer.workers import Newest
 
 Kinds = ("planar2", "cylindrical3", "scara4", "so101", "ur5e", "panda", "ur10e_rail", "atlas_torso_arm")
@@ -51,11 +51,11 @@ def function_arm() -> Arm:
     return Arm.from_fk(fk, [-3.0, -2.0], [3.0, 2.0], names=["a", "b"])
 
 
-def far(wishes: Wishes) -> Wishes:
+def far(options: ViewerOptions) -> ViewerOptions:
     """Out of reach, and not so far that other units are suspected."""
-    target = wishes.target.copy()
+    target = options.target.copy()
     target[:3, 3] *= 3.0
-    return wishes.but(target=target)
+    return options.but(target=target)
 
 
 @pytest.mark.parametrize("name", Kinds)
@@ -75,11 +75,11 @@ def test_a_page_begins_with_a_goal_that_is_reached(name: str, sessions: dict[str
 @pytest.mark.parametrize("name", Kinds)
 def test_out_of_reach_says_what_is_proved(name: str, sessions: dict[str, Session]) -> None:
     session = sessions[name]
-    wishes = far(session.begin)
-    answer = session.answer(wishes)
+    options = far(session.begin)
+    answer = session.answer(options)
     assert not answer.reached
     assert status_of(answer, None)[1] == "open"
-    proofs = session.proofs(wishes, lambda: False)
+    proofs = session.proofs(options, lambda: False)
     proof = next(each for each in proofs if each.certificate and each.certificate.lower_bound > 0.01)
     assert proof.unreachable
     assert status_of(answer, proof) == (str(Status.PROVED_UNREACHABLE), "bad")
@@ -116,10 +116,10 @@ def test_a_goal_in_other_units_is_said(sessions: dict[str, Session]) -> None:
 
 
 def test_nothing_is_proved_of_free_axes_and_that_is_said(sessions: dict[str, Session]) -> None:
-    wishes = far(sessions["ur5e"].begin).but(free=("z",))
-    (proof,) = sessions["ur5e"].proofs(wishes, lambda: False)
+    options = far(sessions["ur5e"].begin).but(free=("z",))
+    (proof,) = sessions["ur5e"].proofs(options, lambda: False)
     assert "free axes" in " ".join(proof.sentences())
-    assert isinstance(sessions["ur5e"].branches(wishes), str)
+    assert isinstance(sessions["ur5e"].branches(options), str)
 
 
 def test_picking_a_branch_shows_it_and_the_next_answer_stays_near(sessions: dict[str, Session]) -> None:
@@ -130,28 +130,28 @@ def test_picking_a_branch_shows_it_and_the_next_answer_stays_near(sessions: dict
     for number, q in enumerate(branches):
         picked = session.picked(session.begin, q)
         assert nearest_of(branches, picked.q) == number
-        moved = picked.wishes.target.copy()
+        moved = picked.options.target.copy()
         moved[0, 3] += 1e-3
-        again = session.answer(picked.wishes.but(target=moved))
+        again = session.answer(picked.options.but(target=moved))
         assert np.abs(again.q - picked.q).max() < 0.1
 
 
 @pytest.mark.parametrize("search", SEARCHES)
 def test_every_search_answers_or_says_why_not(search: str, sessions: dict[str, Session]) -> None:
     session = sessions["scara4"]
-    wishes = session.begin.but(search=search)
+    options = session.begin.but(search=search)
     assert set(parameters_of(search)) <= set(PARAMETERS)
-    answer = session.answer(wishes)
+    answer = session.answer(options)
     assert answer.solution is not None
     assert answer.solution.position_error < 0.2
-    trace = answer.trace or session.traced(wishes)
+    trace = answer.trace or session.traced(options)
     assert trace is not None
     assert len(trace)
     for number, one in enumerate(trace):
         assert clouds.visited(session.arm, one).shape[1] == 3
         assert one.name in words.pass_html(trace, number)
-    code = call_of(wishes)
-    told = eval(code, {"arm": session.arm, "kinseek": kinseek, "T": wishes.target, "q": wishes.q})
+    code = call_of(options)
+    told = eval(code, {"arm": session.arm, "kinseek": kinseek, "T": options.target, "q": options.q})
     assert np.array_equal(told.q, answer.q)
 
 
@@ -189,8 +189,8 @@ def test_what_a_browser_keeps_comes_back(sessions: dict[str, Session]) -> None:
         dark=True,
         camera=((1.0, 2.0, 3.0), (0.0, 0.0, 0.5)),
     )
-    back = read_wishes(kept.kept(), begin)
-    for name in Wishes.__dataclass_fields__:
+    back = read_selection(kept.kept(), begin)
+    for name in ViewerOptions.__dataclass_fields__:
         assert np.array_equal(getattr(back, name), getattr(kept, name)), name
 
 
@@ -215,11 +215,11 @@ def test_what_a_browser_keeps_comes_back(sessions: dict[str, Session]) -> None:
 def test_what_a_browser_kept_may_be_anything(damage: dict[str, Any], sessions: dict[str, Session]) -> None:
     begin = sessions["ur5e"].begin
     values = json.loads(begin.kept()) | damage
-    back = read_wishes(json.dumps(values), begin)
+    back = read_selection(json.dumps(values), begin)
     assert sessions["ur5e"].answer(back).reached
     assert np.abs(back.q).max() <= 1e7
     assert back.camera is None
-    assert read_wishes("[1, 2", begin) is read_wishes(None, begin) is begin
+    assert read_selection("[1, 2", begin) is read_selection(None, begin) is begin
 
 
 def test_an_arm_that_is_a_function_does_what_it_can() -> None:
@@ -307,13 +307,13 @@ def test_a_planar_arm_reaches_places_in_its_plane(sessions: dict[str, Session]) 
 
 def test_boxes_are_left_until_the_nearest_pose_is_known(sessions: dict[str, Session]) -> None:
     session = sessions["ur5e"]
-    wishes = far(session.begin)
-    q = session.answer(wishes).q
-    few, many = (clouds.boxes_left(session.arm, wishes, q, count) for count in (30, 300))
+    options = far(session.begin)
+    q = session.answer(options).q
+    few, many = (clouds.boxes_left(session.arm, options, q, count) for count in (30, 300))
     assert not isinstance(few, str)
     assert not isinstance(many, str)
     assert 0 < len(few.points) < len(many.points)
-    assert "free axes" in str(clouds.boxes_left(session.arm, wishes.but(free=("x",)), q, 30))
+    assert "free axes" in str(clouds.boxes_left(session.arm, options.but(free=("x",)), q, 30))
 
 
 def test_names_from_a_file_are_text_and_no_tags() -> None:
@@ -345,8 +345,8 @@ def test_a_window_that_crosses_the_end_goes_on_at_the_other(sessions: dict[str, 
 
 def test_counts_have_names() -> None:
     for name, free in COUNTS.items():
-        assert Wishes(np.eye(4), np.zeros(2), free).counts == name
-    assert Wishes(np.eye(4), np.zeros(2), ("x",)).counts not in COUNTS
+        assert ViewerOptions(np.eye(4), np.zeros(2), free).counts == name
+    assert ViewerOptions(np.eye(4), np.zeros(2), ("x",)).counts not in COUNTS
 
 
 # Meshes.
@@ -607,7 +607,7 @@ def test_a_proof_of_a_goal_that_is_gone_is_not_told() -> None:
     page._prover = SimpleNamespace(stale=lambda: False)
     page.panel = SimpleNamespace(answer=SimpleNamespace(content=""), joints=SimpleNamespace(content=""))
 
-    def proofs(wishes: Wishes, stopped: Any) -> Any:
+    def proofs(options: ViewerOptions, stopped: Any) -> Any:
         yield Proof(refused="not known")
         assert "not known" in page.panel.answer.content
         page.answer, page.proof, page.panel.answer.content = new, None, "of the newer goal"
@@ -628,9 +628,9 @@ def test_a_trace_of_a_goal_that_is_gone_is_not_kept() -> None:
     page: Any = Page.__new__(Page)
     page._lock, page.answer, page.trace = threading.RLock(), old, None
 
-    def traced(wishes: Wishes) -> Any:
+    def traced(options: ViewerOptions) -> Any:
         page.answer = new  # It comes while this is being found out.
-        return session.traced(wishes)
+        return session.traced(options)
 
     page._session = SimpleNamespace(traced=traced)
     page._find_trace(session.begin, old)

@@ -177,7 +177,7 @@ def test_the_arm_appears(visit: Visit) -> None:
 
 def test_a_goal_is_moved_and_the_answer_follows(visit: Visit) -> None:
     before = visit.page.answer
-    target = before.wishes.target.copy()
+    target = before.options.target.copy()
     target[2, 3] += 0.05
     visit.page.wish(target=target)
     visit.until(lambda: visit.page.answer is not before and visit.page.idle)
@@ -201,7 +201,7 @@ def expected(visit: Visit) -> list[str]:
 
 def test_the_gizmo_is_dragged_with_the_mouse(visit: Visit) -> None:
     visit.page.wish(ghosts=False)
-    before = visit.page.wishes.target.copy()
+    before = visit.page.options.target.copy()
     x, y = on_screen(visit, before[:3, 3])
     moved = False
     # The square handles lie beside the middle; which is in front depends on the view.
@@ -214,12 +214,12 @@ def test_the_gizmo_is_dragged_with_the_mouse(visit: Visit) -> None:
             visit.tab.wait_for_timeout(80)
         visit.tab.mouse.up()
         visit.tab.wait_for_timeout(150)
-        moved = bool(np.abs(visit.page.wishes.target - before).max() > 1e-3)
+        moved = bool(np.abs(visit.page.options.target - before).max() > 1e-3)
         if moved:
             break
     assert moved, "no handle was met"
     visit.until(lambda: visit.page.idle)
-    assert np.allclose(visit.page.answer.wishes.target, visit.page.wishes.target)
+    assert np.allclose(visit.page.answer.options.target, visit.page.options.target)
 
 
 def on_screen(visit: Visit, point: Any) -> tuple[float, float]:
@@ -239,7 +239,7 @@ def on_screen(visit: Visit, point: Any) -> tuple[float, float]:
 
 
 def test_out_of_reach_is_shown_and_proved(visit: Visit) -> None:
-    target = visit.page.wishes.target.copy()
+    target = visit.page.options.target.copy()
     target[:3, 3] *= 2.5
     visit.page.wish(target=target, boxes=True)
     visit.until(lambda: visit.status == "bad")
@@ -307,12 +307,12 @@ def answered_after(visit: Visit, before: Any) -> bool:
 
 def test_two_people_have_a_goal_each(browser: Any, shown: Viewer, visit: Visit) -> None:
     other = Visit(browser, shown)
-    mine, theirs = visit.page.wishes.target.copy(), other.page.wishes.target.copy()
+    mine, theirs = visit.page.options.target.copy(), other.page.options.target.copy()
     theirs[:3, 3] *= 2.5
     other.page.wish(target=theirs)
     other.until(lambda: other.status in ("open", "bad"))
     assert visit.status == "good"
-    assert np.array_equal(visit.page.wishes.target, mine)
+    assert np.array_equal(visit.page.options.target, mine)
     assert len(shown.pages) == 2
     other.leave()
     visit.until(lambda: len(shown.pages) == 1)
@@ -321,7 +321,7 @@ def test_two_people_have_a_goal_each(browser: Any, shown: Viewer, visit: Visit) 
 def test_closing_and_coming_back_loses_nothing(browser: Any, shown: Viewer) -> None:
     context = browser.new_context(viewport=SMALL)
     first = Visit(browser, shown, context=context)
-    target = first.page.wishes.target.copy()
+    target = first.page.options.target.copy()
     target[0, 3] += 0.02
     first.page.wish(target=target, free=["rz"], samples=True)
     first.until(lambda: first.page.idle)
@@ -329,9 +329,9 @@ def test_closing_and_coming_back_loses_nothing(browser: Any, shown: Viewer) -> N
     first.until(lambda: first.tab.evaluate(kept))
     first.tab.close()
     again = Visit(browser, shown, context=context)
-    assert np.allclose(again.page.wishes.target, target)
-    assert again.page.wishes.free == ("rz",)
-    assert again.page.wishes.samples
+    assert np.allclose(again.page.options.target, target)
+    assert again.page.options.free == ("rz",)
+    assert again.page.options.samples
     again.leave()
     assert not first.faults
 
@@ -436,7 +436,7 @@ def test_an_arm_that_is_a_function_has_a_page(browser: Any) -> None:
         visit = Visit(browser, running)
         visit.tab.get_by_text("See", exact=True).click()
         visit.until(lambda: "where its links are, nobody knows" in visit.words)
-        target = visit.page.wishes.target.copy()
+        target = visit.page.options.target.copy()
         target[2, 3] += 3.0
         visit.page.wish(target=target)
         visit.until(lambda: visit.status == "open")

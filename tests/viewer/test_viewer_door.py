@@ -352,7 +352,7 @@ def test_angles_beyond_a_turn_turn_the_goal_without_a_warning(
 
 
 def turned_to(page: Any, rotation: Any) -> bool:
-    return np.allclose(page.wishes.target[:3, :3], rotation)
+    return np.allclose(page.options.target[:3, :3], rotation)
 
 
 def test_odd_messages_print_nothing_and_the_page_goes_on(
@@ -403,7 +403,7 @@ def test_odd_messages_print_nothing_and_the_page_goes_on(
                 }
             )
         )
-        wait_for(lambda: not mine.wishes.follow)
+        wait_for(lambda: not mine.options.follow)
     wait_for(lambda: not shown.pages)
     for rubbish in (
         b"\x00" * 100,

@@ -24,7 +24,7 @@ from kinseek.turns import TURN
 from kinseek.validation import as_integer
 
 from .index import SPREAD, BranchIndex, index_of
-from .order import ORDERS, Cost, Wishes, scores, which_valid
+from .order import ORDERS, Cost, Selection, scores, which_valid
 from .result import AsFound, Branches, BranchesBatch, answers_of
 
 MOST = 100_000
@@ -39,43 +39,47 @@ _PIECE = 4
 """Targets that are done at a stretch: some ten milliseconds if they are hard."""
 
 
-def branches_of(problem: Problem, wishes: Wishes, threads: int | None = None) -> Branches | BranchesBatch:
+def branches_of(
+    problem: Problem, selection: Selection, threads: int | None = None
+) -> Branches | BranchesBatch:
     """Find every branch of every target of a problem; see `Arm.branches`."""
-    wishes = _checked(problem, wishes)
+    selection = _checked(problem, selection)
     deadline = Deadline(problem.time_limit)
     index, goal = index_of(problem), problem.goal
-    number = (wishes.count or SPREAD) if index.freedom else 0
+    number = (selection.count or SPREAD) if index.freedom else 0
     tolerances = tolerances_of(goal)
     targets = np.zeros((len(goal.targets), 4, 4))
     targets[:, :3], targets[:, 3, 3] = goal.targets, 1.0
     views = index.view[None]
     # A proof takes answers inside [-π, π]; they are turned and sorted afterwards.
-    if problem.near is not None and not wishes.prove:
+    if problem.near is not None and not selection.prove:
         near = np.broadcast_to(problem.near, (*goal.shape, problem.chain.dof)).reshape(-1, problem.chain.dof)
         views = np.stack([near, np.ones_like(near), np.broadcast_to(index.view[RATES], near.shape)], axis=1)
     found = _search(index, tolerances, targets, np.ascontiguousarray(views), number, threads, deadline)
-    if goal.shape and wishes.as_found and found:
+    if goal.shape and selection.as_found and found:
         rows = [each for each in found if each is not None]
         if len(rows) == len(found):
             nears = None if problem.near is None else views[:, CENTRE]
-            return BranchesBatch(AsFound(problem, rows, nears, index.freedom > 0, wishes.count), goal.shape)
+            return BranchesBatch(
+                AsFound(problem, rows, nears, index.freedom > 0, selection.count), goal.shape
+            )
     each = tuple(
-        _none(one, index) if rows is None else _finish(one, rows, index, wishes, deadline)
+        _none(one, index) if rows is None else _finish(one, rows, index, selection, deadline)
         for one, rows in zip(problem.each(), found, strict=True)
     )
     return BranchesBatch(each, goal.shape) if goal.shape else each[0]
 
 
-def _checked(problem: Problem, wishes: Wishes) -> Wishes:
-    order = wishes.order
+def _checked(problem: Problem, selection: Selection) -> Selection:
+    order = selection.order
     if order not in ORDERS:
         raise InvalidProblem(suggest(str(order), ORDERS, "order"))
-    if wishes.count is not None:
-        wishes = replace(wishes, count=as_integer("count", wishes.count, 1, MOST, InvalidProblem))
-    chosen = [name for name, given in _given(problem, order, wishes.cost) if given]
+    if selection.count is not None:
+        selection = replace(selection, count=as_integer("count", selection.count, 1, MOST, InvalidProblem))
+    chosen = [name for name, given in _given(problem, order, selection.cost) if given]
     if len(chosen) > 1:
         raise InvalidProblem(f"{' and '.join(chosen)} both say what comes first; give one of them")
-    return wishes
+    return selection
 
 
 def _given(problem: Problem, order: str, cost: Cost | None) -> list[tuple[str, bool]]:
@@ -150,10 +154,16 @@ def _none(problem: Problem, index: BranchIndex) -> Branches:
 
 
 def _finish(
-    problem: Problem, rows: Array, index: BranchIndex, wishes: Wishes, deadline: Deadline
+    problem: Problem, rows: Array, index: BranchIndex, selection: Selection, deadline: Deadline
 ) -> Branches:
     """Prove, sort, filter and judge the answers to one target."""
-    order, cost, valid, copies, prove = wishes.order, wishes.cost, wishes.valid, wishes.copies, wishes.prove
+    order, cost, valid, copies, prove = (
+        selection.order,
+        selection.cost,
+        selection.valid,
+        selection.copies,
+        selection.prove,
+    )
     found, complete, late = answers_of(rows, problem.chain.dof), False, False
     q, errors = found.q.copy(), found.errors
     if prove:
@@ -174,7 +184,7 @@ def _finish(
     if valid is not None:
         passed = which_valid(valid, q[place])
         rejected, place = len(place) - int(passed.sum()), place[passed]
-    place = place[: wishes.count]
+    place = place[: selection.count]
     return Branches(
         q=q[place],
         position_error=errors[place, 0].copy(),

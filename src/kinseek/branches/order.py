@@ -34,7 +34,7 @@ ORDERS: tuple[Order, ...] = get_args(Order)
 
 
 @dataclass(frozen=True)
-class Wishes:
+class Selection:
     """Which answers are wanted, and in which order; see `Arm.branches`."""
 
     order: str = "mid-range"

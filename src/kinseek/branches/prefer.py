@@ -21,7 +21,7 @@ from kinseek.solvers.atlas.solver import Atlas
 
 from .find import branches_of
 from .index import BranchIndex, constraint_jacobian, index_of
-from .order import ORDERS, Cost, Valid, Wishes, is_valid, scores
+from .order import ORDERS, Cost, Selection, Valid, is_valid, scores
 from .result import Branches, BranchesBatch
 
 _SLIDERS = 3
@@ -50,7 +50,7 @@ def preferred(
         raise InvalidProblem(f"{' and '.join(chosen)} both say what comes first; give one of them")
     deadline = Deadline(problem.time_limit)
     order, index = prefer or ORDERS[0], index_of(problem)
-    found = branches_of(problem, Wishes(order=order, cost=cost, copies=cost is not None), threads)
+    found = branches_of(problem, Selection(order=order, cost=cost, copies=cost is not None), threads)
     each = found if isinstance(found, BranchesBatch) else [found]
     picks = [
         _pick(one, branches, order, cost, valid, index, deadline)

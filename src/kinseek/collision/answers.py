@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kinseek.branches.find import branches_of
 from kinseek.branches.index import SPREAD, BranchIndex, index_of
-from kinseek.branches.order import ORDERS, Cost, ManyAtOnce, Valid, Wishes, is_valid
+from kinseek.branches.order import ORDERS, Cost, ManyAtOnce, Selection, Valid, is_valid
 from kinseek.branches.prefer import preferred, slide
 from kinseek.branches.result import Branches, BranchesBatch
 from kinseek.deadline import Deadline
@@ -192,10 +192,10 @@ def _pick(
             late = True
             break
         judge.blocked, judge.refused, judge.seen, judge.spared = 0, 0, [], None
-        wishes = Wishes(
+        selection = Selection(
             prefer or ORDERS[0], cost, copies=cost is not None, count=many * SPREAD if many > 1 else None
         )
-        found = branches_of(replace(problem, time_limit=deadline.left), wishes, threads)
+        found = branches_of(replace(problem, time_limit=deadline.left), selection, threads)
         assert isinstance(found, Branches)  # One target has one.
         spent, candidates, late = spent + found.evaluations, found.q, found.out_of_time
         if not len(candidates):
@@ -210,7 +210,7 @@ def _pick(
 
 
 def free_branches(
-    problem: Problem, wishes: Wishes, scene: Scene, clearance: float, threads: int | None
+    problem: Problem, selection: Selection, scene: Scene, clearance: float, threads: int | None
 ) -> Branches | BranchesBatch:
     """Every branch that is free in a scene; see `Arm.branches`.
 
@@ -218,11 +218,11 @@ def free_branches(
         InvalidScene: A scene of another arm, or a clearance that is none.
     """
     judge, deadline = (
-        judge_of(scene, problem.mechanism, clearance, wishes.valid),
+        judge_of(scene, problem.mechanism, clearance, selection.valid),
         Deadline(problem.time_limit),
     )
-    found = branches_of(problem, replace(wishes, valid=judge), threads)
-    if not wishes.prove or not judge.blocked:
+    found = branches_of(problem, replace(selection, valid=judge), threads)
+    if not selection.prove or not judge.blocked:
         return found
 
     def marked(one: Branches) -> Branches:
@@ -246,7 +246,7 @@ def all_blocked(problem: Problem, judge: Judge, deadline: Deadline) -> tuple[Arr
         An answer that is free and agreed to, (n,), or None; and whether it is proved that there is none that is free.
     """
     problem = replace(problem, near=None)
-    found = branches_of(problem, Wishes())
+    found = branches_of(problem, Selection())
     assert isinstance(found, Branches)
     isolation = isolate(problem, found.q, deadline=deadline)
     for q in problem.placed(isolation.q[isolation.given < 0]):

@@ -15,14 +15,14 @@ from .request import goals_of, read
 
 
 def follow_poses(
-    arm: Mechanism, Ts: Any, wishes: dict[str, Any], prove: bool, threads: int | None, progress: bool
+    arm: Mechanism, Ts: Any, options: dict[str, Any], prove: bool, threads: int | None, progress: bool
 ) -> Path:
     """Read the poses and what else was asked, and follow them; see `Arm.follow`, which says what is raised."""
     goal, broken = goals_of(Ts)
     if broken is not None:
         # The times and the end that were given are those of all poses; those that came have neither.
-        wishes = wishes | {"end": None, "times": None, "closed": False}
-    request = read(arm, goal, **wishes)
+        options = options | {"end": None, "times": None, "closed": False}
+    request = read(arm, goal, **options)
     with progress_bar(progress, len(goal.targets)) as advance:
         path = follow(request, threads, advance)
     if prove:

@@ -26,7 +26,7 @@ def stream(
     poses: Iterable[Any],
     window: int,
     look_ahead: int,
-    wishes: dict[str, Any],
+    options: dict[str, Any],
     threads: int | None,
 ) -> Iterator[Path]:
     """Pieces of a path, each as soon as the poses for it and those ahead of it have come; see `Arm.follow_stream`."""
@@ -39,7 +39,7 @@ def stream(
         ended = source.ended or good < len(rows)
         if goal is None or (handed and good == 1):
             break
-        request = read(arm, goal, **wishes)
+        request = read(arm, goal, **options)
         if here is not None:  # Unchecked: where a pose was missed, the path goes on from the nearest.
             request = replace(request, start=here)
         take = good if ended else window + 1
@@ -48,7 +48,7 @@ def stream(
         if ended:
             break
         here, rows, handed = path.q[-1], rows[window:], handed + window
-        wishes["start"] = None
+        options["start"] = None
     if source.error is not None:
         raise source.error
     if not handed and goal is None:

@@ -22,7 +22,7 @@ from kinseek.trace import Pass
 from kinseek.transforms import inverse, square
 from kinseek.turns import TURN as TURNS
 
-from .wishes import Wishes
+from .options import ViewerOptions
 
 Array = NDArray[np.float64]
 
@@ -89,9 +89,9 @@ def completed(chain: SerialChain, q: Array, target: Array) -> tuple[Array, NDArr
     return inside, np.asarray((np.abs(moved) < 1e-9).all(axis=1))
 
 
-def samples_around(arm: Arm, wishes: Wishes) -> Cloud:
+def samples_around(arm: Arm, options: ViewerOptions) -> Cloud:
     """Where the atlas's samples nearest to a goal bring the tip, shaded by how far it leans, (k up to `NEAREST`)."""
-    index, target = arm.atlas, wishes.target
+    index, target = arm.atlas, options.target
     if isinstance(index, Samples):
         poses, length = index.poses, index.length
     else:
@@ -101,7 +101,7 @@ def samples_around(arm: Arm, wishes: Wishes) -> Cloud:
         q[:, first : first + middle.shape[1]] = middle
         q, fits = completed(chain, q, target)
         poses, length = chain.forward(q[fits]), division.length
-    if set(wishes.free) >= {"rx", "ry", "rz"}:
+    if set(options.free) >= {"rx", "ry", "rz"}:
         length = 0.0
     cosine = (np.einsum("kij,ij->k", poses[:, :3, :3], target[:3, :3]) - 1.0) / 2.0
     lean = np.arccos(np.clip(cosine, -1.0, 1.0))
@@ -129,7 +129,7 @@ def visited(arm: Arm, one: Pass) -> Array:
 
 
 def reachable(
-    arm: Arm, wishes: Wishes, stopped: Callable[[], bool], known: Reached | None = None
+    arm: Arm, options: ViewerOptions, stopped: Callable[[], bool], known: Reached | None = None
 ) -> Iterator[Reached]:
     """Try the goal's orientation at places all over the arm's reach, a piece after the other.
 
@@ -137,18 +137,18 @@ def reachable(
 
     Args:
         arm: The arm.
-        wishes: Whose orientation and free axes count.
+        options: Whose orientation and free axes count.
         stopped: Is it no longer wanted?
         known: Where to go on.
     """
     low, high = surroundings(arm)
     places = low + np.random.default_rng(0).random((PLACES, 3)) * (high - low)
-    found, goal = np.zeros((0, 3)) if known is None else known.points, wishes.goal
+    found, goal = np.zeros((0, 3)) if known is None else known.points, options.goal
     for begin in range(0 if known is None else known.tried, len(places), PIECE):
         if stopped():
             return
         piece = places[begin : begin + PIECE]
-        targets = np.tile(wishes.target, (len(piece), 1, 1))
+        targets = np.tile(options.target, (len(piece), 1, 1))
         targets[:, :3, 3] = piece
         solution = Atlas(threads=1).solve(Problem(arm.mechanism, goal.at(targets)))
         found = np.concatenate([found, piece[solution.success]])
@@ -164,12 +164,12 @@ def surroundings(arm: Arm) -> tuple[Array, Array]:
     return low - more, high + more
 
 
-def boxes_left(arm: Arm, wishes: Wishes, q: Array, examined: int) -> Cloud | str:
+def boxes_left(arm: Arm, options: ViewerOptions, q: Array, examined: int) -> Cloud | str:
     """Where the boxes that a proof has not excluded yet bring the tip, their middles, shaded by their bounds.
 
     Args:
         arm: The arm.
-        wishes: Whose goal was missed.
+        options: Whose goal was missed.
         q: The best joint values known, (n,).
         examined: Boxes after which to look.
 
@@ -181,8 +181,8 @@ def boxes_left(arm: Arm, wishes: Wishes, q: Array, examined: int) -> Cloud | str
     if arm.axes is None:
         return "A proof needs the axes of an arm."
     try:
-        wishes.goal.require_plain("nothing can be proved yet of")
-        left = enclosed(Problem(arm.mechanism, wishes.goal), q, 1e-3, examined, threads=1).left
+        options.goal.require_plain("nothing can be proved yet of")
+        left = enclosed(Problem(arm.mechanism, options.goal), q, 1e-3, examined, threads=1).left
     except KinseekError as error:
         return str(error)
     variables = left.shape[1] // 2
@@ -190,13 +190,13 @@ def boxes_left(arm: Arm, wishes: Wishes, q: Array, examined: int) -> Cloud | str
         return "No box is left: the nearest pose is known."
     middle = np.tile(q, (len(left), 1))
     middle[:, :variables] = left[:, :variables]
-    q, _ = completed(arm.axes, middle, wishes.target)
+    q, _ = completed(arm.axes, middle, options.target)
     bound = left[:, -1]
     spread = float(np.ptp(bound))
     return Cloud(arm.fk(q)[:, :3, 3], (bound - bound.min()) / spread if spread > 0 else np.zeros(len(left)))
 
 
-def same_question(one: Wishes, other: Wishes) -> bool:
+def same_question(one: ViewerOptions, other: ViewerOptions) -> bool:
     """Is the same reachable for both: the same orientation, and the same axes free?"""
     turned = np.abs(one.target[:3, :3] - other.target[:3, :3]).max()
     return one.free == other.free and bool(turned < 1e-9 or set(one.free) >= {"rx", "ry", "rz"})

@@ -15,11 +15,11 @@ from kinseek.trace import Trace
 
 from . import clouds, words
 from .meshes import Meshes
+from .options import ViewerOptions, read_selection
 from .panel import Actions, Panel
 from .scene import CLOUD, MOST_GHOSTS, REACHED, SEARCH, Scene, matrix_of
 from .searches import DEFAULT
 from .session import Answer, Proof, Session, nearest_of
-from .wishes import Wishes, read_wishes
 from .workers import Newest
 
 Array = NDArray[np.float64]
@@ -41,13 +41,13 @@ class Page:
         """Lay out the scene and the panel, with what this browser kept, and answer for the first time."""
         self._client, self._session, self.arm = client, session, session.arm
         self._lock = threading.RLock()
-        self.wishes = read_wishes(self._fetch(), session.begin)
-        self.answer = Answer(self.wishes, self.wishes.q)
+        self.options = read_selection(self._fetch(), session.begin)
+        self.answer = Answer(self.options, self.options.q)
         self.proof: Proof | None = None
         self.branches: Branches | str | None = None
         self.trace: Trace | None = None
         self._reached: clouds.Reached | None = None
-        self._reached_for = self.wishes
+        self._reached_for = self.options
         self._new_goals = np.random.default_rng(client.client_id)
         self.scene = Scene(client.scene, self.arm, meshes)
         actions = Actions(
@@ -59,7 +59,7 @@ class Page:
             self.show_pass,
             lambda: self._player.give("play"),
         )
-        self.panel = Panel(client.gui, self.arm, self.wishes, actions, meshes)
+        self.panel = Panel(client.gui, self.arm, self.options, actions, meshes)
         name = f"kinseek page {id(self):x}"
         self._front = Newest(self._answer, f"{name}: answers")
         self._prover = Newest(self._prove, f"{name}: proofs", QUIET)
@@ -74,11 +74,11 @@ class Page:
             raise
 
     def _begin(self) -> None:
-        client, wishes = self._client, self.wishes
-        self.scene.show_goal(wishes.target)
-        self._look(wishes)
-        if wishes.camera is not None:
-            client.camera.position, client.camera.look_at = wishes.camera
+        client, options = self._client, self.options
+        self.scene.show_goal(options.target)
+        self._look(options)
+        if options.camera is not None:
+            client.camera.position, client.camera.look_at = options.camera
         elif client.camera.aspect < NARROW:  # The panel is below: the arm goes above it.
             eye, at = client.camera.position, client.camera.look_at
             away = 0.9 * (eye - at) / client.camera.aspect
@@ -92,7 +92,7 @@ class Page:
         async def looked(camera: Any) -> None:
             with self._lock:
                 eye, at = (tuple(map(float, point)) for point in (camera.position, camera.look_at))
-                self.wishes = self.wishes.but(camera=(eye, at))
+                self.options = self.options.but(camera=(eye, at))
             self._keeper.give("keep")
 
         self.scene.goal.on_update(dragged)
@@ -106,15 +106,15 @@ class Page:
         return all(worker.idle for worker in self._workers)
 
     def wish(self, **changes: Any) -> None:
-        """Ask for something else: other `Wishes`, by name; a target (4, 4) moves the goal.
+        """Ask for something else: other `ViewerOptions`, by name; a target (4, 4) moves the goal.
 
         Raises:
             KinseekError: A target that is no pose.
         """
         with self._lock:
-            after = self.wishes = self.wishes.but(**changes)
+            after = self.options = self.options.but(**changes)
         if changes.keys() - {"target", "q", "camera"}:
-            self.panel.show_wishes(after)
+            self.panel.show_options(after)
         if {"ghosts", "meshes", "dark", "free"} & changes.keys():
             self._look(after)
         if (
@@ -153,21 +153,21 @@ class Page:
     # What answers at once.
 
     def _answer(self, picked: Array | None) -> None:
-        wishes = self.wishes
-        answer = self._session.answer(wishes) if picked is None else self._session.picked(wishes, picked)
+        options = self.options
+        answer = self._session.answer(options) if picked is None else self._session.picked(options, picked)
         with self._lock:
-            self.wishes = self.wishes.but(q=answer.q)
+            self.options = self.options.but(q=answer.q)
             self.answer, self.proof, self.trace = answer, None, answer.trace
         missed = not (answer.reached or answer.refused)
         with self._client.atomic():
-            self.scene.show_arm(answer.q, wishes.target, answer.reached)
-            self.panel.answer.content = words.answer_html(answer, None, missed and wishes.search == DEFAULT)
+            self.scene.show_arm(answer.q, options.target, answer.reached)
+            self.panel.answer.content = words.answer_html(answer, None, missed and options.search == DEFAULT)
             self.panel.joints.content = words.joints_html(self.arm, answer.q)
         self._client.flush()
         if self._front.stale():
             return
         if picked is None or self.branches is None:
-            self.branches = self._session.branches(wishes)
+            self.branches = self._session.branches(options)
         self._show_branches()
         self.panel.call.content = words.call_html(answer)
         for worker in (self._prover, self._clouder):
@@ -199,10 +199,10 @@ class Page:
         if np.isfinite(target).all():
             self.wish(target=target)
 
-    def _look(self, wishes: Wishes) -> None:
-        self.scene.see(wishes.ghosts, wishes.meshes)
-        self.scene.limit_gizmo(not set(wishes.free) >= {"rx", "ry", "rz"})
-        self._client.gui.configure_theme(dark_mode=wishes.dark, show_logo=False, show_share_button=False)
+    def _look(self, options: ViewerOptions) -> None:
+        self.scene.see(options.ghosts, options.meshes)
+        self.scene.limit_gizmo(not set(options.free) >= {"rx", "ry", "rz"})
+        self._client.gui.configure_theme(dark_mode=options.dark, show_logo=False, show_share_button=False)
 
     # What takes longer.
 
@@ -210,14 +210,18 @@ class Page:
         answer = self.answer
         if answer.reached or answer.refused:
             return
-        for proof in self._session.proofs(answer.wishes, self._prover.stale):
+        for proof in self._session.proofs(answer.options, self._prover.stale):
             if self._prover.stale() or not self._report_once(answer, proof, looking=True):
                 return
         if not self._report_once(answer, self.proof, looking=False):
             return
         found = None if self.proof is None else self.proof.certificate
         known = np.inf if answer.solution is None else float(answer.solution.weighted_error)
-        if found is not None and answer.wishes.search == DEFAULT and found.upper_bound < known * (1.0 - 1e-3):
+        if (
+            found is not None
+            and answer.options.search == DEFAULT
+            and found.upper_bound < known * (1.0 - 1e-3)
+        ):
             self._nearer(answer, found.q)
 
     def _report_once(self, answer: Answer, proof: Proof | None, looking: bool) -> bool:
@@ -234,56 +238,56 @@ class Page:
         with self._lock:
             if self.answer is not answer:
                 return
-            self.wishes = self.wishes.but(q=q)
-            self.scene.show_arm(q, answer.wishes.target, False)
+            self.options = self.options.but(q=q)
+            self.scene.show_arm(q, answer.options.target, False)
             self.panel.joints.content = words.joints_html(self.arm, q)
 
     def _cloud(self, _: str) -> None:
-        wishes, answer, scene = self.wishes, self.answer, self.scene
-        self.panel.show_target(wishes)
+        options, answer, scene = self.options, self.answer, self.scene
+        self.panel.show_target(options)
         if self.trace is None and self.panel.passes.value:
-            self._find_trace(wishes, answer)
+            self._find_trace(options, answer)
         self.panel.pass_text.content = words.pass_html(self.trace, 0) if self.panel.passes.value else ""
         self.show_pass(len(self.trace) - 1 if self.trace else 0)
         scene.show_cloud(
-            "samples", clouds.samples_around(self.arm, wishes) if wishes.samples else None, CLOUD
+            "samples", clouds.samples_around(self.arm, options) if options.samples else None, CLOUD
         )
-        self.panel.examined.visible = wishes.boxes
+        self.panel.examined.visible = options.boxes
         said = []
-        if wishes.boxes:
-            said.append(self._boxes(wishes, answer))
+        if options.boxes:
+            said.append(self._boxes(options, answer))
         else:
             scene.show_cloud("boxes", None, SEARCH)
         self.panel.seen.content = words.note_html(*said)
-        self._reach(wishes)
+        self._reach(options)
 
-    def _find_trace(self, wishes: Wishes, answer: Answer) -> None:
+    def _find_trace(self, options: ViewerOptions, answer: Answer) -> None:
         """Find out what the search did; a newer answer that has come meanwhile has a trace of its own."""
-        trace = self._session.traced(wishes)
+        trace = self._session.traced(options)
         with self._lock:
             if self.answer is answer:
                 self.trace = trace
 
-    def _boxes(self, wishes: Wishes, answer: Answer) -> str:
+    def _boxes(self, options: ViewerOptions, answer: Answer) -> str:
         examined = clouds.BOXES[self.panel.looks - 1]
         left: clouds.Cloud | str = "The goal is reached: there is nothing to exclude."
         if not answer.reached:
-            left = clouds.boxes_left(self.arm, wishes, answer.q, examined)
+            left = clouds.boxes_left(self.arm, options, answer.q, examined)
         self.scene.show_cloud("boxes", None if isinstance(left, str) else left, SEARCH)
         if isinstance(left, str):
             return left
         return f"{len(left.points):,} boxes are left of those made in {examined:,} looks; the palest can hold least."
 
-    def _reach(self, wishes: Wishes) -> None:
-        if not wishes.reach or not clouds.same_question(wishes, self._reached_for):
+    def _reach(self, options: ViewerOptions) -> None:
+        if not options.reach or not clouds.same_question(options, self._reached_for):
             self._reached = None
             self.scene.show_cloud("reach", None, REACHED)
-        self.panel.progress.visible = wishes.reach
-        if not wishes.reach:
+        self.panel.progress.visible = options.reach
+        if not options.reach:
             return
-        self._reached_for = wishes
+        self._reached_for = options
         try:
-            for known in clouds.reachable(self.arm, wishes, self._clouder.stale, self._reached):
+            for known in clouds.reachable(self.arm, options, self._clouder.stale, self._reached):
                 self._reached = known
                 shade = np.zeros(len(known.points))
                 self.scene.show_cloud("reach", clouds.Cloud(known.points, shade), REACHED)
@@ -320,4 +324,4 @@ class Page:
         return kept
 
     def _keep(self, _: str) -> None:
-        self._client.local_storage.set_item(self._key, self.wishes.kept())
+        self._client.local_storage.set_item(self._key, self.options.kept())

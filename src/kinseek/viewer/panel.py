@@ -15,8 +15,8 @@ from kinseek.poses import pose, rpy_of
 from kinseek.ranges import AXES
 
 from .meshes import Meshes
+from .options import CHOSEN, COUNTS, ViewerOptions
 from .searches import HINTS, PARAMETERS, SEARCHES, TREES, parameters_of
-from .wishes import CHOSEN, COUNTS, Wishes
 from .words import joints_html, note_html, refused_html
 
 Array = NDArray[np.float64]
@@ -27,7 +27,7 @@ class Actions:
     """What a panel asks of its page."""
 
     wish: Callable[..., object]
-    """Other `Wishes`, by name."""
+    """Other `ViewerOptions`, by name."""
     step_branch: Callable[[int], object]
     """Show the branch so many further on."""
     goal_to_arm: Callable[[], object]
@@ -42,43 +42,43 @@ class Actions:
 class Panel:
     """One person's panel; `gui` is that of their connection alone."""
 
-    def __init__(self, gui: Any, arm: Arm, wishes: Wishes, actions: Actions, meshes: Meshes) -> None:
+    def __init__(self, gui: Any, arm: Arm, options: ViewerOptions, actions: Actions, meshes: Meshes) -> None:
         """Lay it out."""
         self._gui, self._arm, self._do = gui, arm, actions
         self.answer = gui.add_html("")
         self.branches = gui.add_html("")
         step = gui.add_button_group("Branch", ("previous", "next"))
         self._on(step, lambda value: actions.step_branch(-1 if value == "previous" else 1), click=True)
-        self.joints = gui.add_html(joints_html(arm, wishes.q))
+        self.joints = gui.add_html(joints_html(arm, options.q))
         tabs = gui.add_tab_group()
         with tabs.add_tab("Goal"):
-            self._goal(wishes)
+            self._goal(options)
         with tabs.add_tab("Search"):
-            self._search(wishes)
+            self._search(options)
         with tabs.add_tab("See"):
-            self._see(wishes, meshes)
+            self._see(options, meshes)
 
-    def _goal(self, wishes: Wishes) -> None:
+    def _goal(self, options: ViewerOptions) -> None:
         gui, wish = self._gui, self._do.wish
         self.counts = gui.add_dropdown(
-            "Counts", (*COUNTS, CHOSEN), initial_value=wishes.counts, hint="What of the goal must be met."
+            "Counts", (*COUNTS, CHOSEN), initial_value=options.counts, hint="What of the goal must be met."
         )
         self._on(self.counts, lambda name: wish(free=COUNTS[name]) if name in COUNTS else None)
         with gui.add_folder("Free axes of the goal", expand_by_default=False):
             self.free = {
                 axis: gui.add_checkbox(
-                    axis, axis in wishes.free, hint=f"Any deviation {about} its {axis[-1]} axis will do."
+                    axis, axis in options.free, hint=f"Any deviation {about} its {axis[-1]} axis will do."
                 )
                 for axis, about in zip(AXES, ["along"] * 3 + ["about"] * 3, strict=True)
             }
         for box in self.free.values():
             self._on(box, lambda _: wish(free=[axis for axis, each in self.free.items() if each.value]))
-        self.place = gui.add_vector3("Position [m]", tuple(wishes.target[:3, 3]), step=0.001)
-        self.turn = gui.add_vector3("Roll, pitch, yaw [°]", _degrees(wishes), step=0.1)
+        self.place = gui.add_vector3("Position [m]", tuple(options.target[:3, 3]), step=0.001)
+        self.turn = gui.add_vector3("Roll, pitch, yaw [°]", _degrees(options), step=0.1)
         self._on(self.place, lambda _: self._typed())
         self._on(self.turn, lambda _: self._typed())
         self.follow = gui.add_checkbox(
-            "Stay near the arm", wishes.follow, hint="near=q: a drag stays on its branch where it can."
+            "Stay near the arm", options.follow, hint="near=q: a drag stays on its branch where it can."
         )
         self._on(self.follow, lambda value: wish(follow=value))
         self._on(gui.add_button("Goal to the tip of the arm"), lambda _: self._do.goal_to_arm(), click=True)
@@ -89,11 +89,11 @@ class Panel:
         target = pose(self.place.value, rpy=self.turn.value, degrees=True)
         self._do.wish(target=target)
 
-    def _search(self, wishes: Wishes) -> None:
+    def _search(self, options: ViewerOptions) -> None:
         gui, do = self._gui, self._do
-        self.search = gui.add_dropdown("Search", tuple(SEARCHES), initial_value=wishes.search)
+        self.search = gui.add_dropdown("Search", tuple(SEARCHES), initial_value=options.search)
         self._on(self.search, lambda name: do.wish(search=name))
-        own = wishes.parameters or parameters_of(wishes.search)
+        own = options.parameters or parameters_of(options.search)
         self.parameters: dict[str, Any] = {}
         for name, label in PARAMETERS.items():
             shown, value = name in own, own.get(name, "")
@@ -124,10 +124,10 @@ class Panel:
     def _parameters(self) -> dict[str, str]:
         return {name: str(each.value) for name, each in self.parameters.items() if each.visible}
 
-    def _see(self, wishes: Wishes, meshes: Meshes) -> None:
+    def _see(self, options: ViewerOptions, meshes: Meshes) -> None:
         gui, axes, missing = self._gui, self._arm.axes is not None, meshes.report()
         self.see = {
-            name: gui.add_checkbox(label, getattr(wishes, name), hint=hint, disabled=not there)
+            name: gui.add_checkbox(label, getattr(options, name), hint=hint, disabled=not there)
             for name, label, hint, there in (
                 ("ghosts", "Every branch", "All answers, see-through; click one to take it.", axes),
                 (
@@ -177,23 +177,27 @@ class Panel:
     def _setter(self, name: str) -> Callable[[Any], object]:
         return lambda value: self._do.wish(**{name: value})
 
-    def show_wishes(self, wishes: Wishes) -> None:
+    def show_options(self, options: ViewerOptions) -> None:
         """Bring the inputs to what holds, where something else than the inputs changed it."""
-        self.counts.value, self.follow.value, self.search.value = wishes.counts, wishes.follow, wishes.search
+        self.counts.value, self.follow.value, self.search.value = (
+            options.counts,
+            options.follow,
+            options.search,
+        )
         for name, box in self.see.items():
-            box.value = getattr(wishes, name)
+            box.value = getattr(options, name)
         for axis, box in self.free.items():
-            box.value = axis in wishes.free
-        own = wishes.parameters or parameters_of(wishes.search)
+            box.value = axis in options.free
+        own = options.parameters or parameters_of(options.search)
         for name, each in self.parameters.items():
             each.visible = name in own
             if name in own:
                 each.value = own[name]
 
-    def show_target(self, wishes: Wishes) -> None:
+    def show_target(self, options: ViewerOptions) -> None:
         """Bring the numbers of the goal to where it is."""
-        self.place.value = tuple(round(float(v), 6) for v in wishes.target[:3, 3])
-        self.turn.value = _degrees(wishes)
+        self.place.value = tuple(round(float(v), 6) for v in options.target[:3, 3])
+        self.turn.value = _degrees(options)
 
     def show_number(self, number: int, count: int) -> None:
         """Set the slider of passes to one of so many, from 0 on."""
@@ -238,5 +242,5 @@ def is_offered(handle: Any) -> bool:
     return True
 
 
-def _degrees(wishes: Wishes) -> tuple[float, ...]:
-    return tuple(round(float(v), 4) for v in np.degrees(rpy_of(wishes.target[:3, :3])))
+def _degrees(options: ViewerOptions) -> tuple[float, ...]:
+    return tuple(round(float(v), 4) for v in np.degrees(rpy_of(options.target[:3, :3])))

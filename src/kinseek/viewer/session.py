@@ -22,8 +22,8 @@ from kinseek.trace import Trace
 from kinseek.turns import TURN
 from kinseek.units import FAR
 
+from .options import ViewerOptions, first_selection
 from .searches import DEFAULT, make_search, needs_start, takes_seconds
-from .wishes import Wishes, first_wishes
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ BEGINNINGS = 64
 class Answer:
     """What became of one goal."""
 
-    wishes: Wishes
+    options: ViewerOptions
     """What was asked for."""
     q: Array
     """Joint values to show, (n,), [rad] or [m]."""
@@ -140,37 +140,37 @@ class Until(Deadline):
 
 
 class Session:
-    """What an arm answers to one person; it keeps nothing between two questions but what `Wishes` say."""
+    """What an arm answers to one person; it keeps nothing between two questions but what `ViewerOptions` say."""
 
     def __init__(self, arm: Arm) -> None:
         """Take an arm, and make what it needs once, so that no drag waits for it."""
         self.arm = arm
         q = beginning(arm)
-        self.begin = first_wishes(arm.mechanism, q, arm.fk(q))
+        self.begin = first_selection(arm.mechanism, q, arm.fk(q))
         for goal in (self.begin.target, self.begin.goal):
             arm.ik(goal, near=q)
         self.branches(self.begin)
 
-    def answer(self, wishes: Wishes) -> Answer:
+    def answer(self, options: ViewerOptions) -> Answer:
         """Answer a goal by the search that was chosen; what is refused is said, and the arm stays where it is."""
-        if far := self._far(wishes):
-            return Answer(wishes, wishes.q, refused=far)
+        if far := self._far(options):
+            return Answer(options, options.q, refused=far)
         try:
-            goal, search = self._question(wishes), make_search(wishes.search, wishes.parameters)
-            near = wishes.q if wishes.follow or needs_start(wishes.search) else None
-            options: dict[str, Any] = {}
-            if takes_seconds(wishes.search):
-                options = {"solver": search, "time_limit": PATIENCE, "trace": True}
+            goal, search = self._question(options), make_search(options.search, options.parameters)
+            near = options.q if options.follow or needs_start(options.search) else None
+            extra: dict[str, Any] = {}
+            if takes_seconds(options.search):
+                extra = {"solver": search, "time_limit": PATIENCE, "trace": True}
             began = time.perf_counter()
-            solution = self.arm.ik(goal, near=near, **options)
+            solution = self.arm.ik(goal, near=near, **extra)
             seconds = time.perf_counter() - began
         except KinseekError as error:
-            return Answer(wishes, wishes.q, refused=str(error))
-        return Answer(wishes.but(q=solution.q), solution.q, solution, seconds)
+            return Answer(options, options.q, refused=str(error))
+        return Answer(options.but(q=solution.q), solution.q, solution, seconds)
 
-    def _far(self, wishes: Wishes) -> str:
+    def _far(self, options: ViewerOptions) -> str:
         """What is said of a goal so far off that it is in other units, perhaps: `Arm.ik` would warn."""
-        far = float(np.linalg.norm(wishes.target[:3, 3]))
+        far = float(np.linalg.norm(options.target[:3, 3]))
         if self.arm.axes is None or far <= FAR * self.arm.axes.reach:
             return ""
         return (
@@ -178,34 +178,36 @@ class Session:
             "lengths are in metres."
         )
 
-    def traced(self, wishes: Wishes) -> Trace | None:
+    def traced(self, options: ViewerOptions) -> Trace | None:
         """What the default search does for a goal, pass by pass; others give their trace with the answer."""
         try:
-            near = wishes.q if wishes.follow else None
-            trace = self.arm.ik(self._question(wishes), near=near, trace=True).trace
+            near = options.q if options.follow else None
+            trace = self.arm.ik(self._question(options), near=near, trace=True).trace
         except KinseekError:
             return None
         return trace if isinstance(trace, Trace) else None
 
-    def branches(self, wishes: Wishes) -> Branches | str:
+    def branches(self, options: ViewerOptions) -> Branches | str:
         """Every answer, or why there are none to be told."""
         try:
-            found = self.arm.branches(self._question(wishes), time_limit=PATIENCE)
+            found = self.arm.branches(self._question(options), time_limit=PATIENCE)
         except KinseekError as error:
             return str(error)
         assert isinstance(found, Branches)
         return found
 
-    def picked(self, wishes: Wishes, q: Array) -> Answer:
+    def picked(self, options: ViewerOptions, q: Array) -> Answer:
         """Show one of the answers that are known, (n,)."""
-        solution = self.arm.ik(self._question(wishes), near=q)
-        return Answer(wishes.but(q=solution.q), solution.q, solution)
+        solution = self.arm.ik(self._question(options), near=q)
+        return Answer(options.but(q=solution.q), solution.q, solution)
 
-    def proofs(self, wishes: Wishes, stopped: Callable[[], bool], threads: int | None = 1) -> Iterator[Proof]:
+    def proofs(
+        self, options: ViewerOptions, stopped: Callable[[], bool], threads: int | None = 1
+    ) -> Iterator[Proof]:
         """Prove how near any pose can come to a goal that was missed: first whether any reaches it, then ever closer.
 
         Args:
-            wishes: What was asked for.
+            options: What was asked for.
             stopped: Is it no longer wanted? Asked between chunks of some hundredths of a second.
             threads: That share the boxes.
         """
@@ -216,13 +218,13 @@ class Session:
             return
         until, place = Until(stopped, PROOF_PATIENCE), None
         try:
-            asked = Problem(self.arm.mechanism, wishes.goal)
+            asked = Problem(self.arm.mechanism, options.goal)
             best = prove(asked, budget=FIRST_LOOK, threads=threads, deadline=until)
             yield Proof(best)
             if best.verdict is Verdict.REACHABLE or until.passed:
                 return
             if asked.goal.columns:
-                spot = Problem(self.arm.mechanism, Goal.position(wishes.target[:3, 3]))
+                spot = Problem(self.arm.mechanism, Goal.position(options.target[:3, 3]))
                 place = prove(spot, gap=GAPS[-1], budget=FIRST_LOOK, threads=threads, deadline=until)
             for gap in GAPS:
                 known = prove(asked, gap=gap, threads=threads, deadline=until)
@@ -233,9 +235,9 @@ class Session:
         except KinseekError as error:
             yield Proof(refused=str(error))
 
-    def _question(self, wishes: Wishes) -> Any:
+    def _question(self, options: ViewerOptions) -> Any:
         """The goal; a bare pose where it is one, which is the fastest way."""
-        return wishes.goal if wishes.free else wishes.target
+        return options.goal if options.free else options.target
 
 
 def beginning(arm: Arm) -> Array:
@@ -271,16 +273,16 @@ def status_of(answer: Answer, proof: Proof | None) -> tuple[str, str]:
     return answer.status, "open"
 
 
-def call_of(wishes: Wishes) -> str:
+def call_of(options: ViewerOptions) -> str:
     """The same question in Python."""
-    goal = f"kinseek.Goal.pose(T, free={list(wishes.free)})" if wishes.free else "T"
-    near = ", near=q" if wishes.follow or needs_start(wishes.search) else ""
-    if wishes.search == DEFAULT:
+    goal = f"kinseek.Goal.pose(T, free={list(options.free)})" if options.free else "T"
+    near = ", near=q" if options.follow or needs_start(options.search) else ""
+    if options.search == DEFAULT:
         return f"arm.ik({goal}{near})"
     try:
-        solver: object = make_search(wishes.search, wishes.parameters)
+        solver: object = make_search(options.search, options.parameters)
     except KinseekError:
         return ""
-    given = {name: getattr(solver, name) for name in wishes.parameters}
+    given = {name: getattr(solver, name) for name in options.parameters}
     words = ", ".join(f"{name}={value!r}" for name, value in given.items())
-    return f"arm.ik({goal}{near}, solver=kinseek.{wishes.search}({words}))"
+    return f"arm.ik({goal}{near}, solver=kinseek.{options.search}({words}))"

@@ -163,7 +163,7 @@ def pass_html(trace: Trace | None, number: int) -> str:
 def call_html(answer: Answer) -> str:
     """The same question in Python."""
     return _block(
-        f"<code style='white-space:pre-wrap;overflow-wrap:anywhere;font-size:11px'>{in_html(call_of(answer.wishes))}</code>"
+        f"<code style='white-space:pre-wrap;overflow-wrap:anywhere;font-size:11px'>{in_html(call_of(answer.options))}</code>"
     )
 
 

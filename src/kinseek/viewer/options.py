@@ -36,7 +36,7 @@ VERSION = 1
 
 
 @dataclass(frozen=True, eq=False)
-class Wishes:
+class ViewerOptions:
     """One person's goal, search and what is to be seen."""
 
     target: Array
@@ -99,17 +99,17 @@ class Wishes:
         return json.dumps(values)
 
 
-def first_wishes(arm: Mechanism, q: Array, target: Array) -> Wishes:
+def first_selection(arm: Mechanism, q: Array, target: Array) -> ViewerOptions:
     """What a page begins with: of an arm of few joints less counts than the whole pose, which it hardly ever reaches."""
     counts = "whole pose" if arm.dof >= 6 else "position and z direction" if arm.dof == 5 else "position"
-    return Wishes(target, q, COUNTS[counts])
+    return ViewerOptions(target, q, COUNTS[counts])
 
 
-def read_wishes(text: str | None, begin: Wishes) -> Wishes:
+def read_selection(text: str | None, begin: ViewerOptions) -> ViewerOptions:
     """Read what a browser kept; whatever cannot be used is as `begin` has it, for anything may stand there.
 
     Args:
-        text: What `Wishes.kept` gave, perhaps.
+        text: What `ViewerOptions.kept` gave, perhaps.
         begin: What the page begins with.
     """
     try:
@@ -119,20 +119,20 @@ def read_wishes(text: str | None, begin: Wishes) -> Wishes:
         target, q = as_pose(np.array(values["target"], dtype=float)), np.array(values["q"], dtype=float)
         if target.shape != (4, 4) or q.shape != begin.q.shape or not (np.abs(q) <= LARGEST).all():
             return begin
-        wishes = begin.but(target=target, q=q, free=tuple(map(str, values["free"])))
+        options = begin.but(target=target, q=q, free=tuple(map(str, values["free"])))
     except (ValueError, TypeError, OverflowError, KeyError, RecursionError, KinseekError):
         return begin
     flags = ("follow", "ghosts", "samples", "reach", "boxes", "meshes", "dark")
-    wishes = wishes.but(**{name: bool(values[name]) for name in flags if name in values})
+    options = options.but(**{name: bool(values[name]) for name in flags if name in values})
     search, given = values.get("search"), values.get("parameters")
     if isinstance(search, str) and search in SEARCHES and isinstance(given, dict):
         own = {name: str(given.get(name, default)) for name, default in parameters_of(search).items()}
         try:
             make_search(search, own)
         except KinseekError:
-            return wishes
-        wishes = wishes.but(search=search, parameters=own)
-    return wishes.but(camera=_camera(values.get("camera")))
+            return options
+        options = options.but(search=search, parameters=own)
+    return options.but(camera=_camera(values.get("camera")))
 
 
 def _camera(value: Any) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
