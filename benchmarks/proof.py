@@ -33,7 +33,7 @@ from kinseek.deadline import Deadline
 from kinseek.kernels.proof.progress import ENDED, FOUND
 from kinseek.proof.boxes import excluded
 from kinseek.proof.branch_and_bound import prove
-from kinseek.proof.isolation import isolate
+from kinseek.proof.root_isolation import isolate
 from kinseek.robots.catalog import catalog_names
 from kinseek.robots.geometry import arm_length
 from kinseek.solution import Solution

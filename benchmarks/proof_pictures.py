@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import kinseek
 from kinseek import Goal, Problem, plots
 from kinseek.kernels.proof.box import Form, ProofGoal
-from kinseek.kernels.proof.last_joint import Roll
+from kinseek.kernels.proof.last_joint import LastJoint
 from kinseek.kernels.proof.progress import ENDED
 from kinseek.proof.boxes import enclosed, excluded
 from kinseek.proof.look import look
@@ -53,7 +53,7 @@ PROVED = (
 )
 
 
-def undivided(problem: Problem) -> tuple[tuple[Form, ProofGoal, Roll], Array]:
+def undivided(problem: Problem) -> tuple[tuple[Form, ProofGoal, LastJoint], Array]:
     """The question about both joints of a two-link arm: a position goal, nothing divided out; and its first box, (4,)."""
     form, proof_goal, roll = question(problem)
     fixed = form.fixed.copy()

@@ -17,9 +17,8 @@ from kinseek import Goal, Problem
 from kinseek.kernels.maps.many_gates import many_gates
 from kinseek.kernels.paths.motion import COUNT as NUMBERS
 from kinseek.kernels.paths.steps import UNPROVED, prove_steps
-from kinseek.kernels.proof.exclusion import OFTEN, STEPS
 from kinseek.kernels.proof.gate import least_by_gate
-from kinseek.kernels.proof.isolation import MOST
+from kinseek.kernels.proof.infeasibility import OFTEN, STEPS
 from kinseek.kernels.proof.memory import Heap, Places
 from kinseek.kernels.proof.progress import (
     CEILING,
@@ -31,6 +30,7 @@ from kinseek.kernels.proof.progress import (
     UPPER,
     USED,
 )
+from kinseek.kernels.proof.root_isolation import MOST
 from kinseek.kernels.proof.shoulder import enclose_ball
 from kinseek.proof.boxes import Run, Watch, tuning_of
 from kinseek.proof.reduce import error_question, question, question_without_last, start_boxes

@@ -57,7 +57,7 @@ from kinseek.kernels.python_backend import Bounded, bounded, call_at, unbounded,
 from kinseek.kinds import POINTING, POSE
 from kinseek.maps.search import ruled_out
 from kinseek.paths.certify import numbers_of, prove_rows
-from kinseek.proof import branch_and_bound, isolation
+from kinseek.proof import branch_and_bound, root_isolation
 from kinseek.proof.boxes import enclosed, excluded
 from kinseek.proof.look import look
 from kinseek.proof.reduce import error_question, question
@@ -269,7 +269,7 @@ def reachable_proof() -> Any:
 
 
 def isolated(arm: kinseek.Arm, budget: int) -> Any:
-    found = isolation.isolate(Problem(arm.chain, Goal.pose(targets(arm, 1)[0])), budget=budget)
+    found = root_isolation.isolate(Problem(arm.chain, Goal.pose(targets(arm, 1)[0])), budget=budget)
     return found.complete, in_order(found.q)
 
 

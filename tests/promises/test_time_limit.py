@@ -16,7 +16,7 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem, InvalidSolver
 from kinseek.kernels.grid import window as grid
 from kinseek.paths import impossible
-from kinseek.proof import isolation
+from kinseek.proof import root_isolation
 from kinseek.solvers import blind_search, brute_force, coordinate_descent, divide_and_conquer
 from reference import errors, fk
 
@@ -389,7 +389,7 @@ def test_after_the_time_no_answers_are_proved_complete(last: int, monkeypatch: p
     def ends_the_time(*given: Any, **named: Any) -> Any:
         nonlocal looked
         looked += 1
-        found = isolation.isolate(*given, **named)
+        found = root_isolation.isolate(*given, **named)
         if looked == last:
             deadline.end = 0.0
         return found

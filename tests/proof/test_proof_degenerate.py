@@ -22,9 +22,9 @@ from kinseek.kernels.proof.progress import FOUND, STOPPED
 from kinseek.kernels.proof.taylor import solve
 from kinseek.proof.boxes import excluded
 from kinseek.proof.branch_and_bound import prove
-from kinseek.proof.isolation import isolate
 from kinseek.proof.look import holds, look
 from kinseek.proof.reduce import error_question, question, start_boxes
+from kinseek.proof.root_isolation import isolate
 from kinseek.robots.chain import Joint, SerialChain, serial_chain
 from kinseek.solution import Solution, conclude
 from kinseek.transforms import rotation, transform

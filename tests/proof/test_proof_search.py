@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 import kinseek
 from kinseek import Goal, Problem
-from kinseek.kernels.proof.exclusion import OFTEN, STEPS
+from kinseek.kernels.proof.infeasibility import OFTEN, STEPS
 from kinseek.kernels.proof.progress import COUNT, ENDED, FOUND, STOPPED, UPPER
 from kinseek.proof.boxes import Run, Watch, tuning_of
-from kinseek.proof.isolation import isolate
 from kinseek.proof.reduce import question, start_boxes
+from kinseek.proof.root_isolation import isolate
 
 BOXES = 1500
 

@@ -19,7 +19,7 @@ from kinseek import Goal, Problem, Verdict
 from kinseek.deadline import Deadline
 from kinseek.kernels.entry import ENTRIES
 from kinseek.proof.branch_and_bound import prove
-from kinseek.proof.isolation import isolate, prove_complete
+from kinseek.proof.root_isolation import isolate, prove_complete
 from kinseek.solution import Solution, conclude
 
 pytestmark = pytest.mark.slow
@@ -181,7 +181,7 @@ def test_an_isolation_ends_when_its_time_is_up() -> None:
 INTERRUPTED = """
 import os, signal, sys, time
 signal.signal(signal.SIGALRM, signal.default_int_handler)
-from kinseek.proof.isolation import isolate
+from kinseek.proof.root_isolation import isolate
 from kinseek.proof.boxes import enclosed
 from test_proof_time import ENDLESS_BUDGET, far, hard, proof_of, wide
 

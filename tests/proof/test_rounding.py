@@ -16,8 +16,8 @@ import kinseek
 from kinseek import Goal, Problem, Verdict
 from kinseek.kernels.arm.forward import forward_many
 from kinseek.proof.branch_and_bound import prove
-from kinseek.proof.isolation import isolate
 from kinseek.proof.reduce import margins, sizes_of
+from kinseek.proof.root_isolation import isolate
 from kinseek.proof.rounding import UNIT, Sizes, gamma, of_axes, of_points
 from kinseek.robots.chain import SerialChain
 

@@ -167,7 +167,7 @@ def _finish(
     found, complete, late = answers_of(rows, problem.chain.dof), False, False
     q, errors = found.q.copy(), found.errors
     if prove:
-        from kinseek.proof.isolation import prove_complete
+        from kinseek.proof.root_isolation import prove_complete
 
         q, complete = prove_complete(problem, q, deadline=deadline)
         late = not complete and deadline.passed

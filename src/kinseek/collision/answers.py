@@ -16,7 +16,7 @@ from kinseek.branches.result import Branches, BranchesBatch
 from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem, InvalidScene, suggest
 from kinseek.problem import Problem
-from kinseek.proof.isolation import isolate
+from kinseek.proof.root_isolation import isolate
 from kinseek.robots.mechanism import Mechanism
 from kinseek.solution import Solution, conclude
 from kinseek.solvers.atlas.solver import Atlas

@@ -27,7 +27,7 @@ from kinseek.kernels.atlas.tree import BESIDE, LEAF_SIZE
 from kinseek.kernels.branches.refine_all import ANSWER
 from kinseek.kernels.branches.search import ROWS as MOST_ANSWERS
 from kinseek.kernels.entry import ENTRIES, Bundle, Leaf
-from kinseek.kernels.proof.exclusion import OFTEN, STEPS
+from kinseek.kernels.proof.infeasibility import OFTEN, STEPS
 from kinseek.kernels.proof.progress import COUNT, ENDED, FOUND, FULL, SEEN, STUCK
 from kinseek.problem import Problem
 from kinseek.proof.boxes import Run, tuning_of

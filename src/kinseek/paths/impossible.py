@@ -19,7 +19,7 @@ from kinseek.branches.index import freedom
 from kinseek.deadline import Deadline
 from kinseek.kernels.paths.steps import INSIDE, LEAVES, OUTSIDE, SOMEWHERE
 from kinseek.problem import Problem
-from kinseek.proof.isolation import isolate
+from kinseek.proof.root_isolation import isolate
 from kinseek.robots.chain import SerialChain
 from kinseek.turns import TURN
 

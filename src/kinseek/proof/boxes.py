@@ -16,8 +16,8 @@ from kinseek.interrupts import uninterrupted
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array, Flags
 from kinseek.kernels.proof.box import Form, ProofGoal
-from kinseek.kernels.proof.exclusion import OFTEN, STEPS
-from kinseek.kernels.proof.last_joint import Roll
+from kinseek.kernels.proof.infeasibility import OFTEN, STEPS
+from kinseek.kernels.proof.last_joint import LastJoint
 from kinseek.kernels.proof.memory import Heap, Memory, Places
 from kinseek.kernels.proof.progress import (
     COUNT,
@@ -140,7 +140,7 @@ class Run:
     def __init__(
         self,
         problem: Problem,
-        asked: tuple[Form, ProofGoal, Roll],
+        asked: tuple[Form, ProofGoal, LastJoint],
         boxes: Array,
         q: Array,
         tuning: Tuning,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kinseek.kernels.arm.division import TURN
 from kinseek.kernels.arrays import Array
 from kinseek.kernels.proof.box import Form, ProofGoal
-from kinseek.kernels.proof.last_joint import Roll
+from kinseek.kernels.proof.last_joint import LastJoint
 from kinseek.kernels.proof.memory import Memory
 from kinseek.kernels.proof.progress import (
     CEILING,
@@ -43,7 +43,7 @@ class Looks(NamedTuple):
 
 def look(
     problem: Problem,
-    asked: tuple[Form, ProofGoal, Roll],
+    asked: tuple[Form, ProofGoal, LastJoint],
     boxes: Array,
     ceiling: float | None = None,
     passes: int = PASSES,

@@ -13,7 +13,7 @@ from kinseek.kernels.arm.forward import forward_many
 from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.proof.box import LEAST, TINY, Form, ProofGoal
 from kinseek.kernels.proof.gate import CROSSED
-from kinseek.kernels.proof.last_joint import Roll
+from kinseek.kernels.proof.last_joint import LastJoint
 from kinseek.problem import Problem
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.geometry import arm_length, divide
@@ -41,7 +41,7 @@ AT_LIMIT = 1e-6
 proved."""
 
 
-def question(problem: Problem, trust: float = 1.0) -> tuple[Form, ProofGoal, Roll]:
+def question(problem: Problem, trust: float = 1.0) -> tuple[Form, ProofGoal, LastJoint]:
     """Put the question of the tolerances into the kernels' form.
 
     A last joint that turns is divided out: its axis shall lie along the goal's, and the point of it that the axis before
@@ -68,7 +68,7 @@ def question(problem: Problem, trust: float = 1.0) -> tuple[Form, ProofGoal, Rol
 
 def error_question(
     problem: Problem, q: Array, gap: float, trust: float = 1.0, whole: bool = False
-) -> tuple[Form, ProofGoal, Roll]:
+) -> tuple[Form, ProofGoal, LastJoint]:
     """Put the question of the least weighted error into the kernels' form.
 
     Where the tip lies on the axis of the last joint, that joint changes nothing but the turn about it. Leaving it out
@@ -104,7 +104,7 @@ def error_question(
             last=np.ascontiguousarray((square(target) @ square(inverse(fixed[-1])) @ place_of_foot)[:3]),
             offset=float(np.linalg.norm(fixed[-1, :, 3] - [0.0, 0.0, foot])),
         )
-    return _form(chain, fixed, head, columns, int(tail), foot), proof_goal, Roll(False, 0.0, 0.0, 0.0)
+    return _form(chain, fixed, head, columns, int(tail), foot), proof_goal, LastJoint(False, 0.0, 0.0, 0.0)
 
 
 def question_without_last(problem: Problem, trust: float = 1.0) -> tuple[Form, ProofGoal]:
@@ -216,8 +216,8 @@ def _form(chain: SerialChain, fixed: Array, head: int, columns: int, tail: int, 
     )
 
 
-def _roll(chain: SerialChain, present: bool, weight: float = 0.0) -> Roll:
-    return Roll(present, float(chain.lower[-1]), float(chain.upper[-1]), weight)
+def _roll(chain: SerialChain, present: bool, weight: float = 0.0) -> LastJoint:
+    return LastJoint(present, float(chain.lower[-1]), float(chain.upper[-1]), weight)
 
 
 def _tolerances(problem: Problem, target: Array, columns: int, trust: float, foot: float = 0.0) -> ProofGoal:

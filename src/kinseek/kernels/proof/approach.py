@@ -7,7 +7,7 @@ from kinseek.kernels.arrays import Array, ChainArrays
 from kinseek.kernels.jit import inlined, ir_inlined
 
 from .box import LEAST, BoxScratch, Form, ProofGoal, place, turn_goal
-from .last_joint import Roll, complete, roll_fits
+from .last_joint import LastJoint, complete, roll_fits
 from .taylor import differentiate, downhill, normal_matrix, solve
 
 DAMPING = 1e-9
@@ -37,7 +37,7 @@ def step(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> None:
 def approach(
     form: Form,
     proof_goal: ProofGoal,
-    roll: Roll,
+    roll: LastJoint,
     chain: ChainArrays,
     steps: int,
     scratch: BoxScratch,

@@ -14,7 +14,7 @@ from .bounds import OF_ANGLES, cut_arc
 from .box import BEST_ROLL, BoxScratch, Form, ProofGoal, place, short_way, turn_goal, turned, widths
 
 
-class Roll(NamedTuple):
+class LastJoint(NamedTuple):
     """The last joint, where it is divided out."""
 
     present: bool
@@ -25,7 +25,7 @@ class Roll(NamedTuple):
     """K_A where the joint's axis is the z axis of the tip, so that a twist costs ``K_A (1 + cos τ)(1 - cos β)``, else 0."""
 
 
-ROLL = Bundle(Roll, present=FLAG, lower=F64, upper=F64, weight=F64)
+ROLL = Bundle(LastJoint, present=FLAG, lower=F64, upper=F64, weight=F64)
 
 
 @inlined
@@ -75,7 +75,7 @@ def twist_slack(proof_goal: ProofGoal, omega: float, dot: float) -> float:
 
 
 @inlined
-def roll_fits(form: Form, proof_goal: ProofGoal, roll: Roll, scratch: BoxScratch) -> bool:
+def roll_fits(form: Form, proof_goal: ProofGoal, roll: LastJoint, scratch: BoxScratch) -> bool:
     """Can the last joint, within its limits, make up for what is left of the rotation? Its best value goes to BEST_ROLL.
 
     The hand without its last turn is off by a rotation of at most Ω. Write the turn that is asked for as a quaternion: its
@@ -98,7 +98,9 @@ def roll_fits(form: Form, proof_goal: ProofGoal, roll: Roll, scratch: BoxScratch
 
 
 @inlined
-def twist_cost(form: Form, proof_goal: ProofGoal, roll: Roll, scratch: BoxScratch, ceiling: float) -> float:
+def twist_cost(
+    form: Form, proof_goal: ProofGoal, roll: LastJoint, scratch: BoxScratch, ceiling: float
+) -> float:
     """What the limits of the last joint add to the weighted error at least, where nothing above `ceiling` matters.
 
     With tilt τ and a twist β short of the best one the columns cost ``K_A [(1 - cos τ) + (1 + cos τ)(1 - cos β)]``.
@@ -153,7 +155,7 @@ def cut_twist(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: f
 
 
 @inlined
-def complete(form: Form, roll: Roll, chain: ChainArrays, scratch: BoxScratch, q: Array) -> None:
+def complete(form: Form, roll: LastJoint, chain: ChainArrays, scratch: BoxScratch, q: Array) -> None:
     """Joint values of the box' centre, (n,), inside the limits."""
     for i in range(len(q)):
         value = scratch.found[BEST_ROLL] if roll.present and i == len(q) - 1 else scratch.c[i]

@@ -8,7 +8,7 @@ from kinseek.kernels.arrays import CHAIN, GOAL, ChainArrays, GoalArrays
 from kinseek.kernels.entry import F64, I64, Bundle
 
 from .box import FORM, PROOF_GOAL, Form, ProofGoal
-from .last_joint import ROLL, Roll
+from .last_joint import ROLL, LastJoint
 
 EXCLUDE, ENCLOSE, ISOLATE = 0, 1, 2
 """What is asked of boxes: one answer, or that there is none; the least weighted error; all answers."""
@@ -60,7 +60,7 @@ class Question(NamedTuple):
     """The part of the arm that the boxes are about."""
     proof_goal: ProofGoal
     """What is asked of it."""
-    roll: Roll
+    roll: LastJoint
     """The last joint, where it is divided out."""
     chain: ChainArrays
     """The whole arm, to judge joint values by plain forward kinematics."""

@@ -41,10 +41,9 @@ from .box import (
     widest,
     widths,
 )
-from .enclosure import FINE, enclose, sift_down, sift_up, start_heap
-from .exclusion import exclude
+from .branch_and_bound import FINE, enclose, sift_down, sift_up, start_heap
 from .gate import gate
-from .isolation import admit, inside
+from .infeasibility import exclude
 from .last_joint import cut_twist
 from .memory import MEMORY, Memory, SearchScratch, make_node_scratch
 from .progress import (
@@ -75,6 +74,7 @@ from .progress import (
     Question,
     Tuning,
 )
+from .root_isolation import admit, inside
 
 
 @entry(returns=I64, kind=I64, question=QUESTION, tuning=TUNING, memory=MEMORY, until=I64, budget=I64)

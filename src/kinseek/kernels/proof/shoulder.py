@@ -35,7 +35,7 @@ from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, inlined
 
 from .box import rounding
-from .enclosure import sift_down, sift_up
+from .branch_and_bound import sift_down, sift_up
 from .memory import HEAP, Heap
 from .multipliers import (
     SHOULDER,

@@ -18,8 +18,8 @@ from chains import awkward_joints, serial_chains
 from kinseek import Goal, Problem
 from kinseek.errors import InvalidProblem
 from kinseek.kernels.proof.neighbourhood import contractions
-from kinseek.proof.isolation import Isolation, isolate, prove_complete
 from kinseek.proof.reduce import question
+from kinseek.proof.root_isolation import Isolation, isolate, prove_complete
 from kinseek.robots.chain import SerialChain
 from reference import errors, fk
 from test_bounds import goal_near

@@ -21,7 +21,7 @@ from .box import (
 )
 from .cone import separate_cone
 from .form import separate, underestimate
-from .last_joint import Roll, cut_twist, roll_fits, twist_cost
+from .last_joint import LastJoint, cut_twist, roll_fits, twist_cost
 
 OFTEN = 16
 """Every so many boxes that are cut, steps from the middle of one look for an answer. By trial on goals near the rim of
@@ -31,7 +31,7 @@ STEPS = 8
 
 
 @ir_inlined
-def exclude(form: Form, proof_goal: ProofGoal, roll: Roll, scratch: BoxScratch, passes: int) -> bool:
+def exclude(form: Form, proof_goal: ProofGoal, roll: LastJoint, scratch: BoxScratch, passes: int) -> bool:
     """Cut off the box in hand what misses a tolerance, to second order; say whether anything of it is left."""
     kept = separate(form, proof_goal, scratch, passes)
     if kept and wide(form, proof_goal):
@@ -43,7 +43,7 @@ def exclude(form: Form, proof_goal: ProofGoal, roll: Roll, scratch: BoxScratch, 
 
 @kernel
 def examine(
-    form: Form, proof_goal: ProofGoal, roll: Roll, boxes: Array, ceiling: float, passes: int
+    form: Form, proof_goal: ProofGoal, roll: LastJoint, boxes: Array, ceiling: float, passes: int
 ) -> Array:
     """Test boxes one by one, without cutting them in half; for tests and pictures.
 

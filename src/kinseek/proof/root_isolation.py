@@ -17,8 +17,8 @@ from kinseek.deadline import Deadline
 from kinseek.errors import InvalidProblem
 from kinseek.kernels.arm.pose_error import judge
 from kinseek.kernels.arrays import Array
-from kinseek.kernels.proof.isolation import MOST, OFTEN, STEPS
 from kinseek.kernels.proof.progress import COUNT, KNOWN, LEFT
+from kinseek.kernels.proof.root_isolation import MOST, OFTEN, STEPS
 from kinseek.problem import Problem, as_joints
 from kinseek.turns import shortest
 from kinseek.validation import as_integer
