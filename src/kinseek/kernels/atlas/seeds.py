@@ -138,7 +138,9 @@ def stands_at_limit(q: Array, lower: Array, upper: Array) -> bool:
 
 @inlined
 def take_seed(task: Task, scratch: Scratch, leaf: int, taken: int, w: int) -> tuple[int, bool]:
-    """Put the next sample of a scan into the scratch memory's seed; return how many are taken by now, and whether it is worth a try.
+    """Put the next sample of a scan into the scratch memory's seed.
+
+    Return how many are taken by now, and whether it is worth a try.
 
     There are two rounds: first those whose first and last joint come out inside their limits, for most of the others fail;
     then those that are within the margin, and stand at a limit now.

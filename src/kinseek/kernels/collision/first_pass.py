@@ -120,7 +120,7 @@ def lanes_near(model: CollisionModel, state: LaneState, least: float, w: int) ->
 
 @inlined
 def look_up(model: CollisionModel, state: LaneState, m: int, least: float, w: int) -> None:
-    """Mark in `LaneState.gaps` where the chart of a meeting tells enough, and in `LaneState.hits` where it tells that groups touch."""
+    """Mark in `LaneState.gaps` where the chart of a meeting decides, and in `LaneState.hits` where groups touch by it."""
     axes, chart, gaps, hits = model.chart_axes[model.chart_of[m]], model.chart, state.gaps, state.hits
     j, k, rows, columns, first = axes[0], axes[1], axes[2], axes[3], axes[4]
     one, other = state.lanes[model.chain.leader[j]], state.lanes[model.chain.leader[k]]

@@ -319,7 +319,7 @@ def inflate(motion: Motion, middle: int, least: float) -> bool:
 
 @inlined
 def find_tube(motion: Motion, middle: int, h: float, least: float) -> bool:
-    """Look for a tube around the scratch memory's centre over s within h of it, no joint narrower than `least`; is there one?
+    """Look for a tube around the scratch memory's centre over s within h of it, no joint narrower than `least`.
 
     It is in ``tube.half``, and ``tube.away`` is how far from its middle the branch is, at most.
     """

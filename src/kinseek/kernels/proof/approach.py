@@ -11,7 +11,7 @@ from .last_joint import LastJoint, complete, roll_fits
 from .taylor import differentiate, downhill, normal_matrix, solve
 
 DAMPING = 1e-9
-"""Added to the diagonal of the normal matrix, whose entries are about one where a joint moves the hand by `ProofGoal.length`.
+"""Added to the diagonal of the normal matrix. Its entries are about one where a joint moves the hand by `ProofGoal.length`.
 
 It keeps a step finite that no motion of the hand calls for, and is too small to slow down any other: the error falls to a
 part of some 1e-9 a step at best, and three steps meet every tolerance. Twice as much changes that to 2e-9.

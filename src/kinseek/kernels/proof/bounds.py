@@ -110,7 +110,7 @@ def first_order(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling:
     """Compare azimuth, radius, height and last axis with the goal's; say whether anything of the box is left.
 
     With `ceiling` negative the tolerances decide, else the weighted error: what cannot stay below `ceiling` is gone. The
-    first joint's range is cut to what the azimuths leave. ``scratch.found[BELOW]`` becomes a lower bound of the weighted error.
+    first joint's range is cut to what the azimuths leave. ``scratch.found[BELOW]`` becomes a lower bound of the error.
     """
     T, m = scratch.T, len(form.leader)
     trust, margin, margin_a = proof_goal.trust, proof_goal.margin, proof_goal.margin_a

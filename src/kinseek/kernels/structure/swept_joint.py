@@ -3,8 +3,8 @@
 With the joint in front given, the others are an arm with a closed form. Which values leave an answer inside the limits
 depends on where the hand is, and mostly on its direction about the joint's axis, or its place along it if it slides: at a
 fixed angle ahead of that direction the joint leaves the other joints much the same work wherever the hand is. Which angles
-serve best is found by trial when an arm is loaded, see `swept_values`. Of an arm whose last joint is in front, taken backwards,
-the same holds of the shoulder as the hand sees it.
+serve best is found by trial when an arm is loaded, see `swept_values`. Of an arm whose last joint is in front, taken
+backwards, the same holds of the shoulder as the hand sees it.
 """
 
 from __future__ import annotations

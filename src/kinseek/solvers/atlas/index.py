@@ -202,4 +202,4 @@ def tolerance_numbers(
 
 
 PLAIN = tolerance_numbers(DEFAULT_TOLERANCE, DEFAULT_TOLERANCE, 1.0, np.inf, (1.0, 1.0, 0.0))
-"""`tolerances_of` a goal that is just a pose; written out, since to make a goal runs a kernel, and importing shall run none."""
+"""`tolerances_of` a goal that is just a pose; written out, since making a goal runs a kernel, and importing must not."""
