@@ -341,7 +341,7 @@ def test_a_body_of_too_many_shapes_is_refused(tmp_path: Path, scene: Scene, suff
 
 
 def test_links_of_too_many_shapes_are_refused() -> None:
-    urdf = kinseek.load("ur5e").axes.urdf.decode()
+    urdf = kinseek.load("ur5e").chain.urdf.decode()
     one = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
     urdf = urdf.replace('<link name="tool0"/>', f'<link name="tool0">{(MOST_SHAPES + 1) * one}</link>')
     with pytest.raises(InvalidScene, match=f"{MOST_SHAPES + 1:,} shapes of bodies"):
@@ -351,7 +351,7 @@ def test_links_of_too_many_shapes_are_refused() -> None:
 def test_too_many_pairs_of_shapes_are_refused(tmp_path: Path) -> None:
     """A link and an obstacle of 990 shapes each took 6 GB."""
     one = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
-    urdf = kinseek.load("ur5e").axes.urdf.decode()
+    urdf = kinseek.load("ur5e").chain.urdf.decode()
     urdf = urdf.replace('<link name="tool0"/>', f'<link name="tool0">{500 * one}</link>')
     scene = Scene.of(kinseek.load(urdf))
     cell = f'<robot name="cell"><link name="table">{500 * one}</link></robot>'

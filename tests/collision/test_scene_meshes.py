@@ -180,7 +180,7 @@ def test_an_arm_from_text_knows_its_geometry(tmp_path: Path) -> None:
 def scattered(count: int) -> np.ndarray:
     """Points on a ball, as 32-bit numbers, which an STL file holds."""
     points = np.random.default_rng(0).normal(size=(count, 3))
-    return (points / np.linalg.norm(points, axis=1)[:, None]).astype(np.float32).astype(np.float64)
+    return np.asarray(points / np.linalg.norm(points, axis=1)[:, None], dtype=np.float32).astype(np.float64)
 
 
 def mesh_of(points: np.ndarray, hull: bool) -> Mesh:
