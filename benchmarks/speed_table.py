@@ -14,7 +14,7 @@ BEGIN, END = "<!-- speed table: python -m benchmarks.speed_table -->\n", "<!-- e
 
 
 def table(page: str) -> str:
-    """Medians [µs] of every arm and library, and how many near-singular targets each solves, from the text of a page."""
+    """Medians [µs] of every arm and library with their ratio to the first, and the share of near-singular targets solved."""
     medians: dict[str, dict[str, str]] = {}
     shares: dict[str, list[float]] = {}
     for row in page.splitlines():
@@ -26,15 +26,23 @@ def table(page: str) -> str:
             shares.setdefault(cells[1], []).append(float(cells[6]))
     arms, who = list(medians), list(shares)
     lines = [
-        "| median of one call, µs | " + " | ".join(arms) + " | near singular, strict |",
+        "| solver | " + " | ".join(arms) + " | near singular |",
         "|---|" + "--:|" * (len(arms) + 1),
     ]
     for name in who:
-        found = [_short(medians[arm][name]) for arm in arms]
+        found = [_with_ratio(medians[arm][name], medians[arm][who[0]]) for arm in arms]
         lines.append(
             f"| {name} | " + " | ".join(found) + f" | {min(shares[name]):.1f} – {max(shares[name]):.1f} % |"
         )
     return "\n".join(lines) + "\n"
+
+
+def _with_ratio(median: str, first: str) -> str:
+    """A median and how many times the first one it is."""
+    if median in ("–", first):
+        return _short(median)
+    ratio = float(median) / float(first)
+    return f"{_short(median)} ({ratio:,.1f})" if ratio < 10.0 else f"{_short(median)} ({ratio:,.0f})"
 
 
 def _short(number: str) -> str:
