@@ -1,8 +1,8 @@
 """What an answer takes, against an earlier commit: is it faster by now, arm by arm?
 
-The commit is cloned beside, its kernels are compiled for this processor, and both are asked by turns, each in a process
-of its own: a machine that changes its speed is fair to both. How many targets each has solved is told by plain NumPy
-forward kinematics, within 1e-6 m and 1e-6 rad and inside the limits.
+The commit is cloned, its kernels are compiled for this processor, and both versions answer alternately, each in a process
+of its own, so that a machine that changes its speed is fair to both. Plain NumPy forward kinematics counts the targets that
+each has solved, within 1e-6 m and 1e-6 rad and inside the limits.
 
     python -m benchmarks.since 510bdab
     python -m benchmarks.since HEAD~1 ur5e panda --output since.md
@@ -38,16 +38,16 @@ CLONES = HERE / ".since"
 ONE, MANY = 200, 2000
 """Poses of a turn, asked one by one and as a batch; the former are the first of the latter."""
 
-QUESTIONS = {"one": ONE, "batch": MANY}
+QUESTIONS = {"one": ONE, "batch": MANY, "branches": 40, "proof": 10, "path": 200}
+"""Kinds of questions, and how many poses of a turn each gets; see `since_worker`."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One arm: times of a pose [µs] before and now, medians over the turns, and the medians of their ratios."""
+    """One arm: of each question the times of a pose [µs] before and now, medians over the turns, and the median ratio."""
 
     arm: str
-    one: tuple[float, float, float]
-    batch: tuple[float, float, float]
+    times: dict[str, tuple[float, float, float]]
     solved: tuple[int, int]
     """Targets of the batches, before and now."""
 
@@ -83,12 +83,12 @@ class Side:
         self._process = subprocess.Popen(
             worker, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=paths
         )
-        found = Path(self._told())
+        found = Path(self._line())
         if not found.is_relative_to(source):
             self.end()
             raise SystemExit(f"asked for the kinseek of {source}, got {found}")
 
-    def _told(self) -> str:
+    def _line(self) -> str:
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
         if not line:
@@ -100,7 +100,7 @@ class Side:
         """Time of a pose [µs]."""
         assert self._process.stdin is not None
         print(question, first, last, file=self._process.stdin, flush=True)
-        return float(self._told())
+        return float(self._line())
 
     def end(self) -> None:
         """Let it write down its answers."""
@@ -126,37 +126,44 @@ def measure(name: str, sources: tuple[Path, Path], turns: int, seed: int) -> Row
             side.end()
         before, now = (int(strict(arm.chain, np.load(file), targets).sum()) for file in answers)
     medians, ratios = np.median(times, axis=1), np.median(times[..., 1] / times[..., 0], axis=1)
-    one, batch = ((float(m[0]), float(m[1]), float(r)) for m, r in zip(medians, ratios, strict=True))
-    return Row(name, one, batch, (before, now))
+    found = {
+        question: (float(m[0]), float(m[1]), float(ratio))
+        for question, m, ratio in zip(QUESTIONS, medians, ratios, strict=True)
+    }
+    return Row(name, found, (before, now))
 
 
 def page(commit: str, rows: list[Row], turns: int) -> Page:
     """The page."""
     page = Page("Since an earlier commit", "benchmarks.since " + commit[:7])
     page.say(
-        f"Before is {commit[:7]}, of {git('log', '-1', '--format=%cs', commit)}. Targets from joint values uniform inside",
-        f"the limits. {turns} turns: each is asked for {ONE} poses one by one, `arm.ik(T)` from Python, wall time, and for",
-        f"{MANY:,} as a batch on one thread, processor time, and then the other. Medians over the turns [µs a pose]; ratios",
-        "are medians of the ratios of the turns. Solved, of the batches: within 1e-6 m and 1e-6 rad by plain NumPy FK, and",
-        "inside the limits.",
+        f"Before is {commit[:7]}, of {git('log', '-1', '--format=%cs', commit)}. Targets from joint values uniform",
+        f"inside the limits, {turns} turns. In each turn both answer {ONE} single poses with `arm.ik(T)` from Python (wall",
+        f"time), and on one thread (processor time) a batch of {MANY:,}, all branches of {QUESTIONS['branches']} poses,",
+        f"proofs of {QUESTIONS['proof']} poses farther away, and a path of {QUESTIONS['path']} poses. Medians over",
+        "the turns [µs a pose]; ratios are medians of the ratios of the turns. Solved, of the batches: within 1e-6 m and",
+        "1e-6 rad by plain NumPy FK, and inside the limits.",
     )
     cells = [
-        (row.arm, *times(row.one, 1), *times(row.batch, 2), *(percent(n, turns * MANY) for n in row.solved))
+        (
+            row.arm,
+            *(cell for each in row.times.values() for cell in times(each)),
+            *(percent(n, turns * MANY) for n in row.solved),
+        )
         for row in rows
     ]
-    one, batch = (np.median([getattr(row, what) for row in rows], axis=0) for what in QUESTIONS)
-    cells.append((f"median of {len(rows)}", *times(one, 1), *times(batch, 2), "", ""))
-    page.table(
-        "arm | >one pose before | >now | >ratio | >batch before | >now | >ratio | >solved before % | >now %",
-        cells,
-    )
+    medians = [np.median([row.times[question] for row in rows], axis=0) for question in QUESTIONS]
+    cells.append((f"median of {len(rows)}", *(cell for each in medians for cell in times(each)), "", ""))
+    heads = " | ".join(f">{question} before | >now | >ratio" for question in QUESTIONS)
+    page.table(f"arm | {heads} | >solved before % | >now %", cells)
     return page
 
 
-def times(some: Iterable[float], digits: int) -> tuple[str, str, str]:
+def times(some: Iterable[float]) -> tuple[str, str, str]:
     """Before, now [µs], and the ratio."""
     before, now, ratio = some
-    return f"{before:.{digits}f}", f"{now:.{digits}f}", f"{ratio:.2f} ×"
+    digits = 2 if before < 10.0 else 1 if before < 100.0 else 0
+    return f"{before:,.{digits}f}", f"{now:,.{digits}f}", f"{ratio:.2f} ×"
 
 
 def main() -> None:
@@ -176,12 +183,11 @@ def main() -> None:
     rows = []
     for name in options.arms or fleet_names():
         rows.append(row := measure(name, sources, options.turns, options.seed))
-        one, batch = times(row.one, 2), times(row.batch, 2)
-        print(
-            f"{name:18s} one {one[0]} -> {one[1]} µs ({one[2]}), batch {batch[0]} -> {batch[1]} ({batch[2]}), "
-            f"solved {row.solved[0]:,} -> {row.solved[1]:,}",
-            flush=True,
+        report = ", ".join(
+            f"{question} {' -> '.join(times(each)[:2])} µs ({times(each)[2]})"
+            for question, each in row.times.items()
         )
+        print(f"{name:18s} {report}, solved {row.solved[0]:,} -> {row.solved[1]:,}", flush=True)
     page(commit, rows, options.turns).write(options.output)
 
 

@@ -1,4 +1,4 @@
-"""One side of `benchmarks.since`: asks the kinseek that it imports for what it is told to, line by line."""
+"""One side of `benchmarks.since`: answers questions with the kinseek that it imports, line by line."""
 
 from __future__ import annotations
 
@@ -22,12 +22,14 @@ def main() -> None:
         ("answers", "where joint values of the batches go, (k, n), as .npy"),
     ):
         parser.add_argument(name, help=what)
-    told = parser.parse_args()
-    arm, T = kinseek.load(told.file, base=told.base, tip=told.tip), np.load(told.targets)
+    options = parser.parse_args()
+    arm, T = kinseek.load(options.file, base=options.base, tip=options.tip), np.load(options.targets)
     q = np.full((len(T), arm.dof), np.nan)
     for one in T[:100]:
         arm.ik(one)
     arm.ik(T[:100], threads=1)
+    for question in OTHERS:
+        ask(arm, question, T[:2])
     print(kinseek.__file__, flush=True)
     for line in sys.stdin:
         question, first, last = line.split()
@@ -41,11 +43,35 @@ def main() -> None:
             cost = float(np.median(times)) / 1e3
         else:
             began = time.process_time_ns()
-            solution = arm.ik(part, threads=1)
+            if question == "batch":
+                q[int(first) : int(last)] = arm.ik(part, threads=1).q
+            else:
+                ask(arm, question, part)
             cost = (time.process_time_ns() - began) / 1e3 / len(part)
-            q[int(first) : int(last)] = solution.q
         print(cost, flush=True)
-    np.save(told.answers, q)
+    np.save(options.answers, q)
+
+
+OTHERS = ("branches", "proof", "path")
+
+
+def ask(arm: kinseek.Arm, question: str, T: np.ndarray) -> None:
+    """Find all branches of poses, (k, 4, 4); or prove the poses a quarter farther away; or follow a motion near them."""
+    if question == "path":
+        middle, reach = arm.ik(T[0]).q, np.linspace(0.0, 0.2, len(T))[:, None]
+        arm.follow(arm.fk(np.clip(middle + reach, arm.lower, arm.upper)), threads=1)
+        return
+    for one in T:
+        if question == "branches":
+            arm.branches(one, threads=1)
+        else:
+            far = one.copy()
+            far[:3, 3] *= 1.25
+            arm.prove(far, budget=PROOF)
+
+
+PROOF = 2_000
+"""Boxes of a proof, so that arms of seven joints take milliseconds as well."""
 
 
 if __name__ == "__main__":
