@@ -6,6 +6,7 @@ import ast
 import os
 from pathlib import Path
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 
@@ -17,6 +18,7 @@ def test_no_example_is_timed_and_failures_print_how_to_get_them_again() -> None:
     assert now.derandomize == bool(os.environ.get("CI"))
 
 
+@pytest.mark.slow
 def test_no_test_has_a_profile_of_its_own() -> None:
     looked_at = 0
     for path in Path(__file__).parent.rglob("test_*.py"):

@@ -182,6 +182,7 @@ thread.join()
     assert told == "0"
 
 
+@pytest.mark.slow
 def test_a_fork_waits_until_another_thread_has_imported(tmp_path: Path) -> None:
     (tmp_path / "takes_long.py").write_text("import time\ntime.sleep(0.3)\ndone = 1\n", encoding="utf-8")
     told = script(
@@ -209,6 +210,7 @@ with importing: pass
     assert told == "0"
 
 
+@pytest.mark.slow
 def test_what_the_first_fork_imports_registers_no_pairs_of_functions() -> None:
     told = script("""
 from kinseek import forks

@@ -16,6 +16,7 @@ SOURCE = Path(kinseek.__file__).parent
 KNOW = {"goal.py", "kinds.py"}
 
 
+@pytest.mark.slow
 def test_no_file_but_goal_and_kinds_has_a_table_of_kinds_or_asks_for_one_by_name() -> None:
     seen = 0
     for path in SOURCE.rglob("*.py"):

@@ -89,12 +89,14 @@ def test_a_peer_that_fails_says_why(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_both_sides_of_a_comparison_answer_all() -> None:
     row = measure("elbow6", (ROOT / "src", ROOT / "src"), 2, 3)
     assert row.solved == (2 * MANY, 2 * MANY)
     assert min(value for each in row.times.values() for value in each) > 0.0
 
 
+@pytest.mark.slow
 def test_a_side_that_is_not_what_was_asked_for_is_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "targets.npy", np.eye(4)[None])
     words = [str(catalog_path("planar2")), "base", "tip", str(tmp_path / "targets.npy")]

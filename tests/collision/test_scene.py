@@ -66,6 +66,7 @@ def witness(arm: kinseek.Arm, file: Path, q: np.ndarray, grip: float) -> dict[fr
     return found
 
 
+@pytest.mark.slow
 def test_distances_are_those_of_pinocchio_on_the_same_file(
     arm: kinseek.Arm, file: Path, scene: Scene
 ) -> None:
@@ -90,6 +91,7 @@ def test_distances_are_those_of_pinocchio_on_the_same_file(
     assert 3 < touching < 57
 
 
+@pytest.mark.slow
 def test_outer_spheres_and_boxes_bound_the_distance_from_below(arm: kinseek.Arm, scene: Scene) -> None:
     scene.add_box("table", (0.3, 0.5, 0.1), kinseek.pose([0.4, 0.1, 0.3], rpy=[0.3, 0.2, 0.1]))
     scene.add_capsule("pole", 0.03, 0.6, kinseek.pose([-0.4, 0.2, 0.3]))
@@ -127,6 +129,7 @@ def test_a_sphere_and_a_box_are_as_far_apart_as_on_paper() -> None:
     assert close.depth == pytest.approx(-0.10, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_clouds_and_padding_and_batches(arm: kinseek.Arm, file: Path) -> None:
     folders = {"thick_meshes": file.parents[1] / "packages" / "thick_meshes"}
     plain, thick = (Scene.of(arm, folders, padding=padding) for padding in (0.0, 0.01))
@@ -150,6 +153,7 @@ def test_clouds_and_padding_and_batches(arm: kinseek.Arm, file: Path) -> None:
     assert ((gap > 0.01 - 1e-5) & (gap < 0.02 + 1e-5)).all()
 
 
+@pytest.mark.slow
 def test_flat_sides_may_have_many_corners() -> None:
     ring = np.stack(
         [np.cos(np.linspace(0, 2 * np.pi, 400, False)), np.sin(np.linspace(0, 2 * np.pi, 400, False))], 1
@@ -165,6 +169,7 @@ def test_flat_sides_may_have_many_corners() -> None:
         )
 
 
+@pytest.mark.slow
 def test_a_closed_mesh_is_solid_and_an_open_one_is_not(tmp_path: Path, scene: Scene) -> None:
     vertices, faces = box_mesh((4.0, 4.0, 4.0))
     scene.add_mesh("around", write_stl(tmp_path / "closed.stl", vertices, faces))
@@ -205,6 +210,7 @@ def test_joints_that_are_not_the_arms_stand_where_they_are_told(arm: kinseek.Arm
         Scene.of(arm, [file.parents[1] / "packages"], joints={"gripp": 0.02})
 
 
+@pytest.mark.slow
 def test_a_locked_arm_and_one_with_a_tool_are_where_they_were(
     arm: kinseek.Arm, file: Path, scene: Scene
 ) -> None:
@@ -232,6 +238,7 @@ def test_a_tool_makes_no_capsule_longer() -> None:
     assert np.array_equal(tooled.distance(q), scene.distance(q))
 
 
+@pytest.mark.slow
 def test_copies_and_pickles_stand_for_themselves(scene: Scene) -> None:
     before = scene.distance(np.zeros(6))
     for other in (copy.copy(scene), pickle.loads(pickle.dumps(scene))):
@@ -242,6 +249,7 @@ def test_copies_and_pickles_stand_for_themselves(scene: Scene) -> None:
         assert scene.distance(np.zeros(6)) == before
 
 
+@pytest.mark.slow
 def test_threads_may_share_a_scene(arm: kinseek.Arm, scene: Scene) -> None:
     q = arm.sample(40, seed=11)
     alone = scene.distance(q)

@@ -141,6 +141,7 @@ def test_a_missing_package_is_asked_for_by_the_right_name(tmp_path: Path) -> Non
         Scene.of(kinseek.load(write_arm(tmp_path), tip="tip"))
 
 
+@pytest.mark.slow
 def test_a_xacro_file_with_arguments_is_known_again(tmp_path: Path) -> None:
     file = write_arm(tmp_path)
     text = file.read_text().replace(
@@ -168,6 +169,7 @@ def test_a_xacro_file_with_arguments_is_known_again(tmp_path: Path) -> None:
         Scene.of(arm, urdf=path)
 
 
+@pytest.mark.slow
 def test_an_arm_from_text_knows_its_geometry(tmp_path: Path) -> None:
     file = write_arm(tmp_path)
     arm = kinseek.load(file.read_text().replace('"meshes/', f'"{file.parent}/meshes/'), tip="tip")
@@ -212,6 +214,7 @@ def test_points_inside_do_not_count_as_corners() -> None:
     assert (outermost(points[:100]) == points[:100]).all()
 
 
+@pytest.mark.slow
 def test_depths_below_many_planes_take_little_memory() -> None:
     """All products at once took 7 GB for a hull of a 1 MB file."""
     rng = np.random.default_rng(2)

@@ -32,6 +32,7 @@ def along(a: np.ndarray, b: np.ndarray, count: int) -> np.ndarray:
     return np.asarray(a + np.linspace(0.0, 1.0, count)[:, None] * (b - a))
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 2**32 - 1),
     length=st.sampled_from([0.05, 0.3, 1.0]),

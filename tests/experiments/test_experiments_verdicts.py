@@ -241,6 +241,7 @@ def test_which_counts_of_nodes_are_just_over_four_point_seven_million() -> None:
     assert 3**14 in just_over
 
 
+@pytest.mark.slow
 def test_without_a_terminal_each_experiment_says_what_it_does(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -158,6 +158,7 @@ def test_a_level_can_be_chosen_and_an_unknown_one_is_refused() -> None:
         assert f"KINSEEK_LEVEL='{wrong}': the library of kernels has the levels" in done.stderr
 
 
+@pytest.mark.slow
 @library
 def test_numba_is_left_alone_unless_it_is_asked_for() -> None:
     code = "import sys, kinseek; a = kinseek.load('panda'); a.ik(a.fk(a.lower + 0.3)); print('numba' in sys.modules)"
@@ -171,6 +172,7 @@ def copied(tmp_path: Path) -> Path:
     return tmp_path / "kinseek"
 
 
+@pytest.mark.slow
 @library
 def test_a_library_of_other_sources_is_refused(tmp_path: Path) -> None:
     package = copied(tmp_path)
@@ -191,6 +193,7 @@ def test_a_library_of_other_sources_is_refused(tmp_path: Path) -> None:
     assert "pip install 'kinseek[jit]'" in done.stderr
 
 
+@pytest.mark.slow
 @library
 def test_without_a_library_and_without_numba_one_message_says_what_to_do(tmp_path: Path) -> None:
     package = copied(tmp_path)

@@ -233,6 +233,7 @@ def known_of(judge: Judge, index: np.ndarray) -> int:
     return told.known
 
 
+@pytest.mark.slow
 def test_what_is_proved_empty_holds_no_pose() -> None:
     """Cells that a pose of the arm lies in, stretched out and at limits too, are never called empty."""
     grid = maps.Grid((-1.2, 1.2, 0.05), (-1.2, 1.2, 0.05), (-1.2, 1.5, 0.05), maps.orientations(4608))
@@ -292,6 +293,7 @@ def test_every_pose_of_a_ball_that_is_proved_is_reached(name: str) -> None:
             assert reached(arm, kinseek.Goal.pose(inside), patience=None).all()
 
 
+@pytest.mark.slow
 def test_a_ball_that_reaches_beyond_the_arm_or_its_limits_is_never_proved() -> None:
     q = UR5E.sample(60, seed=9)
     q[:, 2] = np.linspace(-0.02, 0.02, len(q))  # A stretched elbow: often the edge of reach.

@@ -64,6 +64,7 @@ def hidden(text: str) -> set[str]:
     return {letter for letter in text if not letter.isprintable() and letter != "\n"}
 
 
+@pytest.mark.slow
 def test_every_such_character_is_escaped_and_no_other() -> None:
     for number in range(0x110000):
         letter = chr(number)

@@ -121,6 +121,7 @@ def test_twenty_thousand_joints_are_refused(tmp_path: Path) -> None:
         read(write(tmp_path, "s.urdf", tree(MOST_LINKS - 1, "continuous", row=True)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [True, False])
 def test_a_file_just_below_the_limit_is_read_soon(row: bool, tmp_path: Path) -> None:
     path = write(tmp_path, "r.urdf", tree(MOST_LINKS - 1, "fixed" if row else "continuous", row))
@@ -278,6 +279,7 @@ def test_macros_that_multiply_are_refused(tmp_path: Path, monkeypatch: pytest.Mo
         read(write(tmp_path, "r.xacro", XACRO.format(macros + "<xacro:m39/>")))
 
 
+@pytest.mark.slow
 def test_a_large_file_that_includes_itself_is_refused_soon(tmp_path: Path) -> None:
     links = "".join(f'<link name="l{i}"/>' for i in range(3000))
     with soon(), pytest.raises(InvalidRobot, match="33 files, each included by the one before"):

@@ -41,6 +41,7 @@ def test_both_mechanisms_tell_the_same_of_the_same_arm(name: str) -> None:
     np.testing.assert_array_equal(chain.forward(q), box.forward(q))
 
 
+@pytest.mark.slow
 def test_nobody_outside_the_readers_asks_for_the_class_of_a_mechanism() -> None:
     classes = {"BlackBox", "SerialChain"}
     for path in SOURCE.rglob("*.py"):

@@ -509,6 +509,7 @@ def robot_of(folder: Path, *geometries: str, tag: str = "visual") -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_robot_that_names_a_large_mesh_many_times(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """126 kB that unpack to 9 million corners took 0.4 s each time that they were named, also beyond all limits."""
     from kinseek.viewer import meshes

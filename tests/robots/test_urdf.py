@@ -131,6 +131,7 @@ LINKS = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])
 @given(st.lists(LINKS, min_size=1, max_size=9), st.randoms(use_true_random=False))
 def test_random_chain_is_the_product_of_its_transforms(
