@@ -243,6 +243,7 @@ def build(folder: Path, levels: list[int] | None = None, rooms: Iterable[str] = 
             options += ["-DWRAP_POW", "-Wl,--wrap=pow"]  # See runtime.c.
         _run([compiler, *options, *sources, *objects, "-lm", "-o", str(new)])
         folder.mkdir(parents=True, exist_ok=True)
+        new.chmod(0o755)  # Whatever the umask: nobody else may write to what every process loads.
         shutil.copy2(new, folder / (library.name + ".new"))
         os.replace(folder / (library.name + ".new"), library)
     return library
@@ -305,6 +306,7 @@ def _link_foreign(library: Path, target: Any, table: Path, objects: list[Path], 
     ]
     sources = [str(HERE / "door.c"), str(HERE / "runtime.c"), str(table)]
     _run([*zig, "cc", *options, *include, *sources, *map(str, objects), *against, "-lm", "-o", str(new)])
+    new.chmod(0o755)
     shutil.copy2(new, library)
     return library
 

@@ -17,12 +17,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
+# Where pip builds apart from what is installed, it takes away what an editable install has put on the path: these sources.
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "src"))
+
+import kinseek.kernels.away  # Before Numba, which would obey a file of settings in the working folder.  # noqa: F401, I001
+
 import llvmlite.binding as llvm
 from numba.core.registry import cpu_target as typed_cpu_target
 from targets import TARGETS, Target
-
-# Where pip builds apart from what is installed, it takes away what an editable install has put on the path: these sources.
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "src"))
 
 from kinseek.kernels import entry, jit
 from kinseek.kernels.compiler import never_run

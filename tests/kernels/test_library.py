@@ -235,7 +235,10 @@ def test_what_a_library_lacks_is_compiled_when_it_is_called(tmp_path: Path) -> N
     library.unlink()
     assert LIBRARY is not None
     words = [str(library.parent), "--levels", str(LIBRARY.level), "--rooms", "arm"]
-    subprocess.run([sys.executable, str(tmp_path / "native" / "build.py"), *words], check=True)
+    (tmp_path / ".numba_config.yaml").write_text("not settings: [")
+    build = [sys.executable, str(tmp_path / "native" / "build.py"), *words]
+    subprocess.run(build, check=True, cwd=tmp_path, umask=0)
+    assert not library.stat().st_mode & 0o022
     before, q, after = run(SOME_ROOMS, PYTHONPATH=str(place)).stdout.splitlines()
     assert before == "['arm']"
     assert after == "['arm', 'atlas', 'structure']"
