@@ -51,7 +51,8 @@ ENDGAME = 2 * (POLISH_STEPS + WALK) + (DEEP // LANES + 1) * (DEEP_STEPS + 1) + B
 
 
 PROMISING = 0.02
-"""Remaining error, relative to the arm, below which the search uses more restarts, `MORE_RESTARTS`, and a deeper look-up."""
+"""Remaining error, relative to the arm, below which the search follows valleys, looks up more samples and uses
+`MORE_RESTARTS`."""
 
 
 HOPELESS = 1.1

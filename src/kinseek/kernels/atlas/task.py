@@ -20,7 +20,7 @@ from .samples import Atlas
 from .tree import Tree
 
 OPEN = 1e300
-"""Limit of a joint that turns fully; infinite for a continuous joint, whose both directions count."""
+"""Limit of a joint that turns fully. It is infinite for a continuous joint, which may turn either way without end."""
 
 
 POSITION, ORIENTATION, WEIGHT, BUDGET, AXES = range(5)

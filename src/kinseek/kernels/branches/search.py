@@ -107,10 +107,9 @@ examined further."""
 
 HARDLY, ASIDE, LITTLE = 0.02, 0.0025, 0.15
 """Thresholds for the angle of axis 6 to the parallel axes below which the search may follow, see `around.least_lean` and
-`may_hide`. HARDLY is a limit found by trial and not examined further. ASIDE is the possible error of joint 1 of the
-nearby arm, times the root of the distance of its equation from a double root. The angle is uncertain by that much, but
-LITTLE is the upper limit. Elsewhere an odd number shows that poses around the target missed solutions. Not examined
-further."""
+`may_hide`. HARDLY applies to any target. ASIDE is the possible error of joint 1 of the nearby arm, times the root of
+the distance of its equation from a double root. The angle is uncertain by that much, but LITTLE is the upper limit.
+Elsewhere an odd number shows that poses around the target missed solutions. Not examined further."""
 
 
 @inlined

@@ -67,8 +67,7 @@ class CollisionModel(NamedTuple):
     below: Indices
     """First of the four parts of each of these cells, counted from the first cell of the chart; 0 if it is not divided."""
     chart_axes: Indices
-    """The two joints, or one twice; the numbers of parts into which their turns are divided; and the first cell, (chart,
-    5)."""
+    """The two joints, or one twice; the numbers of parts of their turns; and the first cell, (chart, 5)."""
     rounding: Array
     """Upper bound of the error of every length, (1,)."""
 

@@ -47,11 +47,11 @@ INSIDE = 1e-12
 def go_nearer(task: Task, scratch: Scratch, target: Array, state: Array) -> None:
     """Reduce the weighted error from the current joint values, within what this period allows; write `scratch.seed`.
 
-    The weighted error ``K_P d + Σ K_c (1 - c·c_g)`` has a kink at d = 0, along which steps are tiny. Its majorant ``K_P
-    d² / 2 d_0 + Σ K_c (1 - c·c_g)`` equals it at the present distance d_0 and is smooth (iteratively reweighted least
-    squares, Weiszfeld 1937). When the majorant decreases, the error, squared below `NEAR`, decreases at least as much. A
-    target at rest therefore never makes the arm oscillate: the arm stops where the error is smallest. Gauss-Newton steps
-    overshoot there in every period, since the Jacobian is singular at the boundary of the workspace.
+    The weighted error ``K_P d + Σ K_c (1 - c·c_g)`` has a kink at d = 0, along which steps are tiny. Its majorant
+    ``K_P d² / 2 d_0 + Σ K_c (1 - c·c_g)`` equals it at the present distance d_0 and is smooth (iteratively reweighted
+    least squares, Weiszfeld 1937). When the majorant decreases, the error, squared below `NEAR`, decreases at least as
+    much. A target at rest therefore never makes the arm oscillate: the arm stops where the error is smallest.
+    Gauss-Newton steps overshoot there in every period, since the Jacobian is singular at the boundary of the workspace.
     """
     for d in range(len(task.lower)):
         scratch.seed[d] = min(max(state[NOW, d], state[LOW, d]), state[HIGH, d])

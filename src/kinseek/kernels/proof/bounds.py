@@ -7,9 +7,10 @@ centre. All bounds therefore need only the radii ``r_k = |z_k x (p - p_k)|`` at 
 
 - *first order*: a point moves by at most ``Σ r_k 2 sin(h_k/2)``, and a direction likewise with ``s_k = |z_k x a|`` for
   r_k;
-- *third order* (`kernels.proof.form`): the error of the Taylor polynomial of degree two is at most ``Σ r_k ((S_k)³ -
-  (S_{k-1})³)/6``, with ``S_k = h_1 + … + h_k`` over the revolute joints. (Keep the terms of ``E_1 … E_{k-1} v_k(δ_k)`` up
-  to degree two; the remainder is at most ``r_k (h³/6 + S h²/2 + S² h/2)``. A prismatic joint adds ``h S²/2``.)
+- *third order* (`kernels.proof.form`): the error of the Taylor polynomial of degree two is at most
+  ``Σ r_k ((S_k)³ - (S_{k-1})³)/6``, with ``S_k = h_1 + … + h_k`` over the revolute joints. (Keep the terms of
+  ``E_1 … E_{k-1} v_k(δ_k)`` up to degree two; the remainder is at most ``r_k (h³/6 + S h²/2 + S² h/2)``. A prismatic
+  joint adds ``h S²/2``.)
 
 Every test compares with the goal and adds a margin for rounding: `ProofGoal.margin`.
 """
@@ -41,10 +42,10 @@ hardly larger than the cone. It decides what is tried, not what is proved."""
 
 @inlined
 def arc(rc: float, zc: float, rg: float, zg: float, rho: float) -> float:
-    """Largest rotation about z [rad] that brings a point at radius rc, height zc within `rho` of one at rg, zg.
+    """Largest deviation [rad] of a rotation about z that brings a point at rc, zc within `rho` of one at rg, zg.
 
-    It is measured from the best rotation, and negative if no rotation does. By the law of cosines ``4 rc rg sin²(ψ/2) =
-    rho² - (rc - rg)² - (zc - zg)²``.
+    Points are given by radius and height. The deviation is measured from the best rotation, and negative if no rotation
+    does. By the law of cosines ``4 rc rg sin²(ψ/2) = rho² - (rc - rg)² - (zc - zg)²``.
     """
     left = rho * rho - (rc - rg) * (rc - rg) - (zc - zg) * (zc - zg)
     if left < 0.0:

@@ -1,10 +1,10 @@
 """The linear form that bounds the weighted error in a box best to first order: the dual of a shortest step in the box.
 
-To first order the error after a step δ is ``v = f + J δ``. No step in the box reduces the error ``K_P |v_p| + ½ K_A
-|v_c|²`` below its minimum there. At that step the form ``y = (K_P v_p/|v_p|, K_A v_c)`` bounds the error from below by
-the same value (convex duality; Rockafellar 1970, §31). Any other form gives a weaker bound, so the step need not be
-exact. It is improved until the bound of its form is close to its error, or until its error is so low that no form can
-exclude the box.
+To first order the error after a step δ is ``v = f + J δ``. No step in the box reduces the error
+``K_P |v_p| + ½ K_A |v_c|²`` below its minimum there. At that step the form ``y = (K_P v_p/|v_p|, K_A v_c)`` bounds the
+error from below by the same value (convex duality; Rockafellar 1970, §31). Any other form gives a weaker bound, so the
+step need not be exact. It is improved until the bound of its form is close to its error, or until its error is so low
+that no form can exclude the box.
 """
 
 from __future__ import annotations

@@ -78,8 +78,8 @@ def expand(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> Rests:
 
     Let f be the hand's point and columns minus the goal's, as seen from halfway along the arm. Its length is the same as
     seen from the base. But the proximal joints move the goal and the distal joints the hand, so third-order remainders
-    are about four times smaller than if all joints moved the hand. For any form y, ``y·f(q) = y·f + g·δ + ½ δᵀHδ +
-    rest``, where |rest| is bounded to third order.
+    are about four times smaller than if all joints moved the hand. For any form y,
+    ``y·f(q) = y·f + g·δ + ½ δᵀHδ + rest``, where |rest| is bounded to third order.
     """
     turn_goal(form, proof_goal, scratch)
     widths(form, scratch)

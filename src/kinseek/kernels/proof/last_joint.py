@@ -80,8 +80,8 @@ def roll_fits(form: Form, proof_goal: ProofGoal, roll: LastJoint, scratch: BoxSc
     """Return False if no value of the last joint within its limits gives the remaining rotation; write BEST_ROLL.
 
     The hand without its last rotation is off by a rotation of at most Ω. Write the required rotation as a quaternion: its
-    part about the last axis has the length cos(τ/2) with the tilt τ. The last joint is therefore within ``2
-    acos(cos(Ω/2)/cos(τ/2))``.
+    part about the last axis has the length cos(τ/2) with the tilt τ. The last joint is therefore within
+    ``2 acos(cos(Ω/2)/cos(τ/2))``.
     """
     best, dot = best_twist(scratch)
     middle, half = 0.5 * (roll.lower + roll.upper), 0.5 * (roll.upper - roll.lower)

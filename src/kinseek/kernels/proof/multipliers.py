@@ -123,8 +123,9 @@ def stand(
 def multiply(shoulder: Shoulder, goal: Array, place: Array, upright: bool, by: Array) -> None:
     """Write the multipliers that describe how the error grows with the invariants at the given tip and column.
 
-    They satisfy ``K_P y = 2 λ z + μ α + η e``, where y is the direction of the position error, and make ``K_A b + μ z + θ
-    e`` parallel to α, both as nearly as possible. Without the first axis (`upright` False) η and θ are 0.
+    They satisfy ``K_P y = 2 λ z + μ α + η e``, where y is the direction of the position error, and make
+    ``K_A b + μ z + θ e`` parallel to α, both as nearly as possible. Without the first axis (`upright` False) η and θ are
+    0.
     """
     K_P, K_A, small = shoulder.weight_p, shoulder.weight_a, FLAT * shoulder.size
     z0, z1, z2 = place[0, 0], place[0, 1], place[0, 2]

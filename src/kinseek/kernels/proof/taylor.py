@@ -236,9 +236,10 @@ def solve(N: Array, D: Array, x: Array) -> None:
 def derivatives(form: Form, scratch: BoxScratch, middle: int, columns: int) -> None:
     """First and second derivatives of ``y·f`` with respect to the variables at the centre, as seen from halfway.
 
-    For joints l ≤ k distal to `middle` ``∂²/∂q_l∂q_k = z_l·u_k``, with ``u_k = (Σ c y_cᵀ + v_k y_pᵀ) z_k - (Σ c·y_c +
-    v_k·y_p) z_k`` and v_k from axis k to the point. Proximal to it the goal moves backwards: the same holds for the
-    goal's point and columns, with a minus and k ≤ l. Mixed derivatives of one proximal and one distal joint are zero.
+    For joints l ≤ k distal to `middle` ``∂²/∂q_l∂q_k = z_l·u_k``, with
+    ``u_k = (Σ c y_cᵀ + v_k y_pᵀ) z_k - (Σ c·y_c + v_k·y_p) z_k`` and v_k from axis k to the point. Proximal to it the
+    goal moves backwards: the same holds for the goal's point and columns, with a minus and k ≤ l. Mixed derivatives of
+    one proximal and one distal joint are zero.
     """
     m, dof, y = len(form.leader), len(scratch.c), scratch.y
     for i in range(dof):
