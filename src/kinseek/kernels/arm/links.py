@@ -1,9 +1,9 @@
 """A chain in the form that needs the fewest products: a twist, two offsets, and a joint that rotates and slides.
 
 Any fixed transform is ``Rz(a) Tz(c) Tr(u, v, 0) Rx(α) Rz(b)``. Rotations and translations about the z axis of the
-previous joint are merged into that joint, and rotations about a joint's own z axis into the joint itself. ``Tr(u, v, 0)
-Rx(α)`` remains: 33 products per joint, where the whole transform takes 51. It is the idea of Denavit and Hartenberg
-(1955) without a common normal, so nearly parallel axes cause no problems.
+previous joint are merged into that joint, and rotations about a joint's own z axis into the joint itself.
+``Tr(u, v, 0) Rx(α)`` remains: 33 products per joint, where the whole transform takes 51. It is the idea of Denavit and
+Hartenberg (1955) without a common normal, so nearly parallel axes cause no problems.
 """
 
 from __future__ import annotations

@@ -8,8 +8,8 @@ thousand samples lie all over the joint space, but those of sixteen thousand cro
 steep. Two kinds of siblings are found from a solution itself, at almost no cost:
 
 - its *twin* across a singularity. Let v be the weakest direction of the Jacobian, u the direction of its image and σ the
-  singular value. Along v the pose moves by ``σ t + ½ t² u·H(v, v)`` to second order, which is zero again at ``t = -2 σ /
-  u·H(v, v)``. Close to a singularity no start would distinguish the two.
+  singular value. Along v the pose moves by ``σ t + ½ t² u·H(v, v)`` to second order, which is zero again at
+  ``t = -2 σ / u·H(v, v)``. Close to a singularity no start would distinguish the two.
 - its *mirror images*. An arm with a spherical wrist has every pose at (…, q_4 + π, -q_5, q_6 + π) too. Such images are
   found once per arm (see `branches.find`).
 
