@@ -1,1 +1,1 @@
-"""Compiled numerics: plain arrays in, plain arrays out. Imports nothing of kinseek but itself."""
+"""Compiled numerics: plain arrays in, plain arrays out. Imports only from its own folder within kinseek."""

@@ -1,4 +1,4 @@
-"""Bundles of arrays that kernels take: a frozen dataclass cannot enter a kernel, a NamedTuple can."""
+"""Bundles of arrays for kernels: kernels accept a NamedTuple, but not a frozen dataclass."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class ChainArrays(NamedTuple):
     offset: Array
     """[rad] or [m], (m,)"""
     start: Indices
-    """Physical joints ``start[d] … start[d+1]-1`` are known once variables 0 … d are, (n+1,)."""
+    """Physical joints ``start[d] … start[d+1]-1`` are determined by variables 0 … d, (n+1,)."""
     lower: Array
     """[rad] or [m], (n,)"""
     upper: Array
@@ -47,7 +47,7 @@ CHAIN = Bundle(
     lower=F64["n"],
     upper=F64["n"],
 )
-"""A chain that Python hands to a kernel."""
+"""Declaration of a chain that Python passes to a kernel."""
 
 CHAIN_ROWS = Rows(
     ChainArrays,
@@ -60,7 +60,7 @@ CHAIN_ROWS = Rows(
     lower="floats1",
     upper="floats1",
 )
-"""A chain that stands in the handle of something else."""
+"""Declaration of a chain in the handle of another bundle."""
 
 
 def chain_arrays(
@@ -72,7 +72,7 @@ def chain_arrays(
     lower: Array,
     upper: Array,
 ) -> ChainArrays:
-    """Bundle a chain and cut it into the segments that each variable completes."""
+    """Bundle a chain and divide it into the segments that each variable completes."""
     known_after = np.maximum.accumulate(leader)
     start = np.searchsorted(known_after, np.arange(len(lower) + 1)).astype(np.int64)
     return ChainArrays(
@@ -88,10 +88,10 @@ def chain_arrays(
 
 
 class GoalArrays(NamedTuple):
-    """What of a pose matters, and how much."""
+    """Target and weights of the relevant parts of a pose."""
 
     target: Array
-    """Columns x, y, z, p of the wanted pose, (3, 4), lengths in [m]."""
+    """Columns x, y, z, p of the target pose, (3, 4), lengths in [m]."""
     position_weight: float
     """K_P of the paper, per [m]."""
     axis_weights: Array

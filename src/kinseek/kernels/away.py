@@ -1,7 +1,7 @@
-"""Imports Numba away from the working folder, where it would obey a file of settings.
+"""Import Numba away from the working folder, whose settings file Numba would read.
 
-`.numba_config.yaml` there may have come with somebody's robot. It could name files to write, another processor, and other
-machine code to keep. Numba's environment variables count as ever.
+`.numba_config.yaml` there may have been distributed with a robot description. It could name files to write, another
+processor, and other machine code to keep. Numba's environment variables are respected as usual.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""How the kernels of this process run: from the library that was built with the package, or compiled here by Numba.
+"""Choose how the kernels of this process run: from the library built with the package, or compiled by Numba.
 
-`KINSEEK_JIT=1` has them compiled, `KINSEEK_LEVEL` chooses among the levels of processors that a library holds, and
+`KINSEEK_JIT=1` compiles them. `KINSEEK_LEVEL` chooses among the processor levels that a library contains.
 `NUMBA_DISABLE_JIT=1` runs them as plain Python, for tests (`python_backend`).
 """
 
@@ -23,32 +23,32 @@ _OF = {"f": _FLOAT, "i": _INTEGER, "b": _FLAG}
 _ANY_LENGTH = -2
 
 ALL = "all"
-"""Stands for every room."""
+"""Name that means all folders of kernels."""
 
 
 class Library:
     """The machine code that was built with the package, for one level of processors.
 
-    An editable install has what `Arm.fk` and `Arm.ik` need. The first call of a kernel from another folder has that folder
-    compiled, and the process then takes it from the larger library.
+    An editable install contains the kernels of `Arm.fk` and `Arm.ik`. The first call of a kernel from another folder
+    compiles that folder, and the process then uses the larger library.
     """
 
     def __init__(self, door: Any, level: int) -> None:
-        """Take the extension module that holds it."""
+        """Use the extension module that contains it."""
         self._door, self.level = door, level
         self._growing = Lock()
 
     @property
     def rooms(self) -> list[str]:
-        """Folders of kernels that it holds; `["all"]` if none is missing."""
+        """Folders of kernels that it contains; `["all"]` if none is missing."""
         words: str = self._door.rooms
         return words.split()
 
     def caller(self, entry: Entry) -> Callable[..., Any]:
-        """What Python calls for an entry; it raises TypeError where an argument does not fit the declaration.
+        """Return the callable of an entry, which raises TypeError if an argument does not fit the declaration.
 
         Raises:
-            ImportError: The library does not hold it.
+            ImportError: The library does not contain it.
         """
         if not self._has(entry.room):
             return self._later(entry)
@@ -63,13 +63,13 @@ class Library:
         return made
 
     def address(self, name: str, room: str) -> int:
-        """Where the machine code of a routine stands."""
+        """Address of the machine code of a routine."""
         self._grow(room)
         found: int = self._door.address(name, self.level)
         return found
 
     def _later(self, entry: Entry) -> Callable[..., Any]:
-        """What compiles its folder when it is called first."""
+        """Return a callable that compiles the entry's folder when it is first called."""
 
         @functools.cache
         def compiled() -> Callable[..., Any]:
@@ -82,7 +82,7 @@ class Library:
         return call
 
     def complete(self) -> None:
-        """Have everything compiled that the library lacks.
+        """Compile everything that is missing in the library.
 
         Raises:
             KinseekError: It cannot be compiled.
@@ -101,7 +101,7 @@ class Library:
 
 
 def _program(entry: Entry) -> bytes:
-    """What an entry takes, as numbers that native/door.c goes along."""
+    """Encode the parameters of an entry as numbers, which native/door.c reads."""
     names: dict[str, int] = {}
     numbers: list[int] = []
 
@@ -132,7 +132,7 @@ def _bytes(numbers: list[int]) -> bytes:
 
 
 class _Explanation:
-    """Called with arguments that do not fit: says which, what it is, and what it should be."""
+    """Callable for arguments that do not fit: reports which one, what it is, and what it should be."""
 
     def __init__(self, entry: Entry) -> None:
         self.entry = entry
@@ -180,11 +180,11 @@ def _asked(name: str) -> bool:
 
 
 PLAIN = _asked("NUMBA_DISABLE_JIT")
-"""Do kernels run as plain Python?"""
+"""True if kernels run as plain Python."""
 
 
 def _library() -> tuple[Library | None, str]:
-    """The library, or None and why it is not used."""
+    """Return the library, or None and the reason why it is not used."""
     if PLAIN:
         return None, "NUMBA_DISABLE_JIT asks for plain Python"
     if _asked("KINSEEK_JIT"):
@@ -203,7 +203,7 @@ def _library() -> tuple[Library | None, str]:
 
 
 def _at_level(door: Any) -> tuple[Library | None, str]:
-    """The library for the highest level that this processor runs, or the one that KINSEEK_LEVEL asks for."""
+    """Return the library for the highest level that this processor supports, or for KINSEEK_LEVEL."""
     levels, best = [int(level) for level in door.levels.split()], door.best_level()
     usable = [level for level in levels if level <= best]
     if wanted := os.environ.get("KINSEEK_LEVEL"):
@@ -219,7 +219,7 @@ def _at_level(door: Any) -> tuple[Library | None, str]:
 
 
 LIBRARY, WHY_NOT = _library()
-"""The library, or None and why it is not used."""
+"""The library, or None and the reason why it is not used."""
 
 if LIBRARY is None and not PLAIN and find_spec("numba") is None:
     raise ImportError(
@@ -229,7 +229,7 @@ if LIBRARY is None and not PLAIN and find_spec("numba") is None:
 
 
 def describe_backend() -> str:
-    """How kernels run, in a sentence."""
+    """Describe in a sentence how kernels run."""
     if LIBRARY is not None:
         rest = f" It has {', '.join(LIBRARY.rooms)}; the rest is compiled when it is first called."
         whole = LIBRARY.rooms == [ALL]

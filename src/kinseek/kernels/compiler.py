@@ -1,13 +1,13 @@
-"""The one place that asks Numba for anything: its options, its types, and the guard against stale machine code.
+"""All use of Numba: its options, its types, and the protection against stale machine code.
 
-Numba's disk cache looks only at the file that holds the compiled function: a kernel whose imported callee
-changed in another file would run on with the old machine code. So the code of each module's kernels lives in a
-folder named after a digest of every source file that they are made of (`sources.module_digest`): change any of
-them, reinstall in place, and the folder is a new one. Files without kernels may change freely.
+Numba's disk cache checks only the file of the compiled function: if an imported callee changed in another file, a kernel
+would keep running with the old machine code. The code of each module's kernels is therefore stored in a folder named
+after a digest of all their source files (`sources.module_digest`). If any of them changes, also by a reinstall in place,
+the folder is a new one. Files without kernels may change freely.
 
-Floating point: results hold no NaN (the shell refuses them), the sign of zero carries no meaning, and a
-product may be fused with a sum. Sums are never reordered. Where a bound or a verdict is computed a NaN is not
-assumed away: every comparison there is written so that it says nothing (see `VERDICTS`).
+Floating point: results contain no NaN (the Python layer rejects them), the sign of zero has no meaning, and a product may
+be fused with a sum. Sums are never reordered. Code that computes a bound or a verdict does not assume that NaN is absent:
+every comparison there is written so that NaN has no effect (see `VERDICTS`).
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ R = TypeVar("R")
 
 
 def _cache_folder() -> Path | None:
-    """Return a folder for this very Numba that this user alone can write to, or None where there is none."""
+    """Return a folder for this version of Numba that only this user can write to, or None if there is none."""
     user = os.getuid() if hasattr(os, "getuid") else "user"
     candidates: list[tuple[str, ...]] = [(user_cache(), "kinseek")]
     if not _is_working_folder(temporary := tempfile.gettempdir()):
@@ -57,17 +57,20 @@ def _cache_folder() -> Path | None:
             folder = private_folder(Path(base).expanduser(), *names, name)
             with tempfile.TemporaryFile(dir=folder):
                 return folder
-        except (OSError, RuntimeError) as error:  # A RuntimeError: there is no home.
+        except (OSError, RuntimeError) as error:  # A RuntimeError is raised if there is no home folder.
             refused.append(error)
     report_unwritten(candidates[0][0], refused[0])
     return None
 
 
 def _is_working_folder(folder: str) -> bool:
-    """Python takes it for temporary files where no other folder takes any. It may have come from anybody."""
+    """Return True if the folder is the working folder, which Python uses for temporary files if no other folder works.
+
+    Its contents may have come from anybody.
+    """
     try:
         return os.path.samefile(folder, os.curdir)
-    except OSError:  # One of them is gone.
+    except OSError:  # One of them has been removed.
         return False
 
 
@@ -89,11 +92,11 @@ VERDICTS = tuple(
         "paths.tube",
     )
 )
-"""Modules of kernels that compute a bound or a verdict, or what one is made of: no NaN is assumed away in them."""
+"""Modules of kernels that compute a bound or a verdict, or parts of one: compiled without assuming that NaN is absent."""
 
 
 def numerics(function: Callable[..., Any]) -> dict[str, Any]:
-    """Options of floating point for a function, by the module that it stands in."""
+    """Floating-point options for a function, by its module."""
     if f"{function.__module__}.".startswith(VERDICTS):
         return NUMERICS | {"fastmath": {"nsz", "contract"}}
     return NUMERICS
@@ -105,22 +108,22 @@ _unliteral: Callable[[Any], Any] = unliteral
 
 
 def bare(function: Callable[..., Any], exact: bool) -> Any:
-    """A kernel as a library takes it: without what lets Python call it, and not kept on disk."""
+    """A kernel for a library: without a Python wrapper and without a copy on disk."""
     options = numerics(function) | ({"fastmath": False} if exact else {})
     return _njit(nogil=True, no_cfunc_wrapper=True, no_cpython_wrapper=True, **options)(function)
 
 
 class Compiled:
-    """The machine code of a routine, made once: with this goes the code."""
+    """The machine code of a routine, compiled once; it is released with this object."""
 
     def __init__(self, signature: str, function: Callable[..., int]) -> None:
-        """Remember what to compile, as a C function of this signature."""
+        """Store what to compile, as a C function of this signature."""
         self._signature, self._function = signature, function
         self._code: Any = None
 
     @property
     def address(self) -> int:
-        """Where its machine code stands, compiled by now or read from disk."""
+        """Address of its machine code, which is compiled or read from disk if necessary."""
         return uninterrupted(self._address)
 
     def _address(self) -> int:
@@ -136,16 +139,16 @@ class Compiled:
 
 _one_thread = threading.RLock()
 
-# What Numba and LLVM keep is of the whole process: a child could go on with nothing that was being compiled.
+# The state of Numba and LLVM belongs to the whole process: a forked child could not continue a compilation.
 finish_first(global_compiler_lock)
 finish_first(_one_thread)
 
 
 @contextmanager
 def _cached(function: Callable[..., Any]) -> Iterator[Path | None]:
-    """Let Numba keep what is decorated here in our folder: it reads its settings when it builds a function's cache.
+    """Let Numba store the functions decorated here in our folder; it reads its settings when it creates a function's cache.
 
-    Gives the folder, for the state of the sources that the function is made of; None where there is none.
+    Yields the folder for the state of the sources that the function is made of, or None if there is none.
     """
     folder = None if _CACHE is None else _CACHE / module_digest(function.__module__)
     settings = vars(config)
@@ -159,20 +162,21 @@ def _cached(function: Callable[..., Any]) -> Iterator[Path | None]:
 
 
 _FIXED: dict[str, Any] = {"_nrt": True, "forceinline": False}
-"""Options that a function would otherwise take from whichever kernel is the first of all to call it."""
+"""Options that a function would otherwise inherit from the first kernel that calls it."""
 
 _SHIPPED: dict[str, Any] = {}
-"""Further options where everything that is compiled is written down: see `never_run`."""
+"""Further options if all compiled code is written out, see `never_run`."""
 
 _JITCodeLibrary: Any = codegen.JITCodeLibrary  # Untyped in Numba itself, as what follows.
 _Compiler: Any = numba_compiler.Compiler
 
 
 class _Simplified(_JITCodeLibrary):  # type: ignore[misc]
-    """LLVM's code of a part: ready to be inlined. The kernel that it becomes part of is optimised as a whole, once.
+    """LLVM code of a part, ready to be inlined; the kernel that contains it is optimised as a whole, once.
 
-    Numba would run all passes of LLVM on every part, again on all that calls it, and so on up to the kernel. Only what is
-    always inlined is a part: the code for this process that Numba makes of a library too would else be called, unoptimised.
+    Numba would run all LLVM passes on every part, again on all its callers, and so on up to the kernel. Only functions
+    that are always inlined are parts. Numba also makes code of a library for this process, which would otherwise be
+    called unoptimised.
     """
 
     def _optimize_final_module(self) -> None:
@@ -183,22 +187,22 @@ class _Simplified(_JITCodeLibrary):  # type: ignore[misc]
 
 
 class _PartCompiler(_Compiler):  # type: ignore[misc]
-    """Compiles into `_Simplified`."""
+    """Compile into `_Simplified`."""
 
     def define_pipelines(self) -> Any:
-        """Numba's own, with our kind of library."""
+        """Numba's own pipelines, with our type of library."""
         self.state.library = _Simplified(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
         self.state.library.enable_object_caching()
         return super().define_pipelines()
 
 
 def part(function: Callable[P, R], **options: Any) -> Callable[P, R]:
-    """Let Numba compile a function that is always inlined."""
+    """Compile a function that is always inlined."""
     return compiled(function, pipeline_class=_PartCompiler, **options)
 
 
 def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
-    """Let Numba compile a function when it is first called."""
+    """Compile a function when it is first called."""
     options = _FIXED | _SHIPPED | numerics(function) | options
     made = _njit(nogil=True, no_cfunc_wrapper=True, **options)(function)
     with _cached(function) as folder:
@@ -220,7 +224,7 @@ def exposed(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def pointer_to(element: str) -> Any:
-    """A kernel that turns an address into a pointer to such numbers, see `entry.Leaf`."""
+    """A kernel that converts an address into a pointer to such numbers, see `entry.Leaf`."""
     types: Any = numba.types  # Untyped in Numba itself.
     of = {"f": types.float64, "i": types.int64, "b": types.boolean}[element]
 
@@ -258,7 +262,7 @@ def _compile_undisturbed(compiled: Any) -> None:
 
 
 def _ignore_literals(compiled: Any) -> None:
-    """Let a kernel be compiled once, not anew for each constant that another kernel calls it with."""
+    """Compile a kernel once, instead of again for each constant argument."""
     template = compiled.get_call_template
 
     def general(args: Iterable[Any], kws: Mapping[str, Any]) -> Any:
@@ -270,12 +274,12 @@ def _ignore_literals(compiled: Any) -> None:
 
 
 class _FirstRunNotice(event.Listener):
-    """Say once, on stderr, that kernels are being compiled."""
+    """Report once, on stderr, that kernels are being compiled."""
 
     said = False
 
     def on_start(self, details: Any) -> None:
-        """Numba is about to compile: ours, and not found in the cache."""
+        """Handle the start of a compilation by Numba; only our functions that are not in the cache are reported."""
         function = getattr(details.data.get("dispatcher"), "py_func", None)
         if not self.said and getattr(function, "__module__", "").startswith("kinseek."):
             _FirstRunNotice.said = True
@@ -285,7 +289,7 @@ class _FirstRunNotice(event.Listener):
             )
 
     def on_end(self, details: Any) -> None:
-        """Nothing to say."""
+        """Do nothing."""
 
 
 _register: Callable[[str, event.Listener], None] = event.register
@@ -293,17 +297,17 @@ _register("numba:compile", _FirstRunNotice())
 
 
 def never_run() -> None:
-    """Have Numba compile without machine code for this process, where what it makes is written down and never called here.
+    """Let Numba compile without machine code for this process, for builds whose results are written out and not called.
 
-    Call it before kernels are imported. Numba would make machine code of every kernel and of all that each is made of, and
-    what lets Python call them: more than a third of the time that a library takes. What processes hand each other through
-    the cache is then LLVM's own language.
+    Call it before kernels are imported. Otherwise Numba would make machine code and Python wrappers of every kernel and
+    all its parts, which takes more than a third of the time to build a library. Processes then exchange LLVM's own format
+    through the cache.
     """
     library, generator = _JITCodeLibrary, cast("Any", codegen.JITCPUCodegen)
-    # Each would ask LLVM for an address, so that machine code is made.
+    # Each lookup would ask LLVM for an address and so create machine code.
     library.get_pointer_to_function = lambda self, name: self._ensure_finalized() or 0
     generator.set_env = lambda self, name, environment: None
     library._finalize_specific = lambda self: None
     library.serialize_using_object_code = library.serialize_using_bitcode
     _SHIPPED["no_cpython_wrapper"] = True
-    _FirstRunNotice.said = True  # It would not be true here.
+    _FirstRunNotice.said = True  # The notice would be wrong here.

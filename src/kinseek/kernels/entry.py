@@ -1,8 +1,8 @@
-"""What of the kernels may be called from outside: each entry is declared once, with names, elements and shapes.
+"""Entries: the kernels that may be called from outside, declared once with names, element types and shapes.
 
-From the declaration come the compiled function, the symbol in a library that is built before it is shipped, the checks at
-that library's door, and a C header. Machine code trusts what it is given: memory that is another shape than it takes it
-for is read beyond its end, so nothing passes the door unchecked.
+The declaration defines the compiled function, the symbol in a prebuilt library, the argument checks of that library, and
+a C header. Machine code does not check its arguments: it would read beyond the end of memory with another shape. All
+arguments are therefore checked.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .sources import room_of
 
 @dataclass(frozen=True)
 class Dimension:
-    """Length of an array along one dimension: a number, or a name that means the same number in a whole call, plus one."""
+    """Length of an array along one dimension: a number, or a name that means the same number throughout a call, plus one."""
 
     name: str = ""
     plus: int = 0
@@ -40,7 +40,7 @@ class Dimension:
         return cls(found[1], int(found[2] or 0))
 
     def __str__(self) -> str:
-        """As it was read."""
+        """The text from which it was read."""
         return f"{self.name}+{self.plus}" if self.name and self.plus else self.name or str(self.plus)
 
 
@@ -49,10 +49,10 @@ class Leaf:
     """A number, or a C-contiguous array of them."""
 
     element: str
-    """``"f"`` for a float, ``"i"`` for an integer of 64 bits, ``"b"`` for a truth value."""
+    """``"f"`` for a float, ``"i"`` for a 64-bit integer, ``"b"`` for a boolean."""
     shape: tuple[Dimension, ...] = ()
     written: bool = False
-    """Does the kernel write into it?"""
+    """True if the kernel writes into it."""
 
     def __getitem__(self, shape: int | str | tuple[int | str, ...]) -> Leaf:
         """An array of such numbers."""
@@ -65,7 +65,7 @@ class Leaf:
         return replace(self, written=True)
 
     def words(self, known: Mapping[str, int]) -> str:
-        """What it is, for messages; lengths that are known already are told."""
+        """Description for messages, with the lengths that are already known."""
         if not self.shape:
             return _NAMES[self.element][0]
         lengths = [str(known[d.name] + d.plus) if d.name in known else str(d) for d in self.shape]
@@ -73,7 +73,7 @@ class Leaf:
         return f"a {kind} array of {_NAMES[self.element][1]} of shape ({', '.join(lengths)}{',' * (len(lengths) == 1)})"
 
     def fits(self, value: Any, known: dict[str, int]) -> bool:
-        """Is a value such an array? Lengths that have a name become known."""
+        """Return True if a value is such an array; named lengths become known."""
         if (
             not isinstance(value, np.ndarray)
             or value.dtype != _NAMES[self.element][1]
@@ -102,7 +102,7 @@ class Bundle:
         """Declare the fields of a named tuple.
 
         Raises:
-            TypeError: They are not those that it has.
+            TypeError: The names are not those of its fields.
         """
         if tuple(fields) != made_of._fields:
             raise TypeError(
@@ -122,16 +122,16 @@ class Entry:
 
     @property
     def name(self) -> str:
-        """Of the symbol."""
+        """Name of the symbol."""
         return f"ks_{self.function.__name__}"
 
     @property
     def room(self) -> str:
-        """Of its module."""
+        """Folder of its module."""
         return room_of(self.function.__module__)
 
     def leaves(self) -> Iterator[tuple[str, Leaf]]:
-        """All numbers and arrays in the order in which they are handed over, bundles taken apart."""
+        """All numbers and arrays in the order in which they are passed, with bundles flattened."""
         for name, one in self.takes.items():
             yield from _leaves(name, one)
 
@@ -145,7 +145,7 @@ def _leaves(path: str, one: Leaf | Bundle) -> Iterator[tuple[str, Leaf]]:
 
 
 ENTRIES: dict[str, Entry] = {}
-"""All entries of the modules that are imported."""
+"""All entries of the imported modules."""
 
 
 def declare(
@@ -154,7 +154,7 @@ def declare(
     takes: dict[str, Leaf | Bundle],
     exact: bool = False,
 ) -> Entry:
-    """Note an entry.
+    """Register an entry.
 
     Raises:
         TypeError: The names are not those of the function's parameters, or another entry has its name.

@@ -1,6 +1,6 @@
-"""What makes a function a kernel. How kernels run is decided in `backend`, and how they are compiled in `compiler`.
+"""Decorators that define kernels. `backend` decides how kernels run, and `compiler` compiles them.
 
-Kernels take and give numbers, arrays and named tuples of them, and use nothing of ours from outside this folder.
+Kernels take and return numbers, arrays and named tuples of them, and use nothing of kinseek outside this folder.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 COMPILES = LIBRARY is None and not PLAIN
-"""Does Numba compile what is decorated here?"""
+"""True if Numba compiles decorated functions."""
 
 
 def entry(
     returns: Leaf | tuple[Leaf, ...] = (), exact: bool = False, **takes: Leaf | Bundle
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Declare a kernel that Python calls: what it takes, by name, and the numbers that it returns.
+    """Declare a kernel that Python calls, with its parameters by name and the numbers that it returns.
 
     Args:
-        returns: Numbers alone: memory that comes back belongs to the caller, who hands it over to be filled.
-        exact: It may meet NaN, and must not assume it away.
-        takes: Of each parameter what it is, see `kinseek.kernels.entry`.
+        returns: Numbers only: memory for results belongs to the caller, who passes it to be filled.
+        exact: True if it may receive NaN and must not assume that there is none.
+        takes: Declaration of each parameter, see `kinseek.kernels.entry`.
     """
 
     def make(function: Callable[P, R]) -> Callable[P, R]:
@@ -46,64 +46,70 @@ def entry(
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile on first call, keep the machine code on disk, release the GIL while running."""
+    """Compile on first call, keep the machine code on disk, and release the GIL while running."""
     if LIBRARY is not None:
         return _absent(function)
     return plainly(function) if PLAIN else _compiled(function)
 
 
 def inlined_with_wrapper(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile an inner kernel: always inlined, and without reference counts, so it must not allocate or hand back arrays.
+    """Compile an inner kernel that is always inlined, without reference counts; it must not allocate or return arrays.
 
-    Handing a bundle of arrays to a function costs more than a short function does: some 200 ns for twenty arrays, half of
+    Passing a bundle of arrays to a function costs more than a short function does: some 200 ns for twenty arrays, half of
     it for counting references.
     """
     return _part(function, forceinline=True, _nrt=False)
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile an inner kernel that Python never calls: without the wrapper, which takes longer than the kernel."""
+    """Compile an inner kernel that Python never calls, without the wrapper.
+
+    The wrapper would take longer to compile than the kernel.
+    """
     return _part(function, forceinline=True, _nrt=False, no_cpython_wrapper=True)
 
 
 def noinline(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a long kernel without a Python wrapper, and call it: inlining would compile it for every place that needs it.
+    """Compile a long kernel without a Python wrapper, and call it: inlining would compile it again for every use.
 
-    It takes handles and memory by address: a bundle of arrays as an argument is a hundred arguments.
+    It takes handles and memory by address, because a bundle of arrays is a hundred arguments.
     """
     return _compiled(function, no_cpython_wrapper=True)
 
 
 def array_view(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile an inlined kernel that makes or hands back views of memory somebody else owns.
+    """Compile an inlined kernel that creates or returns views of memory that another object owns.
 
-    What hands back an array or a bundle must count references: its caller gives one back. It has to be said, else Numba
-    leaves counting out where the first that calls it, of all, does.
+    A function that returns an array or a bundle must count references, because its caller releases one. This has to be
+    explicit: otherwise Numba omits the counting if the first caller of the function does.
     """
     return _part(function, forceinline=True, _nrt=True, no_cpython_wrapper=True)
 
 
 def ir_inlined(function: Callable[P, R]) -> Callable[P, R]:
-    """Make a long function part of the one kernel that calls it, before anything is compiled: it is compiled once less."""
+    """Inline a long function into the one kernel that calls it before compilation, which saves compiling it separately."""
     return _compiled(function, inline="always")
 
 
 def exact(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile an inner kernel that never fuses a product with a sum: the same bits as NumPy, wherever inlined."""
+    """Compile an inner kernel that never fuses a product with a sum.
+
+    It gives the same bits as NumPy wherever it is inlined.
+    """
     return _part(function, forceinline=True, _nrt=False, fastmath=False)
 
 
 def kernel_exact(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a kernel that may meet NaN, and must not assume it away."""
+    """Compile a kernel that may receive NaN and must not assume that there is none."""
     if LIBRARY is not None:
         return _absent(function)
     return plainly(function) if PLAIN else _compiled(function, fastmath=False)
 
 
 def exposed(function: Callable[P, R]) -> Callable[P, R]:
-    """Let Python call an inlined kernel, to test it or to draw what it does.
+    """Make an inlined kernel callable from Python, for tests and drawings.
 
-    Where kernels run from the library, which holds entries alone, it raises a RuntimeError when called.
+    If kernels run from the library, which contains only entries, it raises a RuntimeError when called.
     """
     if LIBRARY is not None:
         return _absent(function)
@@ -111,7 +117,7 @@ def exposed(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _absent(function: Callable[P, R]) -> Callable[P, R]:
-    """What stands for a kernel that the library has in other kernels only."""
+    """Placeholder for a kernel that the library contains only as part of other kernels."""
 
     def refuse(*given: P.args, **named: P.kwargs) -> R:
         raise RuntimeError(
@@ -122,42 +128,45 @@ def _absent(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
-    """Leave a function as it is where Numba does not compile: the library holds it, or it runs as Python."""
+    """Compile a function, or return it unchanged if Numba does not compile.
+
+    It does not if the library contains the function, or if kernels run as Python.
+    """
     return compiler.compiled(function, **options) if COMPILES else function
 
 
 def _part(function: Callable[P, R], **options: Any) -> Callable[P, R]:
-    """The same of a function that is inlined into all kernels that it is part of."""
+    """Do the same for a function that is inlined into all kernels that use it."""
     return compiler.part(function, **options) if COMPILES else function
 
 
 class Routine:
-    """A function that kernels call by its address: its machine code is made once, and never again for what calls it.
+    """A function that kernels call by its address: its machine code is compiled once, independently of its callers.
 
-    What Numba links into a kernel it optimises anew with that kernel, and with all that call that one in turn: of a
-    search that is four calls deep most of the compile time went there. See `pointers.call`.
+    Numba optimises a function that it links into a kernel again with that kernel, and with all its callers. For a search
+    that is four calls deep this took most of the compile time. See `pointers.call`.
     """
 
     def __init__(self, signature: str, function: Callable[..., int]) -> None:
-        """Remember what to compile, as a C function of this signature: numbers, and memory by address."""
+        """Store what to compile, as a C function of this signature: numbers, and memory by address."""
         self.signature, self.function = signature, function
         self.name, self.room = f"ks_{function.__name__}", room_of(function.__module__)
         self._compiled = compiler.Compiled(signature, function) if COMPILES else None
 
     @property
     def address(self) -> int:
-        """Where its machine code stands: compiled by now, or in the library."""
+        """Address of its machine code, compiled by now or in the library."""
         if LIBRARY is not None:
             return LIBRARY.address(self.name, self.room)
         return address_of(self.function) if self._compiled is None else self._compiled.address
 
 
 ROUTINES: dict[str, Routine] = {}
-"""All routines of the modules that are imported."""
+"""All routines of the imported modules."""
 
 
 def routine(signature: str) -> Callable[[Callable[..., int]], Routine]:
-    """Make a `Routine` of a function that hands back an integer; compiled when its address is asked."""
+    """Make a `Routine` of a function that returns an integer; it is compiled when its address is requested."""
 
     def make(function: Callable[..., int]) -> Routine:
         made = Routine(signature, function)

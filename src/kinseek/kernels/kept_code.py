@@ -1,9 +1,9 @@
-"""Machine code on disk that may be damaged or planted, or not be writable: then kernels are compiled, and one line says so.
+"""Machine code on disk, protected against damage and planted files; if it is not writable, a line on stderr reports it.
 
-A crash or a full disk leaves files that are cut short or full of zeros. Numba trusts what it finds, so every file here
-begins with a digest of the rest; machine code also names the call that it is for, since two processes that begin together
-may give two kinds of calls the same file. The digest has no key: it finds damage, not intent. So a file is read only if it
-and all folders on the way to it are private (`kinseek.private`).
+A crash or a full disk leaves files that are truncated or full of zeros. Numba trusts the files it finds, so every file
+here begins with a digest of the rest. Machine code also names its call signature, since two processes that begin together
+may give two signatures the same file. The digest has no key: it detects damage, not intent. A file is therefore read only
+if it and all folders above it are private (`kinseek.private`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _report: set[str] = set()
 
 
 def _report_once(what: str, line: str) -> None:
-    """Say something on stderr, once a process."""
+    """Print a line on stderr, once per process."""
     if what not in _report:
         _report.add(what)
         print(f"kinseek: {line}", file=sys.stderr)
@@ -41,7 +41,7 @@ def _report_distrusted(error: Exception) -> None:
 
 
 def report_unwritten(folder: str | os.PathLike[str], error: Exception) -> None:
-    """Say that compiled kernels cannot be kept."""
+    """Report that compiled kernels cannot be kept."""
     _report_once(
         "unwritten", f"doing without a cache of compiled kernels, for {folder} takes none ({_words(error)})"
     )
@@ -58,10 +58,10 @@ _Folder: Any = caching.UserProvidedCacheLocator
 
 
 class _CheckedFiles(_Files):  # type: ignore[misc]
-    """The files of one kernel: an index from calls to numbers, and one file of machine code each."""
+    """The files of one kernel: an index from call signatures to numbers, and one file of machine code for each."""
 
     def load(self, key: Any) -> Any:
-        """Machine code for a kind of call, or None."""
+        """Machine code for a call signature, or None."""
         name = self._load_index().get(key)
         if name is None:
             return None
@@ -69,7 +69,7 @@ class _CheckedFiles(_Files):  # type: ignore[misc]
         return known[1] if known is not None and known[0] == repr(key) else None
 
     def save(self, key: Any, data: Any) -> None:
-        """Keep machine code for a kind of call."""
+        """Store machine code for a call signature."""
         super().save(key, (repr(key), data))
 
     def _load_index(self) -> Any:
@@ -84,7 +84,7 @@ class _CheckedFiles(_Files):  # type: ignore[misc]
         self._write(self._data_path(name), data)
 
     def _read(self, path: str) -> Any:
-        """What was written, or None where there is nothing, or nothing whole."""
+        """Contents of a file, or None if it is missing or damaged."""
         try:
             content = read_private(Path(path))
             if hashlib.sha256(content[_DIGEST:]).digest() != content[:_DIGEST]:
@@ -104,23 +104,23 @@ class _CheckedFiles(_Files):  # type: ignore[misc]
         with self._open_for_write(path) as file:
             if hasattr(
                 os, "fchmod"
-            ):  # With some umasks others may write to it, and `_read` refuses such a file.
+            ):  # With some umasks others may write to it, and `_read` rejects such a file.
                 os.fchmod(file.fileno(), 0o600)
             file.write(hashlib.sha256(data).digest() + data)
 
 
 class _PrivateFolder(_Folder):  # type: ignore[misc]
-    """A folder for each folder of sources, in one of ours for each state of the sources."""
+    """A folder for each source folder, inside one of ours for each state of the sources."""
 
     def ensure_cache_path(self) -> None:
-        """Make it for this user alone, where Numba would follow links and heed the umask."""
+        """Create it for this user only; Numba would follow links and apply the umask."""
         folder = Path(self.get_cache_path())
         private_folder(folder.parents[1], folder.parent.name, folder.name)
         super().ensure_cache_path()
 
 
 class _OurFolder(caching.CompileResultCacheImpl):
-    """Files in our folder or none: beside the sources, where Numba would go next, they would outlive a change of them."""
+    """Files in our folder only: beside the sources, where Numba would go next, they would outlive a change of these."""
 
     _locator_classes = [_PrivateFolder]  # noqa: RUF012
 
@@ -147,7 +147,7 @@ class _KeptCode(_FunctionCache):  # type: ignore[misc]
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep machine code if the disk takes it."""
+        """Store machine code if the disk accepts it."""
         try:
             super().save_overload(sig, data)
         except OSError as error:
@@ -155,7 +155,7 @@ class _KeptCode(_FunctionCache):  # type: ignore[misc]
 
 
 def keep_code(compiled: Any, function: Any, folder: Path) -> None:
-    """Let a compiled function, a dispatcher or a C function, look into our folder first and keep there what it compiles."""
+    """Make a compiled function, a dispatcher or a C function, load its machine code from our folder and store it there."""
     try:
         compiled._cache = _KeptCode(function)
     except (OSError, RuntimeError) as error:  # Numba found no place in the folder.

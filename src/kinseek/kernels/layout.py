@@ -1,8 +1,8 @@
-"""Arrays of a bundle in one memory, or in the rows of a handle: declared once, and sizes and views both come from that.
+"""Arrays of a bundle in one memory block, or in the rows of a handle; one declaration gives both sizes and views.
 
-Machine code needs to know of what type every view is, so the functions that make views are written out from the
-declaration, as Python does for its own named tuples, and compiled like all others: offsets are constants, and constants
-times what an arm has of joints.
+Machine code needs the type of every view. The functions that make views are therefore generated as source code from the
+declaration, as Python does for its own named tuples, and compiled like all others. Offsets are constants, or constants
+times the numbers of joints.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from .jit import array_view, inlined
 
 @dataclass(frozen=True)
 class Count:
-    """How many numbers there are of something: so many, so many a variable of the arm, and so on."""
+    """A number of elements as a polynomial in named sizes, such as the number of variables of the arm."""
 
     terms: tuple[tuple[str, int], ...]
-    """Names of what is counted and their products, ``""`` for a plain number; and how often each, never 0."""
+    """Products of names, ``""`` for a constant, with their coefficients, never 0."""
 
     def __add__(self, other: Count) -> Count:
         """The sum."""
         return _collected([*self.terms, *other.terms])
 
     def __mul__(self, other: int | Count) -> Count:
-        """So many times as many."""
+        """The product."""
         times = (("", other),) if isinstance(other, int) else other.terms
         both = [(f"{a} * {b}" if a and b else a + b, m * n) for a, m in self.terms for b, n in times]
         if any(set(name.split(" * ")) <= {"dof", "joints"} for name, _ in both if " * " in name):
@@ -38,13 +38,13 @@ class Count:
         return _collected(both)
 
     def of(self, **numbers: int) -> int:
-        """The number, where each that has a name is known."""
+        """The value for given sizes."""
         return sum(
             n * math.prod(numbers[each] for each in name.split(" * ") if each) for name, n in self.terms
         )
 
     def __str__(self) -> str:
-        """The same as an expression."""
+        """The count as an expression."""
         named = [f"{n} * {name}" for name, n in self.terms if name]
         return f"({' + '.join([*named, str(dict(self.terms).get('', 0))])})"
 
@@ -56,23 +56,23 @@ def _collected(terms: list[tuple[str, int]]) -> Count:
 
 
 def plain(number: int) -> Count:
-    """Count what is the same for all arms."""
+    """A constant count."""
     return Count((("", number),) if number else ())
 
 
 def named(name: str) -> Count:
-    """Count something that a memory is made for: see ``made_for`` of a `Layout`."""
+    """The count of a named size, see ``made_for`` of a `Layout`."""
     return Count(((name, 1),))
 
 
 ARM = ("dof", "joints")
-"""What most memories are made for: an arm of so many variables and joints."""
+"""Sizes that most memories depend on: the numbers of variables and joints of an arm."""
 DOF, JOINTS = (named(each) for each in ARM)
 
 
 @dataclass(frozen=True)
 class Part:
-    """An array of a bundle: what makes a view of it, and its shape; its elements take 8 bytes each."""
+    """An array of a bundle: the function that views it, and its shape; its elements have 8 bytes each."""
 
     view: str
     shape: tuple[Count, ...]
@@ -99,7 +99,7 @@ def _part(views: tuple[str, ...], shape: tuple[int | Count, ...]) -> Part:
 
 
 class Layout:
-    """The arrays of a bundle in one memory of 8-byte numbers, one after the other as they are declared."""
+    """The arrays of a bundle in one memory of 8-byte numbers, consecutive in the order of their declaration."""
 
     def __init__(
         self, bundle: Any, made_for: tuple[str, ...] = ARM, name: str = "", **parts: Part | Layout
@@ -107,14 +107,14 @@ class Layout:
         """Lay out a bundle.
 
         Args:
-            bundle: Named tuple of arrays, and of bundles that are laid out themselves, for the same numbers.
-            made_for: Names of the numbers that the sizes are counted in.
-            name: What tells two layouts of one bundle apart: machine code is filed by it.
-            parts: Of each field what it is, in the order in which they stand in memory.
+            bundle: Named tuple of arrays, and of bundles that have layouts themselves, for the same sizes.
+            made_for: Names of the sizes.
+            name: Distinguishes two layouts of one bundle: machine code is stored under it.
+            parts: Declaration of each field, in the order in memory.
         """
         _check_names(bundle, parts)
         self.count = plain(0)
-        """Numbers that the memory holds."""
+        """Length of the memory in numbers."""
         views = {}
         self._places: dict[str, tuple[Count, Part | Layout]] = {}
         for field, part in parts.items():
@@ -124,19 +124,19 @@ class Layout:
         name, self._given = name or bundle.__name__.lower(), ", ".join(made_for)
         below = {f"make_{each}": part.make for each, part in parts.items() if isinstance(part, Layout)}
         self.size: Any = inlined(_function(f"{name}_size({self._given})", str(self.count), {}))
-        """A kernel of what the memory is made for: the numbers that it takes."""
+        """A kernel from the sizes to the length of the memory in numbers."""
         self.make: Any = array_view(
             _function(f"make_{name}(address, {self._given})", _bundled(bundle, views), below, bundle)
         )
-        """A kernel of an address and what the memory is made for: the views."""
+        """A kernel from an address and the sizes to the views."""
 
     def look(self, path: str, memory: NDArray[np.float64], **numbers: int) -> NDArray[Any]:
-        """An array in a memory, for Python to look at: ``"field"``, or ``"field.field"`` of a bundle in the bundle.
+        """View an array in a memory from Python: ``"field"``, or ``"field.field"`` for a nested bundle.
 
         Args:
-            path: Which.
-            memory: All of it.
-            numbers: What the memory is made for.
+            path: Name of the array.
+            memory: The whole memory.
+            numbers: The sizes.
         """
         field, _, rest = path.partition(".")
         first, part = self._places[field]
@@ -155,21 +155,21 @@ class Layout:
 
 
 class Rows:
-    """The arrays of a bundle that stand anywhere: which row of a handle holds which, see `pointers.handle_of`."""
+    """The arrays of a bundle at arbitrary addresses: maps the rows of a handle to fields, see `pointers.handle_of`."""
 
     def __init__(self, bundle: Any, **rows: str | Rows) -> None:
         """Declare the rows of a bundle.
 
         Args:
             bundle: Named tuple of arrays, and of bundles that are declared themselves.
-            rows: Of each field the function of `pointers` that views it, or its own rows, in the order of the rows.
+            rows: For each field the function of `pointers` that views it, or its own rows, in the order of the rows.
         """
         _check_names(bundle, rows)
         self.rows = rows
         self.first: dict[str, int] = {}
-        """Row where each field begins."""
+        """First row of each field."""
         self.count = 0
-        """Rows in all."""
+        """Total number of rows."""
         views = {}
         for name, row in rows.items():
             function, count = (row, 1) if isinstance(row, str) else (f"make_{name}", row.count)
@@ -179,13 +179,13 @@ class Rows:
         below = {f"make_{name}": row.make for name, row in rows.items() if isinstance(row, Rows)}
         signature = f"{bundle.__name__.lower()}_of(handle, first)"
         self.make: Any = array_view(_function(signature, _bundled(bundle, views), below, bundle))
-        """A kernel of a handle and the row to begin with: the views."""
+        """A kernel from a handle and its first row to the views."""
 
     def arrays(self, values: Any) -> list[NDArray[Any]]:
         """The arrays of a bundle in the order of the rows, as kernels take them.
 
         Raises:
-            TypeError: One whose elements or dimensions are others: a kernel would read something else.
+            TypeError: An array has other elements or dimensions, which a kernel would misread.
         """
         arrays: list[NDArray[Any]] = []
         for name, row in self.rows.items():
@@ -210,7 +210,7 @@ _VIEWED = {
     "integers2": (np.dtype(np.int64), 2),
     "flags": (np.dtype(np.bool_), 1),
 }
-"""Elements and dimensions of what the functions of `pointers` view."""
+"""Elements and dimensions that the functions of `pointers` view."""
 
 
 def _check_names(bundle: Any, declared: dict[str, Any]) -> None:
@@ -223,7 +223,7 @@ def _bundled(bundle: Any, views: dict[str, str]) -> str:
 
 
 def _function(signature: str, result: str, below: dict[str, Any], bundle: Any = None) -> Any:
-    """Write a function out; for Numba it stands in this file, by which its machine code is filed."""
+    """Generate a function; for Numba it is in this file, under which its machine code is stored."""
     scope: dict[str, Any] = vars(pointers) | below | {"bundle": bundle, "__name__": __name__}
     exec(compile(f"def {signature}:\n    return {result}", __file__, "exec"), scope)
     return scope[signature.partition("(")[0]]

@@ -1,4 +1,4 @@
-"""Compiles kernels that an editable install left for later, and loads the library that then has them too."""
+"""Compile kernels that an editable install skipped, and load the library that then contains them too."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ BUILD = PACKAGE.parents[1] / "native" / "build.py"
 
 
 def with_room(door: Any, room: str) -> Any:
-    """Have a folder of kernels compiled, or all of them, and load the library anew.
+    """Compile a folder of kernels, or all of them, and load the library again.
 
     Args:
         door: The library as this process has loaded it.
         room: Name of the folder, or "all".
 
     Returns:
-        The library that has this folder as well.
+        The library that contains this folder as well.
 
     Raises:
         KinseekError: It cannot be compiled, or the sources of the kernels have changed since this process began.
@@ -35,7 +35,8 @@ def with_room(door: Any, room: str) -> Any:
     )
     done = subprocess.run(
         command if room == "all" else [*command, "--rooms", room],
-        cwd=folder,  # In a working folder that came with a robot, Numba would obey a file of settings.
+        # In a working folder that was distributed with a robot, Numba would read a settings file.
+        cwd=folder,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
@@ -46,7 +47,7 @@ def with_room(door: Any, room: str) -> Any:
             f"kernels ({room}) are not compiled yet, and cannot be: {done.stderr.strip()[-500:] or done.returncode}. Numba "
             "(pip install 'kinseek[jit]') and a C compiler are needed"
         )
-    # The system's loader takes a path that it knows for the file that it has loaded, so this one is another.
+    # For a known path the system's loader returns the file that it has loaded already, so this path is another one.
     spec = spec_from_file_location(door.__name__, os.path.join(folder, os.curdir, name))
     assert spec is not None
     assert spec.loader is not None

@@ -1,8 +1,8 @@
-"""Arrays by address: one integer array names all the arrays of an arm, so that a call hands over one argument.
+"""Arrays by address: one integer array refers to all arrays of an arm, so that a call passes one argument.
 
-Numba takes about 0.2 µs to unwrap each array argument, and counts references to each inside. An atlas has twenty arrays and
-an answer takes 5 µs. So the shell writes their addresses and shapes down once, keeps the arrays alive, and kernels make
-plain views of them.
+Numba takes about 0.2 µs to unwrap each array argument, and counts references to each inside. An atlas has twenty arrays,
+and a solution takes 5 µs. The Python layer therefore stores addresses and shapes once and keeps the arrays alive, and
+kernels create plain views of them.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from .jit import COMPILES, array_view
 from .python_backend import call_at, pointer_at, view_at
 
-if TYPE_CHECKING:  # Rows of a chain are declared beside its arrays, and made of what stands here.
+if TYPE_CHECKING:  # Rows of a chain are declared next to its arrays, and depend on this module.
     from .arrays import Array, Indices
 
 ROW = 4
-"""Numbers a row of a handle holds: address and three dimensions."""
+"""Numbers in a row of a handle: address and three dimensions."""
 
 call: Any = call_at
 """Call the `jit.Routine` at an address with a tuple of integers and floats; it returns an integer."""
@@ -36,7 +36,7 @@ _floats, _integers, _bools = map(_pointer_to, "fib")
 
 
 def handle_of(arrays: list[NDArray[Any]]) -> Indices:
-    """Write down where arrays are, (k · ROW,); the caller keeps them alive."""
+    """Write the addresses and shapes of arrays, (k · ROW,); the caller keeps the arrays alive."""
     rows = [(a.ctypes.data, *a.shape, *(1,) * (3 - a.ndim)) for a in arrays]
     return np.array(rows, dtype=np.int64).ravel()
 

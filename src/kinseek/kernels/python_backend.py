@@ -1,7 +1,7 @@
-"""Kernels as plain Python, under NUMBA_DISABLE_JIT=1: slow, but an index out of range is an error and no stray read.
+"""Kernels as plain Python with NUMBA_DISABLE_JIT=1: slow, but an index out of range raises an error.
 
-Plain arrays take a negative index from their end without a word, and cut a slice at it; so does machine code. What a kernel
-is given by its caller, and what it views by address, refuses both here. Arrays that a kernel makes for itself do not.
+Plain arrays silently accept negative indices and truncate slices, as machine code does. Arrays that a kernel receives
+from its caller, or views by address, reject both here. Arrays that a kernel allocates itself do not.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ R = TypeVar("R")
 
 
 class Bounded(np.ndarray[Any, np.dtype[Any]]):
-    """An array that refuses indices below zero, and slices that reach beyond it."""
+    """An array that rejects negative indices, and slices that reach beyond its end."""
 
     def __getitem__(self, key: Any) -> Any:
-        """See the class."""
+        """Check the index and read."""
         self._check(key)
         return super().__getitem__(key)
 
     def __setitem__(self, key: Any, value: Any) -> None:
-        """See the class."""
+        """Check the index and write."""
         self._check(key)
         super().__setitem__(key, value)
 
@@ -43,14 +43,14 @@ class Bounded(np.ndarray[Any, np.dtype[Any]]):
 
 
 def bounded(value: Any) -> Any:
-    """The same arrays, in tuples too, as `Bounded`."""
+    """The same arrays as `Bounded`, also in tuples."""
     if type(value) is np.ndarray:
         return value.view(Bounded)
     return _each(bounded, value) if isinstance(value, tuple) else value
 
 
 def unbounded(value: Any) -> Any:
-    """The same arrays, in tuples too, as what they were."""
+    """The same arrays as plain arrays, also in tuples."""
     if isinstance(value, Bounded):
         return value.view(np.ndarray)
     return _each(unbounded, value) if isinstance(value, tuple) else value
@@ -62,7 +62,7 @@ def _each(change: Callable[[Any], Any], values: tuple[Any, ...]) -> Any:
 
 
 def plainly(kernel: Callable[P, R]) -> Callable[P, R]:
-    """Run a kernel as it stands on `Bounded` arrays; machine code makes infinities and NaN without a word too."""
+    """Run a kernel as Python on `Bounded` arrays; infinities and NaN are silent, as in machine code."""
 
     @functools.wraps(kernel)
     def run(*given: P.args, **named: P.kwargs) -> R:
@@ -73,12 +73,12 @@ def plainly(kernel: Callable[P, R]) -> Callable[P, R]:
 
 
 def pointer_at(element: str) -> Callable[[int], tuple[int, DTypeLike]]:
-    """What makes an address of numbers, see `entry.Leaf`, into a place for `view_at`."""
+    """Return a function from an address of numbers, see `entry.Leaf`, to the input of `view_at`."""
     return lambda address: (address, {"f": np.float64, "i": np.int64, "b": np.bool_}[element])
 
 
 def view_at(place: tuple[int, DTypeLike], shape: tuple[int, ...]) -> Bounded:
-    """View the memory at an address; a kernel that reads past the shape it names fails."""
+    """View the memory at an address; a kernel that reads past its shape raises an error."""
     address, element = place
     size = int(math.prod(shape)) * np.dtype(element).itemsize
     return Bounded(shape, element, memoryview((ctypes.c_byte * size).from_address(int(address))))
@@ -88,11 +88,11 @@ _routines: dict[int, Callable[..., int]] = {}
 
 
 def address_of(function: Callable[..., int]) -> int:
-    """A number to stand for the address of a routine."""
+    """A number that represents the address of a routine."""
     _routines[id(function)] = function
     return id(function)
 
 
 def call_at(address: int, arguments: tuple[Any, ...]) -> int:
-    """Call the routine that such a number stands for."""
+    """Call the routine that such a number represents."""
     return _routines[int(address)](*arguments)

@@ -1,4 +1,4 @@
-"""Which files machine code is made from, and digests of them: code of another state of the sources must never run."""
+"""Source files of machine code and their digests: code of another state of the sources must never run."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ PACKAGE = Path(__file__).resolve().parent.parent
 
 
 ELSEWHERE = ("solvers/blind_search.py", "solvers/coordinate_descent.py")
-"""Files with kernels outside `kernels/`. They are named: every process asks before its first answer, and to look into all
-files takes as long as to import fifty of them."""
+"""Files with kernels outside `kernels/`. They are listed because every process needs them before its first solution, and
+reading all files takes as long as importing fifty of them."""
 
 EVERYTHING = ("kinseek.kernels.layout",)
-"""Modules that write functions out, of what other files declare."""
+"""Modules that generate functions from the declarations of other files."""
 
 
 def kernel_sources(package: Path = PACKAGE) -> list[Path]:
-    """Every file whose text machine code depends on: all of `kernels/`, and what takes a decorator from `kernels.jit`.
+    """All files whose text machine code depends on: all of `kernels/`, and files that use a decorator of `kernels.jit`.
 
-    A kernel may use nothing of ours from any other file; tests/test_jit_cache.py looks.
+    A kernel may use nothing of kinseek from any other file; tests/test_jit_cache.py checks that.
     """
     return [*sorted((package / "kernels").rglob("*.py")), *(package / name for name in ELSEWHERE)]
 
@@ -34,15 +34,15 @@ def source_digest(package: Path = PACKAGE) -> str:
 
 
 def room_of(module: str) -> str:
-    """Return the folder that a module stands in: the library of kernels may hold those of some folders alone."""
+    """Return the folder of a module: a library of kernels may contain only some folders."""
     return module.split(".")[-2]
 
 
 @functools.cache
 def module_digest(module: str, package: Path = PACKAGE) -> str:
-    """Return a digest of the sources that the kernels of a module are made of: its own, and all that it imports.
+    """Return a digest of the sources of a module's kernels: its own, and all that it imports.
 
-    Of a module that is none of ours, or writes functions out, everything counts.
+    For a module outside kinseek, or one that generates functions, all sources count.
 
     Args:
         module: Its full name.
@@ -74,13 +74,13 @@ def _closure(path: Path, package: Path) -> set[Path]:
 
 @functools.cache
 def _imports(package: Path) -> dict[Path, set[Path]]:
-    """Of every source the sources that it imports directly."""
+    """For each source the sources that it imports directly."""
     sources = set(kernel_sources(package))
     return {path: sources.intersection(_imported(path, package)) for path in sources}
 
 
 def _imported(path: Path, package: Path) -> Iterator[Path]:
-    """Files that a source may mean by what it imports: a module, and each name, which may be a module too."""
+    """Files that an import may refer to: a module, and each name, which may be a module too."""
     for node in ast.walk(ast.parse(path.read_bytes())):
         if isinstance(node, ast.Import):
             wholes = [package.parent.joinpath(*each.name.split(".")) for each in node.names]

@@ -1,8 +1,8 @@
-"""How a declared kernel is called from outside: a wrapper in LLVM's language, beside what Numba makes of the kernel.
+"""Wrappers in LLVM IR through which declared kernels are called from outside, next to Numba's code of the kernel.
 
-An entry's wrapper takes a table of 64-bit numbers: of every number its value, of every array its address and its
-lengths, in the order of the declaration, bundles taken apart; behind them it writes what the kernel returns. The library
-that is built with the package and what is exported for controllers are called so.
+An entry's wrapper takes a table of 64-bit numbers: the value of every number, and the address and lengths of every array,
+in the order of the declaration with bundles flattened. It writes the results after them. The library that is built with
+the package and the code exported for controllers are called this way.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ WORD = ir.IntType(64)
 
 
 def compiled(one: Entry | Routine) -> Any:
-    """What Numba makes of an entry or a routine."""
+    """Numba's compilation result for an entry or a routine."""
     declared = (
         map(numba_type, one.takes.values()) if isinstance(one, Entry) else signature_of(one.signature)[0]
     )
@@ -39,10 +39,10 @@ def compiled(one: Entry | Routine) -> Any:
 
 
 def wrapper_of(one: Entry | Routine, made: Any, name: str) -> str:
-    """A module, in LLVM's language, that holds nothing but the wrapper of what `compiled` gave.
+    """A module in LLVM IR that contains only the wrapper of the result of `compiled`.
 
-    The wrapper of an entry returns 0, or Numba's number for a failure; that of a routine is a C function of numbers that
-    returns a number, -1 where it failed.
+    The wrapper of an entry returns 0, or Numba's number for a failure. That of a routine is a C function of numbers that
+    returns a number, -1 if it failed.
     """
     signature = tuple(made.signature.args)
     context, result = made.target_context, made.signature.return_type
@@ -70,7 +70,7 @@ def wrapper_of(one: Entry | Routine, made: Any, name: str) -> str:
 
 
 def numba_type(one: Any) -> Any:
-    """What Numba calls what an entry takes."""
+    """Numba's type for a parameter of an entry."""
     if isinstance(one, Bundle):
         return types.BaseTuple.from_types(tuple(map(numba_type, one.fields.values())), one.made_of)
     element = ELEMENTS[one.element]
@@ -78,20 +78,20 @@ def numba_type(one: Any) -> Any:
 
 
 class Table:
-    """Arguments in a table of 64-bit numbers, one after the other, results behind them."""
+    """Arguments in a table of 64-bit numbers, one after the other, followed by the results."""
 
     def __init__(self, context: Any, builder: Any, table: Any) -> None:
-        """Begin at the beginning of a table."""
+        """Start at the beginning of a table."""
         self.context, self.builder, self.table, self.place = context, builder, table, 0
 
     def _next(self, kind: Any) -> Any:
-        """Where the next number stands, as a pointer to such a value."""
+        """Pointer to the next number, as a value of this type."""
         place = self.builder.gep(self.table, [WORD(self.place)])
         self.place += 1
         return self.builder.bitcast(place, kind.as_pointer())
 
     def read(self, kind: Any) -> Any:
-        """The value of a type."""
+        """Read the value of a type."""
         if isinstance(kind, types.BaseTuple):
             return self.context.make_tuple(self.builder, kind, [self.read(each) for each in kind.types])
         if isinstance(kind, types.Array):
@@ -113,16 +113,17 @@ class Table:
         return array._getvalue()
 
     def write(self, kind: Any, value: Any, one: Entry) -> None:
-        """Put what an entry returns behind its arguments.
+        """Write the result of an entry after its arguments.
 
         Raises:
-            TypeError: It is not what is declared.
+            TypeError: It does not fit the declaration.
         """
         many = isinstance(kind, types.BaseTuple)
         kinds = tuple(kind.types) if many else () if kind == types.none else (kind,)
         if kinds != tuple(map(numba_type, one.returns)):
             raise TypeError(f"{one.name} returns {kind}, declared is {one.returns}")
         values = cgutils.unpack_tuple(self.builder, value) if many else [value]
-        for each, part in zip(kinds, values, strict=False):  # One that returns nothing has a value too.
+        # An entry without a declared result has a value too.
+        for each, part in zip(kinds, values, strict=False):
             wide = self.builder.zext(part, WORD) if each == types.boolean else part
             self.builder.store(wide, self._next(ir.DoubleType() if each == types.float64 else WORD))

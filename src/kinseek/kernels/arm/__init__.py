@@ -1,1 +1,1 @@
-"""The arm itself: forward kinematics, derivatives, and how far a pose is from a goal."""
+"""The arm: forward kinematics, derivatives, and errors of poses."""

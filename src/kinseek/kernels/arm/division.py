@@ -1,4 +1,4 @@
-"""What of an arm can be divided out of a search: its first joint and its last; and whole turns of a joint."""
+"""Joints that can be divided out of a search, the first and the last; and full turns of a joint."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ NONE, TURN, SLIDE = 0, 1, 2
 
 
 class Division(NamedTuple):
-    """What of the arm is divided out of the atlas, and what of the pose is kept."""
+    """Joints that are divided out of the atlas, and parts of the pose that are kept."""
 
     head: int
     """The first joint: NONE, TURN or SLIDE."""
     tail: int
     """The last joint: NONE or TURN."""
     columns: int
-    """Directions kept: 2 the whole orientation, 1 an axis, 0 none."""
+    """Directions kept: 2 for the whole orientation, 1 for an axis, 0 for none."""
     length: float
-    """Length that a direction counts as, [m]."""
+    """Length of a direction [m]."""
 
 
 DIVISION = Bundle(Division, head=I64, tail=I64, columns=I64, length=F64)
@@ -41,7 +41,7 @@ def product(A: Array, B: Array, C: Array) -> None:
 
 @inlined
 def nearest_copy(value: float, low: float, high: float, to: float) -> float:
-    """Add full turns to bring an angle into [low, high], near `to`; where none fits, as near to the range as it gets."""
+    """Add full turns to move an angle into [low, high], near `to`; if none fits, as near to the range as possible."""
     turn = 2.0 * math.pi
     value += turn * np.rint((to - value) / turn)
     if value > high:

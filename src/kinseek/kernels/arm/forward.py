@@ -13,7 +13,7 @@ from kinseek.kernels.jit import entry, inlined
 from .trigonometry import sine_cosine
 
 FAR = 1e4
-"""Beyond this angle [rad] the library's sine serves: the quick one is good to an ulp up to ten times as far."""
+"""Angle [rad] beyond which the library's sine is used; the fast one has errors of an ulp up to ten times this."""
 
 
 @inlined

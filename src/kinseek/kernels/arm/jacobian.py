@@ -13,7 +13,7 @@ from .forward import advance, identity
 
 @entry(chain=CHAIN, q=F64["k", "n"], result=F64["k", 6, "n"].out)
 def add_jacobians(chain: ChainArrays, q: Array, result: Array) -> None:
-    """Add to `result`, (k, 6, n), what `jacobian_many` gives for q, (k, n)."""
+    """Add the result of `jacobian_many` for q, (k, n), to `result`, (k, 6, n)."""
     joints = len(chain.leader)
     axes, T = np.empty((joints, 6)), np.empty((3, 4))
     for k in range(len(q)):

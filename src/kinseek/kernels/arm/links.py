@@ -1,9 +1,9 @@
-"""A chain in the form that takes the fewest products: a twist, two offsets, and a joint that turns and slides.
+"""A chain in the form that needs the fewest products: a twist, two offsets, and a joint that rotates and slides.
 
-Any fixed transform is ``Rz(a) Tz(c) Tr(u, v, 0) Rx(α) Rz(b)``. Turns and slides about the z axis of the joint before it
-go into that joint, turns about its own z axis into its own, so that ``Tr(u, v, 0) Rx(α)`` is left: 33 products a joint
-where the whole transform takes 51. It is the idea of Denavit and Hartenberg (1955) without a common normal, so axes that
-are almost parallel do no harm.
+Any fixed transform is ``Rz(a) Tz(c) Tr(u, v, 0) Rx(α) Rz(b)``. Rotations and translations about the z axis of the
+previous joint are merged into that joint, and rotations about a joint's own z axis into the joint itself.
+``Tr(u, v, 0) Rx(α)`` remains: 33 products per joint, where the whole transform takes 51. It is the idea of Denavit and
+Hartenberg (1955) without a common normal, so nearly parallel axes cause no problems.
 """
 
 from __future__ import annotations
@@ -15,18 +15,20 @@ import numpy as np
 from kinseek.kernels.arrays import Array, ChainArrays
 
 TWIST_SINE, TWIST_COSINE, U, V, TURN_RATE, TURN_OFFSET, SLIDE_RATE, SLIDE_OFFSET, ADDS = range(9)
-"""Places in the row of a joint: its angle is ``TURN_RATE · q + TURN_OFFSET`` [rad], its slide alike [m]. ADDS is 1 where
-an earlier joint is moved by the same variable."""
+"""Indices into the row of a joint. Its angle is ``TURN_RATE · q + TURN_OFFSET`` [rad], and its slide likewise [m]. ADDS
+is 1 if the same variable moves an earlier joint."""
 
 PARALLEL = 1e-12
-"""Sine of the twist between two axes below which they are parallel to rounding; a turn about either is then the same."""
+"""Sine of the twist between two axes below which they are parallel up to rounding; rotations about both are then the
+same."""
 
 
 def links_of(chain: ChainArrays) -> Array:
-    """Bring a chain into this form.
+    """Convert a chain into this form.
 
     Returns:
-        (m + 2, 12): a row a joint, then what stands before the first joint, then the tip, (3, 4) row by row each.
+        (m + 2, 12): one row for each joint, then the transform before the first joint, then the tip, (3, 4) in row-major
+        order each.
     """
     joints = len(chain.leader)
     links = np.zeros((joints + 2, 12))

@@ -1,4 +1,4 @@
-"""How far a pose is from a goal: the paper's weighted error, and the errors in [m] and [rad] that decide."""
+"""Errors of a pose: the paper's weighted error, and the errors in [m] and [rad] that are compared with the tolerances."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from kinseek.kernels.jit import entry, exact, inlined
 from .forward import forward
 
 ROUNDING = 2e-14
-"""A matrix whose RᵀR is no farther than this from the identity is a rotation to rounding: a product of some fifty
-rotations. It is taken as it is, whichever way it comes; what is farther off is brought onto a rotation or refused."""
+"""A matrix is a rotation up to rounding if its RᵀR is no farther than this from the identity, which covers a product of
+some fifty rotations. It is then used unchanged. Other matrices are projected onto a rotation or rejected."""
 
 LARGEST = 1e7
-"""Largest length [m], angle [rad] and tolerance that is taken. Neighbouring doubles are 1.9e-9 apart there, and forward
-kinematics of twenty links of that length is 4e-8 m off by rounding: the largest power of ten at which it stays below a
-tenth of the default tolerance, 1e-6 m. tests/test_sizes.py measures it."""
+"""Largest accepted length [m], angle [rad] and tolerance. Neighbouring doubles are 1.9e-9 apart there, and the rounding
+error of forward kinematics with twenty links of that length is 4e-8 m. It is the largest power of ten at which that
+error stays below a tenth of the default tolerance, 1e-6 m. tests/test_sizes.py measures it."""
 
 HEAVIEST, LIGHTEST = 1e15, 1e-15
-"""Largest and least weight that is taken. Searches square weighted errors, and take the squares' products: with lengths
-up to `LARGEST` these stay within 1e±90, far from where doubles end; beyond a ratio of 1e16 the smaller of two weighted
-errors is rounding of the larger anyway."""
+"""Largest and smallest accepted weight. Searches square weighted errors and multiply the squares. With lengths up to
+`LARGEST` the products stay within 1e±90, far from the limits of doubles. Beyond a ratio of 1e16 the smaller of two
+weighted errors is rounding of the larger."""
 
 
 @inlined
@@ -43,7 +43,7 @@ def axis_dot(T: Array, target: Array, c: int) -> float:
 
 @inlined
 def rotation_angle(T: Array, target: Array) -> float:
-    """Angle of the rotation between two poses, in [rad], accurate at 0 and at π alike."""
+    """Angle of the rotation between two poses, in [rad], accurate both at 0 and at π."""
     xx, yy, zz = axis_dot(T, target, 0), axis_dot(T, target, 1), axis_dot(T, target, 2)
     sx = sy = sz = 0.0  # Twice the sine times the axis: sum of the cross products of the columns.
     for c in range(3):
@@ -66,7 +66,8 @@ def axis_angle(T: Array, target: Array) -> float:
 def weighted_error(T: Array, goal: GoalArrays) -> float:
     """``K_P |p - p_g| + Σ K_c (1 - c·c_g)`` over the columns c that matter (the paper, Sec. 2.2).
 
-    Written as ``½ |c - c_g|²``, the same for unit vectors: ``1 - c·c_g`` cancels near the goal, and would be negative.
+    Computed as ``½ |c - c_g|²``, which is the same for unit vectors: ``1 - c·c_g`` cancels near the goal and could be
+    negative.
     """
     error = goal.position_weight * distance(T, goal.target)
     for c in range(3):
@@ -92,7 +93,7 @@ def chordal_error(T: Array, goal: GoalArrays) -> float:
 
 @inlined
 def errors(T: Array, goal: GoalArrays) -> tuple[float, float]:
-    """Position error [m] and orientation error [rad], each zero where the goal does not ask for it."""
+    """Position error [m] and orientation error [rad], each zero if the goal does not constrain it."""
     position = distance(T, goal.target) if goal.position_weight > 0.0 else 0.0
     if goal.axis_weights[1] > 0.0:
         return position, rotation_angle(T, goal.target)
@@ -103,7 +104,7 @@ def errors(T: Array, goal: GoalArrays) -> tuple[float, float]:
 
 @entry(chain=CHAIN, q=F64["k", "n"], targets=F64["k", 3, 4], goal=GOAL, result=F64["k", 3].out)
 def write_errors(chain: ChainArrays, q: Array, targets: Array, goal: GoalArrays, result: Array) -> None:
-    """Write what `judge` gives into `result`, (k, 3)."""
+    """Write the result of `judge` into `result`, (k, 3)."""
     T = np.empty((3, 4))
     for k in range(len(q)):
         forward(chain, q[k], T)
@@ -113,13 +114,13 @@ def write_errors(chain: ChainArrays, q: Array, targets: Array, goal: GoalArrays,
 
 
 def judge(chain: ChainArrays, q: Array, targets: Array, goal: GoalArrays) -> Array:
-    """Recompute what joint values reach, from nothing but plain FK.
+    """Compute the errors of joint values by plain FK.
 
     Args:
         chain: The arm.
         q: Joint values, (k, n).
-        targets: Wanted poses, (k, 3, 4), lengths in [m].
-        goal: The weights, which also say what of a pose matters.
+        targets: Target poses, (k, 3, 4), lengths in [m].
+        goal: The weights, which also define the relevant parts of a pose.
 
     Returns:
         Position error [m], orientation error [rad] and weighted error of each, (k, 3).
@@ -131,9 +132,9 @@ def judge(chain: ChainArrays, q: Array, targets: Array, goal: GoalArrays) -> Arr
 
 @exact
 def is_rigid(T: Array) -> bool:
-    """Is T, (4, 4), finite, no farther than `LARGEST`, and a rigid transform to `ROUNDING`?
+    """Return True if T, (4, 4), is finite, not beyond `LARGEST`, and a rigid transform up to `ROUNDING`.
 
-    Exact: the other kernels may assume that no number is NaN.
+    It is compiled as exact code: the other kernels may assume that no number is NaN.
     """
     for r in range(4):
         for c in range(4):
@@ -155,7 +156,7 @@ def is_rigid(T: Array) -> bool:
 
 @entry(returns=FLAG, poses=F64["k", 4, 4])
 def all_rigid(poses: Array) -> bool:
-    """Are all poses, (k, 4, 4), finite and rigid transforms to rounding?"""
+    """Return True if all poses, (k, 4, 4), are finite and rigid transforms up to rounding."""
     loose = 0
     for k in range(len(poses)):
         loose += 0 if is_rigid(poses[k]) else 1
@@ -164,13 +165,13 @@ def all_rigid(poses: Array) -> bool:
 
 @entry(poses=F64["k", 4, 4], result=FLAG["k"].out)
 def write_rigid(poses: Array, result: Flags) -> None:
-    """Write what `rigid_each` gives into `result`, (k,)."""
+    """Write the result of `rigid_each` into `result`, (k,)."""
     for k in range(len(poses)):
         result[k] = is_rigid(poses[k])
 
 
 def rigid_each(poses: Array) -> Flags:
-    """Which poses, (k, 4, 4), are rigid transforms to rounding, see `is_rigid`, (k,)."""
+    """True for each pose of (k, 4, 4) that is a rigid transform up to rounding, see `is_rigid`, (k,)."""
     result = np.empty(len(poses), dtype=np.bool_)
     write_rigid(np.ascontiguousarray(poses), result)
     return result
@@ -178,7 +179,7 @@ def rigid_each(poses: Array) -> Flags:
 
 @exact
 def is_loose(T: Array, tolerance: float) -> bool:
-    """Is a finite T, (4, 4), farther from a rigid transform than `tolerance`, or a reflection?"""
+    """Return True if a finite T, (4, 4), is farther from a rigid transform than `tolerance`, or a reflection."""
     for c in range(4):
         if not abs(T[3, c] - (1.0 if c == 3 else 0.0)) <= tolerance:
             return True
@@ -198,7 +199,7 @@ def is_loose(T: Array, tolerance: float) -> bool:
 
 @entry(returns=I64, exact=True, poses=F64["k", 4, 4], tolerance=F64, nan_is_fine=FLAG)
 def first_loose(poses: Array, tolerance: float, nan_is_fine: bool) -> int:
-    """Index of the first pose of (k, 4, 4) that is no rigid transform, or -1; with `nan_is_fine` NaN is passed over."""
+    """Index of the first pose of (k, 4, 4) that is not a rigid transform, or -1; `nan_is_fine` skips NaN."""
     for k in range(len(poses)):
         absent = False
         if nan_is_fine:
@@ -212,7 +213,7 @@ def first_loose(poses: Array, tolerance: float, nan_is_fine: bool) -> int:
 
 @entry(poses=F64["k", 4, 4], targets=F64["k", 3, 4], goal=GOAL, result=F64["k", 3].out)
 def write_pose_errors(poses: Array, targets: Array, goal: GoalArrays, result: Array) -> None:
-    """Write what `judge_poses` gives into `result`, (k, 3)."""
+    """Write the result of `judge_poses` into `result`, (k, 3)."""
     for k in range(len(poses)):
         this = GoalArrays(targets[k], goal.position_weight, goal.axis_weights)
         result[k, 0], result[k, 1] = errors(poses[k], this)
@@ -220,7 +221,7 @@ def write_pose_errors(poses: Array, targets: Array, goal: GoalArrays, result: Ar
 
 
 def judge_poses(poses: Array, targets: Array, goal: GoalArrays) -> Array:
-    """Errors of poses that are there already, (k, 4, 4), as `judge` gives them, (k, 3)."""
+    """Errors of given poses, (k, 4, 4), as from `judge`, (k, 3)."""
     result = np.empty((len(poses), 3))
     write_pose_errors(np.ascontiguousarray(poses), np.ascontiguousarray(targets), goal, result)
     return result

@@ -1,4 +1,4 @@
-"""How far a pose is from a goal with ranges: the deviation along six axes, and what of it sticks out."""
+"""Errors of a pose for a goal with ranges: the deviation along six axes, and its part outside the ranges."""
 
 from __future__ import annotations
 
@@ -13,17 +13,19 @@ from kinseek.kernels.jit import entry, inlined, noinline
 from .forward import forward
 
 FRAME, LOW, HIGH, SWING, SWINGS = 12, 21, 27, 33, 36
-"""Places in a question, an array that crosses by its address: behind the target, (3, 4), the frame, (3, 3), lower and upper
-ends, (6,) each, the swing axis, (3,), and whether there is one."""
+"""Indices into a question, an array that is passed by its address. After the target, (3, 4): the frame, (3, 3), lower and
+upper ends, (6,) each, the swing axis, (3,), and whether there is one."""
 
 QUESTION = SWINGS + 1
-"""Numbers of a question."""
+"""Length of a question."""
 
 OPPOSITE = 1e-12
-"""Sine of the angle between two axes below which the axis of the turn between them is rounding: it is 1e-16 off itself."""
+"""Sine of the angle between two axes below which the axis of the rotation between them is mostly rounding; the error of
+the sine itself is 1e-16."""
 
 ALONG = 0.6
-"""An axis whose x is less than this is across x far enough to make an axis across it; one of any three is below 0.58."""
+"""If the x component of a unit axis is smaller than this, the axis and x define a normal well. Of any three axes one has
+a component below 0.58."""
 
 
 @inlined
@@ -47,7 +49,7 @@ def rotation_vector(D: Array, out: Array) -> None:
 
 @noinline
 def deviation(T: Array, question: Array, out: Array, work: Array) -> None:
-    """Write the six components of the deviation of T, (3, 4), into out, (6,), and what `rows_of` needs into work, (27,)."""
+    """Write the six components of the deviation of T, (3, 4), into out, (6,), and data for `rows_of` into work, (27,)."""
     F, target = question[FRAME:LOW], question[:FRAME]
     for c in range(3):
         out[c] = 0.0
@@ -77,7 +79,7 @@ def deviation(T: Array, question: Array, out: Array, work: Array) -> None:
     uz = work[6] * ax + work[7] * ay + work[8] * az
     x, y, z = ay * uz - az * uy, az * ux - ax * uz, ax * uy - ay * ux
     sine, cosine = math.sqrt(x * x + y * y + z * z), ax * ux + ay * uy + az * uz
-    if sine < OPPOSITE and cosine < 0.0:  # Any axis across it will do.
+    if sine < OPPOSITE and cosine < 0.0:  # Any axis normal to it will do.
         x, y, z = (0.0, az, -ay) if abs(ax) < ALONG else (-az, 0.0, ax)
         sine = math.sqrt(x * x + y * y + z * z)
         scale = math.pi / sine
@@ -89,13 +91,13 @@ def deviation(T: Array, question: Array, out: Array, work: Array) -> None:
 
 @inlined
 def beyond(value: float, low: float, high: float) -> float:
-    """How far a value is outside a range."""
+    """Distance of a value outside a range."""
     return max(low - value, value - high, 0.0)
 
 
 @inlined
 def range_errors(out: Array, question: Array) -> tuple[float, float]:
-    """Lengths of what sticks out of a deviation, (6,): position error [m] and orientation error [rad]."""
+    """Norms of the parts of a deviation, (6,), outside the ranges: position error [m] and orientation error [rad]."""
     place, turn = 0.0, 0.0
     for i in range(3):
         gap = beyond(out[i], question[LOW + i], question[HIGH + i])
@@ -109,7 +111,7 @@ def range_errors(out: Array, question: Array) -> tuple[float, float]:
 
 @inlined
 def range_weighted(weight_p: float, weight_o: float, place: float, turn: float) -> float:
-    """``K_P e_p + K_A (1 - cos e_o)``, by the half angle: near 0 the difference would cancel."""
+    """``K_P e_p + K_A (1 - cos e_o)``, by the half angle, because the difference would cancel near 0."""
     half = math.sin(0.5 * turn)
     return weight_p * place + 2.0 * weight_o * half * half
 
@@ -125,7 +127,7 @@ def range_weighted(weight_p: float, weight_o: float, place: float, turn: float) 
 def write_range_errors(
     chain: ChainArrays, q: Array, questions: Array, weight_p: float, weight_o: float, result: Array
 ) -> None:
-    """Write what `judge_ranges` gives into `result`, (k, 3)."""
+    """Write the result of `judge_ranges` into `result`, (k, 3)."""
     T, out, work = np.empty((3, 4)), np.empty(6), np.empty(27)
     for k in range(len(q)):
         forward(chain, q[k], T)
@@ -135,7 +137,7 @@ def write_range_errors(
 
 
 def judge_ranges(chain: ChainArrays, q: Array, questions: Array, weight_p: float, weight_o: float) -> Array:
-    """Recompute what joint values reach, from nothing but plain FK.
+    """Compute the errors of joint values by plain FK.
 
     Args:
         chain: The arm.

@@ -1,4 +1,4 @@
-"""Sine and cosine together, without a branch, so that SIMD lanes and single calls share them."""
+"""Sine and cosine together, without branches, so that SIMD lanes and single calls share them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _HALF_PI_LOW = 6.077100506506192e-11
 
 @inlined
 def sine_cosine(x: float) -> tuple[float, float]:
-    """Sine and cosine without a branch, good to 1 ulp for |x| < 1e5."""
+    """Sine and cosine without branches, to 1 ulp for |x| < 1e5."""
     k = np.floor(x * _TWO_OVER_PI + 0.5)
     r = (x - k * _HALF_PI_HIGH) - k * _HALF_PI_LOW
     z = r * r
@@ -28,7 +28,7 @@ def sine_cosine(x: float) -> tuple[float, float]:
     c = 2.48015872888517045348e-5 + z * (-2.75573141792967388112e-7 + z * c)
     c = 4.16666666666665929218e-2 + z * (-1.38888888888730564116e-3 + z * c)
     c = 1.0 - 0.5 * z + z * z * c
-    half = 0.5 * k  # The quadrant, in floats: 64-bit integer vectors are not everywhere.
+    half = 0.5 * k  # The quadrant in floats, because not all processors have vectors of 64-bit integers.
     whole = np.floor(half)
     odd = half - whole > 0.25
     quarter = 0.5 * whole
@@ -38,11 +38,11 @@ def sine_cosine(x: float) -> tuple[float, float]:
 
 @inlined
 def rough_angle(y: float, x: float) -> float:
-    """``atan2(y, x)`` to 2e-4 rad and without a branch: enough to start from; 0 at the origin."""
+    """``atan2(y, x)`` to 2e-4 rad and without branches, accurate enough for starts; 0 at the origin."""
     ax, ay = abs(x), abs(y)
     t = min(ax, ay) / max(ax, ay, 1e-300)
     z = t * t
-    # Least largest error over odd polynomials of degree 7, found by Remez exchange; see the test.
+    # The minimax odd polynomial of degree 7, found by Remez exchange; see the test.
     angle = t * (0.99921406 + z * (-0.32117496 + z * (0.14626446 - 0.03898651 * z)))
     angle = 0.5 * math.pi - angle if ay > ax else angle
     angle = math.pi - angle if x < 0.0 else angle

@@ -1,1 +1,1 @@
-"""From sorted samples to an answer: lookup, refinement in eight lanes, and what happens out of reach."""
+"""The search from sorted samples to a solution: look-up, refinement in eight lanes, and unreachable goals."""

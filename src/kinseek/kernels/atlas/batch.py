@@ -1,4 +1,4 @@
-"""Many goals at once: each lane refines a goal of its own, and takes the next when it is done."""
+"""Many goals at once: each lane refines its own goal and takes the next one when it is done."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from .task import CLOSED, EVALUATIONS, HANDLE, TOLERANCES, Job, Task, routine_at
 from .tree import take_nearest
 
 MOST_STARTS = max(2 * LANES, TAKES)
-"""Starts of one target at most: candidates of two values of a joint in front, or samples."""
+"""Largest number of starts for one target: candidates for two values of a swept joint, or samples."""
 
 
 class Queue(NamedTuple):
-    """What each lane of a batch is at."""
+    """State of the lanes of a batch."""
 
     target: Indices
-    """Number of its target; -1 before the first, -2 when there are no more, (LANES,)."""
+    """Index of the target of each lane; -1 before the first target, -2 when none is left, (LANES,)."""
     next: Indices
-    """How many of its starts are taken, (LANES,)."""
+    """Number of starts used, (LANES,)."""
     steps: Indices
     """Steps made from the current start, (LANES,)."""
     spent: Indices
@@ -38,7 +38,7 @@ class Queue(NamedTuple):
 
 @inlined
 def stand_still(lanes: Lanes, l: int) -> None:
-    """Forget what lane l was at: with no pose, no axes and no error its next step is zero, whatever they were."""
+    """Clear lane l: without pose, axes and error its next step is zero."""
     for k in range(lanes.axes.shape[0]):
         for r in range(6):
             lanes.axes[k, r * LANES + l] = 0.0
@@ -52,9 +52,9 @@ def stand_still(lanes: Lanes, l: int) -> None:
 
 @inlined
 def next_seed(task: Task, scratch: Scratch, queue: Queue, targets: Array, l: int, w: int) -> bool:
-    """Put lane l at the next sample of its target that is worth a try; say whether there was one.
+    """Load the next promising sample of its target into lane l; return False if there is none.
 
-    A second sample is seldom needed, so the scan is made again rather than remembered for every lane.
+    A second sample is seldom needed, so the scan is repeated instead of being stored for every lane.
     """
     for r in range(3):
         for c in range(4):
@@ -79,7 +79,7 @@ def next_seed(task: Task, scratch: Scratch, queue: Queue, targets: Array, l: int
 def next_candidate(
     job: Job, task: Task, scratch: Scratch, queue: Queue, targets: Array, l: int, w: int
 ) -> bool:
-    """Put lane l at the next candidate of a nearby arm for its target; say whether there was one."""
+    """Load the next candidate of a nearby arm for its target into lane l; return False if there is none."""
     target, q, asked = targets[queue.target[l]], scratch.found[l], OFFER + queue.next[l]
     offered = closed_answer(job.handle, job.tolerances, job.memory, target, task.budget, q, asked, q, w)
     queue.next[l], queue.steps[l] = queue.next[l] + 1, 0
@@ -93,7 +93,7 @@ def next_candidate(
 def take_target(
     task: Task, lanes: Lanes, queue: Queue, targets: Array, results: Array, number: int, l: int
 ) -> None:
-    """Give lane l a target."""
+    """Assign a target to lane l."""
     queue.target[l], queue.next[l] = number, 0
     queue.spent[l] = int(results[number, len(task.lower) + EVALUATIONS])
     for r in range(3):
@@ -122,23 +122,23 @@ def solve_many(
     end: int,
     w: int,
 ) -> int:
-    """Answer targets begin … end-1, one in each lane, a lane that is done taking the next.
+    """Solve targets begin … end-1, one in each lane; a lane that is done takes the next target.
 
-    A target's lane walks exactly as lane after lane does in `solve_pose`: the same bits come out. What closed forms and its
-    first samples do not solve is left to `solve_pose`'s own way afterwards: each of these may take milliseconds.
+    The steps for a target are the same as in `solve_pose`, so the results agree bit by bit. Targets that neither the
+    closed form nor the first samples solve are left for `solve_pose`, because each of these may take milliseconds.
 
     Args:
         handle: The task, see `task_of`.
         tolerances: See `task_of`.
         targets: Rigid transforms, (k, 3, 4), lengths in [m].
         results: Receives what `solve_pose` returns, (k, n + 4).
-        left: Receives the numbers of the targets that are left, (end - begin,).
+        left: Receives the indices of the targets that are left, (end - begin,).
         begin: First target.
         end: One past the last target.
         w: LANES.
 
     Returns:
-        How many are left.
+        The number of targets left.
     """
     task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
@@ -160,7 +160,8 @@ def solve_many(
         for i in range(begin, end):
             left[count], results[i, dof + EVALUATIONS] = i, 0.0
             count += 1
-    # First from candidates of a nearby arm, then from samples; in one loop, for what is called twice is compiled twice.
+    # Candidates of a nearby arm come before samples. A loop, because Numba compiles a function again for every call in
+    # the source.
     for nearby in (True, False):
         if not nearby or (closed and task.exact == 0):
             count = run_lanes(job, task, scratch, queue, targets, results, left, count, nearby, w)
@@ -189,12 +190,12 @@ def solve_some(
     end: int,
     w: int,
 ) -> int:
-    """Answer the targets whose numbers are some[begin:end], (k,), one after the other, as `solve_pose`; return how many."""
+    """Solve the targets with indices some[begin:end], (k,), one after the other, as `solve_pose`; return how many."""
     for k in range(begin, end):
         answer = solve_pose(handle, tolerances, targets[some[k]], w)
         for j in range(
             len(answer)
-        ):  # A row at once may fail in words, and the words need Python's own functions.
+        ):  # Slicing a whole row may raise an error with a message, which needs functions of Python.
             results[some[k], j] = answer[j]
     return end - begin
 
@@ -211,9 +212,9 @@ def run_closed(
     end: int,
     w: int,
 ) -> int:
-    """Answer targets begin … end-1 in closed form, one after the other; put the others into `left`, return how many.
+    """Solve targets begin … end-1 in closed form; write the indices of the others into `left` and return their number.
 
-    Of these the evaluations spent so far stand in `results`.
+    For the targets left, `results` receives the evaluations spent so far.
     """
     leftover, dof = 0, len(task.lower)
     for t in range(begin, end):
@@ -222,7 +223,7 @@ def run_closed(
             job.handle, job.tolerances, job.memory, targets[t], task.budget, q, MIDMOST, q, w
         )
         if tried > 0:
-            # It is judged already, where the scratch memory keeps bounds.
+            # It is judged already; the report is in `bound` of the scratch memory.
             for k in range(EVALUATIONS):
                 report[k] = scratch.bound[k]
             report[EVALUATIONS] = tried
@@ -245,16 +246,16 @@ def run_lanes(
     nearby: bool,
     w: int,
 ) -> int:
-    """Work the queue off, `count` targets whose numbers are in `left`; put those left over there, and return how many.
+    """Process `count` targets with indices in `left`; write the unsolved ones back there and return their number.
 
-    They start from samples, or with `nearby` from candidates of the nearby arm.
+    The starts are samples, or with `nearby` candidates of the nearby arm.
     """
     lanes, dof, steps = scratch.lanes, len(task.lower), CORRECTIONS if nearby else FIRST_STEPS
     reset_weights(task, scratch)
     leftover, number, active = 0, 0, LANES
     for l in range(LANES):
         queue.target[l] = -1
-    # Every target has so many steps at most, and with all targets in one lane they would be made one after the other.
+    # An upper bound: every target has a limited number of steps, and one lane might process all targets in sequence.
     for turn in range(1 + count * MOST_STARTS * (FIRST_STEPS + 1)):
         if active == 0:
             break
@@ -275,7 +276,7 @@ def run_lanes(
                     queue.steps[l] += 1
             while more or (not busy and number < count):
                 if not more:
-                    # Those left over are written behind where the next is read.
+                    # Unsolved targets are written at places that have been read already.
                     take_target(task, lanes, queue, targets, results, left[number], l)
                     number += 1
                 if nearby:
@@ -295,7 +296,7 @@ def run_lanes(
 
 @inlined
 def write_result(task: Task, scratch: Scratch, queue: Queue, targets: Array, results: Array, l: int) -> None:
-    """Judge lane l by plain FK and write its row."""
+    """Judge lane l by plain FK and write its row of the results."""
     i, dof = queue.target[l], len(task.lower)
     for j in range(dof):
         results[i, j] = scratch.lanes.q[j, l]

@@ -1,4 +1,4 @@
-"""Eight configurations on their way downhill, and the best of those that did not arrive."""
+"""Descent of eight configurations at once, and the best of those that did not converge."""
 
 from __future__ import annotations
 
@@ -31,47 +31,48 @@ from .seeds import copy_joints, keep_joints, load_target, turns_fully
 from .task import ITERATE, JUDGE, TOLERANCES, WEIGHTED_ERROR, Job, Task, handle_at, routine_at, task_of
 
 FIRST_STEPS, DEEP_STEPS, RESTART_STEPS, POLISH_STEPS = 10, 20, 30, 20
-"""Steps at most from one of the first samples, from one of a deeper lookup, from a restart, and towards a goal out of
-reach."""
+"""Largest numbers of steps: from one of the first samples, from a sample of a deeper look-up, from a restart, and towards
+an unreachable goal."""
 
 
 STALL, NEARLY = 6, 0.03
-"""A descent is given up when no lane has halved its squared error in so many steps, unless one is as near as that."""
+"""A descent stops if no lane has halved its squared error in STALL steps and no lane has a residual below NEARLY."""
 
 
 HOPELESS, LEAST_HOPE = 3, 1e-6
-"""From so many steps on, one of the first samples is given up that has not halved its squared error in a step, unless it is
-as small as that: nine in ten of those that lead nowhere end so, and of the nearest samples that would have led to an answer
-one to five in a hundred, for which the next serves."""
+"""A descent from one of the first samples is given up if, after HOPELESS steps or more, a step has not halved its squared
+error and that error exceeds LEAST_HOPE. Nine in ten descents that lead nowhere end so. Of the nearest samples that
+would have led to a solution, one to five in a hundred end so; the next sample replaces them."""
 
 
 PERSIST_STEPS = 100
-"""At a singular answer every step only halves the joint error, and a joint at its limit slows it down further."""
+"""Largest number of persistent steps. At a singular solution every step only halves the joint error, and a joint at its
+limit slows convergence further."""
 
 
 ALMOST_RIGHT = 1.5
-"""Angle [rad] up to which the sine tells of an orientation error: short of π/2, beyond which it falls."""
+"""Angle [rad] up to which the sine measures an orientation error. It is below π/2, beyond which the sine decreases."""
 
 
 ALIKE = 0.3
-"""Two configurations closer than this in every joint [rad or m] lead to the same end."""
+"""Two configurations closer than this in every joint [rad or m] converge to the same result."""
 
 
 DAMPING = 0.1
-"""Damping of a step relative to the squared error, scaled so that metres and radians compare."""
+"""Damping of a step relative to the squared error, which is scaled to make metres and radians comparable."""
 
 
 FLOOR = 1e-11
-"""Least damping of a step, see `lanes.lanes_gram`."""
+"""Smallest damping of a step, see `lanes.lanes_gram`."""
 
 
 LONGEST = 0.8
-"""No joint moves farther in one step [rad or m]: beyond, the straight line says nothing of where the hand goes."""
+"""Largest step of a joint [rad or m]; beyond it the linearization does not predict the motion of the hand."""
 
 
 @inlined
 def make_stubborn(lanes: Lanes, stubborn: float) -> None:
-    """Make every other lane stubborn, or none, see `lanes_hold`; nothing is known of a last step."""
+    """Make every second lane stubborn, or none, see `lanes_hold`; clear their last steps."""
     for l in range(LANES):
         lanes.work[STUBBORN + l] = stubborn * (l % 2)
         for i in range(lanes.step.shape[0]):
@@ -80,7 +81,7 @@ def make_stubborn(lanes: Lanes, stubborn: float) -> None:
 
 @inlined
 def lowest(values: Array) -> float:
-    """The least of some values."""
+    """Smallest of the values."""
     least: float = values[0]
     for i in range(1, len(values)):
         least = min(least, values[i])
@@ -89,7 +90,7 @@ def lowest(values: Array) -> float:
 
 @inlined
 def lowest_row(values: Array) -> int:
-    """The first row that holds the least value."""
+    """First index of the smallest value."""
     row = 0
     for i in range(1, len(values)):
         if values[i] < values[row]:
@@ -99,7 +100,7 @@ def lowest_row(values: Array) -> int:
 
 @inlined
 def reset_weights(task: Task, scratch: Scratch) -> None:
-    """Scale residuals so that metres and radians compare."""
+    """Set the scales of the residuals so that metres and radians are comparable."""
     lanes = scratch.lanes
     for c in range(3):
         scratch.columns[c] = task.columns[c]
@@ -118,15 +119,15 @@ def goal_of(task: Task, target: Array) -> GoalArrays:
 
 @inlined
 def free_turn(task: Task) -> float:
-    """Return 1 if a turn about the tool's x axis does not count, else 0."""
+    """Return 1 if rotation about the tool's x axis is unconstrained, else 0."""
     return 1.0 if task.columns[0] > 0.0 and task.columns[1] == 0.0 else 0.0
 
 
 @array_view
 def iterate(handle: Indices, tolerances: Array, memory: Array, move: bool, w: int) -> int:
-    """One damped step of every lane, if `move`, and the poses, residuals and errors where it ends.
+    """Make one damped step of every lane if `move`; then compute poses, residuals and errors.
 
-    It is the step of the task: that of a pose, `iterate_routine`, or that of a goal with ranges.
+    The step is that of the task: `iterate_routine` for a pose, another for a goal with ranges.
     """
     at = (handle.ctypes.data, tolerances.ctypes.data, memory.ctypes.data)
     done: int = call(routine_at(handle, ITERATE), (*at, int(move), w))
@@ -156,12 +157,12 @@ def iterate_routine(
 
 @inlined
 def within(task: Task, lanes: Lanes, l: int) -> bool:
-    """Is lane l inside both tolerances?"""
+    """Return True if lane l is within both tolerances."""
     position, orientation = task.position_tolerance, task.orientation_tolerance
     if lanes.error[l] > position * position:
         return False
     if task.poses > 0:
-        # The step of a goal with ranges leaves squared angles, not sines.
+        # The step of a goal with ranges stores squared angles, not sines.
         turned: bool = lanes.error[LANES + l] <= orientation * orientation
         return turned
     if task.columns[0] == 0.0:
@@ -169,7 +170,7 @@ def within(task: Task, lanes: Lanes, l: int) -> bool:
     # The weighted cosine of a pose is (1 + 2 cos φ)/2, of a direction cos φ.
     cosine = lanes.error[2 * LANES + l]
     ahead = cosine > 0.5 if task.columns[1] > 0.0 else cosine > 0.0
-    # sin φ ≤ sin t where φ < t < π/2; for small t the sine is t less t³/6, on the safe side.
+    # sin φ ≤ sin t where φ < t < π/2. For small t, t - t³/6 is a lower bound of sin t.
     bound = min(orientation, ALMOST_RIGHT)
     bound -= bound * bound * bound / 6.0
     small: bool = lanes.error[LANES + l] <= bound * bound
@@ -178,7 +179,7 @@ def within(task: Task, lanes: Lanes, l: int) -> bool:
 
 @inlined
 def is_hopeless(lanes: Lanes, made: int, l: int) -> bool:
-    """Is lane l, one of the first samples, to be given up after so many steps? Asked after every step."""
+    """Return True if lane l, one of the first samples, is to be given up; must be called after every step."""
     error, before = lanes.error[3 * LANES + l], lanes.work[BEFORE + l]
     lanes.work[BEFORE + l] = error
     return made >= HOPELESS and error > LEAST_HOPE and error > 0.5 * before
@@ -188,11 +189,11 @@ def is_hopeless(lanes: Lanes, made: int, l: int) -> bool:
 def descend_lanes(
     job: Job, task: Task, scratch: Scratch, steps: int, everyone: bool, w: int
 ) -> tuple[int, int]:
-    """Refine the eight lanes; return the first lane that converged, or -1, and the steps made.
+    """Refine the eight lanes; return the first lane that converged, or -1, and the number of steps made.
 
-    The nearest seed has the first say: a later lane's answer counts only once all before it have had their steps. With
-    `everyone`, every lane gets its steps. All stop where none has come much nearer for a while: such a goal is out of reach,
-    or another seed is needed. With ranges every lane has all its steps.
+    The nearest seed has precedence: the solution of a later lane counts only after all earlier lanes have made their
+    steps. With `everyone`, every lane makes its steps. All lanes stop if none has made progress for a while: such a goal
+    is unreachable, or needs another seed. With ranges every lane makes all its steps.
     """
     lanes, dof, patient = scratch.lanes, len(task.lower), steps <= FIRST_STEPS or task.poses > 0
     first_ones = steps == FIRST_STEPS and task.poses == 0 and not everyone
@@ -223,12 +224,12 @@ def descend_lanes(
                 lanes.work[BEFORE + l] = error
             if not moving:
                 return first, made
-    return -1, steps  # Never: the last step returns.
+    return -1, steps  # Not reached: the last step returns.
 
 
 @inlined
 def farthest_joint(rows: Array, row: int, q: Array) -> float:
-    """The largest difference of a joint between a row and q, (n,), [rad or m]."""
+    """Largest difference of a joint between a row and q, (n,), [rad or m]."""
     far = 0.0
     for i in range(len(q)):
         far = max(far, abs(rows[row, i] - q[i]))
@@ -237,9 +238,9 @@ def farthest_joint(rows: Array, row: int, q: Array) -> float:
 
 @inlined
 def keep_seed(scratch: Scratch, error: float) -> None:
-    """Put the scratch memory's seed among the eight best if its weighted error is less than the worst's, or its twin's.
+    """Store the seed among the eight best if its weighted error is less than that of the worst, or of its twin.
 
-    No two of the eight are alike: eight copies of one configuration would all be polished to the same end.
+    No two of the eight are alike: copies of one configuration would all be polished to the same result.
     """
     worst, twin = 0, -1
     for k in range(LANES):
@@ -255,7 +256,7 @@ def keep_seed(scratch: Scratch, error: float) -> None:
 
 @array_view
 def judge_by_ranges(job: Job, q: Array, report: Array) -> int:
-    """Judge joint values, (n,), by plain FK against ranges: errors [m], [rad] and weighted into a report."""
+    """Judge joint values, (n,), by plain FK against ranges: write errors [m], [rad] and weighted into a report."""
     at = (job.handle.ctypes.data, job.tolerances.ctypes.data, job.memory.ctypes.data)
     done: int = call(routine_at(job.handle, JUDGE), (*at, q.ctypes.data, report.ctypes.data))
     return done
@@ -263,7 +264,7 @@ def judge_by_ranges(job: Job, q: Array, report: Array) -> int:
 
 @inlined
 def keep_best(job: Job, task: Task, scratch: Scratch, target: Array) -> None:
-    """Remember the eight best configurations seen, no two alike, for a goal that may be out of reach."""
+    """Store the eight best configurations found, no two alike, for a goal that may be unreachable."""
     dof, goal = len(task.lower), goal_of(task, target)
     for l in range(LANES):
         if scratch.state[l] == 2:
@@ -271,7 +272,7 @@ def keep_best(job: Job, task: Task, scratch: Scratch, target: Array) -> None:
         for i in range(dof):
             scratch.seed[i] = scratch.lanes.q[i, l]
         if task.poses > 0:
-            # Coordinates are of no use any more once the samples are looked up.
+            # The coordinates are no longer needed after the look-up of samples.
             judge_by_ranges(job, scratch.seed, scratch.point)
             keep_seed(scratch, scratch.point[WEIGHTED_ERROR])
         else:
@@ -281,7 +282,7 @@ def keep_best(job: Job, task: Task, scratch: Scratch, target: Array) -> None:
 
 @inlined
 def start(task: Task, scratch: Scratch, target: Array) -> None:
-    """Clear the scratch memory for a target, (3, 4)."""
+    """Initialize the scratch memory for a target, (3, 4)."""
     for l in range(LANES):
         load_target(scratch.lanes, l, target)
         scratch.best_error[l] = np.inf
@@ -290,7 +291,7 @@ def start(task: Task, scratch: Scratch, target: Array) -> None:
 
 @inlined
 def joint_distance(task: Task, q: Array, near: Array) -> float:
-    """Squared distance of two joint vectors, a continuous joint measured the short way round."""
+    """Squared distance of two joint vectors; continuous joints are measured the shorter way."""
     total = 0.0
     for i in range(len(q)):
         gap = q[i] - near[i]
@@ -304,7 +305,11 @@ def joint_distance(task: Task, q: Array, near: Array) -> float:
 
 @inlined
 def keep_closest(task: Task, scratch: Scratch, near: Array, closest: float, q: Array) -> float:
-    """Write the lane that converged nearest to `near`, (n,), into q if it is nearer than `closest`, squared; what is now."""
+    """Write the converged lane nearest to `near`, (n,), into q if it is nearer than `closest`.
+
+    Returns:
+        The squared distance of q afterwards; `closest` is squared too.
+    """
     for l in range(LANES):
         if scratch.state[l] == 1:
             copy_joints(scratch.found, l, scratch.seed)

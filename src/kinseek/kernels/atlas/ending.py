@@ -1,4 +1,4 @@
-"""What is done for a goal that seems out of reach: the nearest pose, looked for from the best that were seen."""
+"""Search for the nearest pose to a goal that seems unreachable, from the best configurations found."""
 
 from __future__ import annotations
 
@@ -42,41 +42,42 @@ from .seeds import (
 from .task import ENDING, TOLERANCES, WEIGHT, Job, Task, handle_at, routine_at, task_of
 
 BALANCES, BEARABLE, SMALL = 8, 10.0, 1e-30
-"""How often the two tolerances are weighed against each other at most, the multiple of one where it is vain, and what is
-divided by at least."""
+"""Largest number of times that the two tolerances are rebalanced; the multiple of a tolerance beyond which this is
+useless; and the smallest divisor."""
 
 
 ENDGAME = 2 * (POLISH_STEPS + WALK) + (DEEP // LANES + 1) * (DEEP_STEPS + 1) + BALANCES * (VALLEY_STEPS + 1)
-"""FK evaluations that the search for the nearest pose takes at most, a lane."""
+"""Largest number of FK evaluations of the search for the nearest pose, per lane."""
 
 
 PROMISING = 0.02
-"""Goals with a smaller error left, relative to the arm, are worth that many steps, and `MORE_RESTARTS`."""
+"""Remaining error, relative to the arm, below which the search follows valleys, looks up more samples and uses
+`MORE_RESTARTS`."""
 
 
 HOPELESS = 1.1
-"""A configuration whose error, nearly at its minimum, is so many times the best is not walked to the end."""
+"""A configuration is not refined further if its error, nearly at its minimum, exceeds the best by this factor."""
 
 
 POLISH_FLOOR, LEAST = 0.1, 1e-9
-"""Damping that polishing begins with, relative to the weights, and the least that it goes down to."""
+"""Initial and smallest damping of polishing, relative to the weights."""
 
 
 LESS, MORE_DAMPING = 0.3, 4.0
-"""What damping is multiplied by after a step that helped, and after one that did not."""
+"""Factors of the damping after a successful step and after an unsuccessful one."""
 
 
 SHARED = 2
-"""Two flips that are so many joints apart share one, which turns fully and so stays where it is."""
+"""Two flips this many joints apart share one joint, which makes a full turn and so does not move."""
 
 
 NEAREST = 1e-9
-"""From this distance on [m] the weight K_P/|Δp| of the squared distance grows no more: there it would be infinite."""
+"""Distance [m] below which the weight K_P/|Δp| of the squared distance is constant; it would be infinite at 0."""
 
 
 @inlined
 def flip(q: Array, i: int) -> None:
-    """Flip the joint values, (n,), about joint i."""
+    """Flip the joint values, (n,), at joint i."""
     q[i - 1] += math.pi
     q[i] *= -1.0
     q[i + 1] += math.pi
@@ -84,10 +85,10 @@ def flip(q: Array, i: int) -> None:
 
 @inlined
 def fill_from_flips(task: Task, scratch: Scratch) -> int:
-    """Put flips of the best into the lanes, ``(q_i + π, -q_{i+1}, q_{i+2} + π)``; return the lanes filled.
+    """Load flips of the best configuration, ``(q_i + π, -q_{i+1}, q_{i+2} + π)``, into the lanes; return the lanes filled.
 
-    Where three axes meet, a shoulder or a wrist, that is another way to hold the hand just so; elsewhere it is a start.
-    Lanes that are left get two flips at once, of neighbours that share a joint.
+    If three axes intersect, as in a shoulder or a wrist, a flip keeps the pose of the hand; otherwise it is only a start.
+    The remaining lanes get two flips at once, of neighbours that share a joint.
     """
     chain, best, filled = task.chain, lowest_row(scratch.best_error), 0
     for apart in (0, SHARED):
@@ -112,7 +113,7 @@ def fill_from_flips(task: Task, scratch: Scratch) -> int:
 
 @array_view
 def find_nearest_pose(handle: Indices, tolerances: Array, memory: Array, target: Array, w: int) -> int:
-    """Lead the eight best to the nearest pose to a target, (3, 4), that is out of reach; return FK evaluations."""
+    """Refine the eight best to the nearest pose to an unreachable target, (3, 4); return FK evaluations."""
     at = (handle.ctypes.data, tolerances.ctypes.data, memory.ctypes.data, target.ctypes.data)
     spent: int = call(routine_at(handle, ENDING), (*at, w))
     return spent
@@ -140,17 +141,18 @@ def ending_routine(
 
 @ir_inlined
 def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, largest: float, steps: int, w: int) -> int:
-    """Minimise the weighted error itself from the eight best, by so many reweighted steps; return FK evaluations.
+    """Minimise the weighted error from the eight best by a number of reweighted steps; return FK evaluations.
 
     `largest` is the largest K_A.
 
-    ``K_P |Δp| + ½ Σ K_c |c - c_g|²`` has in |Δp| a kink that least squares lacks: the squared distance is weighted by
-    K_P/|Δp|, anew in every step (Weiszfeld 1937). A lane whose step does not help goes back and damps more.
+    ``K_P |Δp| + ½ Σ K_c |c - c_g|²`` is not smooth at Δp = 0, unlike a sum of squares. The squared distance is therefore
+    weighted by K_P/|Δp|, updated in every step (Weiszfeld 1937). A lane whose step does not help returns to its best and
+    increases its damping.
     """
     goal, lanes, dof, floor = goal_of(task, target), scratch.lanes, len(task.lower), scratch.floor
     for l in range(LANES):
-        # K_P is read anew for each lane: held in a register, its product would not be fused with the sum, and answers have
-        # other last bits.
+        # K_P is read again for each lane. If it were kept in a register, its product would not be fused with the sum, and
+        # the last bits of solutions would change.
         floor[l] = POLISH_FLOOR * (job.tolerances[WEIGHT] * task.length + largest)
         scratch.state[l] = 0
         load_seed_row(lanes, l, scratch.best)
@@ -172,7 +174,7 @@ def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, largest: floa
                     for c in range(4):
                         scratch.spare[r, c] = lanes.pose[(4 * r + c) * LANES + l]
                 error = weighted_error(scratch.spare, goal)
-                # Rows are scaled by the roots of the weights. The orientation rows hold K_A times √K_A by now.
+                # Rows are scaled by the roots of the weights. The orientation rows hold K_A times √K_A at this point.
                 scale_o = 1.0 / largest if largest > 0.0 else 0.0
             lanes.weight[l] = far
             if error <= scratch.best_error[l]:
@@ -186,7 +188,7 @@ def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, largest: floa
                 floor[l] *= MORE_DAMPING
                 scratch.state[l] = 1
                 load_seed_row(lanes, l, scratch.best)
-                scale_p, scale_o = 0.0, 0.0  # This lane stands still once, and steps anew from its best.
+                scale_p, scale_o = 0.0, 0.0  # This lane pauses for one step and continues from its best.
             for r in range(3):
                 lanes.residual[r * LANES + l] *= scale_p
                 lanes.residual[(3 + r) * LANES + l] *= scale_o
@@ -195,9 +197,9 @@ def reweigh(job: Job, task: Task, scratch: Scratch, target: Array, largest: floa
 
 @ir_inlined
 def polish(job: Job, task: Task, scratch: Scratch, target: Array, w: int) -> int:
-    """Minimise the weighted error itself from the eight best; return FK evaluations.
+    """Minimise the weighted error from the eight best; return FK evaluations.
 
-    After the reweighted steps Newton's method, lane by lane, does the rest.
+    After the reweighted steps Newton's method refines each lane.
     """
     goal = goal_of(task, target)
     largest = max(goal.axis_weights[0], goal.axis_weights[1], goal.axis_weights[2])
@@ -218,15 +220,16 @@ def polish(job: Job, task: Task, scratch: Scratch, target: Array, w: int) -> int
 
 @inlined
 def follow_valleys(task: Task, scratch: Scratch, target: Array) -> int:
-    """Follow the valleys that the eight best lie in until one leads to an answer, the new best; return FK evaluations.
+    """Follow the valleys of the eight best until one leads to a solution, the new best; return FK evaluations.
 
-    What is nearest by the weights may miss one tolerance where an answer beside it meets both: here squares are walked down,
-    in which each tolerance counts as one. Where their least sum still misses one, that one counts for more.
+    The nearest pose by the weights may miss one tolerance although a solution close to it meets both. Here a sum of
+    squares is minimised in which each tolerance counts as one. If its minimum still misses one tolerance, that one gets a
+    larger weight.
     """
     goal, spent = goal_of(task, target), 0
     near, level = task.position_tolerance, task.orientation_tolerance
     both = near > 0.0 and level > 0.0
-    # The half sum of the squares of what meets both tolerances, both counted in radians.
+    # Half the sum of squares of a pose that meets both tolerances exactly, both counted in radians.
     least = 0.5 * level * level if both else 0.0
     for l in range(LANES):
         if scratch.best_error[l] == np.inf:
@@ -246,7 +249,7 @@ def follow_valleys(task: Task, scratch: Scratch, target: Array) -> int:
                 scratch.best_error[0] = 0.0
                 keep_joints(scratch.best, 0, scratch.seed)
                 return spent
-            # From where one is missed by far, or both are, a balance of them leads to no answer.
+            # If one tolerance is missed by far, or both are missed, rebalancing does not lead to a solution.
             one = (position <= near) != (orientation <= level)
             if not (both and one and max(position / near, orientation / level) < BEARABLE):
                 break
@@ -257,16 +260,16 @@ def follow_valleys(task: Task, scratch: Scratch, target: Array) -> int:
 
 @inlined
 def promise(task: Task) -> float:
-    """A goal with a smaller weighted error left is worth more work."""
+    """Weighted error below which a goal is worth more work."""
     limit: float = PROMISING * (task.position_weight * task.length + 1.0)
     return limit
 
 
 @ir_inlined
 def look_around(job: Job, task: Task, scratch: Scratch, target: Array, w: int) -> int:
-    """Reach the best pose found by other ways, for one of them may lead on to a better; return FK evaluations.
+    """Reach the best pose found from other starts, one of which may lead to a better pose; return FK evaluations.
 
-    The nearest poses to a goal out of reach often come in mirror images, as near as each other but for the limits.
+    The nearest poses to an unreachable goal often occur as mirror images, equally near except for the limits.
     """
     pose, spent, begin = scratch.spare, 0, -1
     copy_joints(scratch.best, lowest_row(scratch.best_error), scratch.seed)
@@ -276,7 +279,7 @@ def look_around(job: Job, task: Task, scratch: Scratch, target: Array, w: int) -
         load_target(scratch.lanes, l, pose)
     promising = lowest(scratch.best_error) <= promise(task)
     found = look_up(task, scratch, pose, DEEP if promising else MORE)
-    for _ in range(DEEP + 1):  # The flips, then passes that each take at least one of the samples.
+    for _ in range(DEEP + 1):  # The flips, then passes that each use at least one sample.
         if begin == found:
             break
         if begin < 0:

@@ -1,9 +1,9 @@
-"""A goal so far away that no arm of this length reaches it: the nearest pose at once, without looking for an answer.
+"""Goals farther than the length of the arm: the nearest pose directly, without a search for a solution.
 
-Between a point on the first joint's axis and one that the last joint leaves alone lie links of known lengths: farther apart
-than all of them in a row they cannot be, see `robots.geometry.span_of`. Where a goal wants more there is no answer, and
-what is there to find is the nearest pose. It is looked for from the samples beside the goal that come nearest to it as they
-are; then from the ways in which the best of what these lead to can be flipped.
+A point on the axis of the first joint and a point that the last joint does not move cannot be farther apart than the sum
+of the lengths of the links between them, see `robots.geometry.span_of`. A goal beyond that has no solution, and only the
+nearest pose is sought. The search starts from the samples near the goal with the smallest errors, and then from flips of
+the best result.
 """
 
 from __future__ import annotations
@@ -41,34 +41,35 @@ from .task import (
 )
 
 BEYOND = 1.1
-"""From so many times that length on a goal is far away. Nearer by, where little of the error may be left, more is tried."""
+"""A goal is far if its distance exceeds this multiple of the length. For nearer goals, whose remaining error may be
+small, more is tried."""
 
 ROUNDED = 1e-9
-"""Rounding of that length, and more [m]: there are arms whose axes all meet, and it is 0."""
+"""Allowance for the rounding of the length [m]; the length of an arm whose axes all intersect is 0."""
 
 BESIDE = 24
-"""Samples that are looked at. Eight of them are walked from."""
+"""Samples that are evaluated. The search starts from eight of them."""
 
 STEPS, STEPS_AFTER = 8, 6
-"""Reweighted steps from there, and from the flips of the best."""
+"""Reweighted steps from the samples, and from the flips of the best."""
 
 WORTH = 3.0
-"""What has more than so many times the least error after these is not walked to the end. With 1.2, and an end after four
-walks that led to nothing better, a rizon4 got a pose that is 0.1 to 7 per cent worse for one goal in six."""
+"""A configuration whose error after these steps exceeds the smallest by this factor is not refined further. With 1.2, and
+a stop after four walks without improvement, a rizon4 got a pose that is 0.1 to 7 per cent worse for one goal in six."""
 
 TWIN = 0.1
-"""Configurations closer than this in every joint [rad or m] end alike."""
+"""Two configurations closer than this in every joint [rad or m] converge to the same result."""
 
 SETTLED = 3
-"""The state of a lane that has been walked to the end, see `Scratch.state`."""
+"""State of a lane whose walk has ended, see `Scratch.state`."""
 
 MOST = (STEPS + STEPS_AFTER + 2 * WALK) * LANES
-"""FK evaluations at most."""
+"""Largest number of FK evaluations."""
 
 
 @array_view
 def is_far(handle: Indices, tolerances: Array, target: Array) -> bool:
-    """Is a target, (3, 4), farther away than `BEYOND` times what the links allow?"""
+    """Return True if a target, (3, 4), is farther away than `BEYOND` times the length of the links."""
     lengths = floats1(handle, LENGTHS)
     total, slack = 0.0, tolerances[POSITION] + ROUNDED
     for r in range(3):
@@ -83,7 +84,7 @@ def is_far(handle: Indices, tolerances: Array, target: Array) -> bool:
 
 @array_view
 def nearest_to_far(handle: Indices, tolerances: Array, memory: Array, target: Array, q: Array, w: int) -> int:
-    """Write the nearest pose to a target that `is_far` into q, (n,); return FK evaluations."""
+    """Write the nearest pose to a target for which `is_far` holds into q, (n,); return FK evaluations."""
     at = (handle.ctypes.data, tolerances.ctypes.data, memory.ctypes.data, target.ctypes.data)
     spent: int = call(routine_at(handle, DISTANT), (*at, q.ctypes.data, w))
     return spent
@@ -91,7 +92,7 @@ def nearest_to_far(handle: Indices, tolerances: Array, memory: Array, target: Ar
 
 @inlined
 def settle_best(task: Task, scratch: Scratch, target: Array) -> int:
-    """Walk from the best of the eight, the least error first, to the end; return FK evaluations."""
+    """Walk from the best of the eight to a minimum, in order of their errors; return FK evaluations."""
     goal, spent = goal_of(task, target), 0
     for _ in range(LANES):
         least, row = lowest(scratch.best_error), -1
@@ -154,7 +155,7 @@ def far_routine(
                 scratch.best_error[l] = scratch.best_error[l] if l == top else np.inf
             keep_best(job, task, scratch, target)
         for l in range(LANES):
-            if scratch.best_error[l] == np.inf:  # Too few samples, or flips: whatever else there is.
+            if scratch.best_error[l] == np.inf:  # Too few samples, or flips: restarts fill the other lanes.
                 restart(task, LANES * turn + l, scratch.seed)
                 forward(task.chain, scratch.seed, scratch.spare)
                 scratch.best_error[l] = weighted_error(scratch.spare, goal)

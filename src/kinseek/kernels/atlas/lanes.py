@@ -1,14 +1,14 @@
 """Damped Newton steps for eight configurations at once, one in each SIMD lane.
 
-Every array is flat, row after row of `LANES` numbers, and every innermost loop runs over the lanes, so that LLVM makes
-one vector instruction of it. The trip count is an argument, `w`, always equal to `LANES`: were it a constant, LLVM would
-unroll the loop before it could vectorise it. No lane ever looks at another, so a lane's result does not depend on its
-neighbours: the same bits come out whatever is solved beside it.
+Every array is flat, row after row of `LANES` numbers, and every innermost loop runs over the lanes, so that LLVM turns it
+into vector instructions. The trip count is an argument, `w`, always equal to `LANES`: if it were a constant, LLVM would
+unroll the loop before it could vectorise it. Lanes do not read each other, so the result of a lane does not depend on the
+others, bit by bit.
 
-The step is that of Levenberg and Marquardt with Chan's damping (Chan and Lawrence 1988): with the residual e, scaled so
-that metres and radians compare, ``dq = Jᵀ (J Jᵀ + λ I)⁻¹ e`` and λ proportional to |e|². The matrix is 6x6 however many
-joints there are. At a limit the step follows an active set: a joint that stands at a limit and is pushed outward is taken
-out of J; it is never clamped behind the solver's back.
+The step is that of Levenberg and Marquardt with Chan's damping (Chan and Lawrence 1988). The residual e is scaled so that
+metres and radians are comparable, ``dq = Jᵀ (J Jᵀ + λ I)⁻¹ e``, and λ is proportional to |e|². The matrix is 6x6 for any
+number of joints. At limits the step uses an active set: a joint that is at a limit and would move outward is removed from
+J, instead of being clamped after the solution.
 """
 
 from __future__ import annotations
@@ -32,27 +32,27 @@ from kinseek.kernels.jit import inlined
 from kinseek.kernels.layout import DOF, JOINTS, Layout, floats
 
 LANES = 8
-"""Configurations side by side: as many doubles as the widest vectors hold."""
+"""Configurations in parallel: as many as the widest vectors hold doubles."""
 
 LOST = 1e-15
-"""Rounding of the factorisation relative to the sum of the diagonal: what is added to the diagonal must be more. Else a
-row that no joint moves, beside one that a joint moves far, would be divided by zero."""
+"""Rounding error of the factorisation relative to the trace; the damping must exceed it. Otherwise a row that no joint
+moves could lead to a division by zero, next to one that a joint moves far."""
 
 SHARE, BEFORE, STUBBORN = 0, LANES, 3 * LANES
-"""Where rows of `Lanes.work` begin: the share of the last step that was taken, the |e|² of a while ago, and 1 for a stubborn
-lane, see `lanes_hold`, else 0."""
+"""First rows of `Lanes.work`: the fraction of the last step that was taken; an earlier |e|² for comparison; and 1 for a
+stubborn lane, see `lanes_hold`, else 0."""
 
 UNLIMITED = 1e300
-"""A joint with limits this wide has none."""
+"""A joint with limits at least this wide counts as unlimited."""
 
 
 class Lanes(NamedTuple):
-    """Eight configurations on their way; row r of lane l is element ``r · LANES + l`` of a flat array."""
+    """State of eight configurations; row r of lane l is element ``r · LANES + l`` of a flat array."""
 
     q: Array
     """Joint values, (n, LANES)."""
     target: Array
-    """Wanted poses, 12 rows, row-major (3, 4)."""
+    """Target poses, 12 rows, row-major (3, 4)."""
     pose: Array
     """Tip poses at q, 12 rows."""
     axes: Array
@@ -66,7 +66,7 @@ class Lanes(NamedTuple):
     step: Array
     """dq, (n, LANES)."""
     work: Array
-    """What a loop carries to the next, 4 rows, see `SHARE`, `BEFORE` and `STUBBORN`."""
+    """Values kept between loops, 4 rows, see `SHARE`, `BEFORE` and `STUBBORN`."""
     error: Array
     """Squared position error [m²], squared sine of the angle, its cosine, and |e|², 4 rows."""
     weight: Array
@@ -87,17 +87,17 @@ LAYOUT = Layout(
     error=floats(4 * LANES),
     weight=floats(2 * LANES),
 )
-"""Where the lanes of an arm stand in memory."""
+"""Layout of the lanes of an arm in memory."""
 
 
 @inlined
 def lanes_forward(leader: Indices, links: Array, lanes: Lanes, w: int) -> None:
-    """Forward kinematics of every lane, keeping every joint's axis.
+    """Compute the forward kinematics of every lane and store the axis of every joint.
 
     Args:
         leader: Variable that moves each physical joint, (m,).
         links: The chain, see `links.links_of`.
-        lanes: Where q stands, and where poses and axes go.
+        lanes: Holds q; receives poses and axes.
         w: LANES.
     """
     W, q, T, axes, joints = LANES, lanes.q, lanes.pose, lanes.axes, len(leader)
@@ -143,7 +143,7 @@ def lanes_forward(leader: Indices, links: Array, lanes: Lanes, w: int) -> None:
 
 @inlined
 def lanes_residual(lanes: Lanes, columns: Array, w: int) -> None:
-    """Residual and errors of every lane.
+    """Compute the residual and the errors of every lane.
 
     The orientation part is ``Σ_c columns_c c × c_g``, the downhill direction of ``Σ_c columns_c (1 - c·c_g)``.
     """
@@ -177,7 +177,7 @@ def lanes_residual(lanes: Lanes, columns: Array, w: int) -> None:
 
 @inlined
 def lanes_jacobian(leader: Indices, links: Array, lanes: Lanes, free: float, w: int) -> None:
-    """Scaled geometric Jacobian of every lane; with `free` 1 a turn about the tool's x axis does not count."""
+    """Compute the scaled geometric Jacobian of every lane; `free` = 1 ignores rotation about the tool's x axis."""
     W, T, J, axes, weight = LANES, lanes.pose, lanes.jacobian, lanes.axes, lanes.weight
     for k in range(len(leader)):
         i, turn, slide = leader[k], links[k, TURN_RATE], links[k, SLIDE_RATE]
@@ -207,10 +207,10 @@ def lanes_jacobian(leader: Indices, links: Array, lanes: Lanes, free: float, w: 
 
 @inlined
 def lanes_hold(lower: Array, upper: Array, lanes: Lanes, w: int) -> None:
-    """Take every joint that stands at a limit and is pushed outward out of the Jacobian.
+    """Remove every joint that is at a limit and would move outward from the Jacobian.
 
-    A stubborn lane also takes out those that the last step would have led outward: what is cut off a step
-    spoils the rest of it, and where many joints stand at limits the walk crawls.
+    A stubborn lane also removes the joints that the last step would have moved outward. Truncating a step spoils its
+    other components, so convergence is slow if many joints are at limits.
     """
     W, J, q, e, step, work = LANES, lanes.jacobian, lanes.q, lanes.residual, lanes.step, lanes.work
     for i in range(len(lower)):
@@ -231,9 +231,10 @@ def lanes_hold(lower: Array, upper: Array, lanes: Lanes, w: int) -> None:
 
 @inlined
 def lanes_gram(damping: float, floor: Array, lanes: Lanes, w: int) -> None:
-    """J Jᵀ + λ I of every lane, where λ is damping · |e|² and a floor, (LANES,), at least `LOST`: the factor is finite.
+    """Compute J Jᵀ + λ I of every lane; λ is damping · |e|² plus a floor, (LANES,), and at least `LOST`.
 
-    Two joints at a time, for half of the work is to fetch and to put back the sums; a last odd one counts once.
+    The lower bound keeps the factorisation finite. Two joints are processed at a time, because half of the work is to
+    load and store the sums; a last odd joint is processed alone.
     """
     W, A, J, dof = LANES, lanes.gram, lanes.jacobian, lanes.jacobian.shape[0]
     for i in range(21 * W):
@@ -281,7 +282,7 @@ def lanes_gram(damping: float, floor: Array, lanes: Lanes, w: int) -> None:
 
 @inlined
 def lanes_solve(lanes: Lanes, w: int) -> None:
-    """Solve the 6x6 systems by Cholesky's factorisation L D Lᵀ, in place of the residual."""
+    """Solve the 6x6 systems by the Cholesky factorisation L D Lᵀ; overwrite the residual."""
     W, A, e = LANES, lanes.gram, lanes.residual
     for l in range(w):
         d0 = 1.0 / A[l]
@@ -321,7 +322,7 @@ def lanes_solve(lanes: Lanes, w: int) -> None:
 
 @inlined
 def lanes_move(lower: Array, upper: Array, longest: float, lanes: Lanes, w: int) -> None:
-    """Take the step dq = Jᵀ x, no joint farther than `longest`, every joint inside its limits."""
+    """Move by dq = Jᵀ x, each joint by at most `longest` and within its limits."""
     W, J, x, q = LANES, lanes.jacobian, lanes.residual, lanes.q
     step, work, dof = lanes.step, lanes.work, len(lower)
     for l in range(w):

@@ -1,4 +1,4 @@
-"""The memory that a call works on, laid out in one piece."""
+"""Scratch memory of a call, allocated in one block."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from .lanes import LAYOUT as LANES_LAYOUT
 from .tree import LEAF_SIZE
 
 DEEP = 160
-"""Samples looked up at most for one goal."""
+"""Largest number of samples looked up for one goal."""
 
 
 class Scratch(NamedTuple):
-    """Memory of one call."""
+    """Scratch memory of one call."""
 
     lanes: Lanes
     seen: Array
@@ -27,7 +27,7 @@ class Scratch(NamedTuple):
     between: Array
     """(3, 4)"""
     point: Array
-    """Its coordinates, (9,)."""
+    """Coordinates of the goal among the samples, (9,)."""
     distance: Array
     """(DEEP,)"""
     neighbour: Indices
@@ -39,19 +39,19 @@ class Scratch(NamedTuple):
     seed: Array
     """(n,)"""
     found: Array
-    """Where each lane converged, (LANES, n)."""
+    """Joint values at which each lane converged, (LANES, n)."""
     state: Indices
-    """Of each lane: 0 on its way, 1 converged, 2 empty, 3 given up, (LANES,)."""
+    """State of each lane: 0 active, 1 converged, 2 empty, 3 given up, (LANES,)."""
     best: Array
-    """The best of every lane so far, (LANES, n)."""
+    """Best joint values found, (LANES, n)."""
     best_error: Array
     """Their weighted errors, (LANES,)."""
     floor: Array
-    """Least damping of each lane, (LANES,)."""
+    """Smallest damping of each lane, (LANES,)."""
     columns: Array
     """Weights of the columns in the step, (3,)."""
     damping: Array
-    """What the squared error is multiplied by to damp the step, (1,)."""
+    """Factor from the squared error to the damping of the step, (1,)."""
 
 
 LAYOUT = Layout(
@@ -74,7 +74,7 @@ LAYOUT = Layout(
     columns=floats(3),
     damping=floats(1),
 )
-"""Where the scratch memory of an arm stands in memory."""
+"""Layout of the scratch memory of an arm."""
 
 
 scratch_size, lay_scratch = LAYOUT.size, LAYOUT.make
@@ -82,6 +82,6 @@ scratch_size, lay_scratch = LAYOUT.size, LAYOUT.make
 
 @array_view
 def make_scratch(memory: Array, dof: int, joints: int) -> Scratch:
-    """Lay a scratch memory out in a memory of `scratch_size` numbers."""
+    """Create the views of a scratch memory in a block of `scratch_size` numbers."""
     scratch: Scratch = lay_scratch(memory.ctypes.data, dof, joints)
     return scratch

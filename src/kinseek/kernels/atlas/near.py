@@ -1,4 +1,4 @@
-"""The answer nearest to where the arm is: a walk from there, then whatever else the atlas leads to."""
+"""The solution nearest to given joint values: a walk from there, then the other starts of the atlas."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ from .task import (
 )
 
 FAR = 1e4
-"""From this far on [rad] a walk starts from the same angle within the first turn: sines lose digits out there."""
+"""Angle [rad] beyond which a walk starts from the same angle within the first turn, because sines lose digits there."""
 
 CLOSE = 0.2
-"""An answer this close to where the user wants it [rad or m] ends the search for a closer one."""
+"""A solution this close to the reference [rad or m] ends the search for a closer one."""
 
 
 @inlined
 def load_near(task: Task, scratch: Scratch, near: Array) -> None:
-    """Put the first lane at joint values, (n,), brought into the limits where they bind."""
+    """Load joint values, (n,), into the first lane, clamped to the limits where these apply."""
     for i in range(len(near)):
         low, high = task.chain.lower[i], task.chain.upper[i]
         if not turns_fully(task, i):
@@ -57,12 +57,13 @@ def load_near(task: Task, scratch: Scratch, near: Array) -> None:
 def walk_near(
     handle: Indices, tolerances: Array, memory: Array, target: Array, near: Array, q: Array, w: int
 ) -> int:
-    """Find what is nearest to `near`, (n,), among all that is found, else what `solve_target` finds; write q, (n,).
+    """Find the solution nearest to `near`, (n,), among all that are found; write q, (n,).
 
-    First a walk from `near` itself: if it ends close by, there is no lookup at all.
+    If none is found, the result is that of `solve_target`. A walk from `near` comes first; if it ends close by, there is
+    no look-up.
 
     Returns:
-        FK evaluations spent; -1 as `solve_target`.
+        FK evaluations spent; -1 as in `solve_target`.
     """
     task, job = task_of(handle, tolerances), Job(handle, tolerances, memory)
     dof = len(task.lower)
@@ -77,11 +78,11 @@ def walk_near(
     for l in range(LANES):
         scratch.state[l] = 0 if l == 0 else 2
     if tried < 0:
-        # The nearest in closed form is a start like the others.
+        # The nearest closed-form solution is one more start.
         load_seed(scratch.lanes, 1, q)
         scratch.state[1] = 0
     closest, spent, begin, found, looked_up = np.inf, -tried, 0, 0, False
-    for _ in range(MORE + 2):  # The walk from `near`, then passes that each take at least one of the samples.
+    for _ in range(MORE + 2):  # The walk from `near`, then passes that each use at least one sample.
         if spent + (DEEP_STEPS + 1) * LANES > task.budget:
             break
         _, made = descend_lanes(job, task, scratch, DEEP_STEPS, True, w)
@@ -105,7 +106,7 @@ def walk_near(
 def conclude_near(
     handle: Indices, tolerances: Array, memory: Array, target: Array, near: Array, q: Array, report: Array
 ) -> None:
-    """As `one_goal.conclude_answer`, full turns chosen near a start, (n,)."""
+    """Do the same as `one_goal.conclude_answer`, with full turns chosen near a reference, (n,)."""
     task = task_of(handle, tolerances)
     scratch = make_scratch(memory, len(task.lower), len(task.chain.leader))
     finish(task, scratch, goal_of(task, target), near, q, report)
@@ -113,7 +114,7 @@ def conclude_near(
 
 @exact
 def all_finite(values: Array) -> bool:
-    """Are all values finite, and none beyond `LARGEST`?"""
+    """Return True if all values are finite and none is beyond `LARGEST`."""
     strange = 0
     for i in range(len(values)):
         strange += 0 if abs(values[i]) <= LARGEST else 1
@@ -130,7 +131,7 @@ def all_finite(values: Array) -> bool:
 def solve_plain_near(
     address: int, target: Array, near: Array, q: Array
 ) -> tuple[float, float, float, int, bool]:
-    """As `one_goal.solve_plain`, near a start, (n,); evaluations -1 also where that is not finite."""
+    """Do the same as `one_goal.solve_plain` near a reference, (n,); evaluations are -1 also if it is not finite."""
     if not (is_rigid(target) and all_finite(near)):
         return 0.0, 0.0, 0.0, -1, False
     handle = handle_at(address)
@@ -158,18 +159,18 @@ def solve_plain_near(
 def solve_goal(
     address: int, tolerances: Array, target: Array, near: Array, close: bool, q: Array
 ) -> tuple[float, float, float, int, bool]:
-    """As `one_goal.solve_plain` for any goal without ranges, and with `close` near a start.
+    """Do the same as `one_goal.solve_plain` for any goal without ranges, with `close` near a reference.
 
     Args:
         address: As there; the task's kind is that of the goal.
         tolerances: See `task_of`.
         target: A rigid transform, (3, 4), lengths in [m].
-        near: With `close` where the answer shall be near to, (n,), finite; else not looked at.
+        near: Reference joint values, (n,), finite; read only with `close`.
         close: See `near`.
         q: As there.
 
     Returns:
-        As there; evaluations -1 only where a routine is lacking.
+        As there; evaluations are -1 only if a routine is missing.
     """
     handle = handle_at(address)
     task = task_of(handle, tolerances)
@@ -207,12 +208,12 @@ def solve_many_near(
     end: int,
     w: int,
 ) -> None:
-    """Targets begin … end-1, each with its row of near, (k, n); results as `one_goal.solve_pose`, (k, n + 4)."""
+    """Solve targets begin … end-1, each with its row of near, (k, n); results as `one_goal.solve_pose`, (k, n + 4)."""
     task = task_of(handle, tolerances)
     dof = len(task.lower)
     memory = np.zeros(scratch_size(dof, len(task.chain.leader)))
     for i in range(begin, end):
-        # Nothing of one target is left for the next: the same bits whatever else is in the batch.
+        # The memory is cleared between targets, so that results do not depend on the rest of the batch, bit by bit.
         for k in range(len(memory)):
             memory[k] = 0.0
         q, report = results[i, :dof], results[i, dof:]

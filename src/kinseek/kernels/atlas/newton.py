@@ -1,16 +1,16 @@
-"""Where steps of Gauss and Newton crawl: Newton's method with the whole Hessian.
+"""Newton's method with the full Hessian, for errors on which Gauss-Newton steps converge slowly.
 
-Two errors are walked down: that of a goal that is out of reach, and a squared one along a valley that leads to an answer.
+It minimises two errors: that of an unreachable goal, and a squared one along a valley that leads to a solution.
 
-``E = K_P |p - p_g| + Σ K_c (1 - c·c_g)`` has large residuals where the goal is out of reach, so the steps of Gauss and
-Newton, which leave out their curvature, crawl. Here the Hessian is whole: for joints a ≤ b of a serial chain, a revolute,
-``∂²p/∂q_a∂q_b = z_a × ∂p/∂q_b``, and likewise for every column c of the rotation (Erleben and Andrews 2019, Sec. 4). Joints
-that stand at a limit and are pushed outward are held (Bertsekas 1982); the Hessian is damped until it is positive and the
-step helps.
+``E = K_P |p - p_g| + Σ K_c (1 - c·c_g)`` has large residuals at an unreachable goal. Gauss-Newton steps ignore their
+curvature and converge slowly. The Hessian is complete here. For joints a ≤ b of a serial chain, a revolute,
+``∂²p/∂q_a∂q_b = z_a × ∂p/∂q_b``, and likewise for every column c of the rotation (Erleben and Andrews 2019, Sec. 4).
+Joints that are at a limit and would move outward are held (Bertsekas 1982). The Hessian is damped until it is positive
+definite and the step reduces the error.
 
-An answer at a singularity, with joints at limits, lies at the end of a curved valley: along it the pose moves by t² only, so
-that what is left is t⁴. ``E = ½ K_P |p - p_g|² + Σ K_c (1 - c·c_g)`` is smooth there, and its Hessian knows the curve: steps
-go on where those of Gauss and Newton crawl.
+A singular solution with joints at limits lies at the end of a curved valley. The pose moves by t² only along the valley,
+so the remaining error is t⁴. ``E = ½ K_P |p - p_g|² + Σ K_c (1 - c·c_g)`` is smooth there, and its Hessian includes the
+curvature, so the steps keep converging where Gauss-Newton steps do not.
 """
 
 from __future__ import annotations
@@ -25,44 +25,47 @@ from kinseek.kernels.arrays import Array, ChainArrays, Flags, GoalArrays
 from kinseek.kernels.jit import inlined, noinline
 
 WALK_STEPS = 40
-"""Newton steps of a walk down the weighted error at most."""
+"""Largest number of Newton steps of a walk down the weighted error."""
 
 WALK = 2 * WALK_STEPS + 1
-"""FK evaluations of a walk down the weighted error at most: each step may be followed by one that brings the place back."""
+"""Largest number of FK evaluations of such a walk: each step may be followed by a position correction."""
 
 ENOUGH = 1e-12
-"""Less is not worth a step, relative to the error."""
+"""Smallest predicted decrease, relative to the error, for which a step is made."""
 
 SMOOTH = 1e-9
-"""|p - p_g| is rounded off this close to its kink [m]."""
+"""Distance [m] from the kink of |p - p_g| below which it is rounded off."""
 
 FLAT = 1e-300
-"""A Hessian without a larger entry on its diagonal is none."""
+"""A Hessian whose diagonal entries are all smaller counts as zero."""
 
 MOST = 1e6
-"""Where a damping so many times the largest entry of the Hessian does not help, rounding is all that is left."""
+"""Largest damping, as a multiple of the largest entry of the Hessian. If it does not help, only rounding is left."""
 
 RAISES = 24
-"""How often the damping is raised at most for one step: from 1e-4 to `MOST` times the largest entry it is 17 times."""
+"""Largest number of times that the damping is raised for one step: 17 times lead from 1e-4 to `MOST` times the largest
+entry."""
 
 FIRST_DAMPING, RAISE = 1e-4, 4.0
-"""Least damping, relative to the largest entry, of a Hessian that is not positive, and what each further try multiplies it
-by (by trial)."""
+"""Initial damping of an indefinite Hessian, relative to the largest entry, and the factor of each further try. Not
+examined further."""
 
 SMALL_DAMPING, HARDER = 1e-6, 8.0
-"""The same where the Hessian is positive and the step did not help: less, for it was good as far as second order goes."""
+"""The same if the Hessian is positive definite and the step did not help. The damping is smaller, because the
+second-order model was valid."""
 
 VALLEY_STEPS, VALLEY_DAMPING = 300, 1e-10
-"""Steps at most along a valley, and what it takes for either damping: along it the Hessian is all but singular."""
+"""Largest number of steps along a valley, and the initial damping in both cases: the Hessian is nearly singular there."""
 
 EASIER, FORGET = 0.1, 1e-9
-"""What damping is multiplied by after a step that helped, and below which part of the largest entry it is dropped."""
+"""Factor of the damping after a successful step, and the fraction of the largest entry below which the damping is set to
+0."""
 
 POSITIVE = 1e-14
-"""A pivot of the factorisation below this part of its diagonal is rounding, and the matrix not positive."""
+"""A pivot of the factorisation below this fraction of its diagonal is rounding, and the matrix is not positive definite."""
 
 LONGEST = 0.5
-"""No joint moves farther in one step [rad or m]."""
+"""Largest step of a joint [rad or m]."""
 
 
 @inlined
@@ -77,16 +80,16 @@ def derivatives(
     g: Array,
     H: Array,
 ) -> None:
-    """Gradient, (n,), and lower triangle of the Hessian, (n, n), of the weighted or the squared error at q.
+    """Compute the gradient, (n,), and the lower triangle of the Hessian, (n, n), of an error at q.
 
     Args:
         chain: The arm.
         goal: Target and weights.
-        squared: Is the distance of the position squared and halved?
+        squared: True for half the squared position distance, False for the distance.
         q: Joint values, (n,).
         T: Receives the pose of the tip, (3, 4).
-        axes: Memory for axes and points on them, (m, 6).
-        moves: Memory for the velocity of the tip by each joint, (m, 3).
+        axes: Scratch memory for axes and points on them, (m, 6).
+        moves: Receives the velocity of the tip by each joint, (m, 3).
         g: Receives the gradient.
         H: Receives the Hessian.
     """
@@ -158,7 +161,7 @@ def derivatives(
 
 @inlined
 def damped_step(H: Array, g: Array, held: Flags, damping: float, L: Array, step: Array) -> bool:
-    """Solve (H + damping · I) step = -g over the joints that are not held; False where the matrix is not positive."""
+    """Solve (H + damping · I) step = -g over the free joints; return False if the matrix is not positive definite."""
     n = len(g)
     for i in range(n):
         for j in range(i + 1):
@@ -189,7 +192,7 @@ def damped_step(H: Array, g: Array, held: Flags, damping: float, L: Array, step:
 
 @inlined
 def error_of(T: Array, goal: GoalArrays, squared: bool) -> float:
-    """The error that is walked down, of a pose."""
+    """The error of a pose that is minimised."""
     return 0.5 * chordal_error(T, goal) if squared else weighted_error(T, goal)
 
 
@@ -205,22 +208,21 @@ def bring_back(
     upper: Array,
     trial: Array,
 ) -> None:
-    """Bring the place of the tip back to the goal's as far as one step of Gauss and Newton does.
+    """Correct the position of the tip towards the goal by one Gauss-Newton step.
 
-    Where the nearest pose is in the right place, the error has its kink there: a straight step leaves the curved surface on
-    which the place is right, and however good the orientation becomes, the error grows, unless steps are tiny (Maratos
-    1978).
+    If the nearest pose has the right position, the error has its kink there. A straight step leaves the curved surface of
+    right positions, and the error grows even though the orientation improves, unless steps are tiny (Maratos 1978).
 
     Args:
         chain: The arm.
         goal: Target and weights.
-        held: Joints that stay, (n,).
-        moves: Velocity of the tip by each joint, (m, 3), from where the step began.
+        held: True for joints that do not move, (n,).
+        moves: Velocity of the tip by each joint at the start of the step, (m, 3).
         T: Pose of the tip, (3, 4).
-        J: Memory, (n, at least 3).
+        J: Scratch memory, (n, at least 3).
         lower: Limits, (n,).
         upper: Same.
-        trial: Joint values, (n,), replaced by those that are corrected.
+        trial: Joint values, (n,), replaced by the corrected ones.
     """
     for i in range(len(trial)):
         J[i, 0] = J[i, 1] = J[i, 2] = 0.0
@@ -236,7 +238,7 @@ def bring_back(
     damp = SMALL_DAMPING * (xx + yy + zz) + FLAT
     xx, yy, zz = xx + damp, yy + damp, zz + damp
     dx, dy, dz = goal.target[0, 3] - T[0, 3], goal.target[1, 3] - T[1, 3], goal.target[2, 3] - T[2, 3]
-    # The inverse of the symmetric matrix by its minors.
+    # Invert the symmetric matrix by its minors.
     ax, ay, az = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
     by, bz, cz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
     rate = 1.0 / (xx * ax + xy * ay + xz * az)
@@ -261,17 +263,17 @@ def settle(
     upper: Array,
     q: Array,
 ) -> int:
-    """Walk from q, (n,), to the nearest minimum of an error inside the limits; return FK evaluations.
+    """Walk from q, (n,), to a local minimum of an error within the limits; return FK evaluations.
 
     Args:
         chain: The arm.
         goal: Target and weights.
         squared: Which error, see `derivatives`.
-        steps: How many steps at most.
-        least: No more steps where the error is as small as that.
-        lower: Limits, (n,); none for a joint that turns fully.
+        steps: Largest number of steps.
+        least: Stop if the error is at most this.
+        lower: Limits, (n,); open for a joint that turns fully.
         upper: Same.
-        q: The start, replaced by the minimiser; never worse.
+        q: The start, replaced by the minimiser; its error never increases.
     """
     n, joints = len(q), len(chain.leader)
     T, axes, moves = np.empty((3, 4)), np.empty((joints, 6)), np.empty((joints, 3))
@@ -292,7 +294,7 @@ def settle(
         if steepest * steepest <= ENOUGH * largest * error:
             break
         if largest < FLAT:
-            # Straight downhill, as a slide runs towards a goal far ahead: the Hessian gives no scale.
+            # Steepest descent, for example a slide towards a distant goal: the Hessian gives no scale.
             largest = steepest
         raised = 0
         while raised < RAISES and damping <= MOST * largest:

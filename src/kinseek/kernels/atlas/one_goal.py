@@ -1,9 +1,9 @@
-"""One goal, from its nearest samples to an answer.
+"""Solve one goal, starting from its nearest samples.
 
-The answer to a goal is what its nearest sample converges to; where that one fails, the next nearest, and so on. So the
-answer depends on the goal alone, not on how many are solved beside it. A goal that no sample leads to gets deeper
-lookups and low-discrepancy restarts; what is then still missed is out of reach, or as good as, and gets the best pose
-found, see `ending`. Every answer is judged by plain forward kinematics.
+The solution is the one that the nearest sample converges to. If that sample fails, the next nearest is used, and so on.
+The solution therefore depends on the goal alone, not on the other goals of a batch. A goal that no sample leads to gets
+deeper look-ups and low-discrepancy restarts. A goal that is still missed is unreachable, or nearly so, and gets the best
+pose found, see `ending`. Every solution is judged by plain forward kinematics.
 """
 
 from __future__ import annotations
@@ -80,24 +80,26 @@ from .task import (
 )
 
 PASSES = TAKES + MORE + DEEP + MORE_RESTARTS // LANES + 3
-"""Passes of a search at most: each takes at least one sample of a scan or a lookup, eight restarts, or one of the two
-persistent ones; and a last one that ends it. A goal with ranges has two passes a pose at most where others have samples."""
+"""Largest number of passes of a search. Each uses at least one sample of a scan or a look-up, eight restarts, or one of
+the two persistent passes; a last one ends the search. A goal with ranges needs at most two passes per pose instead of
+samples."""
 
 
 KICK, WIDE_KICK = 0.5, 1.5
-"""How far around the best found a restart begins [rad or m], by turns: beside it, and where another of its kind may be."""
+"""Distances from the best configuration [rad or m] at which restarts begin, alternately: close to it, and in the wider
+surroundings."""
 
 
 @array_view
 def solve_target(
     handle: Indices, tolerances: Array, memory: Array, target: Array, budget: float, q: Array, w: int
 ) -> int:
-    """Answer one target, (3, 4), within a budget; write q, (n,), and return the FK evaluations spent.
+    """Solve one target, (3, 4), within a budget; write q, (n,), and return the FK evaluations spent.
 
-    What geometry gives is not searched, see `structure.one_answer`, nor what is far away, see `far`. Returns -1 where it
-    takes a routine that the task lacks yet, see `add_ending`, and there is no answer. The memory may hold anything.
+    Closed forms come first, see `structure.one_answer`, and far targets are not searched, see `far`. Returns -1 if the
+    search fails and needs a routine that the task does not contain yet, see `add_ending`. The memory may hold anything.
     """
-    # The routine is lacking until the first goal out of reach has made `add_ending` add it.
+    # The routine is missing until `add_ending` adds it for the first unreachable goal.
     far = routine_at(handle, DISTANT) != 0 and budget >= FAR_MOST and is_far(handle, tolerances, target)
     tried = 0 if far else closed_answer(handle, tolerances, memory, target, budget, q, MIDMOST, q, w)
     if tried > 0:
@@ -111,12 +113,12 @@ def solve_target(
 
 
 MIDMOST, NEAREST, OFFER = range(3)
-"""What is asked of `structure.one_answer.closed_routine`: the answer nearest to the middle of the ranges, or the one nearest
-to where the arm is; from OFFER on, a candidate to refine."""
+"""Requests to `structure.one_answer.closed_routine`: the solution nearest to the middle of the ranges; the solution
+nearest to the current joint values; and from OFFER on, a candidate to refine."""
 
 
 CORRECTIONS = 4
-"""Steps at most from a candidate of a nearby arm."""
+"""Largest number of steps from a candidate of a nearby arm."""
 
 
 @array_view
@@ -131,7 +133,7 @@ def closed_answer(
     q: Array,
     w: int,
 ) -> int:
-    """What `structure.one_answer.closed_routine` says; 0 where the arm has no closed form."""
+    """Return the result of `structure.one_answer.closed_routine`; 0 if the arm has no closed form."""
     tried = 0
     if routine_at(handle, CLOSED) != 0 and budget >= (FIRST_STEPS + 1) * LANES:
         at = (handle.ctypes.data, tolerances.ctypes.data, memory.ctypes.data, target.ctypes.data)
@@ -151,7 +153,7 @@ def search_near(
     q: Array,
     w: int,
 ) -> int:
-    """As `solve_target`; with `close` the nearest to `near`, (n,), of what the starts of a goal with ranges lead to."""
+    """Do the same as `solve_target`; with `close` choose the solution nearest to `near`, (n,), for a goal with ranges."""
     at = (handle.ctypes.data, tolerances.ctypes.data, memory.ctypes.data, target.ctypes.data)
     given = (*at, budget, near.ctypes.data, int(close), q.ctypes.data, w)
     spent: int = call(routine_at(handle, SEARCH), given)
@@ -160,9 +162,9 @@ def search_near(
 
 @array_view
 def fill_from_ranges(job: Job, near: Array, close: int, begin: int, most: int) -> int:
-    """Put the samples nearest to poses of the ranges from number `begin` on into the lanes; return the next number.
+    """Load the samples nearest to poses of the ranges, from index `begin` on, into the lanes; return the next index.
 
-    `most` samples of each are looked at; with `close` the very first lane starts from `near`, (n,).
+    At most `most` samples are read for each pose. With `close` the first lane starts from `near`, (n,).
     """
     at = (job.handle.ctypes.data, job.tolerances.ctypes.data, job.memory.ctypes.data)
     following: int = call(routine_at(job.handle, STARTS), (*at, near.ctypes.data, close, begin, most))
@@ -194,7 +196,7 @@ def search_routine(
     restarts, patience, most, taken, leaf, closest = RESTARTS, DEEP_STEPS, MORE, 0, 0, np.inf
     ranges = task.poses > 0
     if ranges:
-        # Samples are looked up at poses of the ranges, none at the target itself.
+        # Samples are looked up at poses of the ranges, not at the target itself.
         taken, looked = TAKES, DEEP
     else:
         leaf = scan(task, scratch, target, w)
@@ -225,7 +227,7 @@ def search_routine(
             if lowest(scratch.best_error) > promise(task):
                 continue
             if persisted == 1:
-                # What looked promising may be a mirror image of the answer; this time nobody is called back early.
+                # A promising lane may lead to a mirror image of the solution, so this pass does not stop early.
                 restarts, patience, most, begin, found = MORE_RESTARTS, PERSIST_STEPS, DEEP, 0, task.poses
             for l in range(LANES):
                 scratch.state[l] = 0 if scratch.best_error[l] < np.inf else 2
@@ -271,7 +273,7 @@ def search_routine(
 
 @inlined
 def finish(task: Task, scratch: Scratch, goal: GoalArrays, near: Array, q: Array, report: Array) -> None:
-    """Bring q inside the limits and judge it by plain FK: errors [m], [rad] and weighted into `report`, (4,)."""
+    """Clamp q to the limits and judge it by plain FK: errors [m], [rad] and weighted into `report`, (4,)."""
     into_limits(task, q, near)
     forward(task.chain, q, scratch.spare)
     report[POSITION_ERROR], report[ORIENTATION_ERROR] = errors(scratch.spare, goal)
@@ -282,7 +284,7 @@ def finish(task: Task, scratch: Scratch, goal: GoalArrays, near: Array, q: Array
 def conclude_answer(
     handle: Indices, tolerances: Array, memory: Array, target: Array, q: Array, report: Array
 ) -> None:
-    """Judge an answer, q, (n,): errors [m], [rad] and weighted into report, (4,)."""
+    """Judge a solution q, (n,): write errors [m], [rad] and weighted into report, (4,)."""
     task = task_of(handle, tolerances)
     scratch = make_scratch(memory, len(task.lower), len(task.chain.leader))
     middle(task, scratch.seed)
@@ -290,10 +292,10 @@ def conclude_answer(
 
 
 def routines() -> Indices:
-    """Addresses of the routines that every goal needs, for `task_arrays`; `add_ending` adds one that few do.
+    """Addresses of the routines that every goal needs, for `task_arrays`; `add_ending` adds rarely needed ones.
 
-    Those of goals with ranges are in `kernels.ranges.search.range_routines`, that of an arm with a closed form is
-    `structure.one_answer.closed_routine`.
+    The routines of goals with ranges are in `kernels.ranges.search.range_routines`. The routine of an arm with a closed
+    form is `structure.one_answer.closed_routine`.
     """
     addresses = np.zeros(DISTANT + 1, dtype=np.int64)
     addresses[ITERATE], addresses[SEARCH] = iterate_routine.address, search_routine.address
@@ -301,7 +303,7 @@ def routines() -> Indices:
 
 
 def add_ending(addresses: Indices) -> None:
-    """Add the routines that only a goal out of reach needs: they are a quarter of all there is to compile."""
+    """Add the routines that only unreachable goals need; they are a quarter of the code to compile."""
     addresses[ENDING], addresses[DISTANT] = ending_routine.address, far_routine.address
 
 
@@ -318,13 +320,13 @@ def add_ending(addresses: Indices) -> None:
 def search_within(
     handle: Indices, tolerances: Array, memory: Array, target: Array, budget: float, q: Array, w: int
 ) -> int:
-    """As `solve_target`, (3, 4), in a memory of the caller, who may look at it afterwards, see `memory.LAYOUT`."""
+    """Do the same as `solve_target`, (3, 4), in the caller's memory, which stays readable, see `memory.LAYOUT`."""
     return solve_target(handle, tolerances, memory, target, budget, q, w)
 
 
 @kernel
 def solve_pose(handle: Indices, tolerances: Array, target: Array, w: int) -> Array:
-    """Answer one target.
+    """Solve one target.
 
     Args:
         handle: The task, see `task_of`.
@@ -343,13 +345,13 @@ def solve_pose(handle: Indices, tolerances: Array, target: Array, w: int) -> Arr
     q, report = part1(address, 0, dof), part1(address, dof, EVALUATIONS + 1)
     report[EVALUATIONS] = solve_target(handle, tolerances, memory, target, task.budget, q, w)
     conclude_answer(handle, tolerances, memory, target, q, report)
-    memory[0] = 0.0  # Views do not keep it alive: without a last use Numba would have freed it by now.
+    memory[0] = 0.0  # Views do not keep the memory alive: Numba frees it after its last use.
     return result
 
 
 @inlined
 def outcome(task: Task, report: Array) -> tuple[float, float, float, int, bool]:
-    """What `solve_plain` returns, of a report, (4,)."""
+    """Return the values of `solve_plain` from a report, (4,)."""
     position, orientation = report[POSITION_ERROR], report[ORIENTATION_ERROR]
     met = position <= task.position_tolerance and orientation <= task.orientation_tolerance
     return position, orientation, report[WEIGHTED_ERROR], int(report[EVALUATIONS]), met
@@ -357,16 +359,17 @@ def outcome(task: Task, report: Array) -> tuple[float, float, float, int, bool]:
 
 @entry(returns=(F64, F64, F64, I64, FLAG), address=I64, target=F64[4, 4], q=F64["n"])
 def solve_plain(address: int, target: Array, q: Array) -> tuple[float, float, float, int, bool]:
-    """Answer one pose under the default tolerances and weights, with as little between Python and the answer as can be.
+    """Solve one pose with the default tolerances and weights, with little overhead on the side of Python.
 
     Args:
-        address: Where the handle of the task stands, see `task_of`.
+        address: Address of the handle of the task, see `task_of`.
         target: (4, 4), lengths in [m].
         q: Receives the joint values, (n,).
 
     Returns:
-        Position error [m], orientation error [rad], weighted error, FK evaluations, and whether the tolerances are met;
-        evaluations -1 where the target is no rigid transform, or `solve_target` lacks a routine, and nothing else holds.
+        Position error [m], orientation error [rad], weighted error, FK evaluations, and whether the tolerances are met.
+        Evaluations are -1 if the target is not a rigid transform, or if `solve_target` needs a missing routine; the other
+        values are then invalid.
     """
     if not is_rigid(target):
         return 0.0, 0.0, 0.0, -1, False
@@ -376,7 +379,7 @@ def solve_plain(address: int, target: Array, q: Array) -> tuple[float, float, fl
     size = scratch_size(len(task.lower), len(task.chain.leader))
     memory = np.empty(size + EVALUATIONS + 1)
     report = part1(memory.ctypes.data, size, EVALUATIONS + 1)
-    # Called here and not one floor below: Numba compiles what a function calls anew for every floor above it.
+    # Called here and not one level deeper: Numba compiles the callees of a function again at every level.
     report[EVALUATIONS] = solve_target(handle, tolerances, memory, target, task.budget, q, lanes_of(handle))
     conclude_answer(handle, tolerances, memory, target, q, report)
     status = outcome(task, report)

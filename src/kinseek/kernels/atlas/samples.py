@@ -1,10 +1,10 @@
-"""The atlas: samples of the middle joints, sorted by where they bring the hand.
+"""The atlas: samples of the middle joints, sorted by the pose of the hand.
 
-Write the arm as ``A_1 J_1 K J_n A_tip`` with ``K = A_2 J_2 … A_n``, the pose of the last axis seen from the first. A turn
-about the first axis changes nothing of K but its azimuth, a turn about the last axis nothing but itself; a slide along
-the first axis changes one coordinate. Divide them out, and a pose becomes four numbers in five coordinates: radius and
-height of a point, and a direction. By these the samples are sorted into a k-d tree. A goal has the same coordinates; its
-nearest samples give q_2 … q_{n-1}, the azimuths give q_1, and what rotation remains gives q_n.
+Write the arm as ``A_1 J_1 K J_n A_tip`` with ``K = A_2 J_2 … A_n``, the pose of the last axis seen from the first. A
+rotation about the first axis changes only the azimuth of K, and a rotation about the last axis only the rotation about
+that axis. A slide along the first axis changes one coordinate. Without these a pose has four degrees of freedom in five
+coordinates: radius and height of a point, and a direction. A k-d tree sorts the samples by these coordinates. A goal has
+the same coordinates. Its nearest samples give q_2 … q_{n-1}, the azimuths give q_1, and the remaining rotation gives q_n.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .tree import TREE, Tree, make_tree, sort_tree
 
 
 class Atlas(NamedTuple):
-    """Samples of the middle joints, in the order of the tree's leaves."""
+    """Samples of the middle joints, in the order of the leaves of the tree."""
 
     tree: Tree
     middle: Array
@@ -33,14 +33,14 @@ class Atlas(NamedTuple):
     poses: Array
     """K of the samples, (k, 3, 4), lengths in [m]."""
     inverse_head: Array
-    """A_1⁻¹ where the first joint is divided out, else the identity, (3, 4)."""
+    """A_1⁻¹ if the first joint is divided out, else the identity, (3, 4)."""
     inverse_tip: Array
-    """A_tip⁻¹ where the last joint is divided out, else the inverse of a tool that the samples leave out, (3, 4)."""
+    """A_tip⁻¹ if the last joint is divided out, else the inverse of a tool that the samples exclude, (3, 4)."""
 
 
 @inlined
 def coordinates(K: Array, division: Division, out: Array) -> int:
-    """Write the coordinates that are left of a pose, (3, 4), into `out`; return how many."""
+    """Write the remaining coordinates of a pose, (3, 4), into `out`; return their number."""
     x, y, z = K[0, 3], K[1, 3], K[2, 3]
     cosine, sine, flat = 1.0, 0.0, division.length
     if division.head == TURN:
@@ -48,7 +48,7 @@ def coordinates(K: Array, division: Division, out: Array) -> int:
         if r > 0.0:
             cosine, sine = x / r, y / r
         out[0], out[1] = r, z
-        # Close to the axis the azimuth means little: a turn of the first joint makes up for it at a small cost.
+        # Near the axis the azimuth has little effect: a small motion of the first joint compensates for it.
         flat = division.length * r / math.sqrt(r * r + division.length * division.length)
         used = 2
     elif division.head == SLIDE:
@@ -95,9 +95,9 @@ def build_atlas(
 
 @inlined
 def within_limits(chain: ChainArrays, i: int, value: float) -> float:
-    """A value of joint i, brought back to the limit where rounding has led beyond.
+    """Clamp a value of joint i to its limits, beyond which rounding may have moved it.
 
-    Else a walk that begins with a step of nothing, as some lanes do, would begin elsewhere than one that begins at once.
+    Otherwise lanes that begin with an empty step would start elsewhere than lanes that begin at once.
     """
     inside: float = min(max(value, chain.lower[i]), chain.upper[i])
     return inside
@@ -109,10 +109,10 @@ def fill_atlas(chain: ChainArrays, division: Division, middle: Array, first: int
 
     Args:
         chain: The arm.
-        division: What is divided out.
+        division: The joints that are divided out.
         middle: Samples of the middle joints, (k, middle joints), k = LEAF_SIZE · 2^depth.
         first: Index of the first middle variable.
-        atlas: The caller's, see `kernels.grid` for why; receives all but the two inverses.
+        atlas: Allocated by the caller, see `kernels.grid` for the reason; receives all but the two inverses.
     """
     count, joints = len(middle), len(chain.leader)
     poses, features, q = np.empty((count, 3, 4)), np.empty((count, 9)), np.zeros(len(chain.lower))
@@ -139,10 +139,10 @@ def fill_atlas(chain: ChainArrays, division: Division, middle: Array, first: int
 def complete_seed(
     atlas: Atlas, division: Division, G: Array, i: int, lower: Array, upper: Array, margin: float, q: Array
 ) -> bool:
-    """Fill q, (n,), from sample i for a goal G, already seen from the first joint; say whether it is worth a try.
+    """Fill q, (n,), from sample i for a goal G in the frame of the first joint; return False if it is not promising.
 
-    A first or last joint that comes out beyond its limits by more than `margin` [rad or m] is not; one within the margin
-    is brought back to the limit, for the sample is only near the answer.
+    A sample is not promising if its first or last joint is beyond its limits by more than `margin` [rad or m]. Within the
+    margin the joint is clamped to the limit, because the sample is only near the solution.
     """
     dof, K = len(lower), atlas.poses[i]
     first = 0 if division.head == NONE else 1
@@ -163,7 +163,7 @@ def complete_seed(
     elif division.head == SLIDE:
         q[0] = G[2, 3] - K[2, 3]
     if division.tail == TURN:
-        # M = (J_1 K)ᵀ G: the turn about z that is closest to it.
+        # M = (J_1 K)ᵀ G: the rotation about z closest to it.
         gx, gy, gz = cosine * G[0, 0] + sine * G[1, 0], cosine * G[1, 0] - sine * G[0, 0], G[2, 0]
         along = K[0, 0] * gx + K[1, 0] * gy + K[2, 0] * gz
         across = K[0, 1] * gx + K[1, 1] * gy + K[2, 1] * gz

@@ -1,4 +1,4 @@
-"""Where a descent starts: samples beside the goal, and starts that owe nothing to it."""
+"""Starts of a descent: samples near the goal, and starts that do not depend on the goal."""
 
 from __future__ import annotations
 
@@ -15,24 +15,25 @@ from .task import OPEN, Task
 from .tree import nearest, scan_beside, take_nearest
 
 FIRST, MORE, RESTARTS, MORE_RESTARTS = 24, 40, 64, 256
-"""Samples beside a goal that are tried first, samples of a deeper lookup, restarts after both, and restarts where what is
-left is so little that more work is worth it."""
+"""Samples near a goal that are tried first; samples of a deeper look-up; restarts after both; and restarts if the
+remaining error is small enough to be worth more work."""
 
 
 TAKES = 2 * FIRST
-"""How often a sample is taken in two rounds, see `take_seed`."""
+"""Number of samples taken in two rounds, see `take_seed`."""
 
 
 AT_ONCE = 4
-"""Of the first samples, so many are refined side by side: the first nearly always leads to an answer."""
+"""Number of first samples that are refined in parallel: the first nearly always leads to a solution."""
 
 
 MARGIN = 0.5
-"""A sample whose first or last joint comes out farther beyond its limits [rad or m] is not tried, see `complete_seed`."""
+"""A sample is not tried if its first or last joint is farther beyond its limits than this [rad or m], see
+`complete_seed`."""
 
 
 CONVERGED = 30
-"""Turns after which the root of x^(n+1) = x + 1 stands: each leaves less than a third of what it is off."""
+"""Iterations after which the root of x^(n+1) = x + 1 is exact: each reduces the error to less than a third."""
 
 
 @inlined
@@ -51,7 +52,7 @@ def keep_joints(rows: Array, row: int, q: Array) -> None:
 
 @inlined
 def load_target(lanes: Lanes, lane: int, target: Array) -> None:
-    """Give one lane its target, (3, 4)."""
+    """Set the target of one lane, (3, 4)."""
     for r in range(3):
         for c in range(4):
             lanes.target[(4 * r + c) * LANES + lane] = target[r, c]
@@ -59,28 +60,28 @@ def load_target(lanes: Lanes, lane: int, target: Array) -> None:
 
 @inlined
 def load_seed(lanes: Lanes, lane: int, seed: Array) -> None:
-    """Put one lane at a start, (n,)."""
+    """Load a start, (n,), into one lane."""
     for i in range(len(seed)):
         lanes.q[i, lane] = seed[i]
 
 
 @inlined
 def load_seed_row(lanes: Lanes, lane: int, rows: Array) -> None:
-    """Put one lane at the start in its row, (LANES, n)."""
+    """Load a lane's own row of starts, (LANES, n), into it."""
     for i in range(rows.shape[1]):
         lanes.q[i, lane] = rows[lane, i]
 
 
 @inlined
 def see(task: Task, scratch: Scratch, target: Array) -> None:
-    """Write a target, (3, 4), as the atlas sees it into the scratch memory."""
+    """Write a target, (3, 4), in the coordinates of the atlas into the scratch memory."""
     product(task.atlas.inverse_head, target, scratch.between)
     product(scratch.between, task.atlas.inverse_tip, scratch.seen)
 
 
 @inlined
 def look_up(task: Task, scratch: Scratch, target: Array, most: int) -> int:
-    """Find the samples nearest to a target, (3, 4), so many at most; return how many."""
+    """Find at most `most` samples nearest to a target, (3, 4); return their number."""
     see(task, scratch, target)
     coordinates(scratch.seen, task.division, scratch.point)
     return nearest(
@@ -96,7 +97,7 @@ def look_up(task: Task, scratch: Scratch, target: Array, most: int) -> int:
 
 @inlined
 def fill_from_lookup(task: Task, scratch: Scratch, begin: int, found: int) -> tuple[int, int]:
-    """Put neighbours into the lanes from number `begin` on; return the next number and the lanes filled."""
+    """Load neighbours from index `begin` on into the lanes; return the next index and the number of lanes filled."""
     filled = 0
     while begin < found and filled < LANES:
         i = scratch.neighbour[begin]
@@ -121,7 +122,7 @@ def fill_from_lookup(task: Task, scratch: Scratch, begin: int, found: int) -> tu
 
 @inlined
 def scan(task: Task, scratch: Scratch, target: Array, w: int) -> int:
-    """Measure the samples beside a target, (3, 4), for `fill_from_scan`; return the leaf it lies in."""
+    """Compute the distances of samples near a target, (3, 4), for `fill_from_scan`; return the leaf of the target."""
     see(task, scratch, target)
     coordinates(scratch.seen, task.division, scratch.point)
     return scan_beside(task.atlas.tree, scratch.point, scratch.distance, scratch.bound, w)
@@ -129,7 +130,7 @@ def scan(task: Task, scratch: Scratch, target: Array, w: int) -> int:
 
 @inlined
 def stands_at_limit(q: Array, lower: Array, upper: Array) -> bool:
-    """Does the first joint or the last stand at a limit?"""
+    """Return True if the first or the last joint is at a limit."""
     last = len(q) - 1
     first_does: bool = q[0] <= lower[0] or q[0] >= upper[0]
     last_does: bool = q[last] <= lower[last] or q[last] >= upper[last]
@@ -138,12 +139,12 @@ def stands_at_limit(q: Array, lower: Array, upper: Array) -> bool:
 
 @inlined
 def take_seed(task: Task, scratch: Scratch, leaf: int, taken: int, w: int) -> tuple[int, bool]:
-    """Put the next sample of a scan into the scratch memory's seed.
+    """Write the next sample of a scan into the seed of the scratch memory.
 
-    Return how many are taken by now, and whether it is worth a try.
+    Return the number of samples taken so far, and whether this one is promising.
 
-    There are two rounds: first those whose first and last joint come out inside their limits, for most of the others fail;
-    then those that are within the margin, and stand at a limit now.
+    There are two rounds. The first takes samples whose first and last joint are within their limits, because most of the
+    others fail. The second takes those within the margin, which are now at a limit.
     """
     chain, worth = task.chain, False
     i = take_nearest(task.atlas.tree, leaf, scratch.distance, scratch.bound)
@@ -163,7 +164,7 @@ def take_seed(task: Task, scratch: Scratch, leaf: int, taken: int, w: int) -> tu
 
 @inlined
 def fill_from_scan(task: Task, scratch: Scratch, leaf: int, taken: int, w: int) -> tuple[int, int]:
-    """Put the next samples of a scan into lanes; return how many are taken by now and the lanes filled."""
+    """Load the next samples of a scan into lanes; return the samples taken so far and the number of lanes filled."""
     filled = 0
     for _ in range(TAKES):
         if taken == TAKES or filled == AT_ONCE:
@@ -180,16 +181,19 @@ def fill_from_scan(task: Task, scratch: Scratch, leaf: int, taken: int, w: int) 
 
 @inlined
 def turns_fully(task: Task, i: int) -> bool:
-    """Does the range of joint i hold a full turn? Then its limits are open, infinitely so where it never ends."""
+    """Return True if the range of joint i holds a full turn.
+
+    Its limits are then open in the refinement, and infinite for a continuous joint.
+    """
     full: bool = task.lower[i] <= -OPEN
     return full
 
 
 @inlined
 def into_limits(task: Task, q: Array, near: Array) -> None:
-    """Bring every joint that turns fully inside its limits by whole turns, near `near`, (n,).
+    """Move every joint that turns fully into its limits by whole turns, near `near`, (n,).
 
-    A continuous joint has no limits: it comes within π of `near`, whose middle of the range, 0, makes that [-π, π].
+    A continuous joint has no limits: it moves to within π of `near`. The middle of its range is 0, which gives [-π, π].
     """
     for i in range(len(q)):
         low, high = task.chain.lower[i], task.chain.upper[i]
@@ -209,13 +213,13 @@ def middle(task: Task, q: Array) -> None:
 
 @inlined
 def restart(task: Task, number: int, q: Array) -> None:
-    """Write start `number` of a low-discrepancy sequence over the limits (Roberts 2018, R_d)."""
+    """Write start `number` of a low-discrepancy sequence over the limits into q (Roberts 2018, R_d)."""
     spread_start(task, spread_root(len(q)), number, q)
 
 
 @inlined
 def spread_root(dof: int) -> float:
-    """The root of x^(n+1) = x + 1, which takes longer to find than a start does."""
+    """Root of x^(n+1) = x + 1. Computing it takes longer than computing a start."""
     g = 2.0
     for _ in range(CONVERGED):
         g = (1.0 + g) ** (1.0 / (dof + 1))
@@ -224,7 +228,7 @@ def spread_root(dof: int) -> float:
 
 @inlined
 def spread_start(task: Task, g: float, number: int, q: Array) -> None:
-    """As `restart`, with the root of `spread_root`."""
+    """Do the same as `restart`, with the root from `spread_root`."""
     step = 1.0
     for i in range(len(q)):
         step /= g
@@ -234,9 +238,10 @@ def spread_start(task: Task, g: float, number: int, q: Array) -> None:
 
 @inlined
 def kick(task: Task, rows: Array, row: int, size: float, q: Array) -> None:
-    """Turn a start that is spread over the limits, (n,), into one around a row, brought back to the limits.
+    """Replace a start that is spread over the limits, (n,), by one around a row, clamped to the limits.
 
-    Answers hide in the corners of the limits, where a start inside leads past them; here many starts lie in one.
+    Solutions may lie in the corners of the limits, where starts in the interior miss them; here many starts lie in a
+    corner.
     """
     for i in range(len(q)):
         low, high = task.chain.lower[i], task.chain.upper[i]

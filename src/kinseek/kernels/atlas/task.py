@@ -1,4 +1,4 @@
-"""The task of a call as kernels see it: views by address, nothing copied."""
+"""The task of a call as kernels use it: views by address, without copies."""
 
 from __future__ import annotations
 
@@ -20,58 +20,59 @@ from .samples import Atlas
 from .tree import Tree
 
 OPEN = 1e300
-"""Limit of a joint that turns fully; infinite if it is continuous, for then both ways round count."""
+"""Limit of a joint that turns fully. It is infinite for a continuous joint, which may turn either way without end."""
 
 
 POSITION, ORIENTATION, WEIGHT, BUDGET, AXES = range(5)
-"""Places in what is wanted, an array that only crosses by its address: position tolerance [m], orientation tolerance [rad],
-K_P, most FK evaluations, and from AXES on K_A of the x, y and z columns."""
+"""Indices into the tolerances, an array that is passed by its address: position tolerance [m], orientation tolerance
+[rad], K_P, largest number of FK evaluations, and from AXES on K_A of the x, y and z columns."""
 
 TOLERANCES = AXES + 3
-"""Numbers that say what is wanted; `Task` has them by name."""
+"""Length of the tolerances; `Task` has them by name."""
 
 HANDLE = I64["*"]
-"""A handle, declared: its length is not the callers' to choose."""
+"""Declaration of a handle; callers do not choose its length."""
 
 POSITION_ERROR, ORIENTATION_ERROR, WEIGHTED_ERROR, EVALUATIONS = range(4)
-"""Places in a report on joint values: [m], [rad], and the FK evaluations they took. Behind the joint values of an answer
-these four stand in the same order."""
+"""Indices into a report on joint values: errors [m] and [rad], the weighted error, and FK evaluations. A result has these
+four after its joint values, in the same order."""
 
 ITERATE, SEARCH, ENDING, STARTS, JUDGE, CLOSED, DISTANT = range(7)
-"""Places of the routines among those of a task; 0 stands where one is not needed, or not yet: see `one_goal.routines`.
-CLOSED has its address where the arm has a closed form, DISTANT like ENDING from the first goal on that is out of reach.
+"""Indices of the routines of a task; the entry is 0 if one is not needed, or not yet, see `one_goal.routines`. CLOSED is set
+if the arm has a closed form, DISTANT and ENDING from the first unreachable goal on.
 
-A goal with ranges has other steps than a pose, and the same search: its task names other routines, see `with_ranges`."""
+A goal with ranges uses other steps than a pose and the same search: its task contains other routines, see `with_ranges`.
+"""
 
 HEAD, TAIL, COLUMNS, WIDTH, POSES, EXACT = range(6)
-"""Places in the whole numbers of a task: those of the division, LANES, `Task.poses`, and `Task.exact`."""
+"""Indices into the integers of a task: those of the division, LANES, `Task.poses`, and `Task.exact`."""
 
 DIRECTION, RADIAN, SPAN, SHOULDER, HAND = 0, 1, 2, 3, 6
-"""Places in the lengths of a task: what a direction counts as among the samples, and a radian while refining [m]; how far
-apart a point on the first axis and one that the last joint leaves alone can be [m], the one in the base and the other in
-the tip, three numbers each: see `robots.geometry.span_of`."""
+"""Indices into the lengths of a task [m]. The length of a direction among the samples. The length of a radian in the
+refinement. The largest distance of a point on the first axis and a point that the last joint does not move. And these
+two points, in the base and in the tip, three numbers each; see `robots.geometry.span_of`."""
 
 MEASURES = HAND + 3
-"""Lengths of a task."""
+"""Number of lengths of a task."""
 
 
 class Task(NamedTuple):
-    """What every goal of a call has in common."""
+    """Data that all goals of a call share."""
 
     chain: ChainArrays
     links: Array
-    """The chain as the lanes take it, see `links.links_of`."""
+    """The chain in the format of the lanes, see `links.links_of`."""
     atlas: Atlas
     division: Division
     lower: Array
-    """Limits of the refinement, (n,): at least OPEN for a joint that turns fully, for it can always go on."""
+    """Limits of the refinement, (n,): at least OPEN for a joint that turns fully, so that it never stops."""
     upper: Array
     columns: Array
     """Weights of the columns in the refinement, (3,): ½ each for a pose, (1, 0, 0) for a direction, 0 for a position."""
     length: float
-    """Length that a radian counts as while refining, [m]."""
+    """Length of a radian in the refinement [m]."""
     poses: int
-    """Poses at which starts are looked up for a goal with ranges; 0 for a goal without."""
+    """Poses at which starts are looked up for a goal with ranges; 0 for a goal without ranges."""
     position_tolerance: float
     """[m]"""
     orientation_tolerance: float
@@ -79,17 +80,17 @@ class Task(NamedTuple):
     position_weight: float
     """K_P, per [m]."""
     budget: float
-    """Most FK evaluations for one target."""
+    """Largest number of FK evaluations for one target."""
     axis_weights: Array
     """K_A of the x, y and z columns, (3,), see `GoalArrays`."""
     structure: Array
-    """What the geometry of the arm gives, see `structure.candidates.KIND`."""
+    """Structure of the arm's geometry, see `structure.candidates.KIND`."""
     exact: int
-    """1 where the arm has that structure to rounding, else 0."""
+    """1 if the arm has that structure up to rounding, else 0."""
 
 
 class TaskRows(NamedTuple):
-    """A task as a handle holds it; arrays that have the name of a field of `Task` are that field."""
+    """The arrays of a task in a handle; arrays named like a field of `Task` are that field."""
 
     chain: ChainArrays
     atlas: Atlas
@@ -102,9 +103,9 @@ class TaskRows(NamedTuple):
     """See `DIRECTION` and those beside it, (MEASURES,), [m]."""
     links: Array
     routines: Indices
-    """Addresses of what kernels call, see `ITERATE`, (7,)."""
+    """Addresses of routines that kernels call, see `ITERATE`, (7,)."""
     plain: Array
-    """What is wanted of a plain pose, (TOLERANCES,)."""
+    """Tolerances of a plain pose, (TOLERANCES,)."""
     structure: Array
 
 
@@ -129,7 +130,7 @@ ROWS = Rows(
     plain="floats1",
     structure="floats1",
 )
-"""The rows of a task's handle."""
+"""Declaration of the rows of a task's handle."""
 
 
 ARRAYS = ROWS.count
@@ -156,7 +157,7 @@ def task_arrays(
 ) -> list[NDArray[Any]]:
     """The arrays of a task in the order in which `task_of` reads them.
 
-    `tolerances` is that of a plain pose, `span` has the lengths from SPAN on, (7,).
+    `tolerances` are those of a plain pose, `span` has the lengths from SPAN on, (7,).
     """
     numbers, lengths = np.zeros(EXACT + 1, dtype=np.int64), np.zeros(MEASURES)
     numbers[HEAD], numbers[TAIL], numbers[COLUMNS] = division.head, division.tail, division.columns
@@ -171,7 +172,10 @@ def task_arrays(
 
 
 def with_ranges(arrays: list[NDArray[Any]], poses: int, routines: Indices) -> list[NDArray[Any]]:
-    """The same task for goals with ranges: other steps, starts looked up at some poses, and residuals about every axis."""
+    """The same task for goals with ranges, with other steps.
+
+    Starts are looked up at a number of poses, and residuals count rotation about every axis.
+    """
     changed, numbers = list(arrays), arrays[NUMBERS].copy()
     numbers[POSES] = poses
     changed[NUMBERS], changed[ROUTINES], changed[WEIGHTS] = numbers, routines, np.full(3, 0.5)
@@ -201,7 +205,7 @@ def routine_at(handle: Indices, k: int) -> int:
 
 @array_view
 def lanes_of(handle: Indices) -> int:
-    """LANES, as a number that the compiler cannot know."""
+    """LANES, as a number that is unknown to the compiler."""
     count: int = integers(handle, NUMBERS)[WIDTH]
     return count
 
@@ -211,11 +215,11 @@ rows_of = ROWS.make
 
 @array_view
 def task_of(handle: Indices, tolerances: Array) -> Task:
-    """View a task by its handle.
+    """View a task through its handle.
 
     Args:
         handle: From `pointers.handle_of` of `task_arrays`.
-        tolerances: See `POSITION` and those beside it, (TOLERANCES,).
+        tolerances: See `POSITION` and the other indices, (TOLERANCES,).
     """
     rows: TaskRows = rows_of(handle, 0)
     numbers, lengths = rows.numbers, rows.lengths
@@ -241,7 +245,7 @@ def task_of(handle: Indices, tolerances: Array) -> Task:
 
 
 class Job(NamedTuple):
-    """The same by address, for kernels that are called and not inlined."""
+    """The task by address, for kernels that are called and not inlined."""
 
     handle: Indices
     tolerances: Array

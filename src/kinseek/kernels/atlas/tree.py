@@ -1,8 +1,8 @@
 """Nearest neighbours in a balanced k-d tree whose leaves are scanned eight points at a time.
 
-Two ways lead to them. `nearest` walks the tree, for as many as are wanted. `scan_beside` and `take_nearest` are for the
-first few: every leaf knows the leaves beside it, and only these are scanned, with no branch to guess wrong; one leaf's
-list serves a point in its corner less well, so now and then a nearer point is overlooked.
+There are two searches. `nearest` walks the tree for any number of points. `scan_beside` and `take_nearest` serve the
+first few: every leaf stores its neighbouring leaves, and only these are scanned, without unpredictable branches. The list
+of a leaf serves a point in its corner less well, so a nearer point is sometimes missed.
 """
 
 from __future__ import annotations
@@ -17,20 +17,21 @@ from kinseek.kernels.jit import array_view, inlined, kernel, noinline
 from kinseek.kernels.pointers import part1
 
 LEAF_SIZE = 8
-"""Points of a leaf, as many as are measured side by side."""
+"""Points in a leaf, which are measured in parallel."""
 
 SLACK = 4.0
-"""A branch is left out unless it may hold a point this many times closer (squared) than the worst one kept."""
+"""A branch is skipped unless it may hold a point closer than the worst one kept by this factor of squared distances."""
 
 
 MOST_LEAVES = 256
-"""Leaves that one search scans at most: a point far from all others is about as far from each of them."""
+"""Largest number of leaves scanned in one search: a point far from all others has about the same distance from each of
+them."""
 
 BESIDE = 12
-"""Leaves that `scan_beside` looks at, the point's own first; an even number."""
+"""Leaves that `scan_beside` scans, the point's own leaf first; an even number."""
 
 POSE_DIMENSIONS = 5
-"""Coordinates of a pose from which a first and a last joint that turn are divided out, see `samples`: nearly all arms."""
+"""Coordinates of a pose without a revolute first and last joint, see `samples`; nearly all arms have these."""
 
 
 class Tree(NamedTuple):
@@ -41,9 +42,9 @@ class Tree(NamedTuple):
     axis: Indices
     """Dimension that each inner node splits, (leaves - 1,); at least one entry."""
     split: Array
-    """Where it splits it, same shape."""
+    """Coordinate of the split, same shape."""
     beside: Indices
-    """The leaves whose centres are nearest to each leaf's, nearest first, -1 where there are no more, (leaves · BESIDE,)."""
+    """Leaves whose centres are nearest to that of each leaf, nearest first, padded with -1, (leaves · BESIDE,)."""
 
 
 TREE = Bundle(
@@ -73,8 +74,8 @@ def sort_tree(points: Array, order: Indices, tree: Tree) -> None:
 
     Args:
         points: (k, dimensions), k = LEAF_SIZE · 2^depth.
-        order: Receives which point stands at each place of the leaves, (k,).
-        tree: From `make_tree`; the caller's, see `kernels.grid` for why.
+        order: Receives the index of the point at each place of the leaves, (k,).
+        tree: From `make_tree`; allocated by the caller, see `kernels.grid` for the reason.
     """
     count, dimensions = points.shape
     axis, split, packed = tree.axis, tree.split, tree.points
@@ -106,7 +107,7 @@ def sort_tree(points: Array, order: Indices, tree: Tree) -> None:
 
 @noinline
 def _list_leaves_beside(points: Array, beside: Indices) -> None:
-    """List the leaves beside each leaf in a list of nothing but -1, see `Tree`."""
+    """List the neighbours of each leaf in an array that is filled with -1, see `Tree`."""
     leaves, dimensions = points.shape[0], points.shape[1]
     centres = np.zeros((dimensions, leaves))
     for leaf in range(leaves):
@@ -122,7 +123,7 @@ def _list_leaves_beside(points: Array, beside: Indices) -> None:
             for other in range(leaves):
                 gap = centres[d, other] - x
                 far[other] += gap * gap
-        far[leaf] = -1.0  # Its own first, also where leaves coincide.
+        far[leaf] = -1.0  # A leaf comes first in its own list, also where leaves coincide.
         for b in range(BESIDE):
             gaps[b] = np.inf
         for other in range(leaves):
@@ -139,9 +140,9 @@ def _list_leaves_beside(points: Array, beside: Indices) -> None:
 
 @noinline
 def _select(points: Array, d: int, order: Indices, first: int, last: int, middle: int) -> None:
-    """Rearrange order[first … last] so that place `middle` holds what sorting by dimension d would put there."""
+    """Partition order[first … last] so that place `middle` holds the element that sorting by dimension d would put there."""
     begin, end = first, last
-    for _ in range(end - begin + 1):  # Each pass leaves out at least one place.
+    for _ in range(end - begin + 1):  # Each pass excludes at least one place.
         if first >= last:
             return
         pivot = points[order[(first + last) // 2], d]
@@ -170,21 +171,21 @@ def nearest(
     """Find the nearest points, nearest first.
 
     Args:
-        tree: Where to look.
+        tree: The tree to search.
         point: (dimensions,)
-        most: How many.
+        most: Number of points.
         distance: Receives squared distances, at least (most,).
         index: Receives places in the leaves, at least (most,).
-        stack: Memory, (64,).
-        bound: Memory, (64 + LEAF_SIZE,).
+        stack: Scratch memory, (64,).
+        bound: Scratch memory, (64 + LEAF_SIZE,).
 
     Returns:
-        How many were found.
+        The number of points found.
     """
     leaves, dimensions = tree.points.shape[0], tree.points.shape[1]
     found, top, scanned = 0, 1, 0
     stack[0], bound[0] = 0, 0.0
-    # Branches on the stack have no leaf in common, and each pass takes one off it.
+    # Branches on the stack have no leaf in common, and each pass removes one.
     for _ in range(leaves):
         if top == 0:
             break
@@ -222,17 +223,17 @@ def nearest(
 
 @array_view
 def scan_beside(tree: Tree, point: Array, distance: Array, least: Array, w: int) -> int:
-    """Measure the points of the leaves beside a point.
+    """Compute the distances of the points in the leaves near a point.
 
     Args:
-        tree: Where to look.
+        tree: The tree to search.
         point: (dimensions,)
         distance: Receives squared distances, at least (BESIDE · LEAF_SIZE,).
-        least: Receives the least distance at each place of the leaves, at least (LEAF_SIZE,).
-        w: LEAF_SIZE, as a number that the compiler cannot know, see `lanes`.
+        least: Receives the smallest distance at each place of the leaves, at least (LEAF_SIZE,).
+        w: LEAF_SIZE, as a number that is unknown to the compiler, see `lanes`.
 
     Returns:
-        The leaf that the point lies in, for `take_nearest`.
+        The leaf of the point, for `take_nearest`.
     """
     leaves, dimensions = tree.points.shape[0], tree.points.shape[1]
     node = 0
@@ -243,7 +244,7 @@ def scan_beside(tree: Tree, point: Array, distance: Array, least: Array, w: int)
     if dimensions == POSE_DIMENSIONS and tree.beside[first + BESIDE - 1] >= 0:
         x0, x1, x2, x3, x4 = point[0], point[1], point[2], point[3], point[4]
         at, size = tree.points.ctypes.data, LEAF_SIZE * POSE_DIMENSIONS
-        # Two leaves in one loop, for of a short one most is its beginning and its end.
+        # Two leaves per iteration, because the overhead of a short loop dominates.
         for b in range(0, BESIDE, 2):
             p, o = part1(at, tree.beside[first + b] * size, size), b * LEAF_SIZE
             r = part1(at, tree.beside[first + b + 1] * size, size)
@@ -274,7 +275,7 @@ def scan_beside(tree: Tree, point: Array, distance: Array, least: Array, w: int)
 
 @inlined
 def take_nearest(tree: Tree, own: int, distance: Array, least: Array) -> int:
-    """Take the nearest point that is left after `scan_beside`; return its place in the leaves, -1 if none is left."""
+    """Remove and return the nearest remaining point after `scan_beside`: its place in the leaves, or -1 if none is left."""
     low, which, place = least[0], 0, 0
     for j in range(1, LEAF_SIZE):
         low = min(low, least[j])

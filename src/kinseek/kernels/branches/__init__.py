@@ -1,1 +1,1 @@
-"""Every answer to a goal."""
+"""Search for all solutions of a goal."""

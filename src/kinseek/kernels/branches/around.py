@@ -1,13 +1,13 @@
-"""Starts for an arm that nearly has a closed form, from poses around the target: where its own equations may differ.
+"""Starts for an arm that nearly has a closed form, from poses around the target, where its equations may differ.
 
-An answer q of the arm is an answer of the nearby arm as well, to the pose that this one has at q. That pose lies about as
-far from the target as the arms differ. Which way is not known: seven ways are tried, as far from each other as they can be.
-Where two answers of the nearby arm all but meet, or have met and are gone, or an angle is all but left to choose, some of
-these poses have them apart, and on the other side as well.
+A solution q of the arm also solves the nearby arm for the pose that the nearby arm has at q. That pose differs from the
+target by about as much as the arms differ, in an unknown direction. Seven directions are tried, as far from each other as
+possible. Solutions of the nearby arm may nearly merge, may have merged and vanished, or an angle may be nearly
+undetermined. Some of these poses then separate them, also on the other side.
 
-Most is open where axis 6 all but points along the three that are parallel. How far it leans from them is given, and of the
-nearby arm joint 6 tells whither: there are two such values. The arm itself leans by a little more that changes with joint 6,
-so there may be four, anywhere on the circle, and no pose nearby need have them all.
+The uncertainty is largest if axis 6 is nearly parallel to the three parallel axes. Its angle to them is given, and joint
+6 of the nearby arm determines its direction: there are two such values. The angle of the real arm differs a little and
+varies with joint 6, so it may have four solutions, anywhere on the circle, and no pose nearby need have all of them.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ from kinseek.kernels.structure.subproblems import dot, rotate
 from .refine_all import squared_gap
 
 WAYS = 7
-"""Poses at each distance: the corners of a regular simplex in the six motions of a hand."""
+"""Poses at each distance: the vertices of a regular simplex in the six degrees of freedom of a hand."""
 
 
 FIRST, FINAL = 1, 4
-"""How many distances are tried first, and in all."""
+"""Number of distances that are tried first, and in total."""
 
 
 BESIDE = 0.05
-"""Starts this close [rad] to an answer or to each other are one."""
+"""Starts this close [rad] to a solution or to each other count as one."""
 
 
 @inlined
 def least_lean(structure: Array, rows: Array, count: int) -> float:
-    """Sine of the least angle between axis 6 and the parallel ones in any row, (capacity, n); 1 if there is no row."""
+    """Sine of the smallest angle between axis 6 and the parallel axes in any row, (capacity, n); 1 if there is no row."""
     S, i, least = structure, joint_of(structure, 4, rows.shape[1]), 1.0
     for j in range(count):
         c, s = math.cos(rows[j, i]), math.sin(rows[j, i])
@@ -53,7 +53,10 @@ def least_lean(structure: Array, rows: Array, count: int) -> float:
 
 @inlined
 def distance(k: int) -> float:
-    """How far the k-th poses lie, by trial, in deviations of the arm; on the other side if negative."""
+    """Distance of the k-th poses as a multiple of the arm's deviation; negative on the other side.
+
+    Not examined further.
+    """
     if k == 0:
         return 3.0
     if k == 1:
@@ -63,7 +66,7 @@ def distance(k: int) -> float:
 
 @inlined
 def corner(way: int, i: int) -> float:
-    """Part i of six of a corner of the simplex, whose corners are of length 1 and -1/6 of each other."""
+    """Component i of six of a vertex of the simplex; vertices have length 1 and pairwise scalar products of -1/6."""
     if way == 0:
         return math.sqrt(1.0 / 6.0)
     even = -(math.sqrt(7.0) + 1.0) / (6.0 * math.sqrt(6.0))
@@ -85,7 +88,7 @@ def starts_around(
     seeds: Array,
     w: int,
 ) -> int:
-    """Write candidates of poses around the target that are near to no known answer into seeds; return how many.
+    """Write candidates of poses around the target that are not near a known solution into seeds; return their number.
 
     Args:
         handle: The task, see `task_of`.
@@ -94,8 +97,8 @@ def starts_around(
         structure: See `candidates.KIND`, (NUMBERS,).
         target: (4, 4), lengths in [m].
         rates: See `refine_all.joint_gap`, (n,).
-        rows: Answers, (capacity, n).
-        count: How many are known.
+        rows: Solutions, (capacity, n).
+        count: Number of known solutions.
         first: First distance, see `distance`.
         last: One past the last.
         seeds: Receives joint values, (k, n).

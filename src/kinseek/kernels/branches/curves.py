@@ -1,17 +1,18 @@
-"""The self-motion of an arm with a closed form behind one joint: that joint is swept, and its curves are sampled.
+"""Sample the self-motion curves of an arm with a closed form distal to one joint, by sweeping that joint.
 
-Each value of the joint leaves eight candidates at most, one a lane, see `structure.candidates`. Followed over the values a
-lane has its curves: where what stands under the roots of its three equations is above zero, and every joint between its
-limits. A curve ends at a fold, where a root is zero and another lane goes on, or at a limit.
+Each value of the joint leaves at most eight candidates, one in each lane, see `structure.candidates`. Over the values,
+the solutions of a lane form curves, where the radicands of its three equations are positive and every joint is within its
+limits. A curve ends at a fold, where a radicand is zero and another lane continues it, or at a limit.
 
-Many curves are narrower than any grid. But what stands under the roots is smooth in the value, and so are the joints away
-from folds. So between two values of a grid it is looked
+Many curves are narrower than any grid. The radicands are smooth functions of the value, though, and so are the joints
+away from folds. Between two values of a grid there is therefore a search
 
-- where a root is below zero at one of them, for the fold, if there is a curve through it that the other does not tell of;
-- where it is below zero at both, for a peak above zero between them;
-- where there are angles at both, beyond limits at least at one of them, or far apart, for a part that all limits allow.
+- for the fold, if a radicand is negative at one of them and a curve may pass through the fold that the other does not
+  show;
+- for a positive peak between them, if a radicand is negative at both;
+- for a part within all limits, if there are angles at both that are beyond limits at one of them or far apart.
 
-If one of these may be, a value is put in between, and on both sides of it the same is asked again.
+If one of these is possible, a value is inserted, and the same tests are made on both sides of it.
 """
 
 from __future__ import annotations
@@ -40,70 +41,70 @@ from kinseek.kernels.structure.swept_joint import direction, swept_joint, taken_
 from .refine_all import joint_gap
 
 TURN = 0.5 / math.pi
-"""Turns a radian, see `joint_gap`."""
+"""Turns per radian, see `joint_gap`."""
 
 
 GRID = 48
-"""Values of the grid: with a few more that are put between them, enough by trial on Panda, iiwa14 and Gen3."""
+"""Values of the grid. With a few inserted values it was enough for Panda, iiwa14 and Gen3. Not examined further."""
 
 
 SPARE = 96
-"""Values that may be put between them, besides one for each answer that is wanted."""
+"""Largest number of inserted values, in addition to one for each requested solution."""
 
 
 CLOSE = 2e-4
-"""Values closer than this part of the range have nothing between them."""
+"""Values closer than this fraction of the range are not separated further."""
 
 
 ANGLES, UNDER, LEAST, ROOM = 0, 6, 9, 10
-"""Rows of what is told of a value: six angles, from the middle of their ranges; what stands under three roots; the least of
-these; and the least room that an angle has inside its limits [rad], less than 0 beyond one."""
+"""Rows of the report on a value: six angles, relative to the middle of their ranges; three radicands; the smallest of
+these; and the smallest distance of an angle to its limits [rad], negative beyond one."""
 
 
 REPORT = 11
-"""Rows of these."""
+"""Number of these rows."""
 
 
 BEYOND = 0.3
-"""Between values where no root is, angles are unknown: peaks are looked for where they are at most that far beyond limits
-[rad]."""
+"""Angles between two values without solutions are unknown. Peaks are sought if the angles there are at most this far
+beyond limits [rad]."""
 
 
 FOLDED = 0.15
-"""The same beside a fold, where the angles are those of the fold."""
+"""The same near a fold, where the angles are those of the fold."""
 
 
 AHEAD = 0.05
-"""What is looked at instead of a fold lies so far from it, in parts of the way to the next value."""
+"""Distance of the inserted value from a fold, as a fraction of the way to the next value."""
 
 
 SURE = 1.3
-"""A peak may be so many times as high above the straight line as the cubic through two values says."""
+"""Safety factor for the height of a peak above the straight line, relative to the cubic through two values."""
 
 
 BEND = 0.25
-"""An angle may be off the straight line between two values by so much of its change."""
+"""Largest deviation of an angle from the straight line between two values, as a fraction of its change."""
 
 
 TINY_CHANGE = 1e-9
-"""An angle that changes less stays where it is [rad]."""
+"""An angle whose change is smaller counts as constant [rad]."""
 
 
 FAR = 0.5
-"""Answers farther apart than that in a joint [rad] may belong to two curves."""
+"""Solutions farther apart than this in a joint [rad] may belong to two curves."""
 
 
 STEEP = 0.1
-"""Where a root is so much less at one of two values, the angles change mostly there."""
+"""If a radicand is smaller by this factor at one of two values, the angles change mostly there."""
 
 
 HALVINGS = 12
-"""How often steps along the curves are halved at most, where there are too few answers."""
+"""Largest number of times that the steps along the curves are halved if there are too few solutions."""
 
 
 @inlined
 def swept_range(task: Task, D: Array) -> tuple[float, float]:
-    """Values of the joint in front that are looked at: its range, but one turn at most, or as far as the arm reaches."""
+    """Values of the swept joint to cover: its range, limited to one turn, or to the reach of the arm."""
     i, S = swept_joint(task.structure, len(task.lower)), task.structure
     low, high = task.chain.lower[i], task.chain.upper[i]
     if S[SLIDES] > 0.0:
@@ -119,16 +120,16 @@ def swept_range(task: Task, D: Array) -> tuple[float, float]:
 def report_samples(
     task: Task, D: Array, value: float, halves: Array, rest: Array, work: Array, report: Array, w: int
 ) -> None:
-    """Write what there is at a value of the joint in front.
+    """Write the report on a value of the swept joint.
 
     Args:
         task: The task.
-        D: What all joints make, (3, 4).
-        value: Of the joint in front.
-        halves: Receives half the range of each angle, infinite where it turns fully, (6,).
-        rest: Memory, (3, 4).
-        work: Memory, (WORK,).
-        report: Receives it, (REPORT, LANES).
+        D: Displacement of all joints, (3, 4).
+        value: Value of the swept joint.
+        halves: Receives half the range of each angle, infinite if it turns fully, (6,).
+        rest: Scratch memory, (3, 4).
+        work: Scratch memory, (WORK,).
+        report: Receives the report, (REPORT, LANES).
         w: LANES.
     """
     W, dof = LANES, len(task.lower)
@@ -151,14 +152,14 @@ def report_samples(
 
 @inlined
 def is_answer(report: Array, k: int, l: int) -> bool:
-    """Is there an answer in a lane at value k?"""
+    """Return True if a lane has a solution at value k."""
     there: bool = report[k, LEAST, l] >= 0.0 and report[k, ROOM, l] >= 0.0
     return there
 
 
 @inlined
 def farthest(report: Array, a: int, b: int, l: int) -> float:
-    """Largest change of an angle of a lane from value a to b, the short way round [rad]."""
+    """Largest change of an angle of a lane from value a to b, the shorter way [rad]."""
     far = 0.0
     for row in range(ANGLES, UNDER):
         far = max(far, abs(joint_gap(report[b, row, l], report[a, row, l], TURN)))
@@ -167,7 +168,7 @@ def farthest(report: Array, a: int, b: int, l: int) -> float:
 
 @inlined
 def slope(values: Array, report: Array, before: int, k: int, after: int, row: int, l: int) -> float:
-    """Slope of a row at value k, by the parabola through its neighbours."""
+    """Slope of a row at value k, from the parabola through its neighbours."""
     left, right = values[k] - values[before], values[after] - values[k]
     down = (report[k, row, l] - report[before, row, l]) / left
     up = (report[after, row, l] - report[k, row, l]) / right
@@ -177,9 +178,10 @@ def slope(values: Array, report: Array, before: int, k: int, after: int, row: in
 
 @inlined
 def peak(values: Array, report: Array, left: int, a: int, b: int, right: int, l: int) -> float:
-    """Where all roots of a lane may be above zero between two values where some are not, in parts of the way; else -1.
+    """Position between two values, as a fraction, where all radicands of a lane may be positive; else -1.
 
-    Of what is next to them on either side, -1 where there is nothing, slopes are taken.
+    Some radicand is negative at each of the two values. Slopes come from their neighbours on either side, -1 where there
+    is none.
     """
     width, at = values[b] - values[a], -1.0
     if max(report[a, ROOM, l], report[b, ROOM, l]) < -BEYOND:
@@ -194,18 +196,18 @@ def peak(values: Array, report: Array, left: int, a: int, b: int, right: int, l:
         if up <= 0.0 or down >= 0.0:
             return -1.0
         t = min(max(up / (up - down), 0.05), 0.95)
-        # The cubic with these slopes, by how much it is above the straight line.
+        # Height of the cubic with these slopes above the straight line.
         bulge = t * (1.0 - t) * ((1.0 - t) * (up - end + begin) - t * (down - end + begin))
         if begin + t * (end - begin) + SURE * bulge < 0.0:
             return -1.0
         at = t
-    # Of two roots each below zero at one end both may be above between.
+    # If two radicands are negative at one end each, both may be positive in between.
     return 0.5 if at < 0.0 else at
 
 
 @inlined
 def fold(values: Array, report: Array, a: int, b: int, l: int, far: float) -> float:
-    """Where between two values, one of which has no root, it is looked beside the fold, in parts of the way; else -1."""
+    """Position near a fold between two values, one of which has no solution, as a fraction; else -1."""
     here, there = (a, b) if report[b, LEAST, l] >= 0.0 else (b, a)
     if report[here, ROOM, l] < -FOLDED or (
         report[there, ROOM, l] >= 0.0 and farthest(report, a, b, l) <= far
@@ -222,7 +224,7 @@ def fold(values: Array, report: Array, a: int, b: int, l: int, far: float) -> fl
 
 @inlined
 def allowed(report: Array, halves: Array, a: int, b: int, l: int, far: float) -> float:
-    """Where between two values with angles limits may allow an answer that these do not tell of, in parts; else -1."""
+    """Position between two values with angles where limits may allow an unknown solution, as a fraction; else -1."""
     known = is_answer(report, a, l) or is_answer(report, b, l)
     if known and farthest(report, a, b, l) <= far:
         return -1.0
@@ -236,7 +238,7 @@ def allowed(report: Array, halves: Array, a: int, b: int, l: int, far: float) ->
             continue
         if abs(change) < TINY_CHANGE:
             return -1.0
-        # An angle that goes once round the other way comes in where it ends.
+        # An angle that takes the other way round enters the range at its end.
         angle = report[b, row, l] - change if inside else angle
         low, high = (-room - angle) / change, (room - angle) / change
         begin, end = max(begin, min(low, high)), min(end, max(low, high))
@@ -259,7 +261,7 @@ def between(
     far: float,
     close: float,
 ) -> float:
-    """Where between two values it is looked next, in parts of the way, not as close as that to one; -1 if nowhere."""
+    """Next position between two values, as a fraction that is at least `close` from both ends; -1 if there is none."""
     for l in range(LANES):
         one, other = report[a, LEAST, l] < 0.0, report[b, LEAST, l] < 0.0
         if one and other:
@@ -287,7 +289,7 @@ def refine_sweep(
     work: Array,
     w: int,
 ) -> int:
-    """Put values between those there are, wherever curves may hide or answers are far apart; return how many there are."""
+    """Insert values wherever curves may be missed or solutions are far apart; return the number of values."""
     close = CLOSE * (values[GRID - 1] - values[0])
     left, a = -1, 0
     for _ in range(2 * len(values)):
@@ -309,7 +311,7 @@ def refine_sweep(
 
 @inlined
 def goes_on(report: Array, halves: Array, a: int, b: int, l: int) -> bool:
-    """Do answers of a lane at two values belong to one curve, as far as is seen: no limit lies between them?"""
+    """Return True if solutions of a lane at two values seem to belong to one curve, without a limit between them."""
     for row in range(ANGLES, UNDER):
         if (
             abs(report[a, row, l] + joint_gap(report[b, row, l], report[a, row, l], TURN))
@@ -321,7 +323,7 @@ def goes_on(report: Array, halves: Array, a: int, b: int, l: int) -> bool:
 
 @inlined
 def step_length(report: Array, values: Array, a: int, b: int, l: int) -> float:
-    """Distance of the answers of a lane at two values [rad], the joint in front included."""
+    """Distance of the solutions of a lane at two values [rad], including the swept joint."""
     total = (values[b] - values[a]) * (values[b] - values[a])
     for row in range(ANGLES, UNDER):
         gap = joint_gap(report[b, row, l], report[a, row, l], TURN)
@@ -351,9 +353,10 @@ def take_along(
     seeds: Array,
     many: int,
 ) -> tuple[int, float]:
-    """Append answers of every curve to seeds, (k, n); return how many there are then, and how long all curves are [rad].
+    """Append solutions of every curve to seeds, (k, n); return their number and the total length of the curves [rad].
 
-    Of each curve those are taken that lie `apart` of one another [rad], from its beginning on; its middle if that is 0.
+    Solutions are taken at distances of `apart` [rad] from the start of each curve. If `apart` is 0, the middle of each
+    curve is taken.
     """
     total = 0.0
     for l in range(LANES):
@@ -386,7 +389,7 @@ def take_along(
 
 @inlined
 def answers_among(report: Array, count: int) -> int:
-    """How many answers there are at all values."""
+    """Number of solutions at all values."""
     many = 0
     for k in range(count):
         for l in range(LANES):
@@ -408,18 +411,18 @@ def swept_starts(
     seeds: Array,
     w: int,
 ) -> tuple[int, int]:
-    """Write answers of every curve into seeds, first one of each; return how many these are, and how many all.
+    """Write solutions of every curve into seeds, first one of each; return the number of these and of all.
 
     Args:
-        task: The task, of an arm with a joint in front of its structure.
+        task: The task, of an arm with a swept joint.
         scratch: Its memory.
         target: (4, 4), lengths in [m].
-        number: How many answers are wanted.
-        values: Memory, (k,): at most so many values of the joint in front are looked at.
-        report: Memory, (k, REPORT, LANES).
-        next_one: Memory, (k,).
-        work: Memory, (WORK,).
-        halves: Memory, (6,).
+        number: Number of requested solutions.
+        values: Scratch memory, (k,); k is the largest number of values of the swept joint.
+        report: Scratch memory, (k, REPORT, LANES).
+        next_one: Scratch memory, (k,).
+        work: Scratch memory, (WORK,).
+        halves: Scratch memory, (6,).
         seeds: Receives joint values, (most, n).
         w: LANES.
     """

@@ -1,9 +1,10 @@
-"""Every answer of an arm of which one joint is searched: where the residual changes its sign, see `one_joint_residual`.
+"""All solutions of an arm with one searched joint: sign changes of the residual, see `one_joint_residual`.
 
-The joint is sampled. Between two samples of different signs there is an answer. A way ends where one of its equations has
-one answer only: there two ways are one curve, and the residual goes with the root of the distance from the end.
-Between the last samples and the end eight more are looked at, so spaced that it is smooth along them. So are places where
-an equation nearly has one answer, and where the residual comes close to nought and turns back.
+The joint is sampled. There is a solution between two samples with residuals of different signs. A branch ends where one
+of its equations has a double root: two branches meet there in one curve, and the residual varies with the square root of
+the distance from the end. Eight more samples are placed between the last samples and the end, so spaced that the residual
+is smooth along them. The same is done where an equation nearly has a double root, and where the residual approaches zero
+and turns back.
 """
 
 from __future__ import annotations
@@ -34,34 +35,34 @@ from .one_joint_residual import (
 )
 
 SEGMENTS, ROOTS = 48, 48
-"""Places that are looked at more closely, and answers, at most."""
+"""Largest number of places that are searched closely, and of solutions."""
 
 
 ENDS, NEARLY, DIPS = range(3)
-"""Kinds of such places: a branch ends; an equation nearly has one answer; the number comes close to nought."""
+"""Kinds of these places: a branch ends; an equation nearly has a double root; the residual comes close to zero."""
 
 
 BESIDE = 0.02
-"""A start lies no farther beyond a limit [rad]: it is not exact."""
+"""Largest distance of a start beyond a limit [rad], because starts are not exact."""
 
 
 NARROW, LOW = 2.0, 0.2
-"""How close is close: an equation, and the residual, in parts of how much they bend from sample to sample."""
+"""Thresholds of closeness, for an equation and for the residual, relative to their second differences between samples."""
 
 
 FLAT, FREE = 1e-4, 2e-4
-"""Where the residual is less than that from sample to sample, or the point is that close to axis 1 in parts of the arm's
-size, a joint is left to choose: answers are continua, within the tolerances."""
+"""Residual between samples, and distance of the point from axis 1 relative to the arm's size, below which a joint is
+undetermined. The solutions are then continua, within the tolerances."""
 
 
 MANY, TWINS, UNSURE = range(3)
-"""Places in what is told of starts: how many there are; 1 if answers may stand close together, else 0; and 1 if there may be
-answers that no start leads to, else 0."""
+"""Indices into the report on starts: their number; 1 if solutions may be close together, else 0; and 1 if there may be
+solutions that no start leads to, else 0."""
 
 
 @inlined
 def crossing(y0: float, y1: float, y2: float, y3: float) -> float:
-    """Where between 1 and 2 a cubic through values at 0, 1, 2 and 3 is nought, its sign being different there."""
+    """Zero between 1 and 2 of a cubic through values at 0, 1, 2 and 3; y1 and y2 have different signs."""
     low, high, at_low = 1.0, 2.0, y1
     x = 1.0 + y1 / (y1 - y2)
     for _ in range(6):
@@ -81,7 +82,7 @@ def crossing(y0: float, y1: float, y2: float, y3: float) -> float:
 
 @inlined
 def segment(kind: int, row: int, begin: float, end: float, segments: Array, count: int) -> int:
-    """Note a place to look at; return how many there are."""
+    """Store a place to search; return the number of places."""
     if count < SEGMENTS:
         segments[count, 0], segments[count, 1], segments[count, 2], segments[count, 3] = kind, row, begin, end
     return count + 1
@@ -89,14 +90,14 @@ def segment(kind: int, row: int, begin: float, end: float, segments: Array, coun
 
 @inlined
 def find_places(S: Array, seen: Array, covered: Array, segments: Array) -> int:
-    """Find where branches end, or an equation comes close to having one answer; return how many places there are.
+    """Find ends of branches and near double roots of equations; return the number of places.
 
     Args:
         S: Numbers of the arm.
         seen: See `write_residuals`.
-        covered: Receives 1 for an interval of an equation that is looked at more closely, else 0, (3, samples).
-        segments: Receives of each place its kind, which equation it is, and where its eight samples begin and end, where
-            they crowd, (SEGMENTS, 4).
+        covered: Receives 1 for an interval of an equation that is searched closely, else 0, (3, samples).
+        segments: Receives for each place its kind, the index of the equation, and the begin and the end of its eight
+            samples, which are densest at the end, (SEGMENTS, 4).
     """
     many, count, t0, dt = seen.shape[1], 0, S[BEGIN], S[APART]
     for e in range(3):
@@ -117,7 +118,7 @@ def find_places(S: Array, seen: Array, covered: Array, segments: Array) -> int:
                 y3 = 2.0 * y2 - y1 if k == many - 2 else y3
                 at = t0 + (k - 1 + crossing(y0, y1, y2, y3)) * dt
                 begin = k if y1 > 0.0 else k + 1
-                # One sample more, if it is there: the residual is steep there.
+                # One sample more, if it exists, because the residual is steep there.
                 further = begin - 1 if y1 > 0.0 else begin + 1
                 covered[e, k] = 1.0
                 if (
@@ -152,7 +153,7 @@ def find_places(S: Array, seen: Array, covered: Array, segments: Array) -> int:
 
 @inlined
 def root(value: float, branch: int, roots: Array, count: int) -> int:
-    """Note a root; return how many there are."""
+    """Store a root; return the number of roots."""
     if count < ROOTS:
         roots[0, count], roots[1, count], roots[2, count] = (
             value,
@@ -166,18 +167,18 @@ def root(value: float, branch: int, roots: Array, count: int) -> int:
 def find_roots(
     S: Array, seen: Array, covered: Array, segments: Array, places: int, roots: Array
 ) -> tuple[int, int, int]:
-    """Find where the residual changes its sign from sample to sample, and where it may have been nought between two.
+    """Find sign changes of the residual between samples, and places where it may be zero between two samples.
 
     Args:
         S: Numbers of the arm.
         seen: See `write_residuals`.
         covered: See `find_places`.
         segments: See `find_places`; receives more places.
-        places: How many there are.
+        places: Number of places so far.
         roots: Receives the value of the joint and two signs of each root, (3, ROOTS).
 
     Returns:
-        How many roots there are, how many places, and between how many samples the residual stays nought, nearly.
+        The number of roots, the number of places, and the number of intervals in which the residual stays near zero.
     """
     many, count, flat, t0, dt = seen.shape[1], 0, 0, S[BEGIN], S[APART]
     for b in range(4):
@@ -201,7 +202,7 @@ def find_roots(
 
 @inlined
 def turns_back(a: float, b: float, c: float) -> bool:
-    """Does a number come close to nought at the second of three samples, and turn back?"""
+    """Return True if the second of three samples is close to zero and the values turn back there."""
     sign = 1.0 if b > 0.0 else -1.0
     a, b, c = sign * a, sign * b, sign * c
     close: bool = min(a, c) >= b and b < LOW * (a - 2.0 * b + c)
@@ -212,15 +213,15 @@ def turns_back(a: float, b: float, c: float) -> bool:
 def look_closely(
     S: Array, close: Array, segments: Array, places: int, roots: Array, count: int
 ) -> tuple[int, int]:
-    """Add the roots at places that are looked at more closely; return how many there are, and how many may be two in one.
+    """Add the roots at the places that are searched closely; return the number of roots and of possible double roots.
 
     Args:
         S: Numbers of the arm.
         close: See `write_residuals`, eight samples of each place, (8, places * LANES).
         segments: See `find_places`.
-        places: How many there are.
+        places: Number of places.
         roots: See `find_roots`.
-        count: How many there are.
+        count: Number of roots so far.
     """
     last, dips = LANES - 1, 0
     for i in range(places):
@@ -271,7 +272,7 @@ def searched_starts(
     report: Indices,
     w: int,
 ) -> None:
-    """Write starts that lead to every answer inside the limits, or beside them, into seeds.
+    """Write starts that lead to every solution within the limits, or close to them, into seeds.
 
     Args:
         handle: The task, see `task_of`.

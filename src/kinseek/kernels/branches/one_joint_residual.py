@@ -1,9 +1,9 @@
-"""Residual of an arm of which one joint is searched, and its other joints once that one is known.
+"""Residual of an arm with one searched joint, and its other joints for a given value of that joint.
 
-The arm is a product of turns about its axes as they stand at q = 0, see `structure.candidates`. The searched joint tells
-which point joints 1, 2 and 3 have to take where: in up to four ways, told apart by two signs. Each way turns what is
-wanted of the last axis back into the frame of the wrist. What it makes with the axis of the other joint of the wrist is
-then what the wrist allows, or it is not.
+The arm is a product of rotations about its axes as they stand at q = 0, see `structure.candidates`. The searched joint
+determines a point and the position to which joints 1, 2 and 3 have to move it. They have up to four ways to do so, which
+two signs distinguish. Each way gives the required direction of the last axis in the frame of the wrist. The residual
+compares its angle to the other axis of the wrist with the angle that the wrist has.
 """
 
 from __future__ import annotations
@@ -18,43 +18,44 @@ from kinseek.kernels.structure.candidates import H1, H6, P1, P2, P3, SENSE, SIZE
 from kinseek.kernels.structure.subproblems import angle, cross, dot, rotate, solve_trig, unit_angle
 
 SAMPLES = 128
-"""Samples of the joint."""
+"""Number of samples of the joint."""
 
 
 BEGIN, APART, SEARCHED, OTHER = range(candidates.NUMBERS, candidates.NUMBERS + 4)
-"""Places in the numbers of an arm, behind those of a structure, of which it has vectors, home and size: the first sample,
-and how far apart they are [rad]; which joint is searched, and which joint of the wrist is the other beside the last."""
+"""Indices after those of a structure, of which vectors, home and size are used: the first sample and the distance of
+samples [rad]; the index of the searched joint; and the index of the other joint of the wrist beside the last."""
 
 
 NUMBERS = OTHER + 1
-"""Numbers of an arm."""
+"""Length of these numbers."""
 
 
 HEIGHT, LINK, COSINE, FIRST, NEAR, AXIS, SECOND = 0, 1, 3, 4, 7, 10, 13
-"""Rows of the table, which has a column for each sample. Of the point that joints 1 to 3 take to its place: how high it
-is along the parallel axes, and where across them, from axis 3. The cosine of the angle between the other axis of the
-wrist and the last one; the other axis, along the parallel ones and across them. And in the frame of the base: the point
-as the last axis has it at q = 0; the last axis as the searched joint leaves it; and what the last joint has to turn the
-other axis onto."""
+"""First rows of parts of the table, which has a column for each sample. For the point that joints 1 to 3 move: its height
+along the parallel axes, and its position normal to them, relative to axis 3. The cosine of the angle between the other
+axis of the wrist and the last one. The other axis, along the parallel axes and normal to them. And in the frame of the
+base: the point as the last axis has it at q = 0; the last axis after the searched joint; and the direction onto which
+the last joint has to rotate the other axis."""
 
 
 PLACES = SECOND + 3
-"""Rows of the table."""
+"""Number of rows of the table."""
 
 
 VALUE, ROOM = 16, 20
-"""Rows of the lanes behind those of the table: the residual, of four ways; and room, see `write_residuals`, four rows."""
+"""Rows of the lanes after those of the table: the residuals of four ways; and the room of the equations, see
+`write_residuals`, four rows."""
 
 
 LANE_ROWS = ROOM + 4
-"""Rows of numbers that the lanes work on."""
+"""Number of rows that the lanes work on."""
 
 
 @inlined
 def seen_by(
     D: Array, x: float, y: float, z: float, tx: float, ty: float, tz: float
 ) -> tuple[float, float, float, float]:
-    """A product with what D makes of a vector and with what is added to it, as three numbers and one."""
+    """Coefficients of the scalar product of (x, y, z) with D v + t as a function of v: three factors and a constant."""
     return (
         D[0, 0] * x + D[1, 0] * y + D[2, 0] * z,
         D[0, 1] * x + D[1, 1] * y + D[2, 1] * z,
@@ -67,26 +68,27 @@ def seen_by(
 def triangle(
     g0: float, g1: float, m0: float, m1: float, u0: float, u1: float, square: float, per: float, least: float
 ) -> tuple[float, float, float]:
-    """``u₀ cos + u₁ sin`` of the angle by which a triangle turns its second side, for both triangles there are.
+    """``u₀ cos + u₁ sin`` of the angle by which a triangle rotates its second side, for both triangles.
 
     Args:
         g0: Third side.
         g1: Third side.
-        m0: Second side before it is turned.
-        m1: Second side before it is turned.
+        m0: Second side before the rotation.
+        m1: Second side before the rotation.
         u0: Weight of the cosine.
         u1: Weight of the sine.
         square: Squared length of the first side.
-        per: One over the squared length of the second.
-        least: What a squared length is taken to be at least.
+        per: One over the squared length of the second side.
+        least: Lower bound of the squared length of the third side.
 
     Returns:
-        Mean of both, half their difference, and the square of the sine of the angle between the first sides, or less than 0.
+        Mean of both values, half their difference, and the square of the sine of the angle between the first sides, which
+        is negative if there is no triangle.
     """
     gg = max(g0 * g0 + g1 * g1, least)
     part = gg + square - m0 * m0 - m1 * m1
     rest, half = 4.0 * gg * square - part * part, 0.5 / gg
-    # The second side goes so much along the third, and so much across it.
+    # Components of the second side along the third and normal to it.
     part, across = (1.0 - part * half) * per, math.sqrt(max(rest, 0.0)) * half * per
     along, beside = m0 * g0 + m1 * g1, m0 * g1 - m1 * g0
     return part * (u0 * along + u1 * beside), across * (u1 * along - u0 * beside), 0.25 * rest * per / square
@@ -96,17 +98,18 @@ def triangle(
 def write_residuals(S: Array, D: Array, table: Array, many: int, seen: Array, work: Array, w: int) -> None:
     """Write the residual, and the room of its equations, into seen, (8, many).
 
-    Where an equation has no answer the residual goes on, and means nothing.
+    If an equation has no solution, the residual is continued and has no meaning.
 
     Args:
         S: Numbers of the arm, see `BEGIN`.
         D: See `candidates.displacement`, (3, 4).
         table: See `HEIGHT`, (PLACES, many).
-        many: How many, a multiple of LANES.
-        seen: Receives the residual of four ways, told apart by the answer of joint 1 and then by that of joint 3; how far
-            the equation of joint 1 is from having one answer, and that of joint 3 for both answers of joint 1, less than 0
-            where there is none; and the squared distance of the point from axis 1, in parts of the arm's size.
-        work: Memory, (LANE_ROWS * LANES,).
+        many: Number of columns, a multiple of LANES.
+        seen: Receives the residuals of four ways, ordered by the solution of joint 1 and then by that of joint 3. Then
+            the distance of the equation of joint 1 from a double root, and that of joint 3 for both solutions of joint 1;
+            it is negative if no solution exists. Then the squared distance of the point from axis 1, relative to the
+            arm's size.
+        work: Scratch memory, (LANE_ROWS * LANES,).
         w: LANES.
     """
     W, scale, least = LANES, 1.0 / (S[SIZE] * S[SIZE]), 1e-12 * S[SIZE] * S[SIZE]
@@ -114,7 +117,7 @@ def write_residuals(S: Array, D: Array, table: Array, many: int, seen: Array, wo
     ex, ey, ez, px, py, pz = S[E], S[E + 1], S[E + 2], S[P1], S[P1 + 1], S[P1 + 2]
     fx, fy, fz = cross(hx, hy, hz, ex, ey, ez)
     tx, ty, tz = D[0, 3] - px, D[1, 3] - py, D[2, 3] - pz
-    # E₁⁻¹ u has along h, e and f so much that does not turn, so much with the cosine, so much with the sine.
+    # Components of E₁⁻¹ u along h, e and f: a constant part, and factors of the cosine and of the sine.
     ah, ae, af = dot(ax, ay, az, hx, hy, hz), dot(ax, ay, az, ex, ey, ez), dot(ax, ay, az, fx, fy, fz)
     hsx, hsy, hsz = cross(ax, ay, az, hx, hy, hz)
     esx, esy, esz = cross(ax, ay, az, ex, ey, ez)
@@ -190,7 +193,7 @@ def write_residuals(S: Array, D: Array, table: Array, many: int, seen: Array, wo
 
 @inlined
 def link(S: Array) -> tuple[float, float]:
-    """From axis 2 to axis 3, across them."""
+    """Vector from axis 2 to axis 3, normal to them."""
     sx, sy, sz = S[P3] - S[P2], S[P3 + 1] - S[P2 + 1], S[P3 + 2] - S[P2 + 2]
     fx, fy, fz = cross(S[H], S[H + 1], S[H + 2], S[E], S[E + 1], S[E + 2])
     return dot(S[E], S[E + 1], S[E + 2], sx, sy, sz), dot(fx, fy, fz, sx, sy, sz)
@@ -203,10 +206,10 @@ def complete(S: Array, D: Array, table: Array, begin: int, roots: Array, work: A
     Args:
         S: Numbers of the arm, see `BEGIN`.
         D: See `candidates.displacement`, (3, 4).
-        table: The table where roots are, (PLACES, ROOTS).
+        table: The table at the roots, (PLACES, ROOTS).
         begin: The first of the roots.
         roots: See `find_roots`, (3, ROOTS).
-        work: Memory, (LANE_ROWS * LANES,).
+        work: Scratch memory, (LANE_ROWS * LANES,).
         w: LANES.
     """
     W = LANES
@@ -250,7 +253,7 @@ def complete(S: Array, D: Array, table: Array, begin: int, roots: Array, work: A
         v0, v1 = l0 + c3 * m0 - s3 * m1, l1 + c3 * m1 + s3 * m0
         c2, s2, _ = unit_angle(v0 * g0 + v1 * g1, v0 * g1 - v1 * g0)
         c, s = c2 * c3 - s2 * s3, s2 * c3 + c2 * s3
-        # The last axis as the searched joint leaves it is turned about the other one onto what is wanted of it.
+        # The other axis rotates the last axis, as it stands after the searched joint, onto its required direction.
         qx, qy, qz = rotate(ax, ay, az, c1, -s1, vx, vy, vz)
         qx, qy, qz = rotate(hx, hy, hz, c, -s, qx, qy, qz)
         o0, o1, o2 = work[FIRST * W + l], work[(FIRST + 1) * W + l], work[(FIRST + 2) * W + l]
@@ -259,7 +262,7 @@ def complete(S: Array, D: Array, table: Array, begin: int, roots: Array, work: A
         kx, ky, kz = cross(nnx, nny, nnz, qx, qy, qz)
         flat = dot(nnx, nny, nnz, qx, qy, qz) - dot(bx, by, bz, nnx, nny, nnz) * dot(bx, by, bz, qx, qy, qz)
         other = angle(dot(bx, by, bz, kx, ky, kz), flat)
-        # The other axis in the frame of the tip, and what is turned onto it back from there.
+        # The other axis in the frame of the tip; the last joint has to rotate it onto SECOND.
         bx, by, bz = rotate(hx, hy, hz, c, s, bx, by, bz)
         bx, by, bz = rotate(ax, ay, az, c1, s1, bx, by, bz)
         rx, ry, rz = (
@@ -278,7 +281,7 @@ def complete(S: Array, D: Array, table: Array, begin: int, roots: Array, work: A
 
 @inlined
 def between(S: Array, table: Array, value: float, rows: int, into: Array, place: int) -> None:
-    """Write rows of the table at a value of the joint into a column of another, by cubics through four samples."""
+    """Interpolate rows of the table at a value of the joint by cubics through four samples; write a column of another."""
     x = (value - S[BEGIN]) / S[APART]
     k = min(max(int(x) - 1, 0), table.shape[1] - 4)
     x -= k

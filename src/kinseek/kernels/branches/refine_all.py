@@ -1,4 +1,4 @@
-"""Many starts to answers, eight at a time, each answer once."""
+"""Refine many starts to solutions, eight at a time, without duplicates."""
 
 from __future__ import annotations
 
@@ -20,59 +20,64 @@ from kinseek.kernels.atlas.tree import nearest
 from kinseek.kernels.jit import inlined, kernel
 
 CENTRE, SCALE, RATES = range(3)
-"""Rows of a view: where the answers are seen from, the weight of each joint, and one over 2π for each that has the same
-pose after a full turn, else 0, (n,) each."""
+"""Rows of a view: the joint values from which distances are measured, the weight of each joint, and 1/(2π) for each joint
+that has the same pose after a full turn, else 0, (n,) each."""
 
 
 SCORE = 2
-"""Place of the squared distance behind the joint values of an answer, after the two errors of a report."""
+"""Index of the squared distance after the joint values of a solution and the two errors of a report."""
 
 
 ANSWER = SCORE + 1
-"""Numbers behind the joint values of an answer."""
+"""Number of entries after the joint values of a solution."""
 
 
 ANSWERS, SPENT, CONTINUUM = range(3)
-"""Places in the row behind the answers: their number, FK evaluations, and 1 if they belong to a continuum."""
+"""Indices into the row after the solutions: their number, FK evaluations, and 1 if they belong to a continuum."""
 
 
 EVALUATED, CONTINUA, WEAKEST, LATE = range(4)
-"""Places in the tally of a search: FK evaluations, answers on a continuum, the least singular value of the scaled
-Jacobian at any answer, and answers that only a late start led to."""
+"""Indices into the tally of a search: FK evaluations; solutions on a continuum; the smallest singular value of the scaled
+Jacobian at any solution; and solutions that only a late start led to."""
 
 
 TALLY = LATE + 1
-"""Numbers of a tally."""
+"""Length of a tally."""
 
 
 SEEDED, SIBLING, SAMPLED = 0, 1, 2
-"""How `refine_all` treats its starts: give up those that lead to what is known; never that; take what is good enough."""
+"""Modes of `refine_all`: give up starts that lead to known solutions; never give up so; or accept every start within the
+tolerances."""
 
 
 STEPS, SIBLING_STEPS, MORE_STEPS = 12, 20, 20
-"""Steps of a start, of a sibling, and more for one that is within the tolerances and not exact yet."""
+"""Largest number of steps of a start and of a sibling, and of additional steps within the tolerances until the result is
+exact."""
 
 
 EXACT = 1e-22
-"""Squared scaled error to converge to, so that answers near a singularity can be told apart."""
+"""Squared scaled error to converge to, so that solutions near a singularity can be distinguished."""
 
 
 EQUAL, ALIKE = 1e-4, 0.1
-"""Answers this close [rad or m] are one. At a singularity, where a start may get no closer than the tolerances, so are
-those alike that meet them half-way as well."""
+"""Solutions closer than EQUAL [rad or m] count as one. At a singularity a start may get no closer than the tolerances.
+Solutions closer than ALIKE therefore also count as one if the configuration half-way between them meets the
+tolerances."""
 
 
 PATIENCE, STRIKES, WORTH = 4, 3, 0.7
-"""From this step on, that many steps which leave more than this share of the squared error end a start."""
+"""A start ends from step PATIENCE on, after STRIKES steps that each leave more than the fraction WORTH of the squared
+error."""
 
 
 NEAR, HEADING, WITHIN_SIGHT = 0.1, 0.5, 0.6
-"""A start ends this close to a known answer, or within sight of it if the last step halved the distance."""
+"""A start ends if it is closer to a known solution than NEAR, or closer than WITHIN_SIGHT if the last step reduced the
+distance to less than the fraction HEADING."""
 
 
 @inlined
 def joint_gap(a: float, b: float, rate: float) -> float:
-    """Difference of two joint values, the short way round where `rate` is one over 2π and not 0."""
+    """Difference of two joint values, the shorter way if `rate` is 1/(2π) and not 0."""
     gap: float = a - b
     gap -= 2.0 * math.pi * np.floor(gap * rate + 0.5)
     return gap
@@ -101,19 +106,19 @@ def match(
     q: Array,
     half: Array,
 ) -> int:
-    """Return which of the first `count` rows q is, or -1.
+    """Return which of the first `count` rows equals q, or -1.
 
     Args:
         task: The task.
         scratch: Its memory.
         goal: The goal.
         rates: See `joint_gap`, (n,).
-        rows: Answers, (capacity, n).
+        rows: Solutions, (capacity, n).
         left: Their squared scaled errors, (capacity,).
-        count: How many there are.
-        error: That of q.
+        count: Number of solutions.
+        error: Squared scaled error of q.
         q: Joint values, (n,).
-        half: Memory, (n,).
+        half: Scratch memory, (n,).
     """
     for j in range(count):
         gap = squared_gap(rates, rows, j, q)
@@ -131,10 +136,10 @@ def match(
 
 @inlined
 def head_for_known(lanes: Lanes, rates: Array, rows: Array, count: int, heading: Array, w: int) -> None:
-    """Which lanes are at one of the first `count` rows, or were brought much closer to one by their last step?
+    """Find lanes that are at one of the first `count` rows, or moved much closer to one in their last step.
 
-    Writes 1 for these, else 0, into `heading`, (LANES,). All joints in one loop over the lanes, see `seeding.is_alike`; with
-    fewer than six the last counts more than once.
+    Writes 1 for these, else 0, into `heading`, (LANES,). One loop over the lanes handles all joints, see
+    `seeding.is_alike`; with fewer than six joints the last counts more than once.
     """
     q, step, work, dof = lanes.q, lanes.step, lanes.work, rows.shape[1]
     b, c, d = min(1, dof - 1), min(2, dof - 1), min(3, dof - 1)
@@ -174,22 +179,22 @@ def refine_all(
     tally: Array,
     w: int,
 ) -> int:
-    """Refine seeds 0 … last-1, a lane that is done taking the next; append new answers; return how many there are.
+    """Refine seeds 0 … last-1, one in each lane in turn; append new solutions; return the number of solutions.
 
     Args:
         handle: The task, see `task_of`.
         tolerances: See `task_of`.
-        memory: The scratch memory, its target and weights set.
+        memory: The scratch memory, with target and weights set.
         target: (4, 4), lengths in [m].
         seeds: Joint values to start from, (k, n).
-        surely: From this seed on a new answer is late.
+        surely: From this seed on a new solution is late.
         last: One past the last seed.
-        rows: Answers, (capacity, n).
+        rows: Solutions, (capacity, n).
         left: Their squared scaled errors, (capacity,).
-        count: How many are known already.
+        count: Number of known solutions.
         rates: See `joint_gap`, (n,).
         mode: SEEDED, SIBLING or SAMPLED.
-        tally: Its EVALUATED is increased by the FK evaluations spent, its LATE by answers that are, (TALLY,).
+        tally: EVALUATED increases by the FK evaluations spent, LATE by the number of late solutions, (TALLY,).
         w: LANES.
     """
     task = task_of(handle, tolerances)
@@ -203,7 +208,7 @@ def refine_all(
     exact = np.inf if mode == SAMPLED else EXACT
     for l in range(LANES):
         stand_still(lanes, l)
-    # Every start has so many steps at most, and in one lane they would be made one after the other.
+    # An upper bound: every start has a limited number of steps, and one lane might process all starts in sequence.
     for _ in range(last * (most + MORE_STEPS) + 1):
         for l in range(LANES):
             if busy[l] == 0 and number < last:
@@ -264,7 +269,7 @@ def starts(
     neighbour: Indices,
     seeds: Array,
 ) -> int:
-    """Complete the `most` nearest samples into seeds, nearest first; return how many."""
+    """Complete the `most` nearest samples into seeds, nearest first; return their number."""
     found = nearest(task.atlas.tree, scratch.point, most, distance, neighbour, scratch.stack, scratch.bound)
     lower, upper, many = task.chain.lower, task.chain.upper, 0
     for k in range(found):
@@ -288,7 +293,7 @@ def sorted_rows(
     scale: Array,
     result: Array,
 ) -> int:
-    """Judge rows by plain FK, and write those that reach the target sorted by their distance from `centre`.
+    """Judge rows by plain FK, and write those that reach the target, sorted by their distance from `centre`.
 
     Each row of the result is q, position error [m], orientation error [rad] and squared scaled distance, (n + ANSWER,).
     """

@@ -1,4 +1,4 @@
-"""A well-spread sample of the answers of an arm that has joints to spare."""
+"""A well-spread sample of the solutions of a redundant arm."""
 
 from __future__ import annotations
 
@@ -35,30 +35,30 @@ from .refine_all import (
 )
 
 SAMPLE_ROUNDS, SAMPLE_KICK = 16, 1.5
-"""Rounds of starts around what was found, and how far around [rad or m], where a sample comes out too small."""
+"""Largest number of rounds of starts around known solutions, and their distance [rad or m], if a sample is too small."""
 
 
 CURVES = 128
-"""Room for so many starts more, one or two of each curve."""
+"""Room for this many additional starts, one or two of each curve."""
 
 
 @noinline
 def sample_branches(
     handle: Indices, tolerances: Array, target: Array, view: Array, number: int, result: Array, w: int
 ) -> int:
-    """Find a well-spread sample of the answers to one target that leaves the arm some freedom.
+    """Find a well-spread sample of the solutions of one target for a redundant arm.
 
-    Half as many starts again as answers are wanted are refined: of an arm with a closed form behind one joint they are
-    taken along every curve, see `curves`, of others they are the nearest samples. If limits leave too few, more are tried
-    around what was found. Of all these the farthest from those already chosen is chosen next (Gonzalez 1985), after one of
-    each curve.
+    The number of starts is one and a half times the number of requested solutions. For an arm with a closed form distal
+    to one joint they are taken along every curve, see `curves`; for others they are the nearest samples. If limits leave
+    too few solutions, more starts are tried around those found. From all solutions, after one of each curve, the farthest
+    from those already chosen is chosen next (Gonzalez 1985).
 
     Args:
         handle: The task, see `task_of`.
         tolerances: See `task_of`.
         target: (4, 4), lengths in [m].
         view: See `refine_all.CENTRE`, (3, n).
-        number: How many answers are wanted.
+        number: Number of requested solutions.
         result: Receives the rows, (at least number + 1, n + ANSWER), see `find_branches`.
         w: LANES.
 
@@ -181,16 +181,16 @@ def sample_branches(
 def spread(
     rates: Array, rows: Array, count: int, must: int, columns: Array, chosen: Array, distance: Array
 ) -> int:
-    """Copy the rows that lie farthest from one another into `chosen`, the first ones in any case; return how many.
+    """Copy the rows that are farthest from one another into `chosen`, the first `must` rows first; return their number.
 
     Args:
         rates: See `joint_gap`, (n,).
-        rows: Answers, (capacity, n).
-        count: How many there are.
-        must: So many of the first come before all others, the farthest from one another first as well.
-        columns: Memory, (n, capacity): joint by joint, so that the innermost loop runs over answers.
+        rows: Solutions, (capacity, n).
+        count: Number of rows.
+        must: Number of first rows that precede all others, also ordered by distance.
+        columns: Scratch memory, (n, capacity), joint by joint, so that the innermost loop runs over solutions.
         chosen: Receives rows, (most, n).
-        distance: Memory, (capacity,).
+        distance: Scratch memory, (2 · capacity,).
     """
     kept, last = 0, 0
     for j in range(count):

@@ -1,20 +1,21 @@
-"""Every answer to a goal: many starts side by side, and from each answer found the way to its siblings.
+"""Search for all solutions of a goal: many starts in parallel, and from each solution the way to its siblings.
 
-An arm with a closed form, or of which one joint can be searched, has its starts from there, see `structure.closed` and
-`one_joint`; what is said here is for what these leave open, and for other arms.
+An arm with a closed form, or with one joint that can be searched, gets its starts from there, see `structure.closed` and
+`one_joint`. The rest of this text is about goals that these leave undecided, and about other arms.
 
-The starts are the nearest of a coarse atlas, see `seeding`. Coarse is better here: of a thousand samples the nearest sixty
-lie all over the joint space, of sixteen thousand they crowd around the answers where the map is steep. Two kinds of
-siblings are found from an answer itself, at hardly any cost:
+The starts are the nearest samples of a coarse atlas, see `seeding`. A coarse atlas is better here: the nearest sixty of a
+thousand samples lie all over the joint space, but those of sixteen thousand crowd around the solutions where the map is
+steep. Two kinds of siblings are found from a solution itself, at almost no cost:
 
-- its *twin* across a singularity. Along the weakest direction v of the Jacobian, with u where it leads and σ how much,
-  the pose moves by ``σ t + ½ t² u·H(v, v)`` to second order, which is zero again at ``t = -2 σ / u·H(v, v)``. Close to a
-  singularity no start would tell the two apart.
+- its *twin* across a singularity. Let v be the weakest direction of the Jacobian, u the direction of its image and σ the
+  singular value. Along v the pose moves by ``σ t + ½ t² u·H(v, v)`` to second order, which is zero again at
+  ``t = -2 σ / u·H(v, v)``. Close to a singularity no start would distinguish the two.
 - its *mirror images*. An arm with a spherical wrist has every pose at (…, q_4 + π, -q_5, q_6 + π) too. Such images are
   found once per arm (see `branches.find`).
 
-What is found late, close to a singularity, or in an odd number where joints turn fully, calls for more starts: away
-from singularities answers come and go in pairs, and only limits make their number odd.
+Three cases call for more starts: a solution that is found late, a solution close to a singularity, and an odd number of
+solutions if all joints turn fully. Away from singularities solutions appear and vanish in pairs, and only limits make
+their number odd.
 """
 
 from __future__ import annotations
@@ -69,53 +70,54 @@ from .seeding import BUCKETS, MOST_JOINTS, measure_samples, radius, sort_samples
 from .twins import WEAK, images, twins
 
 STARTS, DEEP_STARTS = 128, 512
-"""Samples looked at for every goal, and for one that may have more answers."""
+"""Number of samples for every goal, and for a goal that may have more solutions."""
 
 
 SURELY = 0.6
-"""A new answer from a start behind this share of them casts doubt on the rest."""
+"""If a start after this fraction of the starts leads to a new solution, more may be missing."""
 
 
 FIRST_ROOM = STARTS + STARTS // 10
-"""Samples looked at first, at most, see `seeding.radius`."""
+"""Largest number of samples in the first round, see `seeding.radius`."""
 
 
 ROOM = (FIRST_ROOM + DEEP_STARTS + LANES - 1) // LANES * LANES
-"""Starts that are told apart, at most, LANES at a time."""
+"""Largest number of starts that are compared for likeness, a multiple of LANES."""
 
 
 ROWS = 64
-"""Answers kept at most. Six joints have sixteen isolated ones at most (Primrose 1986): more is a continuum."""
+"""Largest number of solutions. Six joints have at most sixteen isolated ones (Primrose 1986); more form a continuum."""
 
 
 SETTLED = -1
-"""Of the rounds of starts: none is needed, but for twins."""
+"""Value of `rounds` if no round of starts is needed, except for twins."""
 
 
 PLAIN, NARROW, BROAD = 0, 1, 2
-"""What is left to try of an arm that nearly has three parallel axes before it is searched: nothing any more, poses around
-the target, poses nearer and farther. An arm with a wrist that leans is searched at once: of what the nearby arm has lost,
-these poses find less, by trial."""
+"""What is left to try for an arm that nearly has three parallel axes, before the search: nothing; poses around the
+target; poses nearer and farther. An arm with a skewed wrist is searched at once, because these poses find fewer of the
+solutions that the nearby arm has lost. Not examined further."""
 
 
 BENT, OPEN, FAINT = 0.01, 1e-3, 5e-4
-"""Least singular value at the answers of such an arm below which, by trial, poses around the target are tried, the search
-may follow these, and its second round follows the first."""
+"""Thresholds for the smallest singular value at the solutions of such an arm. Below the first, poses around the target
+are tried. Below the second, the search may follow these. Below the third, its second round follows the first. Not
+examined further."""
 
 
 HARDLY, ASIDE, LITTLE = 0.02, 0.0025, 0.15
-"""How little axis 6 leans from the parallel ones where the search may follow, see `around.least_lean`: the first by trial.
-The second is by how much joint 1 may be aside of what the nearby arm says, times the root of how far its equation is from
-having one answer: by so much the lean is another as well, but never more than the third counts. Elsewhere what poses around
-the target leave open shows by an odd number, by trial."""
+"""Thresholds for the angle of axis 6 to the parallel axes below which the search may follow, see `around.least_lean` and
+`may_hide`. HARDLY applies to any target. ASIDE is the possible error of joint 1 of the nearby arm, times the root of
+the distance of its equation from a double root. The angle is uncertain by that much, but LITTLE is the upper limit.
+Elsewhere an odd number shows that poses around the target missed solutions. Not examined further."""
 
 
 @inlined
 def may_hide(leans: float, folded: float) -> bool:
-    """May answers hide that are near to none of poses around the target?
+    """Return True if there may be solutions that are not near any of the poses around the target.
 
     Args:
-        leans: Of axis 6, see `around.least_lean`.
+        leans: Sine of the angle of axis 6, see `around.least_lean`.
         folded: See `closed.FOLDED`.
     """
     return leans < LITTLE and (leans - HARDLY) * math.sqrt(folded) < ASIDE
@@ -123,7 +125,7 @@ def may_hide(leans: float, folded: float) -> bool:
 
 @inlined
 def in_doubt(task: Task, count: int) -> bool:
-    """Is the number of answers suspicious: none, or odd where no joint has limits?"""
+    """Return True if the number of solutions is suspicious: zero, or odd if all joints turn fully."""
     full = True
     for i in range(len(task.lower)):
         full = full and turns_fully(task, i)
@@ -145,25 +147,25 @@ def find_branches(
     result: Array,
     w: int,
 ) -> int:
-    """Find all answers to one target, for an arm and a goal that leave no freedom.
+    """Find all solutions of one target, for an arm that is not redundant for the goal.
 
     Args:
         handle: The task with the coarse atlas, see `task_of`.
         fine: The task with the fine atlas, for a target that no coarse sample leads to.
         tolerances: See `task_of`.
-        mirrors: Of each mirror image, see `twins.SIGNS`, (k, 3, n).
+        mirrors: Mirror images, see `twins.SIGNS`, (k, 3, n).
         structure: See `structure.candidates.KIND`, (NUMBERS,).
-        joint: Of an arm of which one joint is searched, see `one_joint_residual.BEGIN`, (one_joint_residual.NUMBERS,).
-        table: See `one_joint.HEIGHT`, (PLACES, SAMPLES); of no samples for other arms.
+        joint: Numbers of an arm with one searched joint, see `one_joint_residual.BEGIN`, (one_joint_residual.NUMBERS,).
+        table: See `one_joint.HEIGHT`, (PLACES, SAMPLES); without columns for other arms.
         steps: See `seeding.fill_steps`, (samples of the coarse atlas, 6, LANES).
         target: (4, 4), lengths in [m].
-        view: See `refine_all.CENTRE`, (3, n): answers come sorted by weighted distance.
-        result: Receives joint values, position error [m], orientation error [rad] and squared distance of each answer, and
-            a last row, see `refine_all.ANSWERS`, (at least ROWS + 1, n + ANSWER).
+        view: See `refine_all.CENTRE`, (3, n); solutions are sorted by weighted distance.
+        result: Receives joint values, position error [m], orientation error [rad] and squared distance of each solution,
+            and a last row, see `refine_all.ANSWERS`, (at least ROWS + 1, n + ANSWER).
         w: LANES.
 
     Returns:
-        How many rows; none if the target is no rigid transform.
+        The number of rows; 0 if the target is not a rigid transform.
     """
     task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
@@ -197,14 +199,16 @@ def find_branches(
             tally,
             w,
         )
-        # Nothing lacks where all that must be answers are, and none is left to choose. That an arm nearly so has none is
-        # not told by the equations of another: where these have no answer by far, its own may have.
+        # The closed form is complete if all candidates that must be solutions are found and no angle is undetermined. For
+        # an arm that only nearly has its structure, equations without solutions prove nothing: its own may have
+        # solutions.
         exact = structure[DEVIATION] <= ROUNDING
         done = asked[UNSURE] == 0.0 and count >= asked[SURE] and (count > 0 or (exact and many == 0))
-        # Of an arm nearly so an angle is seldom left to choose, and what lies beside its candidates is met early.
+        # In such an arm an angle is seldom undetermined, and solutions next to its candidates are found early.
         unsure = asked[UNSURE] > 0.0 and exact
         if done and not exact:
-            # Where two answers all but meet the other's equations may have neither, and this one's lead to one of them.
+            # Where two solutions nearly merge, the nearby equations may have neither; those of this arm lead to one of
+            # them.
             settling, done, rounds = True, False, SETTLED
         elif not exact and many > 0 and structure[KIND] == PARALLEL:
             left_to_try, tried, leans = NARROW, many, least_lean(structure, seeds, many)
@@ -234,7 +238,7 @@ def find_branches(
     distance, near = np.empty(samples), np.empty(samples + 1, dtype=np.int64)
     order, known = np.empty(samples + BUCKETS + 1, dtype=np.int64), np.empty((MOST_JOINTS + 1, room))
     begin, end = 0.0, 0.0
-    # Each pass tells of an answer at least, or goes on to the next of six kinds of starts.
+    # Each pass reports on at least one solution, or continues with the next of six kinds of starts.
     for _ in range(ROWS + 6):
         if done or count >= ROWS:
             break
@@ -320,7 +324,7 @@ def find_branches(
             tally,
             w,
         )
-        # At the edge of reach steps may lead away from an answer that is not exact.
+        # At the boundary of the workspace steps may lead away from a solution that is not exact.
         if reached and count == 0:
             for i in range(dof):
                 rows[0, i] = seeds[0, i]
@@ -370,7 +374,7 @@ def many_branches(
     counts: Indices,
     w: int,
 ) -> None:
-    """`find_branches`, or `sample_branches` if `number` > 0, for targets begin … end-1, (k, 4, 4).
+    """Run `find_branches`, or `sample_branches` if `number` > 0, for targets begin … end-1, (k, 4, 4).
 
     Args:
         handle: See `find_branches`.
@@ -380,14 +384,14 @@ def many_branches(
         structure: See `find_branches`.
         joint: See `find_branches`.
         table: See `find_branches`.
-        steps: See `find_branches`; of no samples if `number` > 0.
+        steps: See `find_branches`; without samples if `number` > 0.
         targets: Rigid transforms, (k, 4, 4), lengths in [m].
         views: One for all or one for each, (1 or k, 3, n).
-        number: Answers wanted of a sample, else 0.
+        number: Number of solutions in a sample, or 0 for all solutions.
         begin: First target.
         end: One past the last target.
-        results: Receives what comes back of each, (end - begin, most + 1, n + ANSWER).
-        counts: Receives the number of rows, the last one included, (end - begin,).
+        results: Receives the rows of each target, (end - begin, most + 1, n + ANSWER).
+        counts: Receives the number of rows, including the last one, (end - begin,).
         w: LANES.
     """
     for t in range(begin, end):

@@ -1,8 +1,8 @@
-"""Where the search for every answer starts: samples near a goal, each a step nearer by a table, alike ones left out.
+"""Starts of the search for all solutions: samples near a goal, each improved by a tabulated step, without similar ones.
 
-Of each sample the table has the damped inverse of the Jacobian, as it stands before the joints that are divided out turn
-it: the first step of a start is a product of that and of what is left of the pose. Starts that lie close together after it
-end at the same answer, nearly always: of these the nearest sample is refined, the others are not.
+The table has the damped inverse of the Jacobian of each sample, without the joints that are divided out. The first step
+of a start is the product of this inverse and the remaining pose error. Starts that are close together after this step
+nearly always converge to the same solution, so only the nearest sample of these is refined.
 """
 
 from __future__ import annotations
@@ -24,45 +24,48 @@ from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, inlined
 
 DAMPED = 0.03
-"""Damping of the steps in the table, by trial on three arms: less overshoots, for the samples are far from the goal."""
+"""Damping of the steps in the table, tried on three arms and not examined further. Less damping overshoots, because the
+samples are far from the goal."""
 
 
 FARTHEST = 1.2
-"""No joint moves farther by the table [rad or m]."""
+"""Largest tabulated step of a joint [rad or m]."""
 
 
 BUCKETS = 64
-"""Samples are sorted by distance as finely as that: which of two comes first within a bucket does not matter."""
+"""Number of buckets for sorting samples by distance; the order within a bucket is irrelevant."""
 
 
 HALVINGS = 40
-"""Tries for a radius at most; three are enough as a rule."""
+"""Largest number of tries for a radius; three are usually enough."""
 
 
 APART = 0.8
-"""Starts that are closer than this to an earlier one [rad or m], after their first step, lead where it leads."""
+"""A start closer than this to an earlier one [rad or m], after the first step, leads to the same solution."""
 
 
 MOST_JOINTS = 6
-"""A goal fixes six motions of the hand at most: an arm with more joints has some to spare, and its answers are sampled."""
+"""A goal fixes at most six degrees of freedom of the hand: an arm with more joints is redundant, and its solutions are
+sampled."""
 
 
 FIRST, FINAL, BEYOND = 12, 13, 14
-"""Rows behind the twelve of a pose, see `complete_eight`."""
+"""Rows after the twelve of a pose, see `complete_eight`."""
 
 
 NOWHERE = 1e9
-"""Squared distance of what is not there."""
+"""Squared distance of an empty entry."""
 
 
 @entry(handle=HANDLE, steps=F64["s", 6, LANES].out, w=I64)
 def fill_steps(handle: Indices, steps: Array, w: int) -> None:
-    """Make the table of an arm that has at most `LANES` joints.
+    """Fill the table of an arm that has at most `LANES` joints.
 
     Args:
         handle: The task with the samples, see `task_of`.
-        steps: Receives of each sample how the joints answer to six parts of what is left of a pose: the position and the
-            turn of the last axis, in the frame of the first, in parts of the arm's length and in radians, (s, 6, LANES).
+        steps: Receives for each sample the joint motion for six components of the remaining pose error: the position and
+            the rotation of the last axis in the frame of the first, in units of the arm's length and in radians, (s, 6,
+            LANES).
         w: LANES.
     """
     task = task_of(handle, plain_tolerances(handle))
@@ -93,7 +96,7 @@ def fill_steps(handle: Indices, steps: Array, w: int) -> None:
                 row[0] += row[4] * away[2] - row[5] * away[1]
                 row[1] += row[5] * away[0] - row[3] * away[2]
                 row[2] += row[3] * away[1] - row[4] * away[0]
-                # From the base into the frame of the first axis.
+                # From the base to the frame of the first axis.
                 for r in range(3):
                     J[i, r * W + l], J[i, (3 + r) * W + l] = 0.0, 0.0
                     for c in range(3):
@@ -118,12 +121,12 @@ def fill_steps(handle: Indices, steps: Array, w: int) -> None:
 
 @inlined
 def measure_samples(points: Array, point: Array, distance: Array) -> None:
-    """Squared distances of all samples from a point.
+    """Compute the squared distances of all samples from a point.
 
     Args:
         points: See `Tree.points`, (leaves, dimensions, LEAF_SIZE).
         point: (dimensions,)
-        distance: Receives them, (samples,).
+        distance: Receives the squared distances, (samples,).
     """
     for leaf in range(points.shape[0]):
         o = leaf * LEAF_SIZE
@@ -138,7 +141,7 @@ def measure_samples(points: Array, point: Array, distance: Array) -> None:
 
 @inlined
 def radius(distance: Array, most: int) -> float:
-    """A squared distance that about `most` samples are closer than, a tenth fewer or more; infinite if there are no more."""
+    """Squared radius that contains `most` samples to within a tenth; infinite if there are not more samples."""
     count, total = len(distance), 0.0
     if count <= most:
         return np.inf
@@ -152,7 +155,7 @@ def radius(distance: Array, most: int) -> float:
         if abs(closer - most) <= most // 10:
             break
         low, high = (square, high) if closer < most else (low, square)
-        # There are four dimensions: as many times as many lie in so many times the square of the square.
+        # In four dimensions the number of samples grows with the square of the squared radius.
         square *= math.sqrt(most / max(closer, 1))
         if not low < square < high:
             square = 0.5 * (low + high)
@@ -161,15 +164,15 @@ def radius(distance: Array, most: int) -> float:
 
 @inlined
 def sort_samples(distance: Array, low: float, high: float, most: int, apart: Indices, order: Indices) -> int:
-    """Write the samples between two distances, nearest first; return how many, `most` at most.
+    """Write the samples between two distances, nearest first; return their number, at most `most`.
 
     Args:
         distance: Squared distances of all samples, (samples,).
-        low: Squared, the first that counts.
-        high: Squared, the first beyond.
-        most: How many at most.
-        apart: Memory, (samples + 1,).
-        order: Receives the samples, and behind them memory, (samples + BUCKETS + 1,) in all.
+        low: Smallest squared distance.
+        high: Squared distance, exclusive.
+        most: Largest number of samples.
+        apart: Scratch memory, (samples + 1,).
+        order: Receives the samples, followed by scratch memory, (samples + BUCKETS + 1,) in total.
     """
     count, found, nearest, farthest = len(distance), 0, np.inf, 0.0
     for i in range(count):
@@ -177,7 +180,7 @@ def sort_samples(distance: Array, low: float, high: float, most: int, apart: Ind
         found += 1 if low <= distance[i] < high else 0
     for k in range(found):
         nearest, farthest = min(nearest, distance[apart[k]]), max(farthest, distance[apart[k]])
-    # Counted, summed up, and put where the sums say.
+    # A counting sort.
     share = (BUCKETS - 1) / max(farthest - nearest, 1e-300)
     for b in range(BUCKETS + 1):
         order[count + b] = 0
@@ -194,15 +197,16 @@ def sort_samples(distance: Array, low: float, high: float, most: int, apart: Ind
 
 @inlined
 def complete_eight(task: Task, K: Array, G: Array, order: Indices, begin: int, end: int, w: int) -> None:
-    """Complete samples begin … begin + 7 of an order, or the last again, as `samples.complete_seed` does: one in each lane.
+    """Complete samples begin … begin + 7 of an order as `samples.complete_seed` does, one in each lane.
 
-    What is read and what is written is one array, and nothing is chosen but by numbers: so LLVM makes vectors of the loop.
+    The last sample is repeated at the end. Input and output share one array and there are no branches, so that LLVM
+    vectorizes the loop.
 
     Args:
         task: The task.
-        K: Rows of LANES, (at least 15 · LANES,). Receives what is left of the pose, six rows; in `FIRST` and `FINAL` the
-            first and the last joint, inside their limits; and in `BEYOND` how far outside they were [rad or m].
-        G: The goal as the atlas sees it, (3, 4).
+        K: Rows of LANES, (at least 15 · LANES,). Receives the remaining pose error, six rows; in `FIRST` and `FINAL` the
+            first and the last joint, within their limits; and in `BEYOND` how far outside they were [rad or m].
+        G: The goal in the coordinates of the atlas, (3, 4).
         order: See `sort_samples`.
         begin: First of the samples.
         end: One past the last.
@@ -252,13 +256,13 @@ def complete_eight(task: Task, K: Array, G: Array, order: Indices, begin: int, e
         beyond = max(low - first, first - high)
         first = min(max(first, low), high)
         sine, cosine = sine_cosine(turning * first)
-        # The goal with the first joint turned back.
+        # The goal without the rotation of the first joint.
         a00, a10 = cosine * g00 + sine * g10, cosine * g10 - sine * g00
         a01, a11 = cosine * g01 + sine * g11, cosine * g11 - sine * g01
         a02, a12 = cosine * g02 + sine * g12, cosine * g12 - sine * g02
         x, y = cosine * g03 + sine * g13 - k03, cosine * g13 - sine * g03 - k13
         z = g23 - k23 - slides * first
-        # The turn about the last axis that is closest to what is left.
+        # The rotation about the last axis that is closest to the remaining one.
         along = k00 * a00 + k10 * a10 + k20 * g20 + k01 * a01 + k11 * a11 + k21 * g21
         across = k01 * a00 + k11 * a10 + k21 * g20 - k00 * a01 - k10 * a11 - k20 * g21
         final = rough_angle(across, along)
@@ -279,7 +283,7 @@ def complete_eight(task: Task, K: Array, G: Array, order: Indices, begin: int, e
 
 @inlined
 def answer(row: Array, K: Array, l: int, i: int) -> float:
-    """How far joint i moves for what is left of the pose in a lane, by the table's numbers for a sample, (6, LANES)."""
+    """Motion of joint i for the remaining pose error in a lane, from the table of a sample, (6, LANES)."""
     W = LANES
     value: float = row[0, i] * K[l] + row[1, i] * K[W + l] + row[2, i] * K[2 * W + l]
     value += row[3, i] * K[3 * W + l] + row[4, i] * K[4 * W + l] + row[5, i] * K[5 * W + l]
@@ -288,7 +292,7 @@ def answer(row: Array, K: Array, l: int, i: int) -> float:
 
 @inlined
 def step_ahead(task: Task, K: Array, l: int, sample: int, steps: Array, move: Array, q: Array) -> None:
-    """Write the start in a lane of `complete_eight`, a step nearer by the table, into q, (n,); `move` is memory."""
+    """Write the start in a lane of `complete_eight`, after the tabulated step, into q, (n,); `move` is scratch memory."""
     row, last = steps[sample], len(q) - 1
     a, b, c = answer(row, K, l, 0), answer(row, K, l, 1), answer(row, K, l, 2)
     d, e, f = answer(row, K, l, 3), answer(row, K, l, 4), answer(row, K, l, 5)
@@ -304,13 +308,14 @@ def step_ahead(task: Task, K: Array, l: int, sample: int, steps: Array, move: Ar
 
 @inlined
 def is_alike(known: Array, kept: int, rates: Array, q: Array) -> bool:
-    """Is a start, (n,), closer than `APART` to one of those kept, modulo full turns?
+    """Return True if a start, (n,), is closer than `APART` to one of those kept, modulo full turns.
 
-    All joints in one loop over those kept: of short loops most is their beginning and their end.
+    One loop over the kept starts handles all joints, because the overhead of short loops dominates.
 
     Args:
-        known: Those kept, joint by joint; in the last row 0, or `NOWHERE` where none is kept, (MOST_JOINTS + 1, capacity).
-        kept: How many.
+        known: The kept starts, joint by joint; the last row is 0, or `NOWHERE` for empty entries, (MOST_JOINTS + 1,
+            capacity).
+        kept: Number of kept starts.
         rates: See `refine_all.joint_gap`, (n,).
         q: Joint values.
     """
@@ -349,18 +354,18 @@ def spread_starts(
     seeds: Array,
     w: int,
 ) -> int:
-    """Make starts of the samples of an order, each a step nearer, without those alike; return how many.
+    """Make starts from the samples of an order, each after the tabulated step, without similar ones; return their number.
 
     Args:
         task: The task.
-        scratch: Its memory, the goal in `seen`.
+        scratch: Its memory, with the goal in `seen`.
         steps: See `fill_steps`.
         order: See `sort_samples`.
-        found: How many samples there are in it.
+        found: Number of samples in it.
         rates: See `refine_all.joint_gap`, (n,).
-        thin: Are those alike left out? Not beside a singularity, where answers lie close together.
-        known: Those kept so far, see `is_alike`; receives the new ones.
-        kept: How many were kept so far.
+        thin: True to skip similar starts; False near a singularity, where solutions are close together.
+        known: Starts kept so far, see `is_alike`; receives the new ones.
+        kept: Number of starts kept so far.
         seeds: Receives the new starts, (at least found, n).
         w: LANES.
     """

@@ -1,4 +1,4 @@
-"""Siblings of an answer: across a singularity, and mirror images of the arm."""
+"""Siblings of a solution: across a singularity, and mirror images of the arm."""
 
 from __future__ import annotations
 
@@ -24,41 +24,43 @@ from kinseek.kernels.jit import inlined, kernel
 from .refine_all import CONTINUA, EQUAL, EVALUATED, WEAKEST, squared_gap
 
 WEAK = 0.02
-"""Singular value of the scaled Jacobian at an answer below which others may hide beside it."""
+"""Singular value of the scaled Jacobian at a solution below which there may be others close to it."""
 
 
 FAR = 2.0
-"""Twins farther off than this [rad] are left to the starts: the second order does not reach there."""
+"""Twins farther away than this [rad] are left to the starts, because the second-order model is not valid there."""
 
 
 SINGULAR = 0.1
-"""How much of a step is left, where J makes nothing of it, for the Jacobian to count as singular to rounding."""
+"""Length of the part of a step in the null space of J above which the Jacobian counts as singular up to rounding."""
 
 
 PROBE, FLAT = 0.05, 1e-6
-"""Length of the probing step along the weakest direction, and the scaled error along it that tells a continuum."""
+"""Length of the probing step along the weakest direction, and the scaled error along it below which solutions form a
+continuum."""
 
 
 PHASES = 3
-"""The weakest direction is found at an answer, and the pose looked at on both sides of it: so many FK evaluations."""
+"""Number of FK evaluations: one at the solution for the weakest direction, and one on each side of it."""
 
 
 LEAN = 0.27
-"""The inverse iteration begins at ``1, 1 - LEAN, 1 - 2 LEAN …``: no two of its numbers are equal or opposite, and none is 0,
-so that it is not across the weakest direction of an arm of right angles, of which many numbers are."""
+"""The inverse iteration begins at ``1, 1 - LEAN, 1 - 2 LEAN …``. No two of these numbers are equal or opposite, and none
+is 0, so that the vector is not orthogonal to the weakest direction of the many arms with right angles."""
 
 
 FULL_FLOOR, SHORT_FLOOR = 1e-13, 1e-9
-"""What is added to the diagonal of J Jᵀ, by trial: with six joints and more, little; with fewer, more, for some rows are
-moved by no joint."""
+"""Regularisation of the diagonal of J Jᵀ: small with six joints and more; larger with fewer, because no joint moves some
+rows. Not examined further."""
 
 
 TINY = 1e-300
-"""Keeps a direction of no length from being divided by zero."""
+"""Prevents division by zero for a direction of no length."""
 
 
 SIGNS, SHIFTS, TURNING = range(3)
-"""Rows of a mirror image ``q → sign · q + shift``: of each joint these two, and 1 where it turns, else 0, (n,) each."""
+"""Rows of a mirror image ``q → sign · q + shift``: sign and shift of each joint, and 1 for a revolute joint, else 0, (n,)
+each."""
 
 
 @kernel
@@ -73,11 +75,10 @@ def twins(
     tally: Array,
     w: int,
 ) -> int:
-    """Write where the twins of answers first … last-1, at most LANES, should be into seeds; return how many.
+    """Write the estimated twins of solutions first … last-1, at most LANES, into seeds; return their number.
 
-    CONTINUA of the tally are increased by the answers that lie on a continuum of answers: those whose pose stays where it
-    is along the weakest direction, to second order. WEAKEST becomes the least singular value of their scaled Jacobians, if
-    it is less.
+    CONTINUA of the tally increases by the number of solutions on a continuum, whose pose is stationary along the weakest
+    direction to second order. WEAKEST becomes the smallest singular value of their scaled Jacobians if it is smaller.
     """
     task = task_of(handle, tolerances)
     dof = len(task.lower)
@@ -100,8 +101,8 @@ def twins(
             for i in range(dof):
                 for l in range(w):
                     lanes.step[i, l] = 1.0 - LEAN * i
-            # Inverse iteration, u → (J Jᵀ)⁻¹ u; where there are rows that no joint moves, v → Jᵀ (J Jᵀ)⁻² J v. Exactly at a
-            # singularity Jᵀ u leads nowhere; there the last turn takes what J makes nothing of, v - Jᵀ (J Jᵀ)⁻¹ J v.
+            # Inverse iteration, u → (J Jᵀ)⁻¹ u; if there are rows that no joint moves, v → Jᵀ (J Jᵀ)⁻² J v. Exactly at a
+            # singularity Jᵀ u is zero; the last turn then takes the part in the null space of J, v - Jᵀ (J Jᵀ)⁻¹ J v.
             for turn in range(6):
                 if turn == 5 or (dof < 6 and turn not in (1, 3)):
                     fresh = 1.0 if turn in (0, 5) else 0.0
@@ -143,7 +144,7 @@ def twins(
                     for i in range(dof):
                         lanes.step[i, l] = way[i] / size
                 if turn == 4:
-                    # Kept there until the gram matrix gives way to it.
+                    # Stored in `pose`, because the last turn still needs the Gram matrix, whose memory U shares.
                     for r in range(6 * LANES):
                         lanes.pose[r] = e[r]
             for r in range(6 * LANES):
@@ -188,7 +189,7 @@ def images(
     many: int,
     image: Array,
 ) -> int:
-    """Append the mirror images of answers first … last-1 that are not known to seeds; return how many there are."""
+    """Append the unknown mirror images of solutions first … last-1 to seeds; return the number of seeds."""
     for j in range(first, last):
         for k in range(len(mirrors)):
             fits = many < len(seeds)

@@ -1,1 +1,1 @@
-"""First looks at a scene: what is free or touches for sure."""
+"""First tests of a scene: configurations that are certainly free or certainly in collision."""

@@ -40,7 +40,7 @@ from .model import (
 
 @inlined
 def keep(memory: Array) -> None:
-    """Use a memory for the last time: views by address do not hold it, and Numba gives back what is not used any more."""
+    """Use a memory for the last time: views by address do not keep it alive, and Numba frees it after its last use."""
     memory[0] = 0.0
 
 
@@ -49,7 +49,7 @@ PART_OF_TURN = 0.5 / math.pi
 
 @inlined
 def lanes_balls(model: CollisionModel, state: LaneState, moving: bool, w: int) -> None:
-    """Middles of the balls of all groups that move, or of all that stand, at the eight q."""
+    """Compute the centres of the balls of all moving groups, or of all fixed ones, at the eight q."""
     W = LANES
     for g in range(len(model.group)):
         p, B = model.group[g], state.balls[g]
@@ -64,7 +64,7 @@ def lanes_balls(model: CollisionModel, state: LaneState, moving: bool, w: int) -
 
 @inlined
 def lanes_inside(model: CollisionModel, state: LaneState, w: int) -> bool:
-    """Are all of the eight q inside the limits?"""
+    """Return True if all of the eight q are within the limits."""
     outside = 0
     for i in range(len(model.chain.lower)):
         q, low, high = state.lanes[i], model.chain.lower[i], model.chain.upper[i]
@@ -75,7 +75,7 @@ def lanes_inside(model: CollisionModel, state: LaneState, w: int) -> bool:
 
 @inlined
 def lanes_near(model: CollisionModel, state: LaneState, least: float, w: int) -> None:
-    """Note for each of the eight q which meetings have to be looked at: whose groups the balls do not show to be free."""
+    """Store the meetings to examine for each of the eight q: those whose groups the balls do not prove to be free."""
     inside = lanes_inside(model, state, w)
     W, gaps, counts = LANES, state.gaps, state.counts
     for l in range(W):
@@ -98,7 +98,7 @@ def lanes_near(model: CollisionModel, state: LaneState, least: float, w: int) ->
         for l in range(w):
             dx, dy, dz = G[l] - H[l], G[W + l] - H[W + l], G[2 * W + l] - H[2 * W + l]
             gaps[l] = dx * dx + dy * dy + dz * dz - square
-        if model.joint[g] == 0:  # What stands: its core is the same for all of them.
+        if model.joint[g] == 0:  # A fixed group: its core is the same for all of them.
             place(model, state, g)
             M, ex, ey, ez = state.into[g], model.half[g, 0], model.half[g, 1], model.half[g, 2]
             reach = model.ball[h, 3] + model.thick[g] + model.widest[m] + least
@@ -120,14 +120,14 @@ def lanes_near(model: CollisionModel, state: LaneState, least: float, w: int) ->
 
 @inlined
 def look_up(model: CollisionModel, state: LaneState, m: int, least: float, w: int) -> None:
-    """Mark in `LaneState.gaps` where the chart of a meeting decides, and in `LaneState.hits` where groups touch by it."""
+    """Mark in `LaneState.gaps` where the chart of a meeting decides, and in `LaneState.hits` where its groups touch."""
     axes, chart, gaps, hits = model.chart_axes[model.chart_of[m]], model.chart, state.gaps, state.hits
     j, k, rows, columns, first = axes[0], axes[1], axes[2], axes[3], axes[4]
     one, other = state.lanes[model.chain.leader[j]], state.lanes[model.chain.leader[k]]
     for l in range(w):
         u = (model.chain.multiplier[j] * one[l] + model.chain.offset[j]) * PART_OF_TURN
         v = (model.chain.multiplier[k] * other[l] + model.chain.offset[k]) * PART_OF_TURN
-        # From 0 on: what is made an integer of NaN may be anything, and such a q is in doubt later.
+        # At least 0: NaN converted to an integer is undefined, and such a q is in doubt later.
         row = max(min(int((u - np.floor(u)) * rows), rows - 1), 0)
         column = max(min(int((v - np.floor(v)) * columns), columns - 1), 0)
         bound = chart[first + row * columns + column]
@@ -137,7 +137,7 @@ def look_up(model: CollisionModel, state: LaneState, m: int, least: float, w: in
 
 @inlined
 def look_closer(model: CollisionModel, state: LaneState, m: int) -> float:
-    """What the chart of a meeting tells of the q that is looked at, down to the smallest part of its cell."""
+    """Return the bound in the chart of a meeting at the current q, from the smallest part of its cell."""
     axes, chart, below, l = model.chart_axes[model.chart_of[m]], model.chart, model.below, state.now[0]
     j, k, rows, columns, first = axes[0], axes[1], axes[2], axes[3], axes[4]
     one, other = state.lanes[model.chain.leader[j], l], state.lanes[model.chain.leader[k], l]
@@ -147,7 +147,8 @@ def look_closer(model: CollisionModel, state: LaneState, m: int) -> float:
     row, column = min(int(u), rows - 1), min(int(v), columns - 1)
     at = first + row * columns + column
     while below[at] > 0:
-        # What is left of a cell, in parts of it: one joint's is cut into four, two joints' into two by two.
+        # Position in the cell, as fractions. A cell of one joint is divided into four, a cell of two joints into two by
+        # two.
         u, v = u - row, v - column
         if j == k:
             u, v = 0.0, 4.0 * v
@@ -165,7 +166,7 @@ def look_closer(model: CollisionModel, state: LaneState, m: int) -> float:
 def quick_check_meeting(
     model: CollisionModel, state: LaneState, m: int, clearance: float, least: float, left: int
 ) -> int:
-    """Add pairs of two groups that are left to be decided to so many others, and count all; -1 where some touch."""
+    """Append undecided pairs of two groups to `left` others and return the total; -1 if some pair touches."""
     if model.chart_of[m] >= 0:
         bound = look_closer(model, state, m)
         if bound > least:
@@ -175,7 +176,7 @@ def quick_check_meeting(
     g, h = model.group[model.meeting[m, 0]], model.group[model.meeting[m, 1]]
     first, last = model.meeting[m, 2], model.meeting[m, 3]
     if last - first > 1:
-        # What is free of all that holds the parts is free of each.
+        # If the group's outer shape is free, each of its parts is free.
         way_into(model, state, h, g)
         if (
             near_core(model.rough[h], state.spot, model.half[g], least + model.widest[m] + model.thick[g])
@@ -205,7 +206,7 @@ def settle_left(
     steps: int,
     doubts: Flags,
 ) -> int:
-    """The verdict on so many pairs, where all others are free; those in doubt are noted, if that is asked."""
+    """Return the verdict on the undecided pairs if all others are free; pairs in doubt are stored if requested."""
     verdict = FREE
     for each in range(left):
         n = state.left[each]
@@ -222,7 +223,7 @@ def settle_left(
 
 @inlined
 def is_far(q: Array) -> bool:
-    """Is a joint value beyond those at which the quick sine is good to the last bits, or no number?"""
+    """Return True if a joint value is NaN, or so large that the fast sine loses its last bits."""
     far = False
     for i in range(len(q)):
         far = far or not abs(q[i]) <= FAR
@@ -231,7 +232,7 @@ def is_far(q: Array) -> bool:
 
 @inlined
 def is_number(q: Array) -> bool:
-    """Is every joint value finite?"""
+    """Return True if every joint value is finite."""
     finite = True
     for i in range(len(q)):
         finite = finite and abs(q[i]) < np.inf
@@ -259,20 +260,20 @@ def sort_out(
     verdicts: Indices,
     doubts: Flags,
 ) -> int:
-    """Sort joint values into those that are free for sure, those that touch for sure, and the others.
+    """Classify joint values as certainly free, certainly touching, or in doubt.
 
     Args:
         handle: The scene, see `model.ROWS`.
         q: (k, n) [rad] or [m]
-        clearance: What is nearer than this, padding taken off, touches [m].
-        least: What is farther apart than this is free [m].
-        steps: How long to look for a plane between two parts, or for a point in both.
+        clearance: Distance, after subtracting padding, below which parts touch [m].
+        least: Distance above which parts are free [m].
+        steps: Largest number of steps to look for a plane between two parts, or for a point in both.
         w: `LANES`.
-        verdicts: `FREE`, `TOUCH` or `DOUBT`, (k,).
-        doubts: Pairs that are in doubt, False before, (k, pair); or (0, 0), and they are not told.
+        verdicts: Receives `FREE`, `TOUCH` or `DOUBT`, (k,).
+        doubts: Receives True for pairs in doubt, False before, (k, pair); or (0, 0) to skip this.
 
     Returns:
-        How many are in doubt.
+        The number of joint vectors in doubt.
     """
     model = collision_model_of(handle, 0)
     memory = np.empty(memory_for(model))
@@ -295,7 +296,7 @@ def sort_out(
             elif state.hits[l] == 1:
                 verdict = TOUCH
             else:
-                # What is cheap goes first: where spheres show that two parts touch, nothing has to be decided.
+                # Cheap tests come first: if spheres prove that two parts touch, the other pairs need not be decided.
                 left = 0
                 for each in range(state.counts[l]):
                     if left >= 0:
@@ -311,14 +312,14 @@ def sort_out(
 
 @entry(handle=I64["*"], q=F64["k", "n"], steps=I64, w=I64, bounds=F64["k", "*"].out)
 def bound_pairs(handle: Indices, q: Array, steps: int, w: int, bounds: Array) -> None:
-    """Bounds from below on the distance of every pair, (k, pair) [m]; where one is below 0 it says nothing.
+    """Write lower bounds of the distance of every pair, (k, pair) [m]; a negative bound has no meaning.
 
     Args:
         handle: The scene, see `model.ROWS`.
         q: (k, n) [rad] or [m]
-        steps: How long to look for a better one where a pair may be the nearest of all; with 0 spheres alone tell.
+        steps: Largest number of steps to improve the bound if a pair may be the nearest of all; 0 uses spheres only.
         w: `LANES`.
-        bounds: Is filled.
+        bounds: Receives the bounds.
     """
     model = collision_model_of(handle, 0)
     memory = np.empty(memory_for(model))
@@ -351,14 +352,14 @@ def bound_pairs(handle: Indices, q: Array, steps: int, w: int, bounds: Array) ->
 
 @entry(handle=I64["*"], q=F64["k", "n"], bounds=F64["k", "*"], w=I64, depths=F64["k"].out)
 def bound_depths(handle: Indices, q: Array, bounds: Array, w: int, depths: Array) -> None:
-    """So far at least the parts of one pair, at every q another perhaps, have to move to be free of each other, (k,) [m].
+    """Write lower bounds of the motion that separates the parts of the deepest pair at every q, (k,) [m].
 
     Args:
         handle: The scene, see `model.ROWS`.
         q: (k, n) [rad] or [m]
-        bounds: Of `bound_pairs`; what they show to be apart is not looked at.
+        bounds: From `bound_pairs`; pairs that they prove to be apart are skipped.
         w: `LANES`.
-        depths: Is filled; where one is below 0 it says nothing.
+        depths: Receives the bounds; a negative bound has no meaning.
     """
     model = collision_model_of(handle, 0)
     memory = np.empty(memory_for(model))

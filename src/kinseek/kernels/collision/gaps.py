@@ -1,7 +1,7 @@
-"""How far two parts are apart: bounds from both sides, each of them a proof.
+"""Distance of two parts: proven bounds from both sides.
 
-From below: a part lies in its outer spheres, in its core, and on one side of a plane through the corner that is farthest in
-a direction. From above: spheres inside, and points that are in both parts, as a mixture of corners shows.
+From below: a part lies in its outer spheres, in its core, and on one side of a plane through the corner that is farthest
+in a direction. From above: inner spheres, and points that are in both parts, given by convex combinations of corners.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from .model import CollisionModel, LaneState, centre, frame_of, place
 FREE, TOUCH, DOUBT = 1, 0, 2
 
 HEIGHTS, NUMBERS = 2.0**40, 22
-"""Whole heights are below this, and behind them stand so many bits of a number."""
+"""Upper limit of integer heights, and the number of bits after them that hold a corner's index."""
 
 WHOLE = 1.5 * 2.0**52
-"""Added to a number below 2^51 it leaves a whole one in the last bits."""
+"""Added to a number below 2^51, it leaves the rounded integer in the last bits."""
 
 
 @inlined
 def way_into(model: CollisionModel, state: LaneState, a: int, b: int) -> None:
-    """The way from the joint's frame that carries a into the core of b, (12,), into ``state.spot``."""
+    """Write the transform from the frame of a's joint to the core of b, (12,), into ``state.spot``."""
     frame_of(state, model.joint[a])
     place(model, state, b)
     spot, into, T = state.spot, state.into[b], state.frame[model.joint[a]]
@@ -39,7 +39,7 @@ def way_into(model: CollisionModel, state: LaneState, a: int, b: int) -> None:
 
 @inlined
 def near_core(spheres: Array, way: Array, half: Array, least: float) -> int:
-    """How many of some spheres, (4, s), are not farther than `least` from a core; counted, which lanes do side by side."""
+    """Number of spheres, (4, s), at most `least` away from a core; counting vectorizes."""
     a0, a1, a2, a3, b0, b1, b2, b3 = way[0], way[1], way[2], way[3], way[4], way[5], way[6], way[7]
     c0, c1, c2, c3, hx, hy, hz = way[8], way[9], way[10], way[11], half[0], half[1], half[2]
     count = 0
@@ -54,7 +54,7 @@ def near_core(spheres: Array, way: Array, half: Array, least: float) -> int:
 
 @inlined
 def gap_to_core(spheres: Array, way: Array, half: Array) -> float:
-    """The nearest of some spheres, (4, s), to a core: distance less radius."""
+    """Distance of the nearest sphere, (4, s), from a core: distance minus radius."""
     a0, a1, a2, a3, b0, b1, b2, b3 = way[0], way[1], way[2], way[3], way[4], way[5], way[6], way[7]
     c0, c1, c2, c3, hx, hy, hz = way[8], way[9], way[10], way[11], half[0], half[1], half[2]
     least = 1e300
@@ -80,7 +80,7 @@ def ball_gap(model: CollisionModel, state: LaneState, a: int, b: int) -> float:
 
 @inlined
 def gap_below(model: CollisionModel, state: LaneState, a: int, b: int) -> float:
-    """No two points of two parts are closer than this, by the same."""
+    """Lower bound of the distance of two parts, from outer spheres and cores."""
     way_into(model, state, a, b)
     one: float = gap_to_core(model.outer[a], state.spot, model.half[b]) - model.thick[b]
     way_into(model, state, b, a)
@@ -90,7 +90,7 @@ def gap_below(model: CollisionModel, state: LaneState, a: int, b: int) -> float:
 
 @inlined
 def depth_below(model: CollisionModel, state: LaneState, a: int, b: int) -> float:
-    """So far at least two parts have to move to be free of each other, by spheres inside both; below 0 it says nothing."""
+    """Lower bound of the motion that separates two parts, by inner spheres of both; a negative bound has no meaning."""
     frame_of(state, model.joint[a])
     frame_of(state, model.joint[b])
     A, B, T, S = model.inner[a], model.inner[b], state.frame[model.joint[a]], state.frame[model.joint[b]]
@@ -113,7 +113,7 @@ def depth_below(model: CollisionModel, state: LaneState, a: int, b: int) -> floa
 
 @inlined
 def farthest(model: CollisionModel, state: LaneState, p: int, x: float, y: float, z: float, at: int) -> None:
-    """The corner of a part that lies farthest in a direction, in the base, into ``state.spot[at : at + 3]``."""
+    """Write the corner of a part that is farthest in a direction, in the base, into ``state.spot[at : at + 3]``."""
     if model.exact[p]:
         M, half, spot = state.into[p], model.half[p], state.spot
         a, b, c = (
@@ -121,7 +121,7 @@ def farthest(model: CollisionModel, state: LaneState, p: int, x: float, y: float
             M[4] * x + M[5] * y + M[6] * z,
             M[8] * x + M[9] * y + M[10] * z,
         )
-        # A corner of the core, in its frame, and back into the base.
+        # A corner of the core in its frame, transformed to the base.
         u = (half[0] if a > 0.0 else -half[0]) - M[3]
         v = (half[1] if b > 0.0 else -half[1]) - M[7]
         t = (half[2] if c > 0.0 else -half[2]) - M[11]
@@ -132,8 +132,8 @@ def farthest(model: CollisionModel, state: LaneState, p: int, x: float, y: float
     u = T[0] * x + T[4] * y + T[8] * z
     v = T[1] * x + T[5] * y + T[9] * z
     t = T[2] * x + T[6] * y + T[10] * z
-    # Heights as whole numbers below 2^40, the corner's number behind each: a loop without a branch finds the greatest. They
-    # are rounded by less than 1e-11 of the part's size, which is far less than the cell's rounding.
+    # Heights as integers below 2^40, followed by the corner's index: a loop without branches finds the largest. They are
+    # rounded by less than 1e-11 of the part's size, which is far less than the rounding of the scene.
     size = max(abs(B[0]), abs(B[1]), abs(B[2])) + B[3]
     scale = HEIGHTS / (size * (abs(u) + abs(v) + abs(t)) + 1e-300)
     u, v, t = scale * u, scale * v, scale * t
@@ -153,7 +153,10 @@ def farthest(model: CollisionModel, state: LaneState, p: int, x: float, y: float
 
 @inlined
 def lean(S: Array, share: Array, i: int, j: int, k: int) -> float:
-    """The point of a triangle nearest to the origin, as shares of corners; its squared distance (Ericson 2005, 5.1.5)."""
+    """Write the barycentric coordinates of a triangle's point nearest to the origin; return its squared distance.
+
+    Ericson 2005, 5.1.5.
+    """
     ax, ay, az = S[i, 0], S[i, 1], S[i, 2]
     bx, by, bz = S[j, 0] - ax, S[j, 1] - ay, S[j, 2] - az
     cx, cy, cz = S[k, 0] - ax, S[k, 1] - ay, S[k, 2] - az
@@ -178,7 +181,7 @@ def lean(S: Array, share: Array, i: int, j: int, k: int) -> float:
     else:
         whole = 1.0 / max(va + vb + vc, 1e-300)
         s, t = vb * whole, vc * whole
-    # Whatever rounding did, the shares are those of a point of the triangle.
+    # Despite rounding, these are the coordinates of a point of the triangle.
     s = min(max(s, 0.0), 1.0)
     t = min(max(t, 0.0), 1.0 - s)
     for n in range(4):
@@ -191,7 +194,7 @@ def lean(S: Array, share: Array, i: int, j: int, k: int) -> float:
 
 @inlined
 def turned(S: Array, i: int, j: int, k: int) -> float:
-    """Six times the volume between a triangle and the origin, with its sign."""
+    """Six times the signed volume of the tetrahedron of a triangle and the origin."""
     x = S[j, 1] * S[k, 2] - S[j, 2] * S[k, 1]
     y = S[j, 2] * S[k, 0] - S[j, 0] * S[k, 2]
     z = S[j, 0] * S[k, 1] - S[j, 1] * S[k, 0]
@@ -201,9 +204,9 @@ def turned(S: Array, i: int, j: int, k: int) -> float:
 
 @inlined
 def nearest_mixture(state: LaneState, count: int) -> int:
-    """The mixture of so many corners that is nearest to the origin, into ``state.spot[6:9]``; the others are dropped.
+    """Write the convex combination of corners nearest to the origin into ``state.spot[6:9]``; drop unused corners.
 
-    The last corner is the new one, and has a share: without it the point before was the nearest.
+    The last corner is the new one, and it has a positive weight: without it the previous point was the nearest.
     """
     S, share, spot = state.simplex, state.share, state.spot
     if count == 1:
@@ -245,7 +248,10 @@ def nearest_mixture(state: LaneState, count: int) -> int:
 
 @inlined
 def first_look(model: CollisionModel, state: LaneState, a: int, b: int) -> None:
-    """Where to look for a plane first, into ``state.spot[6:9]``: from b's core to the nearest of a few spheres around a."""
+    """Write the first direction in which to look for a plane into ``state.spot[6:9]``.
+
+    It leads from b's core to the nearest of a few spheres around a.
+    """
     way_into(model, state, a, b)
     way, S, half, into, spot = state.spot, model.rough[a], model.half[b], state.into[b], state.spot
     nearest, x, y, z = 1e300, 0.0, 0.0, 0.0
@@ -268,24 +274,25 @@ def first_look(model: CollisionModel, state: LaneState, a: int, b: int) -> None:
 def separating_plane(
     model: CollisionModel, state: LaneState, a: int, b: int, least: float, touch: float, steps: int
 ) -> int:
-    """Look for a plane between two parts, or for a point in both: each verdict is a proof, and there may be none.
+    """Look for a plane between two parts, or for a point in both; each verdict is proven, and there may be none.
 
-    The points of one less those of the other are a convex body, so far from the origin as the parts are apart. Corners of it
-    that lie farthest towards the origin are gathered, and their mixture nearest to it leads to the next (Gilbert, Johnson
-    and Keerthi 1988). Each such corner gives a plane, each mixture two points of the parts.
+    The differences of points of both parts form a convex body, whose distance from the origin is that of the parts.
+    Corners of this body that are farthest towards the origin are collected, and their convex combination nearest to the
+    origin gives the next direction (Gilbert, Johnson and Keerthi 1988). Each such corner gives a plane, and each
+    combination gives two points of the parts.
 
     Args:
         model: The scene.
-        state: Where its parts are.
+        state: The positions of its parts.
         a: One part.
-        b: The other.
-        least: They are free of each other when they are farther apart than this.
-        touch: They touch when two of their points are nearer than this; that counts where the hulls of corners lie in them.
-        steps: At most.
+        b: The other part.
+        least: Distance above which they are free of each other.
+        touch: Distance of two points below which they touch; it is valid if the hulls of the corners lie in the parts.
+        steps: Largest number of steps.
 
     Returns:
-        `FREE`, `TOUCH` or `DOUBT`; in ``state.spot[9]`` and ``[10]`` the best bounds on the distance of the hulls, made
-        thicker, from below and above.
+        `FREE`, `TOUCH` or `DOUBT`. ``state.spot[9]`` and ``[10]`` receive the best lower and upper bounds of the distance
+        of the thickened hulls.
     """
     spot, S, thick = state.spot, state.simplex, model.thick[a] + model.thick[b]
     first_look(model, state, a, b)
@@ -310,7 +317,7 @@ def separating_plane(
             verdict = FREE
             break
         if count > 0 and square - along <= 1e-12 * square:
-            break  # The mixture is the nearest point, as well as can be told.
+            break  # The combination is the nearest point, up to rounding.
         S[count, 0], S[count, 1], S[count, 2] = wx, wy, wz
         count = nearest_mixture(state, count + 1)
         x, y, z = spot[6], spot[7], spot[8]
@@ -319,15 +326,15 @@ def separating_plane(
             verdict = TOUCH
             break
         if count == 4 or x * x + y * y + z * z < 1e-24:
-            break  # The origin is inside, and rounding is all that is left; or the corners are in one plane.
+            break  # The origin is inside, and only rounding is left; or the corners are in one plane.
     spot[9], spot[10] = below, above
     return verdict
 
 
 @inlined
 def quick_check(model: CollisionModel, state: LaneState, a: int, b: int, least: float, touch: float) -> int:
-    """Are two parts farther apart than `least`, nearer than `touch`, or in doubt, by spheres and cores alone?"""
-    # A few spheres around one part and the core of the other; spheres inside it, where the core is the very part.
+    """Test by spheres and cores alone whether two parts are farther apart than `least`, nearer than `touch`, or in doubt."""
+    # A few spheres around one part against the core of the other; inner spheres if the core equals the part.
     if model.exact[b] or not model.exact[a]:
         way_into(model, state, a, b)
         if near_core(model.rough[a], state.spot, model.half[b], least + model.thick[b]) == 0:
@@ -353,7 +360,7 @@ def quick_check(model: CollisionModel, state: LaneState, a: int, b: int, least: 
 def settle(
     model: CollisionModel, state: LaneState, a: int, b: int, least: float, touch: float, steps: int
 ) -> int:
-    """The same by planes between them, or points in both."""
+    """Test the same by planes between the parts, or points in both."""
     i, j = model.within[a], model.within[b]
     same = i == a and j == b
     found = separating_plane(model, state, a, b, least, touch if same else -1e300, steps)

@@ -1,4 +1,4 @@
-"""What kernels know of a scene, and where everything is at the joint values that are looked at."""
+"""The data of a scene in kernels, and the positions of its parts at the current joint values."""
 
 from __future__ import annotations
 
@@ -10,65 +10,66 @@ from kinseek.kernels.jit import array_view, inlined
 from kinseek.kernels.layout import DOF, JOINTS, Layout, Rows, floats, named, plain, whole
 
 LANES, BLOCK = 8, 16
-"""Joint values side by side, as many doubles as the widest vectors hold; and corners of a part, in one turn of a loop."""
+"""Number of joint vectors in parallel, as many as the widest vectors hold doubles; and corners of a part in one iteration
+of a loop."""
 
 
 class CollisionModel(NamedTuple):
-    """Parts of bodies, each in the frame of the joint that carries it (0: the base), and pairs of them; lengths in [m].
+    """Parts of bodies, each in the frame of its joint (0: the base), and pairs of them; lengths in [m].
 
-    Pairs of the same two groups, all that one joint carries or one part that stands, follow one another.
+    A group consists of all parts of one joint, or of one fixed part. Pairs of the same two groups are consecutive.
     """
 
     chain: ChainArrays
     joint: Indices
-    """That carries each part, (part,)."""
+    """Joint of each part, (part,)."""
     rough: Array
-    """A few spheres that hold the part together, x, y, z, radius, (part, 4, LANES)."""
+    """A few spheres that contain the part together, x, y, z, radius, (part, 4, LANES)."""
     outer: Array
-    """More of them, which stand out less, (part, 4, sphere)."""
+    """More of them, which fit more tightly, (part, 4, sphere)."""
     inner: Array
-    """Spheres inside it, likewise."""
+    """Spheres inside it, in the same format."""
     core: Array
-    """Pose of a box that holds the part when made thicker, row-major (3, 4), (part, 12)."""
+    """Pose of a box that contains the part after thickening, row-major (3, 4), (part, 12)."""
     half: Array
     """Half of its edges, (part, 3)."""
     thick: Array
-    """How much thicker, (part,)."""
+    """Thickness that is added to the box, (part,)."""
     exact: Flags
-    """Is that the very part? (part,)"""
+    """True if the thickened box equals the part, (part,)."""
     within: Indices
-    """The part whose thicker hull of corners lies in this one: itself, where it is nothing else; or -1, (part,)."""
+    """The part whose thickened hull of corners lies in this one: itself if it is nothing else; or -1, (part,)."""
     corner_at: Indices
     """Corners of part p are ``corner_at[p] … corner_at[p + 1] - 1``, a multiple of `BLOCK`, (part + 1,)."""
     corners: Array
     """All x of a part, then all y, then all z, (3 · corner,)."""
     ball: Array
-    """Around each part, x, y, z, radius, (part, 4)."""
+    """Ball around each part, x, y, z, radius, (part, 4)."""
     pair: Indices
-    """The two parts, and the number the caller knows the pair by, (pair, 3)."""
+    """The two parts, and the caller's number of the pair, (pair, 3)."""
     pad: Array
-    """How much closer a pair is than its parts, (pair,)."""
+    """Padding of each pair, which is subtracted from the distance of its parts, (pair,)."""
     group: Indices
-    """The part that holds all of each group, (group,)."""
+    """The part that contains all of each group, (group,)."""
     meeting: Indices
-    """Two groups, that of the earlier joint first, the first of their pairs, and one past the last, (meeting, 4)."""
+    """Two groups, that of the proximal joint first; the first of their pairs; and one past the last, (meeting, 4)."""
     widest: Array
-    """The greatest `pad` of a meeting, (meeting,)."""
+    """The largest `pad` of a meeting, (meeting,)."""
     apart: Array
-    """Groups of a meeting are never closer than this at any q, (meeting,)."""
+    """Lower bound of the distance of the groups of a meeting at any q, (meeting,)."""
     apart_inside: Array
-    """The same of q inside the limits, in rising order, (meeting,)."""
+    """The same for q within the limits, in ascending order, (meeting,)."""
     chart_of: Indices
-    """Of each meeting, or -1, (meeting,)."""
+    """Chart of each meeting, or -1, (meeting,)."""
     chart: Array
-    """What is known of two groups wherever two joints are in a cell: above 0 a bound on how far they are apart, padding
-    taken off; below 0 they are in each other; 0 where nothing is known. Those of one chart follow one another, row-major."""
+    """Results for two groups wherever two joints are in a cell. Positive: a lower bound of their distance, minus padding.
+    Negative: they intersect. 0: nothing is known. The cells of one chart are consecutive, row-major."""
     below: Indices
-    """Where the four parts of each of these cells begin, counted from the first cell of the chart; 0: it is not cut."""
+    """First of the four parts of each of these cells, counted from the first cell of the chart; 0 if it is not divided."""
     chart_axes: Indices
-    """The two joints, or one twice, how many parts their turns are cut into, and the first cell, (chart, 5)."""
+    """The two joints, or one twice; the numbers of parts of their turns; and the first cell, (chart, 5)."""
     rounding: Array
-    """Every length is known at least that well, (1,)."""
+    """Upper bound of the error of every length, (1,)."""
 
 
 ROWS = Rows(
@@ -99,13 +100,13 @@ ROWS = Rows(
     chart_axes="integers2",
     rounding="floats1",
 )
-"""The rows of a cell's handle."""
+"""Declaration of the rows of a scene's handle."""
 
 collision_model_of = ROWS.make
 
 
 class LaneState(NamedTuple):
-    """Where the parts are: at eight q side by side, and at one of them; worked out for a part when it is first asked for.
+    """Positions of the parts at eight q in parallel, and at one of them, computed for a part when first needed.
 
     Row r of lane l is element ``r · LANES + l`` of a flat array. Poses are row-major (3, 4).
     """
@@ -113,43 +114,43 @@ class LaneState(NamedTuple):
     lanes: Array
     """The eight q, (n, LANES)."""
     pose: Array
-    """Of the joint that is on, 12 rows."""
+    """Pose of the current joint, 12 rows."""
     turn: Array
-    """Its sine, cosine and slide, 3 rows."""
+    """Its sine, cosine and translation, 3 rows."""
     frames: Array
-    """Of the base and of all joints, 12 rows each, (m + 1, 12 · LANES)."""
+    """Frames of the base and of all joints, 12 rows each, (m + 1, 12 · LANES)."""
     balls: Array
-    """Middles of the balls of all groups, 3 rows each, (group, 3 · LANES)."""
+    """Centres of the balls of all groups, 3 rows each, (group, 3 · LANES)."""
     gaps: Array
-    """Of two groups; positive where they are free of each other, (LANES,)."""
+    """Distance measure of two groups; positive where they are free of each other, (LANES,)."""
     near: Indices
-    """Meetings of each lane that have to be looked at, (LANES, meeting)."""
+    """Meetings to examine in each lane, (LANES, meeting)."""
     counts: Indices
-    """How many these are, (LANES,)."""
+    """Number of these, (LANES,)."""
     hits: Indices
-    """1 where a chart tells that groups are in each other, (LANES,)."""
+    """1 where a chart proves that groups intersect, (LANES,)."""
     left: Indices
-    """Pairs that spheres and boxes leave to be decided, (pair,)."""
+    """Pairs that spheres and boxes leave undecided, (pair,)."""
     now: Indices
-    """The lane that is looked at, and how many were before it, (2,)."""
+    """The current lane, and the number of q so far, (2,)."""
     frame: Array
-    """Of the base and all joints at that q, (m + 1, 12)."""
+    """Frames of the base and all joints at that q, (m + 1, 12)."""
     framed: Indices
-    """Where `frame` was known last: a number of q as in `now`, (m + 1,)."""
+    """Count of q, as in `now`, for which `frame` was computed last, (m + 1,)."""
     into: Array
-    """From the base into the core's frame, (part, 12)."""
+    """Transform from the base into the core's frame, (part, 12)."""
     known: Indices
-    """Where that was known last, likewise, (part,)."""
+    """Count of q for which `into` was computed last, (part,)."""
     middle: Array
-    """Of the part's ball, (part, 3)."""
+    """Centre of the part's ball, (part, 3)."""
     centred: Indices
-    """Where that was known last, likewise, (part,)."""
+    """Count of q for which `middle` was computed last, (part,)."""
     spot: Array
-    """Numbers that a search hands on, (12,)."""
+    """Intermediate results of a search, (12,)."""
     simplex: Array
     """Corners of the difference of two parts, (4, 3)."""
     share: Array
-    """Of each corner in a mixture of them, (4,)."""
+    """Weight of each corner in a convex combination, (4,)."""
 
 
 MADE_FOR = ("dof", "joints", "parts", "groups", "meetings", "pairs")
@@ -180,17 +181,17 @@ LAYOUT = Layout(
     simplex=floats(4, 3),
     share=floats(4),
 )
-"""Where it stands in the memory of a call."""
+"""Layout in the memory of a call."""
 
 lane_state_size, lay_lane_state = LAYOUT.size, LAYOUT.make
 
 STANDS, UNKNOWN = -1, -2
-"""In `LaneState.known` and `LaneState.centred`: a part of the base is where it was; or nothing was worked out yet."""
+"""Values in `LaneState.known` and `LaneState.centred`: a part of the base does not move; or nothing was computed yet."""
 
 
 @inlined
 def memory_for(model: CollisionModel) -> int:
-    """Numbers that `make_lane_state` needs."""
+    """Length in numbers of the memory for `make_lane_state`."""
     size: int = lane_state_size(
         len(model.chain.lower),
         len(model.chain.leader),
@@ -204,7 +205,7 @@ def memory_for(model: CollisionModel) -> int:
 
 @array_view
 def make_lane_state(model: CollisionModel, memory: Array) -> LaneState:
-    """Lay it out in a memory; nothing is known yet but where the base is."""
+    """Create the views in a memory; only the frame of the base is set."""
     state: LaneState = lay_lane_state(
         memory.ctypes.data,
         len(model.chain.lower),
@@ -228,7 +229,7 @@ def make_lane_state(model: CollisionModel, memory: Array) -> LaneState:
 
 @inlined
 def load_lanes(q: Array, first: int, lanes: Array) -> None:
-    """Eight q from row `first` on, (n, LANES); beyond the end the last one again."""
+    """Load eight q from row `first` on, (n, LANES); the last one is repeated at the end."""
     for l in range(LANES):
         k = min(first + l, len(q) - 1)
         for i in range(q.shape[1]):
@@ -237,9 +238,9 @@ def load_lanes(q: Array, first: int, lanes: Array) -> None:
 
 @inlined
 def lanes_frames(chain: ChainArrays, state: LaneState, w: int) -> None:
-    """Frames of all joints at the eight q.
+    """Compute the frames of all joints at the eight q.
 
-    One array is multiplied in place, and its elements stand constant distances apart: so LLVM makes vectors of the loops.
+    One array is multiplied in place with constant strides, so that LLVM vectorizes the loops.
     """
     W, T, turn = LANES, state.pose, state.turn
     for r in range(12):
@@ -273,13 +274,13 @@ def lanes_frames(chain: ChainArrays, state: LaneState, w: int) -> None:
 
 @inlined
 def enter(state: LaneState, lane: int) -> None:
-    """Go to the q of one lane; what stands stays known."""
+    """Switch to the q of one lane; results for fixed parts stay valid."""
     state.now[0], state.now[1] = lane, state.now[1] + 1
 
 
 @inlined
 def frame_of(state: LaneState, k: int) -> None:
-    """Work out ``state.frame[k]``, if it is not known."""
+    """Compute ``state.frame[k]`` if it is not up to date."""
     if k == 0 or state.framed[k] == state.now[1]:
         return
     state.framed[k] = state.now[1]
@@ -290,7 +291,7 @@ def frame_of(state: LaneState, k: int) -> None:
 
 @inlined
 def centre(model: CollisionModel, state: LaneState, p: int) -> None:
-    """Work out where the middle of a part's ball is, if that is not known."""
+    """Compute the centre of a part's ball if it is not up to date."""
     k = model.joint[p]
     if state.centred[p] == STANDS or state.centred[p] == state.now[1]:
         return
@@ -303,13 +304,13 @@ def centre(model: CollisionModel, state: LaneState, p: int) -> None:
 
 @inlined
 def place(model: CollisionModel, state: LaneState, p: int) -> None:
-    """Work out the way into a part's core, and its joint's frame, if that is not known."""
+    """Compute the transform into a part's core, and its joint's frame, if they are not up to date."""
     k = model.joint[p]
     if state.known[p] == STANDS or state.known[p] == state.now[1]:
         return
     state.known[p] = state.now[1] if k > 0 else STANDS
     frame_of(state, k)
-    # The core's frame in the base is T C; into it leads the transpose.
+    # The core's frame in the base is T C; the transform into it is the transpose.
     T, C = state.frame[k], model.core[p]
     px = T[0] * C[3] + T[1] * C[7] + T[2] * C[11] + T[3]
     py = T[4] * C[3] + T[5] * C[7] + T[6] * C[11] + T[7]

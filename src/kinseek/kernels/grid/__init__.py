@@ -1,1 +1,1 @@
-"""Windows of grids, and exact minima along joints: what the paper's searches are made of."""
+"""Windows of grids, and exact minima along joints: the building blocks of the paper's searches."""

@@ -1,7 +1,7 @@
 """A grid refined around its best nodes, pass by pass: the inner loop of divide and conquer (the paper, Alg. 2).
 
-The shell makes the plan and owns the memory; a descent goes on from where it is for as long as it may work, so that
-signals are heard and time limits kept in between.
+The Python layer makes the plan and owns the memory. A descent continues from its state for a limited amount of work, so
+that signals are handled and time limits are kept in between.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ class Grid(NamedTuple):
     step: Array
     """[rad] or [m], (n,)"""
     wraps: NDArray[np.bool_]
-    """Is node B node 0 again? (n,)"""
+    """True if node B is the same as node 0, (n,)."""
     size: int
     """B"""
     table: Array
-    """All values made beforehand, (n, B): the static tree; or (n, 0): made when needed, the dynamic tree."""
+    """All values computed in advance, (n, B): the static tree; or (n, 0): computed when needed, the dynamic tree."""
 
     def values_of(self, nodes: Indices) -> Array:
         """Joint values of nodes, (n, k) -> (n, k), [rad] or [m]."""
@@ -45,17 +45,17 @@ class Passes(NamedTuple):
     """The plan of a descent."""
 
     spacings: Indices
-    """In nodes, one a pass, falling to 1."""
+    """Spacing of the nodes in each pass, falling to 1."""
     later: Indices
-    """Nodes each joint has in the passes after the first, (n,)."""
+    """Number of nodes of each joint in the passes after the first, (n,)."""
     first: Indices
     """Nodes of the first pass, (n, most of any joint)."""
     counts: Indices
-    """How many of them each joint has, (n,)."""
+    """Number of nodes of each joint in the first pass, (n,)."""
     clips: bool
-    """Does a window lose what is beyond a limit, instead of sliding inward?"""
+    """True if a window is truncated at a limit instead of sliding inward."""
     stop_below: float
-    """The first leaf whose weighted error is below this ends the descent; -1 ends none."""
+    """The first leaf whose weighted error is below this ends the descent; -1 never ends it."""
     tie: float
     """See `window.search_part`."""
     beam: int
@@ -63,16 +63,16 @@ class Passes(NamedTuple):
 
 
 PASS, CELL, LEAF, MERGED, LEAVES, EXPANDED, TRIED, VISITED, STOPPED = range(9)
-"""Where a descent is at: its pass; the cell of it, -1 before the first; the next leaf of that cell's window; the next place
-of the litter to merge, -1 before its window is searched; of the windows that are done, the leaves and the nodes; the
-same with what is done of the last window; and whether a leaf was good enough to stop."""
+"""Indices into the state of a descent: its pass; the cell of the pass, -1 before the first; the next leaf of that cell's
+window; the next entry of the litter to merge, -1 before its window is searched; the leaves and the nodes of the
+finished windows; the same including the finished part of the last window; and whether a leaf was good enough to stop."""
 
 BEGINNING = (0, -1, 0, -1, 0, 0, 0, 0, 0)
 
 
 @exact
 def node_value(grid: Grid, d: int, node: int) -> float:
-    """Value of a node [rad] or [m]: looked up in the static tree, made anew, bit for bit, in the dynamic."""
+    """Value of a node [rad] or [m]: from the table of the static tree, or computed, bit for bit, in the dynamic tree."""
     stored = grid.table.shape[1] > 0
     value: float = grid.table[d, node] if stored else min(grid.lower[d] + grid.step[d] * node, grid.upper[d])
     return value
@@ -80,7 +80,7 @@ def node_value(grid: Grid, d: int, node: int) -> float:
 
 @inlined_with_wrapper
 def first_window(grid: Grid, first: Indices, counts: Indices, window: Window) -> None:
-    """Take the nodes of the first pass as they are planned."""
+    """Write the planned nodes of the first pass into the window."""
     for d in range(len(counts)):
         window.counts[d] = counts[d]
         for i in range(counts[d]):
@@ -92,14 +92,14 @@ def first_window(grid: Grid, first: Indices, counts: Indices, window: Window) ->
 def later_window(
     grid: Grid, centre: Indices, spacing: int, counts: Indices, clips: bool, window: Window
 ) -> None:
-    """Take the nodes around a centre: the centre and as many on either side; `window_around` in Python."""
+    """Write the nodes around a centre, as many on either side, into the window; `window_around` in Python."""
     for d in range(len(centre)):
         count, clipped = counts[d], clips and not grid.wraps[d]
         if not clipped:
             count = min(count, (grid.size - 1) // spacing + 1)
         first = centre[d] - (count // 2) * spacing
         if not grid.wraps[d] and not clipped:
-            # The window slides inward at a limit, so that the nodes stay as many as the paper's formula says.
+            # The window slides inward at a limit, so that the number of nodes is the one of the paper's formula.
             while first < 0:
                 first += spacing
             while first + (count - 1) * spacing >= grid.size and first >= spacing:
@@ -166,17 +166,17 @@ def descend(
     at: Indices,
     q: Array,
 ) -> bool:
-    """Go on with a descent; say whether it is done.
+    """Continue a descent; return True if it is done.
 
     Args:
         chain: The arm.
-        goal: What is wanted.
+        goal: The goal.
         grid: The nodes.
         passes: The plan.
-        budget: Leaves that may be evaluated in all passes.
-        work: What this call may do, in leaves; it does a little more.
-        memory: What is known so far, of `memory_size`.
-        at: Where the descent is, see `PASS`; `BEGINNING` at first.
+        budget: Largest number of leaves in all passes.
+        work: Work limit of this call, in leaves; it may be exceeded slightly.
+        memory: Memory of the descent, of `memory_size`.
+        at: State of the descent, see `PASS`; `BEGINNING` at first.
         q: Receives the best joint values so far, (n,).
     """
     dof = len(grid.lower)
@@ -207,7 +207,7 @@ def descend(
 
 @inlined_with_wrapper
 def copy_best(beam: Beam, least: float, q: Array) -> float:
-    """Write the best leaf of a beam into q, (n,), if its error is less than `least`; return what is least now."""
+    """Write the best leaf of a beam into q, (n,), if its error is less than `least`; return the smaller of both."""
     for k in range(len(beam.errors)):
         if beam.errors[k] < least:
             least = beam.errors[k]
@@ -231,7 +231,7 @@ def go_on(
     litter: Beam,
     at: Indices,
 ) -> bool:
-    """Do what `descend` does, once its memory is laid out: `first` is the beam of the first pass, the third, and so on."""
+    """Do the work of `descend` on laid-out memory; `first` is the beam of the first, third and further odd passes."""
     while at[PASS] < len(passes.spacings):
         k = at[PASS]
         cells, beam = second, first
@@ -291,7 +291,7 @@ def go_on(
 
 @inlined_with_wrapper
 def keep_best(cells: Beam, beam: Beam) -> None:
-    """Start a pass with the best so far, which is also a node of its own window."""
+    """Start a pass with the best leaf so far, which is also a node of its own window."""
     clear(beam)
     best = 0
     for k in range(1, len(cells.errors)):

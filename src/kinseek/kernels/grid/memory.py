@@ -1,4 +1,4 @@
-"""What a search of a grid works on: bundles of arrays, alone or laid out in one memory."""
+"""Memory of a grid search: bundles of arrays, separate or laid out in one block."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from kinseek.kernels.jit import array_view
 from kinseek.kernels.layout import DOF, Layout, floats, named, plain, whole
 
 MOST_LANES = 8000
-"""Leaves tabulated at most; ten doubles each, so the table stays in a core's second-level cache."""
+"""Largest number of tabulated leaves; ten doubles each, so that the table stays in a core's second-level cache."""
 
 
 class Window(NamedTuple):
-    """The grid to search: for each joint some values, in order."""
+    """The grid to search: some values of each joint, in order."""
 
     values: Array
     """Joint values [rad] or [m], (n, most values of any joint)."""
     nodes: Indices
-    """What the caller calls these values, same shape."""
+    """The caller's node numbers of these values, same shape."""
     counts: Indices
-    """How many of them each joint has, (n,)."""
+    """Number of values of each joint, (n,)."""
 
 
 class Beam(NamedTuple):
-    """The K best leaves so far, in no order."""
+    """The K best leaves so far, unordered."""
 
     errors: Array
-    """Weighted errors, (K,); infinity where a place is empty."""
+    """Weighted errors, (K,); infinite for empty entries."""
     nodes: Indices
     """Their nodes, (K, n)."""
     q: Array
@@ -38,7 +38,7 @@ class Beam(NamedTuple):
 
 
 class NodeScratch(NamedTuple):
-    """Memory of one search."""
+    """Scratch memory of one search."""
 
     lanes: Array
     """Columns x, y, z and p of the tabulated tips without z, (9, MOST_LANES)."""
@@ -47,7 +47,7 @@ class NodeScratch(NamedTuple):
     poses: Array
     """Poses along the current path, (n+1, 3, 4)."""
     path: Indices
-    """Which value of each joint is on the current path, (n,)."""
+    """Index of the value of each joint on the current path, (n,)."""
     q: Array
     """(n,)"""
 
@@ -62,11 +62,11 @@ TAKEN_SCRATCH = Bundle(
     path=I64["n"].out,
     q=F64["n"].out,
 )
-"""The same as arrays anywhere, for kernels that take them as such."""
+"""The same as separate arrays, for kernels that take them as such."""
 
 
 def make_node_scratch(dof: int) -> NodeScratch:
-    """Allocate the memory that one search needs."""
+    """Allocate the scratch memory of one search."""
     return NodeScratch(
         np.empty((9, MOST_LANES)),
         np.empty(MOST_LANES),
@@ -82,7 +82,7 @@ def make_beam(size: int, dof: int) -> Beam:
 
 
 def make_window(dof: int, most: int) -> Window:
-    """Allocate a window of at most so many values of any joint."""
+    """Allocate a window of at most `most` values of any joint."""
     return Window(np.empty((dof, most)), np.empty((dof, most), dtype=np.int64), np.empty(dof, dtype=np.int64))
 
 
@@ -92,15 +92,16 @@ class GridScratch(NamedTuple):
     scratch: NodeScratch
     window: Window
     first: Beam
-    """Of the first pass, the third, and so on."""
+    """Beam of the odd passes: the first, the third, and so on."""
     second: Beam
-    """Of the other passes."""
+    """Beam of the even passes."""
     litter: Beam
-    """What one cell leaves to the next pass, where that is limited."""
+    """Leaves of one cell for the next pass, if their number is limited."""
 
 
 MADE_FOR = ("dof", "most", "cells", "children")
-"""Joints; values of any joint in a window, at most; cells that a pass leaves to the next, and those that one cell may."""
+"""Sizes: the number of joints; the largest number of values of a joint in a window; the number of cells that a pass
+leaves to the next; and the number that one cell may leave."""
 MOST, CELLS, CHILDREN = (named(each) for each in MADE_FOR[1:])
 
 SCRATCH = Layout(
@@ -123,23 +124,23 @@ LITTER = Layout(
     q=floats(CHILDREN, DOF),
 )
 LAYOUT = Layout(GridScratch, MADE_FOR, scratch=SCRATCH, window=WINDOW, first=BEAM, second=BEAM, litter=LITTER)
-"""Where the bench of a descent stands in memory: one array and not thirty, for each that a kernel takes costs a third of a
-microsecond."""
+"""Layout of the memory of a descent: one array instead of thirty, because each array argument of a kernel costs a third
+of a microsecond."""
 
 LINE = 64
-"""[bytes] of a line of the processor's cache: the tabulated leaves are read fastest from the beginning of one."""
+"""Size of a line of the processor's cache [bytes]: tabulated leaves are read fastest from the beginning of a line."""
 
 lay_grid_scratch = LAYOUT.make
 
 
 def memory_size(dof: int, most: int, cells: int, children: int) -> int:
-    """Numbers that a descent needs in its memory, see `MADE_FOR`."""
+    """Length in numbers of the memory of a descent, see `MADE_FOR`."""
     return LINE // 8 + LAYOUT.count.of(dof=dof, most=most, cells=cells, children=children)
 
 
 @array_view
 def make_grid_scratch(memory: Array, dof: int, most: int, cells: int, children: int) -> GridScratch:
-    """Lay a bench out in a memory of `memory_size` numbers."""
+    """Create the views of a descent in a memory of `memory_size` numbers."""
     address = (memory.ctypes.data + LINE - 1) // LINE * LINE
     grid_scratch: GridScratch = lay_grid_scratch(address, dof, most, cells, children)
     return grid_scratch

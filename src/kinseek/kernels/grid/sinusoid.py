@@ -1,8 +1,8 @@
 """Exact minimisation of the chordal error along one joint, and along two.
 
-With everything else still, ``K_P |p - p_g|² + Σ K_c |c - c_g|²`` is ``a + b cos δ + c sin δ`` in the turn δ
-of one revolute joint and ``a + b δ + c δ²`` in the slide δ of one prismatic joint. So three FK evaluations
-give it exactly, and nine give the bilinear form of two joints.
+With all other joints fixed, ``K_P |p - p_g|² + Σ K_c |c - c_g|²`` is ``a + b cos δ + c sin δ`` in the rotation δ of a
+revolute joint and ``a + b δ + c δ²`` in the translation δ of a prismatic joint. Three FK evaluations therefore give it
+exactly, and nine give the bilinear form of two joints.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def value_at(a: float, b: float, c: float, delta: float, revolute: bool) -> floa
 
 @entry(returns=F64, a=F64, b=F64, c=F64, low=F64, high=F64, revolute=FLAG)
 def minimiser(a: float, b: float, c: float, low: float, high: float, revolute: bool) -> float:
-    """Return the δ in [low, high] where the fit is least; of equal ones the δ nearest to 0."""
+    """Return the δ in [low, high] that minimises the fit; among equal ones the δ nearest to 0."""
     if revolute:
         best = math.atan2(-c, -b) if b != 0.0 or c != 0.0 else 0.0
         best += TURN * math.ceil((low - best) / TURN)  # The first copy above `low`,
@@ -73,14 +73,14 @@ def basis(delta: float, revolute: bool, phi: Array) -> None:
 def minimise_pair(M: Array, low: Array, high: Array, revolute: Flags, delta: Array) -> None:
     """Minimise φ(δ_1)ᵀ M φ(δ_2) over a box; write the minimiser into delta, (2,).
 
-    For every δ_2 the best δ_1 is exact; δ_2 is scanned over its range and then both are polished in turn.
+    For every δ_2 the best δ_1 is exact. δ_2 is scanned over its range, and then both are refined alternately.
 
     Args:
         M: Coefficients in the bases (1, cos, sin) or (1, δ, δ²), (3, 3).
         low: Lower ends of both ranges, (2,).
         high: Upper ends, (2,).
-        revolute: Of both joints, (2,).
-        delta: The answer, (2,).
+        revolute: True for a revolute joint, (2,).
+        delta: Receives the minimiser, (2,).
     """
     scans = 32
     phi = np.empty(3)
@@ -88,7 +88,7 @@ def minimise_pair(M: Array, low: Array, high: Array, revolute: Flags, delta: Arr
     span = high[1] - low[1]
     if revolute[1] and span > TURN:
         span = TURN
-    # The middles of the cells, the present value, and both ends: the best may lie there.
+    # The middles of the cells, the present value, and both ends, because the minimum may be there.
     for k in range(scans + 3):
         second = low[1] + span * (k + 0.5) / scans
         if k >= scans:
@@ -104,7 +104,7 @@ def minimise_pair(M: Array, low: Array, high: Array, revolute: Flags, delta: Arr
         b = M[0, 1] * phi[0] + M[1, 1] * phi[1] + M[2, 1] * phi[2]
         c = M[0, 2] * phi[0] + M[1, 2] * phi[1] + M[2, 2] * phi[2]
         step = minimiser(a, b, c, low[1], high[1], revolute[1]) - old
-        for stretch in range(1, 3):  # One-at-a-time steps zigzag; twice the step is tried too.
+        for stretch in range(1, 3):  # Coordinate steps zigzag, so twice the step is tried too.
             second = min(max(old + stretch * step, low[1]), high[1])
             first, value = _best_first(M, second, low, high, revolute, phi)
             if value < best:

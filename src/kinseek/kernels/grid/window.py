@@ -1,16 +1,16 @@
 """Exhaustive search of a small grid of joint values: the inner loop of every tree search.
 
-The tree is searched depth first, last joint fastest, as in the paper. Two things make it fast and change
-nothing: the pose of a prefix q_1 … q_s is computed once for all leaves below it, and the last joints are
-tabulated once, so that a leaf is a few products in SIMD lanes. With P the prefix's pose, the goal is
-brought into its frame, G' = P⁻¹ G, and compared with each tabulated pose of the tip seen from there.
+The tree is searched depth first, last joint fastest, as in the paper. Two measures make it fast without changing the
+result. The pose of a prefix q_1 … q_s is computed once for all leaves below it. The last joints are tabulated once, so
+that a leaf is a few products in SIMD lanes. With the prefix's pose P, the goal is transformed into its frame, G' = P⁻¹ G,
+and compared with each tabulated pose of the tip in that frame.
 
-All memory is the caller's, arrays in bundles that go in and never come out: to hand a bundle back to Python, Numba calls
-its class, a signal handler may raise there, and Numba does not look. A search of many leaves is done in parts, so that
-signals are heard and time limits kept between them; the parts of a search find the same bits as one.
+All memory belongs to the caller, in bundles that are passed in and never returned: to return a bundle to Python, Numba
+calls its class, a signal handler may raise there, and Numba does not check for it. A search of many leaves is divided
+into parts, between which signals are handled and time limits are kept; the result is the same, bit for bit.
 
-Plain loops stand where NumPy has a shorter word (`a == b`, `.max()`, `a[i] = b[j]`): each of those costs the
-first run up to four seconds of compiling.
+Plain loops replace shorter NumPy expressions (`a == b`, `.max()`, `a[i] = b[j]`), because each of these costs the first
+run up to four seconds of compiling.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from kinseek.kernels.jit import entry, inlined_with_wrapper, kernel
 from .memory import MOST_LANES, TAKEN_BEAM, TAKEN_SCRATCH, TAKEN_WINDOW, Beam, NodeScratch, Window
 
 PART = 1 << 22
-"""Work of one part of a search, in leaves: some ten milliseconds."""
+"""Work of one part of a search in leaves, about ten milliseconds."""
 
 _PREFIX, _TABLE = 16, 16
-"""What the pose of a prefix, and an entry of the table, cost in leaves, about."""
+"""Approximate cost of the pose of a prefix, and of an entry of the table, in leaves."""
 
 WHOLE, EARLY, PAUSED = 0, 1, 2
-"""How a part of a search ended: everything is searched; a stop or the budget ended it; there is more to do."""
+"""How a part of a search ended: everything is searched; a stop or the budget ended it; or it is to be continued."""
 
 
 @inlined_with_wrapper
@@ -46,10 +46,10 @@ def clear(beam: Beam) -> None:
 
 @inlined_with_wrapper
 def split_depth(chain: ChainArrays, counts: Indices) -> int:
-    """Choose how many joints s form the prefix; the other n - s are tabulated.
+    """Choose the number s of joints in the prefix; the other n - s are tabulated.
 
-    The cost is the inner nodes above and below. The table must fit, and must be the same for every prefix: no
-    joint of the suffix may mimic one of the prefix. Where nothing can be tabulated s is n, with one lane.
+    The cost is the number of inner nodes above and below. The table must fit and must be the same for every prefix, so no
+    joint of the suffix may mimic one of the prefix. If nothing can be tabulated, s is n, with one lane.
     """
     dof = len(counts)
     nodes, above, below, lanes = 1.0, 0.0, 0.0, 1.0
@@ -72,7 +72,7 @@ def split_depth(chain: ChainArrays, counts: Indices) -> int:
 
 @kernel
 def tabulate(chain: ChainArrays, window: Window, s: int, scratch: NodeScratch) -> int:
-    """Fill the lanes with the tip's pose for every combination of joints s … n-1; return how many."""
+    """Fill the lanes with the tip's pose for every combination of joints s … n-1; return their number."""
     dof, joints = len(window.counts), len(chain.prismatic)
     path, q, poses, T = scratch.path, scratch.q, scratch.poses, np.empty((3, 4))
     for d in range(s, dof):
@@ -130,7 +130,7 @@ def lane_errors(P: Array, goal: GoalArrays, lanes: Array, count: int, errors: Ar
 
 @inlined_with_wrapper
 def offer(beam: Beam, error: float, nodes: Indices, q: Array) -> float:
-    """Put a leaf into the beam unless it is there already; return the error to beat from now on."""
+    """Insert a leaf into the beam unless it is there already; return the largest error in the beam."""
     worst, twin = 0, False
     for k in range(len(beam.errors)):
         if abs(beam.errors[k] - error) <= 1e-12 * (1.0 + error):
@@ -165,7 +165,7 @@ def same_nodes(beam: Beam, k: int, nodes: Indices) -> bool:
 
 @inlined_with_wrapper
 def choose_lane(window: Window, s: int, lane: int, scratch: NodeScratch, nodes: Indices) -> None:
-    """Write the leaf that a lane stands for below the current prefix: nodes and, in scratch.q, values."""
+    """Write the leaf of a lane below the current prefix: nodes, and values in scratch.q."""
     for d in range(len(window.counts)):
         nodes[d] = window.nodes[d, scratch.path[d]]
         scratch.q[d] = window.values[d, scratch.path[d]]
@@ -178,7 +178,7 @@ def choose_lane(window: Window, s: int, lane: int, scratch: NodeScratch, nodes: 
 
 @inlined_with_wrapper
 def nodes_until(counts: Indices, leaf: int) -> int:
-    """Nodes that a depth-first search has expanded once it comes to leaf number `leaf`, itself included."""
+    """Number of nodes that a depth-first search has expanded when it reaches leaf number `leaf`, itself included."""
     total, below = 0, 1
     for d in range(len(counts) - 1, -1, -1):
         total += leaf // below + 1
@@ -215,19 +215,18 @@ def search_part(
 
     Args:
         chain: The arm.
-        goal: What is wanted.
+        goal: The goal.
         window: The values of each joint.
         stop_below: Stop at the first leaf in order whose error is below this.
-        tie: Errors no farther apart than this are as good as each other, and the first in order stays; with 0
-            rounding decides.
-        budget: Leaves that may be evaluated, from the first of the window on; the search stops short of the next.
-        begin: Leaf to begin at; where it is not 0 the scratch has to be as the part before left it.
-        work: What this part may do, in leaves; it does a little more.
+        tie: Errors that differ by at most this are equal, and the first in order is kept; with 0 rounding decides.
+        budget: Largest number of leaves, counted from the first of the window; the search stops before the next.
+        begin: Leaf to begin at; if it is not 0, the scratch memory must be as the previous part left it.
+        work: Work limit of this part, in leaves; it may be exceeded slightly.
         beam: The best leaves so far; a leaf replaces the worst only if it is strictly better, by more than `tie`.
         scratch: Memory from `make_node_scratch`.
 
     Returns:
-        Leaves evaluated in order from the first of the window on, WHOLE, EARLY or PAUSED, and the work left over.
+        Leaves evaluated in order from the first of the window on; WHOLE, EARLY or PAUSED; and the remaining work.
     """
     dof, path, q, poses = len(window.counts), scratch.path, scratch.q, scratch.poses
     s = split_depth(chain, window.counts)
@@ -296,7 +295,7 @@ def search_window(
     tie: float = 0.0,
     done: Callable[[int], object] = lambda leaves: None,
 ) -> tuple[int, bool]:
-    """Search a window part after part, and tell `done` of the leaves so far; see `search_part`.
+    """Search a window part after part, and report the leaves so far to `done`; see `search_part`.
 
     Returns:
         Leaves evaluated in order up to the stop, and whether the search ended early.

@@ -1,1 +1,1 @@
-"""Kernels of maps: many poses asked at once."""
+"""Kernels of maps: tests of many poses at once."""

@@ -1,4 +1,4 @@
-"""Which of many poses does a closed form reach? For most of them it says yes or no, at the cost of its candidates."""
+"""Test which of many poses a closed form reaches; it decides most of them at the cost of its candidates."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from kinseek.kernels.structure.candidates import NUMBERS, WORK
 from kinseek.kernels.structure.closed import REPORT, TRIED, UNSURE, closed_starts, serves
 
 LEFT, NO, YES = range(3)
-"""What is told of a pose: it is left to a search; it has no candidate inside the limits or beside them; one of them is an
-answer."""
+"""Results for a pose: it is left to a search; it has no candidate within the limits or close to them; a candidate is a
+solution."""
 
 
 @entry(
@@ -31,7 +31,7 @@ answer."""
 def many_closed(
     handle: Indices, tolerances: Array, structure: Array, targets: Array, report: Indices, w: int
 ) -> int:
-    """Tell of poses whether a closed form reaches them.
+    """Test whether a closed form reaches poses.
 
     Args:
         handle: The task, see `task_of`.
@@ -42,7 +42,7 @@ def many_closed(
         w: LANES.
 
     Returns:
-        How many are left.
+        The number of poses left.
     """
     task = task_of(handle, tolerances)
     dof = len(task.lower)

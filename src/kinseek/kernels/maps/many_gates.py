@@ -1,4 +1,4 @@
-"""The gate of a proof for many poses: which of them do lengths and angles alone rule out?"""
+"""The gate of a proof for many poses: which of them lengths and angles alone exclude."""
 
 from __future__ import annotations
 
@@ -30,20 +30,21 @@ def many_gates(
     target: Array,
     closed: Array,
 ) -> int:
-    """Ask the gate about many poses, and count those that it rules out.
+    """Apply the gate to many poses and count those that it excludes.
 
     Args:
         form: The question, see `kinseek.proof.reduce.question`.
-        proof_goal: Its tolerances, with margins that bear the farthest of the poses; its `target` is the memory of `target`.
+        proof_goal: Its tolerances, with margins that are valid for the farthest pose; its `target` is the memory of
+            `target`.
         chain: The arm.
-        before: What the question multiplies a pose with from the left, (3, 4).
-        after: And from the right, (3, 4).
+        before: Transform that multiplies a pose from the left, (3, 4).
+        after: Transform that multiplies a pose from the right, (3, 4).
         targets: Poses, (k, 3, 4), lengths in [m].
-        target: Is written to, (3, 4).
-        closed: Receives 1 where a pose is ruled out, else 0, (k,).
+        target: Scratch memory, (3, 4).
+        closed: Receives 1 if a pose is excluded, else 0, (k,).
 
     Returns:
-        How many are ruled out.
+        The number of excluded poses.
     """
     count = 0
     for i in range(targets.shape[0]):

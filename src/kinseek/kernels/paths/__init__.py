@@ -1,1 +1,1 @@
-"""Many poses in a row: branches followed, the best way through them, and one step of a tracker."""
+"""Kernels for paths: following branches, choosing the best sequence of solutions, and tracking in real time."""

@@ -1,12 +1,12 @@
-"""An answer for every pose of a ball: a tube that holds wherever its goal is moved, see `tube`.
+"""A solution for every pose of a ball: a tube that exists wherever its goal is moved, see `tube`.
 
-Let g be how far the goal's point and columns are moved, to first order, and e what is left of that, in the columns alone:
-``|e| ≤ θ²/√2`` for a turn by θ. Around an answer c to the ball's middle write x = c + t + δ with t = M g, so that of
-N(δ) = δ - M f(x) it is known, with v ≥ |t|,
+Let g be the displacement of the goal's point and columns to first order. Let e be the remainder, in the columns alone:
+``|e| ≤ θ²/√2`` for a rotation by θ. Around a solution c for the centre of the ball write x = c + t + δ with t = M g. Then
+N(δ) = δ - M f(x) satisfies, with v ≥ |t|,
 
     |N(0)| ≤ a = |M f(c)| + |1 - MJ| v + ½ |M H| v v + |M| (rest(v) + |e|),
 
-and of its derivative what `tube` says. So where κ = a + C ρ < ρ there is one answer in |δ| ≤ ρ, for every g.
+and its derivative is bounded as in `tube`. If κ = a + C ρ < ρ, there is exactly one solution in |δ| ≤ ρ for every g.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from .motion import COUNT, MARGIN, MARGIN_A, Motion, lead, make_motion
 from .tube import TURNED, aim_at_answer, expand, inflate
 
 GOAL = 2
-"""The hand and its goal are compared behind the two joints that stand still: so no joint moves the goal, nor t with it."""
+"""The hand and its goal are compared distal to the two joints at rest, so no joint moves the goal, and neither does t."""
 
 
 @inlined
 def begin_around(motion: Motion, middle: int, position: float, angle: float) -> None:
-    """Write v, and a, for goals that are moved by so much at most [m] and turned by so much [rad]."""
+    """Write v and a for goals that are moved by at most `position` [m] and rotated by at most `angle` [rad]."""
     form, scratch, tube = motion.form, motion.scratch, motion.tube
     n = len(tube.half)
     for i in range(n):
@@ -72,17 +72,17 @@ def answers_around(
     numbers: Array,
     held: Flags,
 ) -> None:
-    """Say whether every pose of a ball has an answer, inside the limits, near one to the ball's middle.
+    """Check whether every pose of a ball has a solution within the limits, near a solution for the ball's centre.
 
     Args:
-        chain: The arm; infinite limits where a joint has none.
-        targets: Middles of the balls, (k, 3, 4), lengths in [m].
-        q: An answer to each, (k, n), [rad] or [m].
-        hold: With joints to spare, orthonormal directions in which they are held, (k, spare, n).
+        chain: The arm; infinite limits for unlimited joints.
+        targets: Centres of the balls, (k, 3, 4), lengths in [m].
+        q: A solution for each centre, (k, n), [rad] or [m].
+        hold: For redundant arms, orthonormal directions in which the joints are held, (k, redundant, n).
         position: Radii of the balls, (k,), [m].
-        orientation: And by how much poses in them are turned at most, (k,), [rad].
+        orientation: Largest rotation of poses in each ball, (k,), [rad].
         numbers: See `motion.LENGTH`.
-        held: Receives whether all of a ball has answers, (k,).
+        held: Receives True if all poses of a ball have solutions, (k,).
     """
     if len(q) == 0:
         return
@@ -96,7 +96,7 @@ def answers_around(
                 motion.hold[a, j] = hold[i, a, j]
         motion.scratch.c[n] = 0.0
         lead(motion, chain, targets[i], still, still)
-        # A goal that is turned farther may be half a turn from the hand.
+        # A goal that is rotated farther may be half a turn from the hand.
         good = orientation[i] < TURNED and aim_at_answer(motion)
         if good:
             expand(motion, middle)

@@ -1,4 +1,4 @@
-"""Least squares over a whole path at once: a block-tridiagonal system, one block a pose."""
+"""Least squares over a whole path at once: a block-tridiagonal system with one block per pose."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from kinseek.kernels.jit import entry, inlined
 
 @inlined
 def invert(A: Array) -> None:
-    """Invert a symmetric positive definite matrix, (n, n), in place (Gauss and Jordan, no pivots are needed)."""
+    """Invert a symmetric positive definite matrix, (n, n), in place (Gauss-Jordan without pivoting)."""
     n = A.shape[0]
     for k in range(n):
         pivot = 1.0 / A[k, k]
@@ -32,8 +32,8 @@ def solve_band(blocks: Array, coupling: Array, x: Array) -> None:
     """Solve ``-c[i-1] x[i-1] + B[i] x[i] - c[i] x[i+1] = b[i]`` for all rows of x, block by block (Thomas 1949).
 
     Args:
-        blocks: Symmetric blocks on the diagonal, (k, n, n); used up.
-        coupling: c, the diagonals of the blocks beside it, (k, n); the last row says nothing.
+        blocks: Symmetric blocks on the diagonal, (k, n, n); overwritten.
+        coupling: c, the diagonals of the off-diagonal blocks, (k, n); the last row is ignored.
         x: b, (k, n), replaced by the solution.
     """
     n = x.shape[1]

@@ -1,4 +1,4 @@
-"""The hand's straight way from a pose to the next, as seen by an arm on two joints that undo it; and memory for a tube."""
+"""The straight motion of the hand from a pose to the next, undone by two additional joints; and memory for a tube."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from kinseek.kernels.proof.box import BoxScratch, Form, make_box_scratch
 
 
 class Tube(NamedTuple):
-    """Memory of one tube around the scratch memory's centre, and what is known of it; rows are joints."""
+    """Memory of one tube around the centre of the scratch memory, and bounds for it; rows are joints."""
 
     c: Array
     """Centre, (n+1,)."""
     t: Array
-    """Tangent of the branch by s, its last number 1, (n+1,)."""
+    """Derivative of the branch with respect to s, with last entry 1, (n+1,)."""
     u: Array
-    """Second derivative, its last number 0, (n+1,)."""
+    """Second derivative, with last entry 0, (n+1,)."""
     rows: Array
-    """M of the columns and of the point, as in a pose, (n, 3, 4)."""
+    """M for the columns and the point, laid out as a pose, (n, 3, 4)."""
     across: Array
-    """M of how far the joints are across, (n, k)."""
+    """M for the deviation of the joints in the held directions, (n, k)."""
     point: Array
-    """Length of M's part for the point, (n,)."""
+    """Norm of the part of M for the point, (n,)."""
     column: Array
-    """Length of M's part for the columns, (n,)."""
+    """Norm of the part of M for the columns, (n,)."""
     value: Array
     """M f(c), (n,)."""
     slope: Array
@@ -48,38 +48,39 @@ class Tube(NamedTuple):
     away: Array
     """ε, (n,)."""
     gain_point: Array
-    """Of each physical joint, ∂rest/∂δ of the point, (m+2,)."""
+    """∂rest/∂δ of the point for each physical joint, (m+2,)."""
     gain_column: Array
-    """And of the columns."""
+    """∂rest/∂δ of the columns, (m+2,)."""
     spread: Array
-    """How far all joints from the middle of the arm up to each turn, (m+2,)."""
+    """Sum of the half widths of the revolute joints from the middle of the arm up to each joint, (m+2,)."""
 
 
 class Motion(NamedTuple):
-    """The hand's way from a pose to the next, seen by the arm on two more joints."""
+    """The motion of the hand from a pose to the next, undone by two additional joints of the arm."""
 
     form: Form
-    """The arm on them."""
+    """The arm with these two joints."""
     scratch: BoxScratch
-    """Its centre has s as the last number."""
+    """Scratch memory; the last entry of its centre is s."""
     tube: Tube
     hold: Array
-    """Directions in which the joints are held to their straight way, (k, n); none where answers are isolated."""
+    """Directions in which the joints are held to linear interpolation, (k, n); empty if solutions are isolated."""
     begin: Array
     """Joint values at s = 0, (n,)."""
     end: Array
-    """At s = 1."""
+    """Joint values at s = 1, (n,)."""
     numbers: Array
     """See `LENGTH`."""
 
 
 LENGTH, MARGIN, MARGIN_A, COUNT = range(4)
-"""Numbers of a motion: what a radian counts as [m]; margins for rounding, of the point [m] and of the columns; how many."""
+"""Indices into the numbers of a motion: the length of a radian [m]; the allowance for rounding of the point [m] and of
+the columns; and the number of these entries."""
 
 
 @array_view
 def make_motion(chain: ChainArrays, columns: int, begin: Array, hold: Array, numbers: Array) -> Motion:
-    """Allocate the memory for the steps of one path; the first two joints are set by `lead`."""
+    """Allocate the memory for the steps of one path; `lead` sets the first two joints."""
     m, n = len(chain.leader), len(chain.lower)
     fixed, prismatic = np.zeros((m + 3, 3, 4)), np.zeros(m + 2, dtype=np.bool_)
     leader, multiplier, offset = np.full(m + 2, n), np.zeros(m + 2), np.zeros(m + 2)
@@ -120,12 +121,12 @@ def make_motion(chain: ChainArrays, columns: int, begin: Array, hold: Array, num
 
 @inlined
 def frame_along(x: float, y: float, z: float, size: float, frame: Array) -> None:
-    """Write axes whose third has the direction of a vector of length `size` into the rotation of `frame`, (3, 4)."""
+    """Write axes into the rotation of `frame`, (3, 4); the third has the direction of a vector of length `size`."""
     if size > 0.0:
         x, y, z = x / size, y / size, z / size
     else:
         x, y, z = 0.0, 0.0, 1.0
-    # Across from the vector and from the axis of the base that is farthest from it.
+    # Normal to the vector and to the coordinate axis that is farthest from it.
     if abs(x) <= abs(y) and abs(x) <= abs(z):
         a, b, c = 0.0, z, -y
     elif abs(y) <= abs(z):
@@ -141,7 +142,7 @@ def frame_along(x: float, y: float, z: float, size: float, frame: Array) -> None
 
 @inlined
 def lead(motion: Motion, chain: ChainArrays, target: Array, slide: Array, turn: Array) -> None:
-    """Set the two joints that undo the hand's way from a target, (3, 4), by d [m] and w [rad], (3,) each, in the base."""
+    """Set the two joints that undo the motion of the hand from a target, (3, 4), by d [m] and w [rad], (3,), in the base."""
     form, goal = motion.form, motion.scratch.goal
     fixed = form.fixed
     way = math.sqrt(slide[0] * slide[0] + slide[1] * slide[1] + slide[2] * slide[2])
@@ -169,7 +170,7 @@ def lead(motion: Motion, chain: ChainArrays, target: Array, slide: Array, turn: 
 
 @inlined
 def across_by(motion: Motion, a: int, q: Array, s: float) -> float:
-    """How far joint values are from where they are held at s, in one of the directions."""
+    """Deviation of joint values in held direction `a` from the interpolated values at s."""
     off = 0.0
     for j in range(motion.hold.shape[1]):
         off += motion.hold[a, j] * (q[j] - motion.begin[j] - s * (motion.end[j] - motion.begin[j]))

@@ -1,4 +1,4 @@
-"""Eight configurations brought onto their targets from close by, within limits that the caller gives."""
+"""Project eight configurations onto their targets from nearby, within limits that the caller gives."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from kinseek.kernels.entry import F64, I64
 from kinseek.kernels.jit import entry, inlined, noinline
 
 EXACT = 1e-18
-"""Squared scaled error to converge to: far inside the tolerances, for what comes next starts from here."""
+"""Squared scaled error to converge to. It is far below the tolerances, because the next step starts from the result."""
 
 
 @noinline
 def settle(
     handle: Indices, tolerances: Array, memory: Array, lower: Array, upper: Array, steps: int, w: int
 ) -> int:
-    """Bring the lanes whose state is 0 onto their targets by damped steps, so many at most; return how many were made.
+    """Move the lanes with state 0 onto their targets by at most `steps` damped steps; return the steps made.
 
     Args:
         handle: The task, see `task_of`.
         tolerances: See `task_of`.
-        memory: The scratch memory, its targets, weights, states and joint values set.
-        lower: Limits that no step leaves, (n,); infinite where there are none.
+        memory: The scratch memory, with targets, weights, states and joint values set.
+        lower: Limits of every step, (n,); infinite if there are none.
         upper: (n,)
-        steps: How many steps at most.
+        steps: Largest number of steps.
         w: LANES.
     """
     task = task_of(handle, tolerances)
@@ -66,7 +66,7 @@ def settle(
 
 @inlined
 def load_lane(scratch: Scratch, lane: int, target: Array, q: Array) -> None:
-    """Give one lane a target, (3, 4), and a start, (n,)."""
+    """Set the target, (3, 4), and the start, (n,), of one lane."""
     for r in range(3):
         for c in range(4):
             scratch.lanes.target[(4 * r + c) * LANES + lane] = target[r, c]
@@ -96,17 +96,17 @@ def project_onto_poses(
     left: Array,
     w: int,
 ) -> None:
-    """Bring joint values that are close to an answer onto it, each row to its own target, eight at a time.
+    """Project joint values that are close to a solution onto it, each row onto its own target, eight at a time.
 
     Args:
         handle: The task, see `task_of`.
         tolerances: See `task_of`.
         targets: (k, 3, 4), lengths in [m].
-        lower: Limits that are kept, (n,); infinite where there are none.
+        lower: Limits of every step, (n,); infinite if there are none.
         upper: (n,)
-        steps: How many steps at most.
-        q: Joint values inside the limits, (k, n), replaced by where the steps end.
-        left: Receives the squared scaled error that is left of each, (k,).
+        steps: Largest number of steps.
+        q: Joint values within the limits, (k, n), replaced by the final ones.
+        left: Receives the remaining squared scaled errors, (k,).
         w: LANES.
     """
     task = task_of(handle, tolerances)

@@ -1,4 +1,4 @@
-"""Branches of an arm with joints to spare, from one layer of answers to the next, and answers beside them."""
+"""Branches of a redundant arm from one layer of solutions to the next, and further solutions along the self-motion."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from .viterbi import COPIED, ROOM, STRAIGHT
 TURN = 2.0 * math.pi
 
 STEPS = 12
-"""Steps at most that bring a place beside an answer onto the pose."""
+"""Largest number of steps that move a configuration next to a solution onto the pose."""
 
 AGAIN = 0.6
-"""Nothing is looked for where an answer stands already this near, as a part of the way to it."""
+"""Fraction of the distance `beside`. A start is skipped if a known solution is nearer than this."""
 
 SHORT = 0.2
-"""Where less than this of a direction is along the self-motion, another direction is tried as well."""
+"""If the part of a direction along the self-motion is shorter than this, another direction is tried as well."""
 
 LEANING = 0.37
-"""No coordinate of the direction whose part along the self-motion is taken is special."""
+"""Increment of the direction that is projected onto the self-motion, so that all its coordinates differ."""
 
 
 @inlined
 def crowded(q: Array, rows: Array, count: int, turning: Indices, near: float) -> bool:
-    """Is any of the first rows, full turns left out, as near as that in every joint?"""
+    """Return True if any of the first rows is nearer than `near` in every joint, modulo full turns."""
     for k in range(count):
         close = True
         for j in range(len(q)):
@@ -59,7 +59,7 @@ def crowded(q: Array, rows: Array, count: int, turning: Indices, near: float) ->
 
 @inlined
 def into_first_turn(q: Array, lower: Array, upper: Array, turning: Indices) -> bool:
-    """Bring values of joints with copies into the first turn of their range; do all lie inside their limits then?"""
+    """Move COPIED joints into the first turn of their range; return True if all joints are within their limits then."""
     inside = True
     for j in range(len(q)):
         if turning[j] == COPIED:
@@ -74,7 +74,7 @@ def into_first_turn(q: Array, lower: Array, upper: Array, turning: Indices) -> b
 def joined(
     one: Array, lower: Array, upper: Array, turning: Indices, apart: float, q: Array, count: int
 ) -> int:
-    """Append an answer to q if there is room, it lies inside its limits and none stands near; return how many there are."""
+    """Append a solution to q if there is room, it is within its limits and no other is near; return the number of rows."""
     if count == len(q) or not into_first_turn(one, lower, upper, turning):
         return count
     if crowded(one, q, count, turning, apart):
@@ -86,7 +86,7 @@ def joined(
 
 @inlined
 def sign_of(A: Array) -> float:
-    """Sign of the determinant of a square matrix, (m, m), which is used up."""
+    """Sign of the determinant of a square matrix, (m, m), which is overwritten."""
     m, sign = len(A), 1.0
     for k in range(m):
         p = k
@@ -112,10 +112,10 @@ def sign_of(A: Array) -> float:
 def along_lanes(
     handle: Indices, tolerances: Array, memory: Array, q: Array, first: int, last: int, way: Array, w: int
 ) -> int:
-    """Write the direction of the self-motion at answers first … last-1, at most LANES, into `way`, (k, n).
+    """Write the direction of the self-motion at solutions first … last-1, at most LANES, into `way`, (k, n).
 
-    The longest joint of it is 1. With one joint to spare its sense goes on without a jump from answer to answer along the
-    self-motion, and is the other one across a singularity: with it the Jacobian has a determinant above zero.
+    Its largest entry has magnitude 1. With one redundant joint the Jacobian extended by the direction has a positive
+    determinant. The direction is therefore continuous along the self-motion, and changes its sign across a singularity.
     """
     task = task_of(handle, tolerances)
     dof = len(task.lower)
@@ -168,7 +168,7 @@ def along_lanes(
                     square[r, i] = lanes.jacobian[i, r * W + l]
                 square[6, i] = found[l, i]
             if dof == 6:
-                # A turn about the tool's axis, which does not count, takes the place of one more joint.
+                # The unconstrained rotation about the tool's axis takes the place of one more joint.
                 square[6, 6] = 0.0
                 for r in range(3):
                     square[r, 6], square[3 + r, 6] = 0.0, lanes.pose[4 * r * W + l]
@@ -180,8 +180,8 @@ def along_lanes(
 
 
 BASE = 0
-"""Place in what is told of a branch from one layer to the next: the sum of its squared steps, infinite if it does not get
-there; behind it the least and the most that each joint moves from pose to pose."""
+"""Index of the sum of squared steps in the report on a branch between two layers; it is infinite if the branch ends
+before. The smallest and the largest motion of each joint from pose to pose follow."""
 
 
 @entry(
@@ -210,19 +210,19 @@ def propagate_layer(
     along: Array,
     w: int,
 ) -> None:
-    """Follow answers to the first target to the last one.
+    """Follow branches from solutions of the first target to the last target.
 
     Args:
         handle: The task, see `task_of`; its limits end a branch.
         tolerances: See `task_of`.
         targets: (r, 3, 4), lengths in [m].
-        moments: Numbers of their poses, (r,): between two of them others may lie, which are not looked at.
-        longest: How far each joint may go from one target to the next, (n,), [rad] or [m].
-        weights: Of each joint in the cost, (n,).
-        q: Answers to the first target, (k, n).
-        ahead: Receives where they lead, (k, n).
-        report: Receives what is told of them, see `BASE`, (k, 1 + 2 n).
-        along: Receives the directions of the self-motion where they lead, (k, n), see `along_lanes`.
+        moments: Indices of their poses, (r,); poses between two of them are skipped.
+        longest: Largest motion of each joint from one target to the next, (n,), [rad] or [m].
+        weights: Weight of each joint in the cost, (n,).
+        q: Solutions of the first target, (k, n).
+        ahead: Receives the ends of their branches, (k, n).
+        report: Receives a report on each branch, see `BASE`, (k, 1 + 2 n).
+        along: Receives the directions of the self-motion at the ends, (k, n), see `along_lanes`.
         w: LANES.
     """
     task = task_of(handle, tolerances)
@@ -286,25 +286,25 @@ def spread_solutions(
     along: Array,
     w: int,
 ) -> int:
-    """Spread answers to one target: some that are given, what lies beside them along the self-motion, then the rest.
+    """Spread solutions of one target: given ones, others next to them along the self-motion, then the other given ones.
 
     Args:
         handle: The task, see `task_of`.
         tolerances: See `task_of`.
         target: (3, 4), lengths in [m].
-        given: Answers, (m, n); what does not lie inside the limits is left out.
-        first: So many of them come before what is found beside them.
+        given: Solutions, (m, n); those outside the limits are skipped.
+        first: Number of given solutions that precede those found next to them.
         lower: Limits, (n,).
         upper: (n,)
-        turning: See `programme.STRAIGHT`, (n,).
-        apart: Those nearer than this in every joint to another are left out [rad or m].
-        beside: So far along the self-motion is looked for more, to both sides [rad or m]; 0 to look for none.
-        q: Receives the answers, joints with copies in the first turn of their range, (k, n).
+        turning: See `viterbi.STRAIGHT`, (n,).
+        apart: A solution nearer than this to another in every joint is skipped [rad or m].
+        beside: Distance along the self-motion, to both sides, of further solutions [rad or m]; 0 for none.
+        q: Receives the solutions, with COPIED joints in the first turn of their range, (k, n).
         along: Receives the directions of the self-motion there, (k, n), see `along_lanes`.
         w: LANES.
 
     Returns:
-        How many there are.
+        The number of solutions.
     """
     task = task_of(handle, tolerances)
     dof, most = len(lower), len(q)
@@ -321,7 +321,7 @@ def spread_solutions(
         if part == 1 or beside <= 0.0:
             continue
         filled = 0
-        # Answers found beside others are looked beside as well, until nothing new is found.
+        # Solutions found next to others are starts as well, until no new one is found.
         while report < count < most:
             last = min(report + LANES, count)
             along_lanes(handle, tolerances, memory, q, report, last, along, w)
@@ -366,7 +366,7 @@ def settled(
     one: Array,
     w: int,
 ) -> int:
-    """Bring the first lanes onto their targets and append those that get there, and stand by themselves, to q."""
+    """Project the first lanes onto their targets, and append to q those that converge and are distinct."""
     task = task_of(handle, tolerances)
     dof = len(lower)
     scratch = make_scratch(memory, dof, len(task.chain.leader))

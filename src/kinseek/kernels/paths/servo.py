@@ -1,4 +1,4 @@
-"""Steps of a tracker: as near to the pose as limits and speeds allow within one period, with bounded work each."""
+"""Tracking steps: as near to the pose as limits and speeds allow within one period, with bounded work."""
 
 from __future__ import annotations
 
@@ -18,38 +18,40 @@ from kinseek.kernels.jit import entry, inlined, noinline
 from .projection import load_lane, settle
 
 STEPS = 6
-"""Damped steps within a period at most: a bound on the work, not on what is usual, which is one or two."""
+"""Largest number of damped steps within a period: a bound on the work; one or two are usual."""
 
 STARTS = 3
-"""Lanes that start: where the arm is, where its last step would lead it again, and half-way between."""
+"""Number of lanes that start: at the current joint values, at these plus the last step, and half-way between."""
 
 ROWS = 8
 LOWER, UPPER, REACH, NOW, LAST, LOW, HIGH, REACHED = range(ROWS)
-"""Rows of the state of a tracker, (ROWS, n): limits, how far each joint may go within a period, where it is, its last step,
-between which values it may end now, and where it was when it last reached its pose."""
+"""Rows of the state of a tracker, (ROWS, n): the limits; the largest motion of each joint within a period; the current
+joint values; the last step; the interval of joint values that can be reached in this period; and the joint values at
+which it last reached its pose."""
 
 TRACKING, LAGGING, LIMIT, SINGULAR, NO_POSE = range(5)
-"""How a step ended; NO_POSE: the target is no rigid transform, and nothing has changed."""
+"""Outcome of a step. NO_POSE: the target is not a rigid transform, and nothing has changed."""
 
 NEAREST_STEPS = 40
-"""Newton steps within a period at most towards the nearest pose: a bound on the work. Not examined further."""
+"""Largest number of Newton steps within a period towards the nearest pose: a bound on the work. Not examined further."""
 
 NEAR = 1e-3
-"""Closer than this the position error counts squared [m], farther off linearly (Huber 1964). Not examined further."""
+"""Position error [m] below which it counts squared, and above which it counts linearly (Huber 1964). Not examined
+further."""
 
 INSIDE = 1e-12
-"""Part of a joint's way within a period that is left unused, so that rounding never makes it too fast."""
+"""Fraction of a joint's largest motion that stays unused, so that rounding never makes it too fast."""
 
 
 @inlined
 def go_nearer(task: Task, scratch: Scratch, target: Array, state: Array) -> None:
-    """Walk down the weighted error from where the arm is, within what the joints may do in this period, into `scratch.seed`.
+    """Reduce the weighted error from the current joint values, within what this period allows; write `scratch.seed`.
 
     The weighted error ``K_P d + Σ K_c (1 - c·c_g)`` has a kink at d = 0, along which steps are tiny. Its majorant
-    ``K_P d² / 2 d_0 + Σ K_c (1 - c·c_g)`` touches it at the present distance d_0 and is smooth (iteratively reweighted least
-    squares, Weiszfeld 1937). As the majorant falls the error, squared closer than `NEAR`, falls at least as much. So a
-    target at rest never makes the arm go back and forth: it comes to rest where the error is least. Gauss-Newton steps
-    overshoot there in every period, since the Jacobian is singular at the end of the reach.
+    ``K_P d² / 2 d_0 + Σ K_c (1 - c·c_g)`` equals it at the present distance d_0 and is smooth (iteratively reweighted
+    least squares, Weiszfeld 1937). When the majorant decreases, the error, squared below `NEAR`, decreases at least as
+    much. A target at rest therefore never makes the arm oscillate: the arm stops where the error is smallest.
+    Gauss-Newton steps overshoot there in every period, since the Jacobian is singular at the boundary of the workspace.
     """
     for d in range(len(task.lower)):
         scratch.seed[d] = min(max(state[NOW, d], state[LOW, d]), state[HIGH, d])
@@ -63,19 +65,19 @@ def go_nearer(task: Task, scratch: Scratch, target: Array, state: Array) -> None
 def one_period(
     address: int, tolerances: Array, target: Array, memory: Array, state: Array
 ) -> tuple[float, float, int]:
-    """What `servo_step` does."""
+    """Do the work of `servo_step`."""
     if not is_rigid(target):
         return np.inf, np.inf, NO_POSE
     handle = handle_at(address)
     task = task_of(handle, tolerances)
     dof, joints, w = len(task.lower), len(task.chain.leader), lanes_of(handle)
     for k in range(scratch_size(dof, joints)):
-        memory[k] = 0.0  # The same bits whatever came before.
+        memory[k] = 0.0  # Results must not depend on the previous contents, bit by bit.
     scratch = make_scratch(memory, dof, joints)
     reset_weights(task, scratch)
     for d in range(dof):
         here, reach = state[NOW, d], state[REACH, d] * (1.0 - INSIDE)
-        # From outside its limits a joint comes back, as fast as it may.
+        # A joint outside its limits returns at its largest speed.
         lower, upper = state[LOWER, d], state[UPPER, d]
         state[LOW, d] = max(here - reach, lower) if here >= lower else min(here + reach, lower)
         state[HIGH, d] = min(here + reach, upper) if here <= upper else max(here - reach, upper)
@@ -135,10 +137,10 @@ def one_period(
 def servo_step(
     address: int, tolerances: Array, target: Array, memory: Array, state: Array
 ) -> tuple[float, float, int]:
-    """Go as near to a pose as one period allows; the row NOW of the state becomes where the joints are then.
+    """Move as near to a pose as one period allows; the row NOW of the state receives the new joint values.
 
-    A joint that stands at an end of what it may do, and is pushed outward, is taken out, and the others go on without it.
-    If the pose is not reached within the period, the weighted error is walked down, see `go_nearer`.
+    A joint that is at an end of its interval and would move outward is held, and the others move without it. If the pose
+    is not reached within the period, the weighted error is minimised, see `go_nearer`.
 
     Args:
         address: Address of the handle of the task, see `task_of`.
@@ -148,7 +150,7 @@ def servo_step(
         state: See `LOWER`, (ROWS, n).
 
     Returns:
-        Position error [m], orientation error [rad], and how the step ended, see `TRACKING`.
+        Position error [m], orientation error [rad], and the outcome of the step, see `TRACKING`.
     """
     return one_period(address, tolerances, target, memory, state)
 
@@ -166,19 +168,20 @@ def servo_step(
 def look_ahead(
     address: int, tolerances: Array, targets: Array, place: float, turn: float, memory: Array, state: Array
 ) -> tuple[int, int, int]:
-    """Make one step after another, until the hand is farther off than it may be.
+    """Make one step after another, until the error of the hand exceeds the given bounds.
 
     Args:
         address: See `servo_step`.
         tolerances: See `servo_step`.
-        targets: One pose a step, (k, 4, 4).
-        place: How far off the hand may be [m].
-        turn: How far turned off [rad].
+        targets: One pose per step, (k, 4, 4).
+        place: Largest position error [m].
+        turn: Largest orientation error [rad].
         memory: See `servo_step`.
-        state: See `servo_step`; it stays where the last step ended.
+        state: See `servo_step`; it keeps the values after the last step.
 
     Returns:
-        At which step it fell behind, at which it was too far off, k for both if it never was, and how that step ended.
+        Index of the first lagging step, index of the step that exceeded the bounds, k for both if there is none, and the
+        outcome of that step.
     """
     behind, count = -1, len(targets)
     for k in range(count):

@@ -1,4 +1,4 @@
-"""Steps of a path: is there one unbroken branch from pose to pose, inside the limits? Tube after tube along each step."""
+"""Proof that one unbroken branch leads from pose to pose within the limits, by consecutive tubes along each step."""
 
 from __future__ import annotations
 
@@ -16,31 +16,34 @@ from .motion import COUNT, MARGIN, MARGIN_A, Motion, across_by, lead, make_motio
 from .tube import find_tube, middle_at
 
 UNPROVED, INSIDE, SOMEWHERE, OUTSIDE, LEAVES = range(5)
-"""What is proved of a step: nothing; an unbroken branch that stays inside the limits; one that may or may not; one that
-stands outside of them somewhere; or that the branch from its begin leaves the limits, and nothing of what comes then."""
+"""What is proved of a step: nothing; an unbroken branch within the limits; an unbroken branch that may leave them; an
+unbroken branch that leaves the limits somewhere; or that the branch from the start leaves the limits, and nothing
+about the rest."""
 
 TUBES = 128
-"""Tubes tried on one step."""
+"""Largest number of tubes tried on one step."""
 
 SHORTEST = 1.0 / 256.0
-"""Part of a step below which it is given up, a power of two: parts of steps begin and end at the very same s."""
+"""Fraction of a step below which the proof is given up. A power of two, so that parts of steps begin and end at exactly
+the same s."""
 
 FINEST = 1.0 / 32.0
-"""Part of a step below which no tube is cut again because a limit is near."""
+"""Fraction of a step below which a tube near a limit is not split again."""
 
 WITHIN = 1e-12
-"""What is inside of a tube is so by this part of its width and by `LEAST` of the numbers: a thousand roundings."""
+"""Safety margin of containment in a tube: this fraction of its width, plus `LEAST` times the numbers, covers a thousand
+roundings."""
 
 
 @inlined
 def clearly_inside(off: float, half: float, value: float) -> bool:
-    """Is ``off`` from the middle within half a tube's width, whatever rounding did to joint values as large as `value`?"""
+    """Return True if `off` is within half the width of a tube, despite rounding of joint values as large as `value`."""
     return off <= half * (1.0 - WITHIN) - 4.0 * LEAST * (1.0 + abs(value))
 
 
 @inlined
 def misses(motion: Motion, q: Array, s: float) -> tuple[float, float]:
-    """How far the hand is from its way at joint values q: of the point [m] and of the columns, rounding included."""
+    """Deviation of the hand from its path at joint values q: of the point [m] and of the columns, with rounding."""
     scratch, form, n = motion.scratch, motion.form, len(q)
     for i in range(n):
         scratch.c[i] = q[i]
@@ -58,7 +61,7 @@ def misses(motion: Motion, q: Array, s: float) -> tuple[float, float]:
 
 @inlined
 def correct(motion: Motion, q: Array, s: float) -> None:
-    """Bring joint values in the tube nearer to its branch, by a step of Newton's with the tube's M."""
+    """Move joint values in the tube nearer to its branch by a Newton step with the tube's M."""
     scratch, tube, hold = motion.scratch, motion.tube, motion.hold
     n = len(q)
     misses(motion, q, s)
@@ -76,13 +79,13 @@ def correct(motion: Motion, q: Array, s: float) -> None:
 def distance(
     motion: Motion, q: Array, s: float, miss_point: float, miss_column: float, rim: float
 ) -> tuple[float, float]:
-    """How far the branch in a tube is from joint values q of it at s, at most; infinite where q is not in it.
+    """Bound the distance of the branch in a tube from joint values q at s; infinite if q is not in the tube.
 
-    Behind it, how far all that `rim` asks for is, in widths of the tube.
+    The second result is the distance that `rim` requires, in half widths of the tube.
 
-    N moves q by M f, and draws the points of the tube together, by `drawn` as seen in widths of the tube. A positive `rim`
-    asks that all within it of q is in the tube; with joints to spare also every answer to which the hold leads if it is
-    shifted by as much, for at a pose another step goes on that holds them across another way.
+    N moves q by M f and contracts the tube by the factor `drawn`, in half widths of the tube. A positive `rim` requires
+    that all points within it of q are in the tube. For a redundant arm it also requires this of every solution that
+    results if the hold is shifted by `rim`, because the next step may use another hold at the same pose.
     """
     tube, hold = motion.tube, motion.hold
     n = len(q)
@@ -111,7 +114,7 @@ def distance(
 
 @inlined
 def is_held(hold: Array, j: int) -> bool:
-    """Is joint j by itself one of the directions in which the joints are held?"""
+    """Return True if joint j by itself is one of the held directions."""
     for a in range(hold.shape[0]):
         others = 0.0
         for i in range(hold.shape[1]):
@@ -123,10 +126,10 @@ def is_held(hold: Array, j: int) -> bool:
 
 @inlined
 def room_at(motion: Motion, q: Array, shifted: float, lower: Array, upper: Array) -> bool:
-    """Is all within `shifted` widths of the tube of joint values at a pose inside the limits, with joints to spare?
+    """Return True if all points within `shifted` half widths of q are within the limits, for a redundant arm.
 
-    From where one step leaves the arm it may have to move, with its hand at rest, to where the next one takes it up. A joint
-    that is held goes between two values that are both inside.
+    At rest at a pose, the arm may have to move from the end of one step to the start of the next. A held joint moves
+    between two values that are both within the limits.
     """
     if motion.hold.shape[0] == 0:
         return True
@@ -139,7 +142,7 @@ def room_at(motion: Motion, q: Array, shifted: float, lower: Array, upper: Array
 
 @inlined
 def room_between(motion: Motion, shifted: float) -> float:
-    """How far so many widths of the tube reach, with joints to spare; else nothing."""
+    """Largest extent of `shifted` half widths of the tube for a redundant arm, else 0."""
     widest = 0.0
     for i in range(len(motion.tube.half)):
         widest = max(widest, motion.tube.half[i])
@@ -148,9 +151,9 @@ def room_between(motion: Motion, shifted: float) -> float:
 
 @inlined
 def place_of(motion: Motion, h: float, lower: Array, upper: Array) -> int:
-    """Where the branch in a tube over s within h of its centre is: INSIDE the limits, OUTSIDE at one end, or SOMEWHERE.
+    """Classify the branch in a tube over |s - centre| ≤ h: INSIDE the limits, OUTSIDE at one end, or SOMEWHERE.
 
-    A joint that is held to its straight way is on it, exactly, and so inside the limits.
+    A joint that is held to linear interpolation is exactly on it, and so within the limits if both ends are.
     """
     tube, place = motion.tube, INSIDE
     for i in range(len(lower)):
@@ -182,7 +185,7 @@ def prove_step(
     reached: Array,
     within: Array,
 ) -> int:
-    """Go along one step, tube after tube, and say what is proved of it; see `prove_steps`."""
+    """Prove one step, tube after tube, and return the result; see `prove_steps`."""
     scratch, tube, n = motion.scratch, motion.tube, len(lower)
     middle = 2 + (len(motion.form.leader) - 2) // 2
     least = 4.0 * max(rim_begin, rim_end)
@@ -279,23 +282,23 @@ def prove_steps(
     state: Indices,
     within: Array,
 ) -> None:
-    """Prove of steps of a path that one branch leads from their begin to their end while the hand goes straight.
+    """Prove for steps of a path that one branch leads from start to end while the hand moves straight.
 
     Args:
-        chain: The arm; infinite limits where a joint has none.
-        columns: Columns of the hand that count: 3, of a direction 1, of a place none.
-        targets: Poses of the hand at the begin of each step, (steps, 3, 4), lengths in [m].
-        slides: How far the hand goes, (steps, 3), [m].
-        turns: How far it turns about axes of the base, (steps, 3), [rad].
+        chain: The arm; infinite limits for unlimited joints.
+        columns: Number of columns of the hand that count: 3 for a pose, 1 for a direction, 0 for a position.
+        targets: Poses of the hand at the start of each step, (steps, 3, 4), lengths in [m].
+        slides: Translation of the hand, (steps, 3), [m].
+        turns: Rotation vector of the hand in the base, (steps, 3), [rad].
         begins: Joint values that reach the targets, (steps, n), [rad] or [m].
         ends: Joint values that reach the pose at the end, (steps, n).
-        hold: With joints to spare, orthonormal directions in which they are held to their straight way, (steps, k, n).
-        rims: How near a branch must be known to pass to begin and end, (steps, 2), [rad] or [m].
-        asked: Which steps, (steps,).
-        keep: Is it in vain if the branch does not stay inside the limits?
+        hold: For redundant arms, orthonormal directions that are held to linear interpolation, (steps, k, n).
+        rims: Largest distance of the branch from start and end, (steps, 2), [rad] or [m].
+        asked: True for the steps to prove, (steps,).
+        keep: True to stop as soon as the branch does not stay within the limits.
         numbers: See `motion.LENGTH`.
         state: Receives what is proved, see `UNPROVED`, (steps,).
-        within: Receives how far the branch passes by begin and end, at most, (steps, 2).
+        within: Receives upper bounds of the distances of the branch from start and end, (steps, 2).
     """
     if len(begins) == 0:
         return

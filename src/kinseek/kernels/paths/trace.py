@@ -1,4 +1,4 @@
-"""Branches followed from pose to pose: up to eight side by side, each in a lane of its own."""
+"""Follow branches from pose to pose, up to eight in parallel, one in each lane."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from .projection import load_lane, settle
 TURN = 2.0 * math.pi
 
 STEPS = 12
-"""Steps at most from where a branch is expected to be at the next pose."""
+"""Largest number of steps from the predicted joint values at the next pose."""
 
 MET = 1e-5
-"""Closer than this in every joint [rad or m] two rows are the same answer: branches that cross at a singularity are farther
-apart at the next pose, and rounding makes less of one there."""
+"""Two rows closer than this in every joint [rad or m] are the same solution. Branches that cross at a singularity are
+farther apart at the next pose, and rounding errors are smaller there."""
 
 ENDED, JOINED, TAKEN = 0, 1, 2
-"""What became of a branch where it was followed no farther: it went on to the end or was lost; it came to the end of another
-piece of itself; it came to where another branch is that was there before, so that one of the two is lost."""
+"""How the tracing of a branch ended: it reached the last target or was lost; it met the end of another piece of the same
+branch; or it met another branch that was there before, so that one of the two is lost."""
 
 
 @noinline
@@ -43,7 +43,7 @@ def trace_lanes(
     ends: Indices,
     w: int,
 ) -> int:
-    """See `trace`; return how many branches get to the end."""
+    """Do the work of `trace`; return the number of branches that reach the end."""
     task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
     memory = np.zeros(scratch_size(dof, joints))
@@ -123,10 +123,10 @@ def trace(
     ends: Indices,
     w: int,
 ) -> None:
-    """Follow branches from the answers to target `begin` to target `end`, forward or backward.
+    """Follow branches from the solutions of target `begin` to target `end`, forward or backward.
 
-    Where a branch goes is foretold from the last poses by a line or a parabola, whichever was nearer the last time, and a
-    few steps bring it onto the pose. It ends where they do not, or where a joint would have gone too far.
+    A line or a parabola through the last poses, whichever was closer the last time, predicts each branch, and a few steps
+    move it onto the pose. A branch ends if these do not converge, or if a joint would move too far.
 
     Args:
         handle: The task, see `task_of`; its limits end a branch.
@@ -134,9 +134,9 @@ def trace(
         targets: (k, 3, 4), lengths in [m].
         begin: Target from which the branches are followed.
         end: Target up to which they are followed.
-        many: How many branches.
-        longest: How far each joint may go from one target to the next, (n,), [rad] or [m].
-        q: Row `begin` has the answers to it, (k, LANES, n); receives joint values as far as the branches go.
+        many: Number of branches.
+        longest: Largest motion of each joint from one target to the next, (n,), [rad] or [m].
+        q: Row `begin` has the solutions of that target, (k, LANES, n); receives joint values as far as the branches lead.
         ends: Receives the last target of each branch, (LANES,).
         w: LANES.
     """
@@ -145,7 +145,7 @@ def trace(
 
 @inlined
 def same(q: Array, other: Array, turns: Indices) -> bool:
-    """Are two rows of joint values, (n,), one answer?"""
+    """Return True if two rows of joint values, (n,), are the same solution."""
     for d in range(len(q)):
         gap = q[d] - other[d]
         if turns[d] != 0:
@@ -164,16 +164,15 @@ def same(q: Array, other: Array, turns: Indices) -> bool:
     became=I64["m"].out,
 )
 def part_ways(rows: Array, fresh: int, way: int, turns: Indices, spans: Indices, became: Indices) -> None:
-    """End branches that `trace` followed where they come upon others: a step landed on the wrong branch there.
+    """End traced branches where they meet others: a step converged to the wrong branch there.
 
     Args:
         rows: Joint values of m branches at k targets, (k, m, n).
-        fresh: The first of those that were followed just now; the others are known, and keep their spans.
-        way: 1 where they were followed forward, -1 backward.
-        turns: Of which joints a full turn makes no difference, 1 or 0, (n,).
-        spans: The first and the last target for which each has joint values, (m, 2); of fresh ones without those for which
-            they are on another branch.
-        became: Receives what became of each, see `ENDED`, (m,).
+        fresh: First branch traced just now; earlier ones are known and keep their spans.
+        way: 1 if they were traced forward, -1 backward.
+        turns: 1 for joints for which full turns make no difference, else 0, (n,).
+        spans: First and last target of each branch, (m, 2); fresh ones end before they meet another branch.
+        became: Receives the outcome of each, see `ENDED`, (m,).
     """
     for l in range(fresh, len(spans)):
         begin, end = (spans[l, 0], spans[l, 1]) if way > 0 else (spans[l, 1], spans[l, 0])

@@ -1,27 +1,28 @@
-"""A tube around a branch: for every s of an interval one answer in it, and no second one (Krawczyk 1969, Neumaier 1990).
+"""A tube around a branch: exactly one solution in it for every s of an interval (Krawczyk 1969, Neumaier 1990).
 
-The hand is to be at p + s d, turned by s w from R. So the arm on two more joints, which undo that, a slide by -s d on a turn
-by -s w about p, has the same pose [R p] to reach for every s; s is one more variable, and the Taylor polynomial of
-`kernels.proof` serves as it is. Around a centre (q, σ) = c write x = q + τ t + ½ τ² u + δ, τ = s - σ, for joint values, f
-for what the hand misses (with joints to spare also for how far x is, across, from where it is held), M for about the inverse
-of its derivative J by the joints, and H for its second derivatives, s among the variables. Of N(δ) = δ - M f(x, s) in a tube
-|δ| ≤ ρ, |τ| ≤ h is known, with v = |t| h + ½ |u| h²,
+The goal of the hand is p + s d, rotated by s w from R. The arm gets two additional joints that undo this motion: a slide
+by -s d on a rotation by -s w about p. It then has the same goal [R p] for every s, s is one more variable, and the Taylor
+polynomial of `kernels.proof` applies. Around a centre (q, σ) = c write x = q + τ t + ½ τ² u + δ, τ = s - σ, for joint
+values. f is the error of the hand; for a redundant arm it includes the deviation of x in the held directions. M
+approximates the inverse of its derivative J with respect to the joints. H are its second derivatives, with s among the
+variables. In a tube |δ| ≤ ρ, |τ| ≤ h, N(δ) = δ - M f(x, s) satisfies, with v = |t| h + ½ |u| h²,
 
     |N(0)| ≤ a = |M f(c)| + h |M J t| + ½ h² |M (J u + H t t)| + ½ h³ |M H t u| + ⅛ h⁴ |M H u u| + |M| rest(v),
     |∂N/∂δ| ≤ C = |1 - MJ| + |M H| (v + ρ) + |M| ∂rest/∂δ (v + ρ).
 
-Where κ = a + C ρ < ρ in every joint, N maps the tube into itself and draws all points of it together, for every s. So
-(Banach 1922) it has one fixed point, which moves continuously with s; and it is the only answer in the tube, no farther
-from the middle of it than any ε ≥ a + C ε.
+If κ = a + C ρ < ρ in every joint, N maps the tube into itself and is a contraction, for every s. It then has one fixed
+point (Banach 1922), which moves continuously with s. It is the only solution in the tube, and its distance from the
+middle of the tube is at most any ε ≥ a + C ε.
 
-A fixed point is an answer: M = D [Jᵀ W, A], with A across and J the geometric Jacobian of the hand at c. C ρ < ρ leaves D
-and the square matrix [Jᵀ, A], which acts on a force and a torque at the hand, regular. So at a fixed point no force is left,
-which is the place, and no torque ``Σ R_c x (H_c - G_c)``: R_c are the hand's columns at the centre, H_c and G_c those of the
-hand and of the goal as seen from halfway. Turned by less than 90° from R_c, they are equal where that sum is zero.
+A fixed point is a solution: M = D [Jᵀ W, A], where A belongs to the held directions and J is the geometric Jacobian of
+the hand at c. C ρ < ρ implies that D and the square matrix [Jᵀ, A], which acts on a force and a torque at the hand, are
+regular. At a fixed point the force, which is the position error, and the torque ``Σ R_c x (H_c - G_c)`` are therefore
+zero. R_c are the hand's columns at the centre, and H_c and G_c are those of the hand and of the goal as seen from
+halfway. If both are rotated by less than 90° from R_c, they are equal where that sum is zero.
 
-∂rest/∂δ: `rests` bounds what a Taylor polynomial of the hand leaves out, as a polynomial of the widths; its derivative by a
-width bounds what the derivative by that joint leaves out. (Both come term by term from ``E_1 … E_{k-1} v_k``, where turns
-have derivatives no longer than 1, and v_k none longer than r_k.)
+∂rest/∂δ: `rests` bounds the remainder of a Taylor polynomial of the hand, as a polynomial of the widths. Its derivative
+with respect to a width bounds the remainder of the derivative with respect to that joint. (Both follow term by term from
+``E_1 … E_{k-1} v_k``, where rotations have derivatives with norms of at most 1, and the norm of v_k is at most r_k.)
 """
 
 from __future__ import annotations
@@ -36,34 +37,35 @@ from kinseek.kernels.proof.taylor import derivatives, differentiate, normal_matr
 from .motion import LENGTH, MARGIN, MARGIN_A, Motion, Tube, across_by
 
 FIRST, GROWTH, ROUNDS = 4.0, 1.2, 12
-"""The first tube is so many times as wide as N moves its middle; one that is too narrow becomes what κ makes of it, times
-GROWTH, so often (Rump 1983: ε-inflation)."""
+"""The first tube is FIRST times as wide as the distance that N moves its middle. A tube that is too narrow is replaced by
+its κ times GROWTH, up to ROUNDS times (Rump 1983: ε-inflation)."""
 
 LARGEST = 0.3
-"""Half width at which it is given up [rad] or [m]; those that hold are mostly far narrower."""
+"""Half width above which the proof is given up [rad] or [m]; most tubes that exist are far narrower."""
 
 HOLDS = 0.999
-"""κ(ρ) < ρ counts where it holds by a thousandth: far more than rounding of κ, as long as M is no larger than `STEEP`."""
+"""κ(ρ) < ρ must hold with a margin of a thousandth, which is far more than the rounding of κ if the norms of M are at
+most `STEEP`."""
 
 STEEP = 1e7
-"""M may move a joint by so much for a metre or a radian of the hand: beyond, rounding would count. Margins stand beside what
-rounding does to the hand's pose."""
+"""Largest norm of M, the motion of a joint for a metre or a radian of the hand; beyond it rounding would matter. Margins
+allow for the rounding of the hand's pose."""
 
 REGULAR = 1e-13
-"""Added to the diagonal of the normal matrix, as a part of its trace, so that its inverse stays finite where the arm is
-singular. Whatever M is, the inequality is true."""
+"""Added to the diagonal of the normal matrix, as a fraction of its trace, so that its inverse stays finite at
+singularities. The inequality holds for any M."""
 
 TURNED, ASKEW = 1.4, 0.1
-"""By so much may joints turn the hand, and the goal, within a tube [rad]; and so far may the columns of the two be apart at
-its centre, together: that leaves less than 90°."""
+"""Largest rotation of the hand, and of the goal, by the joints within a tube [rad]; and the largest difference of their
+columns at its centre. Together they stay below 90°."""
 
 NARROWING = 3
-"""How often the enclosure of the branch is made narrower. By trial more gain nothing."""
+"""Number of times that the enclosure of the branch is narrowed. More gain nothing. Not examined further."""
 
 
 @inlined
 def invert(A: Array) -> None:
-    """Invert a symmetric positive definite matrix in place; where it is singular, what comes is finite and useless."""
+    """Invert a symmetric positive definite matrix in place; if it is singular, the result is finite but useless."""
     n = A.shape[0]
     least = 0.0
     for k in range(n):
@@ -87,7 +89,7 @@ def invert(A: Array) -> None:
 
 @inlined
 def aim(motion: Motion) -> None:
-    """Place the arm at the scratch memory's centre, and write down M there and M f(c)."""
+    """Place the arm at the centre of the scratch memory, and write M and M f(c) there."""
     form, scratch, tube, hold = motion.form, motion.scratch, motion.tube, motion.hold
     n, columns, held = len(tube.half), form.columns, motion.hold.shape[0]
     T, goal = scratch.T, scratch.goal
@@ -132,7 +134,7 @@ def aim(motion: Motion) -> None:
 
 @inlined
 def expand(motion: Motion, middle: int) -> None:
-    """Write down what M makes of the derivatives at the centre where `aim` was, and the tangent."""
+    """Write the products of M with the derivatives at the centre used by `aim`, and the tangent."""
     form, scratch, tube, hold = motion.form, motion.scratch, motion.tube, motion.hold
     n, held = len(tube.half), motion.hold.shape[0]
     differentiate(form, scratch, middle, form.columns)
@@ -157,7 +159,7 @@ def expand(motion: Motion, middle: int) -> None:
 
 @inlined
 def bent(tube: Tube, row: int, x: Array, y: Array) -> float:
-    """A row of M H x y."""
+    """One row of M H x y."""
     total = 0.0
     for i in range(len(x)):
         part = 0.0
@@ -169,7 +171,7 @@ def bent(tube: Tube, row: int, x: Array, y: Array) -> float:
 
 @inlined
 def begin_tube(motion: Motion, middle: int, h: float) -> None:
-    """Write a, how far N moves the middle of a tube over s within h of the centre."""
+    """Write a, a bound of the distance that N moves the middle of a tube over |s - σ| ≤ h."""
     form, scratch, tube = motion.form, motion.scratch, motion.tube
     n = len(tube.half)
     for i in range(n + 1):
@@ -199,7 +201,7 @@ def begin_tube(motion: Motion, middle: int, h: float) -> None:
 
 @inlined
 def gains(form: Form, scratch: BoxScratch, tube: Tube, middle: int) -> float:
-    """Write ∂rest/∂δ of every physical joint within ``scratch.half``; return how far hand or goal turn, at most [rad]."""
+    """Write ∂rest/∂δ of every physical joint within ``scratch.half``; return the largest rotation of hand or goal [rad]."""
     m, most = len(form.leader), 0.0
     for side in range(2):
         count = m - middle if side == 0 else middle
@@ -229,7 +231,7 @@ def gains(form: Form, scratch: BoxScratch, tube: Tube, middle: int) -> float:
 
 @inlined
 def contract(motion: Motion, middle: int, half: Array, out: Array) -> float:
-    """Write a + C ``half`` of a tube as wide as that into `out`; return how far hand or goal turn in it, at most [rad]."""
+    """Write a + C ``half`` for a tube of these half widths into `out`; return the largest rotation of hand or goal [rad]."""
     form, scratch, tube = motion.form, motion.scratch, motion.tube
     n = len(half)
     for i in range(n):
@@ -256,14 +258,14 @@ def contract(motion: Motion, middle: int, half: Array, out: Array) -> float:
 
 @inlined
 def middle_at(tube: Tube, i: int, tau: float) -> float:
-    """Where the middle of the tube is, of joint i at s = σ + τ."""
+    """Value of joint i in the middle of the tube at s = σ + τ."""
     value: float = tube.c[i] + tau * (tube.t[i] + 0.5 * tau * tube.u[i])
     return value
 
 
 @inlined
 def aim_at_answer(motion: Motion) -> bool:
-    """Aim from the scratch memory's centre, moved by one step to the answer beside it; is M good for a proof there?"""
+    """Call `aim` at the centre, corrected by one step to the solution next to it; return True if M allows a proof."""
     scratch, tube = motion.scratch, motion.tube
     n = len(tube.half)
     aim(motion)
@@ -288,9 +290,9 @@ def aim_at_answer(motion: Motion) -> bool:
 
 @inlined
 def inflate(motion: Motion, middle: int, least: float) -> bool:
-    """Look for a tube, no joint narrower than `least`, from what was written of its middle; is there one?
+    """Look for a tube, with half widths of at least `least`, from the bounds of its middle; return True if there is one.
 
-    It is in ``tube.half``, and ``tube.away`` is how far from its middle the branch is, at most.
+    ``tube.half`` receives its half widths, and ``tube.away`` upper bounds of the distance of the branch from its middle.
     """
     tube = motion.tube
     n = len(tube.half)
@@ -313,15 +315,16 @@ def inflate(motion: Motion, middle: int, least: float) -> bool:
     for i in range(n):
         tube.away[i] = tube.reach[i]
     for _ in range(NARROWING):
-        contract(motion, middle, tube.away, tube.away)  # What is narrower by then serves already.
+        # Entries that are narrowed already are used for the next ones.
+        contract(motion, middle, tube.away, tube.away)
     return True
 
 
 @inlined
 def find_tube(motion: Motion, middle: int, h: float, least: float) -> bool:
-    """Look for a tube around the scratch memory's centre over s within h of it, no joint narrower than `least`.
+    """Look for a tube around the centre over |s - σ| ≤ h, with half widths of at least `least`; return True if found.
 
-    It is in ``tube.half``, and ``tube.away`` is how far from its middle the branch is, at most.
+    ``tube.half`` receives its half widths, and ``tube.away`` upper bounds of the distance of the branch from its middle.
     """
     if not aim_at_answer(motion):
         return False

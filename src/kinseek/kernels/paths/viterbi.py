@@ -1,7 +1,8 @@
-"""The best way through layers of answers: fewest breaks first, then the least cost (Bellman 1957).
+"""The best sequence of solutions through layers: fewest breaks first, then the smallest cost (Bellman 1957).
 
-A node is an answer with a number of full turns of every joint that has room for them. From one pose to the next most pairs
-of answers are too far apart whatever the turns, so pairs are looked at once, and their turns only where they are close.
+A node is a solution together with a number of full turns for every joint that has room for them. Most pairs of solutions
+of consecutive poses are too far apart for any turns. Each pair is therefore compared once, and its turns only if it is
+close.
 """
 
 from __future__ import annotations
@@ -15,19 +16,19 @@ from kinseek.kernels.entry import F64, FLAG, I64
 from kinseek.kernels.jit import entry, inlined
 
 STRAIGHT, COPIED, ENDLESS = range(3)
-"""How a joint turns: no full turn is free; it has copies inside its limits; it has no limits."""
+"""How a joint turns: without copies by full turns; with copies within its limits; without limits."""
 
 DISTANCE, TIME, SQUARES, GIVEN = range(4)
-"""What a step costs: the weighted distance, the slowest joint's weighted way, the squared distance; or what each node
-costs by itself."""
+"""Cost of a step: the weighted distance; the largest weighted motion of a joint; the squared distance; or the given costs
+of the nodes."""
 
 ROOM = 1e-9
-"""By so much [rad or m] an answer may stand beyond a limit: it is brought back, and judged there."""
+"""Distance [rad or m] that a solution may be beyond a limit; it is clamped and judged there."""
 
 
 @inlined
 def copies_of(value: float, low: float, high: float, turning: int) -> int:
-    """How many full turns, from none on, leave a value inside its limits; values of COPIED joints begin at the lower one."""
+    """Number of copies of a value by full turns within its limits; values of COPIED joints are in the first turn."""
     if turning == ENDLESS:
         return 1
     if value < low - ROOM or value > high + ROOM:
@@ -39,16 +40,16 @@ def copies_of(value: float, low: float, high: float, turning: int) -> int:
 def moved_turns(
     digits: Indices, s: int, turns: Indices, room: Indices, b: int, turning: Indices, units: Indices
 ) -> int:
-    """What the turns of a node become by a step to answer b, as one number; -1 where b has no room for them.
+    """Turns of a node after a step to solution b, as one number; -1 if b has no room for them.
 
     Args:
-        digits: Turns of each joint by their number, (copies in all, n).
-        s: Those of the node.
-        turns: Full turns that the step takes off each joint's value, (n,).
-        room: Copies that each answer has of each joint, (width, n).
-        b: The answer.
+        digits: Turns of each joint by their number, (all copies, n).
+        s: Number of the turns of the node.
+        turns: Full turns that the step subtracts from each joint's value, (n,).
+        room: Number of copies of each joint for each solution, (width, n).
+        b: The solution.
         turning: See `STRAIGHT`, (n,).
-        units: What a turn of each joint counts, (n,).
+        units: Place value of a turn of each joint, (n,).
     """
     place = 0
     for j in range(len(turns)):
@@ -98,29 +99,29 @@ def viterbi(
     path: Indices,
     report: Array,
 ) -> int:
-    """Find the way through layers of answers that breaks least often, and of those ways the cheapest.
+    """Find the sequence through layers of solutions with the fewest breaks, and among these the cheapest.
 
     Args:
-        q: Answers to each pose, those of COPIED joints in the first turn of their range, (k, width, n).
-        ahead: Where each answer leads by itself at the next pose, (k, width, n): steps are counted from there. Where answers
-            are isolated, q itself.
-        count: How many there are, (k,).
+        q: Solutions of each pose, with COPIED joints in the first turn of their range, (k, width, n).
+        ahead: Joint values to which each solution leads at the next pose, (k, width, n); steps are measured from there.
+            If solutions are isolated, q itself.
+        count: Number of solutions of each pose, (k,).
         lower: Limits, (n,).
         upper: (n,)
         turning: See `STRAIGHT`, (n,).
-        copies: Copies at most of each joint, (n,).
-        longest: How far each joint may go from pose to pose, one row for all steps or one each, (1 or k - 1, n).
-        weights: Of each joint in the cost, (n,).
+        copies: Largest number of copies of each joint, (n,).
+        longest: Largest motion of each joint from pose to pose, one row for all steps or one each, (1 or k - 1, n).
+        weights: Weight of each joint in the cost, (n,).
         mode: See `DISTANCE`.
-        costs: Of each node, with GIVEN; else empty, (k or 0, width · product of copies).
-        refused: Nodes that may not be used; or empty.
-        forbidden_edges: Steps that may not be used: pose, node and following node, sorted by pose, (m, 3).
-        ends: First and last node, or -1 where any will do, (2,).
-        path: Receives a node a pose: answer · product of copies + turns; -1 where a pose has no node, (k,).
-        report: Receives the breaks before each pose, (k,), and in its first place the cost of all.
+        costs: Cost of each node, with GIVEN; else empty, (k or 0, width · product of copies).
+        refused: True for nodes that are forbidden; or empty.
+        forbidden_edges: Steps that are forbidden: pose, node and following node, sorted by pose, (m, 3).
+        ends: First and last node, or -1 for any, (2,).
+        path: Receives one node per pose: solution · product of copies + turns; -1 if a pose has no node, (k,).
+        report: Receives the breaks before each pose, (k,), and in its first entry the total cost.
 
     Returns:
-        How many breaks.
+        The number of breaks.
     """
     poses, width, dof = q.shape
     total, units = 1, np.empty(dof, dtype=np.int64)
@@ -147,7 +148,7 @@ def viterbi(
                 # A value at the very end of a range of whole turns has one more copy than there are nodes for.
                 room[b, j] = min(copies_of(q[i, b, j], lower[j], upper[j], turning[j]), copies[j])
         before = best[i - 1] if i > 0 else -1
-        # Any answer can be reached by a break from the best node before; the way on from there is compared with it.
+        # Every solution can be reached by a break from the best node before; continuing steps are compared with that.
         for b in range(count[i]):
             for s in range(total):
                 inside = True
@@ -176,7 +177,7 @@ def viterbi(
         for a in range(count[i - 1] if before >= 0 else 0):
             for b in range(count[i]):
                 if total == 1 and mode != GIVEN:
-                    # No step makes the sum less.
+                    # No step makes the sum smaller.
                     worse = fault_before[a] > fault[b]
                     if worse or (fault_before[a] == fault[b] and sums_before[a] >= sums[b]):
                         continue
@@ -246,7 +247,7 @@ def viterbi(
             node = best[i - 1]
             continue
         b, s = node // total, node % total
-        # The turns before are those of the node, with what the step took off put back.
+        # The turns before are those of the node plus those that the step subtracted.
         place = a * total + s
         for j in range(dof):
             if turning[j] == COPIED:
@@ -257,8 +258,9 @@ def viterbi(
 
 
 STEEPEST, MOST_SHARE = 8, 4.0
-"""What it costs to go from layer to layer is multiplied by one more than this power of the largest step's share of what is
-allowed, which counts as no more than that: steps that are too large are taken only where nothing else leads on."""
+"""Exponent, and cap of the share. The share of a step is its largest joint motion divided by the allowed one. The cost
+between layers is multiplied by 1 + min(share, MOST_SHARE)^STEEPEST, so steps that are too large are used only if
+nothing else continues."""
 
 
 @entry(
@@ -305,33 +307,33 @@ def viterbi_step(
     sums: Array,
     came: Indices,
 ) -> None:
-    """Go on by one layer, along branches and from where they lead sideways: one step of `viterbi` for joints to spare.
+    """Advance by one layer, along branches and sideways from their ends: one step of `viterbi` for redundant arms.
 
-    The way sideways is spread over all poses from one layer to the next. Where it leads across a singularity, to another
-    branch that is not joined to this one there, it is taken in one step, and counts so.
+    The sideways motion is spread over all poses between the two layers. If it crosses a singularity to a branch that is
+    not connected to this one, it is made in one step and counted so.
 
     Args:
-        q_before: Answers of the layer before, (a, n).
-        ahead: Where they lead, (a, n).
-        report: See `grow.BASE`, (a, 1 + 2 n).
+        q_before: Solutions of the previous layer, (a, n).
+        ahead: Ends of their branches, (a, n).
+        report: See `propagation.BASE`, (a, 1 + 2 n).
         along_ahead: Directions of the self-motion there, (a, n).
-        q: Answers of this layer, those of COPIED joints in the first turn of their range, (b, n).
+        q: Solutions of this layer, with COPIED joints in the first turn of their range, (b, n).
         along: Directions of the self-motion there, (b, n).
         lower: Limits, (n,).
         upper: (n,)
         turning: See `STRAIGHT`, (n,).
-        copies: Copies at most of each joint, (n,).
-        longest: How far each joint may go from pose to pose, (n,).
-        sideways: How far it may go sideways, (n,).
-        weights: Of each joint in the cost, (n,).
-        poses: Steps from one layer to the next.
-        own: What each node of this layer costs by itself, (b · product of copies,); or empty.
-        fault_before: Breaks on the way to each node of the layer before, -1 for one that is none,
-            (a · product of copies,).
-        sums_before: Costs of these ways.
-        fault: Receives the same of this layer, (b · product of copies,).
+        copies: Largest number of copies of each joint, (n,).
+        longest: Largest motion of each joint from pose to pose, (n,).
+        sideways: Largest sideways motion of each joint, (n,).
+        weights: Weight of each joint in the cost, (n,).
+        poses: Number of steps between the layers.
+        own: Cost of each node of this layer, (b · product of copies,); or empty.
+        fault_before: Number of breaks before each node of the previous layer, -1 for a missing node, (a · product of
+            copies,).
+        sums_before: Costs up to these nodes.
+        fault: Receives the same for this layer, (b · product of copies,).
         sums: Receives its costs.
-        came: Receives the node from which each was reached; after a break -2 less that node.
+        came: Receives the predecessor of each node; after a break -2 less that node.
     """
     dof, total = len(lower), 1
     units = np.empty(dof, dtype=np.int64)

@@ -1,4 +1,4 @@
-"""From the middle of a box to an answer nearby, by Gauss-Newton steps inside the limits."""
+"""Gauss-Newton steps within the limits from the middle of a box to a solution nearby."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from .last_joint import LastJoint, complete, roll_fits
 from .taylor import differentiate, downhill, normal_matrix, solve
 
 DAMPING = 1e-9
-"""Added to the diagonal of the normal matrix. Its entries are about one where a joint moves the hand by `ProofGoal.length`.
+"""Added to the diagonal of the normal matrix, whose entries are about one if a joint moves the hand by `ProofGoal.length`.
 
-It keeps a step finite that no motion of the hand calls for, and is too small to slow down any other: the error falls to a
-part of some 1e-9 a step at best, and three steps meet every tolerance. Twice as much changes that to 2e-9.
+It keeps steps finite in directions in which no joint moves the hand. It is too small to slow down other steps: the error
+falls to a fraction of about 1e-9 per step at best, and three steps meet every tolerance. Twice the value changes that to
+2e-9.
 """
 
 
@@ -43,7 +44,7 @@ def approach(
     scratch: BoxScratch,
     q: Array,
 ) -> None:
-    """Gauss-Newton steps from the middle of the box; the joint values they lead to, (n,), inside the limits."""
+    """Make Gauss-Newton steps from the middle of the box; write the resulting joint values, (n,), within the limits."""
     for _ in range(steps):
         step(form, proof_goal, scratch)
         for i in range(len(scratch.c)):

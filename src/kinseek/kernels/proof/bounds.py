@@ -1,15 +1,16 @@
-"""What no joint vector of a box can do: bounds on the hand's motion, and the tests that they allow.
+"""Bounds on the motion of the hand in a box of joint values, and the tests that they allow.
 
 A box is a centre c and half widths h of the joint variables. Write the arm as a product of exponentials about its centre:
-``T(q) = E_1 E_2 … E_m T(c)``, where E_k turns by δ_k about the axis that joint k has *at the centre* (Brockett 1984).
-Going from c to q one joint at a time, base first, every joint that still moves finds the joints after it at the centre.
-So all bounds need the radii ``r_k = |z_k x (p - p_k)|`` at the centre alone:
+``T(q) = E_1 E_2 … E_m T(c)``, where E_k rotates by δ_k about the axis that joint k has *at the centre* (Brockett 1984).
+Move from c to q one joint at a time, from the base on. Each joint that still moves then finds the distal joints at the
+centre. All bounds therefore need only the radii ``r_k = |z_k x (p - p_k)|`` at the centre:
 
-- *first order*: a point moves by at most ``Σ r_k 2 sin(h_k/2)``, a direction likewise with ``s_k = |z_k x a|`` for r_k;
-- *third order* (`kernels.proof.form`): the Taylor polynomial of degree two is off by at most
-  ``Σ r_k ((S_k)³ - (S_{k-1})³)/6``, with ``S_k = h_1 + … + h_k`` over the joints that turn. (Of
-  ``E_1 … E_{k-1} v_k(δ_k)`` keep the terms up to degree two; what is left over is at most
-  ``r_k (h³/6 + S h²/2 + S² h/2)``. A slide adds ``h S²/2``.)
+- *first order*: a point moves by at most ``Σ r_k 2 sin(h_k/2)``, and a direction likewise with ``s_k = |z_k x a|`` for
+  r_k;
+- *third order* (`kernels.proof.form`): the error of the Taylor polynomial of degree two is at most
+  ``Σ r_k ((S_k)³ - (S_{k-1})³)/6``, with ``S_k = h_1 + … + h_k`` over the revolute joints. (Keep the terms of
+  ``E_1 … E_{k-1} v_k(δ_k)`` up to degree two; the remainder is at most ``r_k (h³/6 + S h²/2 + S² h/2)``. A prismatic
+  joint adds ``h S²/2``.)
 
 Every test compares with the goal and adds a margin for rounding: `ProofGoal.margin`.
 """
@@ -24,26 +25,27 @@ from kinseek.kernels.jit import inlined
 from .box import BELOW, BoxScratch, Form, ProofGoal, motion, rounding, short_way, turning
 
 OF_ANGLES = 64.0 * 2.0**-53
-"""Margin for rounding of the angles that arc functions give [rad]. Two angles within π are off by 16 unit roundoffs each,
-and their difference by 4; an arc sine is off by 8, taken twice: 52 in all, where these functions are good to four units in
-the last place. What rounding does to their arguments is covered by `ProofGoal.margin`."""
+"""Margin for rounding of the results of arc functions [rad]. Two angles within π have errors of 16 unit roundoffs each,
+and their difference of 4. An arc sine has an error of 8 and is doubled. The sum is 52 if these functions are accurate
+to four units in the last place. `ProofGoal.margin` covers the rounding of their arguments."""
 
 FULL_TURN = 3.14159
-"""Half width that counts as a whole turn [rad]: limits are often written with so many digits. A box that becomes an arc may
-reach past its limits by what is lacking to π, 2.7e-6 rad; that lets more in, and loses nothing. Half of it would do so to
-every joint of more than 180°, which then has no limits."""
+"""Half width that counts as a full turn [rad], because limits are often written with this many digits. A box that becomes
+an arc may exceed its limits by the difference to π, 2.7e-6 rad; this only enlarges boxes and loses nothing. With half
+the value, every joint of more than 180° would count as unlimited."""
 
 
 WIDE = 0.3
-"""Half angle [rad] from which on a cone of directions is looked at by its edge, and compared by angles: below it a ball is
+"""Half angle [rad] above which a cone of directions is tested at its edge, and compared by angles. Below it a ball is
 hardly larger than the cone. It decides what is tried, not what is proved."""
 
 
 @inlined
 def arc(rc: float, zc: float, rg: float, zg: float, rho: float) -> float:
-    """How far a turn about z may miss, [rad], to bring a point at radius rc, height zc within `rho` of one at rg, zg.
+    """Largest deviation [rad] of a rotation about z that brings a point at rc, zc within `rho` of one at rg, zg.
 
-    Negative where no turn does. By the law of cosines ``4 rc rg sin²(ψ/2) = rho² - (rc - rg)² - (zc - zg)²``.
+    Points are given by radius and height. The deviation is measured from the best rotation, and negative if no rotation
+    does. By the law of cosines ``4 rc rg sin²(ψ/2) = rho² - (rc - rg)² - (zc - zg)²``.
     """
     left = rho * rho - (rc - rg) * (rc - rg) - (zc - zg) * (zc - zg)
     if left < 0.0:
@@ -56,7 +58,7 @@ def arc(rc: float, zc: float, rg: float, zg: float, rho: float) -> float:
 
 @inlined
 def cut_arc(scratch: BoxScratch, i: int, middle: float, psi: float) -> bool:
-    """Cut the range of variable i, which turns one joint, to the arc middle ± psi [rad]; say whether anything is left."""
+    """Cut the range of revolute variable i to the arc middle ± psi [rad]; return False if nothing is left."""
     if psi >= math.pi:
         return True
     c, h = scratch.c[i], scratch.h[i]
@@ -64,7 +66,7 @@ def cut_arc(scratch: BoxScratch, i: int, middle: float, psi: float) -> bool:
     off = short_way(middle - c)
     if abs(off) > h + psi:
         return False
-    # Two pieces are left. A full turn becomes the arc; limits stay until the arc is smaller.
+    # Two pieces are left. A full turn becomes the arc; limits are kept until the arc is smaller.
     if abs(off) > 2.0 * math.pi - h - psi:
         if h > FULL_TURN:
             scratch.c[i], scratch.h[i] = c + off, psi
@@ -76,10 +78,10 @@ def cut_arc(scratch: BoxScratch, i: int, middle: float, psi: float) -> bool:
 
 @inlined
 def least_error(proof_goal: ProofGoal, far: float, tilt: float, b: float) -> float:
-    """Least weighted error with a point b [m] from the tip `far` away [m] and the last axis off by a chord of `tilt`.
+    """Smallest weighted error with a point b [m] from the tip `far` away [m] and a last axis off by a chord of `tilt`.
 
-    With σ = 2 sin(φ/2) ≥ tilt of the hand's whole turn φ the tip is no nearer than far - σ b, and the paper's
-    error of the orientation is at least K_A (1 - cos φ) = K_A σ²/2.
+    Let σ = 2 sin(φ/2) ≥ tilt for the hand's total rotation φ. The tip is then no nearer than far - σ b, and the paper's
+    orientation error is at least K_A (1 - cos φ) = K_A σ²/2.
     """
     K_P, K_A = proof_goal.weight_p, proof_goal.weight_a
     far, sigma = max(far, 0.0), max(tilt, 0.0)
@@ -91,15 +93,15 @@ def least_error(proof_goal: ProofGoal, far: float, tilt: float, b: float) -> flo
 
 @inlined
 def wide(form: Form, proof_goal: ProofGoal) -> bool:
-    """Do the tolerances let the hand's one axis that counts lie in a wide cone about the goal's?"""
+    """Return True if the tolerances allow the hand's only relevant axis to lie in a wide cone about the goal's."""
     return form.columns == 1 and proof_goal.angle > WIDE
 
 
 @inlined
 def lean_beyond(proof_goal: ProofGoal, turn: float) -> float:
-    """How far an axis that a box turns by a chord of `turn` may be from the goal's at its centre, as a chord.
+    """Largest distance, as a chord, of an axis from the goal's at the centre of a box that rotates it by a chord `turn`.
 
-    Angles add up, chords do not: with a wide cone they add up to much less.
+    Angles add up, but chords do not: with a wide cone their sum is much too large.
     """
     angle = proof_goal.angle + proof_goal.margin_a + 2.0 * math.asin(min(0.5 * turn, 1.0))
     return 2.0 * math.sin(0.5 * min(angle, math.pi)) + proof_goal.margin_a
@@ -107,10 +109,11 @@ def lean_beyond(proof_goal: ProofGoal, turn: float) -> float:
 
 @inlined
 def first_order(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: float) -> bool:
-    """Compare azimuth, radius, height and last axis with the goal's; say whether anything of the box is left.
+    """Compare azimuth, radius, height and last axis with the goal's; return False if nothing of the box is left.
 
-    With `ceiling` negative the tolerances decide, else the weighted error: what cannot stay below `ceiling` is gone. The
-    first joint's range is cut to what the azimuths leave. ``scratch.found[BELOW]`` becomes a lower bound of the error.
+    If `ceiling` is negative, the tolerances are tested. Otherwise boxes whose weighted error cannot be below `ceiling`
+    are removed. The range of the first joint is cut to what the azimuths allow. ``scratch.found[BELOW]`` receives a lower
+    bound of the error.
     """
     T, m = scratch.T, len(form.leader)
     trust, margin, margin_a = proof_goal.trust, proof_goal.margin, proof_goal.margin_a
@@ -130,7 +133,8 @@ def first_order(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling:
     g0, g1, g2 = goal[0, 3], goal[1, 3], goal[2, 3]
     b0, b1, b2 = goal[0, column], goal[1, column], goal[2, column]
     behind, back = 0.0, proof_goal.back
-    if back != 0.0 and ceiling >= 0.0:  # How far away the point that lies back along the first column stays.
+    # Smallest distance of the point that lies back along the first column.
+    if back != 0.0 and ceiling >= 0.0:
         e0, e1, e2 = w0 - back * a0, w1 - back * a1, w2 - back * a2
         d0, d1, d2 = g0 - back * b0, g1 - back * b1, g2 - back * b2
         if form.head == TURN:
@@ -149,7 +153,7 @@ def first_order(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling:
     if form.head == TURN:
         rw, rg = math.sqrt(w0 * w0 + w1 * w1), math.sqrt(g0 * g0 + g1 * g1)
         ra, rb = math.sqrt(a0 * a0 + a1 * a1), math.sqrt(b0 * b0 + b1 * b1)
-        scratch.s[0] = ra  # For `widest`: what became of the box before must not matter.
+        scratch.s[0] = ra  # For `widest`: the previous states of the box must not matter.
         far = math.sqrt((rw - rg) * (rw - rg) + (w2 - g2) * (w2 - g2))
         tilt = math.sqrt((ra - rb) * (ra - rb) + (a2 - b2) * (a2 - b2))
     else:

@@ -1,7 +1,7 @@
-"""A box of joint values: what it is about, its memory, and where the arm stands at its centre.
+"""A box of joint values: what it describes, its memory, and the arm at its centre.
 
-A box is a centre c and half widths h of the joint variables. `place` writes down where every axis and the hand are at the
-centre; `motion` and `turning` how far each joint carries a point, and turns a direction, within the box.
+A box is a centre c and half widths h of the joint variables. `place` computes all axes and the hand at the centre.
+`motion` and `turning` bound how far each joint moves a point, and rotates a direction, within the box.
 """
 
 from __future__ import annotations
@@ -18,43 +18,45 @@ from kinseek.kernels.entry import F64, FLAG, I64, Bundle
 from kinseek.kernels.jit import array_view, inlined
 
 TINY = 1e-300
-"""Keeps what may be zero out of a denominator; nothing that is measured is as small, so any value near it would do."""
+"""Prevents division by zero. Any value much smaller than all measured quantities would do."""
 LEAST = 1e-15
-"""No half width is ever smaller [rad] or [m]. Relative to a number, nine times the unit roundoff."""
+"""Smallest half width [rad] or [m]. Relative to a number, nine times the unit roundoff."""
 NARROW = 1e-10
-"""A box whose widest half width is smaller, relative to one plus its centre, is not split again [rad] or [m].
+"""A box is not split further if its largest half width, relative to one plus its centre, is smaller than this [rad] or [m].
 
-It moves the hand by less than the tightest tolerances that people ask for, and by no less than some ten times the margins
-for rounding: narrower boxes would be judged by those alone. Twice as much gives a box up one halving earlier.
+Such a box moves the hand by less than the tightest usual tolerances, and by at least about ten times the margins for
+rounding, which would decide about narrower boxes. Twice the value gives up a box one halving earlier.
 """
 NEAR = 1.5
-"""Boxes that turn the hand by less [rad] are near enough to an answer in them for steps from their middle to find it.
+"""Boxes that rotate the hand by less than this [rad] are small enough for steps from their middle to find a solution.
 
-An axis that is off by a quarter turn or more, which this all but is, no longer says which way to go. By trial.
+An axis that is off by a quarter turn or more, which is little more than this, no longer shows the right direction. Not
+examined further.
 """
 HEAD = 0.3
-"""How much less urgent it is to split a first joint that turns: its range is cut as the others' ranges shrink. By trial."""
+"""Factor for the priority of splitting a revolute first joint, whose range is cut when the others shrink. Not examined
+further."""
 
-# Of `BoxScratch.found`.
+# Indices into `BoxScratch.found`.
 MISS_POINT = 0
-"""How far the hand at the centre of the box misses the goal's point [m]."""
+"""Position error of the hand at the centre of the box [m]."""
 MISS_COLUMNS = 1
-"""And the goal's columns, as a Frobenius norm."""
+"""Error of the hand's columns at the centre of the box, as a Frobenius norm."""
 BEST_ROLL = 2
-"""Where the last joint, divided out, brings the other columns nearest to the goal's [rad]."""
+"""Value of the last joint, if it is divided out, that brings the other columns nearest to the goal's [rad]."""
 MIDDLE_ERROR = 3
 """Weighted error at the centre of the box."""
 BELOW = 4
 """A lower bound of the weighted error in the box."""
 FOUND = 5
-"""So many."""
+"""Number of these entries."""
 
 
 class Form(NamedTuple):
-    """The part of the arm that the boxes are about."""
+    """The part of the arm that the boxes describe."""
 
     fixed: Array
-    """``A_1 … A_m, A_tip``, (m+1, 3, 4); where the first joint is divided out A_1 is the identity."""
+    """``A_1 … A_m, A_tip``, (m+1, 3, 4); A_1 is the identity if the first joint is divided out."""
     prismatic: Flags
     """(m,)"""
     leader: Indices
@@ -64,48 +66,48 @@ class Form(NamedTuple):
     offset: Array
     """(m,)"""
     head: int
-    """The first joint: NONE, TURN or SLIDE are divided out by comparing azimuths or heights."""
+    """Type of the first joint: NONE, TURN or SLIDE; the latter two are divided out by comparing azimuths or heights."""
     columns: int
-    """How many columns of the hand count: 0 none, 1 the x axis, 2 x and y (the paper's error), 3 all."""
+    """Number of columns of the hand that count: 0 none, 1 the x axis, 2 x and y (the paper's error), 3 all."""
     tail: int
-    """1 where the last joint, a turn, is part of the chain and can be divided out of first-order tests."""
+    """1 if the last joint is revolute, part of the chain, and can be divided out of first-order tests."""
     foot: float
-    """Point on the last axis that these compare, as a distance along it from the joint's origin [m]."""
+    """Point on the last axis that these tests compare, as a distance along it from the joint's origin [m]."""
 
 
 class ProofGoal(NamedTuple):
-    """What is asked of the hand."""
+    """The goal of the hand, with tolerances, weights and margins."""
 
     target: Array
-    """(3, 4), seen from the first joint's frame where that is divided out."""
+    """(3, 4), in the frame of the first joint if that is divided out."""
     last: Array
-    """Pose of the last joint's frame at zero that the target asks for, (3, 4), if `Form.tail`."""
+    """Required pose of the last joint's frame at zero, (3, 4), if `Form.tail`."""
     position: float
-    """Tolerance of the point [m]."""
+    """Position tolerance [m]."""
     chord: float
-    """Tolerance of the columns together, as a Frobenius norm."""
+    """Tolerance of all columns together, as a Frobenius norm."""
     angle: float
-    """Tolerance of the hand's whole turn [rad]."""
+    """Tolerance of the hand's total rotation [rad]."""
     weight_p: float
     """K_P, per [m]."""
     weight_a: float
-    """K_A; 0 where no column counts."""
+    """K_A; 0 if no column counts."""
     margin: float
-    """For rounding [m]."""
+    """Margin for rounding [m]."""
     margin_a: float
-    """For rounding of directions."""
+    """Margin for rounding of directions."""
     trust: float
-    """1; tests shrink all bounds by it, and must notice."""
+    """1; the tests of this package reduce it, which shrinks all bounds, and must detect that."""
     length: float
-    """What an angle of one radian counts as, where angles count, when splitting and stepping [m]."""
+    """Length of one radian when splitting boxes and stepping, if angles count [m]."""
     offset: float
-    """Distance of the tip from the last axis' point [m]."""
+    """Distance of the tip from the point on the last axis [m]."""
     back: float
-    """Distance of another point from the hand's, back along its first column, that moves less [m]; 0: there is none."""
+    """Distance of another point from the tip, back along its first column, that moves less [m]; 0 if there is none."""
     side_y: float
-    """Where a second column of the hand counts too: its part along the goal's second column, else 0."""
+    """Component of the hand's second column along the goal's second column, if that counts too, else 0."""
     side_z: float
-    """And along its third."""
+    """The same along the goal's third column."""
 
 
 FORM = Bundle(
@@ -142,7 +144,7 @@ PROOF_GOAL = Bundle(
 
 
 class BoxScratch(NamedTuple):
-    """Memory of one search."""
+    """Scratch memory of one search."""
 
     T: Array
     """(3, 4)"""
@@ -151,13 +153,13 @@ class BoxScratch(NamedTuple):
     p: Array
     """Points on them, (m, 3)."""
     velocity: Array
-    """Of the point, by each joint, (m, 3)."""
+    """Velocity of the point by each joint, (m, 3)."""
     slopes: Array
-    """Of the columns, by each joint, (m, 3, 3)."""
+    """Velocities of the columns by each joint, (m, 3, 3)."""
     half: Array
     """Half width of each physical joint, (m,)."""
     chord: Array
-    """2 sin(h/2) of each physical joint; of a slide h, (m,)."""
+    """2 sin(h/2) of each physical joint; h of a prismatic joint, (m,)."""
     r: Array
     """(m,)"""
     s: Array
@@ -167,7 +169,7 @@ class BoxScratch(NamedTuple):
     back: Array
     """Radii of the point that lies back along the first column, (m,)."""
     goal: Array
-    """The target turned back by the first joint, (3, 4)."""
+    """The target without the rotation of the first joint, (3, 4)."""
     c: Array
     """Centre of the box, (n,)."""
     h: Array
@@ -185,9 +187,9 @@ class BoxScratch(NamedTuple):
     v: Array
     """(n,)"""
     y: Array
-    """The form: columns x, y, z, p as in a pose, (3, 4)."""
+    """The linear form: columns x, y, z, p as in a pose, (3, 4)."""
     found: Array
-    """What is known of the box, by the module's constants `MISS_POINT` and following, (FOUND,)."""
+    """Results for the box, indexed by `MISS_POINT` and the following constants, (FOUND,)."""
 
 
 @array_view
@@ -221,7 +223,7 @@ def make_box_scratch(joints: int, dof: int) -> BoxScratch:
 
 @inlined
 def place(form: Form, scratch: BoxScratch) -> None:
-    """Axes and hand at the centre of the box, seen from the frame that the first joint moves where it is divided out."""
+    """Compute axes and hand at the centre of the box, in the frame after the first joint if that is divided out."""
     T, m = scratch.T, len(form.leader)
     identity(T)
     begin = 0
@@ -249,10 +251,10 @@ def place(form: Form, scratch: BoxScratch) -> None:
 
 @inlined
 def chord_of(angle: float) -> float:
-    """An upper bound of 2 sin(angle/2) for angle ≥ 0, and 2 beyond π: its Taylor polynomial ends on a positive term.
+    """An upper bound of 2 sin(angle/2) for angle ≥ 0, and 2 beyond π: its Taylor polynomial with a positive last term.
 
-    At 3 that polynomial, ``a - a³/24 + a⁵/1920``, has reached 2, the longest chord that there is; later it falls below
-    again.
+    At 3 the polynomial ``a - a³/24 + a⁵/1920`` exceeds 2, the longest possible chord; for larger angles it would fall
+    below 2 again.
     """
     if angle > 3.0:
         return 2.0
@@ -262,7 +264,7 @@ def chord_of(angle: float) -> float:
 
 @inlined
 def widths(form: Form, scratch: BoxScratch) -> None:
-    """Half widths and chords of the physical joints."""
+    """Compute half widths and chords of the physical joints."""
     for k in range(len(form.leader)):
         scratch.half[k] = abs(form.multiplier[k]) * scratch.h[form.leader[k]]
         scratch.chord[k] = scratch.half[k] if form.prismatic[k] else chord_of(scratch.half[k])
@@ -270,7 +272,7 @@ def widths(form: Form, scratch: BoxScratch) -> None:
 
 @inlined
 def short_way(angle: float) -> float:
-    """The same turn without whole ones, from -π to π [rad]."""
+    """The same angle without full turns, from -π to π [rad]."""
     turn = 2.0 * math.pi
     left: float = angle - turn * np.floor(angle / turn + 0.5)
     return left
@@ -278,7 +280,7 @@ def short_way(angle: float) -> float:
 
 @inlined
 def turned(form: Form, scratch: BoxScratch, count: int) -> float:
-    """How far the first `count` joints turn what they carry, at most, each from the centre of the box [rad]."""
+    """Largest rotation by the first `count` joints from the centre of the box [rad]."""
     total = 0.0
     for k in range(count):
         total += 0.0 if form.prismatic[k] else scratch.half[k]
@@ -287,7 +289,7 @@ def turned(form: Form, scratch: BoxScratch, count: int) -> float:
 
 @inlined
 def turn_goal(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> None:
-    """The target as the frame after the first joint sees it, with that joint at the centre of its range."""
+    """Write the target in the frame after the first joint, with that joint at the centre of its range."""
     goal, target = scratch.goal, proof_goal.target
     if form.head == TURN:
         cosine, sine = math.cos(scratch.c[0]), math.sin(scratch.c[0])
@@ -306,7 +308,7 @@ def turn_goal(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> None:
 
 @inlined
 def motion(form: Form, scratch: BoxScratch, begin: int, end: int, wx: float, wy: float, wz: float) -> float:
-    """Largest motion of the point w by joints begin … end-1 within the box [m]; leaves their radii in the scratch memory."""
+    """Largest motion of the point w by joints begin … end-1 within the box [m]; writes their radii."""
     total = 0.0
     for k in range(begin, end):
         z0, z1, z2 = scratch.z[k, 0], scratch.z[k, 1], scratch.z[k, 2]
@@ -326,7 +328,7 @@ def motion(form: Form, scratch: BoxScratch, begin: int, end: int, wx: float, wy:
 
 @inlined
 def turning(form: Form, scratch: BoxScratch, begin: int, end: int, ax: float, ay: float, az: float) -> float:
-    """Largest motion of the unit vector a by joints begin … end-1 within the box; leaves the sines in the scratch memory."""
+    """Largest motion of the unit vector a by joints begin … end-1 within the box; writes the sines."""
     total = 0.0
     for k in range(begin, end):
         if form.prismatic[k]:
@@ -341,7 +343,7 @@ def turning(form: Form, scratch: BoxScratch, begin: int, end: int, ax: float, ay
 
 @inlined
 def widest(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, head: float) -> int:
-    """The variable whose range moves the hand most; a first joint that turns counts for `head`."""
+    """Variable whose range moves the hand most; a revolute first joint is weighted by `head`."""
     best, index = -1.0, 0
     for i in range(len(scratch.c)):
         scratch.delta[i] = 0.0
@@ -360,7 +362,7 @@ def widest(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, head: float) 
 
 @inlined
 def load_box(boxes: Array, row: int, scratch: BoxScratch) -> None:
-    """Take a box from row `row` of the list."""
+    """Load a box from row `row` of the list."""
     dof = len(scratch.c)
     for i in range(dof):
         scratch.c[i] = boxes[row, i]
@@ -378,17 +380,17 @@ def store_box(boxes: Array, row: int, scratch: BoxScratch) -> None:
 
 @inlined
 def rounding(centre: float, half: float) -> float:
-    """By how much a half width grows where its box is moved or cut, so that rounding of either end loses nothing.
+    """Increase of a half width when its box is moved or cut, which covers the rounding of both ends.
 
-    Relative to the numbers: a slide that stands at 1e6 m is rounded to 1e-10 m. A new centre and a new half width take three
-    operations each on numbers no larger than these; nine times the unit roundoff covers six.
+    It is relative to the numbers: a prismatic joint at 1e6 m is rounded to 1e-10 m. A new centre and a new half width
+    take three operations each on numbers no larger than these; nine times the unit roundoff covers six.
     """
     return LEAST * (1.0 + abs(centre) + half)
 
 
 @inlined
 def halve(scratch: BoxScratch, i: int, boxes: Array, first: int, second: int) -> None:
-    """Cut the box in half along variable i, and write the halves to two rows; the scratch memory keeps the middle."""
+    """Cut the box in half along variable i and write the halves to two rows; the scratch memory keeps the middle."""
     centre, half = scratch.c[i], 0.5 * scratch.h[i]
     scratch.h[i] = half + rounding(centre, half)
     scratch.c[i] = centre - half

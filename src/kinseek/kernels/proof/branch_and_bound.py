@@ -1,4 +1,4 @@
-"""How near can anything in a box come? Best box first, this encloses the least weighted error of all joint values."""
+"""Enclose the smallest weighted error in a box by branch and bound; the box with the smallest bound comes first."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from .memory import Memory, SearchScratch
 from .progress import CEILING, COUNT, UPPER, USED, Question, Tuning
 
 FINE = 1.2
-"""Boxes that turn the hand by less [rad] are cut along a first joint as along any other: azimuths hardly cut them.
-By trial: 2.5 % more boxes with twice as much."""
+"""Boxes that rotate the hand by less than this [rad] are cut along a first joint as along any other, because azimuths
+hardly cut them. With twice the value there were 2.5 % more boxes. Not examined further."""
 
 
 @inlined
 def sift_up(heap: Array, order: Indices, at: int) -> None:
-    """Bring the entry at `at` up to its place; `heap` holds the bound of each row, `order` the rows."""
+    """Move the entry at `at` up to its place; `heap` holds the bound of each row, `order` the rows."""
     while at > 0:
         parent = (at - 1) // 2
         if heap[order[parent]] <= heap[order[at]]:
@@ -31,7 +31,7 @@ def sift_up(heap: Array, order: Indices, at: int) -> None:
 
 @inlined
 def sift_down(heap: Array, order: Indices, size: int) -> None:
-    """Bring the entry at the top down to its place."""
+    """Move the entry at the top down to its place."""
     at = 0
     while True:
         child = 2 * at + 1
@@ -47,7 +47,7 @@ def sift_down(heap: Array, order: Indices, size: int) -> None:
 
 @inlined
 def start_heap(question: Question, tuning: Tuning, memory: Memory, T: Array, least: float) -> None:
-    """Put the first boxes in order, none with a bound below `least`, and judge the joint values known."""
+    """Order the first boxes, none with a bound below `least`, and judge the known joint values."""
     heap, counts = memory.heap, memory.counts
     for row in range(counts[COUNT]):
         heap.bound[row], heap.order[row] = max(heap.bound[row], least), row
@@ -59,7 +59,7 @@ def start_heap(question: Question, tuning: Tuning, memory: Memory, T: Array, lea
 
 @inlined
 def improve(error: float, tuning: Tuning, figures: Array) -> None:
-    """Better joint values are known: fewer boxes count."""
+    """Update the ceiling for better joint values, which leaves fewer boxes."""
     figures[UPPER], figures[CEILING] = error, (1.0 - tuning.gap) * error
 
 
@@ -67,10 +67,10 @@ def improve(error: float, tuning: Tuning, figures: Array) -> None:
 def enclose(
     question: Question, tuning: Tuning, memory: Memory, work: SearchScratch, below: float
 ) -> tuple[bool, float]:
-    """Bound the error in the box in hand to second order, cut off it what is above the ceiling, and judge its middle.
+    """Bound the error in the current box to second order, cut off the part above the ceiling, and judge its middle.
 
     Returns:
-        Is anything of it left? And a lower bound of the error in it, `below` or better.
+        False if nothing of the box is left, and a lower bound of the error in it, at least `below`.
     """
     form, proof_goal, roll, chain = question.form, question.proof_goal, question.roll, question.chain
     scratch, trial, T, figures = work.scratch, work.trial, work.T, memory.figures

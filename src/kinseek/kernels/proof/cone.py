@@ -1,10 +1,10 @@
-"""Where the hand's axis may lie anywhere in a wide cone about the goal's: the form that looks at the cone's edge.
+"""The linear form at the edge of a wide cone, for goals that allow the hand's axis in a wide cone about the goal's.
 
-The ball about the tip of the goal's axis in which `form.separate` looks holds the cone, and much more. Of an axis a and the
-goal's g the cone says ``a·g ≥ cos τ``, one number that is linear in a; so the form is one of the hand's point and of that
-number. It is found as there, by steps that the box holds back, of which the number counts as long as the step leaves it
-short. As the goal's axis must stand still, all joints move the hand: rests are larger than seen from halfway, and
-boxes that both forms are tried on are half as many as with this one alone.
+`form.separate` uses a ball about the tip of the goal's axis. This ball contains the cone, but is much larger. For an axis
+a and the goal's g the cone is ``a·g ≥ cos τ``, one number that is linear in a. The form combines the hand's point and
+this number. It is found as in `form.separate`, by steps that the box limits; the number counts only while the step leaves
+it too small. The goal's axis must be constant, so all joints move the hand, and remainders are larger than seen from
+halfway. With both forms half as many boxes are needed as with this one alone.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .taylor import differentiate, downhill, normal_matrix, rests, solve, step_m
 
 @inlined
 def steepness(form: Form, scratch: BoxScratch) -> None:
-    """Write how fast each variable takes the hand's axis away from the goal's, as ``-a·g``, into ``scratch.v``."""
+    """Write the rate at which each variable moves the hand's axis away from the goal's, as ``-a·g``, into ``scratch.v``."""
     goal = scratch.goal
     for i in range(len(scratch.c)):
         scratch.v[i] = 0.0
@@ -33,11 +33,12 @@ def steepness(form: Form, scratch: BoxScratch) -> None:
 
 @ir_inlined
 def separate_cone(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes: int) -> bool:
-    """Look for a form that lies between the box and the goal's point and cone; cut the box; is anything left?
+    """Look for a form that separates the box from the goal's point and cone; cut the box; return False if nothing is left.
 
-    For every w ≥ 0 and every y ``y·(p - p_g) + w (cos τ - a·g)`` is at most ``|y|`` times the tolerance where both are met.
+    For every w ≥ 0 and every y, ``y·(p - p_g) + w (cos τ - a·g)`` is at most ``|y|`` times the tolerance where both
+    tolerances are met.
     """
-    place(form, scratch)  # What came before may have cut the box.
+    place(form, scratch)  # Previous tests may have cut the box.
     turn_goal(form, proof_goal, scratch)
     widths(form, scratch)
     differentiate(form, scratch, 0, 1)
@@ -46,7 +47,7 @@ def separate_cone(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes
     T, goal, dof = scratch.T, scratch.goal, len(scratch.c)
     edge = math.cos(min(proof_goal.angle, math.pi))
     short = edge - (T[0, 0] * goal[0, 0] + T[1, 0] * goal[1, 0] + T[2, 0] * goal[2, 0])
-    # As a form of the axis less the goal's: it is -w g·(a - g) then, which the cone leaves at most w (1 - cos τ).
+    # As a form of the difference of the axes it is -w g·(a - g), and at most w (1 - cos τ) in the cone.
     slack_p, slack_c = proof_goal.position + proof_goal.margin, 1.0 - edge + proof_goal.margin_a
     weight_p = 1.0 / ((two_p * 0.5 + slack_p) * (two_p * 0.5 + slack_p))
     sharp = 1.0 / ((two_c * 0.5 + proof_goal.margin_a) * (two_c * 0.5 + proof_goal.margin_a))
@@ -76,7 +77,7 @@ def separate_cone(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes
         if attempt + 1 == passes:
             cut_box(scratch, -surplus)
             break
-        # Weights as in `separate`: those that make the ellipsoid touch the box where this form touched it.
+        # Weights as in `separate`: they make the ellipsoid touch the box where this form touched it.
         size_p = size_of_point(scratch)
         total = TINY + size_p * slack_p
         for i in range(dof):

@@ -1,10 +1,10 @@
-"""The form that bounds the weighted error in a box best, to first order: the dual of a least step inside the box.
+"""The linear form that bounds the weighted error in a box best to first order: the dual of a shortest step in the box.
 
-To first order the hand misses ``v = f + J δ`` after a step δ, and no step inside the box brings the error
-``K_P |v_p| + ½ K_A |v_c|²`` below its least value there. At that step the form ``y = (K_P v_p/|v_p|, K_A v_c)`` bounds
-the error from below by that very value (convex duality; Rockafellar 1970, §31). Any other form is a bound too, only a
-weaker one, so the step need not be exact: it is improved until its form comes close to what it reaches, or until it
-reaches so low that no form can exclude the box.
+To first order the error after a step δ is ``v = f + J δ``. No step in the box reduces the error
+``K_P |v_p| + ½ K_A |v_c|²`` below its minimum there. At that step the form ``y = (K_P v_p/|v_p|, K_A v_c)`` bounds the
+error from below by the same value (convex duality; Rockafellar 1970, §31). Any other form gives a weaker bound, so the
+step need not be exact. It is improved until the bound of its form is close to its error, or until its error is so low
+that no form can exclude the box.
 """
 
 from __future__ import annotations
@@ -17,25 +17,26 @@ from .box import TINY, BoxScratch, Form, ProofGoal, turned
 from .taylor import normal_matrix, slope, solve, step_miss, weight_miss
 
 STEPS = 6
-"""Steps at most. By trial."""
+"""Largest number of steps. Not examined further."""
 
 CLOSE = 0.02
-"""Steps end where the bound is this close to what the step reaches, relative to it. By trial."""
+"""Steps end if the bound is this close to the error of the step, relative to it. Not examined further."""
 
 SOFT = 0.03
-"""Part of the normal matrix, as large as the box is wide, that is added to its diagonal: without it steps run to and fro.
-By trial."""
+"""Fraction of the normal matrix, scaled with the width of the box, that is added to its diagonal. Without it steps
+oscillate. Not examined further."""
 
 BLUNT = 1e-3
-"""Distance, in units of the ceiling, at which the length of v_p is rounded off: its direction jumps at zero. By trial."""
+"""Distance, in units of the ceiling, at which the length of v_p is rounded off, because its direction jumps at zero. Not
+examined further."""
 
 
 @inlined
 def support(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: float) -> None:
-    """Write the form of a nearly least step inside the box into ``scratch.y``; the part for the point is at most K_P long.
+    """Write the form of a nearly optimal step in the box into ``scratch.y``; the norm of its point part is at most K_P.
 
-    Weighted least squares with the weight ``K_P/|v_p|`` for the point, which follows the step. Newton steps for the
-    variables that are not held at an end of their range, cut off at the ends.
+    It is weighted least squares with the weight ``K_P/|v_p|`` for the point, which follows the step. Newton steps move
+    the variables that are not held at an end of their range, and are truncated at the ends.
     """
     dof, columns = len(scratch.c), form.columns
     K_P, K_A = proof_goal.weight_p, proof_goal.weight_a if columns > 0 else 0.0
@@ -80,10 +81,11 @@ def support(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: flo
 
 @inlined
 def count_side(proof_goal: ProofGoal, scratch: BoxScratch) -> float:
-    """Where a second column of the hand counts, add its part to the form's first column; what it adds to ``|v_c|²``.
+    """Add the part of a second column of the hand, if it counts, to the form; return its contribution to ``|v_c|²``.
 
-    Let x be the last joint's axis, and let the columns x and y of the hand count. The best turn about x leaves y·y_g at
-    ``√(1 - (x·y_g)²)``, so the second column costs ``½ K_A (x·y_g)²`` at least: as if v_c counted twice along y_g.
+    Let x be the last joint's axis, and let the columns x and y of the hand count. The best rotation about x makes y·y_g
+    equal to ``√(1 - (x·y_g)²)``. The second column therefore costs at least ``½ K_A (x·y_g)²``, as if v_c counted twice
+    along y_g.
     """
     if proof_goal.side_y == 0.0 and proof_goal.side_z == 0.0:
         return 0.0  # K_A may be 0 then.
@@ -98,7 +100,7 @@ def count_side(proof_goal: ProofGoal, scratch: BoxScratch) -> float:
 
 @inlined
 def side(proof_goal: ProofGoal, scratch: BoxScratch) -> tuple[float, float, float]:
-    """The goal's second column that counts, where there is one; else zero."""
+    """The goal's second relevant column, or zero if there is none."""
     a, b, goal = proof_goal.side_y, proof_goal.side_z, scratch.goal
     return (
         a * goal[0, 1] + b * goal[0, 2],
@@ -109,10 +111,11 @@ def side(proof_goal: ProofGoal, scratch: BoxScratch) -> tuple[float, float, floa
 
 @inlined
 def gain_of_side(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, middle: int) -> float:
-    """What a second column that counts adds to the bound: its value; its slope goes to ``scratch.g``.
+    """Contribution of a second relevant column to the bound; returns its value and adds its slope to ``scratch.g``.
 
-    It takes ``b²/(4 K_A)`` off the form's conjugate, b the part of y_c along the goal's column. As seen from halfway that
-    column turns with the joints before: ``b(δ)² ≥ b² + 2 b (b(δ) - b)``, to second order in their widths.
+    It reduces the conjugate of the form by ``b²/(4 K_A)``, where b is the component of y_c along the goal's column. Seen
+    from halfway, that column rotates with the proximal joints: ``b(δ)² ≥ b² + 2 b (b(δ) - b)``, to second order in their
+    widths.
     """
     if proof_goal.side_y == 0.0 and proof_goal.side_z == 0.0:
         return 0.0

@@ -1,7 +1,7 @@
-"""One linear form of the hand's pose, to second order: what it excludes, and what it cuts off a box.
+"""One linear form of the hand's pose to second order: boxes that it excludes, and parts that it cuts off a box.
 
-Bounds of first order add up how far each joint can carry the hand, whichever way. A form looks at one direction, in which
-the joints may work against each other, and its gradient and Hessian are written down from the axes alone.
+First-order bounds add up the motion of the hand by each joint, regardless of direction. A form considers one direction,
+in which the joints may compensate each other. Its gradient and Hessian follow from the axes alone.
 """
 
 from __future__ import annotations
@@ -41,43 +41,45 @@ from .taylor import (
 )
 
 ROUND = 0.05
-"""How round the ellipsoid of a second form is made, that touches the box where the first one touched it: such a part of the
-form's size counts for every variable, so that one which the form does not see stays inside of its range. By trial."""
+"""Roundness of the ellipsoid of a second form, which touches the box where the first form touched it. This fraction of
+the form's size counts for every variable, so that a variable without influence on the form stays inside its range. Not
+examined further."""
 
 OF_ROOTS = 64.0 * 2.0**-53
-"""Rounding of the last steps to the root of a quadratic polynomial, relative to one plus the half width [rad] or [m]. What
-rounding does to its coefficients is as if the bound had moved by less than `ProofGoal.margin` allows for."""
+"""Rounding of the last steps to the root of a quadratic polynomial, relative to one plus the half width [rad] or [m].
+Rounding of its coefficients has the effect of a shift of the bound that is smaller than `ProofGoal.margin`."""
 
 OF_SQUARES = 32.0 * 2.0**-53
-"""Rounding of one completed square, relative to the magnitudes of all entries before and after it: three operations an
-entry, on twice the entry before and the one after, and the sums of their magnitudes over some twenty variables."""
+"""Rounding of one completed square, relative to the magnitudes of all entries before and after it. It covers three
+operations per entry, on twice the entry before and the one after, and the sums of their magnitudes over some twenty
+variables."""
 
 
 class Rests(NamedTuple):
-    """What the Taylor polynomials of a box leave over, at most."""
+    """Upper bounds of the remainders of the Taylor polynomials of a box."""
 
     middle: int
-    """The joint that the hand is seen from."""
+    """The joint from which the hand is seen."""
     two_p: float
-    """Of the point, to first order [m]."""
+    """Of the point, after the first-order terms [m]."""
     two_c: float
-    """Of the columns."""
+    """Of the columns, after the first-order terms."""
     three_p: float
-    """Of the point, to second order [m]."""
+    """Of the point, after the second-order terms [m]."""
     three_c: float
-    """Of the columns."""
+    """Of the columns, after the second-order terms."""
     three_b: float
-    """Of the point that lies back along the first column [m]."""
+    """Of the point that lies back along the first column, after the second-order terms [m]."""
 
 
 @inlined
 def expand(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> Rests:
-    """Write down what the hand misses at the centre of the box, and its derivatives; what they leave over.
+    """Compute the error of the hand at the centre of the box and its derivatives; return bounds of the remainders.
 
-    Let f be the hand's point and columns less the goal's, as seen from halfway along the arm: so it is as long as seen from
-    the base, but the joints before move the goal, those behind the hand, and rests of third order are some four times
-    smaller than if all of them moved the hand. For any form y, ``y·f(q) = y·f + g·δ + ½ δᵀHδ + rest`` with |rest| bounded to
-    third order.
+    Let f be the hand's point and columns minus the goal's, as seen from halfway along the arm. Its length is the same as
+    seen from the base. But the proximal joints move the goal and the distal joints the hand, so third-order remainders
+    are about four times smaller than if all joints moved the hand. For any form y,
+    ``y·f(q) = y·f + g·δ + ½ δᵀHδ + rest``, where |rest| is bounded to third order.
     """
     turn_goal(form, proof_goal, scratch)
     widths(form, scratch)
@@ -102,10 +104,10 @@ def expand(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> Rests:
 
 @ir_inlined
 def underestimate(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: float) -> bool:
-    """Bound the weighted error from below by one form; cut the box where it excludes an end; say whether anything is left.
+    """Bound the weighted error from below by one form; cut the box where it excludes an end; False if nothing is left.
 
     ``K_P |f_p| ≥ y_p·f_p`` for |y_p| ≤ K_P and ``½ K_A |f_c|² ≥ y_c·f_c - |y_c|²/(2 K_A)`` make every form a lower bound
-    (Fenchel's inequality); taken is the one that is best to first order. The bound goes to ``scratch.found[BELOW]``.
+    (Fenchel's inequality). The form used is the best one to first order. ``scratch.found[BELOW]`` receives the bound.
     """
     rest = expand(form, proof_goal, scratch)
     support(form, proof_goal, scratch, ceiling)
@@ -121,11 +123,11 @@ def underestimate(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceilin
 
 @ir_inlined
 def separate(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes: int) -> bool:
-    """Look for a form that lies between box and tolerances; cut the box where it excludes an end; is anything left?
+    """Look for a form that separates box and tolerances; cut the box where it excludes an end; False if nothing is left.
 
     A form y excludes every q where y·f(q) is larger than its dual norm times the tolerances. It is the residual of a
-    least-squares step that the box holds back, as an ellipsoid: the direction in which the goal lies outside of what the box
-    reaches. So many `passes` are tried, each with what the one before has shown.
+    least-squares step that the box, as an ellipsoid, limits: the direction in which the goal lies outside the reach of
+    the box. `passes` forms are tried, each based on the result of the previous one.
     """
     rest, dof, columns = expand(form, proof_goal, scratch), len(scratch.c), form.columns
     slack_p = proof_goal.position + proof_goal.margin
@@ -162,9 +164,9 @@ def separate(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, passes: int
 def weigh(
     form: Form, proof_goal: ProofGoal, scratch: BoxScratch, rest: Rests, slack_p: float, slack_c: float
 ) -> float:
-    """The least value that the form in ``scratch.y`` has anywhere in the box, slacks taken off: of point and columns.
+    """Minimum of the form in ``scratch.y`` over the box, minus the slacks of point and columns.
 
-    Leaves the polynomial in `scratch`, one that is separable, for `cut_box`.
+    A separable polynomial remains in `scratch`, for `cut_box`.
     """
     dof, y, back = len(scratch.c), scratch.y, proof_goal.back
     value = 0.0
@@ -174,7 +176,7 @@ def weigh(
             value += y[r, i] * (scratch.T[r, i] - scratch.goal[r, i])
     derivatives(form, scratch, rest.middle, form.columns)
     value += gain_of_side(form, proof_goal, scratch, rest.middle)
-    # The least value of the polynomial in the box, one variable at a time.
+    # The minimum of the polynomial in the box, one variable at a time.
     bent = curvature(scratch)
     straight = 0.0
     for i in range(dof):
@@ -192,7 +194,7 @@ def weigh(
     size_p, size_c = size_of_point(scratch), size_of_columns(form, scratch)
     over = size_p * rest.three_p + size_c * rest.three_c
     if back != 0.0:
-        # The form is as well one of a point further back, which moves less, and of the first column.
+        # The form is also a form of a point further back, which moves less, and of the first column.
         b0, b1, b2 = y[0, 0] + back * y[0, 3], y[1, 0] + back * y[1, 3], y[2, 0] + back * y[2, 3]
         over = min(over, size_p * rest.three_b + math.sqrt(b0 * b0 + b1 * b1 + b2 * b2) * rest.three_c)
     over *= proof_goal.trust
@@ -203,14 +205,14 @@ def weigh(
 
 @inlined
 def size_of_point(scratch: BoxScratch) -> float:
-    """Length of the form's part for the point."""
+    """Norm of the form's part for the point."""
     y = scratch.y
     return math.sqrt(y[0, 3] * y[0, 3] + y[1, 3] * y[1, 3] + y[2, 3] * y[2, 3])
 
 
 @inlined
 def size_of_columns(form: Form, scratch: BoxScratch) -> float:
-    """Length of the form's part for the columns."""
+    """Norm of the form's part for the columns."""
     total = 0.0
     for i in range(form.columns):
         for r in range(3):
@@ -220,10 +222,10 @@ def size_of_columns(form: Form, scratch: BoxScratch) -> float:
 
 @inlined
 def curvature(scratch: BoxScratch) -> float:
-    """A lower bound of ½ δᵀHδ in the box, by completing squares: those with a positive weight are dropped.
+    """A lower bound of ½ δᵀHδ in the box by completing squares; squares with a positive weight are dropped.
 
-    After each square what remains is a form in the remaining variables, bounded by its entries' magnitudes. What is taken
-    off an entry is as large as the entry before and after at most, so the magnitudes of all of them bound the rounding.
+    After each square the rest is a form in the remaining variables, bounded by the magnitudes of its entries. The change
+    of an entry is at most as large as the entry before and after, so the magnitudes of all of them bound the rounding.
     """
     dof, S, noise, before = len(scratch.h), scratch.N, 0.0, 0.0
     for i in range(dof):
@@ -263,7 +265,7 @@ def curvature(scratch: BoxScratch) -> float:
 
 @inlined
 def least(g: float, H: float, h: float) -> float:
-    """Least value of g δ + ½ H δ² for |δ| ≤ h."""
+    """Minimum of g δ + ½ H δ² for |δ| ≤ h."""
     if H * h > abs(g):
         return -0.5 * g * g / H
     return -abs(g) * h + 0.5 * H * h * h
@@ -271,16 +273,16 @@ def least(g: float, H: float, h: float) -> float:
 
 @inlined
 def cut_box(scratch: BoxScratch, spare: float) -> None:
-    """Keep of every variable what can stay within `spare` above the least value of the separable polynomial."""
+    """Cut each variable to where the separable polynomial is at most `spare` above its minimum."""
     dof = len(scratch.c)
     for i in range(dof):
         g, H, h = abs(scratch.g[i]), scratch.H[i, i], scratch.h[i]
-        # Seen from the good end: δ = -h there, the polynomial g δ + ½ H δ².
+        # Seen from the good end: δ = -h there, the polynomial is g δ + ½ H δ².
         limit = least(g, H, h) + spare
         end = g * h + 0.5 * H * h * h
         if not end > limit:
             continue
-        # The far end is out: the largest δ with g δ + ½ H δ² ≤ limit, by the root that the far end falls beyond.
+        # The far end is excluded: the largest δ with g δ + ½ H δ² ≤ limit, from the root before the far end.
         disc = g * g + 2.0 * H * limit
         if not disc >= 0.0 or g + math.sqrt(disc) < TINY:
             continue

@@ -1,9 +1,9 @@
-"""Before any box: what the lengths and the angles of the arm rule out, wherever its joints stand.
+"""Tests before any box: goals that the lengths and angles of the arm exclude for all joint values.
 
-A turn about an axis leaves the distance from any point of that axis as it is, and the angle to the axis. So the distance of
-the hand from a point of each axis lies in an interval that grows, from the tip to the base, by the distance of one such
-point to the next (the triangle's inequality): at the base it is the annulus that the arm reaches. The angle between each
-axis and a direction of the hand lies in an interval likewise, by the inequality of spherical triangles.
+A rotation about an axis keeps the distance from any point of that axis, and the angle to the axis. The distance of the
+hand from a point of each axis therefore lies in an interval. From the tip to the base this interval grows by the distance
+between consecutive points (triangle inequality); at the base it is the annulus that the arm reaches. The angle between
+each axis and a direction of the hand likewise lies in an interval, by the inequality of spherical triangles.
 """
 
 from __future__ import annotations
@@ -17,22 +17,23 @@ from kinseek.kernels.jit import entry, inlined
 from .box import FORM, PROOF_GOAL, Form, ProofGoal
 
 CROSSED = 1e-4
-"""sin² of the angle between two axes from which on their common normal is used: its foot is a hundred lengths away at most,
-so that rounding of its place stays within the margin."""
+"""sin² of the angle between two axes above which their common normal is used. Its foot is then at most a hundred lengths
+away, so that rounding of its position stays within the margin."""
 
 
 @inlined
 def gate(form: Form, proof_goal: ProofGoal, chain: ChainArrays) -> tuple[bool, float]:
-    """Can the hand be within both tolerances, as far as lengths and angles tell? And a lower bound of the weighted error."""
+    """Return False if lengths and angles exclude both tolerances, and a lower bound of the weighted error."""
     far = max(
         out_of_annulus(form, proof_goal, chain, False), out_of_annulus(form, proof_goal, chain, True), 0.0
     )
-    open_, error, chord = (  # Open where a number is NaN.
+    open_, error, chord = (  # Not excluded if a number is NaN.
         not far > proof_goal.position,
         proof_goal.weight_p * far,
         proof_goal.chord,
     )
-    if form.columns == 3:  # Of all columns together: one of them is off by no more than this.
+    # For all columns together: the error of at least one column is no larger than this.
+    if form.columns == 3:
         chord /= math.sqrt(2.0)
     for i in range(form.columns):
         tilt = 2.0 * math.sin(0.5 * max(out_of_tilt(form, proof_goal, i), 0.0))
@@ -43,15 +44,15 @@ def gate(form: Form, proof_goal: ProofGoal, chain: ChainArrays) -> tuple[bool, f
 
 @entry(returns=F64, form=FORM, proof_goal=PROOF_GOAL, chain=CHAIN)
 def least_by_gate(form: Form, proof_goal: ProofGoal, chain: ChainArrays) -> float:
-    """Lower bound of the weighted error, as far as lengths and angles tell."""
+    """Lower bound of the weighted error from lengths and angles."""
     return gate(form, proof_goal, chain)[1]
 
 
 @inlined
 def out_of_annulus(form: Form, proof_goal: ProofGoal, chain: ChainArrays, normals: bool) -> float:
-    """How far the goal's point lies outside of what the lengths allow [m], negative inside.
+    """Distance of the goal's point outside the range that the lengths allow [m], negative inside.
 
-    The points on the axes are each the nearest to the next one, or the feet of the common normals.
+    The point on each axis is the nearest to the next one, or the foot of the common normal.
     """
     last = len(form.leader) - 1
     x, y, z = form.fixed[last + 1, 0, 3], form.fixed[last + 1, 1, 3], form.fixed[last + 1, 2, 3]
@@ -85,7 +86,7 @@ def out_of_annulus(form: Form, proof_goal: ProofGoal, chain: ChainArrays, normal
 
 @inlined
 def out_of_tilt(form: Form, proof_goal: ProofGoal, column: int) -> float:
-    """How far a column of the goal is tilted beyond what the angles between the axes allow [rad], negative inside."""
+    """Angle of a column of the goal outside the range that the angles between the axes allow [rad], negative inside."""
     last = len(form.leader) - 1
     F = form.fixed
     x, y, z = F[last + 1, 0, column], F[last + 1, 1, column], F[last + 1, 2, column]
@@ -114,6 +115,6 @@ def out_of_tilt(form: Form, proof_goal: ProofGoal, column: int) -> float:
 
 @inlined
 def outside(value: float, low: float, high: float, trust: float) -> float:
-    """How far a value lies outside of an interval, negative inside; tests shrink the interval by `trust`."""
+    """Distance of a value outside an interval, negative inside; tests shrink the interval by `trust`."""
     middle, half = 0.5 * (low + high), 0.5 * (high - low) * trust
     return abs(value - middle) - half

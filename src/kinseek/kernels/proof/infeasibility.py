@@ -1,4 +1,4 @@
-"""Can anything in a box be within both tolerances? If not in any box, the goal is out of reach."""
+"""Prove that a goal is unreachable: nothing in any box is within both tolerances."""
 
 from __future__ import annotations
 
@@ -24,15 +24,16 @@ from .form import separate, underestimate
 from .last_joint import LastJoint, cut_twist, roll_fits, twist_cost
 
 OFTEN = 16
-"""Every so many boxes that are cut, steps from the middle of one look for an answer. By trial on goals near the rim of
-four arms: 14 % more boxes with twice as many."""
+"""After this number of cut boxes, steps from the middle of one look for a solution. Tried on goals near the boundary of
+the workspaces of four arms: 14 % more boxes with twice the value. Not examined further."""
 STEPS = 8
-"""So many: an answer that they do not come close to is not in the box. By trial: 0.5 % fewer boxes with twice as many."""
+"""Number of these steps. If they do not come close to a solution, it is not in the box. With twice the value there were
+0.5 % fewer boxes. Not examined further."""
 
 
 @ir_inlined
 def exclude(form: Form, proof_goal: ProofGoal, roll: LastJoint, scratch: BoxScratch, passes: int) -> bool:
-    """Cut off the box in hand what misses a tolerance, to second order; say whether anything of it is left."""
+    """Cut off the parts of the current box that miss a tolerance, to second order; return False if nothing is left."""
     kept = separate(form, proof_goal, scratch, passes)
     if kept and wide(form, proof_goal):
         kept = separate_cone(form, proof_goal, scratch, passes)
@@ -45,18 +46,19 @@ def exclude(form: Form, proof_goal: ProofGoal, roll: LastJoint, scratch: BoxScra
 def examine(
     form: Form, proof_goal: ProofGoal, roll: LastJoint, boxes: Array, ceiling: float, passes: int
 ) -> Array:
-    """Test boxes one by one, without cutting them in half; for tests and pictures.
+    """Test boxes one by one without splitting them, for tests and pictures.
 
     Args:
-        form: The part of the arm that the boxes are about.
-        proof_goal: What is asked of it.
-        roll: The last joint, where it is divided out.
+        form: The part of the arm that the boxes describe.
+        proof_goal: The goal of the hand.
+        roll: The last joint, if it is divided out.
         boxes: (k, 2 dof): centres and half widths.
-        ceiling: Weighted error to stay below, or negative: the tolerances decide.
-        passes: Forms tried to second order; 0 leaves it at first order.
+        ceiling: Weighted error to stay below, or negative to test the tolerances.
+        passes: Number of forms tried to second order; 0 for first-order tests only.
 
     Returns:
-        Of each: 1 if anything may be left, else 0; lower bound of the weighted error; the box that is left, (k, 2 + 2 dof).
+        For each box, (k, 2 + 2 dof): 1 if anything may be left, else 0; a lower bound of the weighted error; and the
+        remaining box.
     """
     dof = boxes.shape[1] // 2
     scratch = make_box_scratch(len(form.leader), dof)

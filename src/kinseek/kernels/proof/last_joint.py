@@ -1,4 +1,4 @@
-"""The last joint, where it is divided out of the boxes: do its limits allow what is left of the rotation?"""
+"""The last joint, if it is divided out of the boxes: whether its limits allow the remaining rotation."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from .box import BEST_ROLL, BoxScratch, Form, ProofGoal, place, short_way, turn_
 
 
 class LastJoint(NamedTuple):
-    """The last joint, where it is divided out."""
+    """The last joint, if it is divided out."""
 
     present: bool
     lower: float
     upper: float
-    """Limits [rad]; at least a full turn apart where they do not matter."""
+    """Limits [rad]; at least a full turn apart if they are irrelevant."""
     weight: float
-    """K_A where the joint's axis is the z axis of the tip, so that a twist costs ``K_A (1 + cos τ)(1 - cos β)``, else 0."""
+    """K_A if the joint's axis is the z axis of the tip, so that a twist costs ``K_A (1 + cos τ)(1 - cos β)``, else 0."""
 
 
 ROLL = Bundle(LastJoint, present=FLAG, lower=F64, upper=F64, weight=F64)
@@ -30,9 +30,9 @@ ROLL = Bundle(LastJoint, present=FLAG, lower=F64, upper=F64, weight=F64)
 
 @inlined
 def best_twist(scratch: BoxScratch) -> tuple[float, float]:
-    """The turn of the last joint that brings the other columns nearest to the goal's [rad]; cosine of the axis' tilt.
+    """Angle of the last joint that brings the other columns nearest to the goal's [rad], and cosine of the axis' tilt.
 
-    It is the direction of a vector ``1 + cos τ`` long, τ the tilt: any direction where the axis points backwards.
+    It is the direction of a vector of length ``1 + cos τ`` with the tilt τ, and arbitrary if the axis points backwards.
     """
     T, goal = scratch.T, scratch.goal
     m00 = m01 = m10 = m11 = dot = 0.0
@@ -47,13 +47,14 @@ def best_twist(scratch: BoxScratch) -> tuple[float, float]:
 
 @inlined
 def twist_noise(proof_goal: ProofGoal, dot: float) -> float:
-    """How far rounding may turn the best twist where the axis leans by acos(dot) [rad]; π: anything.
+    """Largest error of the best twist by rounding, for an axis tilted by acos(dot) [rad]; π if it is arbitrary.
 
-    Every entry of the rotation may be off by the margin, and so the vector whose direction the best twist is by 2√2 margins.
+    Every entry of the rotation may have an error of the margin. The vector whose direction is the best twist then has an
+    error of 2√2 margins.
     """
     margin: float = proof_goal.margin_a
     length = 1.0 + dot - 2.0 * margin
-    # Of a vector that is longer the bound below holds: asin(2√2/8) is less than 4/8.
+    # For longer vectors the bound below holds: asin(2√2/8) is less than 4/8.
     if not length > 8.0 * margin:
         return math.pi
     return 4.0 * margin / length + OF_ANGLES
@@ -61,13 +62,13 @@ def twist_noise(proof_goal: ProofGoal, dot: float) -> float:
 
 @inlined
 def twist_slack(proof_goal: ProofGoal, omega: float, dot: float) -> float:
-    """How far the best twist may be off where the others turn by omega and the axis leans by acos(dot) [rad]; π: anything.
+    """Largest change of the best twist if the others rotate by omega, for a tilt of acos(dot) [rad]; π if arbitrary.
 
-    The twist part of a unit quaternion is cos(τ/2) long, τ the tilt, and moves by no more than the quaternion does,
-    2 sin(Ω/4).
+    The twist part of a unit quaternion has the length cos(τ/2) with the tilt τ. It changes by at most the change of the
+    quaternion, 2 sin(Ω/4).
     """
     moved = 2.0 * math.sin(0.25 * min(omega, math.pi)) * proof_goal.trust
-    # Not its root: near zero that is off by the root of the margin.
+    # Not its root: near zero the error of the root is the root of the margin.
     square = 0.5 * (1.0 + dot) - proof_goal.margin_a
     if not (omega < math.pi and moved * moved < square):
         return math.pi
@@ -76,10 +77,11 @@ def twist_slack(proof_goal: ProofGoal, omega: float, dot: float) -> float:
 
 @inlined
 def roll_fits(form: Form, proof_goal: ProofGoal, roll: LastJoint, scratch: BoxScratch) -> bool:
-    """Can the last joint, within its limits, make up for what is left of the rotation? Its best value goes to BEST_ROLL.
+    """Return False if no value of the last joint within its limits gives the remaining rotation; write BEST_ROLL.
 
-    The hand without its last turn is off by a rotation of at most Ω. Write the turn that is asked for as a quaternion: its
-    part about the last axis is cos(τ/2) long, τ the tilt. So the last joint is within ``2 acos(cos(Ω/2)/cos(τ/2))``.
+    The hand without its last rotation is off by a rotation of at most Ω. Write the required rotation as a quaternion: its
+    part about the last axis has the length cos(τ/2) with the tilt τ. The last joint is therefore within
+    ``2 acos(cos(Ω/2)/cos(τ/2))``.
     """
     best, dot = best_twist(scratch)
     middle, half = 0.5 * (roll.lower + roll.upper), 0.5 * (roll.upper - roll.lower)
@@ -91,7 +93,7 @@ def roll_fits(form: Form, proof_goal: ProofGoal, roll: LastJoint, scratch: BoxSc
     noise = twist_noise(proof_goal, dot)
     if not (omega < math.pi and noise < math.pi):
         return True
-    # Margins on either side: near one, the angle is off by the root of what the ratio is off by.
+    # Margins on both sides: near one, the error of the angle is the root of the error of the ratio.
     ratio = (math.cos(0.5 * omega) - margin) / math.sqrt(0.5 * (1.0 + dot) + margin)
     miss = 2.0 * math.acos(min(ratio, 1.0)) + noise
     return not abs(short_way(best - middle)) > half + miss
@@ -101,7 +103,7 @@ def roll_fits(form: Form, proof_goal: ProofGoal, roll: LastJoint, scratch: BoxSc
 def twist_cost(
     form: Form, proof_goal: ProofGoal, roll: LastJoint, scratch: BoxScratch, ceiling: float
 ) -> float:
-    """What the limits of the last joint add to the weighted error at least, where nothing above `ceiling` matters.
+    """Smallest increase of the weighted error by the limits of the last joint; errors above `ceiling` are equivalent.
 
     With tilt τ and a twist β short of the best one the columns cost ``K_A [(1 - cos τ) + (1 + cos τ)(1 - cos β)]``.
     """
@@ -121,14 +123,14 @@ def twist_cost(
 
 @inlined
 def cut_twist(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: float) -> bool:
-    """Cut the range of a last joint that is part of the box to what the ceiling leaves; say whether anything is left.
+    """Cut the range of a last joint that is part of the box to what the ceiling allows; return False if nothing is left.
 
-    The arm is placed anew, at the centre of what is left. A twist β short of the best one turns the hand by β at least,
-    which costs ``K_A (1 - cos β)`` at least.
+    The arm is placed again at the centre of the remaining box. A twist β short of the best one rotates the hand by at
+    least β, which costs at least ``K_A (1 - cos β)``.
 
-    The best twist is worked out as in `best_twist`, from what of the rotation lies across the axis. Of the quaternion's real
-    part and its part along the axis it could be had as well, were these not both noise, as traces tell them, where the hand
-    is half a turn away from the goal: then the twist may be anything though the axis does not lean at all.
+    The best twist is computed as in `best_twist`, from the part of the rotation normal to the axis. The quaternion's real
+    part and its part along the axis would give it as well. But if the hand is half a turn away from the goal, both are
+    noise when computed from traces: the twist may then be arbitrary although the axis is not tilted.
     """
     T, goal, last, K_A = scratch.T, scratch.goal, len(form.leader) - 1, proof_goal.weight_a
     turn_goal(form, proof_goal, scratch)
@@ -144,7 +146,7 @@ def cut_twist(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: f
             along += scratch.z[last, r] * entry * scratch.z[last, s]
         for i in range(3):
             dot += scratch.z[last, r] * (T[behind, i] * goal[after, i] - T[after, i] * goal[behind, i])
-    # acos(1 - x) loses what is below rounding of one: its half-angle form, and a margin, do not.
+    # acos(1 - x) loses what is below the rounding of one; the half-angle form with a margin does not.
     beta = 2.0 * math.asin(math.sqrt(min(0.5 * ceiling / K_A + proof_goal.margin_a, 1.0)))
     beta += twist_slack(proof_goal, turned(form, scratch, last), along)
     ahead = math.atan2(dot, trace - along)
@@ -156,7 +158,7 @@ def cut_twist(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, ceiling: f
 
 @inlined
 def complete(form: Form, roll: LastJoint, chain: ChainArrays, scratch: BoxScratch, q: Array) -> None:
-    """Joint values of the box' centre, (n,), inside the limits."""
+    """Write the joint values of the box' centre, (n,), within the limits."""
     for i in range(len(q)):
         value = scratch.found[BEST_ROLL] if roll.present and i == len(q) - 1 else scratch.c[i]
         if (i == 0 and form.head == TURN) or (i == len(q) - 1 and form.tail == 1):

@@ -1,7 +1,7 @@
-"""What a search by boxes keeps: the caller's memory, so that it can go on where it stopped, and that of one call.
+"""Memory of a search by boxes: that of the caller, which lets it continue where it stopped, and that of one call.
 
-A kernel that hands a bundle of arrays to Python has Python build it, and where that is interrupted there is nothing to hand
-back: so Python makes what outlives a call.
+If a kernel returns a bundle of arrays, Python builds the bundle, and an interrupt loses it. Python therefore allocates
+everything that outlives a call.
 """
 
 from __future__ import annotations
@@ -20,38 +20,40 @@ from .progress import COUNTS, FIGURES
 
 
 class Heap(NamedTuple):
-    """Boxes in the order of their bounds, the least one first."""
+    """Boxes ordered by their bounds, the smallest one first."""
 
     bound: Array
     """A lower bound of the weighted error in the box of each row, (room,)."""
     order: Indices
-    """Rows of the boxes that are left, the first COUNT of it, as a heap; then rows to be taken again, (room,)."""
+    """Rows of the remaining boxes as a heap, the first COUNT entries; then rows that are free again, (room,)."""
 
 
 HEAP = Bundle(Heap, bound=F64["room"].out, order=I64["room"].out)
 
 
 class Places(NamedTuple):
-    """Answers and their neighbourhoods."""
+    """Solutions and their neighbourhoods."""
 
     answers: Array
-    """Joint values that are known to meet the tolerances, (k, n); none are needed."""
+    """Joint values that are known to meet the tolerances, (k, n); may be empty."""
     periodic: Flags
-    """Is a whole turn of the variable as good as none? (reduced n,)"""
+    """True if a full turn of the variable makes no difference, (reduced n,)."""
     isolated: Flags
-    """Has it a neighbourhood? The first KNOWN of this and of what follows are written, (most,)."""
+    """True if the solution has a neighbourhood. The first KNOWN entries of this and the following arrays are valid,
+    (most,)."""
     number: Indices
-    """Which of the given answers it is, or -1, (most,)."""
+    """Index of the given solution, or -1 for a new one, (most,)."""
     q: Array
     """(most, n)"""
     centre: Array
-    """Of the neighbourhood, (most, reduced n)."""
+    """Centre of the neighbourhood, (most, reduced n)."""
     radius: Array
     """Half widths of the neighbourhood, (most, reduced n)."""
     distance: Array
-    """Of anything within the tolerances in its neighbourhood from the centre of it, (most, reduced n)."""
+    """Upper bounds of the distance from the centre of anything within the tolerances in the neighbourhood, (most, reduced
+    n)."""
     exists: Flags
-    """Does exactly one joint vector in its neighbourhood reach the goal exactly, limits left out of account? (most,)"""
+    """True if exactly one joint vector in the neighbourhood reaches the goal exactly, ignoring limits, (most,)."""
 
 
 PLACES = Bundle(
@@ -69,20 +71,20 @@ PLACES = Bundle(
 
 
 class Memory(NamedTuple):
-    """What a search knows, and goes on from when it is called again."""
+    """State of a search, which continues from it when it is called again."""
 
     boxes: Array
-    """The boxes that are left, (room, 2 dof): centres and half widths."""
+    """The remaining boxes, (room, 2 dof): centres and half widths."""
     heap: Heap
-    """Their order and bounds, to ENCLOSE; it begins with the first COUNT rows."""
+    """Their order and bounds, for ENCLOSE; it begins with the first COUNT rows."""
     places: Places
-    """Answers and their neighbourhoods, to ISOLATE; else there is room for none."""
+    """Solutions and their neighbourhoods, for ISOLATE; otherwise without room."""
     q: Array
-    """The best joint values known or seen, (n,); better ones are written here."""
+    """The best joint values known, (n,); better ones are written here."""
     counts: Indices
-    """COUNT and following, (COUNTS,)."""
+    """Counts, indexed by COUNT and the following constants, (COUNTS,)."""
     figures: Array
-    """UPPER and following, (FIGURES,)."""
+    """Figures, indexed by UPPER and the following constants, (FIGURES,)."""
 
 
 MEMORY = Bundle(
@@ -97,21 +99,21 @@ MEMORY = Bundle(
 
 
 class SearchScratch(NamedTuple):
-    """Memory of one call."""
+    """Scratch memory of one call."""
 
     scratch: BoxScratch
-    """The box in hand."""
+    """The current box."""
     around: Expansion
-    """For the neighbourhood of an answer."""
+    """For the neighbourhood of a solution."""
     trial: Array
-    """Joint values that may be better than those known, or an answer, (n,)."""
+    """Joint values that may be better than those known, or a solution, (n,)."""
     T: Array
-    """Where they bring the hand, columns x, y, z and p, (3, 4)."""
+    """Their pose of the hand, columns x, y, z and p, (3, 4)."""
 
 
 @array_view
 def make_node_scratch(joints: int, memory: Memory) -> SearchScratch:
-    """Allocate it for so many joints of the arm that the boxes are about."""
+    """Allocate the scratch memory for a number of joints of the arm that the boxes describe."""
     dof = memory.boxes.shape[1] // 2
     return SearchScratch(
         make_box_scratch(joints, dof), make_expansion(dof), np.empty(len(memory.q)), np.empty((3, 4))

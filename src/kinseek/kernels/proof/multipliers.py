@@ -1,8 +1,9 @@
-"""Multipliers of what a ball joint leaves as it is: any of them bound the error, and here good ones are found.
+"""Multipliers of the invariants of a ball joint: any multipliers bound the error, and good ones are found here.
 
-Those that say how the error grows with the invariants at the middle of a box give the error there. In the box others may be
-better: with an error of the point that is all but zero, its growth points one way here and another way there. So they are
-changed until the bound is best that they would give if each joint moved alone, which takes no sums of products.
+The multipliers that describe how the error grows with the invariants at the middle of a box give the error there. For the
+whole box others may be better: if the position error is nearly zero, its gradient has different directions in different
+parts of the box. The multipliers are therefore changed to maximise the bound that they would give if each joint moved
+alone, which needs no sums of products.
 """
 
 from __future__ import annotations
@@ -18,46 +19,47 @@ from .box import TINY
 from .products import Sheet, rise
 
 HALVINGS = 20
-"""Halvings of the arc in which the best turn of the ball lies; any turn gives a bound."""
+"""Number of halvings of the arc that contains the best rotation of the ball; any rotation gives a bound."""
 
 ROUNDS = 16
-"""Rounds in which better multipliers are looked for, a step up or down each."""
+"""Rounds in which better multipliers are sought, with a step up or down for each."""
 
 FURTHER = 4
-"""Times that what a round has changed is changed again, where that is better still."""
+"""Number of times that the change of a round is repeated while it improves the bound."""
 
 FIRST_STEP = 0.2
-"""The first such step, of multipliers that are about one. It doubles where it helps, and turns and halves where not."""
+"""The first step, for multipliers of about one. It doubles after a success, and is reversed and halved after a failure."""
 
 FLAT = 1e-6
-"""Part of the length of arm and goal that no denominator of a multiplier falls below: where p and a are parallel, the tip is
-at the ball or at its goal. Any multipliers give a bound; larger ones would give a poor one."""
+"""Lower bound of denominators of multipliers, relative to the length of arm and goal. A denominator vanishes if p and a
+are parallel, or if the tip is at the ball or at its goal. Any multipliers give a bound, but larger ones would give a
+poor one."""
 
 
 class Shoulder(NamedTuple):
-    """An arm on a ball joint, and what is asked of it."""
+    """An arm on a ball joint, and its goal."""
 
     invariants: Array
-    """``|p|²``, ``p·a``, and with the first axis ``p·e``, ``a·e``, each as a sum of products, a factor a joint: one, its
-    cosine or its sine; (2 or 4, 3ⁿ), the last joint's fastest."""
+    """``|p|²``, ``p·a``, and with the first axis ``p·e``, ``a·e``, each as a sum of products. A product has one factor
+    for each joint: one, its cosine or its sine; (2 or 4, 3ⁿ), with the last joint's index fastest."""
     goal: Array
-    """g and b, (2, 3): in their plane; with the first axis, which is the third axis then, turned about it."""
+    """g and b, (2, 3). They are in their plane, or with the first axis, which is then the third axis, rotated about it."""
     plane: Array
-    """g and b in their plane, g along the first axis of it, (2, 3)."""
+    """g and b in their plane, with g along its first axis, (2, 3)."""
     weight_p: float
     """K_P, per [m]."""
     weight_a: float
-    """K_A; 0 where no column counts."""
+    """K_A; 0 if no column counts."""
     size: float
-    """Lengths of arm and goal, added up, plus one [m]."""
+    """Sum of the lengths of arm and goal, plus one [m]."""
     margin: float
-    """For rounding [m]."""
+    """Margin for rounding [m]."""
     margin_a: float
-    """For rounding of directions."""
+    """Margin for rounding of directions."""
     trust: float
-    """1; tests shrink all bounds by it, and must notice."""
+    """1; the tests of this package reduce it, which shrinks all bounds, and must detect that."""
     rounding: float
-    """What a factor of a product is off by, relative to the largest value of its sum."""
+    """Error of a factor of a product, relative to the largest value of its sum."""
 
 
 SHOULDER = Bundle(
@@ -79,16 +81,16 @@ SHOULDER = Bundle(
 def stand(
     shoulder: Shoulder, goal: Array, s: float, u: float, height: float, lean: float, place: Array
 ) -> float:
-    """Turn tip and column about the third axis so that they are nearest to the goal; write them, and return the error.
+    """Rotate tip and column about the third axis as near to the goal as possible; write them, and return the error.
 
     Args:
-        shoulder: The arm on its ball, and what is asked.
+        shoulder: The arm on its ball, and its goal.
         goal: g and b, (2, 3).
         s: ``|p|²`` [m²].
         u: ``p·a`` [m].
-        height: The tip's along the axis [m]; 0 where both are turned in the plane of the goal.
-        lean: The column's part along the axis.
-        place: (2, 3), written.
+        height: Component of the tip along the axis [m]; 0 if both are rotated in the plane of the goal.
+        lean: Component of the column along the axis.
+        place: Receives tip and column, (2, 3).
     """
     K_P, K_A = shoulder.weight_p, shoulder.weight_a
     radius, wide = math.sqrt(max(s - height * height, 0.0)), math.sqrt(max(1.0 - lean * lean, 0.0))
@@ -119,10 +121,11 @@ def stand(
 
 @inlined
 def multiply(shoulder: Shoulder, goal: Array, place: Array, upright: bool, by: Array) -> None:
-    """Write the multipliers that say how the error grows with the invariants where tip and column are in their place.
+    """Write the multipliers that describe how the error grows with the invariants at the given tip and column.
 
-    There ``K_P y = 2 λ z + μ α + η e`` holds, y the direction of the miss, and ``K_A b + μ z + θ e`` is along α; both as
-    nearly as can be. Without the first axis (`upright`) η and θ are 0.
+    They satisfy ``K_P y = 2 λ z + μ α + η e``, where y is the direction of the position error, and make
+    ``K_A b + μ z + θ e`` parallel to α, both as nearly as possible. Without the first axis (`upright` False) η and θ are
+    0.
     """
     K_P, K_A, small = shoulder.weight_p, shoulder.weight_a, FLAT * shoulder.size
     z0, z1, z2 = place[0, 0], place[0, 1], place[0, 2]
@@ -151,9 +154,9 @@ def multiply(shoulder: Shoulder, goal: Array, place: Array, upright: bool, by: A
 
 @inlined
 def dual_value(shoulder: Shoulder, reach: float, terms: Array, by: Array) -> float:
-    """A lower bound of the error where the invariants are the first of their terms, if the tip is within `reach` [m].
+    """A lower bound of the error if the invariants equal their first terms and the tip is within `reach` [m].
 
-    Any multipliers give one, and any m > 0, their last.
+    Any multipliers give a bound, and so does any m > 0, their last entry.
     """
     K_P, K_A, goal = shoulder.weight_p, shoulder.weight_a, shoulder.goal
     mu, m = by[1], by[4]
@@ -179,7 +182,7 @@ def dual_value(shoulder: Shoulder, reach: float, terms: Array, by: Array) -> flo
 
 @inlined
 def promised(shoulder: Shoulder, reach: float, sheet: Sheet, by: Array) -> float:
-    """The bound that multipliers give in the box if each joint moved alone."""
+    """The bound in the box that multipliers would give if each joint moved alone."""
     terms, ends = sheet.terms, sheet.ends
     kinds, stride = len(terms) - 1, terms.shape[1]
     value = dual_value(shoulder, reach, terms, by)
@@ -195,7 +198,7 @@ def promised(shoulder: Shoulder, reach: float, sheet: Sheet, by: Array) -> float
 
 @inlined
 def improve_multipliers(shoulder: Shoulder, reach: float, enough: float, sheet: Sheet) -> None:
-    """Look for multipliers that promise more, one after the other, up and down."""
+    """Look for multipliers with a larger such bound, one after the other, up and down."""
     by, trial, before, steps = sheet.by, sheet.trial, sheet.before, sheet.steps
     kinds, size, K_P, K_A = len(sheet.terms) - 1, shoulder.size, shoulder.weight_p, shoulder.weight_a
     best = promised(shoulder, reach, sheet, by)
@@ -216,7 +219,7 @@ def improve_multipliers(shoulder: Shoulder, reach: float, enough: float, sheet: 
             for _side in range(2):
                 if k < 4:
                     trial[k] = by[k] + steps[k]
-                else:  # Up and down by a factor; exp would ask for a newer glibc.
+                else:  # Up and down by a factor; exp would require a newer glibc.
                     trial[k] = by[k] * (1.0 + steps[k]) if steps[k] > 0.0 else by[k] / (1.0 - steps[k])
                 value = promised(shoulder, reach, sheet, trial)
                 if value > best:
@@ -245,7 +248,7 @@ def improve_multipliers(shoulder: Shoulder, reach: float, enough: float, sheet: 
 
 @inlined
 def take_better(shoulder: Shoulder, reach: float, sheet: Sheet, given: Array, best: float) -> float:
-    """Take other multipliers if they promise more than the best so far."""
+    """Use other multipliers if their bound exceeds the best so far."""
     value: float = promised(shoulder, reach, sheet, given)
     if value <= best:
         return best

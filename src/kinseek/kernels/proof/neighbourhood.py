@@ -1,4 +1,4 @@
-"""How far around an answer there is no other: Krawczyk's operator with the Taylor polynomial, see `isolation`."""
+"""Radius around a solution without another solution: Krawczyk's operator with Taylor polynomials, see `root_isolation`."""
 
 from __future__ import annotations
 
@@ -14,48 +14,48 @@ from .box import LEAST, BoxScratch, Form, ProofGoal, load_box, make_box_scratch,
 from .taylor import derivatives, differentiate, normal_matrix, rests, solve
 
 LARGEST, SMALLEST = 0.5, 1e-7
-"""Half width of the widest joint of a neighbourhood [rad] or [m], tried from the largest down.
+"""Half width of the widest joint of a neighbourhood [rad] or [m]; sizes are tried from the largest down.
 
-Of 76 answers of six arms more than half have one as wide as the largest, and the narrowest is 0.007. Margins hold up to the
-largest, see `contract`; much below the smallest no box has to be looked at. By trial.
+More than half of 76 solutions of six arms have one as wide as the largest, and the narrowest is 0.007. Margins are valid
+up to the largest, see `contract`. Much below the smallest no boxes are left to examine. Not examined further.
 """
 
 SHRINK, ROUNDS = 0.7, 4
-"""Each size is such a part of the one before, and so many shapes of it are tried, each the geometric mean of the last one
-and of what κ makes of it. By trial: they are tried once an answer, beside thousands of boxes."""
+"""Ratio of consecutive sizes, and number of shapes tried for each size. Each shape is the geometric mean of the last one
+and its κ. They are tried once per solution, next to thousands of boxes. Not examined further."""
 
 HOLDS = 0.999
-"""κ(ρ) < ρ counts where it holds by a thousandth: far more than rounding, and little enough to lose no neighbourhood."""
+"""κ(ρ) < ρ must hold with a margin of a thousandth: far more than rounding, and small enough to lose no neighbourhood."""
 
 REPEATS = 60
-"""How often κ is applied to its own result. What comes of it is a bound after any number; by trial, more make it no
-smaller."""
+"""Number of times that κ is applied to its own result, which is a bound after any number. More make it no smaller. Not
+examined further."""
 
 REGULAR = 1e-13
-"""Added to the diagonal of the normal matrix, as a part of its trace: the inverse stays finite where the arm is singular,
-and elsewhere keeps twelve digits. The inequality holds whatever the inverse is; twice as much moves κ's thirteenth
-digit."""
+"""Added to the diagonal of the normal matrix, as a fraction of its trace. The inverse stays finite at singularities, and
+elsewhere keeps twelve digits. The inequality holds for any inverse; twice the value changes the thirteenth digit of κ."""
 
 
 ASKEW, TURNED = 0.1, 1.4
-"""An answer may miss the goal's columns by so much at the centre, together, and the joints may turn hand and goal by so much
-[rad] from there on: that leaves less than 90°, see `kernels.paths.tube`."""
+"""Largest error of all columns of a solution at the centre, and largest rotation of hand and goal by the joints from
+there [rad]. Together they stay below 90°, see `kernels.paths.tube`."""
 
 REGULARLY, OFF = 1e-5, 1e-12
-"""M is made of the Jacobian as seen from halfway, which is off the hand's own by what the centre misses, and by rounding,
-OFF at most. That, times the inverse of the normal matrix and its trace, times how much wider one joint of the neighbourhood
-is than another, may be so much: then MJ is off by less than a thousandth, which `HOLDS` leaves."""
+"""M is computed from the Jacobian as seen from halfway. It differs from the hand's own Jacobian by the error at the
+centre, and by rounding, at most OFF. REGULARLY bounds this difference, times the inverse of the normal matrix and its
+trace, times the ratio of the widths of two joints of the neighbourhood. The error of MJ is then less than a
+thousandth, which `HOLDS` allows."""
 
 
 class Expansion(NamedTuple):
-    """``M f`` at a centre, row by row, one a joint variable."""
+    """``M f`` at a centre, one row for each joint variable."""
 
     value: Array
     """``|M f(c)|``, (n,)."""
     point: Array
-    """Length of M's part for the point, (n,)."""
+    """Norm of the part of M for the point, (n,)."""
     column: Array
-    """Length of M's part for the columns, (n,)."""
+    """Norm of the part of M for the columns, (n,)."""
     slope: Array
     """``|1 - MJ|``, (n, n)."""
     bend: Array
@@ -65,9 +65,9 @@ class Expansion(NamedTuple):
     reach: Array
     """κ(ρ), (n,)."""
     rows: Array
-    """M of the columns and of the point, as in a pose, (n, 3, 4)."""
+    """M for the columns and the point, laid out as a pose, (n, 3, 4)."""
     gain: Array
-    """Largest entry of the inverse of the normal matrix, times its trace; how far the centre misses the goal, (2,)."""
+    """Largest entry of the inverse of the normal matrix, times its trace; and the error of the hand at the centre, (2,)."""
 
 
 @array_view
@@ -88,7 +88,7 @@ def make_expansion(dof: int) -> Expansion:
 
 @inlined
 def expand(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, around: Expansion) -> None:
-    """Invert the Jacobian at the centre, and write down what the inverse makes of the hand's polynomial."""
+    """Invert the Jacobian at the centre, and write the products of the inverse with the hand's polynomial."""
     m, dof, T, goal, columns = len(form.leader), len(scratch.c), scratch.T, scratch.goal, form.columns
     place(form, scratch)
     turn_goal(form, proof_goal, scratch)
@@ -102,7 +102,7 @@ def expand(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, around: Expan
         trace = 0.0
         for i in range(dof):
             trace += scratch.N[i, i]
-        for i in range(dof):  # Whatever M is, the inequality holds; this keeps it finite.
+        for i in range(dof):  # The inequality holds for any M; this keeps it finite.
             scratch.delta[i], scratch.D[i] = 0.0, REGULAR * trace + LEAST
         scratch.delta[row] = 1.0
         solve(scratch.N, scratch.D, scratch.delta)
@@ -146,7 +146,7 @@ def expand(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, around: Expan
 
 @inlined
 def contract(form: Form, proof_goal: ProofGoal, scratch: BoxScratch, around: Expansion) -> None:
-    """Write κ(ρ) of ρ = ``around.half``. Margins stand beside the tolerances: they cover rounding for ρ up to `LARGEST`."""
+    """Write κ(ρ) for ρ = ``around.half``; margins beside the tolerances cover rounding for ρ up to `LARGEST`."""
     dof = len(scratch.c)
     for k in range(len(form.leader)):
         scratch.half[k] = abs(form.multiplier[k]) * around.half[form.leader[k]]
@@ -169,8 +169,8 @@ def contractions(form: Form, proof_goal: ProofGoal, boxes: Array) -> Array:
     """κ of boxes around their centres, (k, dof); for tests.
 
     Args:
-        form: The part of the arm that the boxes are about.
-        proof_goal: What is asked of it.
+        form: The part of the arm that the boxes describe.
+        proof_goal: The goal of the hand.
         boxes: (k, 2 dof): centres and half widths.
     """
     dof = boxes.shape[1] // 2
@@ -192,11 +192,12 @@ def contractions(form: Form, proof_goal: ProofGoal, boxes: Array) -> Array:
 
 @inlined
 def has_solution(form: Form, scratch: BoxScratch, around: Expansion, radius: Array, distance: Array) -> bool:
-    """Has a neighbourhood, beside a fixed point of N, a solution there? With as many joints as the goal has constraints.
+    """Return True if a fixed point of N in a neighbourhood is a solution.
 
-    M f = 0 there. M is all but the inverse of a regular matrix times the hand's Jacobian, turned over. With the very product
-    the inequality holds as well, see `REGULARLY`, and a fixed point of that has M f = 0. So no force is left, nor a torque;
-    and hand and goal, turned by less than 90° from the hand at the centre, are the same. See `kernels.paths.tube`.
+    The arm must have as many joints as the goal has constraints. M f = 0 at a fixed point. M is nearly the product of the
+    inverse of a regular matrix and the transposed Jacobian of the hand. The inequality also holds for the exact product,
+    see `REGULARLY`, and a fixed point of that has M f = 0. Force and torque are therefore zero. Hand and goal, rotated by
+    less than 90° from the hand at the centre, are then equal. See `kernels.paths.tube`.
     """
     dof, columns = len(scratch.c), form.columns
     turned = 0.0
@@ -219,15 +220,15 @@ def neighbourhood(
     """Look for a large ρ with κ(ρ) < ρ around the scratch memory's centre.
 
     Args:
-        form: The part of the arm that the boxes are about.
-        proof_goal: What is asked of it.
-        scratch: Memory; its centre counts.
-        around: Memory.
-        radius: ρ, (n,), is written here.
-        distance: What remains of ρ when κ has been applied again and again, (n,), is written here.
+        form: The part of the arm that the boxes describe.
+        proof_goal: The goal of the hand.
+        scratch: Scratch memory, with the centre.
+        around: Scratch memory.
+        radius: Receives ρ, (n,).
+        distance: Receives the bound after repeated application of κ, (n,).
 
     Returns:
-        Is there one? And does exactly one joint vector in it reach the goal exactly?
+        True if there is one; and True if exactly one joint vector in it reaches the goal exactly.
     """
     dof = len(scratch.c)
     expand(form, proof_goal, scratch, around)
@@ -235,7 +236,8 @@ def neighbourhood(
         around.half[i] = 1.0
     best, size = 0.0, LARGEST
     while size > SMALLEST and best == 0.0:
-        for _ in range(ROUNDS):  # Wide where the polynomial bends much: then the whole shrinks evenly.
+        # Wide where the polynomial has large second derivatives: all joints then shrink evenly.
+        for _ in range(ROUNDS):
             top = LEAST
             for i in range(dof):
                 top = max(top, around.half[i])

@@ -1,8 +1,8 @@
-"""Sums of products of the joints' cosines and sines: how far they rise in a box.
+"""Upper bounds of sums of products of the joints' cosines and sines in a box.
 
-With ``1 - cos δ`` and ``sin δ`` about the middle of a box the ranges of all products are known: exact along each joint
-alone, of second order where two joints meet. To second order they are a quadratic form in the sines, and where that is
-convex, what it rises by is known but for terms of third order.
+The ranges of all products of ``1 - cos δ`` and ``sin δ`` about the middle of a box are known: exact for each joint alone,
+and of second order for pairs of joints. To second order the sum is a quadratic form in the sines. If that is convex, the
+increase is known up to terms of third order.
 """
 
 from __future__ import annotations
@@ -18,49 +18,49 @@ from kinseek.kernels.jit import array_view, inlined
 from .form import OF_SQUARES
 
 STEEP = 1.2
-"""A joint of a box that is wider [rad] has no part in the quadratic form: its sine may fall again."""
+"""A joint with a larger half width [rad] is left out of the quadratic form, because its sine may decrease again."""
 
 SWEEPS = 8
-"""Rounds in which the least place of a quadratic form is looked for, one joint after the other; any place gives a bound."""
+"""Rounds of coordinate descent to the minimum of a quadratic form; any point gives a bound."""
 
 OF_FORMS = 64.0 * 2.0**-53
 """Rounding of a quadratic form of five variables and of its slopes, relative to its parts: four sums of eight products."""
 
 OF_SUMS = 512.0 * 2.0**-53
-"""Rounding of a sum of all products, 243 at most, relative to the sum of their magnitudes."""
+"""Rounding of a sum of all products, at most 243, relative to the sum of their magnitudes."""
 
 
 class Sheet(NamedTuple):
-    """Memory to bound one box."""
+    """Scratch memory to bound one box."""
 
     terms: Array
-    """The invariants about the middle of the box, and at last their sum with multipliers, turned over, (kinds + 1, 3ⁿ)."""
+    """The invariants about the middle of the box, and last their sum with negated multipliers, (kinds + 1, 3ⁿ)."""
     ranges: Array
     """(3ⁿ,)"""
     share: Array
-    """What every joint has to do with what the bound loses in the box, (n,)."""
+    """Share of each joint in the loss of the bound in the box, (n,)."""
     other: Array
     """The same with other multipliers, (n,)."""
     ends: Array
     """Half width, cosine and sine of every joint's half width, (n, 3)."""
     place: Array
-    """Tip and column where the ball turns them best, (2, 3)."""
+    """Tip and column for the best rotation of the ball, (2, 3)."""
     by: Array
     """Multipliers of the invariants, and m, (5,)."""
     trial: Array
-    """Others, (5,)."""
+    """Trial multipliers, (5,)."""
     upright: Array
-    """Those that tell of the first axis, too, (5,)."""
+    """Multipliers that include the first axis, (5,)."""
     before: Array
-    """What they were a round ago, (5,)."""
+    """Multipliers before the current round, (5,)."""
     steps: Array
-    """How far each of them is changed, (5,)."""
+    """Step of each multiplier, (5,)."""
     Q: Array
     """A quadratic form, (n, n)."""
     S: Array
-    """What is left of it, (n, n)."""
+    """The remaining part of it, (n, n)."""
     x: Array
-    """Joints left, slopes, what makes the form convex, and a place in the box, (4, n)."""
+    """Remaining joints, slopes, the additions that make the form convex, and a point in the box, (4, n)."""
 
 
 @array_view
@@ -104,7 +104,7 @@ def recentre(given: Array, c: Array, out: Array) -> None:
 
 @inlined
 def spread_of(h: Array, ranges: Array) -> None:
-    """Write what the products of ``1, 1 - cos δ, sin δ`` are in a box at most, (3ⁿ,); below zero stands for either sign."""
+    """Write the largest products of ``1, 1 - cos δ, sin δ`` in a box, (3ⁿ,); negative values stand for either sign."""
     count = 1
     ranges[0] = 1.0
     for i in range(len(h)):
@@ -116,19 +116,19 @@ def spread_of(h: Array, ranges: Array) -> None:
             ranges[3 * t] = value
         count *= 3
     stride = len(ranges)
-    for _ in range(len(h)):  # Those of one joint alone are looked at together.
+    for _ in range(len(h)):  # Products of one joint alone are treated together elsewhere.
         stride //= 3
         ranges[stride] = ranges[2 * stride] = 0.0
 
 
 @inlined
 def most_above(terms: Array, sheet: Sheet, share: Array) -> float:
-    """How far a sum of products rises above its middle in the box, at most; and how much of that every joint has a share in.
+    """Upper bound of the increase of a sum of products above its middle in the box; writes the share of each joint.
 
     Args:
         terms: From `recentre`, (3ⁿ,).
         sheet: With the ends of the box and the ranges of products in it.
-        share: (n,), written.
+        share: Receives the shares, (n,).
     """
     n, alone, stride, ends = len(share), 0.0, len(terms), sheet.ends
     for i in range(n):
@@ -153,11 +153,11 @@ def most_above(terms: Array, sheet: Sheet, share: Array) -> float:
 
 @inlined
 def most_curved(terms: Array, sheet: Sheet) -> float:
-    """What may stand in the place of the joints alone where they are taken in pairs, to second order.
+    """Alternative to the bound of each joint alone, with pairs of joints to second order.
 
-    With ``x = sin δ`` the products of two sines are a quadratic form, and ``x²/2 ≤ 1 - cos δ ≤ x²/(1 + cos h)``. So what
-    falls is at least ``b·x + ½ xᵀQx``, and where that is convex its least value in the box is known from its slope at any
-    place in it. What makes it convex is added and, at its largest, taken off again.
+    With ``x = sin δ`` the products of two sines are a quadratic form, and ``x²/2 ≤ 1 - cos δ ≤ x²/(1 + cos h)``. The
+    decrease is therefore at least ``b·x + ½ xᵀQx``. If this is convex, the slope at any point gives its minimum in the
+    box. What is added to make it convex is subtracted again at its largest value.
     """
     n, ends, Q, b, y = len(sheet.ends), sheet.ends, sheet.Q, sheet.x[1], sheet.x[3]
     total, size, stride = 0.0, 0.0, len(terms)
@@ -179,7 +179,7 @@ def most_curved(terms: Array, sheet: Sheet) -> float:
             Q[i, j] = Q[j, i] = 0.0
             if half <= STEEP and ends[j, 0] <= STEEP:
                 Q[i, j] = Q[j, i] = -terms[2 * (stride + beyond)] * ends[i, 2] * ends[j, 2]
-                total -= abs(Q[i, j])  # It is counted among the products.
+                total -= abs(Q[i, j])  # It is included in the products.
                 size += abs(Q[i, j])
     for i in range(n):
         y[i] = 0.0
@@ -204,9 +204,9 @@ def most_curved(terms: Array, sheet: Sheet) -> float:
 
 @inlined
 def bend(sheet: Sheet) -> float:
-    """Make a quadratic form convex, by what is added to its diagonal; how much that is at most where no |x| is above 1.
+    """Make a quadratic form convex by additions to its diagonal; return their largest effect for |x| ≤ 1.
 
-    Squares are completed, and at the best place to stop what is left is made diagonally dominant.
+    Squares are completed, and at the best point to stop the rest is made diagonally dominant.
     """
     Q, S, added, left = sheet.Q, sheet.S, sheet.x[2], sheet.x[0]
     n, least, noise, before = len(Q), np.inf, 0.0, 0.0
@@ -246,7 +246,7 @@ def bend(sheet: Sheet) -> float:
 
 @inlined
 def lacking(S: Array, left: Array, i: int) -> float:
-    """What a row of a quadratic form lacks to be dominated by its diagonal."""
+    """Amount by which a row of a quadratic form falls short of diagonal dominance."""
     total = -S[i, i]
     for j in range(len(S)):
         if j != i and left[j] != 0.0:
@@ -256,7 +256,7 @@ def lacking(S: Array, left: Array, i: int) -> float:
 
 @inlined
 def rise(even: float, odd: float, wide: float, cosine: float, sine: float) -> float:
-    """The most that ``even (1 - cos δ) + odd sin δ`` is for |δ| ≤ wide, odd ≥ 0."""
-    if wide >= math.pi or even * sine + odd * cosine < 0.0:  # The highest place of all lies inside.
+    """Maximum of ``even (1 - cos δ) + odd sin δ`` for |δ| ≤ wide, odd ≥ 0."""
+    if wide >= math.pi or even * sine + odd * cosine < 0.0:  # The global maximum is inside.
         return even + math.sqrt(even * even + odd * odd)
     return even * (1.0 - cosine) + odd * sine

@@ -1,4 +1,4 @@
-"""What a search by boxes is asked and told, and what it counts."""
+"""Requests, results and counts of a search by boxes."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ from .box import FORM, PROOF_GOAL, Form, ProofGoal
 from .last_joint import ROLL, LastJoint
 
 EXCLUDE, ENCLOSE, ISOLATE = 0, 1, 2
-"""What is asked of boxes: one answer, or that there is none; the least weighted error; all answers."""
+"""Kinds of search: for one solution or a proof that there is none; for the smallest weighted error; for all solutions."""
 
 ENDED, FOUND, STOPPED, FULL = 0, 1, 2, 3
-"""No box is left; an answer was found; as many boxes as were asked for have been examined; there is no room for more."""
+"""Results: no box is left; a solution was found; the requested number of boxes has been examined; there is no room for
+more."""
 
 TRIAL = 4
-"""Inside the loop: here are joint values to be judged."""
+"""Inside the loop: joint values are ready to be judged."""
 
 GONE, AGAIN, OPEN = 0, 1, 2
-"""What a look at a box says: nothing in it counts; it shrank so much that it is worth another look; it has to be cut."""
+"""Verdicts on a box: nothing in it counts; it shrank so much that another look is worthwhile; it has to be cut."""
 
-# What a search counts.
+# Indices into the counts of a search.
 COUNT = 0
 """Boxes that are left."""
 SEEN = 1
@@ -30,66 +31,66 @@ SEEN = 1
 KEPT = 2
 """Boxes cut in half."""
 USED = 3
-"""Rows that have held a box, where the best box comes first: those of boxes that are done are taken again."""
+"""Rows that have held a box, if the best box comes first; rows of finished boxes are reused."""
 LEFT = 4
-"""Boxes given up: too narrow to be cut, or passed over near an answer without a neighbourhood."""
+"""Boxes given up: too narrow to be cut, or skipped near a solution without a neighbourhood."""
 GIVEN = 5
-"""Answers given that have been looked at."""
+"""Given solutions that have been examined."""
 KNOWN = 6
-"""Answers that are no others' neighbours."""
+"""Solutions that are not in the neighbourhood of another."""
 COUNTS = 7
-"""So many counts."""
+"""Number of counts."""
 
-# What a search knows.
+# Indices into the figures of a search.
 UPPER = 0
-"""Weighted error of the best joint values seen."""
+"""Weighted error of the best joint values found."""
 CEILING = 1
-"""What the bound of a box must stay below to count, where the best box comes first."""
+"""Upper limit of the bound of relevant boxes, if the best box comes first."""
 STUCK = 2
 """Widest box that was given up as too narrow, [rad] or [m]."""
 FLOOR = 3
-"""Least bound of the boxes given up as too narrow."""
+"""Smallest bound of the boxes given up as too narrow."""
 FIGURES = 4
-"""So many figures."""
+"""Number of figures."""
 
 
 class Question(NamedTuple):
-    """What is asked, of which arm."""
+    """The goal and the arm of a search."""
 
     form: Form
-    """The part of the arm that the boxes are about."""
+    """The part of the arm that the boxes describe."""
     proof_goal: ProofGoal
-    """What is asked of it."""
+    """The goal of the hand."""
     roll: LastJoint
-    """The last joint, where it is divided out."""
+    """The last joint, if it is divided out."""
     chain: ChainArrays
     """The whole arm, to judge joint values by plain forward kinematics."""
     goal: GoalArrays
-    """The goal as it was asked."""
+    """The goal as the user gave it."""
 
 
 QUESTION = Bundle(Question, form=FORM, proof_goal=PROOF_GOAL, roll=ROLL, chain=CHAIN, goal=GOAL)
 
 
 class Tuning(NamedTuple):
-    """How hard a search tries, and how near is near enough."""
+    """Effort and precision of a search."""
 
     spread: float
-    """Boxes that turn the hand by less [rad] are looked at to second order."""
+    """Boxes that rotate the hand by less than this [rad] are tested to second order."""
     shrink: float
-    """Those that this leaves less of than such a part of their volume are looked at again."""
+    """A box is examined again if less than this fraction of its volume is left."""
     passes: int
-    """Forms tried on each of them, where the tolerances decide."""
+    """Number of forms tried on each of them, if the tolerances are tested."""
     often: int
-    """Every so many boxes that are cut, steps from the middle of one look for an answer."""
+    """After this number of cut boxes, steps from the middle of one look for a solution."""
     steps: int
-    """So many."""
+    """Number of these steps."""
     position: float
     """Tolerance of the tip [m]."""
     orientation: float
-    """Tolerance of the hand's turn [rad]."""
+    """Tolerance of the hand's rotation [rad]."""
     gap: float
-    """Bounds are close enough where they differ by this part of the upper one."""
+    """Relative difference of the bounds at which they are close enough."""
 
 
 TUNING = Bundle(

@@ -1,16 +1,17 @@
-"""Neighbourhoods that hold one solution at most, and the search that proves that no answer lies outside of them.
+"""Neighbourhoods with at most one solution, and the proof that no solution lies outside them.
 
-Around a centre c, write ``f(c + δ) = f(c) + J δ + ½ δᵀHδ + rest`` of the hand's point and columns less the goal's, with the
-rest of `kernels.proof.bounds`, and let M be about a left inverse of J. Whatever meets the tolerances and lies within half
-widths ρ of c then has ``δ = M (f(c + δ) - f(c)) + (1 - MJ) δ - M (½ δᵀHδ + rest)``, so it is no farther from c than
+Around a centre c, write ``f(c + δ) = f(c) + J δ + ½ δᵀHδ + rest`` for the hand's point and columns minus the goal's, with
+the remainder of `kernels.proof.bounds`. Let M approximate a left inverse of J. Anything that meets the tolerances and
+lies within half widths ρ of c satisfies ``δ = M (f(c + δ) - f(c)) + (1 - MJ) δ - M (½ δᵀHδ + rest)``. Its distance from c
+is therefore at most
 
     κ(ρ) = |M f(c)| + |M| (tolerances + |rest(ρ)|) + |1 - MJ| ρ + ½ Σ |M H| ρ ρ        (joint by joint).
 
-Where κ(ρ) < ρ in every joint, all answers within ρ lie within κ(ρ), then within κ(κ(ρ)), and so on down to a distance that
-the tolerances allow. (Krawczyk 1969; Moore 1977, who uses interval derivatives in place of the Taylor polynomial.)
-At most one joint vector within ρ reaches the goal exactly, by the theorem of Collatz and Wielandt: docs/proof.md has the
-proof. Where `exists` says so there is one, by the argument of `kernels.paths.tube`.
-A box inside of such a neighbourhood needs no further look.
+If κ(ρ) < ρ in every joint, all solutions within ρ lie within κ(ρ), then within κ(κ(ρ)), and so on down to a distance that
+the tolerances allow. (Krawczyk 1969; Moore 1977, who uses interval derivatives in place of the Taylor polynomial.) At
+most one joint vector within ρ reaches the goal exactly, by the theorem of Collatz and Wielandt: docs/proof.md has the
+proof. If `exists` is True there is one, by the argument of `kernels.paths.tube`. A box inside such a neighbourhood needs
+no further examination.
 """
 
 from __future__ import annotations
@@ -27,30 +28,30 @@ from .neighbourhood import Expansion, neighbourhood
 from .progress import GIVEN, KNOWN, SEEN
 
 BLIND = 0.05
-"""Half widths around an answer that has no neighbourhood, a singular one: not looked at, so that the rest can be.
-By trial."""
+"""Half widths around a solution without a neighbourhood, that is, a singular one. Boxes there are skipped, so that the
+rest can be examined. Not examined further."""
 
 MOST = 64
-"""Answers that a search may find beside those given; of two in one neighbourhood the second does not count."""
+"""Largest number of solutions that a search may find besides those given; a second one in a neighbourhood does not count."""
 
 OFTEN, STEPS = 4, 12
-"""Every so many boxes that are cut, so many steps from the middle of one look for an answer.
+"""After OFTEN cut boxes, STEPS steps from the middle of one look for a solution.
 
-More than in `exclusion`, which wants any one answer and mostly finds that there is none: here an answer that is found early
-spares all the boxes in its neighbourhood, and it must be met to the tolerance, not to be in the box.
-By trial twice or half of either changes the count of boxes by 0.2 % at most.
+These are more than in `infeasibility`, which looks for any one solution and mostly finds none. Here a solution that is
+found early saves all boxes in its neighbourhood, and it must meet the tolerances, not only lie in the box. Twice or half
+of either value changed the number of boxes by at most 0.2 %. Not examined further.
 """
 
 CENTRING = 3
-"""Steps from an answer to the centre of its neighbourhood: an answer is off by a tolerance, mostly 1e-6, and each step
-squares that. A better centre makes the neighbourhood no larger."""
+"""Steps from a solution to the centre of its neighbourhood. A solution has an error of a tolerance, mostly 1e-6, and each
+step squares it. A better centre makes the neighbourhood no larger."""
 
 
 @inlined
 def inside(scratch: BoxScratch, places: Places, begin: int, end: int, width: float) -> int:
-    """Number of the first neighbourhood, of those from `begin` to `end`, that holds the box in hand, or -1.
+    """Index of the first neighbourhood from `begin` to `end` that contains the current box, or -1.
 
-    Its half widths are taken times `width`: 0 asks for its centre alone.
+    Its half widths are multiplied by `width`; 0 tests its centre alone.
     """
     for k in range(begin, end):
         held = True
@@ -78,7 +79,7 @@ def admit(
     trial: Array,
     counts: Indices,
 ) -> None:
-    """Put a neighbourhood around an answer, (n,), unless it is in another's."""
+    """Create a neighbourhood around a solution, (n,), unless the solution is in another one."""
     dof, known = len(scratch.c), counts[KNOWN]
     for i in range(dof):
         scratch.c[i] = trial[i]
@@ -87,14 +88,14 @@ def admit(
     for i in range(len(trial)):
         places.q[known, i] = trial[i]
     places.number[known] = counts[GIVEN] - 1 if counts[SEEN] == 0 else -1
-    for _ in range(CENTRING):  # The centre may lie beyond a limit by what the tolerances allow.
+    for _ in range(CENTRING):  # The centre may be beyond a limit by what the tolerances allow.
         step(form, proof_goal, scratch)
         for i in range(dof):
             scratch.c[i] += scratch.delta[i]
     holds, exists = neighbourhood(
         form, proof_goal, scratch, around, places.radius[known], places.distance[known]
     )
-    if holds:  # The answer itself must lie in its neighbourhood: the steps may have led to another one.
+    if holds:  # The solution itself must lie in its neighbourhood: the steps may have led to another one.
         for i in range(dof):
             places.centre[known, i] = scratch.c[i]
             scratch.c[i] = trial[i]

@@ -1,16 +1,16 @@
-"""The one loop of all searches by boxes: take a box, bound and cut it, halve it, look for an answer in it.
+"""The common loop of all searches by boxes: take a box, bound and cut it, look for a solution in it, and halve it.
 
-Three searches run it: `exclusion` asks whether a goal can be reached, `isolation` whether it has further answers, and
-`enclosure` how near the arm can come. They differ in three places, where the loop asks which of them it is:
+Three searches run it: `infeasibility` tests whether a goal can be reached, `root_isolation` whether it has further
+solutions, and `branch_and_bound` how near the arm can come. They differ in three places:
 
-- *Which box comes next?* To ENCLOSE the one with the least bound, else the last one.
-- *What counts?* To ENCLOSE what may have a smaller error than the best joint values known, else what may meet the
-  tolerances; to ISOLATE nothing that lies in the neighbourhood of an answer.
-- *What becomes of joint values from the middle of a box?* To ENCLOSE they are judged by the weighted error, while the box is
-  looked at. Else they are judged by the tolerances: those that meet them end the search to EXCLUDE, and get a neighbourhood
-  to ISOLATE.
+- *Which box comes next?* For ENCLOSE the one with the smallest bound, else the last one.
+- *What counts?* For ENCLOSE anything that may have a smaller error than the best known joint values, else anything that
+  may meet the tolerances. For ISOLATE the neighbourhoods of solutions are excluded.
+- *What happens to joint values from the middle of a box?* For ENCLOSE they are judged by the weighted error while the box
+  is examined. Otherwise they are judged by the tolerances. Those that meet them end the search for EXCLUDE, and get a
+  neighbourhood for ISOLATE.
 
-What is compiled is one loop for all three: of three loops nearly everything would be the same.
+One loop is compiled for all three, because three loops would be nearly identical.
 """
 
 from __future__ import annotations
@@ -81,20 +81,20 @@ from .root_isolation import admit, inside
 def search_boxes(
     kind: int, question: Question, tuning: Tuning, memory: Memory, until: int, budget: int
 ) -> int:
-    """Go through boxes of joint values until none is left, or until something makes it come back.
+    """Process boxes of joint values until none is left, or until another condition ends the call.
 
-    It may be called again to go on where it stopped, and finds the same as if it had not stopped.
+    It may be called again to continue where it stopped, with the same result as without the stop.
 
     Args:
         kind: EXCLUDE, ENCLOSE or ISOLATE.
-        question: What is asked.
-        tuning: How hard to try.
-        memory: What is known by now, to be written.
-        until: Boxes that may have been examined by the end of this call, but for second looks at the last one.
-        budget: Boxes that may be examined in all.
+        question: The goal and the arm.
+        tuning: Effort and precision.
+        memory: State of the search, which is updated.
+        until: Number of boxes after which this call ends, not counting second looks at the last one.
+        budget: Largest number of boxes in total.
 
     Returns:
-        ENDED, FOUND, STOPPED or FULL; ENDED too where there is room for no more answers.
+        ENDED, FOUND, STOPPED or FULL; ENDED also if there is no room for more solutions.
     """
     work = make_node_scratch(len(question.form.leader), memory)
     return search(kind, question, tuning, memory, work, until, budget)
@@ -110,7 +110,10 @@ def search(
     until: int,
     budget: int,
 ) -> int:
-    """The same, apart from what makes memory: that counts references to arrays, and without it this is compiled faster."""
+    """Do the work of `search_boxes` without allocating memory.
+
+    Allocation counts references to arrays; without it this compiles faster.
+    """
     form, proof_goal, chain, goal = question.form, question.proof_goal, question.chain, question.goal
     places, q, counts, figures = memory.places, memory.q, memory.counts, memory.figures
     trial, T = work.trial, work.T
@@ -156,7 +159,7 @@ def next_trial(
     until: int,
     budget: int,
 ) -> int:
-    """Box after box, until steps from the middle of one lead to joint values worth a judgement; these go to `work`.
+    """Process boxes until steps from the middle of one lead to joint values worth judging, and write these to `work`.
 
     Returns:
         TRIAL; or ENDED, STOPPED or FULL.
@@ -188,7 +191,7 @@ def next_trial(
         if best_first:
             if below >= figures[CEILING]:
                 verdict = GONE
-        elif verdict == AGAIN:  # The budget is over.
+        elif verdict == AGAIN:  # The budget is used up.
             store_box(boxes, row, scratch)
             continue
         variable = 0
@@ -204,7 +207,7 @@ def next_trial(
             continue
         split(best_first, memory, scratch, row, variable, below)
         if not best_first:
-            # Wide tolerances may allow an answer in the middle, though no descent ends there.
+            # Wide tolerances may allow a solution in the middle, even if no descent ends there.
             steps = tuning.steps if spread < NEAR and counts[KEPT] % tuning.often == 0 else 0
             near = (
                 scratch.found[MISS_POINT] <= proof_goal.position
@@ -220,13 +223,14 @@ def next_trial(
 def look(
     kind: int, question: Question, tuning: Tuning, memory: Memory, work: SearchScratch, below: float
 ) -> tuple[int, float, float]:
-    """Look once at the box in hand, and cut off it what does not count.
+    """Examine the current box once, and cut off the parts that do not count.
 
     Returns:
-        GONE, AGAIN or OPEN; by how much the box turns the hand [rad]; a lower bound of the error in it, `below` or better.
+        GONE, AGAIN or OPEN; the rotation of the hand within the box [rad]; and a lower bound of the error in it, at least
+        `below`.
     """
     form, proof_goal, scratch = question.form, question.proof_goal, work.scratch
-    ceiling = memory.figures[CEILING] if kind == ENCLOSE else -1.0  # Negative: the tolerances decide.
+    ceiling = memory.figures[CEILING] if kind == ENCLOSE else -1.0  # Negative: the tolerances are tested.
     scratch.found[BELOW], scratch.found[MISS_POINT] = 0.0, np.inf
     place(form, scratch)
     widths(form, scratch)
@@ -251,7 +255,7 @@ def look(
 
 @inlined
 def drop(best_first: bool, memory: Memory, row: int) -> None:
-    """The box in hand is done with."""
+    """Remove the current box."""
     heap, counts = memory.heap, memory.counts
     counts[COUNT] -= 1
     if best_first:
@@ -264,7 +268,7 @@ def drop(best_first: bool, memory: Memory, row: int) -> None:
 def split(
     best_first: bool, memory: Memory, scratch: BoxScratch, row: int, variable: int, below: float
 ) -> None:
-    """Put the halves of the box in hand where it was and into another row."""
+    """Store the halves of the current box in its row and in another row."""
     heap, counts = memory.heap, memory.counts
     count = counts[COUNT]
     other = count

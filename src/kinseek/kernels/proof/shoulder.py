@@ -1,27 +1,28 @@
-"""The nearest pose of an arm whose first two joints could turn it anyhow: a lower bound, in the other joints alone.
+"""Lower bound of the error of an arm whose first two joints are replaced by a ball joint, in the other joints alone.
 
-Take the first two joints away, and let a ball joint stand on the second axis instead. Whatever the arm does, that does as
-well, so its least error is a lower bound. It is the error itself where an arm has a joint to spare and no limit of the first
-joints is in the way: then the others make up for what two joints cannot. A nearest pose of seven joints lies on a curve,
-the arm's self-motion, along which boxes of joint values line up; here most of that curve is divided out.
+Remove the first two joints, and put a ball joint on the second axis instead. It can make every motion that the arm can
+make, so its smallest error is a lower bound. It equals the error of the arm if the arm is redundant and no limit of the
+first joints is active: the other joints then compensate for what two joints cannot do. A nearest pose of seven joints
+lies on a curve, the self-motion of the arm, along which boxes of joint values accumulate. Here most of that curve is
+divided out.
 
-Let p be the tip as seen from the ball, a the column of the hand that counts, g and b what is wanted. How the ball turns
-does not matter to ``s = |p|²`` and ``u = p·a``, and these two are all that counts: wherever the ball brings the tip, to z,
-and the column, to α, ``s = |z|²`` and ``u = z·α``. So for any multipliers λ and μ (Lagrange's dual; Rockafellar 1970, §28)::
+Let p be the tip as seen from the ball, a the relevant column of the hand, and g and b their goals. The rotation of the
+ball does not change ``s = |p|²`` and ``u = p·a``, and only these two matter: if the ball moves the tip to z and the
+column to α, then ``s = |z|²`` and ``u = z·α``. For any multipliers λ and μ (Lagrange's dual; Rockafellar 1970, §28)::
 
     E ≥ λ s + μ u + least over z, |α| = 1 of  K_P |z - g| + K_A (1 - α·b) - λ |z|² - μ z·α.
 
-The least over α leaves ``-|K_A b + μ z|``, which is at least ``-(|K_A b + μ z|² + m²)/(2 m)`` for any m > 0. Then all but
-the first term is a polynomial in z, as bent one way as another, and the least over all z with ``|z - g| ≤ ceiling / K_P`` is
-known. So a bound is a few products; any multipliers give one, and those that say how the error grows with s and u mostly
-give the error itself.
+The minimum over α leaves ``-|K_A b + μ z|``, which is at least ``-(|K_A b + μ z|² + m²)/(2 m)`` for any m > 0. All but
+the first term is then a polynomial in z with the same curvature in all directions, and its minimum over all z with
+``|z - g| ≤ ceiling / K_P`` is known. A bound thus needs a few products. Any multipliers give one, and those that describe
+how the error grows with s and u mostly give the error itself.
 
-Where the axes do not meet, the ball stands on the first one alone, and the second joint is one of the others. Then a turn
-about the first axis, e, leaves ``p·e`` and ``a·e`` as they are, too. With multipliers η and θ for these two the bound is
-that of the arm itself, but for the limits of its first joint and for its mirror image; where both are 0, that of the ball.
+If the axes do not intersect, the ball is on the first one, and the second joint is one of the others. A rotation about
+the first axis, e, then also keeps ``p·e`` and ``a·e``. With multipliers η and θ for these two the bound is that of the
+arm itself, except for the limits of its first joint and for its mirror image. If both are 0, it is that of the ball.
 
-All of them are of first degree in the cosine and the sine of every joint, so their ranges in a box are known
-(`kernels.proof.products`). Which multipliers are good is another matter (`kernels.proof.multipliers`).
+All invariants are of first degree in the cosine and the sine of every joint, so their ranges in a box are known
+(`kernels.proof.products`). `kernels.proof.multipliers` finds good multipliers.
 """
 
 from __future__ import annotations
@@ -51,32 +52,33 @@ from .products import Sheet, make_sheet, most_above, recentre, spread_of
 from .progress import CEILING, COUNT, COUNTS, ENDED, FIGURES, FLOOR, FULL, SEEN, STOPPED, UPPER, USED
 
 AMPLE = 1.1
-"""Multipliers that promise so many times what is asked for are good enough: products of two joints take some of it off."""
+"""Multipliers are good enough if their single-joint bound is this multiple of the ceiling; products of two joints reduce
+it."""
 
 OF_PARTS = 64.0 * 2.0**-53
-"""Rounding of what the multipliers make of the goal, relative to its parts: some thirty operations."""
+"""Rounding of the products of multipliers and goal, relative to their parts: some thirty operations."""
 
 NARROW = 1e-7
-"""A box whose joint that counts most is narrower is not cut [rad]: bounds are as good there as they get."""
+"""A box is not cut if its most important joint is narrower than this [rad]: bounds do not improve further."""
 
 COARSE = 0.9
-"""Where the ball does better than is asked, its least error is enclosed to such a part of what was seen of it: that costs
-some hundred boxes, and is a lower bound still."""
+"""If the ball reaches a smaller error than the ceiling, its minimum is enclosed to this fraction of the smallest error
+found. That costs some hundred boxes and is still a lower bound."""
 
 
 @inlined
 def bound_ball(
     shoulder: Shoulder, ceiling: float, c: Array, h: Array, above: Array, sheet: Sheet
 ) -> tuple[float, float]:
-    """A lower bound of the weighted error in a box, and the error at its middle, with the ball wherever it may be.
+    """A lower bound of the weighted error in a box, and the error at its middle, over all rotations of the ball.
 
     Args:
-        shoulder: The arm on its ball, and what is asked.
-        ceiling: Errors from here on are all the same.
+        shoulder: The arm on its ball, and its goal.
+        ceiling: Errors above this are equivalent.
         c: Centre of the box, (n,) [rad].
         h: Its half widths, (n,) [rad].
-        above: Multipliers that may be good ones, (5,); m = 0: none.
-        sheet: Memory. It keeps the multipliers, and what every joint has to do with what the bound loses in the box.
+        above: Multipliers that may be good ones, (5,); m = 0 for none.
+        sheet: Scratch memory. It keeps the multipliers, and the share of every joint in the loss of the bound in the box.
     """
     terms, by, ends, kinds = sheet.terms, sheet.by, sheet.ends, len(shoulder.invariants)
     for k in range(kinds):
@@ -100,7 +102,8 @@ def bound_ball(
         improve_multipliers(shoulder, reach, AMPLE * ceiling, sheet)
         bound = max(bound, settled_bound(shoulder, reach, sheet, sheet.other))
         if ball < ceiling and kinds > 2:
-            # The ball alone would not do at the middle: what has to be narrower is what tells of the first axis.
+            # The ball alone would reach the ceiling at the middle, so the joints that matter for the first axis must
+            # become narrower.
             for k in range(5):
                 sheet.trial[k], by[k] = by[k], sheet.upright[k]
             settled_bound(shoulder, reach, sheet, sheet.share)
@@ -114,7 +117,7 @@ def bound_ball(
 
 @inlined
 def settled_bound(shoulder: Shoulder, reach: float, sheet: Sheet, share: Array) -> float:
-    """The bound that the multipliers give in the box; `share`, (n,), becomes what each joint has to do with its loss."""
+    """The bound that the multipliers give in the box; `share`, (n,), receives the share of each joint in its loss."""
     terms, by, kinds = sheet.terms, sheet.by, len(shoulder.invariants)
     bound = dual_value(shoulder, reach, terms, by)
     for t in range(terms.shape[1]):
@@ -127,7 +130,7 @@ def settled_bound(shoulder: Shoulder, reach: float, sheet: Sheet, share: Array) 
     bound -= K_P * shoulder.margin + 2.0 * K_A * shoulder.margin_a
     parts = K_A + abs(by[1]) * size + abs(by[3])
     lengths = (abs(by[0]) * size + 2.0 * abs(by[1]) + 2.0 * abs(by[2]) + K_P) * size
-    # Every factor of a product may be off; the products are no larger than these together.
+    # Every factor of a product may have an error; the products are no larger than this product.
     widest = 1.0
     for i in range(len(share)):
         wide, cosine, sine = sheet.ends[i, 0], sheet.ends[i, 1], sheet.ends[i, 2]
@@ -150,18 +153,18 @@ def settled_bound(shoulder: Shoulder, reach: float, sheet: Sheet, share: Array) 
 def enclose_ball(
     shoulder: Shoulder, boxes: Array, heap: Heap, counts: Indices, figures: Array, until: int
 ) -> int:
-    """Bound the least weighted error of the arm on its ball, the box with the least bound first.
+    """Bound the smallest weighted error of the arm on its ball; the box with the smallest bound comes first.
 
-    It may be called again to go on where it stopped, and finds the same as if it had not stopped.
+    It may be called again to continue where it stopped, with the same result as without the stop.
 
     Args:
-        shoulder: The arm on its ball, and what is asked.
-        boxes: Centres, half widths, the joint to be cut and multipliers, (room, 2 n + 6); the first COUNT rows are there.
+        shoulder: The arm on its ball, and its goal.
+        boxes: Centres, half widths, the joint to be cut and multipliers, (room, 2 n + 6); the first COUNT rows are given.
         heap: Their bounds and order.
-        counts: COUNT and following, (COUNTS,).
-        figures: CEILING is what a box must stay below to count, and falls where the ball does better; FLOOR becomes the
-            bound that holds by now; UPPER the least error seen. (FIGURES,)
-        until: Boxes that may have been bounded by the end of this call.
+        counts: COUNT and the following constants, (COUNTS,).
+        figures: CEILING is the upper limit for the bound of relevant boxes, and decreases if the ball does better. FLOOR
+            receives the current bound, UPPER the smallest error found. (FIGURES,)
+        until: Number of bounded boxes after which this call ends.
 
     Returns:
         ENDED, STOPPED or FULL.
@@ -199,7 +202,7 @@ def enclose_ball(
                 figures[UPPER] = error
                 if error < figures[CEILING]:
                     figures[CEILING] = COARSE * error
-            bound = max(below, bound)  # In this order NaN says nothing.
+            bound = max(below, bound)  # In this order NaN has no effect.
             if bound >= figures[CEILING]:
                 continue
             count = counts[COUNT]

@@ -1,7 +1,8 @@
-"""What the hand misses, and how the joints change it, as seen from halfway along the arm.
+"""The error of the hand and its derivatives with respect to the joints, as seen from halfway along the arm.
 
-The miss is as long as seen from any frame. From one in the middle the joints behind it move the hand, those before it move
-the goal, backwards; so every Taylor polynomial has its rest in two halves, each about eight times smaller than the whole.
+The norm of the error is the same in any frame. In a frame in the middle the distal joints move the hand, and the proximal
+ones move the goal backwards. Every Taylor polynomial then has its remainder in two halves, each about eight times smaller
+than the whole.
 """
 
 from __future__ import annotations
@@ -16,17 +17,20 @@ from kinseek.kernels.jit import inlined
 from .box import TINY, BoxScratch, Form, ProofGoal
 
 NOISE = 1e-14
-"""What rounding makes of a pivot that should be zero, relative to its diagonal element: some fifty last digits, for sums of
-ten products and more. Twice as much changes no step but those that are all but noise."""
+"""Rounding error of a pivot that should be zero, relative to its diagonal element: some fifty last digits, for sums of
+ten products and more. Twice the value changes only steps that are nearly noise."""
 
 ABOVE = 1.0 + 1e-12
-"""The diagonal is raised by so much more than asked, that rounding never leaves less. Twice as much moves a step by a
-1e-12th."""
+"""Factor by which the diagonal is raised further than requested, so that rounding never leaves less. Twice the excess
+changes a step by a 1e-12th."""
 
 
 @inlined
 def halfway(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> int:
-    """The joint from which on the hand is moved, and before which the goal: where the rests of third order are least."""
+    """Index of the joint that divides the arm halfway.
+
+    It and the distal joints move the hand, and the proximal ones the goal. It minimises the third-order remainders.
+    """
     m, T, goal = len(form.leader), scratch.T, scratch.goal
     counts = proof_goal.length if form.columns > 0 else 0.0
     for k in range(m):
@@ -58,7 +62,7 @@ def halfway(form: Form, proof_goal: ProofGoal, scratch: BoxScratch) -> int:
 
 @inlined
 def differentiate(form: Form, scratch: BoxScratch, middle: int, columns: int) -> None:
-    """Write down how the joints move what the hand misses, as seen halfway: those before `middle` move the goal instead."""
+    """Compute the derivatives of the error as seen from halfway: joints before `middle` move the goal instead."""
     T, goal = scratch.T, scratch.goal
     for k in range(len(form.leader)):
         seen = goal if k < middle else T
@@ -101,9 +105,10 @@ def radii_behind(form: Form, scratch: BoxScratch, middle: int, back: float) -> N
 
 @inlined
 def rests(form: Form, scratch: BoxScratch, radii: Array, middle: int) -> tuple[float, float, float, float]:
-    """Rests of the Taylor polynomials of degrees one and two: of the point, the columns, the point, the columns.
+    """Remainders of the Taylor polynomials of degrees one and two: of the point, the columns, the point, the columns.
 
-    Of the hand from joint `middle` on outwards, of the goal from there back to the base. The radii are those of the point.
+    They are those of the hand from joint `middle` outwards, and of the goal from there back to the base. The radii are
+    those of the point.
     """
     m, spread, two_p, two_c, three_p, three_c = len(form.leader), 0.0, 0.0, 0.0, 0.0, 0.0
     for index in range(m):
@@ -129,7 +134,7 @@ def rests(form: Form, scratch: BoxScratch, radii: Array, middle: int) -> tuple[f
 
 @inlined
 def normal_matrix(form: Form, scratch: BoxScratch, weight_p: float, weight_c: float, columns: int) -> None:
-    """Write ``JᵀWJ`` of the point and the columns into N, lower half."""
+    """Write ``JᵀWJ`` of the point and the columns into N, lower triangle."""
     m, dof = len(form.leader), len(scratch.c)
     for i in range(dof):
         for j in range(dof):
@@ -150,7 +155,7 @@ def normal_matrix(form: Form, scratch: BoxScratch, weight_p: float, weight_c: fl
 
 @inlined
 def step_miss(form: Form, scratch: BoxScratch, columns: int) -> None:
-    """Write what the hand misses after the step in ``scratch.delta``, to first order, into ``scratch.y``."""
+    """Write the error of the hand after the step in ``scratch.delta``, to first order, into ``scratch.y``."""
     for r in range(3):
         scratch.y[r, 3] = scratch.T[r, 3] - scratch.goal[r, 3]
         for i in range(columns):
@@ -188,7 +193,7 @@ def slope(form: Form, scratch: BoxScratch, columns: int, out: Array) -> None:
 
 @inlined
 def downhill(form: Form, scratch: BoxScratch, weight_p: float, weight_c: float, columns: int) -> None:
-    """Write ``-JᵀWf`` of what the hand misses into ``scratch.delta``."""
+    """Write ``-JᵀWf`` for the error of the hand into ``scratch.delta``."""
     for i in range(len(scratch.delta)):
         scratch.delta[i] = 0.0
     step_miss(form, scratch, columns)
@@ -198,9 +203,10 @@ def downhill(form: Form, scratch: BoxScratch, weight_p: float, weight_c: float, 
 
 @inlined
 def solve(N: Array, D: Array, x: Array) -> None:
-    """Solve ``(N + diag D) x = b`` in place by LDLᵀ, N given by its lower half.
+    """Solve ``(N + diag D) x = b`` in place by LDLᵀ, with N given by its lower triangle.
 
-    A pivot below rounding is noise, of either sign: it is raised to that, else a step along it has no end.
+    A pivot below rounding is noise of either sign. It is raised to the rounding level; otherwise a step along it would be
+    unbounded.
     """
     dof = len(x)
     for j in range(dof):
@@ -228,11 +234,12 @@ def solve(N: Array, D: Array, x: Array) -> None:
 
 @inlined
 def derivatives(form: Form, scratch: BoxScratch, middle: int, columns: int) -> None:
-    """First and second derivatives of ``y·f`` by the variables, at the centre, as seen halfway.
+    """First and second derivatives of ``y·f`` with respect to the variables at the centre, as seen from halfway.
 
-    For joints l ≤ k behind `middle` ``∂²/∂q_l∂q_k = z_l·u_k``, with ``u_k = (Σ c y_cᵀ + v_k y_pᵀ) z_k - (Σ c·y_c + v_k·y_p)
-    z_k`` and v_k from axis k to the point. Before it the goal moves, backwards: the same of the goal's point and columns,
-    with a minus and k ≤ l. One joint before and one behind do not meet.
+    For joints l ≤ k distal to `middle` ``∂²/∂q_l∂q_k = z_l·u_k``, with
+    ``u_k = (Σ c y_cᵀ + v_k y_pᵀ) z_k - (Σ c·y_c + v_k·y_p) z_k`` and v_k from axis k to the point. Proximal to it the
+    goal moves backwards: the same holds for the goal's point and columns, with a minus and k ≤ l. Mixed derivatives of
+    one proximal and one distal joint are zero.
     """
     m, dof, y = len(form.leader), len(scratch.c), scratch.y
     for i in range(dof):

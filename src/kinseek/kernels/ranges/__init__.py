@@ -1,1 +1,1 @@
-"""Goals with free axes and ranges: the steps and the search of the atlas for them."""
+"""Goals with free axes and ranges: their steps, and their search in the atlas."""

@@ -1,9 +1,9 @@
-"""From the atlas to an answer for a goal with free axes and ranges.
+"""Search from the atlas for a solution of a goal with free axes and ranges.
 
-The search is that of whole poses, see `kernels.atlas.one_goal`; what differs is called by address: its step, in `steps`,
-where its starts come from, and who judges. Starts are looked up at poses spread over the ranges. What they do not solve
-gets a second, deeper lookup and low-discrepancy restarts; what is then still missed gets the best pose found, polished under
-the goal's weights.
+The search is that of whole poses, see `kernels.atlas.one_goal`. Routines that differ are called by address: the step, in
+`steps`, the choice of starts, and the judgement. Starts are looked up at poses spread over the ranges. Goals that these
+do not solve get a second, deeper look-up and low-discrepancy restarts. Goals that are still missed get the best pose
+found, polished under the goal's weights.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def range_starts_routine(
 ) -> int:
     """See `one_goal.fill_from_ranges`.
 
-    No sample of the `most` nearest is used twice: where the ranges are narrow, the next nearest stands in.
+    None of the `most` nearest samples is used twice: if the ranges are narrow, the next nearest is used instead.
     """
     task = task_of(handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES))
     dof, joints = len(task.lower), len(task.chain.leader)
@@ -109,7 +109,10 @@ def range_judge_routine(
 def range_ending_routine(
     handle_address: int, tolerances_address: int, memory_address: int, target_address: int, w: int
 ) -> int:
-    """As `ending_routine` for a goal with ranges: the reweighted steps alone, for Newton's method knows only poses."""
+    """Do the same as `ending_routine` for a goal with ranges.
+
+    Only the reweighted steps are made, because Newton's method is implemented for poses only.
+    """
     handle, tolerances = handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES)
     task = task_of(handle, tolerances)
     dof, joints = len(task.lower), len(task.chain.leader)
@@ -148,15 +151,15 @@ def solve_ranged(
     begin: int,
     w: int,
 ) -> None:
-    """Answer goals with ranges, one after the other.
+    """Solve goals with ranges, one after the other.
 
     Args:
         handle: The task, see `task.with_ranges`.
         tolerances: See `task_of`; the first of the K_A counts.
         questions: See `range_error.FRAME`, (k, QUESTION).
-        poses: Where to look starts up, (k, POSES, 3, 4), the first of each goal the most promising.
-        near: Of each goal, joint values that continuous joints are turned towards, (k, n).
-        close: Shall answers be the nearest to `near` of all that are found?
+        poses: Poses at which starts are looked up, (k, POSES, 3, 4), the most promising of each goal first.
+        near: Reference joint values of each goal, to which continuous joints are moved by full turns, (k, n).
+        close: True to choose the solution nearest to `near` of all that are found.
         results: Receives joint values, position error [m], orientation error [rad], weighted error and FK evaluations
             from row `begin` on, (…, n + 4).
         begin: Row of the first goal.
@@ -168,7 +171,7 @@ def solve_ranged(
     job, ranges = Job(handle, tolerances, memory), make_range_scratch(memory.ctypes.data, dof, joints)
     address, width = results.ctypes.data, dof + EVALUATIONS + 1
     for i in range(len(questions)):
-        # Nothing of one goal is left for the next: the same bits whatever else is in the batch.
+        # The memory is cleared between goals, so that results do not depend on the rest of the batch, bit by bit.
         for k in range(len(memory)):
             memory[k] = 0.0
         for k in range(QUESTION):

@@ -1,10 +1,10 @@
-"""Goals with free axes and ranges: steps that look only at what sticks out.
+"""Steps for goals with free axes and ranges, which use only the part of the deviation outside the ranges.
 
-The deviation of a pose from the wanted one has six components in a frame, see `kinseek.goal.Goal`. A component outside its
-range has a row in the Jacobian and the way to the range as residual; one inside has neither, so the step is free to move
-it. With D the rotation that deviates, seen in the frame, and w = log D, a turn ω of the hand changes w by ``J_l(w)⁻¹ ω``
-with ``J_l⁻¹ = I - [w]/2 + (1/θ² - cot(θ/2)/2θ) [w]²`` the inverse of SO(3)'s left Jacobian (Solà, Deray and Atchuthan 2018,
-Sec. 4): so the rows are exact however far the turn is.
+The deviation of a pose from the target has six components in a frame, see `kinseek.goal.Goal`. A component outside its
+range has a row in the Jacobian, and its distance to the range as residual. A component inside has neither, so the step is
+free to move it. Let D be the rotation of the deviation in the frame and w = log D. A rotation ω of the hand changes w by
+``J_l(w)⁻¹ ω``, with the inverse of SO(3)'s left Jacobian ``J_l⁻¹ = I - [w]/2 + (1/θ² - cot(θ/2)/2θ) [w]²`` (Solà, Deray
+and Atchuthan 2018, Sec. 4). The rows are therefore exact for rotations of any size.
 """
 
 from __future__ import annotations
@@ -44,33 +44,33 @@ POSES = 32
 """Poses of the ranges at which starts are looked up."""
 
 WRAP = 0.5
-"""Turns that lack no more than this of π [rad] may be nearer to a range the other way round."""
+"""Rotations at most this short of π [rad] may be nearer to a range the other way round."""
 
 INSIDE = 1e-3
-"""A step leads no farther into a range than this [m or rad], however wide the range and the tolerance are."""
+"""Largest distance that a step leads into a range [m or rad], for any width of the range and any tolerance."""
 
 HOLD = 0.02
-"""Every other lane keeps the row of a component this close to the end of its range, relative to the range: it holds
-what it has reached while it mends the rest."""
+"""Every other lane keeps the row of a component that is this close to the end of its range, relative to the range. It
+keeps what it has reached while it improves the other components."""
 
 NEARLY_STRAIGHT = 1e-6
-"""Squared angle [rad²] below which the curve of log is its value at 0, 1/12, for there its formula cancels: the next term
-is a sixtieth of that square."""
+"""Squared angle [rad²] below which the coefficient of [w]² in J_l⁻¹ is its value at 0, 1/12, because its formula cancels
+there. Relative to that value, the next term is a sixtieth of the squared angle."""
 
 
 class RangeScratch(NamedTuple):
-    """Memory of a goal with ranges, behind the scratch memory of its call."""
+    """Memory of a goal with ranges, after the scratch memory of its call."""
 
     question: Array
     """The goal, see `range_error.FRAME`, (QUESTION,)."""
     poses: Array
-    """Where starts are looked up, (3, 4) each, one below the other, (3 · POSES, 4)."""
+    """Poses at which starts are looked up, (3, 4) each, one below the other, (3 · POSES, 4)."""
     used: Indices
-    """Sample taken at each pose, the first time and the second; -1 for none, (2 · POSES,)."""
+    """Sample used at each pose in the first and in the second look-up; -1 for none, (2 · POSES,)."""
     rows: Array
-    """Two matrices (3, 3) a lane: row r of lane l is element ``r · LANES + l``, (18 · LANES,)."""
+    """Two matrices (3, 3) for each lane: row r of lane l is element ``r · LANES + l``, (18 · LANES,)."""
     out: Array
-    """Deviation of the pose that is looked at, (6,)."""
+    """Deviation of the current pose, (6,)."""
     work: Array
     """See `deviation`, (27,)."""
 
@@ -84,7 +84,7 @@ LAYOUT = Layout(
     out=floats(6),
     work=floats(27),
 )
-"""Where it stands in memory."""
+"""Layout in memory."""
 
 
 range_scratch_size, lay_range_scratch = LAYOUT.size, LAYOUT.make
@@ -92,16 +92,16 @@ range_scratch_size, lay_range_scratch = LAYOUT.size, LAYOUT.make
 
 @array_view
 def make_range_scratch(memory_address: int, dof: int, joints: int) -> RangeScratch:
-    """Lay it out behind the scratch memory, in a memory of `scratch_size` and `range_scratch_size` numbers."""
+    """Create the views after the scratch memory, in a memory of `scratch_size` and `range_scratch_size` numbers."""
     ranges: RangeScratch = lay_range_scratch(memory_address + 8 * scratch_size(dof, joints), dof, joints)
     return ranges
 
 
 @inlined
 def way_in(value: float, low: float, high: float, tolerance: float, hold: bool) -> tuple[float, float]:
-    """The way from a value into its range, and whether it has a row, 1 or 0.
+    """Distance from a value into its range, and 1 if the component has a row, else 0.
 
-    It leads a little past the end, by a tolerance at most, so that rounding does not leave the answer outside.
+    It leads slightly past the end, by at most a tolerance, so that rounding does not leave the solution outside.
     """
     width = high - low
     margin = min(0.25 * width, tolerance, INSIDE)
@@ -115,10 +115,10 @@ def way_in(value: float, low: float, high: float, tolerance: float, hold: bool) 
 
 @inlined
 def past_the_half_turn(out: Array, question: Array) -> None:
-    """Write the rotation vector in out[3:6], where it is long, as the turn the other way round if that is nearer.
+    """Replace a long rotation vector in out[3:6] by that of the rotation the other way round if it is nearer to the range.
 
-    A rotation a little more than π about an axis has a rotation vector that points the other way: far from a range that
-    ends at 3 rad, though the hand is close to it. So the way to such a range is measured past π.
+    A rotation of slightly more than π about an axis has a rotation vector in the opposite direction. It is far from a
+    range that ends at 3 rad, although the hand is close to it. The distance to such a range is therefore measured past π.
     """
     angle = math.sqrt(out[3] * out[3] + out[4] * out[4] + out[5] * out[5])
     if angle < math.pi - WRAP:
@@ -137,7 +137,7 @@ def past_the_half_turn(out: Array, question: Array) -> None:
 
 @inlined
 def rows_of(task: Task, scratch: Scratch, ranges: RangeScratch, l: int) -> None:
-    """Residual, errors and rows of lane l at its pose."""
+    """Compute residual, errors and rows of lane l at its pose."""
     W, question, lanes, rows, out, work = (
         LANES,
         ranges.question,

@@ -1,1 +1,1 @@
-"""Closed forms of arms whose axes meet or run parallel."""
+"""Closed forms of arms with intersecting or parallel axes."""

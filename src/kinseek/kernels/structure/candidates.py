@@ -1,19 +1,22 @@
-"""All answers of an arm whose axes meet or run parallel, in closed form: one in each SIMD lane.
+"""Closed-form solutions of arms with intersecting or parallel axes, one candidate in each SIMD lane.
 
-The arm is a product of turns about the axes as they stand at q = 0, ``T = E₁(q₁) … E₆(q₆) T₀`` (Brockett 1984), so that
-``D = T T₀⁻¹`` is what they make together. A joint that is decided by a quadratic equation has two answers, and three of
-them decide everything: a lane takes the one or the other of each by its three signs. An arm that has the structure at its
-other end is taken backwards: ``D⁻¹ = E₆(-q₆) … E₁(-q₁)``.
+The arm is a product of rotations about the axes as they stand at q = 0, ``T = E₁(q₁) … E₆(q₆) T₀`` (Brockett 1984). The
+displacement ``D = T T₀⁻¹`` is the product of these rotations. A joint that a quadratic equation determines has two
+solutions. There are three such equations, and the three signs of a lane choose one solution of each. An arm that has the
+structure at its distal end is solved backwards: ``D⁻¹ = E₆(-q₆) … E₁(-q₁)``.
 
-Axes 2 and 3 run parallel to h, and a point x is moved by neither of the last axes: with ``c = D x`` what E₁⁻¹ c has along h
-is what x has, for turns about h leave it, and that decides q₁. Then there is a triangle in the plane across h.
+Axes 2 and 3 are parallel to h, and the last axes do not move a point x. Let ``c = D x``. Rotations about h keep the
+component along h, so E₁⁻¹ c and x have the same component along h. This equation determines q₁. The rest is a triangle in
+the plane normal to h.
 
-- A wrist whose three axes meet in x (Pieper 1968): the triangle decides q₂ and q₃, and the orientation that is left
-  decides the wrist.
-- Axis 4 parallel as well, axes 5 and 6 meet in x: the orientation of h decides q₅ and q₆, the triangle the rest.
+- A wrist whose three axes intersect in x (Pieper 1968): the triangle determines q₂ and q₃, and the remaining orientation
+  determines the wrist.
+- Axis 4 is parallel as well, and axes 5 and 6 intersect in x: the orientation of h determines q₅ and q₆, and the triangle
+  determines the other joints.
 
-Where such a wrist stands behind axes 1 and 2 that meet, its distance from where they do decides q₃, and the direction q₂
-and q₁. An arm with a seventh joint in front has all this for each value of that joint, see `swept_joint`.
+If such a wrist is distal to axes 1 and 2 that intersect, its distance from their intersection determines q₃, and its
+direction determines q₂ and q₁. An arm with a seventh, swept joint has these solutions for each value of that joint, see
+`swept_joint`.
 """
 
 from __future__ import annotations
@@ -27,113 +30,115 @@ from kinseek.kernels.jit import inlined
 from .subproblems import angle, cross, dot, rotate, solve_trig, unit_angle
 
 NONE, WRIST, PARALLEL, MEETING = range(4)
-"""Kinds: no closed form, a spherical wrist behind two parallel axes, three parallel axes before two that meet, a spherical
-wrist behind an axis behind two that meet."""
+"""Kinds: no closed form; a spherical wrist distal to two parallel axes; three parallel axes proximal to two that
+intersect; and a spherical wrist distal to one axis that follows two intersecting axes."""
 
 
 KIND, BACKWARD, DEVIATION, SIZE = range(4)
-"""Places in the numbers of a structure: its kind; 1 for an arm that is taken backwards, else 0; how far the arm is from
-having it [rad], lengths in parts of its size; that size [m]."""
+"""Indices into a structure: its kind; 1 for an arm that is solved backwards, else 0; the deviation of the arm from the
+structure [rad], with lengths divided by its size; and that size [m]."""
 
 
 SENSE = 4
-"""From here on 1 or -1 for axes 2, 3 and 4: do they turn the way of h?"""
+"""First of three entries for axes 2, 3 and 4: 1 if the axis has the direction of h, -1 if it has the opposite direction."""
 
 
 HOME = 7
-"""From here on T₀⁻¹, (3, 4) row by row; of an arm taken backwards T₀."""
+"""First entry of T₀⁻¹, (3, 4) in row-major order. An arm that is solved backwards has T₀ here."""
 
 
 H1, P1, H, E, X, H4, H5, H6, A6, P2, P3, P4 = range(HOME + 12, HOME + 12 + 3 * 12, 3)
-"""Where vectors begin: directions of axes 1, 4, 5 and 6, and h of those that are parallel; E and A6, across h and axis 6;
-the point x; and a point on each of the first axes."""
+"""First entries of vectors: the directions of axes 1, 4, 5 and 6, and h, the common direction of parallel axes; E normal
+to h and A6 normal to axis 6; the point x; and a point on each of the first axes."""
 
 
 H2, H3 = H, E
-"""Of `MEETING`, directions of axes 2 and 3; P1 is then where axes 1 and 2 meet."""
+"""Directions of axes 2 and 3 for `MEETING`. P1 is then the intersection of axes 1 and 2."""
 
 
 SWEPT, SLIDES = P4 + 3, P4 + 4
-"""How many values are tried of a joint in front of the structure, 0 if there is none; and 1 if that joint slides."""
+"""The number of values that are tried of the swept joint, 0 if there is no such joint; and 1 if that joint is prismatic."""
 
 
 HS, PS, AS = range(P4 + 5, P4 + 5 + 3 * 3, 3)
-"""Where vectors of that joint begin: its direction, a point on it, and one across it."""
+"""First entries of vectors of the swept joint: its direction, a point on it, and a normal to it."""
 
 
 SWEPT_VALUES = AS + 3
-"""From here on what is tried of it, see `swept_joint`: how far it leads [rad] or [m]."""
+"""First entry of the offsets that are tried, relative to the direction of the target [rad] or [m], see `swept_joint`."""
 
 
 VALUES = 8
-"""How many these are at most."""
+"""Largest number of offsets."""
 
 
 NUMBERS = SWEPT_VALUES + VALUES
-"""Numbers of a structure."""
+"""Length of a structure."""
 
 
 ROUNDING = 1e-9
-"""Deviation up to which an arm has its structure exactly: rounding of doubles in its description, and no more."""
+"""Deviation up to which an arm has its structure exactly: it covers the rounding of doubles in its description only."""
 
 
 LOOSE = 1e-5
-"""Tolerances [m] and [rad] up to which the closed form tells all: with looser ones answers are regions, of which it knows
-nothing."""
+"""Tolerances [m] and [rad] up to which the closed form is complete. With looser ones the solutions form regions, which
+the closed form does not describe."""
 
 
 INFEASIBLE, BESIDE = 0.02, 1e-3
-"""A candidate is tried if no equation lacks more, and if it lies no farther beyond a limit [rad]; farther where the arm is
-off its structure, and where the tolerances reach farther."""
+"""A candidate is tried if its infeasibility is at most the first value, and if it lies at most the second beyond a limit
+[rad]. Both grow with the deviation of the arm from its structure, and with the tolerances."""
 
 
 CLEAR = 1e-6
-"""Where every equation is farther from having one answer, its two answers are told apart."""
+"""The two solutions of the equations are distinct if every radicand is larger than this, see `ROOTS`."""
 
 
 FREE = 2e-4
-"""An angle is left to choose where less than this decides it: there answers are continua, within the tolerances."""
+"""Conditioning below which an angle is undetermined. The solutions are then continua, within the tolerances."""
 
 
 SPREAD = 10.0
-"""An arm that is off its structure by so much has equations that are off by so many times as much."""
+"""Factor from the deviation of the arm from its structure to the error of its equations."""
 
 
 INFEASIBILITY, CONDITIONING, DISCRIMINANT, DUPLICATE = range(6, 10)
-"""Rows behind the six angles of a lane: by how much the worst of its equations has no answer, 0 where all have; how close
-any angle is to being left to choose, 0 where it is; how close any equation is to having one answer, less where it decides
-little; and 1 for a lane that is another once more, for they differ where both answers are one."""
+"""Rows after the six angles of a lane. The largest infeasibility of its equations, 0 where all have a solution. The
+smallest conditioning of its angles, 0 where one is undetermined. The smallest absolute radicand of its equations,
+reduced where an equation is poorly conditioned. And 1 for a duplicate: a lane whose solution coincides with that of
+another lane."""
 
 
 MIDDLE, AXIS = 10, 13
-"""Rows of what is left of the orientation behind the first three joints: where axis 6 and A6 point, 3 each."""
+"""Rows of the orientation that remains after the first three joints: the directions of axis 6 and of A6, 3 each."""
 
 
 ROOTS, LEFT = MIDDLE, 3
-"""When the candidates are there, what each of their three equations has under its root stands from row ROOTS on: unlike
-what is told as lack it is smooth in what is given, and less than 0 where there is no answer. Before that, of the equations
-of the first three joints it stands from row LEFT on, where angles of the wrist come to stand."""
+"""ROOTS is the first row of the radicands of the three quadratic equations, once the candidates are complete. A radicand
+is negative where its equation has no solution. Unlike `INFEASIBILITY` it varies smoothly with the target. Until the
+wrist is solved, rows from LEFT on hold the radicands of the first three joints; angles of the wrist replace them
+later."""
 
 
 ROWS = 16
-"""Rows of numbers that the lanes work on."""
+"""Number of rows that the lanes work on."""
 
 
 GIVEN = AXIS
-"""Row of the value of a joint in front, when the candidates are there."""
+"""Row of the value of the swept joint, once the candidates are complete."""
 
 
 SIGNS = ROWS
-"""From this row on the signs of the lanes, three rows."""
+"""First of the three rows of signs."""
 
 
 WORK = (SIGNS + 3) * LANES
-"""Numbers of all these."""
+"""Length of the work array: all these rows."""
 
 
 @inlined
 def set_signs(work: Array) -> None:
-    """Give the lanes their signs."""
+    """Set the three signs of each lane."""
     for l in range(LANES):
         for k in range(3):
             work[(SIGNS + k) * LANES + l] = 1.0 - 2.0 * ((l >> k) & 1)
@@ -141,7 +146,7 @@ def set_signs(work: Array) -> None:
 
 @inlined
 def displacement(structure: Array, target: Array, D: Array) -> None:
-    """Write what the axes make together, or its inverse for an arm that is taken backwards, into D, (3, 4)."""
+    """Write the displacement D, (3, 4), or its inverse for an arm that is solved backwards."""
     if structure[BACKWARD] > 0.0:
         for r in range(3):
             p = structure[HOME + 4 * r + 3]
@@ -163,7 +168,7 @@ def displacement(structure: Array, target: Array, D: Array) -> None:
 
 @inlined
 def row_of(structure: Array, i: int, dof: int) -> int:
-    """Row of joint i among the candidates of an arm with so many."""
+    """Row of joint i among the candidates of an arm with `dof` joints."""
     place = dof - 1 - i if structure[BACKWARD] > 0.0 else i
     if structure[SWEPT] > 0.0:
         place = place - 1 if place > 0 else GIVEN
@@ -172,21 +177,21 @@ def row_of(structure: Array, i: int, dof: int) -> int:
 
 @inlined
 def joint_of(structure: Array, row: int, dof: int) -> int:
-    """Joint whose angles stand in a row, see `row_of`."""
+    """Joint whose angles are in a row, see `row_of`."""
     place = row + 1 if structure[SWEPT] > 0.0 else row
     return dof - 1 - place if structure[BACKWARD] > 0.0 else place
 
 
 @inlined
 def candidates(structure: Array, D: Array, far: float, work: Array, w: int) -> None:
-    """Write the angles of eight candidates and what is told of them into work.
+    """Write the angles of eight candidates and their diagnostics into work.
 
-    The angles of an arm that is taken backwards come from its last joint to its first.
+    The angles of an arm that is solved backwards are in order from its last joint to its first.
 
     Args:
         structure: See `KIND`, (NUMBERS,).
         D: See `displacement`, (3, 4).
-        far: Where an equation lacks more than that, those behind it tell nothing.
+        far: Infeasibility beyond which the equations that depend on the infeasible one are ignored in the diagnostics.
         work: See `INFEASIBILITY`, (WORK,).
         w: LANES.
     """
@@ -203,7 +208,7 @@ def candidates(structure: Array, D: Array, far: float, work: Array, w: int) -> N
 
 @inlined
 def parallel_pair(structure: Array, D: Array, far: float, work: Array, w: int) -> None:
-    """Decide the first three joints of which the last two are parallel, by where the wrist is."""
+    """Solve the first three joints, the last two of them parallel, from the position of the wrist."""
     W, S, size = LANES, structure, 1.0 / structure[SIZE]
     ax, ay, az, px, py, pz = S[H1], S[H1 + 1], S[H1 + 2], S[P1], S[P1 + 1], S[P1 + 2]
     hx, hy, hz, ex, ey, ez = S[H], S[H + 1], S[H + 2], S[E], S[E + 1], S[E + 2]
@@ -219,7 +224,7 @@ def parallel_pair(structure: Array, D: Array, far: float, work: Array, w: int) -
     a = dot(hx, hy, hz, ux, uy, uz) - along * height
     b = dot(nx, ny, nz, ux, uy, uz)
     c = dot(hx, hy, hz, xx - px, xy - py, xz - pz) - along * height
-    # Sides of the triangle, in the plane across h.
+    # Sides of the triangle, in the plane normal to h.
     sx, sy, sz = S[P3] - S[P2], S[P3 + 1] - S[P2 + 1], S[P3 + 2] - S[P2 + 2]
     mx, my, mz = xx - S[P3], xy - S[P3 + 1], xz - S[P3 + 2]
     l0, l1 = dot(ex, ey, ez, sx, sy, sz), dot(fx, fy, fz, sx, sy, sz)
@@ -227,7 +232,8 @@ def parallel_pair(structure: Array, D: Array, far: float, work: Array, w: int) -
     sides = l0 * l0 + l1 * l1 + m0 * m0 + m1 * m1
     ta, tb = l0 * m0 + l1 * m1, l1 * m0 - l0 * m1
     ox, oy, oz = px - S[P2], py - S[P2 + 1], pz - S[P2 + 2]
-    # What is to be turned back for the wrist: where the last axis and one across it point.
+    # Directions of the last axis and of its normal, from which the rotations of the first joints are removed for the
+    # wrist.
     zx, zy, zz = rotated(D, S, H6)
     vx, vy, vz = rotated(D, S, A6)
     sense2, sense3 = S[SENSE], S[SENSE + 1]
@@ -265,7 +271,7 @@ def parallel_pair(structure: Array, D: Array, far: float, work: Array, w: int) -
 
 @inlined
 def meeting_pair(structure: Array, D: Array, far: float, work: Array, w: int) -> None:
-    """Decide the first three joints of which the first two meet, by where the wrist is."""
+    """Solve the first three joints, the first two of them intersecting, from the position of the wrist."""
     W, S, size = LANES, structure, 1.0 / structure[SIZE]
     ax, ay, az, bx, by, bz = S[H1], S[H1 + 1], S[H1 + 2], S[H2], S[H2 + 1], S[H2 + 2]
     hx, hy, hz, px, py, pz = S[H3], S[H3 + 1], S[H3 + 2], S[P1], S[P1 + 1], S[P1 + 2]
@@ -273,7 +279,8 @@ def meeting_pair(structure: Array, D: Array, far: float, work: Array, w: int) ->
     ux = dot(D[0, 0], D[0, 1], D[0, 2], xx, xy, xz) + D[0, 3] - px
     uy = dot(D[1, 0], D[1, 1], D[1, 2], xx, xy, xz) + D[1, 3] - py
     uz = dot(D[2, 0], D[2, 1], D[2, 2], xx, xy, xz) + D[2, 3] - pz
-    # |m + E₃ r| = |u|, as a cos + b sin + rest: from where axes 1 and 2 meet to axis 3, and from there to x.
+    # |m + E₃ r| = |u|, as a cos + b sin + rest. m leads from the intersection of axes 1 and 2 to axis 3, r from there to
+    # x.
     mx, my, mz = S[P3] - px, S[P3 + 1] - py, S[P3 + 2] - pz
     rx, ry, rz = xx - S[P3], xy - S[P3 + 1], xz - S[P3 + 2]
     along = dot(hx, hy, hz, mx, my, mz) * dot(hx, hy, hz, rx, ry, rz)
@@ -282,7 +289,7 @@ def meeting_pair(structure: Array, D: Array, far: float, work: Array, w: int) ->
     b = dot(mx, my, mz, nx, ny, nz)
     square = dot(ux, uy, uz, ux, uy, uz)
     c = 0.5 * (square - dot(mx, my, mz, mx, my, mz) - dot(rx, ry, rz, rx, ry, rz)) - along
-    # axis 1 · E₂ v is what u has along axis 1.
+    # axis 1 · E₂ v equals the component of u along axis 1.
     between = dot(ax, ay, az, bx, by, bz)
     kx, ky, kz = cross(ax, ay, az, bx, by, bz)
     height = dot(ax, ay, az, ux, uy, uz)
@@ -327,7 +334,7 @@ def meeting_pair(structure: Array, D: Array, far: float, work: Array, w: int) ->
 
 @inlined
 def rotated(D: Array, S: Array, first: int) -> tuple[float, float, float]:
-    """Turn a vector of a structure by D."""
+    """Rotate a vector of a structure by D."""
     x, y, z = S[first], S[first + 1], S[first + 2]
     return (
         D[0, 0] * x + D[0, 1] * y + D[0, 2] * z,
@@ -338,7 +345,7 @@ def rotated(D: Array, S: Array, first: int) -> tuple[float, float, float]:
 
 @inlined
 def wrist(structure: Array, far: float, work: Array, w: int) -> None:
-    """Decide the last three joints by what is left of the orientation."""
+    """Solve the last three joints from the remaining orientation."""
     W, S = LANES, structure
     ax, ay, az, bx, by, bz = S[H4], S[H4 + 1], S[H4 + 2], S[H5], S[H5 + 1], S[H5 + 2]
     zx, zy, zz, ex, ey, ez = S[H6], S[H6 + 1], S[H6 + 2], S[A6], S[A6 + 1], S[A6 + 2]
@@ -355,7 +362,7 @@ def wrist(structure: Array, far: float, work: Array, w: int) -> None:
         height = dot(ax, ay, az, qx, qy, qz)
         c5, s5, rest5, _ = solve_trig(a, b, height - along, three)
         rx, ry, rz = rotate(bx, by, bz, c5, s5, zx, zy, zz)
-        # E₄ takes r to q: both have the same height along axis 4.
+        # E₄ takes r to q: both have the same component along axis 4.
         nx, ny, nz = cross(rx, ry, rz, qx, qy, qz)
         flat = dot(rx, ry, rz, qx, qy, qz) - dot(ax, ay, az, rx, ry, rz) * height
         c4, s4, length4 = unit_angle(flat, dot(ax, ay, az, nx, ny, nz))
@@ -382,7 +389,7 @@ def wrist(structure: Array, far: float, work: Array, w: int) -> None:
 
 @inlined
 def parallel_three(structure: Array, D: Array, far: float, work: Array, w: int) -> None:
-    """Decide all joints of an arm whose axes 2, 3 and 4 are parallel, and whose axes 5 and 6 meet."""
+    """Solve all joints of an arm whose axes 2, 3 and 4 are parallel and whose axes 5 and 6 intersect."""
     W, S, size = LANES, structure, 1.0 / structure[SIZE]
     ax, ay, az, px, py, pz = S[H1], S[H1 + 1], S[H1 + 2], S[P1], S[P1 + 1], S[P1 + 2]
     hx, hy, hz, ex, ey, ez = S[H], S[H + 1], S[H + 2], S[E], S[E + 1], S[E + 2]
@@ -418,7 +425,7 @@ def parallel_three(structure: Array, D: Array, far: float, work: Array, w: int) 
     for l in range(w):
         one, two, three = work[SIGNS * W + l], work[(SIGNS + 1) * W + l], work[(SIGNS + 2) * W + l]
         c1, s1, rest1, length1 = solve_trig(a, b, c, one)
-        # h as E₁ leaves it, and what of it D and E₆ have to make h turned back by E₅.
+        # r is h rotated by E₁. E₅ is solved from the component along axis 6, and E₆ from the directions across it.
         rx, ry, rz = rotate(ax, ay, az, c1, s1, hx, hy, hz)
         c5, s5, rest5, _ = solve_trig(a5, b5, dot(rx, ry, rz, wx, wy, wz) - along5, three)
         gx, gy, gz = (
@@ -430,7 +437,7 @@ def parallel_three(structure: Array, D: Array, far: float, work: Array, w: int) 
         nx, ny, nz = cross(gx, gy, gz, vx, vy, vz)
         flat = dot(gx, gy, gz, vx, vy, vz) - dot(zx, zy, zz, gx, gy, gz) * dot(zx, zy, zz, vx, vy, vz)
         c6, s6, length6 = unit_angle(flat, dot(zx, zy, zz, nx, ny, nz))
-        # What E₂ E₃ E₄ make of e.
+        # The vector e rotated by E₂ E₃ E₄.
         vx, vy, vz = rotate(bx, by, bz, c5, -s5, ex, ey, ez)
         gx, gy, gz = rotate(zx, zy, zz, c6, -s6, vx, vy, vz)
         vx, vy, vz = (
@@ -440,7 +447,7 @@ def parallel_three(structure: Array, D: Array, far: float, work: Array, w: int) 
         )
         gx, gy, gz = rotate(ax, ay, az, c1, -s1, vx, vy, vz)
         all0, all1 = dot(ex, ey, ez, gx, gy, gz), dot(fx, fy, fz, gx, gy, gz)
-        # Where E₂ E₃ take the point on axis 4.
+        # The point on axis 4, as E₂ E₃ move it.
         vx, vy, vz = rotate(bx, by, bz, c5, -s5, tx, ty, tz)
         gx, gy, gz = rotate(zx, zy, zz, c6, -s6, vx, vy, vz)
         vx, vy, vz = (

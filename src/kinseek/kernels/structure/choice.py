@@ -1,4 +1,4 @@
-"""Which of some candidates comes first: the one nearest to where the answer is wanted."""
+"""Order the candidates of a closed form by their distance from the reference joint values."""
 
 from __future__ import annotations
 
@@ -37,22 +37,22 @@ from .candidates import (
 from .swept_joint import taken_off
 
 COST = MIDDLE
-"""Row of the squared distance of a candidate from where it is wanted, infinite if it is none; its first use is over by
+"""Row of the squared distance of a candidate from the reference, infinite if it is rejected. MIDDLE is no longer needed
 then."""
 
 
 EDGE = 1e-7
-"""Beyond a limit by no more than that [rad] is at it: rounding shall not turn a joint once round."""
+"""Distance [rad] beyond a limit that counts as at the limit, so that rounding does not add a full turn."""
 
 
 @inlined
 def place(task: Task, near: Array, close: bool, work: Array, w: int) -> None:
-    """Bring the candidates into the limits by full turns, and measure how far each is from where it is wanted.
+    """Move the candidates into the limits by full turns, and compute their distances from the reference.
 
     Args:
         task: The task.
-        near: Where the answer is wanted, (n,): with `close` where the arm is, else the middle of the ranges, from which
-            each joint is measured in half its range.
+        near: Reference joint values, (n,). With `close` they are the current ones, otherwise the middle of the ranges.
+            Distances from the middle are divided by half the range of each joint.
         close: See `near`.
         work: The candidates, see `candidates.INFEASIBILITY`, (WORK,).
         w: LANES.
@@ -62,7 +62,7 @@ def place(task: Task, near: Array, close: bool, work: Array, w: int) -> None:
     for l in range(w):
         lost = work[DUPLICATE * W + l] > 0.0 or work[INFEASIBILITY * W + l] > INFEASIBLE + off
         work[COST * W + l] = np.inf if lost else 0.0
-    # A joint in front is inside its limits, and the same in all lanes.
+    # The swept joint is within its limits, and the same in all lanes.
     for row in range(dof - 1 if task.structure[SWEPT] > 0.0 else dof):
         i = joint_of(task.structure, row, dof)
         low, high, centre = task.chain.lower[i], task.chain.upper[i], near[i]
@@ -71,9 +71,10 @@ def place(task: Task, near: Array, close: bool, work: Array, w: int) -> None:
         full = turn if turns_fully(task, i) else 0.0
         if math.isinf(task.lower[i]):
             low, high = centre - math.pi, centre + math.pi
-        # Of an angle whose range holds no full turn at most one copy fits, but at both limits of nearly a full turn.
+        # If the range of a joint is less than a full turn, at most one copy fits, except at both limits of nearly a full
+        # turn.
         room = np.inf if full > 0.0 else EDGE
-        # Without a branch, and what is read of other arrays is read before: so LLVM makes vectors of the loop.
+        # No branches, and all reads from other arrays come before the loop: LLVM vectorizes it only then.
         for l in range(w):
             value, cost = work[row * W + l], work[COST * W + l]
             middlemost = value - turn * np.floor((value - low - half) * rate + 0.5)
@@ -91,21 +92,21 @@ def place(task: Task, near: Array, close: bool, work: Array, w: int) -> None:
 
 @inlined
 def order_candidates(task: Task, scratch: Scratch, given: float, near: Array, close: bool, w: int) -> bool:
-    """Write the candidates for what all joints make, in `scratch.between`, into the scratch memory, for `take_candidate`.
+    """Write the candidates for the displacement `scratch.between` into the scratch memory, for `take_candidate`.
 
     Args:
         task: The task.
-        scratch: See above; receives what the joints behind one in front make in `spare`.
-        given: The value of that joint.
+        scratch: See above. `spare` receives the displacement without the swept joint.
+        given: The value of the swept joint.
         near: See `place`.
         close: See `place`.
         w: LANES.
 
     Returns:
-        Do they tell of every answer? Not where an angle is left to choose, or an equation has one answer only or nearly
-        one; nor under loose tolerances.
+        True if the candidates include every solution. False if an angle is undetermined, if an equation has a double or
+        nearly double root, or if the tolerances are loose.
     """
-    # Memory of a look-up, which comes later if at all.
+    # This memory belongs to the look-up, which runs later or never.
     S, work = task.structure, scratch.distance
     taken_off(S, scratch.between, given, scratch.spare)
     candidates(S, scratch.spare, INFEASIBLE + SPREAD * S[DEVIATION], work, w)
@@ -119,7 +120,7 @@ def order_candidates(task: Task, scratch: Scratch, given: float, near: Array, cl
 
 @inlined
 def take_candidate(task: Task, scratch: Scratch, q: Array) -> int:
-    """Write the nearest candidate that is left into q, (n,), and return its lane; -1 where there is none."""
+    """Write the nearest remaining candidate into q, (n,), and return its lane, or -1 if there is none."""
     work, best, dof = scratch.distance, 0, len(q)
     for l in range(1, LANES):
         best = l if work[COST * LANES + l] < work[COST * LANES + best] else best
@@ -133,19 +134,19 @@ def take_candidate(task: Task, scratch: Scratch, q: Array) -> int:
 
 @inlined
 def first_that_reaches(task: Task, scratch: Scratch, target: Array, near: Array, q: Array) -> int:
-    """Write the nearest candidate that reaches the target, (3, 4), by plain forward kinematics, into q, (n,).
+    """Write the nearest candidate that reaches the target, (3, 4), checked by forward kinematics, into q, (n,).
 
     Args:
         task: The task.
-        scratch: The candidates, as `place` leaves them; `bound` receives the report on the last that was looked at.
+        scratch: The candidates, as `place` leaves them. `bound` receives the report on the last candidate checked.
         target: (3, 4), lengths in [m].
         near: See `place`.
-        q: Receives the last candidate that was looked at.
+        q: Receives the last candidate checked.
 
     Returns:
-        How many were judged; as many less than 0 if none reaches the target.
+        The number of candidates checked, negated if none reaches the target.
     """
-    judged, report = 0, scratch.bound  # Memory of a look-up; `batch.run_closed` reads it too.
+    judged, report = 0, scratch.bound  # Memory of the look-up; `batch.run_closed` reads it too.
     for _ in range(LANES):
         if take_candidate(task, scratch, q) < 0:
             break
@@ -159,7 +160,7 @@ def first_that_reaches(task: Task, scratch: Scratch, target: Array, near: Array,
 
 @inlined
 def take_start(task: Task, scratch: Scratch, q: Array) -> bool:
-    """Write the nearest candidate that is left into q, (n,), inside the limits; say whether there was one."""
+    """Write the nearest remaining candidate into q, (n,), clamped to the limits; return False if there is none."""
     if take_candidate(task, scratch, q) < 0:
         return False
     for i in range(len(q)):
@@ -169,7 +170,7 @@ def take_start(task: Task, scratch: Scratch, q: Array) -> bool:
 
 @inlined
 def clear_lanes(lanes: Lanes) -> None:
-    """Put all lanes at zero, with no step made: what stood in the memory is nothing that may be computed with."""
+    """Set all lanes to zero, without a step: the previous contents of the memory must not enter computations."""
     for i in range(lanes.q.shape[0]):
         for l in range(LANES):
             lanes.q[i, l] = lanes.step[i, l] = 0.0
@@ -179,25 +180,25 @@ def clear_lanes(lanes: Lanes) -> None:
 
 @inlined
 def first_that_converges(job: Job, task: Task, scratch: Scratch, target: Array, q: Array, w: int) -> int:
-    """Refine the candidates of a nearby arm side by side; write the nearest that becomes an answer into q, (n,).
+    """Refine the candidates of a nearby arm in parallel lanes; write the nearest that converges into q, (n,).
 
-    `batch.run_lanes` does the same with one of them at a time.
+    `batch.run_lanes` refines the same candidates one at a time.
 
     Args:
         job: The task by address.
         task: The task.
         scratch: The candidates, as `place` leaves them.
         target: (3, 4), lengths in [m].
-        q: Receives the answer, or else the last candidate.
+        q: Receives the solution, or the last candidate if there is none.
         w: LANES.
 
     Returns:
-        FK evaluations spent; as many less than 0 if none becomes an answer, 0 if there is no candidate.
+        The FK evaluations spent, negated if no candidate converges; 0 if there is no candidate.
     """
     start(task, scratch, target)
     clear_lanes(scratch.lanes)
     spent = 0
-    # Nearly always the first becomes one, and the others need not be brought into their lanes.
+    # The first nearly always converges. The others are loaded into their lanes only if it does not.
     for most in (1, LANES):
         loaded = 0
         for l in range(LANES):

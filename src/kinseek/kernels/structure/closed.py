@@ -1,4 +1,4 @@
-"""Answers of an arm with a closed form: eight candidates, polished, and whether they are all there is."""
+"""Closed-form solutions of an arm: eight candidates to refine, and whether they are complete."""
 
 from __future__ import annotations
 
@@ -35,21 +35,24 @@ from .candidates import (
 )
 
 TRIED, SURE, UNSURE, LOST, FOLDED = range(5)
-"""Places in what is told of candidates: how many are tried, how many of these must be answers, 1 where there may be others
-than they lead to, 1 where an arm nearly so may have such as the nearby arm has lost, and how far the equation that is solved
-first is from having one answer, see `candidates.ROOTS`."""
+"""Indices into the report on candidates. How many are tried. How many of these must be solutions. 1 if there may be
+solutions that no candidate leads to. 1 if an arm that only nearly has its structure may have solutions that the nearby
+arm has lost. And the absolute radicand of the equation that is solved first, see `candidates.ROOTS`."""
 
 REPORT = FOLDED + 1
-"""Numbers that are told."""
+"""Length of the report."""
 
 ASKEW = 5.0
-"""What an equation of the nearby arm may lack, in parts of what its angles are off by: where axes of a wrist lean towards
-each other it magnifies that."""
+"""Infeasibility that is allowed for an equation of the nearby arm, as a multiple of the error of its angles. It is larger
+than 1 because skewed axes of a wrist magnify that error. Not examined further."""
 
 
 @inlined
 def serves(task: Task, structure: Array) -> bool:
-    """Has the arm a closed form of all its joints, and are the tolerances such that it tells all?"""
+    """Return True if the arm has a closed form of all its joints and the tolerances are tight enough.
+
+    With looser tolerances the closed form is not complete, see `LOOSE`.
+    """
     tight = max(task.position_tolerance, task.orientation_tolerance) <= LOOSE
     has: bool = structure[KIND] != NONE and structure[SWEPT] == 0.0 and tight
     return has
@@ -59,14 +62,14 @@ def serves(task: Task, structure: Array) -> bool:
 def closed_starts(
     task: Task, structure: Array, target: Array, D: Array, work: Array, seeds: Array, report: Array, w: int
 ) -> None:
-    """Write the candidates that lie inside the limits, or beside them, into seeds, and tell of them.
+    """Write the candidates within the limits, or close to them, into seeds, and report on them.
 
     Args:
         task: The task.
         structure: See `candidates.KIND`, (NUMBERS,).
         target: (4, 4), lengths in [m].
-        D: Memory, (3, 4).
-        work: Memory, (WORK,).
+        D: Scratch memory, (3, 4).
+        work: Scratch memory, (WORK,).
         seeds: Receives joint values, (at least LANES, n).
         report: See `TRIED`, (REPORT,).
         w: LANES.
@@ -92,7 +95,7 @@ def closed_starts(
             lost = 1.0 if infeasibility > 0.0 else lost
         if duplicate or infeasibility > far:
             continue
-        # What an angle may be off by: more where little decides it.
+        # Possible error of an angle: larger where it is poorly conditioned.
         wide = slack / max(conditioning * math.sqrt(discriminant), FREE)
         inside, fits = True, True
         for i in range(len(task.lower)):

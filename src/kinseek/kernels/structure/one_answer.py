@@ -1,4 +1,4 @@
-"""One answer of an arm with a closed form: of its candidates the one nearest to where it is wanted."""
+"""One solution of an arm with a closed form: the candidate nearest to the reference joint values."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from .choice import first_that_converges, first_that_reaches, order_candidates, 
 from .swept_joint import direction, end_value, given_value
 
 ENOUGH = (CORRECTIONS + 1) * LANES
-"""After more FK evaluations than these no other value of a joint in front is tried."""
+"""FK evaluations after which no further value of the swept joint is tried."""
 
 
 LED = (FIRST_STEPS + 1) * LANES // ENOUGH
-"""Values of a joint in front, at most, whose candidates are refined: as long as one round of the search takes."""
+"""Largest number of values of the swept joint whose candidates are refined: about the time of one round of the search."""
 
 
 @routine("int64(int64, int64, int64, int64, int64, int64, int64, int64)")
@@ -34,23 +34,23 @@ def closed_routine(
     q_address: int,
     w: int,
 ) -> int:
-    """Answer one target, (3, 4), by the candidate that comes first of those that reach it; write q, (n,).
+    """Solve one target, (3, 4), by the first candidate that reaches it; write q, (n,).
 
     Args:
         handle_address: As `one_goal.search_routine`.
         tolerances_address: As there.
         memory_address: As there; the scratch memory is as a look-up leaves it.
         target_address: As there.
-        near_address: Where the arm is, (n,), if the nearest answer is asked for.
-        asked: MIDMOST: the answer nearest to the middle of the ranges comes first; NEAREST: that nearest to `near`. From
-            OFFER on, of an arm that nearly has its structure: the candidate of that number of those that are refined.
+        near_address: Current joint values, (n,), if the nearest solution is requested.
+        asked: MIDMOST: the solution nearest to the middle of the ranges comes first. NEAREST: the solution nearest to
+            `near` comes first. OFFER + k, for an arm that nearly has its structure: write candidate k of those that are
+            refined.
         q_address: Receives joint values, (n,).
         w: LANES.
 
     Returns:
-        FK evaluations spent. Where no candidate reaches the target, or another answer may be nearer, as many less than 0; q
-        is then the last that was looked at. 0 where there is no candidate. With OFFER 1, and 0 where there is none of that
-        number.
+        FK evaluations spent. The number is negated if no candidate reaches the target or another solution may be nearer;
+        q is then the last candidate checked. 0 if there is no candidate. With OFFER, 1 if the candidate exists, else 0.
     """
     handle, tolerances = handle_at(handle_address), part1(tolerances_address, 0, TOLERANCES)
     task = task_of(handle, tolerances)
@@ -59,7 +59,8 @@ def closed_routine(
     target, q, near = part2(target_address, 0, 3, 4), part1(q_address, 0, dof), part1(near_address, 0, dof)
     scratch, S, close = make_scratch(memory, dof, joints), task.structure, asked == NEAREST
     values, spent, value, led, skip = int(S[SWEPT]), 0, 0.0, 0, asked - OFFER
-    # Of a nearby arm the closed form may lack an answer at a limit, and with it the nearest; values of a joint are many.
+    # The closed form of a nearby arm may miss a solution at a limit, possibly the nearest; and a swept joint has many
+    # values.
     if S[KIND] == NONE or (close and (task.exact == 0 or values > 0)):
         return 0
     if not close:
@@ -67,7 +68,7 @@ def closed_routine(
         near = scratch.seed
     displacement(S, target, scratch.between)
     ahead = direction(S, scratch.between) if values > 0 else 0.0
-    # Last come the ends of its range: where few answers are left, they often stand there.
+    # The ends of its range come last: if few solutions remain, they are often there.
     for k in range(values + 2 if values > 0 else 1):
         if spent > ENOUGH or led == LED:
             break
@@ -95,7 +96,7 @@ def closed_routine(
             more = first_that_reaches(task, scratch, target, near, q)
         if more > 0:
             spent += more
-            # One that was refused may have an answer beside it.
+            # A rejected candidate may have a solution beside it.
             return -spent if close and not (sure and spent == 1) else spent
         spent -= more
     return 0 if asked >= OFFER else -spent

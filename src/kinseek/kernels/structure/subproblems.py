@@ -1,7 +1,7 @@
-"""What closed forms are made of, without a branch, so that SIMD lanes run them side by side.
+"""Branch-free subproblems of closed forms, so that they run in parallel in SIMD lanes.
 
-Turns are kept as cosine and sine: only at the end six angles are made of them. Vectors are three numbers each, for lanes
-hold no arrays.
+Rotations are kept as cosine and sine, and only the final six angles are computed from them. Vectors are three scalars
+each, because lanes hold no arrays.
 """
 
 from __future__ import annotations
@@ -11,18 +11,18 @@ import math
 from kinseek.kernels.jit import inlined
 
 TINY = 1e-30
-"""Keeps what has no length from being divided by zero; what comes of it is told as weak."""
+"""Prevents division by zero for vectors of no length; the result is then reported as poorly conditioned."""
 
 
 @inlined
 def dot(a: float, b: float, c: float, x: float, y: float, z: float) -> float:
-    """Product of two vectors, a number."""
+    """Dot product of two vectors."""
     return a * x + b * y + c * z
 
 
 @inlined
 def cross(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Product of two vectors, a vector."""
+    """Cross product of two vectors."""
     return b * z - c * y, c * x - a * z, a * y - b * x
 
 
@@ -30,7 +30,7 @@ def cross(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[f
 def rotate(
     a: float, b: float, c: float, cosine: float, sine: float, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
-    """Turn the vector (x, y, z) about the unit vector (a, b, c) (Rodrigues 1840)."""
+    """Rotate the vector (x, y, z) about the unit vector (a, b, c) (Rodrigues 1840)."""
     along = (a * x + b * y + c * z) * (1.0 - cosine)
     return (
         cosine * x + sine * (b * z - c * y) + along * a,
@@ -43,12 +43,12 @@ def rotate(
 def solve_trig(a: float, b: float, c: float, sign: float) -> tuple[float, float, float, float]:
     """Solve ``a cos θ + b sin θ = c``: subproblems 3 and 4 of Paden and Kahan, and of Elias and Wen (2022).
 
-    There are two answers, one for each sign. Where there is none, both are the θ that comes closest, as in
-    Elias and Wen.
+    There are two solutions, one for each sign. If there is none, both are the θ that minimizes the residual, as in Elias
+    and Wen.
 
     Returns:
-        Cosine and sine of θ; the square of the sine of half the angle between both answers, negative by as much as lacks;
-        and the length of (a, b), without which any θ is as good as another.
+        Cosine and sine of θ; the square of the sine of half the angle between both solutions, which is negative if there
+        is none; and the length of (a, b). If that length is zero, θ is undetermined.
     """
     square = a * a + b * b
     length = math.sqrt(square)
@@ -63,7 +63,7 @@ def solve_trig(a: float, b: float, c: float, sign: float) -> tuple[float, float,
 
 @inlined
 def unit_angle(x: float, y: float) -> tuple[float, float, float]:
-    """Cosine and sine of the direction (x, y), and how long it is: subproblem 1 of Paden and Kahan, in the plane."""
+    """Cosine and sine of the direction (x, y), and its length: subproblem 1 of Paden and Kahan, in the plane."""
     length = math.sqrt(x * x + y * y)
     lost = length < TINY
     share = 1.0 / max(length, TINY)
@@ -72,13 +72,13 @@ def unit_angle(x: float, y: float) -> tuple[float, float, float]:
 
 @inlined
 def angle(y: float, x: float) -> float:
-    """``atan2(y, x)`` to an ulp or two and without a branch; 0 at the origin."""
+    """``atan2(y, x)`` to an ulp or two, without branches; 0 at the origin."""
     ax, ay = abs(x), abs(y)
     t = min(ax, ay) / max(ax, ay, TINY)
     steep = t > 0.4142135623730950488
     t = (t - 1.0) / (t + 1.0) if steep else t
     z = t * t
-    # The rational function of Cephes (Moshier 1989, atan.c), good for |t| < 0.66.
+    # The rational function of Cephes (Moshier 1989, atan.c), valid for |t| < 0.66.
     p = -1.615753718733365076637e1 - 8.750608600031904122785e-1 * z
     p = -1.228866684490136173410e2 + z * (-7.500855792314704667340e1 + z * p)
     p = -6.485021904942025371773e1 + z * p

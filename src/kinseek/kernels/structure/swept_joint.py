@@ -1,10 +1,10 @@
-"""A joint in front of a closed form: which of its values are tried, and what each leaves to the other joints.
+"""The swept joint of a closed form: the values that are tried, and the displacement that remains for the other joints.
 
-With the joint in front given, the others are an arm with a closed form. Which values leave an answer inside the limits
-depends on where the hand is, and mostly on its direction about the joint's axis, or its place along it if it slides: at a
-fixed angle ahead of that direction the joint leaves the other joints much the same work wherever the hand is. Which angles
-serve best is found by trial when an arm is loaded, see `swept_values`. Of an arm whose last joint is in front, taken
-backwards, the same holds of the shoulder as the hand sees it.
+If the value of the swept joint is given, the other joints form an arm with a closed form. Which values leave a solution
+within the limits depends mostly on the direction of the hand about the axis of the joint, or on its position along the
+axis of a prismatic joint. At a fixed offset from that direction the other joints have nearly the same task wherever the
+hand is. `swept_values` tries which offsets serve best when an arm is loaded. If the last joint is the swept one, the arm
+is solved backwards, and the shoulder as seen from the hand takes the place of the hand.
 """
 
 from __future__ import annotations
@@ -23,13 +23,16 @@ from .subproblems import angle, cross, dot
 
 @inlined
 def swept_joint(structure: Array, dof: int) -> int:
-    """Which joint of an arm stands in front."""
+    """Index of the swept joint of an arm."""
     return dof - 1 if structure[BACKWARD] > 0.0 else 0
 
 
 @inlined
 def direction(structure: Array, D: Array) -> float:
-    """Where the point that the last axes leave alone is seen from the joint in front: an angle, or a place along it."""
+    """Direction of the point x, seen from the swept joint: an angle [rad], or a position [m] along its axis.
+
+    The last axes do not move x, see `candidates`.
+    """
     S = structure
     hx, hy, hz, ax, ay, az = S[HS], S[HS + 1], S[HS + 2], S[AS], S[AS + 1], S[AS + 2]
     ux = dot(D[0, 0], D[0, 1], D[0, 2], S[X], S[X + 1], S[X + 2]) + D[0, 3] - S[PS]
@@ -43,7 +46,7 @@ def direction(structure: Array, D: Array) -> float:
 
 @inlined
 def taken_off(structure: Array, D: Array, value: float, rest: Array) -> None:
-    """Write what the other joints have to make, (3, 4), where the joint in front has a value; all if there is none."""
+    """Write the displacement, (3, 4), of the other joints for a value of the swept joint; all of D if there is none."""
     S = structure
     if S[SWEPT] == 0.0:
         for r in range(3):
@@ -76,7 +79,7 @@ def taken_off(structure: Array, D: Array, value: float, rest: Array) -> None:
 
 @inlined
 def given_value(task: Task, value: float, near: Array) -> tuple[float, bool]:
-    """Bring a value of the joint in front inside its limits by full turns, near the middle; say whether it is inside."""
+    """Move a value of the swept joint into its limits by full turns, close to `near`; return it and whether it is inside."""
     i = swept_joint(task.structure, len(task.lower))
     low, high = task.chain.lower[i], task.chain.upper[i]
     if task.structure[SLIDES] == 0.0:
@@ -88,7 +91,7 @@ def given_value(task: Task, value: float, near: Array) -> tuple[float, bool]:
 
 @inlined
 def end_value(task: Task, which: int) -> tuple[float, bool]:
-    """The lower end of the range of the joint in front, or the upper (0 or 1); say whether it has one."""
+    """Lower or upper end (0 or 1) of the range of the swept joint, and whether that end is finite."""
     i = swept_joint(task.structure, len(task.lower))
     value = task.lower[i] if which == 0 else task.upper[i]
     return value, not math.isinf(value)

@@ -1,4 +1,4 @@
-"""Which values of a joint in front serve: what is asked once, when an arm is loaded; see `swept_joint`."""
+"""Find the values of a swept joint that serve best. This is done once, when an arm is loaded; see `swept_joint`."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from .swept_joint import direction, given_value
 
 @entry(handle=HANDLE, swept_values=F64["m"], report=I64["k", "m"].out, w=I64)
 def try_swept_values(handle: Indices, swept_values: Array, report: Indices, w: int) -> None:
-    """Find out which leads of the joint in front serve which poses, made of joint values spread over the limits.
+    """Find which offsets of the swept joint solve which poses, made from joint values spread over the limits.
 
     Args:
         handle: The task, see `task_of`.
         swept_values: (m,), [rad] or [m].
-        report: Receives 1 where a lead leaves a candidate inside the limits, else 0, of each pose, (k, m).
+        report: Receives 1 where an offset leaves a candidate within the limits, else 0, for each pose, (k, m).
         w: LANES.
     """
     task = task_of(handle, plain_tolerances(handle))
