@@ -1,15 +1,15 @@
 """Sample the self-motion curves of an arm with a closed form distal to one joint, by sweeping that joint.
 
 Each value of the joint leaves at most eight candidates, one in each lane, see `structure.candidates`. Over the values,
-the solutions of a lane form curves, where the radicands of its three equations are positive and every joint is within its
-limits. A curve ends at a fold, where a radicand is zero and another lane continues it, or at a limit.
+the solutions of a lane form curves, where the discriminants of its three equations are positive and all joints are
+inside their limits. A curve ends at a fold, where a discriminant is zero and another lane continues it, or at a limit.
 
-Many curves are narrower than any grid. The radicands are smooth functions of the value, though, and so are the joints
+Many curves are narrower than any grid. The discriminants are smooth functions of the value, though, and so are the joints
 away from folds. Between two values of a grid there is therefore a search
 
-- for the fold, if a radicand is negative at one of them and a curve may pass through the fold that the other does not
+- for the fold, if a discriminant is negative at one of them and a curve may pass through the fold that the other does not
   show;
-- for a positive peak between them, if a radicand is negative at both;
+- for a positive peak between them, if a discriminant is negative at both;
 - for a part within all limits, if there are angles at both that are beyond limits at one of them or far apart.
 
 If one of these is possible, a value is inserted, and the same tests are made on both sides of it.
@@ -57,7 +57,7 @@ CLOSE = 2e-4
 
 
 ANGLES, UNDER, LEAST, ROOM = 0, 6, 9, 10
-"""Rows of the report on a value: six angles, relative to the middle of their ranges; three radicands; the smallest of
+"""Rows of the report on a value: six angles, relative to the middle of their ranges; three discriminants; the smallest of
 these; and the smallest distance of an angle to its limits [rad], negative beyond one."""
 
 
@@ -95,7 +95,7 @@ FAR = 0.5
 
 
 STEEP = 0.1
-"""If a radicand is smaller by this factor at one of two values, the angles change mostly there."""
+"""If a discriminant is smaller by this factor at one of two values, the angles change mostly there."""
 
 
 HALVINGS = 12
@@ -178,9 +178,9 @@ def slope(values: Array, report: Array, before: int, k: int, after: int, row: in
 
 @inlined
 def peak(values: Array, report: Array, left: int, a: int, b: int, right: int, l: int) -> float:
-    """Position between two values, as a fraction, where all radicands of a lane may be positive; else -1.
+    """Position between two values, as a fraction, where all discriminants of a lane may be positive; else -1.
 
-    Some radicand is negative at each of the two values. Slopes come from their neighbours on either side, -1 where there
+    Some discriminant is negative at each of the two values. Slopes come from their neighbours on either side, -1 where there
     is none.
     """
     width, at = values[b] - values[a], -1.0
@@ -201,7 +201,7 @@ def peak(values: Array, report: Array, left: int, a: int, b: int, right: int, l:
         if begin + t * (end - begin) + SURE * bulge < 0.0:
             return -1.0
         at = t
-    # If two radicands are negative at one end each, both may be positive in between.
+    # If two discriminants are negative at one end each, both may be positive in between.
     return 0.5 if at < 0.0 else at
 
 

@@ -91,7 +91,7 @@ INFEASIBLE, BESIDE = 0.02, 1e-3
 
 
 CLEAR = 1e-6
-"""The two solutions of the equations are distinct if every radicand is larger than this, see `ROOTS`."""
+"""The two solutions of the equations are distinct if every discriminant is larger than this, see `ROOTS`."""
 
 
 FREE = 2e-4
@@ -104,7 +104,7 @@ SPREAD = 10.0
 
 INFEASIBILITY, CONDITIONING, DISCRIMINANT, DUPLICATE = range(6, 10)
 """Rows after the six angles of a lane. The largest infeasibility of its equations, 0 where all have a solution. The
-smallest conditioning of its angles, 0 where one is undetermined. The smallest absolute radicand of its equations,
+smallest conditioning of its angles, 0 where one is undetermined. The smallest absolute discriminant of its equations,
 reduced where an equation is poorly conditioned. And 1 for a duplicate: a lane whose solution coincides with that of
 another lane."""
 
@@ -114,9 +114,9 @@ MIDDLE, AXIS = 10, 13
 
 
 ROOTS, LEFT = MIDDLE, 3
-"""ROOTS is the first row of the radicands of the three quadratic equations, once the candidates are complete. A radicand
-is negative where its equation has no solution. Unlike `INFEASIBILITY` it varies smoothly with the target. Until the
-wrist is solved, rows from LEFT on hold the radicands of the first three joints; angles of the wrist replace them
+"""ROOTS is the first row of the discriminants of the three quadratic equations, once the candidates are complete. A
+discriminant is negative where its equation has no solution. Unlike `INFEASIBILITY` it varies smoothly with the target. Until
+the wrist is solved, rows from LEFT on hold the discriminants of the first three joints; angles of the wrist replace them
 later."""
 
 

@@ -37,7 +37,7 @@ from .candidates import (
 TRIED, SURE, UNSURE, LOST, FOLDED = range(5)
 """Indices into the report on candidates. How many are tried. How many of these must be solutions. 1 if there may be
 solutions that no candidate leads to. 1 if an arm that only nearly has its structure may have solutions that the nearby
-arm has lost. And the absolute radicand of the equation that is solved first, see `candidates.ROOTS`."""
+arm has lost. And the absolute discriminant of the equation that is solved first, see `candidates.ROOTS`."""
 
 REPORT = FOLDED + 1
 """Length of the report."""
