@@ -34,7 +34,7 @@ class Turning:
         free = chain.periodic & chain.turns
         endless = chain.endless & free
         self.kind = np.where(endless, ENDLESS, np.where(free, COPIED, STRAIGHT)).astype(np.int64)
-        """Kind of each joint, see `kernels.paths.graph.STRAIGHT`, (n,)."""
+        """Kind of each joint, see `kernels.paths.viterbi.STRAIGHT`, (n,)."""
         width = np.where(self.kind == COPIED, self.upper - self.lower, 0.0)
         self.copies = 1 + np.floor(np.maximum(width - 2 * ROOM, 0.0) / TURN).astype(np.int64)
         """Largest number of copies for each joint, (n,); the additional one exactly at the ends of a range of whole turns is

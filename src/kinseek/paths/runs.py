@@ -156,7 +156,7 @@ def _starts(dof: int) -> Array:
 
 
 def _look_beside(request: PathRequest, nearest: Array, missed: Flags) -> None:
-    """Search for solutions of missed poses from the solutions of adjacent poses: the atlas rarely overlooks one."""
+    """Search for solutions of missed poses from those of adjacent poses: in rare cases the atlas overlooks one."""
     smoother = smoother_of(replace(request, valid=None))
     targets = np.ascontiguousarray(request.problem.goal.targets)
     for way in (1, -1):

@@ -102,7 +102,7 @@ def _centre(fixed: Array) -> tuple[Array, float]:
 
 
 def _lean(problem: Problem, kept: int, margin: float) -> tuple[float, float]:
-    """Return the largest angle between the first and last axis of a wrist [rad], and the end it is measured from, 1 or -1.
+    """Return the largest angle between the first and last axis of a wrist [rad], and the sign of the last axis, 1 or -1.
 
     The cosine of the angle is ``a cos v + b sin v + c`` with the middle joint's angle v.
     """
