@@ -200,7 +200,7 @@ def refusals(request: PathRequest, q: Array) -> tuple[set[int], Indices, int]:
 
 
 def steps_of(request: PathRequest, q: Array) -> tuple[Array, Array]:
-    """Return the begin and end of each step of a path, (N, n).
+    """Return the start and end of each step of a path, (N, n).
 
     A closed path includes the step from the last pose to the first.
     """

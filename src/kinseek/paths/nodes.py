@@ -55,7 +55,7 @@ class LayerGraph:
     def _costs(self) -> Array:
         """Return the user's cost of each node, (N, nodes); 0 at poses for which the time did not suffice."""
         assert self.request.cost is not None
-        # Rows that are never written take no memory; a hundred thousand poses of a UR5e have 400 MB of them.
+        # Rows that are never written take no memory; those of 100,000 poses of a UR5e have 400 MB.
         costs = np.zeros((len(self.q), self.nodes))
         deadline = self.request.deadline.before(LAST_PART)
         for i, count in enumerate(self.count):

@@ -103,7 +103,7 @@ def follow_samples(
         if len(longest) > 1:
             longest = np.concatenate([longest, longest[-1:]])
     best, best_faults = q, (len(q) + 1, np.inf)
-    # Close the path at the begin of the open path, or at its end.
+    # Close the path at the beginning of the open path, or at its end.
     for start in [q[0], q[-1]] if request.start is None else [request.start]:
         row = start[None].copy()
         with suppress(TimeUp):

@@ -285,7 +285,7 @@ def _whole(request: PathRequest, threads: int | None, advance: Advance) -> tuple
     q = np.empty((len(request), request.problem.chain.dof))
     known = 0
     for begin in range(0, len(request), SAMPLED):
-        # Each window begins where the one before ended, and looks ahead beyond the begin of the next.
+        # Each window begins where the one before ended, and looks ahead beyond the beginning of the next.
         part = request.part(begin, min(begin + SAMPLED + 1 + AHEAD, len(request)))
         part = replace(part, start=q[begin]) if begin else part
         rows = none
